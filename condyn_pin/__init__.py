@@ -1,0 +1,97 @@
+"""Constrained rigid-body dynamics on Pinocchio: solve it, prove it, and see what accuracy costs.
+
+    M(q) a + h(q, v) = tau + J(q)^T lam,    J a + gamma = a_ref
+
+Names are imported when they are first used, so that `condyn doctor` also works where Pinocchio
+itself does not import.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from condyn_pin.audit import Audit as Audit
+    from condyn_pin.constraints import Constraint as Constraint
+    from condyn_pin.constraints import Loop as Loop
+    from condyn_pin.constraints import PointContact as PointContact
+    from condyn_pin.constraints import SurfaceContact as SurfaceContact
+    from condyn_pin.errors import BrokenPinocchio as BrokenPinocchio
+    from condyn_pin.errors import CondynError as CondynError
+    from condyn_pin.errors import InvalidArgument as InvalidArgument
+    from condyn_pin.errors import InvalidConstraint as InvalidConstraint
+    from condyn_pin.errors import InvalidModel as InvalidModel
+    from condyn_pin.errors import MissingExtra as MissingExtra
+    from condyn_pin.errors import NotAssembled as NotAssembled
+    from condyn_pin.errors import SolveFailed as SolveFailed
+    from condyn_pin.errors import StaleModel as StaleModel
+    from condyn_pin.errors import UnknownName as UnknownName
+    from condyn_pin.errors import UnsupportedBackend as UnsupportedBackend
+    from condyn_pin.load import available_robots as available_robots
+    from condyn_pin.load import load_robot as load_robot
+    from condyn_pin.mechanisms import four_bar as four_bar
+    from condyn_pin.mechanisms import pendulum as pendulum
+    from condyn_pin.robot import Robot as Robot
+    from condyn_pin.robot import Spring as Spring
+    from condyn_pin.scene import Scene as Scene
+    from condyn_pin.solution import Solution as Solution
+    from condyn_pin.solution import StateError as StateError
+    from condyn_pin.solution import Status as Status
+    from condyn_pin.summary import Summary as Summary
+    from condyn_pin.verbs import solve as solve
+    from condyn_pin.solvers import SOLVERS as SOLVERS
+    from condyn_pin.solvers import Solver as Solver
+    from condyn_pin.solvers.dense_kkt import DenseKKT as DenseKKT
+    from condyn_pin.solvers.lcaba import LCABA as LCABA
+    from condyn_pin.solvers.proximal import Proximal as Proximal
+    from condyn_pin.solvers.reference import Reference as Reference
+    from condyn_pin.workspace import Workspace as Workspace
+
+_HOME = {
+    "audit": ("Audit",),
+    "constraints": ("Constraint", "Loop", "PointContact", "SurfaceContact"),
+    "errors": (
+        "BrokenPinocchio",
+        "CondynError",
+        "InvalidArgument",
+        "InvalidConstraint",
+        "InvalidModel",
+        "MissingExtra",
+        "NotAssembled",
+        "SolveFailed",
+        "StaleModel",
+        "UnknownName",
+        "UnsupportedBackend",
+    ),
+    "load": ("available_robots", "load_robot"),
+    "mechanisms": ("four_bar", "pendulum"),
+    "robot": ("Robot", "Spring"),
+    "scene": ("Scene",),
+    "solution": ("Solution", "StateError", "Status"),
+    "solvers": ("SOLVERS", "Solver"),
+    "solvers.dense_kkt": ("DenseKKT",),
+    "solvers.lcaba": ("LCABA",),
+    "solvers.proximal": ("Proximal",),
+    "solvers.reference": ("Reference",),
+    "summary": ("Summary",),
+    "verbs": ("solve",),
+    "workspace": ("Workspace",),
+}
+_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
+
+__all__ = sorted(_MODULE_OF)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *__all__]

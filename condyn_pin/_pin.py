@@ -1,0 +1,110 @@
+"""The only place that knows which Pinocchio is installed: 3.9 or 4.x.
+
+| what                  | 3.9                                    | 4.x                                  |
+|-----------------------|----------------------------------------|--------------------------------------|
+| initialisation        | `initConstraintDynamics(m, d, models)` | takes the constraint datas as well   |
+| rows of a constraint  | `size()`                               | `residualSize()`                     |
+| Baumgarte gains       | `corrector.Kp/.Kd`, vectors            | `m_baumgarte_parameters`, scalars    |
+| constraint Cholesky   | `data.contact_chol`                    | `data.constraint_chol`               |
+| constraint Jacobian   | needs joint Jacobians                  | needs `calc` of each constraint too  |
+| LCABA                 | missing                                | `lcaba`, `computeJointMinimalOrdering` |
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin import doctor
+from condyn_pin.errors import BrokenPinocchio, UnsupportedBackend
+
+try:
+    import pinocchio as pin
+
+    VERSION: tuple[int, ...] = tuple(int(part) for part in pin.__version__.split(".")[:2])
+    pin.Model  # noqa: B018  another distribution shares the import name
+except (ImportError, AttributeError) as error:
+    raise BrokenPinocchio(doctor.advise(error)) from error
+
+if not (3, 9) <= VERSION < (5, 0):
+    raise BrokenPinocchio(
+        f"Pinocchio {pin.__version__} is installed; 3.9 or 4.x is needed: {doctor.MEND_4}"
+    )
+
+__all__ = ["VERSION", "pin"]
+
+_IS_4 = VERSION >= (4, 0)
+LOCAL = pin.ReferenceFrame.LOCAL
+HAS_LCABA = hasattr(pin, "lcaba")
+
+
+def init_constraint_dynamics(model: Any, data: Any, models: Any, datas: Any) -> None:
+    """Size the constraint part of `data` for exactly these constraints."""
+    if _IS_4:
+        pin.initConstraintDynamics(model, data, models, datas)
+    else:
+        pin.initConstraintDynamics(model, data, models)
+
+
+def constraint_rows(constraint_model: Any) -> int:
+    """Return the number of rows of a rigid constraint: 3 or 6."""
+    return int(constraint_model.residualSize() if _IS_4 else constraint_model.size())
+
+
+def set_baumgarte(constraint_model: Any, Kp: float, Kd: float) -> None:
+    """Set isotropic stabilisation gains Kp [1/s^2] and Kd [1/s] of one constraint."""
+    if _IS_4:
+        constraint_model.m_baumgarte_parameters.Kp = Kp
+        constraint_model.m_baumgarte_parameters.Kd = Kd
+    else:
+        # by slice: assigning an array of another length resizes the gains silently
+        constraint_model.corrector.Kp[:] = Kp
+        constraint_model.corrector.Kd[:] = Kd
+
+
+def constraint_cholesky(data: Any) -> Any:
+    """Return Pinocchio's Cholesky factor of [[-mu I, J], [J^T, M]]."""
+    return data.constraint_chol if _IS_4 else data.contact_chol
+
+
+def constraints_jacobian(
+    model: Any, data: Any, models: Any, datas: Any, q: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return J (m, nv) of all constraints at q, each in its own reference frame."""
+    pin.computeJointJacobians(model, data, q)
+    if _IS_4:
+        for constraint_model, constraint_data in zip(models, datas, strict=True):
+            constraint_model.calc(model, data, constraint_data)
+    return np.array(pin.getConstraintsJacobian(model, data, models, datas))
+
+
+def order_joints_for_lcaba(model: Any, data: Any, models: Any) -> None:
+    """Compute the elimination order that `lcaba` reads from `data`."""
+    _lcaba_or_refuse()
+    pin.computeJointMinimalOrdering(model, data, models)
+
+
+def lcaba() -> Callable[..., NDArray[np.float64]]:
+    """Return Pinocchio's `lcaba`."""
+    _lcaba_or_refuse()
+    return pin.lcaba  # type: ignore[no-any-return]
+
+
+def _lcaba_or_refuse() -> None:
+    if not HAS_LCABA:
+        raise UnsupportedBackend(
+            f"LCABA needs Pinocchio 4; {pin.__version__} is installed. {doctor.MEND_4}"
+        )
+
+
+def features() -> dict[str, str]:
+    """Return what the installed Pinocchio can do, for `condyn doctor`."""
+    return {
+        "pinocchio": f"{pin.__version__} from {Path(pin.__file__).parent}",
+        "LCABA": "yes" if HAS_LCABA else "no: needs Pinocchio 4",
+        "SDF": "read by condyn_pin itself; the wheels of Pinocchio are built without it",
+    }

@@ -1,0 +1,135 @@
+"""What a scene is, measured once at its nominal state: rank, redundant rows, mobility, scales."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from condyn_pin import tolerances
+from condyn_pin.equations import Equations
+from condyn_pin.errors import NotAssembled
+from condyn_pin.minimum_norm import MinimumNorm, factorise
+from condyn_pin.proof import Yardstick
+from condyn_pin.robot import Vector
+
+if TYPE_CHECKING:
+    from condyn_pin.scene import Scene
+
+
+@dataclass(frozen=True)
+class NominalState:
+    """A state on the constraints, and the accelerations there by a dense minimum-norm solve."""
+
+    q: Vector
+    v: Vector
+    tau: Vector
+    a: Vector
+
+
+@dataclass(frozen=True)
+class Audit:
+    """Figures of a scene at its nominal state.
+
+    Attributes
+    ----------
+    q : (nq,) array
+        The nominal state: the first posture, or neutral, with the loops closed.
+    closed : bool
+        Whether the loops could be closed; if not, all figures are those of the open state.
+    singular_values : (min(m, nv),) array
+        Of J L^-T, the constraint Jacobian in the metric of M.
+    rank, mobility : int
+        Independent rows, and nv minus that: the degrees of freedom that are left.
+    redundant : tuple of str
+        Rows that can go without changing the motion, as ``constraint.axis``.
+    condition_M : float
+        Condition number of the mass matrix.
+    delassus_norm : float
+        Largest eigenvalue of J M^-1 J^T [1/kg]; 1/mass without constraints.
+    weight : float
+        Mass times gravity, or mass times 1 m/s^2 without gravity [N].
+    yardstick : Yardstick
+        What turns residuals into an error of a.
+    states : tuple of NominalState
+        At q: at rest, and moving along the constraints with random torques.
+    """
+
+    q: Vector
+    closed: bool
+    singular_values: Vector
+    rank: int
+    mobility: int
+    redundant: tuple[str, ...]
+    condition_M: float
+    delassus_norm: float
+    weight: float
+    yardstick: Yardstick
+    states: tuple[NominalState, ...]
+
+
+def audit(scene: Scene) -> Audit:
+    """Measure a scene."""
+    robot = scene.robot
+    equations = Equations(robot.model, scene.bounds)
+    closed = True
+    try:
+        q, _ = scene.state()
+    except NotAssembled:
+        q, closed = scene.guess(), False
+    terms = equations.terms(q, np.zeros(robot.nv))
+    factors = factorise(terms.M, terms.J, tolerances.RANK)
+    S, rank = factors.S, factors.rank
+    gravity = float(np.linalg.norm(robot.model.gravity.linear))
+    L_inverse = np.linalg.inv(factors.L)
+    return Audit(
+        q=q,
+        closed=closed,
+        singular_values=S,
+        rank=rank,
+        mobility=robot.nv - rank,
+        redundant=redundant_rows(factors.U[:, rank:], scene.row_names),
+        condition_M=float(np.linalg.cond(terms.M)),
+        delassus_norm=float(S[0] ** 2) if rank else 1 / robot.mass,
+        weight=robot.mass * (gravity or 1.0),
+        yardstick=Yardstick(
+            weights=np.sqrt(np.einsum("ij,ij->j", L_inverse, L_inverse)),
+            sigma=float(S[rank - 1]) if rank else np.inf,
+            gravity=gravity,
+        ),
+        states=_nominal_states(equations, q, factors),
+    )
+
+
+def redundant_rows(null_space: Vector, names: Sequence[str]) -> tuple[str, ...]:
+    """Return rows that can go without lowering the rank.
+
+    A set of k rows can go if and only if its k x k block of the left null space N (m, k) is
+    regular: column-pivoted QR of N^T picks such a set, the best conditioned first. Among equals
+    the later rows go.
+    """
+    from scipy.linalg import qr
+
+    m, k = null_space.shape
+    if k == 0:
+        return ()
+    _, _, order = qr(null_space[::-1].T, mode="economic", pivoting=True)
+    return tuple(names[i] for i in sorted(m - 1 - order[:k]))
+
+
+def _nominal_states(
+    equations: Equations, q: Vector, factors: MinimumNorm
+) -> tuple[NominalState, ...]:
+    """Return a state at rest, and one moving along the constraints under random torques."""
+    rng = np.random.default_rng(0)
+    nv = equations.model.nv
+    # torques that alone would accelerate every joint by about 1 rad/s^2 or 1 m/s^2
+    push = factors.L @ (factors.L.T @ rng.normal(size=nv))
+    made = []
+    for v, tau in ((np.zeros(nv), np.zeros(nv)), (factors.tangent(rng.normal(size=nv)), push)):
+        terms = equations.terms(q, v)
+        a, _ = factors.solve(tau - terms.h, terms.a_ref - terms.gamma)
+        made.append(NominalState(q, v, tau, a))
+    return tuple(made)

@@ -1,0 +1,85 @@
+"""What can go wrong, each case with one name.
+
+Every error that the library raises is a `CondynError`. Its text names the argument or the file, the
+value that was found, and what would do instead. Errors that answer a failed solve carry the
+`Solution`, so nothing that was computed is lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from condyn_pin.solution import Solution
+
+
+class CondynError(Exception):
+    """Root of every error of this library."""
+
+
+class BrokenPinocchio(CondynError, ImportError):
+    """Pinocchio is missing, or its wheels do not fit together."""
+
+
+class UnsupportedBackend(CondynError):
+    """The installed Pinocchio lacks what was asked for."""
+
+
+class MissingExtra(CondynError, ImportError):
+    """An optional dependency is not installed."""
+
+
+class InvalidArgument(CondynError, ValueError):
+    """An argument has a wrong size, a wrong type or a value that cannot be used."""
+
+
+class UnknownName(CondynError, KeyError):
+    """No robot, frame, joint, posture or constraint has this name."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+class InvalidModel(CondynError, ValueError):
+    """A robot description cannot be read, or its model cannot be used for dynamics."""
+
+
+class InvalidConstraint(CondynError, ValueError):
+    """A constraint does not fit the robot, or two constraints share a name."""
+
+
+class StaleModel(CondynError):
+    """A model, or the raw objects of a workspace, were edited behind the library's back."""
+
+
+class NotAssembled(CondynError):
+    """A loop is open, and it could not be closed or was not asked to be."""
+
+
+class SolveFailed(CondynError):
+    """A solve ended with a status other than ok.
+
+    Attributes
+    ----------
+    solution : Solution
+        What was computed, with its errors and its status.
+    """
+
+    def __init__(self, message: str, solution: Solution) -> None:
+        super().__init__(message)
+        self.solution = solution
+
+
+def unknown_name(kind: str, name: str, known: Iterable[str]) -> UnknownName:
+    """Return the error for a name that does not exist, with the nearest names that do."""
+    known = list(known)
+    near = get_close_matches(name, known, n=4, cutoff=0.5)
+    if near:
+        hint = "did you mean " + " or ".join(repr(n) for n in near) + "?"
+    elif len(known) <= 30:
+        hint = "known: " + (", ".join(known) or "none")
+    else:
+        hint = f"known: {', '.join(known[:30])}, and {len(known) - 30} more"
+    return UnknownName(f"no {kind} named {name!r}; {hint}")

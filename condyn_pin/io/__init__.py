@@ -1,0 +1,1 @@
+"""Robot descriptions: readers and writers of files."""

@@ -1,0 +1,78 @@
+"""URDF: Pinocchio reads it; this says clearly what is wrong with a file, and what is not used."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+from condyn_pin._pin import pin
+from condyn_pin.errors import InvalidArgument, InvalidModel
+
+_ROOTS = ("fixed", "free_flyer")
+
+
+def read_urdf(path: Path, root_joint: str = "fixed") -> tuple[Any, tuple[str, ...]]:
+    """Read a URDF.
+
+    Parameters
+    ----------
+    path : Path
+        The file. Meshes are not needed.
+    root_joint : {"fixed", "free_flyer"}
+        How the root link is attached to the world.
+
+    Returns
+    -------
+    model : pin.Model
+    unused : tuple of str
+        What the file has and the dynamics do not use, a sentence each.
+    """
+    if root_joint not in _ROOTS:
+        raise InvalidArgument(f"root_joint = {root_joint!r}: one of {', '.join(_ROOTS)} is needed")
+    if not path.is_file():
+        raise InvalidModel(f"{path}: no such file")
+    try:
+        robot = ET.parse(path).getroot()
+    except ET.ParseError as error:
+        raise InvalidModel(f"{path}: not well-formed XML: {error}") from error
+    if robot.tag != "robot":
+        raise InvalidModel(f"{path}: its root element is <{robot.tag}>, a URDF has <robot>")
+    try:
+        if root_joint == "free_flyer":
+            model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
+        else:
+            model = pin.buildModelFromUrdf(str(path))
+    except (ValueError, RuntimeError) as error:
+        raise InvalidModel(f"{path}: Pinocchio cannot read it: {error}") from error
+    return model, unused_elements(robot)
+
+
+def unused_elements(robot: ET.Element) -> tuple[str, ...]:
+    """Return what a URDF has and the constrained dynamics do not use, a sentence each."""
+    joints = [joint for joint in robot.findall("joint") if joint.get("type") != "fixed"]
+    found = []
+    for attribute in ("damping", "friction"):
+        names = [
+            joint.get("name", "?")
+            for joint in joints
+            if float((joint.find("dynamics") or ET.Element("none")).get(attribute, 0) or 0)
+        ]
+        if names:
+            advice = ": add Robot.passive_torque to tau" if attribute == "damping" else ""
+            found.append(f"joint {attribute} ({_few(names)}){advice}")
+    limited = [joint.get("name", "?") for joint in joints if joint.find("limit") is not None]
+    if limited:
+        found.append(f"limits of position, velocity and effort ({len(limited)} joints)")
+    mimic = [joint.get("name", "?") for joint in joints if joint.find("mimic") is not None]
+    if mimic:
+        found.append(f"mimic ({_few(mimic)}): these joints move on their own")
+    for tag in ("transmission", "gazebo"):
+        count = len(robot.findall(tag))
+        if count:
+            found.append(f"<{tag}> ({count} elements)")
+    return tuple(found)
+
+
+def _few(names: list[str]) -> str:
+    return ", ".join(names) if len(names) <= 4 else f"{len(names)} joints"

@@ -1,0 +1,190 @@
+"""load_robot: a robot by name, from a URDF, or from a folder with a robot.toml.
+
+A folder is a robot. Its `robot.toml` says which description to read and adds what descriptions
+leave out: loops, contacts, motors, postures, the licence.
+
+    name = "..."           source = "..."           licence = "..."
+    actuated = ["joint", ...]
+    [description]  file (in example-robot-data, or beside the toml), srdf, root_joint
+                   ("free_flyer" or "fixed"), rotors = true; for SDF also root, kinds, drop
+    [[loops]]      frame_a, frame_b, kind, name       (an SDF brings its own)
+    [[contacts]]   kind = "point" or "surface", and the fields of that class
+    [postures.X]   joint = value or list of values; joints left out stay at neutral
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Mapping
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from condyn_pin._pin import pin
+from condyn_pin.constraints import Constraint, Loop, PointContact, SurfaceContact
+from condyn_pin.errors import CondynError, InvalidModel, MissingExtra, unknown_name
+from condyn_pin.io.sdf import read_sdf
+from condyn_pin.io.urdf import read_urdf
+from condyn_pin.mechanisms import MECHANISMS
+from condyn_pin.robot import Robot, Spring, Vector
+
+_CONTACTS: dict[str, type[Constraint]] = {"point": PointContact, "surface": SurfaceContact}
+
+
+def robots_folder() -> Path:
+    """Return the folder of robots: inside the installed package, or beside it in a checkout."""
+    package = Path(__file__).parent
+    packed = package / "robots"
+    return packed if packed.is_dir() else package.parent / "robots"
+
+
+def available_robots() -> dict[str, Callable[[], Robot]]:
+    """Return what `load_robot` knows by name: folders with a robot.toml, and built mechanisms."""
+    folders = sorted(path.parent for path in robots_folder().glob("*/robot.toml"))
+    known: dict[str, Callable[[], Robot]] = {
+        folder.name: lambda folder=folder: _from_folder(folder)  # type: ignore[misc]
+        for folder in folders
+    }
+    return known | MECHANISMS
+
+
+def load_robot(name: str | Path, *, root_joint: str = "fixed") -> Robot:
+    """Load a robot.
+
+    Parameters
+    ----------
+    name : str or Path
+        A name that `condyn robots` lists, the path of a URDF, or the path of a folder with a
+        robot.toml.
+    root_joint : {"fixed", "free_flyer"}
+        For a URDF only: how its root link is attached to the world. Named robots and folders say
+        it themselves.
+
+    Returns
+    -------
+    Robot
+
+    Raises
+    ------
+    UnknownName
+        If there is no such robot; the text lists the nearest names.
+    InvalidModel
+        If a file cannot be read; the text names the file and the element.
+    """
+    known = available_robots()
+    if str(name) in known:
+        return known[str(name)]()
+    path = Path(name).expanduser()
+    if (path / "robot.toml").is_file():
+        return _from_folder(path)
+    if path.suffix == ".urdf":
+        model, unused = read_urdf(path, root_joint)
+        return Robot(path.stem, model, unused=unused, source=str(path))
+    if path.suffix or path.exists():
+        raise InvalidModel(
+            f"{path}: a .urdf file or a folder with a robot.toml is needed; "
+            "an SDF or a URDF with loops goes into such a folder"
+        )
+    raise unknown_name("robot", str(name), known)
+
+
+def _from_folder(folder: Path) -> Robot:
+    path = folder / "robot.toml"
+    try:
+        card = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InvalidModel(f"{path}: {error}") from error
+    try:
+        return _from_card(card, folder)
+    except CondynError:
+        raise
+    except KeyError as error:
+        raise InvalidModel(f"{path}: the entry {error} is missing") from error
+    except (TypeError, ValueError) as error:
+        raise InvalidModel(f"{path}: {error}") from error
+
+
+def _from_card(card: Mapping[str, Any], folder: Path) -> Robot:
+    description = card["description"]
+    file = _description_file(description["file"], folder)
+    root_joint = description.get("root_joint", "fixed")
+    loops: tuple[Loop, ...] = ()
+    springs: tuple[Spring, ...] = ()
+    if file.suffix == ".sdf":
+        sdf = read_sdf(
+            file,
+            root=description.get("root"),
+            root_joint=pin.JointModelFreeFlyer() if root_joint == "free_flyer" else None,
+            kinds=description.get("kinds", {}),
+            drop=description.get("drop", ()),
+        )
+        model, unused = sdf.model, sdf.unused
+        loops = tuple(Loop(c.frame_a, c.frame_b, c.kind, name=c.name) for c in sdf.closures)  # type: ignore[arg-type]
+        springs = tuple(Spring(joint, k, ref) for joint, (k, ref) in sdf.springs.items())
+    else:
+        model, unused = read_urdf(file, root_joint)
+    postures = _srdf_postures(model, description, folder)
+    postures |= {n: _posture(model, values) for n, values in card.get("postures", {}).items()}
+    loops += tuple(Loop(**loop) for loop in card.get("loops", ()))
+    return Robot(
+        card["name"],
+        model,
+        postures=postures,
+        loops=loops,
+        contacts=tuple(_contact(table) for table in card.get("contacts", ())),
+        actuated=tuple(card.get("actuated", ())),
+        springs=springs,
+        unused=unused,
+        source=card["source"],
+        licence=card["licence"],
+    )
+
+
+def _description_file(name: str, folder: Path) -> Path:
+    beside = folder / name
+    return beside if beside.is_file() else example_robot_data() / name
+
+
+def example_robot_data() -> Path:
+    """Return the folder of robots that the package example-robot-data installed."""
+    try:
+        package = metadata.distribution("example-robot-data")
+    except metadata.PackageNotFoundError as error:
+        raise MissingExtra(
+            "the robot descriptions are missing: python -m pip install example-robot-data"
+        ) from error
+    return Path(str(package.locate_file("cmeel.prefix/share/example-robot-data/robots")))
+
+
+def _srdf_postures(model: Any, description: Mapping[str, Any], folder: Path) -> dict[str, Vector]:
+    if "srdf" not in description:
+        return {}
+    srdf = _description_file(description["srdf"], folder)
+    if not srdf.is_file():
+        raise InvalidModel(f"{srdf}: no such file")
+    pin.loadReferenceConfigurations(model, str(srdf), False)
+    if description.get("rotors"):
+        # reflected inertia of a geared rotor: n^2 I
+        pin.loadRotorParameters(model, str(srdf), False)
+        model.armature = np.array(model.rotorInertia) * np.array(model.rotorGearRatio) ** 2
+    return {entry.key(): np.array(entry.data()) for entry in model.referenceConfigurations}
+
+
+def _posture(model: Any, values: Mapping[str, Any]) -> Vector:
+    q = np.array(pin.neutral(model))
+    for name, value in values.items():
+        if not model.existJointName(name):
+            raise unknown_name("joint", name, tuple(model.names)[1:])
+        joint = model.joints[model.getJointId(name)]
+        q[joint.idx_q : joint.idx_q + joint.nq] = value
+    return q
+
+
+def _contact(table: Mapping[str, Any]) -> Constraint:
+    fields = dict(table)
+    kind = fields.pop("kind")
+    if kind not in _CONTACTS:
+        raise unknown_name("kind of contact", kind, _CONTACTS)
+    return _CONTACTS[kind](**fields)

@@ -1,0 +1,76 @@
+"""Gauss's principle with redundant rows: a is unique, lam is the smallest one.
+
+With M = L L^T, the whitened Jacobian Jw = J L^-T = U S V^T, and S cut at a relative tolerance,
+
+    M a - J^T lam = r,  J a = s      is solved by
+    y = L^-1 r,   z = S^+ U^T (s - Jw y),   L^T a = y + V z,   lam = U S^+ z.
+
+References
+----------
+Udwadia, Kalaba. A new perspective on constrained motion. Proc. R. Soc. A 439, 1992.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from condyn_pin.robot import Vector
+
+
+@dataclass(frozen=True)
+class MinimumNorm:
+    """The factors of one M and J.
+
+    Attributes
+    ----------
+    L : (nv, nv) array
+        Lower Cholesky factor of M.
+    U : (m, m) array
+        Left singular vectors of Jw; the columns from `rank` on span the redundancy of the rows.
+    S : (min(m, nv),) array
+        Singular values of Jw, all of them.
+    V : (nv, rank) array
+        Right singular vectors that belong to nonzero singular values.
+    rank : int
+        Number of singular values above the tolerance.
+    """
+
+    L: Vector
+    U: Vector
+    S: Vector
+    V: Vector
+    rank: int
+
+    def solve(self, r: Vector, s: Vector) -> tuple[Vector, Vector]:
+        """Return (a, lam)."""
+        from scipy.linalg import solve_triangular
+
+        U, S = self.U[:, : self.rank], self.S[: self.rank]
+        y = solve_triangular(self.L, r, lower=True)
+        z = (U.T @ s) / S - self.V.T @ y
+        a: Vector = solve_triangular(self.L, y + self.V @ z, lower=True, trans="T")
+        return a, U @ (z / S)
+
+    def tangent(self, v: Vector) -> Vector:
+        """Return the nearest velocity, in the metric of M, with J v = 0."""
+        from scipy.linalg import solve_triangular
+
+        x = self.L.T @ v
+        projected: Vector = solve_triangular(
+            self.L, x - self.V @ (self.V.T @ x), lower=True, trans="T"
+        )
+        return projected
+
+
+def factorise(M: Vector, J: Vector, rank_tolerance: float) -> MinimumNorm:
+    """Factorise M and J; raises numpy's LinAlgError if M is not positive definite."""
+    # imported here: scipy.linalg takes as long to import as Pinocchio
+    from scipy.linalg import solve_triangular
+
+    L = np.linalg.cholesky(M)
+    Jw = solve_triangular(L, J.T, lower=True).T
+    U, S, Vt = np.linalg.svd(Jw)
+    rank = int(np.count_nonzero(S > rank_tolerance * S.max(initial=0.0)))
+    return MinimumNorm(L, U, S, Vt[:rank].T, rank)

@@ -1,0 +1,269 @@
+"""Robot: a Pinocchio model with what its description says beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from condyn_pin import tolerances
+from condyn_pin._pin import pin
+from condyn_pin.constraints import WORLD, Constraint, Loop
+from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A linear spring on a joint: tau = -stiffness (q - reference)."""
+
+    joint: str
+    stiffness: float  # [N m/rad] or [N/m]
+    reference: float = 0.0  # [rad] or [m]
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A robot: a kinematic tree, its loops, its postures, and where all this comes from.
+
+    Parameters
+    ----------
+    name : str
+        Name of the robot.
+    model : pin.Model
+        The tree. A robot is a value: to change the model, change a copy of it and make another
+        robot from that. An edit in place is noticed and refused (`StaleModel`).
+    postures : mapping of str to (nq,) array, optional
+        Configurations by name. Loops need not be closed in them: `Scene.state` closes them.
+    loops : sequence of Loop, optional
+        The closures of the description.
+    contacts : sequence of Constraint, optional
+        Ready-made contacts, where the robot usually touches the ground.
+    actuated : sequence of str, optional
+        Names of the joints with a motor.
+    springs : sequence of Spring, optional
+        Springs of the description. They act only if you add `passive_torque` to tau.
+    unused : sequence of str, optional
+        What the description has and the dynamics do not use, a sentence each.
+    source, licence : str, optional
+        Where the description comes from, and its licence.
+
+    Raises
+    ------
+    InvalidModel
+        If Pinocchio's algorithms would be silently wrong on the model: joints not added
+        depth-first, mimic joints, a joint that moves no inertia.
+    """
+
+    name: str
+    model: Any
+    postures: Mapping[str, Vector] = field(default_factory=dict)
+    loops: Sequence[Loop] = ()
+    contacts: Sequence[Constraint] = ()
+    actuated: Sequence[str] = ()
+    springs: Sequence[Spring] = ()
+    unused: Sequence[str] = ()
+    source: str = ""
+    licence: str = ""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.model, pin.Model):
+            raise InvalidArgument(
+                f"model = {type(self.model).__name__}: a pinocchio.Model is needed; "
+                "load_robot reads one from a file"
+            )
+        check_model(self.model)
+        for key in ("loops", "contacts", "actuated", "springs", "unused"):
+            object.__setattr__(self, key, tuple(getattr(self, key)))
+        postures = {
+            name: _posture(self.model, name, q) for name, q in dict(self.postures).items()
+        }
+        object.__setattr__(self, "postures", MappingProxyType(postures))
+        # A private copy: what the model was when it was checked.
+        object.__setattr__(self, "_pristine", pin.Model(self.model))
+
+    @property
+    def nq(self) -> int:
+        """Size of a configuration."""
+        return int(self.model.nq)
+
+    @property
+    def nv(self) -> int:
+        """Size of a velocity: the degrees of freedom of the tree."""
+        return int(self.model.nv)
+
+    @property
+    def mass(self) -> float:
+        """Total mass [kg]."""
+        return float(sum(inertia.mass for inertia in self.model.inertias))
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Names of the frames that constraints can use."""
+        return tuple(dict.fromkeys(frame.name for frame in self.model.frames))
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, the world's not among them."""
+        return tuple(self.model.names)[1:]
+
+    def frame(self, name: str) -> tuple[int, Any]:
+        """Return the joint that carries a frame and the frame's placement on it.
+
+        Raises
+        ------
+        UnknownName
+            If there is no such frame; the text lists the nearest names.
+        InvalidModel
+            If several frames of this name are in different places.
+        """
+        if name in WORLD:
+            return 0, pin.SE3.Identity()
+        found = [frame for frame in self.model.frames if frame.name == name]
+        if not found:
+            raise unknown_name("frame", name, self.frames)
+        first = found[0]
+        for other in found[1:]:
+            if other.parentJoint != first.parentJoint or other.placement != first.placement:
+                raise InvalidModel(
+                    f"frame {name!r} of {self.name} exists {len(found)} times in different "
+                    "places; rename one of them or add your own with Robot.with_frame"
+                )
+        return int(first.parentJoint), pin.SE3(first.placement)
+
+    def with_frame(
+        self, name: str, parent: str, translation: ArrayLike, rotation: ArrayLike | None = None
+    ) -> Robot:
+        """Return a robot with one more frame, for a constraint to use.
+
+        Parameters
+        ----------
+        name : str
+            Name of the new frame.
+        parent : str
+            Frame that it is fixed to; "world" for a point of the world.
+        translation : (3,) array_like
+            Its origin in the parent frame [m].
+        rotation : (3, 3) array_like, optional
+            Its axes in the parent frame; the same axes by default.
+        """
+        if name in self.frames or name in WORLD:
+            raise InvalidArgument(f"name = {name!r}: {self.name} has a frame of this name")
+        joint, placement = self.frame(parent)
+        R = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float)
+        p = np.asarray(translation, dtype=float)
+        if p.shape != (3,) or not np.isfinite(p).all():
+            raise InvalidArgument(f"translation = {translation!r}: three finite lengths are needed")
+        if R.shape != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-9):
+            raise InvalidArgument("rotation: an orthonormal 3 x 3 matrix is needed")
+        model = pin.Model(self.model)
+        model.addFrame(
+            pin.Frame(name, joint, 0, placement * pin.SE3(R, p), pin.FrameType.OP_FRAME)
+        )
+        return replace(self, model=model)
+
+    def passive_torque(self, q: ArrayLike, v: ArrayLike) -> Vector:
+        """Return the torque of springs and joint damping, to be added to tau.
+
+        tau_i = -k_i (q_i - q0_i) - d_i v_i
+
+        Pinocchio reads stiffness and damping from the file and leaves them out of its dynamics.
+        """
+        q_, v_ = np.asarray(q, dtype=float), np.asarray(v, dtype=float)
+        tau: Vector = -np.asarray(self.model.damping, dtype=float) * v_
+        for spring in self.springs:
+            joint = self.model.joints[self.model.getJointId(spring.joint)]
+            tau[joint.idx_v] -= spring.stiffness * (q_[joint.idx_q] - spring.reference)
+        return tau
+
+    def check_unedited(self) -> None:
+        """Raise `StaleModel` if the model was edited since the robot was made."""
+        if self.model != self._pristine:  # type: ignore[attr-defined]
+            raise StaleModel(
+                f"the model of {self.name} was edited after the robot was made; "
+                "edit a copy, pin.Model(robot.model), and make a new one: "
+                "dataclasses.replace(robot, model=edited)"
+            )
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Robot):
+            return NotImplemented
+        if self is other:
+            return True
+        plain = ("name", "loops", "contacts", "actuated", "springs", "unused", "source", "licence")
+        return (
+            all(getattr(self, key) == getattr(other, key) for key in plain)
+            and self.postures.keys() == other.postures.keys()
+            and all(np.array_equal(self.postures[k], other.postures[k]) for k in self.postures)
+            and self.model == other.model
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.nq, self.nv, self.loops))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        state = (self.name, self.model, dict(self.postures), self.loops, self.contacts)
+        return Robot, (*state, self.actuated, self.springs, self.unused, self.source, self.licence)
+
+    def __repr__(self) -> str:
+        return (
+            f"Robot({self.name!r}: nq {self.nq}, nv {self.nv}, {self.mass:.4g} kg, "
+            f"{len(self.loops)} loops, postures: {', '.join(self.postures) or 'none'})"
+        )
+
+
+def check_model(model: Any) -> None:
+    """Refuse a model on which Pinocchio's algorithms are silently wrong or crash."""
+    if len(model.mimicking_joints):
+        names = ", ".join(model.names[i] for i in model.mimicking_joints)
+        raise InvalidModel(
+            f"mimic joints ({names}): Pinocchio's constrained dynamics refuse them; "
+            "load the model without mimic, as independent joints"
+        )
+    if not model.check(model.createData()):
+        raise InvalidModel(
+            "the joints were not added depth-first, and Pinocchio's crba is silently wrong on "
+            "such a model; add the children of a joint before its siblings"
+        )
+    check_inertias(model)
+
+
+def check_inertias(model: Any) -> None:
+    """Refuse a joint that moves no inertia: M would be singular."""
+    M = np.array(pin.crba(model, model.createData(), pin.neutral(model)))
+    diagonal = np.diag(M)
+    if not np.isfinite(M).all():
+        raise InvalidModel("the mass matrix is not finite: a mass, inertia or placement is NaN")
+    if model.nv == 0:
+        raise InvalidModel("the model has no degree of freedom")
+    bad = np.flatnonzero(diagonal <= tolerances.MASSLESS * diagonal.max())
+    if bad.size:
+        names = dict.fromkeys(_joint_of(model, int(i)) for i in bad)
+        raise InvalidModel(
+            f"no inertia moves with {', '.join(names)}: M is singular there; give the body a mass "
+            "and an inertia, give the joint an armature, or lock it"
+        )
+
+
+def _joint_of(model: Any, velocity_index: int) -> str:
+    for i in range(1, model.njoints):
+        joint = model.joints[i]
+        if joint.idx_v <= velocity_index < joint.idx_v + joint.nv:
+            return str(model.names[i])
+    raise IndexError(velocity_index)
+
+
+def _posture(model: Any, name: str, q: ArrayLike) -> Vector:
+    array = np.array(q, dtype=float)
+    if array.shape != (model.nq,) or not np.isfinite(array).all():
+        raise InvalidArgument(
+            f"posture {name!r} has shape {array.shape}: ({model.nq},) finite numbers are needed"
+        )
+    array = np.array(pin.normalize(model, array))
+    array.flags.writeable = False
+    return array

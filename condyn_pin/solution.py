@@ -1,0 +1,127 @@
+"""Solution: an answer that carries its own proof."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from condyn_pin.equations import Equations
+from condyn_pin.robot import Vector
+
+if TYPE_CHECKING:
+    from condyn_pin.scene import Scene
+
+
+class Status(Enum):
+    """How a solve ended; the value is advice."""
+
+    OK = "both equations hold, and a is right to the tolerance"
+    INACCURATE = (
+        "a is finite but the two equations do not hold to the tolerance: allow more iterations, "
+        "try another mu, or solve with Reference(); if state_error is large, the state does not "
+        "satisfy the constraints and no answer can"
+    )
+    SINGULAR = (
+        "the matrix of this method is singular: some rows are redundant or the configuration is "
+        "singular (Scene.summary() names the rows); use Proximal() or Reference(), or give "
+        "DenseKKT a small mu"
+    )
+    NOT_FINITE = (
+        "the answer is not finite although the input is: mu is too small for redundant rows, or "
+        "the numbers overflow; use Proximal() or Reference()"
+    )
+
+    @property
+    def ok(self) -> bool:
+        """Whether the answer can be used as it is."""
+        return self is Status.OK
+
+    def __str__(self) -> str:
+        return f"{self.name.lower()}: {self.value}"
+
+
+class StateError(NamedTuple):
+    """How far a state is from satisfying the constraints."""
+
+    position: float  # |c(q)|_inf [m, rad]
+    velocity: float  # |J v|_inf [m/s, rad/s]
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Accelerations and constraint forces at one state, with three errors recomputed.
+
+    M a + h = tau + J^T lam,  J a + gamma = a_ref
+
+    Attributes
+    ----------
+    a : (nv,) array
+        Joint accelerations.
+    lam : (m,) array
+        Constraint forces, all rows, in the axes of each constraint [N, N m].
+    dynamics_error : float
+        |M a + h - tau - J^T lam|_inf [N, N m], by recursive Newton-Euler.
+    constraint_error : float
+        |J a + gamma - a_ref|_inf [m/s^2, rad/s^2], by forward kinematics.
+    state_error : StateError
+        |c(q)|_inf and |J v|_inf: what the given state itself leaves open.
+    error_bound : float
+        Bound on the error of a that the two residuals allow, relative to the larger of |a|_inf
+        and gravity; see `condyn_pin.proof`.
+    status : Status
+        OK if `error_bound` is within the tolerance (1e-8).
+    iterations : int
+        Iterations of the solver; 1 for a direct method.
+    solve_time : float
+        Time of the solve without the proof [s].
+    scene : Scene
+    q : (nq,) array
+        What was solved, and where.
+    """
+
+    a: Vector
+    lam: Vector
+    dynamics_error: float
+    constraint_error: float
+    state_error: StateError
+    error_bound: float
+    status: Status
+    iterations: int
+    solve_time: float  # [s]
+    scene: Scene
+    q: Vector
+
+    @property
+    def forces(self) -> dict[str, Vector]:
+        """Force on the first-named body by constraint, in the axes of the constraint.
+
+        (3,) [N] for 3 rows; (6,) [N, N m], linear part first, for 6.
+        """
+        return {bound.name: self.lam[bound.rows].copy() for bound in self.scene.bounds}
+
+    @property
+    def world_forces(self) -> dict[str, Vector]:
+        """The same forces in the axes of the world, still at the origin of the constraint."""
+        scene = self.scene
+        placements = Equations(scene.robot.model, scene.bounds).placements(self.q)
+        return {
+            bound.name: (self.lam[bound.rows].reshape(-1, 3) @ oMc1.rotation.T).ravel()
+            for bound, oMc1 in zip(scene.bounds, placements, strict=True)
+        }
+
+    def __str__(self) -> str:
+        lines = [
+            f"{self.status.name.lower()} in {1e6 * self.solve_time:.1f} us, "
+            f"{self.iterations} iterations",
+            f"dynamics error    {self.dynamics_error:.1e} N",
+            f"constraint error  {self.constraint_error:.1e} m/s^2",
+            f"state error       {self.state_error.position:.1e} m, "
+            f"{self.state_error.velocity:.1e} m/s",
+            f"error bound of a  {self.error_bound:.1e} (relative)",
+        ]
+        for name, force in self.forces.items():
+            lines.append(f"{name:<28} {np.array2string(force, precision=4, suppress_small=True)}")
+        return "\n".join(lines)

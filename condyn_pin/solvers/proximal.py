@@ -1,0 +1,105 @@
+"""Proximal: Pinocchio's constraintDynamics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from condyn_pin._pin import pin
+from condyn_pin.errors import InvalidArgument
+from condyn_pin.robot import Vector
+from condyn_pin.solvers.base import Method, Solver
+
+if TYPE_CHECKING:
+    from condyn_pin.workspace import Workspace
+
+
+@dataclass(frozen=True)
+class Proximal(Solver):
+    """Proximal iteration on the sparse Cholesky factor of the KKT matrix.
+
+    With G = J M^-1 J^T and b the acceleration that is missing, iterate
+
+        lam_(k+1) = lam_k + (G + mu I)^-1 (b - G lam_k)
+
+    from lam_0 = 0. Each step shrinks the error by mu / (sigma + mu) for every nonzero eigenvalue
+    sigma of G; the limit does not depend on mu, and is the minimum-norm lam where rows are
+    redundant.
+
+    Parameters
+    ----------
+    mu : float, optional
+        Proximal weight [1/kg]. Larger: more iterations, less noise in lam along redundant rows
+        (it is about 1e-16 |a| / mu). Zero is a plain solve and gives NaN on redundant rows. By
+        default 1e-6 of the largest eigenvalue of G at the nominal state of the scene, so that it
+        means the same on a hand and on an excavator: three iterations on Talos and on Cassie.
+    max_iterations : int
+        Upper limit. It is met without harm where lam keeps a little noise; convergence is judged
+        by the errors of the `Solution`, never by this.
+    relative_accuracy : float, optional
+        Iterate until |lam_k - lam_(k-1)|_inf is below this [N]: despite its name in Pinocchio, an
+        absolute number. By default 1e-8 of the robot's weight: above the noise of redundant rows,
+        where Pinocchio's 1e-12 never fires and 24 us are spent instead of 12, and small enough,
+        since the next iterate is better by mu / sigma again.
+    absolute_accuracy : float
+        Handed to Pinocchio as it is. Pinocchio compares it with a number that is not a residual
+        (|J a_free - 2 b|_inf), so it has no use; 0 keeps it from ever stopping the iteration.
+
+    Notes
+    -----
+    Cost O(n d^2 + m^2 d) with d the depth of the tree. On Talos with 12 rows 14 us, on Cassie's
+    loops 12 us (Pinocchio 4.1).
+
+    References
+    ----------
+    Carpentier, Budhiraja, Mansard. Proximal and sparse resolution of constrained dynamic
+    equations. Robotics: Science and Systems, 2021.
+    """
+
+    title: ClassVar[str] = "Proximal"
+    cost: ClassVar[str] = "O(n d^2 + m^2 d), d the depth of the tree"
+    takes_redundant: ClassVar[bool] = True
+
+    mu: float | None = None  # [1/kg]
+    max_iterations: int = 20
+    relative_accuracy: float | None = None  # [N]
+    absolute_accuracy: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_knobs(self.mu, self.max_iterations, smallest_mu=0.0)
+        for name in ("relative_accuracy", "absolute_accuracy"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value >= 0):
+                raise InvalidArgument(f"{name} = {value!r}: a finite number >= 0 is needed")
+
+    def start(self, workspace: Workspace) -> Method:
+        """Return `pin.constraintDynamics` bound to the memory of `workspace`."""
+        audit = workspace.scene.audit
+        mu = 1e-6 * audit.delassus_norm if self.mu is None else self.mu
+        accuracy = 1e-8 * audit.weight if self.relative_accuracy is None else self.relative_accuracy
+        settings = pin.ProximalSettings(self.absolute_accuracy, accuracy, mu, self.max_iterations)
+        workspace.proximal_settings = settings
+        model, data = workspace.model, workspace.data
+        models, datas = workspace.constraint_models, workspace.constraint_datas
+        solve = pin.constraintDynamics
+
+        def acceleration(q: Vector, v: Vector, tau: Vector) -> Vector:
+            return solve(model, data, q, v, tau, models, datas, settings)  # type: ignore[no-any-return]
+
+        return Method(
+            acceleration, lambda: np.array(data.lambda_c), lambda: int(settings.iter)
+        )
+
+
+def check_knobs(mu: float | None, max_iterations: int, *, smallest_mu: float) -> None:
+    """Refuse a proximal weight or an iteration limit that cannot be used."""
+    if mu is not None and not (np.isfinite(mu) and mu >= smallest_mu):
+        limit = ">= 0" if smallest_mu == 0 else f">= {smallest_mu:g}"
+        raise InvalidArgument(f"mu = {mu!r}: a finite number {limit} [1/kg] is needed")
+    if isinstance(max_iterations, bool) or int(max_iterations) != max_iterations or max_iterations < 1:
+        raise InvalidArgument(
+            f"max_iterations = {max_iterations!r}: a whole number >= 1 is needed "
+            "(with 0 Pinocchio returns a wrong answer without a word)"
+        )

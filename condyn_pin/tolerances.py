@@ -1,0 +1,34 @@
+"""Every tolerance of the library, once, each with its reason."""
+
+from __future__ import annotations
+
+from typing import Final
+
+# A status is ok when the bound on the error of a, relative to the size of a, is below this.
+# It is what the agreement of the solvers with Reference is promised to.
+SOLVED: Final = 1e-8
+
+# | |quaternion| - 1 |. Pinocchio's answer is off by about the same relative amount without any
+# sign of it; integration in double precision denormalises by 1e-16 a step, so 1e-6 is never met
+# by accident, and a quaternion typed with six digits is refused.
+QUATERNION: Final = 1e-6
+
+# Gap of a closed loop [m, rad]. Newton's method ends at rounding, 1e-16 times the size of the
+# robot; a state written to a file with twelve digits is still accepted.
+CLOSED: Final = 1e-10
+
+# Rank of the whitened constraint Jacobian, relative to its largest singular value. Redundant rows
+# of an assembled loop are at 1e-15, those of a loop open by CLOSED at 1e-10; the smallest useful
+# ones met in robots are at 1e-3.
+RANK: Final = 1e-7
+
+# The same for Reference, which is called at states on the manifold and has to see what is nearly
+# singular as what it is.
+REFERENCE_RANK: Final = 1e-11
+
+# Reciprocal condition number of the KKT matrix, rows and columns scaled to one. Cassie with
+# independent rows has 1e-8; a redundant row gives 1e-17.
+SINGULAR: Final = 1e-13
+
+# M is refused when a joint feels less inertia than this share of the largest.
+MASSLESS: Final = 1e-14
