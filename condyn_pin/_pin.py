@@ -12,6 +12,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,10 @@ from condyn_pin import doctor
 from condyn_pin.errors import BrokenPinocchio, UnsupportedBackend
 
 try:
-    import pinocchio as pin
+    with warnings.catch_warnings():
+        # Pinocchio 3.9 warns about a module that it imports itself
+        warnings.filterwarnings("ignore", message=".*hppfcl.*", category=DeprecationWarning)
+        import pinocchio as pin
 
     VERSION: tuple[int, ...] = tuple(int(part) for part in pin.__version__.split(".")[:2])
     pin.Model  # noqa: B018  another distribution shares the import name

@@ -97,6 +97,7 @@ def audit(scene: Scene) -> Audit:
         yardstick=Yardstick(
             weights=np.sqrt(np.einsum("ij,ij->j", L_inverse, L_inverse)),
             sigma=float(S[rank - 1]) if rank else np.inf,
+            rows=scene.rows,
             gravity=gravity,
         ),
         states=_nominal_states(equations, q, factors),

@@ -3,7 +3,7 @@
     M(q) a + h(q, v) = tau + J(q)^T lam,        J a + gamma = a_ref
 
 M comes from the composite rigid body algorithm, h from recursive Newton-Euler, J from joint
-Jacobians, gamma = Jdot v from forward kinematics with a = 0. The proof of an answer takes another
+Jacobians, gamma = Jdot v from forward kinematics with a = 0. The errors of an answer take another
 route: Newton-Euler with lam as external forces, and forward kinematics with the answer's a.
 """
 
@@ -11,13 +11,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from condyn_pin._pin import LOCAL, pin
 from condyn_pin.binding import Bound
 from condyn_pin.robot import Vector
+from condyn_pin.frames import WorldContacts, Wrenches
+
+_velocity = pin.getFrameVelocity
+_acceleration = pin.getFrameAcceleration
+_classical = pin.getFrameClassicalAcceleration
 
 
 @dataclass(frozen=True)
@@ -45,6 +50,17 @@ class Terms:
     a_ref: Vector
 
 
+class Errors(NamedTuple):
+    """Absolute residuals of an answer, and the largest of each kind."""
+
+    dynamics: Vector  # |M a + h - tau - J^T lam|, (nv,)
+    max_dynamics: float
+    max_a: float
+    max_violation: float
+    max_velocity: float
+    max_constraint: float
+
+
 class Equations:
     """The equations of one model with its bound constraints, and the memory to evaluate them.
 
@@ -60,136 +76,106 @@ class Equations:
         self.bounds = tuple(bounds)
         self.m = sum(bound.size for bound in bounds)
         self.sign = np.concatenate([np.full(b.size, b.sign) for b in bounds] or [np.zeros(0)])
+        self._flipped = any(b.sign < 0 for b in bounds)
         self._still = np.zeros(model.nv)
-        self._wrenches = pin.StdVec_Force()
-        for _ in range(model.njoints):
-            self._wrenches.append(pin.Force.Zero())
-        self._no_wrench = pin.Force.Zero()
+        self._contacts = WorldContacts(self.data, bounds, self.m + 1)
+        self._wrenches = Wrenches(model, bounds)
+        numbered, oMi = list(enumerate(bounds)), self.data.oMi
+        self._loops = [(k, b) for k, b in numbered if b.joint2]
+        self._placed = [
+            (k, b, oMi[b.joint1], oMi[b.joint2]) for k, b in numbered if b.joint2 or b.anchored
+        ]
+        self._c1Mc2: list[Any] = [None] * len(bounds)  # of the last call of `motion`
+        # |dynamics|, |a|, |c|, |J v| and |J a + gamma| share one array, so that one call finds the
+        # largest of each; the last three end with a zero, so that none is empty.
+        n, width = model.nv, self.m + 1
+        self._all = np.zeros(2 * n + 3 * width)
+        self._starts = np.array([0, n, 2 * n, 2 * n + width, 2 * n + 2 * width])
+        self._dynamics, self._a, self._c, self._velocity, self._acceleration = (
+            self._all[start : start + size]
+            for start, size in zip(self._starts, (n, n, self.m, self.m, self.m), strict=True)
+        )
+        self._motion = self._all[2 * n + width :].reshape(2, width)
 
     def terms(self, q: Vector, v: Vector) -> Terms:
         """Return M, h, J, gamma and a_ref; they are owned by the caller."""
         model, data = self.model, self.data
         M = np.array(pin.crba(model, data, q))
-        M = np.triu(M) + np.triu(M, 1).T
         h = np.array(pin.nonLinearEffects(model, data, q, v))
-        gamma = self.motion(q, v, self._still)[2]
-        return Terms(M, h, self._jacobian(q), gamma, np.zeros(self.m))
+        self.motion(q, v, self._still)
+        return Terms(M, h, self._jacobian(q), self._acceleration.copy(), np.zeros(self.m))
 
     def jacobian(self, q: Vector) -> Vector:
         """Return J (m, nv)."""
-        pin.forwardKinematics(self.model, self.data, q)
+        self.motion(q, self._still, self._still)
         return self._jacobian(q)
-
-    def _jacobian(self, q: Vector) -> Vector:
-        """Return J, with the joint placements of q in data already."""
-        model, data = self.model, self.data
-        pin.computeJointJacobians(model, data, q)
-        J = np.empty((self.m, model.nv))
-        for b in self.bounds:
-            J1 = pin.getFrameJacobian(model, data, b.joint1, b.placement1, LOCAL)
-            if b.joint2:
-                J2 = pin.getFrameJacobian(model, data, b.joint2, b.placement2, LOCAL)
-                c1Mc2 = self._relative_placement(b)
-                if b.size == 3:
-                    J1 = J1[:3] - c1Mc2.rotation @ J2[:3]
-                else:
-                    J1 = J1 - c1Mc2.toActionMatrix() @ J2
-            J[b.rows] = b.sign * J1[: b.size]
-        return J
 
     def violation(self, q: Vector) -> Vector:
         """Return c(q) (m,)."""
-        return self.motion(q, self._still, self._still)[0]
-
-    def motion(self, q: Vector, v: Vector, a: Vector) -> Vector:
-        """Return c(q), J v and J a + gamma as the rows of a (3, m) array."""
-        model, data = self.model, self.data
-        pin.forwardKinematics(model, data, q, v, a)
-        rows = np.zeros((3, self.m))
-        for b in self.bounds:
-            _against_world(model, data, b, rows) if b.joint2 == 0 else self._between(b, rows)
-            if b.anchored:
-                c1Mc2 = self._relative_placement(b)
-                error = c1Mc2.translation if b.size == 3 else pin.log6(c1Mc2).vector
-                rows[0, b.rows] = -error
-        if self.sign.size and self.sign.min() < 0:
-            rows *= self.sign
-        return rows
-
-    def _between(self, b: Bound, rows: Vector) -> None:
-        """Fill in J v and J a + gamma of a loop between two moving bodies."""
-        model, data = self.model, self.data
-        one = (model, data, b.joint1, b.placement1, LOCAL)
-        two = (model, data, b.joint2, b.placement2, LOCAL)
-        c1Mc2 = self._relative_placement(b)
-        v1, v2 = pin.getFrameVelocity(*one), c1Mc2.act(pin.getFrameVelocity(*two))
-        if b.size == 3:
-            # the velocity and the acceleration of each frame's own origin, only turned
-            R = c1Mc2.rotation
-            rows[1, b.rows] = v1.linear - R @ pin.getFrameVelocity(*two).linear
-            a1 = pin.getFrameClassicalAcceleration(*one).linear
-            rows[2, b.rows] = a1 - R @ pin.getFrameClassicalAcceleration(*two).linear
-        else:
-            slip = v1 - v2
-            a1 = pin.getFrameAcceleration(*one)
-            a2 = c1Mc2.act(pin.getFrameAcceleration(*two))
-            rows[1, b.rows] = slip.vector
-            rows[2, b.rows] = (a1 - a2 + slip.cross(v2)).vector
-
-    def _relative_placement(self, b: Bound) -> Any:
-        oMi = self.data.oMi
-        oMc1 = oMi[b.joint1] * b.placement1
-        oMc2 = oMi[b.joint2] * b.placement2 if b.joint2 else b.placement2
-        return oMc1.actInv(oMc2)
-
-
-    def errors(
-        self, q: Vector, v: Vector, tau: Vector, a: Vector, lam: Vector
-    ) -> tuple[Vector, Vector]:
-        """Return the residuals of an answer (a, lam) to (q, v, tau).
-
-        Returns
-        -------
-        dynamics : (nv,) array
-            M a + h - tau - J^T lam.
-        rows : (3, m) array
-            c(q), J v and J a + gamma - a_ref.
-        """
-        rows = self.motion(q, v, a)
-        self._apply(lam)
-        dynamics: Vector = pin.rnea(self.model, self.data, q, v, a, self._wrenches) - tau
-        return dynamics, rows
-
-    def _apply(self, lam: Vector) -> None:
-        """Put lam on the bodies: as it is on joint 1, and its opposite on joint 2."""
-        wrenches = self._wrenches
-        for b in self.bounds:
-            wrenches[b.joint1] = self._no_wrench
-            if b.joint2:
-                wrenches[b.joint2] = self._no_wrench
-        for b in self.bounds:
-            f = np.zeros(6)
-            f[: b.size] = b.sign * lam[b.rows]
-            force = pin.Force(f)
-            wrenches[b.joint1] += b.placement1.act(force)
-            if b.joint2:
-                c1Mc2 = self._relative_placement(b)
-                if b.size == 3:  # acts at the origin of c2
-                    c1Mc2.translation = np.zeros(3)
-                wrenches[b.joint2] -= b.placement2.act(c1Mc2.actInv(force))
+        self.motion(q, self._still, self._still)
+        return self._c.copy()
 
     def placements(self, q: Vector) -> list[Any]:
         """Return the placement of each frame c1 in the world."""
         pin.forwardKinematics(self.model, self.data, q)
         return [self.data.oMi[b.joint1] * b.placement1 for b in self.bounds]
 
+    def errors(self, q: Vector, v: Vector, tau: Vector, a: Vector, lam: Vector) -> Errors:
+        """Return the absolute residuals of an answer (a, lam) to (q, v, tau).
 
-def _against_world(model: Any, data: Any, b: Bound, rows: Vector) -> None:
-    """Fill in J v and J a + gamma of a contact with the world."""
-    frame = (model, data, b.joint1, b.placement1, LOCAL)
-    if b.size == 3:
-        rows[1, b.rows] = pin.getFrameVelocity(*frame).linear
-        rows[2, b.rows] = pin.getFrameClassicalAcceleration(*frame).linear
-    else:
-        rows[1, b.rows] = pin.getFrameVelocity(*frame).vector
-        rows[2, b.rows] = pin.getFrameAcceleration(*frame).vector
+        The array in it is overwritten by the next call.
+        """
+        self.motion(q, v, a)
+        wrenches = self._wrenches.of(lam * self.sign if self._flipped else lam, self._c1Mc2)
+        torque = pin.rnea(self.model, self.data, q, v, a, wrenches)
+        np.subtract(torque, tau, out=self._dynamics)
+        self._a[:] = a
+        np.abs(self._all, out=self._all)
+        largest = np.maximum.reduceat(self._all, self._starts).tolist()
+        return Errors(self._dynamics, *largest)
+
+    def motion(self, q: Vector, v: Vector, a: Vector) -> None:
+        """Evaluate c(q), J v and J a + gamma into the memory of this object."""
+        model, data = self.model, self.data
+        pin.forwardKinematics(model, data, q, v, a)
+        self._contacts.evaluate(self._motion)
+        for k, b, oMi1, oMi2 in self._placed:
+            oMc2 = oMi2 * b.placement2
+            c1Mc2 = self._c1Mc2[k] = (oMi1 * b.placement1).actInv(oMc2)
+            self._c[b.rows] = -c1Mc2.translation if b.size == 3 else -pin.log6(c1Mc2).vector
+        for k, b in self._loops:
+            one = (model, data, b.joint1, b.placement1, LOCAL)
+            two = (model, data, b.joint2, b.placement2, LOCAL)
+            slip, drift = _between(b.size, one, two, self._c1Mc2[k])
+            self._velocity[b.rows], self._acceleration[b.rows] = slip, drift
+        if self._flipped:
+            for rows in (self._c, self._velocity, self._acceleration):
+                rows *= self.sign
+
+    def _jacobian(self, q: Vector) -> Vector:
+        """Return J, right after `motion` at the same q."""
+        model, data = self.model, self.data
+        pin.computeJointJacobians(model, data, q)
+        J = np.empty((self.m, model.nv))
+        for b, c1Mc2 in zip(self.bounds, self._c1Mc2, strict=True):
+            Jb = pin.getFrameJacobian(model, data, b.joint1, b.placement1, LOCAL)[: b.size]
+            if b.joint2:
+                J2 = pin.getFrameJacobian(model, data, b.joint2, b.placement2, LOCAL)
+                X = c1Mc2.rotation if b.size == 3 else c1Mc2.toActionMatrix()
+                Jb = Jb - X @ J2[: b.size]
+            J[b.rows] = Jb
+        return self.sign[:, None] * J if self._flipped else J
+
+
+def _between(size: int, one: Any, two: Any, c1Mc2: Any) -> tuple[Vector, Vector]:
+    """Return J v and J a + gamma of a loop between two moving bodies."""
+    if size == 3:
+        # velocity and acceleration of each frame's own origin, turned into the axes of c1
+        R = c1Mc2.rotation
+        slip = _velocity(*one).linear - R @ _velocity(*two).linear
+        return slip, _classical(*one).linear - R @ _classical(*two).linear
+    v2 = c1Mc2.act(_velocity(*two))
+    slip = _velocity(*one) - v2
+    # the last term is the turning of c1's axes, in which v2 is written
+    drift = _acceleration(*one) - c1Mc2.act(_acceleration(*two)) + slip.cross(v2)
+    return slip.vector, drift.vector

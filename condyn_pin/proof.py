@@ -18,10 +18,27 @@ estimate elsewhere; the tests hold every solver to it at random states.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from math import inf, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
+from condyn_pin import tolerances
+from condyn_pin.equations import Errors
 from condyn_pin.robot import Vector
+
+_EPS = float(np.finfo(np.float64).eps)
+
+
+class Proof(NamedTuple):
+    """Sizes of the residuals of an answer, and what they say about a."""
+
+    dynamics: float  # |M a + h - tau - J^T lam|_inf [N, N m]
+    constraint: float  # |J a + gamma - a_ref|_inf [m/s^2, rad/s^2]
+    violation: float  # |c(q)|_inf [m, rad]
+    velocity: float  # |J v|_inf [m/s, rad/s]
+    bound: float  # on the error of a, relative to the larger of |a|_inf and gravity
 
 
 @dataclass(frozen=True)
@@ -34,28 +51,40 @@ class Yardstick:
         w: square roots of the diagonal of M^-1.
     sigma : float
         Smallest nonzero singular value of J L^-T; infinite without constraints.
+    rows : int
+        m.
     gravity : float
         |g| [m/s^2].
     """
 
     weights: Vector
     sigma: float
+    rows: int
     gravity: float
 
-    def bound(self, dynamics: Vector, constraint: Vector, a: Vector, tau: Vector) -> float:
-        """Return the bound on |e|_inf relative to max(|a|_inf, |g|).
+    def prove(self, errors: Errors, tau: Vector) -> Proof:
+        """Return the sizes of the residuals and what they say about a."""
+        dynamics, max_dynamics, max_a, violation, velocity, constraint = errors
+        e_M = self.weights.dot(dynamics) + self.per_row * constraint
+        bound = self._relative(e_M, max(max_a, self.gravity), tau)
+        return Proof(max_dynamics, constraint, violation, velocity, bound)
 
-        Parameters
-        ----------
-        dynamics, constraint : (nv,) and (m,) array
-            Absolute values of the residuals r and s.
-        a, tau : (nv,) array
-            Only their size matters.
-        """
-        energy = float(self.weights.dot(dynamics)) + float(np.sqrt(constraint.dot(constraint))) / self.sigma
-        error = float(self.weights.max()) * energy
-        scale = max(float(np.abs(a).max()), self.gravity)
+    def _relative(self, e_M: float, scale: float, tau: Vector) -> float:
+        """Return the bound on |e|_inf relative to the scale, given the one on |e|_M."""
+        largest = self.largest_weight
+        if largest * e_M <= tolerances.SOLVED * scale and scale:
+            return float(largest * e_M / scale)
         # Forces that balance to the last bit leave a = 0, and a relative error means nothing:
         # what rounding of tau alone does to a is not held against the answer.
-        rounding = float(self.weights.max() * self.weights.dot(np.abs(tau))) * np.finfo(float).eps
-        return max(error - rounding, 0.0) / scale if scale else (0.0 if error <= rounding else np.inf)
+        e_M = max(e_M - _EPS * self.weights.dot(np.abs(tau)), 0.0)
+        return float(largest * e_M / scale) if scale else (0.0 if e_M == 0.0 else inf)
+
+    @cached_property
+    def per_row(self) -> float:
+        """What |s|_inf is worth: sqrt(m) / sigma, since |s| <= sqrt(m) |s|_inf."""
+        return sqrt(self.rows) / self.sigma
+
+    @cached_property
+    def largest_weight(self) -> float:
+        """The largest of the weights."""
+        return float(self.weights.max())

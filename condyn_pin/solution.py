@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from condyn_pin.equations import Equations
+from condyn_pin.proof import Proof
 from condyn_pin.robot import Vector
 
 if TYPE_CHECKING:
@@ -62,15 +63,8 @@ class Solution:
         Joint accelerations.
     lam : (m,) array
         Constraint forces, all rows, in the axes of each constraint [N, N m].
-    dynamics_error : float
-        |M a + h - tau - J^T lam|_inf [N, N m], by recursive Newton-Euler.
-    constraint_error : float
-        |J a + gamma - a_ref|_inf [m/s^2, rad/s^2], by forward kinematics.
-    state_error : StateError
-        |c(q)|_inf and |J v|_inf: what the given state itself leaves open.
-    error_bound : float
-        Bound on the error of a that the two residuals allow, relative to the larger of |a|_inf
-        and gravity; see `condyn_pin.proof`.
+    proof : Proof
+        The residuals, recomputed by a route that no solver takes; the properties below name them.
     status : Status
         OK if `error_bound` is within the tolerance (1e-8).
     iterations : int
@@ -84,15 +78,35 @@ class Solution:
 
     a: Vector
     lam: Vector
-    dynamics_error: float
-    constraint_error: float
-    state_error: StateError
-    error_bound: float
+    proof: Proof
     status: Status
     iterations: int
     solve_time: float  # [s]
     scene: Scene
     q: Vector
+
+    @property
+    def dynamics_error(self) -> float:
+        """|M a + h - tau - J^T lam|_inf [N, N m], by recursive Newton-Euler."""
+        return self.proof.dynamics
+
+    @property
+    def constraint_error(self) -> float:
+        """|J a + gamma - a_ref|_inf [m/s^2, rad/s^2], by forward kinematics."""
+        return self.proof.constraint
+
+    @property
+    def state_error(self) -> StateError:
+        """|c(q)|_inf and |J v|_inf: what the given state itself leaves open."""
+        return StateError(self.proof.violation, self.proof.velocity)
+
+    @property
+    def error_bound(self) -> float:
+        """Bound on the error of a, relative to the larger of |a|_inf and gravity.
+
+        A bound at the nominal state of the scene, an estimate elsewhere; see `condyn_pin.proof`.
+        """
+        return self.proof.bound
 
     @property
     def forces(self) -> dict[str, Vector]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from math import isfinite
+from math import inf, isfinite, nan
 from time import perf_counter
 from typing import Any
 
@@ -14,10 +14,12 @@ from condyn_pin import _pin, tolerances
 from condyn_pin._pin import pin
 from condyn_pin.binding import Bound
 from condyn_pin.equations import Equations, Terms
-from condyn_pin.errors import InvalidArgument, InvalidModel, SolveFailed, StaleModel
+from condyn_pin.errors import InvalidArgument, InvalidModel, SolveFailed
+from condyn_pin.proof import Proof
+from condyn_pin.raw import raw_constraints
 from condyn_pin.robot import Vector
 from condyn_pin.scene import Scene
-from condyn_pin.solution import Solution, StateError, Status
+from condyn_pin.solution import Solution, Status
 from condyn_pin.solvers.base import Singular, Solver
 from condyn_pin.solvers.proximal import Proximal
 
@@ -60,6 +62,13 @@ class Workspace:
         self.model = pin.Model(scene.robot.model)
         self.data = self.model.createData()
         self._unit_parts = _unit_parts(self.model)
+        self._quaternions = tuple(p for p in self._unit_parts if p.stop - p.start == 4)
+        self._shapes = ((self.model.nq,), (self.model.nv,), (self.model.nv,))
+        self._roots = tuple(
+            int(joint.idx_v)
+            for joint, parent in zip(self.model.joints, self.model.parents, strict=True)
+            if parent == 0 and joint.idx_v >= 0
+        )
         self.use(scene)
 
     def use(self, scene: Scene) -> None:
@@ -73,17 +82,12 @@ class Workspace:
             )
         self.scene = scene
         self.bounds: tuple[Bound, ...] = scene.bounds
-        self.constraint_models = pin.StdVec_RigidConstraintModel()
-        self.constraint_datas = pin.StdVec_RigidConstraintData()
-        for bound in self.bounds:
-            made = bound.to_pinocchio(self.model)
-            self.constraint_models.append(made)
-            self.constraint_datas.append(made.createData())
+        self.constraint_models, self.constraint_datas = raw_constraints(self.model, self.bounds)
         _pin.init_constraint_dynamics(
             self.model, self.data, self.constraint_models, self.constraint_datas
         )
         self.proximal_settings: Any = None
-        self._count = len(self.bounds)
+        self._yardstick = scene.audit.yardstick
         self._flipped = any(bound.sign < 0 for bound in self.bounds)
         self.__dict__.pop("equations", None)
         self._method = self.solver.start(self)
@@ -117,17 +121,19 @@ class Workspace:
             If the answer is not finite, or the method's matrix is singular.
         """
         try:
-            for part in self._unit_parts:
-                x = q[part]
-                if not -_SLACK < x.dot(x) - 1.0 < _SLACK:
+            for part in self._quaternions:
+                x, y, z, w = q[part].tolist()
+                if not _LOW < x * x + y * y + z * z + w * w < _HIGH:
                     raise ValueError
-            if len(self.constraint_models) == self._count:
-                a = self._run(q, v, tau)
-                if isfinite(a.dot(a)):
-                    return a
+            a = self._run(q, v, tau)
+            # A joint's acceleration depends on everything above it in the tree, and its root's on
+            # everything below: what is not finite anywhere is not finite at a root.
+            for i in self._roots:
+                if not -_HUGE < a.item(i) < _HUGE:
+                    raise ValueError
+            return a
         except (ValueError, TypeError, AttributeError, Singular):
-            pass
-        return self._careful_acceleration(q, v, tau)
+            return self._careful_acceleration(q, v, tau)
 
     def _careful_acceleration(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> Vector:
         """Accept what only needs converting; say what is wrong with anything else."""
@@ -155,59 +161,63 @@ class Workspace:
         SolveFailed
             If the status is not ok; its `solution` has everything that was computed.
         """
-        q, v, tau = self._checked(q, v, tau)
+        if not self._plain(q, v, tau):
+            q, v, tau = self._checked(q, v, tau)
         start = perf_counter()
         try:
             a = self._run(q, v, tau)
         except Singular:
-            a = np.full(self.model.nv, np.nan)
-            solution = self._unproven(q, a, Status.SINGULAR, perf_counter() - start)
+            solution = self._unproven(q, perf_counter() - start)
         else:
             solution = self._proven(q, v, tau, a, perf_counter() - start)
-        if throw and not solution.status.ok:
-            raise self._failure(solution)
+        if solution.status is not _OK:
+            self._checked(q, v, tau)  # an input that is not finite is the input's fault
+            if throw:
+                raise self._failure(solution)
         return solution
+
+    def _plain(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> bool:
+        """Return whether the arguments are arrays of the right size, with unit quaternions."""
+        try:
+            for part in self._quaternions:
+                x, y, z, w = q[part].tolist()  # type: ignore[call-overload, index, union-attr]
+                if not _LOW < x * x + y * y + z * z + w * w < _HIGH:
+                    return False
+            return (
+                self._shapes == (q.shape, v.shape, tau.shape)  # type: ignore[union-attr]
+                and q.dtype is v.dtype is tau.dtype is _FLOAT  # type: ignore[union-attr]
+                and len(self._unit_parts) == len(self._quaternions)
+            )
+        except (TypeError, ValueError, AttributeError):
+            return False
 
     def _proven(self, q: Vector, v: Vector, tau: Vector, a: Vector, solve_time: float) -> Solution:
         lam = self._method.lam()
         if self._flipped:
             lam *= self.equations.sign
-        if not (isfinite(a.dot(a)) and isfinite(lam.dot(lam))):
-            return self._unproven(q, a, Status.NOT_FINITE, solve_time)
-        dynamics, rows = self.equations.errors(q, v, tau, a, lam)
-        np.abs(dynamics, out=dynamics)
-        np.abs(rows, out=rows)
-        position, velocity, constraint = rows.max(axis=1, initial=0.0).tolist()
-        bound = self.scene.audit.yardstick.bound(dynamics, rows[2], a, tau)
-        return Solution(
-            a=a,
-            lam=lam,
-            dynamics_error=float(dynamics.max()),
-            constraint_error=constraint,
-            state_error=StateError(position, velocity),
-            error_bound=bound,
-            status=Status.OK if bound <= tolerances.SOLVED else Status.INACCURATE,
-            iterations=self._method.iterations(),
-            solve_time=solve_time,
-            scene=self.scene,
-            q=q.copy(),
-        )
+        errors = self.equations.errors(q, v, tau, a, lam)
+        proof = self._yardstick.prove(errors, tau)
+        if proof.bound <= tolerances.SOLVED:
+            status = _OK
+        elif isfinite(proof.bound):
+            status = Status.INACCURATE
+        else:
+            status = Status.NOT_FINITE
+        iterations = self._method.iterations()
+        return Solution(a, lam, proof, status, iterations, solve_time, self.scene, q.copy())
 
-    def _unproven(self, q: Vector, a: Vector, status: Status, solve_time: float) -> Solution:
-        """Return the solution of a solve that has no numbers to prove."""
-        rows = self.equations.motion(q, np.zeros(len(a)), np.zeros(len(a)))
+    def _unproven(self, q: Vector, solve_time: float) -> Solution:
+        """Return the solution of a method that met a singular matrix."""
+        violation = float(np.abs(self.equations.violation(q)).max(initial=0.0))
         return Solution(
-            a=a,
-            lam=np.full(self.scene.rows, np.nan),
-            dynamics_error=np.inf,
-            constraint_error=np.inf,
-            state_error=StateError(float(np.abs(rows[0]).max(initial=0.0)), np.nan),
-            error_bound=np.inf,
-            status=status,
-            iterations=self._method.iterations(),
-            solve_time=solve_time,
-            scene=self.scene,
-            q=q.copy(),
+            np.full(self.model.nv, nan),
+            np.full(self.scene.rows, nan),
+            Proof(inf, inf, violation, nan, inf),
+            Status.SINGULAR,
+            self._method.iterations(),
+            solve_time,
+            self.scene,
+            q.copy(),
         )
 
     def _failure(self, solution: Solution) -> SolveFailed:
@@ -232,17 +242,11 @@ class Workspace:
 
     def _checked(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> tuple[Vector, Vector, Vector]:
         """Return the arguments as arrays of the right size, or raise InvalidArgument."""
-        if len(self.constraint_models) != self._count:
-            raise StaleModel(
-                f"constraint_models has {len(self.constraint_models)} entries instead of "
-                f"{self._count}: the raw lists may not grow or shrink; "
-                "workspace.use(scene) changes the constraints"
-            )
         model = self.model
         q = _array("q", q, model.nq)
         for part in self._unit_parts:
             x = q[part]
-            if not abs(x.dot(x) - 1.0) < _SLACK:
+            if not _LOW < x.dot(x) < _HIGH:
                 raise InvalidArgument(
                     f"q[{part.start}:{part.stop}] = {x} has norm {np.sqrt(x.dot(x)):.9g}: "
                     "a unit quaternion (x y z w) or (cos, sin) is needed; "
@@ -251,8 +255,14 @@ class Workspace:
         return q, _array("v", v, model.nv), _array("tau", tau, model.nv)
 
 
-# of the squared norm
-_SLACK = 2 * tolerances.QUATERNION
+# of the squared norm of a unit part of q
+_LOW, _HIGH = 1.0 - 2 * tolerances.QUATERNION, 1.0 + 2 * tolerances.QUATERNION
+
+_FLOAT = np.dtype(np.float64)
+_OK = Status.OK
+
+# No acceleration of a machine: what is larger goes the slow way, where every entry is looked at.
+_HUGE = 1e100
 
 # Where the unit part of a joint's configuration begins, and its size.
 _UNIT_PARTS = {

@@ -179,7 +179,7 @@ class MujocoReferee:
     def loop_jacobian(self, q: np.ndarray) -> np.ndarray:
         """J = J_mj X, (m, nv): velocity of the first frame less the second, linear first.
 
-        In world axes, at the second frame's own origin: the two coincide in a closed loop.
+        In world axes, each frame at its own origin: the two coincide in a closed loop.
         """
         X, _ = self._place(q)
         return self._loop_rows(self._site_jacobian) @ X

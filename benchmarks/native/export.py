@@ -1,10 +1,11 @@
 """Write a scene for ``condyn_native``: one directory, two text files.
 
-``model.txt`` is Pinocchio's own text archive of the model; read it with the Pinocchio that wrote it.
+``model.txt`` is Pinocchio's own text archive of the model; only the version that wrote it reads it.
 
 ``scene.txt`` holds words and numbers, separated by white space::
 
     condyn_scene 1                     the format's version
+    pinocchio 4.1.0                    the version that wrote model.txt
     constraints 2
     6 7 R p 0 R p                      rows (3 or 6), joint 1 and its placement, joint 2 and its
     3 13 R p 5 R p                     placement; R has 9 numbers, row by row, p has 3
@@ -45,6 +46,7 @@ def export_scene(
     model.saveToText(str(scene / "model.txt"))
     lines = [
         f"condyn_scene {FORMAT_VERSION}",
+        f"pinocchio {pin.__version__}",
         f"constraints {len(constraints)}",
         *map(_constraint, constraints),
         _vector("q", q, model.nq),

@@ -29,6 +29,8 @@ WORLD: Final = "world"
 KINDS: Final = ("fixed", "revolute", "continuous", "prismatic", "ball")
 CLOSURE_KINDS: Final[Mapping[str, str]] = {"ball": "ball", "fixed": "weld"}
 _HINGES: Final = ("revolute", "continuous")
+# Pinocchio's own way to say that there is no limit; 3.9 cannot unpickle a model that has infinity.
+_NO_LIMIT: Final = float(np.finfo(float).max)
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,16 +262,12 @@ class _Tree:
         if joint.kind == "ball":
             i = self.model.addJoint(carrier, pin.JointModelSpherical(), iMj, joint.name)
         else:
-            limited = joint.kind != "continuous"
+            lower, upper = joint.lower, joint.upper
+            if joint.kind == "continuous":
+                lower, upper = -inf, inf
+            limits = np.clip([joint.effort, joint.velocity, lower, upper], -_NO_LIMIT, _NO_LIMIT)
             i = self.model.addJoint(
-                carrier,
-                _one_coordinate(joint),
-                iMj,
-                joint.name,
-                np.array([joint.effort]),
-                np.array([joint.velocity]),
-                np.array([joint.lower if limited else -inf]),
-                np.array([joint.upper if limited else inf]),
+                carrier, _one_coordinate(joint), iMj, joint.name, *limits.reshape(4, 1)
             )
         added = self.model.joints[i]
         damping = self.model.damping.copy()

@@ -34,8 +34,9 @@ class DenseKKT(Solver):
     Notes
     -----
     Cost O((n + m)^3); the yardstick that sparse methods are compared with. Bunch-Kaufman pivoting
-    and a condition estimate, LAPACK dsytrf, dsycon, dsytrs. The matrix is scaled by its diagonal
-    and its row norms first, so that neither units nor light bodies look like a singularity.
+    and a condition estimate: LAPACK's dsytrf, dsycon, dsytrs. The matrix is scaled first, by the
+    diagonal of M and the rows of J at the nominal state, so that neither units nor light bodies
+    look like a singularity.
 
     References
     ----------
@@ -55,46 +56,37 @@ class DenseKKT(Solver):
 
     def start(self, workspace: Workspace) -> Method:
         """Return the assembled solve bound to the memory of `workspace`."""
-        equations, mu, n = workspace.equations, self.mu, workspace.model.nv
-        latest = np.zeros(equations.m)
+        # imported here: scipy.linalg takes as long to import as Pinocchio
+        from scipy.linalg.lapack import dsycon, dsytrf, dsytrs
+
+        equations, n = workspace.equations, workspace.model.nv
+        audit = workspace.scene.audit
+        d = scaling(equations.terms(audit.q, np.zeros(n)))
+        size = len(d)
+        scale = np.asfortranarray(np.outer(d, d))
+        empty = np.zeros((size, size), order="F")
+        empty[range(n, size), range(n, size)] = -self.mu
+        answer = np.zeros(size)
 
         def acceleration(q: Vector, v: Vector, tau: Vector) -> Vector:
-            x = solve_kkt(equations.terms(q, v), tau, mu)
-            latest[:] = -x[n:]
-            return x[:n]
+            terms = equations.terms(q, v)
+            K = empty.copy(order="F")
+            K[:n, :n] = terms.M
+            K[n:, :n] = terms.J  # the lower triangle is enough
+            K *= scale
+            factor, pivots, info = dsytrf(K, lower=1, overwrite_a=1)
+            # D K D has entries of size one, so 1 stands for its norm
+            if info > 0 or not dsycon(factor, pivots, 1.0, lower=1)[0] > tolerances.SINGULAR:
+                raise Singular
+            rhs = d * np.concatenate([tau - terms.h, terms.a_ref - terms.gamma])
+            np.multiply(d, dsytrs(factor, pivots, rhs, lower=1)[0].ravel(), out=answer)
+            return answer[:n].copy()
 
-        return Method(acceleration, lambda: equations.sign * latest, lambda: 1)
+        return Method(acceleration, lambda: -equations.sign * answer[n:], lambda: 1)
 
 
-def solve_kkt(terms: Terms, tau: Vector, mu: float) -> Vector:
-    """Return (a, -lam) of the KKT system with -mu I in its lower right block.
-
-    Raises
-    ------
-    Singular
-        If the scaled matrix has a reciprocal condition number below the tolerance.
-    """
-    # imported on the first solve: scipy.linalg takes as long to import as Pinocchio
-    from scipy.linalg.lapack import dsycon, dsytrf, dsytrs
-
-    M, J = terms.M, terms.J
-    n, m = M.shape[0], J.shape[0]
-    # D K D with D = diag(M_ii^-1/2, 1/|J_i M_d^-1/2|): ones on the diagonal, unit rows of J
-    d = np.empty(n + m)
-    d[:n] = 1 / np.sqrt(M.diagonal())
-    K = np.zeros((n + m, n + m), order="F")
-    K[:n, :n] = M
-    K[n:, :n] = J
-    scaled = J * d[:n]
-    norms = np.sqrt(np.einsum("ij,ij->i", scaled, scaled))
-    d[n:] = 1 / np.where(norms > 0, norms, 1.0)
-    K[range(n, n + m), range(n, n + m)] = -mu
-    K *= d
-    K *= d[:, None]
-    size = np.abs(K).sum(axis=0).max()
-    factor, pivots, info = dsytrf(K, lower=1, overwrite_a=1)
-    if info > 0 or dsycon(factor, pivots, size, lower=1)[0] < tolerances.SINGULAR:
-        raise Singular
-    rhs = d * np.concatenate([tau - terms.h, terms.a_ref - terms.gamma])
-    x, _ = dsytrs(factor, pivots, rhs, lower=1)
-    return d * x.ravel()
+def scaling(terms: Terms) -> Vector:
+    """Return d such that diag(d) K diag(d) has ones on M's diagonal and unit rows of J."""
+    of_M = 1 / np.sqrt(terms.M.diagonal())
+    norms = np.linalg.norm(terms.J * of_M, axis=1)
+    return np.concatenate([of_M, 1 / np.where(norms > 0, norms, 1.0)])

@@ -52,7 +52,8 @@ protected:
 };
 
 /// All six derivatives of a and lam by q, v and tau; the constraintDynamics they start from is not
-/// counted. The two by tau are judged, because their exact values need no differences.
+/// counted, but its iterations are: Pinocchio repeats as many of its own. The two derivatives by tau
+/// are judged, because their exact values need no differences.
 class Derivatives final : public ConstraintDynamics
 {
 public:
@@ -71,7 +72,7 @@ public:
 
   Answer answer() const override
   {
-    return {data_.ddq_dtau, data_.dlambda_dtau, std::nullopt};
+    return {data_.ddq_dtau, data_.dlambda_dtau, settings_.iter};
   }
 
   Question question(const Question & acceleration) const override

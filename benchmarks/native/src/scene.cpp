@@ -73,7 +73,10 @@ public:
 
   pinocchio::RigidConstraintModel constraint(const pinocchio::Model & model)
   {
-    const auto type = value<int>() == 6 ? pinocchio::CONTACT_6D : pinocchio::CONTACT_3D;
+    const int count = value<int>();
+    if (count != 3 && count != 6)
+      fail("has a constraint that is neither of 3 nor of 6 rows");
+    const auto type = count == 6 ? pinocchio::CONTACT_6D : pinocchio::CONTACT_3D;
     const auto joint1 = joint(model);
     const auto placement1 = placement();
     const auto joint2 = joint(model);
@@ -100,12 +103,16 @@ Scene load_scene(const std::filesystem::path & directory)
 {
   Scene scene;
   scene.name = std::filesystem::canonical(directory).filename().string();
-  scene.model.loadFromText((directory / "model.txt").string());
 
   Reader reader(directory / "scene.txt");
   reader.expect("condyn_scene");
   if (reader.value<int>() != format_version)
     reader.fail("was written for another version of this program");
+  reader.expect("pinocchio"); // archives of one version crash another
+  if (const auto version = reader.value<std::string>(); version != PINOCCHIO_VERSION)
+    reader.fail("was written by Pinocchio " + version + ", this is " + PINOCCHIO_VERSION);
+  scene.model.loadFromText((directory / "model.txt").string());
+
   reader.expect("constraints");
   const int count = reader.value<int>();
   for (int i = 0; i < count; ++i)
