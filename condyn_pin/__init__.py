@@ -40,14 +40,14 @@ if TYPE_CHECKING:
     from condyn_pin.solution import Solution as Solution
     from condyn_pin.solution import StateError as StateError
     from condyn_pin.solution import Status as Status
-    from condyn_pin.summary import Summary as Summary
-    from condyn_pin.verbs import solve as solve
     from condyn_pin.solvers import SOLVERS as SOLVERS
     from condyn_pin.solvers import Solver as Solver
     from condyn_pin.solvers.dense_kkt import DenseKKT as DenseKKT
     from condyn_pin.solvers.lcaba import LCABA as LCABA
     from condyn_pin.solvers.proximal import Proximal as Proximal
     from condyn_pin.solvers.reference import Reference as Reference
+    from condyn_pin.summary import Summary as Summary
+    from condyn_pin.verbs import solve as solve
     from condyn_pin.workspace import Workspace as Workspace
 
 _HOME = {

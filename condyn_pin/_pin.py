@@ -1,13 +1,13 @@
 """The only place that knows which Pinocchio is installed: 3.9 or 4.x.
 
-| what                  | 3.9                                    | 4.x                                  |
-|-----------------------|----------------------------------------|--------------------------------------|
-| initialisation        | `initConstraintDynamics(m, d, models)` | takes the constraint datas as well   |
-| rows of a constraint  | `size()`                               | `residualSize()`                     |
-| Baumgarte gains       | `corrector.Kp/.Kd`, vectors            | `m_baumgarte_parameters`, scalars    |
-| constraint Cholesky   | `data.contact_chol`                    | `data.constraint_chol`               |
-| constraint Jacobian   | needs joint Jacobians                  | needs `calc` of each constraint too  |
-| LCABA                 | missing                                | `lcaba`, `computeJointMinimalOrdering` |
+| what                | 3.9                             | 4.x                                |
+|---------------------|---------------------------------|------------------------------------|
+| initialisation      | of the constraint models        | takes the constraint datas as well |
+| rows                | `size()`                        | `residualSize()`                   |
+| Baumgarte gains     | `corrector.Kp/.Kd`, vectors     | `m_baumgarte_parameters`, scalars  |
+| constraint Cholesky | `data.contact_chol`             | `data.constraint_chol`             |
+| constraint Jacobian | needs joint Jacobians           | needs each constraint's `calc` too |
+| LCABA               | missing                         | `lcaba`, and an elimination order  |
 """
 
 from __future__ import annotations

@@ -51,7 +51,11 @@ class Assembly:
 
 
 def assemble(
-    equations: Equations, q: Vector, *, moving: Sequence[int] | None = None, max_iterations: int = 60
+    equations: Equations,
+    q: Vector,
+    *,
+    moving: Sequence[int] | None = None,
+    max_iterations: int = 60,
 ) -> Assembly:
     """Close the loops of a scene.
 

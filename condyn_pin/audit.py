@@ -45,7 +45,7 @@ class Audit:
         Independent rows, and nv minus that: the degrees of freedom that are left.
     redundant : tuple of str
         Rows that can go without changing the motion, as ``constraint.axis``.
-    condition_M : float
+    condition : float
         Condition number of the mass matrix.
     delassus_norm : float
         Largest eigenvalue of J M^-1 J^T [1/kg]; 1/mass without constraints.
@@ -63,7 +63,7 @@ class Audit:
     rank: int
     mobility: int
     redundant: tuple[str, ...]
-    condition_M: float
+    condition: float
     delassus_norm: float
     weight: float
     yardstick: Yardstick
@@ -91,7 +91,7 @@ def audit(scene: Scene) -> Audit:
         rank=rank,
         mobility=robot.nv - rank,
         redundant=redundant_rows(factors.U[:, rank:], scene.row_names),
-        condition_M=float(np.linalg.cond(terms.M)),
+        condition=float(np.linalg.cond(terms.M)),
         delassus_norm=float(S[0] ** 2) if rank else 1 / robot.mass,
         weight=robot.mass * (gravity or 1.0),
         yardstick=Yardstick(

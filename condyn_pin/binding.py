@@ -102,9 +102,7 @@ def _bind(robot: Robot, constraint: Constraint, rows: slice) -> Bound:
     sign = 1.0
     if joint1 == 0:  # the world first: exchange, and report the force with the other sign
         joint1, placement1, joint2, placement2, sign = joint2, placement2, joint1, placement1, -1.0
-    return Bound(
-        constraint.name, rows, joint1, placement1, joint2, placement2, anchored, sign
-    )
+    return Bound(constraint.name, rows, joint1, placement1, joint2, placement2, anchored, sign)
 
 
 def _ends(robot: Robot, constraint: Constraint) -> tuple[int, Any, int, Any, bool]:
@@ -121,6 +119,4 @@ def _ends(robot: Robot, constraint: Constraint) -> tuple[int, Any, int, Any, boo
         pose = constraint.anchor
         target = pin.XYZQUATToSE3(np.array(pose)) if pose else pin.SE3.Identity()
         return joint, placement, 0, target, pose is not None
-    raise InvalidConstraint(
-        f"{constraint!r}: a PointContact, a SurfaceContact or a Loop is needed"
-    )
+    raise InvalidConstraint(f"{constraint!r}: a PointContact, a SurfaceContact or a Loop is needed")

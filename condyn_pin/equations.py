@@ -17,8 +17,8 @@ import numpy as np
 
 from condyn_pin._pin import LOCAL, pin
 from condyn_pin.binding import Bound
-from condyn_pin.robot import Vector
 from condyn_pin.frames import WorldContacts, Wrenches
+from condyn_pin.robot import Vector
 
 _velocity = pin.getFrameVelocity
 _acceleration = pin.getFrameAcceleration

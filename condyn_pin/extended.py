@@ -35,9 +35,7 @@ def exact_product(x: Vector, y: Vector) -> tuple[Vector, Vector]:
     return p, x2 * y2 - (((p - x1 * y1) - x2 * y1) - x1 * y2)
 
 
-def exact_residual(
-    A: Vector, b: Sequence[Vector], x: tuple[Vector, Vector]
-) -> Vector:
+def exact_residual(A: Vector, b: Sequence[Vector], x: tuple[Vector, Vector]) -> Vector:
     """Return sum(b) - A (x[0] + x[1]), rounded once.
 
     Parameters

@@ -50,8 +50,8 @@ class WorldContacts:
             omega[3 * i : 3 * i + 3, place[b.joint1]] = six[3:]
         self._XT = np.ascontiguousarray(X.T)
         # omega x v by components: omega_(i+1) v_(i+2) - omega_(i+2) v_(i+1)
-        i = np.arange(3 * len(points)).reshape(-1, 3)
-        first, second = np.roll(i, -1, axis=1).ravel(), np.roll(i, -2, axis=1).ravel()
+        xyz = np.arange(3 * len(points)).reshape(-1, 3)
+        first, second = np.roll(xyz, -1, axis=1).ravel(), np.roll(xyz, -2, axis=1).ravel()
         self._factors = np.vstack([omega[first], v[second], omega[second], v[first]])
         self._point_rows = np.concatenate(
             [np.arange(b.rows.start, b.rows.stop) for b in points] or [np.zeros(0, dtype=int)]

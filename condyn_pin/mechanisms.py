@@ -75,7 +75,7 @@ def four_bar(
         )
     model = pin.Model()
     model.name = "four_bar"
-    joints = {}
+    joints: dict[str, int] = {}
     for name, parent, at, length in (
         ("crank", "", 0.0, crank),
         ("coupler", "crank", crank, coupler),
@@ -110,7 +110,9 @@ def _along_x(x: float) -> Any:
 def _rod(length: float, mass: float) -> Any:
     # a slender rod along x, a thousandth of its length thick so that no inertia is zero
     across = mass * length**2 / 12
-    return pin.Inertia(mass, np.array([length / 2, 0.0, 0.0]), np.diag([1e-6 * across, across, across]))
+    return pin.Inertia(
+        mass, np.array([length / 2, 0.0, 0.0]), np.diag([1e-6 * across, across, across])
+    )
 
 
 def _four_bar_posture(ground: float, crank: float, coupler: float, rocker: float) -> Vector:
@@ -119,14 +121,19 @@ def _four_bar_posture(ground: float, crank: float, coupler: float, rocker: float
     The crank's tip B is at a distance r from the rocker's pivot D; coupler and rocker reach it if
     |coupler - rocker| < r < coupler + rocker, the crank if |ground - crank| < r < ground + crank.
     """
-    r = (max(abs(coupler - rocker), abs(ground - crank)) + min(coupler + rocker, ground + crank)) / 2
+    r = (
+        max(abs(coupler - rocker), abs(ground - crank)) + min(coupler + rocker, ground + crank)
+    ) / 2
     theta = math.acos((ground**2 + crank**2 - r**2) / (2 * ground * crank))
     B = crank * np.array([math.cos(theta), math.sin(theta)])
     D = np.array([ground, 0.0])
     along = (coupler**2 - rocker**2 + r**2) / (2 * r)
     e = (D - B) / r
     C = B + along * e + math.sqrt(coupler**2 - along**2) * np.array([-e[1], e[0]])
-    coupler_angle, rocker_angle = np.arctan2((C - B)[1], (C - B)[0]), np.arctan2((C - D)[1], (C - D)[0])
+    coupler_angle, rocker_angle = (
+        np.arctan2((C - B)[1], (C - B)[0]),
+        np.arctan2((C - D)[1], (C - D)[0]),
+    )
     return np.array([theta, coupler_angle - theta, rocker_angle])
 
 

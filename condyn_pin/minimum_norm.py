@@ -69,8 +69,8 @@ def factorise(M: Vector, J: Vector, rank_tolerance: float) -> MinimumNorm:
     # imported here: scipy.linalg takes as long to import as Pinocchio
     from scipy.linalg import solve_triangular
 
-    L = np.linalg.cholesky(M)
+    L = np.asarray(np.linalg.cholesky(M), dtype=np.float64)
     Jw = solve_triangular(L, J.T, lower=True).T
     U, S, Vt = np.linalg.svd(Jw)
-    rank = int(np.count_nonzero(S > rank_tolerance * S.max(initial=0.0)))
+    rank = int(np.count_nonzero(rank_tolerance * S.max(initial=0.0) < S))
     return MinimumNorm(L, U, S, Vt[:rank].T, rank)

@@ -80,9 +80,7 @@ class Robot:
         check_model(self.model)
         for key in ("loops", "contacts", "actuated", "springs", "unused"):
             object.__setattr__(self, key, tuple(getattr(self, key)))
-        postures = {
-            name: _posture(self.model, name, q) for name, q in dict(self.postures).items()
-        }
+        postures = {name: _posture(self.model, name, q) for name, q in dict(self.postures).items()}
         object.__setattr__(self, "postures", MappingProxyType(postures))
         # A private copy: what the model was when it was checked.
         object.__setattr__(self, "_pristine", pin.Model(self.model))
@@ -162,9 +160,7 @@ class Robot:
         if R.shape != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-9):
             raise InvalidArgument("rotation: an orthonormal 3 x 3 matrix is needed")
         model = pin.Model(self.model)
-        model.addFrame(
-            pin.Frame(name, joint, 0, placement * pin.SE3(R, p), pin.FrameType.OP_FRAME)
-        )
+        model.addFrame(pin.Frame(name, joint, 0, placement * pin.SE3(R, p), pin.FrameType.OP_FRAME))
         return replace(self, model=model)
 
     def passive_torque(self, q: ArrayLike, v: ArrayLike) -> Vector:

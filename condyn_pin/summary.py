@@ -28,7 +28,7 @@ class Summary:
         Rows that can go without changing the motion.
     singular_values : tuple of float
         Smallest and largest nonzero one of the constraint Jacobian in the metric of M.
-    condition_M : float
+    condition : float
         Condition number of the mass matrix.
     notes : tuple of str
         What deserves attention.
@@ -47,7 +47,7 @@ class Summary:
     mobility: int
     redundant: tuple[str, ...]
     singular_values: tuple[float, float]
-    condition_M: float
+    condition: float
     notes: tuple[str, ...]
     unused: tuple[str, ...]
     source: str
@@ -63,15 +63,19 @@ class Summary:
             "rows": f"{self.rows}, rank {self.rank}, mobility {self.mobility}",
             "redundant rows": redundant,
             "singular values": "{:.3g} ... {:.3g} 1/sqrt(kg)".format(*self.singular_values),
-            "condition of M": f"{self.condition_M:.1e}",
+            "condition of M": f"{self.condition:.1e}",
             "source": self.source or "unknown",
             "licence": self.licence or "unknown",
         }
-        return {label: text for label, text in facts.items() if self.rows or "singular" not in label}
+        return {
+            label: text for label, text in facts.items() if self.rows or "singular" not in label
+        }
 
     def __str__(self) -> str:
         lines = [f"{label:<16} {text}" for label, text in self.facts().items()]
-        lines += [f"{'constraint':<16} {n}: {kind}, {rows} rows" for n, kind, rows in self.constraints]
+        lines += [
+            f"{'constraint':<16} {n}: {kind}, {rows} rows" for n, kind, rows in self.constraints
+        ]
         lines += [f"{'not used':<16} {text}" for text in self.unused]
         lines += [f"{'note':<16} {text}" for text in self.notes]
         return "\n".join(lines)
@@ -99,7 +103,7 @@ def summarise(scene: Scene) -> Summary:
         mobility=audit.mobility,
         redundant=audit.redundant,
         singular_values=(float(S[audit.rank - 1]), float(S[0])) if audit.rank else (0.0, 0.0),
-        condition_M=audit.condition_M,
+        condition=audit.condition,
         notes=tuple(_notes(scene)),
         unused=tuple(unused),
         source=robot.source,

@@ -108,7 +108,7 @@ class LCABA(Solver):
         return pin.ProximalSettings(self.absolute_accuracy, 0.0, mu, self.max_iterations)
 
     def _best_mu(self, audit: Audit, bind: Callable[[Any], Acceleration]) -> float:
-        """Return the fastest weight that is accurate at the nominal states, or the most accurate."""
+        """Return the fastest weight that is accurate at the nominal states, else the best."""
 
         def measure(mu: float) -> tuple[int, float]:
             settings = self._settings(mu)

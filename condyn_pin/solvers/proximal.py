@@ -88,9 +88,7 @@ class Proximal(Solver):
         def acceleration(q: Vector, v: Vector, tau: Vector) -> Vector:
             return solve(model, data, q, v, tau, models, datas, settings)  # type: ignore[no-any-return]
 
-        return Method(
-            acceleration, lambda: np.array(data.lambda_c), lambda: int(settings.iter)
-        )
+        return Method(acceleration, lambda: np.array(data.lambda_c), lambda: int(settings.iter))
 
 
 def check_knobs(mu: float | None, max_iterations: int, *, smallest_mu: float) -> None:
@@ -98,7 +96,11 @@ def check_knobs(mu: float | None, max_iterations: int, *, smallest_mu: float) ->
     if mu is not None and not (np.isfinite(mu) and mu >= smallest_mu):
         limit = ">= 0" if smallest_mu == 0 else f">= {smallest_mu:g}"
         raise InvalidArgument(f"mu = {mu!r}: a finite number {limit} [1/kg] is needed")
-    if isinstance(max_iterations, bool) or int(max_iterations) != max_iterations or max_iterations < 1:
+    if (
+        isinstance(max_iterations, bool)
+        or int(max_iterations) != max_iterations
+        or max_iterations < 1
+    ):
         raise InvalidArgument(
             f"max_iterations = {max_iterations!r}: a whole number >= 1 is needed "
             "(with 0 Pinocchio returns a wrong answer without a word)"

@@ -1,0 +1,117 @@
+"""What users hand in: sizes, finiteness, unit quaternions."""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin import tolerances
+from condyn_pin.errors import InvalidArgument, InvalidModel
+from condyn_pin.robot import Vector
+
+# Limits of the squared norm of a unit part of q.
+LOW: Final = 1.0 - 2 * tolerances.QUATERNION
+HIGH: Final = 1.0 + 2 * tolerances.QUATERNION
+
+_FLOAT = np.dtype(np.float64)
+
+# Where the unit part of a joint's configuration begins, and its size.
+_UNIT_PARTS = {
+    "JointModelFreeFlyer": (3, 4),
+    "JointModelSpherical": (0, 4),
+    "JointModelPlanar": (2, 2),
+    "JointModelRUBX": (0, 2),
+    "JointModelRUBY": (0, 2),
+    "JointModelRUBZ": (0, 2),
+    "JointModelRevoluteUnboundedUnaligned": (0, 2),
+}
+
+
+class Arguments:
+    """The check of (q, v, tau) for one model.
+
+    Attributes
+    ----------
+    quaternions : tuple of slice
+        Where q holds quaternions.
+    """
+
+    def __init__(self, model: Any) -> None:
+        self._shapes = ((model.nq,), (model.nv,), (model.nv,))
+        self._units = _unit_parts(model)
+        self.quaternions = tuple(part for part in self._units if part.stop - part.start == 4)
+        self._only_quaternions = len(self.quaternions) == len(self._units)
+
+    def accept(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> tuple[Vector, Vector, Vector]:
+        """Return the arguments as float arrays of the right size, or raise InvalidArgument.
+
+        Arrays that are right already pass in half a microsecond, without a look at their
+        finiteness: what is not finite shows in the answer, and `check` then finds it.
+        """
+        if (
+            isinstance(q, np.ndarray)
+            and isinstance(v, np.ndarray)
+            and isinstance(tau, np.ndarray)
+            and self._shapes == (q.shape, v.shape, tau.shape)
+            and q.dtype is v.dtype is tau.dtype is _FLOAT
+            and self._only_quaternions
+        ):
+            for part in self.quaternions:
+                x, y, z, w = q[part].tolist()
+                if not LOW < x * x + y * y + z * z + w * w < HIGH:
+                    break
+            else:
+                return q, v, tau
+        return self.check(q, v, tau)
+
+    def check(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> tuple[Vector, Vector, Vector]:
+        """Return the arguments converted, after looking at every number of them.
+
+        Raises
+        ------
+        InvalidArgument
+            Naming the argument, the entry and its value, and what would do.
+        """
+        (nq,), (nv,), _ = self._shapes
+        q_ = _array("q", q, nq)
+        for part in self._units:
+            x = q_[part]
+            if not LOW < x.dot(x) < HIGH:
+                raise InvalidArgument(
+                    f"q[{part.start}:{part.stop}] = {x} has norm {np.sqrt(x.dot(x)):.9g}: "
+                    "a unit quaternion (x y z w) or (cos, sin) is needed; "
+                    "pin.normalize(robot.model, q) makes one"
+                )
+        return q_, _array("v", v, nv), _array("tau", tau, nv)
+
+
+def _array(name: str, value: ArrayLike, size: int) -> Vector:
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidArgument(f"{name}: {size} numbers are needed ({error})") from error
+    if array.shape != (size,):
+        raise InvalidArgument(f"{name} has shape {array.shape}: ({size},) is needed")
+    if not isfinite(array.dot(array)) and not np.isfinite(array).all():
+        bad = int(np.flatnonzero(~np.isfinite(array))[0])
+        raise InvalidArgument(f"{name}[{bad}] = {array[bad]}: finite numbers are needed")
+    return array
+
+
+def _unit_parts(model: Any) -> tuple[slice, ...]:
+    """Return where q holds quaternions and (cos, sin) pairs, which have to be normalised."""
+    parts = []
+    for name, joint in zip(model.names, model.joints, strict=True):
+        if joint.idx_q < 0 or joint.nq == joint.nv:  # the world, or a plain joint
+            continue
+        if joint.shortname() not in _UNIT_PARTS:
+            raise InvalidModel(
+                f"joint {name!r} is a {joint.shortname()} whose configuration cannot be checked; "
+                "split it into joints that Pinocchio has by themselves"
+            )
+        start, size = _UNIT_PARTS[joint.shortname()]
+        parts.append(slice(joint.idx_q + start, joint.idx_q + start + size))
+    return tuple(parts)
