@@ -1,0 +1,143 @@
+"""BenchTable: the rows of a benchmark, with the machine that they were measured on."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+from condyn_pin.errors import InvalidArgument
+from condyn_pin.timing import Times
+
+
+@dataclass(frozen=True)
+class BenchRow:
+    """One method on one scene; NaN where something was not measured.
+
+    Attributes
+    ----------
+    scene, method : str
+    rows, rank : int
+        Constraint rows, and how many of them are independent.
+    bare_us, bare_p95_us : float
+        Pinocchio's own call with the same settings, unguarded [us].
+    acceleration_us, acceleration_p95_us : float
+        `Workspace.acceleration` [us].
+    solve_us : float
+        `Workspace.solve`, with its three errors [us].
+    to_bare, solve_to_bare : float
+        `acceleration` and `solve` over the bare call, medians of ratios within one round.
+    to_dense : float
+        Dense KKT's time over this method's: how many times faster it is.
+    error : float
+        Worst error of a against Reference, relative to the larger of |a| and gravity.
+    dynamics_error, constraint_error : float
+        Worst residuals [N, N m] and [m/s^2, rad/s^2].
+    iterations : int
+    status : str
+        How many states ended with which status.
+    origin : str
+        "python", or "C++" for rows of the native program.
+    """
+
+    scene: str
+    method: str
+    rows: int
+    rank: int
+    bare_us: float = math.nan
+    bare_p95_us: float = math.nan
+    acceleration_us: float = math.nan
+    acceleration_p95_us: float = math.nan
+    solve_us: float = math.nan
+    to_bare: float = math.nan
+    solve_to_bare: float = math.nan
+    to_dense: float = math.nan
+    error: float = math.nan
+    dynamics_error: float = math.nan
+    constraint_error: float = math.nan
+    iterations: int = 0
+    status: str = ""
+    origin: str = "python"
+
+    def timed(self, hot: Times, full: Times, bare: Times | None, dense: Times | None) -> BenchRow:
+        """Return the row with its times."""
+        row = replace(
+            self,
+            acceleration_us=hot.median,
+            acceleration_p95_us=hot.p95,
+            solve_us=full.median,
+            to_dense=dense.ratio(hot) if dense else math.nan,
+        )
+        if bare is None:
+            return row
+        return replace(
+            row,
+            bare_us=bare.median,
+            bare_p95_us=bare.p95,
+            to_bare=hot.ratio(bare),
+            solve_to_bare=full.ratio(bare),
+        )
+
+
+@dataclass(frozen=True)
+class BenchTable:
+    """Rows, and the machine they were measured on."""
+
+    rows: tuple[BenchRow, ...]
+    machine: dict[str, str]
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the rows, after comment lines with the machine."""
+        with Path(path).open("w", newline="", encoding="utf-8") as file:
+            for key, value in self.machine.items():
+                file.write(f"# {key}: {value}\n")
+            writer = csv.DictWriter(file, [field.name for field in fields(BenchRow)])
+            writer.writeheader()
+            writer.writerows(asdict(row) for row in self.rows)
+
+    def to_json(self, path: str | Path) -> None:
+        """Write machine and rows; what was not measured is null."""
+        Path(path).write_text(json.dumps(self.as_dict(), indent=1) + "\n", encoding="utf-8")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return machine and rows as plain values."""
+        return {"machine": self.machine, "rows": [_plain(asdict(row)) for row in self.rows]}
+
+    def with_native(self, path: str | Path) -> BenchTable:
+        """Return the table with the rows that `benchmarks/native` wrote to a json file."""
+        try:
+            native = json.loads(Path(path).read_text(encoding="utf-8"))
+            rows = tuple(_native_row(row) for row in native["rows"])
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise InvalidArgument(
+                f"{path}: not a result of benchmarks/native ({error}); `make native` writes one"
+            ) from error
+        known = {f"native {key}": str(value) for key, value in native.items() if key != "rows"}
+        return BenchTable(self.rows + rows, self.machine | known)
+
+
+def _plain(row: dict[str, Any]) -> dict[str, Any]:
+    return {
+        key: None if isinstance(value, float) and not math.isfinite(value) else value
+        for key, value in row.items()
+    }
+
+
+def _native_row(row: dict[str, Any]) -> BenchRow:
+    number = {key: math.nan if value is None else value for key, value in row.items()}
+    return BenchRow(
+        scene=row["scene"],
+        method=row["method"],
+        rows=0,
+        rank=0,
+        bare_us=float(number["median_us"]),
+        bare_p95_us=float(number["p95_us"]),
+        error=float(number["error"]),
+        dynamics_error=float(number["dynamics_error"]),
+        constraint_error=float(number["constraint_error"]),
+        iterations=int(row["iterations"] or 0),
+        origin="C++",
+    )

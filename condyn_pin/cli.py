@@ -1,0 +1,285 @@
+"""The command line: condyn robots, show, solve, bench, doctor."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+# Before numpy is imported: two threads of a BLAS on a 50 x 50 matrix only make it slower, and
+# times are compared on one core.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from condyn_pin.errors import CondynError, InvalidArgument, unknown_name
+
+if TYPE_CHECKING:
+    from condyn_pin.bench_table import BenchRow, BenchTable
+    from condyn_pin.constraints import Constraint
+    from condyn_pin.robot import Robot
+    from condyn_pin.scene import Scene
+    from condyn_pin.solvers.base import Solver
+
+app = typer.Typer(
+    help="Constrained rigid-body dynamics on Pinocchio: solve it, prove it, time it.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+# Tables keep their columns: a narrow terminal, or a file, gets long lines rather than cut numbers.
+console = Console(width=max(Console().width, 118))
+
+RobotName = Annotated[str, typer.Argument(help="A name of `condyn robots`, or a path.")]
+Contacts = Annotated[
+    str,
+    typer.Option(
+        help="Comma-separated: names of ready-made contacts, or FRAME:point, FRAME:surface."
+    ),
+]
+Loops = Annotated[bool, typer.Option(help="Include the loops of the robot.")]
+Posture = Annotated[str | None, typer.Option(help="Posture; the first one by default.")]
+
+
+@app.command()
+def robots() -> None:
+    """List what can be loaded."""
+    from condyn_pin.load import available_robots
+
+    table = Table("robot", "nq", "nv", "mass [kg]", "loops", "postures", "source", "licence")
+    for load in available_robots().values():
+        robot = load()
+        table.add_row(
+            robot.name,
+            str(robot.nq),
+            str(robot.nv),
+            f"{robot.mass:.4f}",
+            str(len(robot.loops)),
+            ", ".join(robot.postures),
+            robot.source,
+            robot.licence,
+        )
+    console.print(table)
+
+
+@app.command()
+def show(robot: RobotName, contacts: Contacts = "", loops: Loops = True) -> None:
+    """Show what a scene contains, what is redundant, and what is not used."""
+    summary = _scene(robot, contacts, loops).summary()
+    table = Table("", summary.robot, show_header=True)
+    for label, text in summary.facts().items():
+        table.add_row(label, text)
+    for name, kind, rows in summary.constraints:
+        table.add_row("constraint", f"{name}: {kind}, {rows} rows")
+    for text in summary.unused:
+        table.add_row("not used", text)
+    for text in summary.notes:
+        table.add_row("note", text)
+    console.print(table)
+
+
+@app.command()
+def solve(
+    robot: RobotName,
+    contacts: Contacts = "",
+    loops: Loops = True,
+    posture: Posture = None,
+    solver: Annotated[str, typer.Option(help="proximal, lcaba, densekkt, reference.")] = "proximal",
+    mu: Annotated[float | None, typer.Option(help="Proximal weight [1/kg].")] = None,
+    max_iterations: Annotated[int | None, typer.Option(help="Limit of iterations.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print json.")] = False,
+) -> None:
+    """Solve a posture at rest, with zero torque; exits with 1 if the status is not ok."""
+    from condyn_pin.verbs import solve as solve_scene
+
+    scene = _scene(robot, contacts, loops)
+    q, v = scene.state(posture)
+    chosen = _solver(solver, {"mu": mu, "max_iterations": max_iterations})
+    solution = solve_scene(scene, q, v, 0 * v, solver=chosen, throw=False)
+    if as_json:
+        from condyn_pin.machine import machine
+
+        answer = {
+            "robot": scene.robot.name,
+            "solver": repr(chosen),
+            "status": solution.status.name.lower(),
+            "q": q.tolist(),
+            "a": _finite(solution.a.tolist()),
+            "lam": _finite(solution.lam.tolist()),
+            "forces": {name: _finite(f.tolist()) for name, f in solution.forces.items()},
+            "dynamics_error": _finite(solution.dynamics_error),
+            "constraint_error": _finite(solution.constraint_error),
+            "state_error": _finite(list(solution.state_error)),
+            "error_bound": _finite(solution.error_bound),
+            "iterations": solution.iterations,
+            "solve_time": solution.solve_time,
+            "machine": machine(),
+        }
+        typer.echo(json.dumps(answer, indent=1))
+    else:
+        console.print(f"{scene.robot.name}, {chosen!r}", highlight=False)
+        console.print(str(solution), highlight=False)
+    if not solution.status.ok:
+        typer.echo(str(solution.status), err=True)
+        raise typer.Exit(1)
+
+
+@app.command()
+def bench(
+    robots: Annotated[
+        list[str] | None, typer.Argument(help="Robots; the main ones if none.")
+    ] = None,
+    quick: Annotated[bool, typer.Option(help="A tenth of the effort.")] = False,
+    csv: Annotated[Path | None, typer.Option(help="Write the table here.")] = None,
+    as_json: Annotated[Path | None, typer.Option("--json", help="Write the table here.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Write a picture here (png, svg, pdf).")] = None,
+    native: Annotated[Path | None, typer.Option(help="Merge a result of `make native`.")] = None,
+) -> None:
+    """Time ABA, LCABA, proximal and dense KKT, with their errors, on the same states."""
+    from condyn_pin.bench import FULL, QUICK, ROBOTS
+    from condyn_pin.bench import bench as run
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        tasks: dict[str, Any] = {}
+
+        def advance(what: str, done: int, total: int) -> None:
+            if what not in tasks:
+                tasks[what] = progress.add_task(what, total=total)
+            progress.update(tasks[what], completed=done)
+
+        table = run(robots or ROBOTS, effort=QUICK if quick else FULL, progress=advance)
+    if native:
+        table = table.with_native(native)
+    _print_bench(table)
+    if csv:
+        table.to_csv(csv)
+    if as_json:
+        table.to_json(as_json)
+    if plot:
+        from condyn_pin.plots import save_bench
+
+        save_bench(table, plot)
+
+
+@app.command()
+def doctor() -> None:
+    """Say what is installed, whether it fits together, and the line that mends it."""
+    from condyn_pin.doctor import diagnose
+
+    found = diagnose()
+    table = Table("", found.platform)
+    for name, version in found.versions.items():
+        table.add_row(name, version)
+    for name, text in found.features.items():
+        table.add_row(name, text)
+    console.print(table)
+    for finding in found.findings:
+        console.print(f"[bold red]wrong:[/] {finding}", highlight=False)
+    if found.remedy:
+        typer.echo("This mends it:")
+        typer.echo(f"  {found.remedy}")
+        raise typer.Exit(1)
+    console.print("Everything fits together.")
+
+
+def _scene(name: str, contacts: str, loops: bool) -> Scene:
+    from condyn_pin.load import load_robot
+    from condyn_pin.scene import Scene
+
+    robot = load_robot(name)
+    chosen = [_contact(robot, text.strip()) for text in contacts.split(",") if text.strip()]
+    return Scene(robot, (*(robot.loops if loops else ()), *chosen))
+
+
+def _contact(robot: Robot, text: str) -> Constraint:
+    from condyn_pin.constraints import PointContact, SurfaceContact
+
+    ready = {contact.name: contact for contact in robot.contacts}
+    if text in ready:
+        return ready[text]
+    frame, _, kind = text.rpartition(":")
+    if frame and kind == "point":
+        return PointContact(frame)
+    if frame and kind == "surface":
+        return SurfaceContact(frame)
+    raise unknown_name("ready-made contact (or FRAME:point, FRAME:surface)", text, ready)
+
+
+def _solver(name: str, knobs: dict[str, Any]) -> Solver:
+    from condyn_pin.solvers import SOLVERS
+
+    if name.lower() not in SOLVERS:
+        raise unknown_name("solver", name, SOLVERS)
+    chosen = SOLVERS[name.lower()]
+    given = {key: value for key, value in knobs.items() if value is not None}
+    known = {field.name for field in fields(chosen)}  # type: ignore[arg-type]
+    for key in given.keys() - known:
+        raise InvalidArgument(f"{key}: {chosen.__name__} has no such knob; it has {sorted(known)}")
+    return chosen(**given)
+
+
+def _finite(value: Any) -> Any:
+    """Return the value with None in place of what json has no word for."""
+    if isinstance(value, list):
+        return [_finite(entry) for entry in value]
+    return value if -float("inf") < value < float("inf") else None
+
+
+def _print_bench(table: BenchTable) -> None:
+    for scene in dict.fromkeys(row.scene for row in table.rows):
+        rows = [row for row in table.rows if row.scene == scene]
+        counted = next((row for row in rows if row.rows), None)
+        title = f"{scene}: {counted.rows} rows, rank {counted.rank}" if counted else scene
+        shown = Table(title=title, title_justify="left")
+        shown.add_column("method", no_wrap=True)
+        for heading in ("bare", "a", "p95", "solve", "a/bare", "solve/bare", "x dense"):
+            shown.add_column(heading, justify="right", no_wrap=True)
+        for heading in ("error of a", "it.", "status"):
+            shown.add_column(heading, justify="right")
+        for row in rows:
+            shown.add_row(*_cells(row))
+        console.print(shown)
+    machine = table.machine
+    console.print(
+        "bare: Pinocchio's call; a: Workspace.acceleration, median and p95; solve: with its errors "
+        "[us].\nx dense: times faster than dense KKT. error of a: worst over the states, against "
+        "Reference, relative to the larger of |a| and gravity.\n"
+        f"{machine['processor']}, Pinocchio {machine['pinocchio']}, one thread.",
+        highlight=False,
+    )
+
+
+def _cells(row: BenchRow) -> list[str]:
+    def number(value: float, form: str) -> str:
+        return format(value, form) if value == value else ""
+
+    method = row.method if row.origin == "python" else f"{row.method} ({row.origin})"
+    return [
+        method,
+        number(row.bare_us, ".1f"),
+        number(row.acceleration_us, ".1f"),
+        number(row.acceleration_p95_us, ".1f"),
+        number(row.solve_us, ".1f"),
+        number(row.to_bare, ".2f"),
+        number(row.solve_to_bare, ".2f"),
+        number(row.to_dense, ".2f"),
+        number(row.error, ".0e"),
+        str(row.iterations or ""),
+        row.status,
+    ]
+
+
+def main() -> None:
+    """Run the command line; an error of this library is a sentence, not a traceback."""
+    try:
+        app()
+    except CondynError as error:
+        typer.echo(f"condyn: {error}", err=True)
+        sys.exit(2)

@@ -1,0 +1,94 @@
+"""Pictures; each function takes and returns matplotlib axes."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+from condyn_pin.bench_table import BenchRow, BenchTable
+from condyn_pin.errors import MissingExtra
+from condyn_pin.tolerances import SOLVED
+
+# Okabe and Ito's colours, told apart by colour-blind eyes; the markers tell them apart in print.
+_STYLE = {
+    "ABA": ("#000000", "|"),
+    "LCABA": ("#D55E00", "o"),
+    "Proximal": ("#0072B2", "s"),
+    "Dense KKT": ("#009E73", "^"),
+}
+_OTHER = ("#CC79A7", "d")
+_FLOOR = 1e-16
+
+
+def bench(table: BenchTable, scene: str, ax: Any = None) -> Any:
+    """Draw error against time of every method on one scene: down and to the left is better.
+
+    Parameters
+    ----------
+    table : BenchTable
+    scene : str
+        Label of the scene.
+    ax : matplotlib axes, optional
+        A new figure by default.
+
+    Returns
+    -------
+    matplotlib axes
+    """
+    ax = _pyplot().subplots()[1] if ax is None else ax
+    rows = [row for row in table.rows if row.scene == scene and row.origin == "python"]
+    for row in rows:
+        colour, marker = next(
+            (s for key, s in _STYLE.items() if row.method.startswith(key)), _OTHER
+        )
+        time = row.acceleration_us if math.isfinite(row.acceleration_us) else row.bare_us
+        if row.rows == 0:
+            ax.axvline(time, color=colour, lw=0.8, ls=":", label=row.method)
+        elif math.isfinite(row.error):
+            hollow = "none" if "inaccurate" in row.status else colour
+            error = max(row.error, _FLOOR)
+            ax.loglog(time, error, marker, color=colour, mfc=hollow, ms=7, label=row.method)
+    ax.axhline(SOLVED, color="0.6", lw=0.8, ls="--")
+    ax.set(title=_title(rows, scene), xlabel="time of a [us]", ylabel="error of a", xscale="log")
+    ax.set(yscale="log", ylim=(_FLOOR / 3, 1.0))
+    ax.grid(visible=True, which="major", color="0.9")
+    ax.legend(fontsize=7, frameon=False)
+    return ax
+
+
+def save_bench(table: BenchTable, path: str | Path) -> None:
+    """Draw every scene of a table into one picture; the ending of `path` says which format."""
+    scenes = list(dict.fromkeys(row.scene for row in table.rows if row.origin == "python"))
+    columns = min(3, len(scenes))
+    lines = math.ceil(len(scenes) / columns)
+    pyplot = _pyplot()
+    figure, axes = pyplot.subplots(
+        lines, columns, figsize=(4.2 * columns, 3.4 * lines), squeeze=False, layout="constrained"
+    )
+    for ax, scene in zip(axes.flat, scenes, strict=False):
+        bench(table, scene, ax)
+    for ax in axes.flat[len(scenes) :]:
+        ax.set_axis_off()
+    note = "{processor}, Pinocchio {pinocchio}; dashed: what status ok promises"
+    figure.suptitle(note.format(**table.machine), fontsize=8)
+    figure.savefig(path, dpi=150)
+    pyplot.close(figure)
+
+
+def _title(rows: list[BenchRow], scene: str) -> str:
+    counted = next((row for row in rows if row.rows), None)
+    return f"{scene}: {counted.rows} rows, rank {counted.rank}" if counted else scene
+
+
+def _pyplot() -> Any:
+    try:
+        import matplotlib
+    except ImportError as error:
+        raise MissingExtra(
+            'pictures need matplotlib: python -m pip install "condyn_pin[plot]"'
+        ) from error
+    matplotlib.use("agg", force=False)
+    from matplotlib import pyplot
+
+    return pyplot
