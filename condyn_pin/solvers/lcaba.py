@@ -22,7 +22,6 @@ Acceleration = Callable[[Vector, Vector, Vector], Vector]
 
 # Error of a, relative, at the nominal states: a margin for all other states.
 _ACCURATE = tolerances.SOLVED / 1000
-_NEVER = 10**9  # iterations of what is not accurate
 
 # What `mu` is chosen from, times the largest eigenvalue of G.
 _LADDER = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
@@ -44,7 +43,7 @@ class LCABA(Solver):
         depends on the scene, so by default each workspace measures eight of them against a dense
         solve at the scene's nominal states, and takes the most accurate.
     max_iterations : int
-        Upper limit on the sweeps over the tree.
+        Upper limit on the sweeps over the tree; Talos on two feet takes 5, Cassie up to 40.
     absolute_accuracy : float
         Iterate until |J a + gamma - a_ref|_inf is below this [m/s^2].
 
@@ -67,7 +66,7 @@ class LCABA(Solver):
     takes_redundant: ClassVar[bool] = True
 
     mu: float | None = None  # [1/kg]
-    max_iterations: int = 20
+    max_iterations: int = 100
     absolute_accuracy: float = 1e-11  # [m/s^2]
 
     def __post_init__(self) -> None:
@@ -108,16 +107,24 @@ class LCABA(Solver):
         return pin.ProximalSettings(self.absolute_accuracy, 0.0, mu, self.max_iterations)
 
     def _best_mu(self, audit: Audit, bind: Callable[[Any], Acceleration]) -> float:
-        """Return the fastest weight that is accurate at the nominal states, else the best."""
+        """Return the fastest weight that is accurate at the nominal states, else the best.
 
-        def measure(mu: float) -> tuple[int, float]:
+        A weight that needs more than a quarter of the iterations there is left out if possible:
+        it would not converge at other states.
+        """
+
+        def measure(mu: float) -> tuple[int, int, float]:
             settings = self._settings(mu)
             acceleration = bind(settings)
             worst, iterations = 0.0, 0
             for s in audit.states:
-                error = np.abs(acceleration(s.q, s.v, s.tau) - s.a).max() / np.abs(s.a).max()
+                scale = max(np.abs(s.a).max(), audit.yardstick.gravity) or 1.0
+                error = float(np.abs(acceleration(s.q, s.v, s.tau) - s.a).max() / scale)
                 worst = max(worst, error if np.isfinite(error) else np.inf)
                 iterations = max(iterations, settings.iter)
-            return (iterations, worst) if worst < _ACCURATE else (_NEVER, worst)
+            settled = iterations <= max(1, self.max_iterations // 4)
+            if settled and worst < _ACCURATE:
+                return 0, iterations, worst
+            return (1 if settled else 2), 0, worst
 
         return min((share * audit.delassus_norm for share in _LADDER), key=measure)

@@ -1,0 +1,154 @@
+"""Every solver on every scene: what a user may rely on, whichever they choose."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from shared import all_scenes, each_scene, each_solver, relative, robot, states, truth
+
+import condyn_pin as cp
+from condyn_pin._pin import pin
+from condyn_pin.tolerances import SOLVED
+
+
+def takes(solver: cp.Solver, scene: cp.Scene) -> bool:
+    return solver.takes_redundant or not scene.audit.redundant
+
+
+@each_solver
+@each_scene
+def test_agrees_with_reference_or_says_why_not(solver, label):
+    scene = all_scenes()[label]
+    workspace = cp.Workspace(scene, solver)
+    for state, reference in zip(states(label), truth(label), strict=True):
+        solution = workspace.solve(*state, throw=False)
+        if takes(solver, scene):
+            assert solution.status is cp.Status.OK, solution
+            assert relative(solution.a, reference.a) < SOLVED
+        else:
+            assert solution.status is cp.Status.SINGULAR
+
+
+@each_solver
+@each_scene
+def test_generalised_constraint_force_agrees(solver, label):
+    """J^T lam is unique also where lam is not."""
+    scene = all_scenes()[label]
+    if not takes(solver, scene) or not scene.rows:
+        return
+    workspace = cp.Workspace(scene, solver)
+    for state, reference in zip(states(label), truth(label), strict=True):
+        J = workspace.jacobian(state[0])
+        lam = workspace.solve(*state).lam
+        assert relative(J.T @ lam, J.T @ reference.lam, floor=scene.audit.weight) < 1e-7
+
+
+@each_solver
+@each_scene
+def test_residuals_hold_in_the_assembled_equations(solver, label):
+    """The proof, once more, with M, h, J and gamma in place of the recursions."""
+    scene = all_scenes()[label]
+    if not takes(solver, scene):
+        return
+    workspace = cp.Workspace(scene, solver)
+    q, v, tau = states(label)[0]
+    solution = workspace.solve(q, v, tau)
+    t = workspace.terms(q, v)
+    dynamics = t.M @ solution.a + t.h - tau - t.J.T @ solution.lam
+    constraint = t.J @ solution.a + t.gamma - t.a_ref
+    size = np.abs(t.M) @ np.abs(solution.a) + np.abs(t.h) + np.abs(tau)
+    assert abs(np.abs(dynamics).max() - solution.dynamics_error) < 1e-12 * size.max()
+    rows = np.abs(t.J) @ np.abs(solution.a) + np.abs(t.gamma)
+    gap = np.abs(constraint).max(initial=0.0) - solution.constraint_error
+    assert abs(gap) < 1e-12 * rows.max(initial=1.0)
+
+
+@each_solver
+@each_scene
+def test_same_input_gives_the_same_bits(solver, label):
+    scene = all_scenes()[label]
+    if not takes(solver, scene):
+        return
+    one, two = cp.Workspace(scene, solver), cp.Workspace(scene, solver)
+    first, second, *_ = states(label)
+    fresh = one.acceleration(*first)
+    one.acceleration(*second)
+    one.solve(*second)
+    assert np.array_equal(one.acceleration(*first), fresh)
+    assert np.array_equal(one.acceleration(*first), fresh)
+    assert np.array_equal(one.solve(*first).a, fresh)
+    assert np.array_equal(two.acceleration(*first), fresh)
+
+
+@each_solver
+@each_scene
+def test_inputs_are_untouched_and_results_are_owned(solver, label):
+    scene = all_scenes()[label]
+    if not takes(solver, scene):
+        return
+    workspace = cp.Workspace(scene, solver)
+    first, second, *_ = states(label)
+    before = [x.copy() for x in first]
+    a, solution = workspace.acceleration(*first), workspace.solve(*first)
+    kept = a.copy(), solution.a.copy(), solution.lam.copy(), solution.q.copy()
+    assert all(np.array_equal(x, y) for x, y in zip(first, before, strict=True))
+    workspace.solve(*second)
+    workspace.acceleration(*second)
+    now = a, solution.a, solution.lam, solution.q
+    assert all(np.array_equal(x, y) for x, y in zip(now, kept, strict=True))
+    assert not np.shares_memory(solution.q, first[0])
+    a[:] = solution.a[:] = solution.lam[:] = np.nan
+    assert np.array_equal(workspace.solve(*first).a, kept[1])
+
+
+@each_solver
+@each_scene
+def test_order_of_constraints_does_not_matter(solver, label):
+    scene = all_scenes()[label]
+    if not takes(solver, scene):
+        return
+    turned = cp.Scene(scene.robot, tuple(reversed(scene.constraints)))
+    for q, v, tau in states(label)[:2]:
+        one = cp.Workspace(scene, solver).solve(q, v, tau)
+        two = cp.Workspace(turned, solver).solve(q, v, tau)
+        assert relative(one.a, two.a) < 2 * SOLVED
+        scale = max(np.abs(one.lam).max(initial=0.0), scene.audit.weight)
+        for name, force in one.forces.items():
+            # the smallest lam is unique; the iteration leaves a little noise in it
+            assert np.abs(force - two.forces[name]).max() < 1e-6 * scale
+
+
+@each_solver
+def test_no_constraints_is_the_unconstrained_dynamics(solver):
+    talos = robot("talos")
+    scene = cp.Scene(talos)
+    rng = np.random.default_rng(1)
+    q, v = scene.sample(rng)
+    tau = rng.normal(size=talos.nv)
+    solution = cp.solve(scene, q, v, tau, solver=solver)
+    free = pin.aba(talos.model, talos.model.createData(), q, v, tau)
+    assert relative(solution.a, free) < 1e-10
+    assert solution.lam.shape == (0,)
+    assert solution.forces == {}
+    assert solution.state_error == (0.0, 0.0)
+
+
+@each_solver
+def test_lists_and_other_dtypes_are_welcome(solver):
+    scene = all_scenes()["solo12 contacts"]
+    q, v, _ = states("solo12 contacts")[0]
+    tau = np.zeros(scene.robot.nv, dtype=int)
+    workspace = cp.Workspace(scene, solver)
+    wanted = workspace.acceleration(q, v, tau.astype(float))
+    for given in ((q.tolist(), v.tolist(), tau.tolist()), (q, v, tau), (tuple(q), v, tau)):
+        assert np.array_equal(workspace.acceleration(*given), wanted)
+        assert np.array_equal(workspace.solve(*given).a, wanted)
+
+
+@pytest.mark.parametrize("field", ["title", "cost", "takes_redundant"])
+@each_solver
+def test_a_solver_says_what_it_is(solver, field):
+    assert getattr(solver, field) is not None
+    assert type(solver).__doc__
+    assert solver == type(solver)()
+    assert hash(solver) == hash(type(solver)())
