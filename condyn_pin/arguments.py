@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import isfinite
+from math import hypot
 from typing import Any, Final
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin import tolerances
 from condyn_pin.errors import InvalidArgument, InvalidModel
-from condyn_pin.robot import Vector
+from condyn_pin.robot import Vector, finite
 
 # Limits of the squared norm of a unit part of q.
 LOW: Final = 1.0 - 2 * tolerances.QUATERNION
@@ -76,29 +76,17 @@ class Arguments:
             Naming the argument, the entry and its value, and what would do.
         """
         (nq,), (nv,), _ = self._shapes
-        q_ = _array("q", q, nq)
+        q_ = finite("q", q, nq)
         for part in self._units:
             x = q_[part]
-            if not LOW < x.dot(x) < HIGH:
+            norm = hypot(*x)
+            if not LOW < norm**2 < HIGH:
                 raise InvalidArgument(
-                    f"q[{part.start}:{part.stop}] = {x} has norm {np.sqrt(x.dot(x)):.9g}: "
+                    f"q[{part.start}:{part.stop}] = {x} has norm {norm:.9g}: "
                     "a unit quaternion (x y z w) or (cos, sin) is needed; "
                     "pin.normalize(robot.model, q) makes one"
                 )
-        return q_, _array("v", v, nv), _array("tau", tau, nv)
-
-
-def _array(name: str, value: ArrayLike, size: int) -> Vector:
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InvalidArgument(f"{name}: {size} numbers are needed ({error})") from error
-    if array.shape != (size,):
-        raise InvalidArgument(f"{name} has shape {array.shape}: ({size},) is needed")
-    if not isfinite(array.dot(array)) and not np.isfinite(array).all():
-        bad = int(np.flatnonzero(~np.isfinite(array))[0])
-        raise InvalidArgument(f"{name}[{bad}] = {array[bad]}: finite numbers are needed")
-    return array
+        return q_, finite("v", v, nv), finite("tau", tau, nv)
 
 
 def _unit_parts(model: Any) -> tuple[slice, ...]:

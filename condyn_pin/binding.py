@@ -81,6 +81,10 @@ def bind(robot: Robot, constraints: Sequence[Constraint]) -> tuple[Bound, ...]:
     bound: list[Bound] = []
     start = 0
     for constraint in constraints:
+        if not isinstance(constraint, Constraint):
+            raise InvalidConstraint(
+                f"{constraint!r}: a PointContact, a SurfaceContact or a Loop is needed"
+            )
         if any(constraint.name == other.name for other in bound):
             raise InvalidConstraint(
                 f"two constraints are named {constraint.name!r}; give one of them a name=..."

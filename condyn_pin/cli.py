@@ -253,6 +253,7 @@ def _print_bench(table: BenchTable) -> None:
         "Reference, relative to the larger of |a| and gravity.\n"
         f"{machine['processor']}, Pinocchio {machine['pinocchio']}, one thread.",
         highlight=False,
+        markup=False,
     )
 
 

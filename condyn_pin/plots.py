@@ -48,10 +48,15 @@ def bench(table: BenchTable, scene: str, ax: Any = None) -> Any:
         elif math.isfinite(row.error):
             hollow = "none" if "inaccurate" in row.status else colour
             error = max(row.error, _FLOOR)
-            ax.loglog(time, error, marker, color=colour, mfc=hollow, ms=7, label=row.method)
+            ax.plot(time, error, marker, color=colour, mfc=hollow, ms=7, label=row.method)
     ax.axhline(SOLVED, color="0.6", lw=0.8, ls="--")
-    ax.set(title=_title(rows, scene), xlabel="time of a [us]", ylabel="error of a", xscale="log")
-    ax.set(yscale="log", ylim=(_FLOOR / 3, 1.0))
+    for row in rows:
+        if row.rows and not math.isfinite(row.error):
+            ax.plot([], [], " ", label=f"{row.method}: {row.status.split(' ', 1)[1]}")
+    ax.set(title=_title(rows, scene), xlabel="time of a [us]", ylabel="error of a")
+    ax.set(xscale="log", xlim=(1.0, 300.0), yscale="log", ylim=(_FLOOR / 3, 1.0))
+    ax.set_xticks([1, 3, 10, 30, 100, 300], ["1", "3", "10", "30", "100", "300"])
+    ax.minorticks_off()
     ax.grid(visible=True, which="major", color="0.9")
     ax.legend(fontsize=7, frameon=False)
     return ax

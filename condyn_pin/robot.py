@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
@@ -77,13 +77,29 @@ class Robot:
                 f"model = {type(self.model).__name__}: a pinocchio.Model is needed; "
                 "load_robot reads one from a file"
             )
+        if not isinstance(self.name, str):
+            raise InvalidArgument(f"name = {self.name!r}: a text is needed")
         check_model(self.model)
-        for key in ("loops", "contacts", "actuated", "springs", "unused"):
-            object.__setattr__(self, key, tuple(getattr(self, key)))
-        postures = {name: _posture(self.model, name, q) for name, q in dict(self.postures).items()}
+        for key, kind in _MEMBERS.items():
+            object.__setattr__(self, key, _members(key, getattr(self, key), kind))
+        for joint in self.actuated:
+            self._joint(joint)
+        for spring in self.springs:
+            if self._joint(spring.joint).nq != 1:
+                raise InvalidModel(
+                    f"spring on {spring.joint!r}: a joint with one degree of freedom is needed"
+                )
+        if not isinstance(self.postures, Mapping):
+            raise InvalidArgument(f"postures = {self.postures!r}: a mapping of names is needed")
+        postures = {name: _posture(self.model, name, q) for name, q in self.postures.items()}
         object.__setattr__(self, "postures", MappingProxyType(postures))
         # A private copy: what the model was when it was checked.
         object.__setattr__(self, "_pristine", pin.Model(self.model))
+        if self.model != self._pristine:  # type: ignore[attr-defined]
+            raise InvalidModel(
+                "the model differs from its own copy: one of its numbers is NaN, such as a limit; "
+                "use infinity for a limit that does not exist"
+            )
 
     @property
     def nq(self) -> int:
@@ -120,6 +136,8 @@ class Robot:
         InvalidModel
             If several frames of this name are in different places.
         """
+        if not isinstance(name, str):
+            raise InvalidArgument(f"frame = {name!r}: the name of a frame is needed")
         if name in WORLD:
             return 0, pin.SE3.Identity()
         found = [frame for frame in self.model.frames if frame.name == name]
@@ -150,15 +168,17 @@ class Robot:
         rotation : (3, 3) array_like, optional
             Its axes in the parent frame; the same axes by default.
         """
+        if not isinstance(name, str) or not name:
+            raise InvalidArgument(f"name = {name!r}: a text is needed")
         if name in self.frames or name in WORLD:
             raise InvalidArgument(f"name = {name!r}: {self.name} has a frame of this name")
         joint, placement = self.frame(parent)
-        R = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float)
-        p = np.asarray(translation, dtype=float)
-        if p.shape != (3,) or not np.isfinite(p).all():
-            raise InvalidArgument(f"translation = {translation!r}: three finite lengths are needed")
-        if R.shape != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-9):
-            raise InvalidArgument("rotation: an orthonormal 3 x 3 matrix is needed")
+        p = finite("translation", translation, (3,))
+        R = finite("rotation", np.eye(3) if rotation is None else rotation, (3, 3))
+        if not np.allclose(R @ R.T, np.eye(3), atol=1e-9) or np.linalg.det(R) < 0:
+            raise InvalidArgument(
+                f"rotation = {R.tolist()}: an orthonormal matrix with determinant 1 is needed"
+            )
         model = pin.Model(self.model)
         model.addFrame(pin.Frame(name, joint, 0, placement * pin.SE3(R, p), pin.FrameType.OP_FRAME))
         return replace(self, model=model)
@@ -170,12 +190,17 @@ class Robot:
 
         Pinocchio reads stiffness and damping from the file and leaves them out of its dynamics.
         """
-        q_, v_ = np.asarray(q, dtype=float), np.asarray(v, dtype=float)
+        q_, v_ = finite("q", q, self.nq), finite("v", v, self.nv)
         tau: Vector = -np.asarray(self.model.damping, dtype=float) * v_
         for spring in self.springs:
-            joint = self.model.joints[self.model.getJointId(spring.joint)]
+            joint = self._joint(spring.joint)
             tau[joint.idx_v] -= spring.stiffness * (q_[joint.idx_q] - spring.reference)
         return tau
+
+    def _joint(self, name: str) -> Any:
+        if not self.model.existJointName(name):
+            raise unknown_name("joint", name, self.joints)
+        return self.model.joints[self.model.getJointId(name)]
 
     def check_unedited(self) -> None:
         """Raise `StaleModel` if the model was edited since the robot was made."""
@@ -213,6 +238,49 @@ class Robot:
         )
 
 
+_MEMBERS = {
+    "loops": Loop,
+    "contacts": Constraint,
+    "actuated": str,
+    "springs": Spring,
+    "unused": str,
+}
+
+
+def _members(argument: str, value: Any, kind: type) -> tuple[Any, ...]:
+    """Return a list of things of one kind as a tuple, or raise InvalidArgument."""
+    if isinstance(value, (str, Mapping)) or not isinstance(value, Iterable):
+        raise InvalidArgument(f"{argument} = {value!r}: a list of {kind.__name__} is needed")
+    members = tuple(value)
+    for member in members:
+        if not isinstance(member, kind):
+            raise InvalidArgument(f"{argument}: {member!r} is not a {kind.__name__}")
+    return members
+
+
+def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Vector:
+    """Return what a user handed in as a float array, or raise InvalidArgument.
+
+    The text names the argument, the entry and its value, and what would do.
+    """
+    wanted = (shape,) if isinstance(shape, int) else shape
+    needed = f"an array of shape {wanted}" if wanted else "a single number"
+    try:
+        array = np.asarray(value)
+        if array.dtype.kind == "c":
+            raise TypeError("they are complex")
+        array = array.astype(np.float64, copy=False)
+    except (TypeError, ValueError) as error:
+        raise InvalidArgument(f"{name}: {needed} is needed ({error})") from error
+    if array.shape != wanted:
+        raise InvalidArgument(f"{name} has shape {array.shape}: {needed} is needed")
+    if not np.isfinite(array).all():
+        bad = tuple(np.argwhere(~np.isfinite(array))[0].tolist())
+        entry = f"[{', '.join(map(str, bad))}]" if bad else ""
+        raise InvalidArgument(f"{name}{entry} = {array[bad]}: finite numbers are needed")
+    return array
+
+
 def check_model(model: Any) -> None:
     """Refuse a model on which Pinocchio's algorithms are silently wrong or crash."""
     if len(model.mimicking_joints):
@@ -237,6 +305,9 @@ def check_inertias(model: Any) -> None:
         raise InvalidModel("the mass matrix is not finite: a mass, inertia or placement is NaN")
     if model.nv == 0:
         raise InvalidModel("the model has no degree of freedom")
+    negative = [name for name, Y in zip(model.names, model.inertias, strict=True) if Y.mass < 0]
+    if negative:
+        raise InvalidModel(f"the mass on {', '.join(negative)} is negative: it must be >= 0")
     bad = np.flatnonzero(diagonal <= tolerances.MASSLESS * diagonal.max())
     if bad.size:
         names = dict.fromkeys(_joint_of(model, int(i)) for i in bad)
@@ -255,11 +326,10 @@ def _joint_of(model: Any, velocity_index: int) -> str:
 
 
 def _posture(model: Any, name: str, q: ArrayLike) -> Vector:
-    array = np.array(q, dtype=float)
-    if array.shape != (model.nq,) or not np.isfinite(array).all():
-        raise InvalidArgument(
-            f"posture {name!r} has shape {array.shape}: ({model.nq},) finite numbers are needed"
-        )
-    array = np.array(pin.normalize(model, array))
+    if not isinstance(name, str):
+        raise InvalidArgument(f"postures: {name!r} is not the name of a posture")
+    array = np.array(pin.normalize(model, finite(f"posture {name!r}", q, model.nq)))
+    if not pin.isNormalized(model, array, tolerances.QUATERNION):
+        raise InvalidArgument(f"posture {name!r}: a quaternion of it is zero; use 0 0 0 1")
     array.flags.writeable = False
     return array

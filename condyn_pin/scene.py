@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -19,7 +19,7 @@ from condyn_pin.constraints import Constraint
 from condyn_pin.equations import Equations
 from condyn_pin.errors import InvalidArgument, NotAssembled, unknown_name
 from condyn_pin.minimum_norm import factorise
-from condyn_pin.robot import Robot, Vector
+from condyn_pin.robot import Robot, Vector, finite
 from condyn_pin.summary import Summary, summarise
 
 
@@ -55,6 +55,8 @@ class Scene:
             )
         if isinstance(self.constraints, Constraint):
             raise InvalidArgument("constraints: a list is needed, also for a single constraint")
+        if isinstance(self.constraints, str) or not isinstance(self.constraints, Iterable):
+            raise InvalidArgument(f"constraints = {self.constraints!r}: a list is needed")
         self.robot.check_unedited()
         object.__setattr__(self, "constraints", tuple(self.constraints))
         object.__setattr__(self, "_bounds", bind(self.robot, self.constraints))
@@ -97,6 +99,8 @@ class Scene:
         if posture is None:
             q = next(iter(postures.values()), None)
             return np.array(pin.neutral(self.robot.model) if q is None else q)
+        if not isinstance(posture, str):
+            raise InvalidArgument(f"posture = {posture!r}: the name of a posture is needed")
         if posture not in postures:
             raise unknown_name("posture", posture, postures)
         return np.array(postures[posture])
@@ -141,12 +145,12 @@ class Scene:
         NotAssembled
             If it cannot be closed from there.
         """
-        array = np.asarray(q, dtype=float)
-        if array.shape != (self.robot.nq,) or not np.isfinite(array).all():
-            raise InvalidArgument(
-                f"q has shape {array.shape}: ({self.robot.nq},) finite numbers are needed"
-            )
-        equations = Equations(self.robot.model, self.bounds)
+        self.robot.check_unedited()
+        model = self.robot.model
+        array = np.array(pin.normalize(model, finite("q", q, self.robot.nq)))
+        if not pin.isNormalized(model, array, tolerances.QUATERNION):
+            raise InvalidArgument("q: a quaternion of it is zero; use 0 0 0 1")
+        equations = Equations(model, self.bounds)
         result = assemble(equations, array, moving=self._moving(fixed))
         if not result.closed:
             raise NotAssembled(
@@ -174,6 +178,12 @@ class Scene:
         NotAssembled
             If none of 50 random guesses could be closed.
         """
+        if not isinstance(rng, np.random.Generator):
+            raise InvalidArgument(f"rng = {rng!r}: numpy.random.default_rng(seed) makes one")
+        for name, value in (("spread", spread), ("speed", speed)):
+            if not finite(name, value, ()) >= 0:
+                raise InvalidArgument(f"{name} = {value!r}: a number >= 0 is needed")
+        self.robot.check_unedited()
         model, nv = self.robot.model, self.robot.nv
         equations = Equations(model, self.bounds)
         for _ in range(50):
@@ -190,8 +200,12 @@ class Scene:
 
     def _moving(self, fixed: Sequence[str]) -> list[int] | None:
         model = self.robot.model
+        if isinstance(fixed, str) or not isinstance(fixed, Iterable):
+            raise InvalidArgument(f"fixed = {fixed!r}: a list of names of joints is needed")
         held: set[int] = set()
         for name in fixed:
+            if not isinstance(name, str):
+                raise InvalidArgument(f"fixed: {name!r} is not the name of a joint")
             if not model.existJointName(name):
                 raise unknown_name("joint", name, self.robot.joints)
             joint = model.joints[model.getJointId(name)]

@@ -82,6 +82,8 @@ class Workspace:
 
         Everything that depends on the constraints is made anew; nothing of the old ones is left.
         """
+        if not isinstance(scene, Scene):
+            raise InvalidArgument(f"scene = {type(scene).__name__}: a Scene is needed")
         if scene.robot.model != self.model:
             raise InvalidArgument(
                 f"scene: its robot {scene.robot.name!r} has another model; make a new Workspace"
@@ -173,7 +175,12 @@ class Workspace:
         except Singular:
             solution = self._unproven(q_, perf_counter() - start)
         else:
-            solution = self._proven(q_, v_, tau_, a, perf_counter() - start)
+            solve_time = perf_counter() - start
+            if all(-_HUGE < a.item(i) < _HUGE for i in self._roots):
+                solution = self._proven(q_, v_, tau_, a, solve_time)
+            else:  # the status says it, so numpy need not
+                with np.errstate(all="ignore"):
+                    solution = self._proven(q_, v_, tau_, a, solve_time)
         if solution.status is not _OK:
             self._arguments.check(q_, v_, tau_)  # what is not finite may be the input's fault
             if throw:
@@ -201,6 +208,10 @@ class Workspace:
         return Solution(
             a, lam, proof, Status.SINGULAR, iterations, solve_time, self.scene, q.copy()
         )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # a copy has memory of its own: Pinocchio 4 crashes on a copied Data
+        return Workspace, (self.scene, self.solver)
 
     def _failure(self, solution: Solution) -> SolveFailed:
         return SolveFailed(

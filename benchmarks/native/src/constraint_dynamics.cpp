@@ -52,8 +52,8 @@ protected:
 };
 
 /// All six derivatives of a and lam by q, v and tau; the constraintDynamics they start from is not
-/// counted, but its iterations are: Pinocchio repeats as many of its own. The two derivatives by tau
-/// are judged, because their exact values need no differences.
+/// counted, but its iterations are: Pinocchio repeats as many of its own. The two derivatives by
+/// tau are judged, because their exact values need no differences.
 class Derivatives final : public ConstraintDynamics
 {
 public:

@@ -7,7 +7,7 @@ namespace condyn
 namespace
 {
 
-/// Block Cholesky of [M, Jᵀ; J, -mu 1], sparsity ignored, with the cost of building M, h, J, gamma.
+/// Block Cholesky of [M, Jᵀ; J, -mu 1], sparsity ignored; building M, h, J and gamma is counted.
 ///
 /// Eigen's LDLT pivots on single diagonal entries only, which an indefinite matrix does not allow;
 /// the two definite blocks do without pivoting.

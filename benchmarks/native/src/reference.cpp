@@ -11,7 +11,7 @@ namespace condyn
 namespace
 {
 
-// On x86 these are 80 bits wide: what is left is the rounding of M, h, J and gamma, not of the solve.
+// On x86 these are 80 bits wide: what is left is the rounding of M, h, J and gamma, not the solve's.
 using Real = long double;
 using Matrix = Eigen::Matrix<Real, Eigen::Dynamic, Eigen::Dynamic>;
 using Decomposition = Eigen::CompleteOrthogonalDecomposition<Matrix>;

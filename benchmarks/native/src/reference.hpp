@@ -11,8 +11,8 @@ namespace condyn
 
 /// M X = F + Jᵀ lam,  J X = C.
 ///
-/// One column for accelerations: F = tau - h, C = -gamma. Their derivatives with respect to tau solve
-/// the same system with F = 1 and C = 0; without rows in J it is unconstrained dynamics.
+/// One column for accelerations: F = tau - h, C = -gamma. Their derivatives with respect to tau
+/// solve the same system with F = 1 and C = 0; without rows in J it is unconstrained dynamics.
 struct Question
 {
   Eigen::MatrixXd M, J, F, C;

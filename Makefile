@@ -1,0 +1,58 @@
+# make test      set up a virtual environment, check style and types, run every test
+# make test3     the same tests on Pinocchio 3.9, in an environment of its own
+# make demo      set up, run `condyn bench talos cassie`, write demo/bench.{csv,json,png}
+# make wheel     build the wheel and prove it in a clean environment, outside the checkout
+# make native    build and run the C++ timing program (about 4 minutes), write demo/native.json
+
+PYTHON ?= python3
+VENV   := .venv
+VENV3  := .venv3
+VENVW  := .venv-wheel
+BIN    := $(VENV)/bin
+PIP    := -m pip install --quiet --disable-pip-version-check
+
+export OMP_NUM_THREADS := 1
+
+.PHONY: test test3 demo wheel native style clean
+
+test: style
+	$(BIN)/python -m pytest -n 2
+
+style: $(VENV)/ready
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+test3: $(VENV3)/ready
+	$(VENV3)/bin/python -m pytest -n 2
+
+demo: $(VENV)/ready
+	mkdir -p demo
+	$(BIN)/condyn bench talos cassie --csv demo/bench.csv --json demo/bench.json --plot demo/bench.png
+	@echo "written: demo/bench.csv demo/bench.json demo/bench.png"
+
+wheel: $(VENV)/ready
+	rm -rf dist $(VENVW)
+	$(BIN)/python -m build --wheel --outdir dist . > /dev/null
+	$(PYTHON) -m venv $(VENVW)
+	$(VENVW)/bin/python $(PIP) dist/*.whl
+	cd / && $(CURDIR)/$(VENVW)/bin/condyn robots
+	cd / && $(CURDIR)/$(VENVW)/bin/condyn bench talos --quick
+
+native: $(VENV)/ready
+	mkdir -p demo
+	$(BIN)/python $(PIP) cmeel-eigen
+	$(BIN)/python benchmarks/native/run.py --output demo/native.json
+
+$(VENV)/ready: pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python $(PIP) -e ".[dev]"
+	touch $@
+
+$(VENV3)/ready: pyproject.toml
+	$(PYTHON) -m venv $(VENV3)
+	$(VENV3)/bin/python $(PIP) -e ".[dev,pinocchio3]"
+	touch $@
+
+clean:
+	rm -rf $(VENV) $(VENV3) $(VENVW) dist build demo .mypy_cache .pytest_cache .ruff_cache
