@@ -37,7 +37,7 @@ def load(path: Path) -> BenchTable:
 def markdown(table: BenchTable) -> str:
     """Return the README's table."""
     lines = [
-        "| scene | method | a [us] | to bare call | times faster than dense KKT | error of a | status |",
+        "| scene | method | a [us] | to bare call | x dense | error of a | status |",
         "|---|---|---|---|---|---|---|",
     ]
     for row in table.rows:
@@ -52,14 +52,15 @@ def markdown(table: BenchTable) -> str:
                 row.status,
             )
             lines.append("| " + " | ".join(cells) + " |")
-    machine = table.machine
-    lines += [
-        "",
-        f"`python benchmarks/results.py` on {machine['processor']} ({machine['cores']} shared cores, one "
-        f"thread), {machine['system']}, Python {machine['python']}, Pinocchio {machine['pinocchio']}, "
-        f"{machine['date']}. a: `Workspace.acceleration`, median. Error: worst of 20 closed states "
-        "against `Reference`, relative to the larger of |a| and gravity.",
-    ]
+    where = (
+        "`python benchmarks/results.py` on {processor} ({cores} shared cores, one thread), "
+        "{system}, Python {python}, Pinocchio {pinocchio}, {date}."
+    ).format(**table.machine)
+    meaning = (
+        "a: `Workspace.acceleration`, median. x dense: times faster than dense KKT. Error: worst "
+        "of 20 closed states against `Reference`, relative to the larger of abs(a) and gravity."
+    )
+    lines += ["", where, meaning]
     return "\n".join(lines)
 
 

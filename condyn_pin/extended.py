@@ -51,8 +51,9 @@ def exact_residual(A: Vector, b: Sequence[Vector], x: tuple[Vector, Vector]) -> 
     (k,) array
         NaN in rows whose sum is not finite.
     """
-    p, e = exact_product(A, x[0])
-    rows = np.column_stack([*b, -p, -e, -A * x[1]])
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows becomes NaN in its row
+        p, e = exact_product(A, x[0])
+        rows = np.column_stack([*b, -p, -e, -A * x[1]])
     return np.array([_sum(row) for row in rows])
 
 

@@ -1,0 +1,115 @@
+"""The command line: what it prints, what it writes, and how it fails."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+
+import pytest
+from shared import SOLVERS
+from typer.testing import CliRunner
+
+import condyn_pin as cp
+from condyn_pin.cli import app
+
+
+def run(*words: str):
+    return CliRunner().invoke(app, list(words))
+
+
+def test_robots_lists_every_robot_with_its_licence():
+    output = run("robots").output
+    for name in cp.available_robots():
+        assert name in output
+    assert "32.9400" in output
+    assert "Apache-2.0" in output
+
+
+def test_show_names_the_redundant_rows():
+    output = run("show", "cassie").output
+    assert "12, rank 10, mobility 22" in output
+    assert "left-plantar-foot-joint.z" in output
+    assert "springs" in output
+
+
+def test_show_without_loops_says_what_is_left_out():
+    output = run("show", "four_bar", "--no-loops").output
+    assert "mobility 3" in output
+    assert "coupler_rocker" in output
+
+
+@pytest.mark.parametrize("solver", list(SOLVERS))
+def test_solve_prints_json_that_equals_the_library(solver):
+    words = ("solve", "talos", "--contacts", "left_sole_link,right_sole_link", "--json")
+    result = run(*words, "--solver", solver)
+    assert result.exit_code == 0, result.output
+    answer = json.loads(result.output)
+    talos = cp.load_robot("talos")
+    scene = cp.Scene(talos, talos.contacts)
+    q, v = scene.state()
+    solution = cp.solve(scene, q, v, 0 * v, solver=cp.SOLVERS[solver]())
+    assert answer["a"] == solution.a.tolist()
+    assert answer["status"] == "ok"
+    assert answer["forces"]["left_sole_link"] == solution.forces["left_sole_link"].tolist()
+
+
+def test_a_singular_solve_exits_with_one_and_valid_json():
+    result = run("solve", "four_bar", "--solver", "densekkt", "--json")
+    assert result.exit_code == 1
+    answer = json.loads(result.stdout)
+    assert answer["status"] == "singular"
+    assert answer["a"] == [None] * 3
+
+
+def test_frames_can_be_named_with_a_kind():
+    result = run("solve", "solo12", "--contacts", "FL_FOOT:point, base_link:surface")
+    assert result.exit_code == 0, result.output
+    assert "base_link" in result.output
+
+
+def test_bench_writes_table_and_picture(tmp_path):
+    table, rows, picture = (tmp_path / name for name in ("b.json", "b.csv", "b.png"))
+    words = ("--json", str(table), "--csv", str(rows), "--plot", str(picture))
+    result = run("bench", "four_bar", "--quick", *words)
+    assert result.exit_code == 0, result.output
+    assert "Proximal" in result.output
+    saved = json.loads(table.read_text())
+    assert saved["machine"]["pinocchio"]
+    assert {row["method"] for row in saved["rows"]} >= {
+        "ABA, unconstrained",
+        "Proximal",
+        "Dense KKT",
+    }
+    lines = [line for line in rows.read_text().splitlines() if not line.startswith("#")]
+    assert len(list(csv.DictReader(lines))) == len(saved["rows"])
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("show", "talo"), "did you mean 'talos'"),
+        (("solve", "talos", "--solver", "proximall"), "did you mean 'proximal'"),
+        (("solve", "talos", "--contacts", "left_sole"), "left_sole_link"),
+        (("solve", "talos", "--posture", "sitting"), "half_sitting"),
+        (("solve", "talos", "--mu", "-1"), "mu = -1.0"),
+        (("solve", "talos", "--solver", "reference", "--mu", "1"), "no such knob"),
+        (("bench", "four_bar", "--quick", "--native", "no.json"), "make native"),
+    ],
+)
+def test_a_mistake_is_a_sentence_and_not_a_traceback(words, said):
+    """In a process of its own, as a user runs it."""
+    code = "from condyn_pin.cli import main; main()"
+    result = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
+    assert result.returncode == 2
+    assert said in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def test_doctor_says_that_everything_fits():
+    result = run("doctor")
+    assert result.exit_code == 0, result.output
+    assert "Everything fits together" in result.output
+    assert "LCABA" in result.output

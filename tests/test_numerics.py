@@ -1,0 +1,154 @@
+"""Exact sums, the minimum-norm factors, and the bound that a status is judged by."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from shared import all_scenes, each_scene, states, truth
+
+import condyn_pin as cp
+from condyn_pin.equations import Equations
+from condyn_pin.extended import add, exact_product, exact_residual, split
+from condyn_pin.minimum_norm import factorise
+
+numbers = st.floats(-1e100, 1e100).filter(lambda x: x == 0 or abs(x) > 1e-100)
+vectors = arrays(float, 5, elements=numbers)
+
+
+@given(vectors)
+def test_split_is_exact_and_short(x):
+    high, low = split(x)
+    assert all(
+        Fraction(h) + Fraction(t) == Fraction(a) for h, t, a in zip(high, low, x, strict=True)
+    )
+    assert np.array_equal(high * high / np.where(high == 0, 1, high), high)
+
+
+@given(vectors, vectors)
+def test_product_is_exact(x, y):
+    p, e = exact_product(x, y)
+    for pi, ei, xi, yi in zip(p, e, x, y, strict=True):
+        assert Fraction(pi) + Fraction(ei) == Fraction(xi) * Fraction(yi)
+
+
+@settings(max_examples=50)
+@given(st.integers(0, 10**6))
+def test_residual_is_the_exact_one_rounded(seed):
+    """Where a plain residual has no correct digit left."""
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(6, 6)) * 10.0 ** rng.integers(-8, 8, size=(6, 6))
+    x = rng.normal(size=6), 1e-17 * rng.normal(size=6)
+    b = A @ x[0], 1e-12 * rng.normal(size=6)
+    found = exact_residual(A, b, x)
+    for i in range(6):
+        exact = sum(map(Fraction, (part[i] for part in b)))
+        exact -= sum(Fraction(A[i, j]) * (Fraction(x[0][j]) + Fraction(x[1][j])) for j in range(6))
+        size = sum(abs(A[i, j] * x[0][j]) for j in range(6))
+        assert abs(found[i] - float(exact)) <= 1e-31 * size + 1e-15 * abs(float(exact))
+
+
+def test_residual_of_what_is_not_finite_is_nan():
+    found = exact_residual(np.array([[np.inf, 1.0], [1.0, 1.0]]), [np.zeros(2)], (np.ones(2),) * 2)
+    assert np.isnan(found[0])
+    assert found[1] == -4.0
+
+
+@given(vectors, vectors)
+def test_sum_of_pairs_keeps_what_one_double_cannot(x, y):
+    high, low = add((x, np.zeros(5)), y)
+    for h, t, a, b in zip(high, low, x, y, strict=True):
+        assert Fraction(h) + Fraction(t) == Fraction(a) + Fraction(b)
+
+
+def system(rng, n=8, m=6, rank=4):
+    root = rng.normal(size=(n, n))
+    M = root @ root.T + n * np.eye(n)
+    J = rng.normal(size=(m, rank)) @ rng.normal(size=(rank, n))
+    return M, J
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_minimum_norm_solves_both_equations_with_the_smallest_lam(seed):
+    rng = np.random.default_rng(seed)
+    M, J = system(rng)
+    factors = factorise(M, J, 1e-10)
+    assert factors.rank == 4
+    r, s = rng.normal(size=8), J @ rng.normal(size=8)
+    a, lam = factors.solve(r, s)
+    assert np.abs(M @ a - J.T @ lam - r).max() < 1e-12
+    assert np.abs(J @ a - s).max() < 1e-12
+    assert np.abs(factors.U[:, 4:].T @ lam).max() < 1e-13
+
+
+def test_tangent_removes_what_the_constraints_see_and_nothing_else():
+    rng = np.random.default_rng(0)
+    M, J = system(rng)
+    factors = factorise(M, J, 1e-10)
+    v = rng.normal(size=8)
+    tangent = factors.tangent(v)
+    assert np.abs(J @ tangent).max() < 1e-13
+    assert np.allclose(factors.tangent(tangent), tangent, atol=1e-14)
+    assert abs(tangent @ M @ (v - tangent)) < 1e-12  # nearest in the metric of M
+
+
+def test_reference_gains_digits_by_refinement():
+    """Cassie's M has a condition of 1e7; the refined answer does not feel it."""
+    scene, state = all_scenes()["cassie loops"], states("cassie loops")[0]
+    plain = cp.solve(scene, *state, solver=cp.Reference(refinements=0)).a
+    once = cp.solve(scene, *state, solver=cp.Reference(refinements=1)).a
+    full = cp.solve(scene, *state, solver=cp.Reference()).a
+    more = cp.solve(scene, *state, solver=cp.Reference(refinements=6)).a
+    scale = np.abs(full).max()
+    assert np.abs(full - more).max() <= 1e-15 * scale
+    assert np.abs(once - full).max() <= 1e-13 * scale
+    assert 1e-15 * scale < np.abs(plain - full).max() < 1e-9 * scale
+
+
+@each_scene
+def test_bound_is_one_at_the_nominal_state(label):
+    """Whatever the residuals are made of: errors along light joints, rows, or everything."""
+    scene = all_scenes()[label]
+    equations = Equations(scene.robot.model, scene.bounds)
+    nominal = scene.audit.states[1]
+    exact = cp.solve(scene, nominal.q, nominal.v, nominal.tau, solver=cp.Reference())
+    scale = max(np.abs(exact.a).max(), scene.audit.yardstick.gravity)
+    rng = np.random.default_rng(0)
+    for size in (1e-9, 1e-6, 1e-3):
+        for direction in (np.ones(scene.robot.nv), rng.normal(size=scene.robot.nv)):
+            a = exact.a + size * scale * direction / np.abs(direction).max()
+            lam = exact.lam + size * scene.audit.weight * rng.normal(size=scene.rows)
+            errors = equations.errors(nominal.q, nominal.v, nominal.tau, a, lam)
+            bound = scene.audit.yardstick.prove(errors, nominal.tau).bound
+            true = np.abs(a - exact.a).max() / max(np.abs(a).max(), scene.audit.yardstick.gravity)
+            assert true <= bound * (1 + 1e-6)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.sampled_from(
+        ["cassie loops", "cassie loops + contacts", "talos foot held twice", "four_bar loops"]
+    ),
+    st.floats(-14, 1),
+    st.integers(1, 30),
+    st.integers(0, 3),
+    st.sampled_from([s for s in (cp.Proximal, cp.LCABA) if s.__name__.lower() in cp.SOLVERS]),
+)
+def test_ok_is_never_a_lie(label, exponent, iterations, which, kind):
+    """Away from the nominal state, whatever mu and however few iterations."""
+    from condyn_pin._pin import HAS_LCABA
+
+    if kind is cp.LCABA and not HAS_LCABA:
+        kind = cp.Proximal
+    scene, state, reference = all_scenes()[label], states(label)[which], truth(label)[which]
+    solver = kind(mu=10.0**exponent, max_iterations=iterations)
+    solution = cp.solve(scene, *state, solver=solver, throw=False)
+    true = np.abs(solution.a - reference.a).max() / max(np.abs(reference.a).max(), 9.81)
+    if solution.status.ok:
+        assert true < 1e-8
+    else:
+        assert solution.error_bound > 1e-8

@@ -1,0 +1,69 @@
+"""The package itself: names, lightness, version differences in one place."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import condyn_pin as cp
+
+PACKAGE = Path(cp.__file__).parent
+
+
+def test_names_for_the_type_checker_are_those_at_run_time():
+    tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
+    guarded = next(node for node in tree.body if isinstance(node, ast.If))
+    declared = {
+        (alias.name, node.module.removeprefix("condyn_pin."))
+        for node in guarded.body
+        for alias in node.names
+    }
+    assert declared == set(cp._MODULE_OF.items())
+
+
+@pytest.mark.parametrize("name", cp.__all__)
+def test_every_public_name_exists_and_is_documented(name):
+    value = getattr(cp, name)
+    assert name in dir(cp)
+    assert isinstance(value, dict) or value.__doc__
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = cp.nothing
+
+
+def modules_after(code: str) -> set[str]:
+    program = f"{code}\nimport sys; print(*sys.modules)"
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    return {name.split(".")[0] for name in result.stdout.split()}
+
+
+def test_import_stays_light():
+    assert modules_after("import condyn_pin") & {"pinocchio", "numpy", "scipy", "typer"} == set()
+
+
+def test_using_it_imports_only_what_it_needs():
+    code = """
+import condyn_pin as cp
+bar = cp.four_bar()
+scene = cp.Scene(bar, bar.loops)
+cp.Workspace
+"""
+    heavy = {"matplotlib", "meshcat", "typer", "rich", "mujoco", "hypothesis"}
+    assert modules_after(code) & heavy == set()
+
+
+def test_nothing_in_the_library_prints():
+    for path in PACKAGE.rglob("*.py"):
+        calls = [n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Call)]
+        assert not [c for c in calls if getattr(c.func, "id", "") == "print"], path
+
+
+def test_marker_for_type_checkers_is_there():
+    assert (PACKAGE / "py.typed").is_file()

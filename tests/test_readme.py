@@ -1,0 +1,80 @@
+"""The README runs: its Python in one session, its commands one by one."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import condyn_pin as cp
+from condyn_pin.cli import app
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
+
+
+def commands() -> list[str]:
+    lines = [
+        line.split("#")[0].strip() for block in blocks("console") for line in block.splitlines()
+    ]
+    return [line for line in dict.fromkeys(lines) if line]
+
+
+def test_python_blocks_run_in_one_session(capsys):
+    session: dict[str, object] = {}
+    for block in blocks("python"):
+        exec(compile(block, "README.md", "exec"), session)
+    printed = capsys.readouterr().out
+    assert "rank 12" in printed
+    assert "singular" in printed
+    assert isinstance(session["sol"], cp.Solution)
+    assert session["sol"].status.ok
+
+
+@pytest.mark.parametrize("line", [line for line in commands() if line.startswith("condyn ")])
+def test_condyn_commands_run(line):
+    result = CliRunner().invoke(app, shlex.split(line)[1:])
+    assert result.exit_code == 0, result.output
+
+
+@pytest.mark.parametrize("line", [line for line in commands() if line.startswith("make ")])
+def test_make_targets_exist_and_are_run_by_ci(line):
+    target = line.split()[1]
+    assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), flags=re.MULTILINE)
+    assert line in (ROOT / ".ci" / "run").read_text()
+
+
+def test_every_command_is_of_a_kind_that_is_tested():
+    kinds = {line.split()[0] for line in commands()}
+    assert kinds <= {"condyn", "make", "pip"}
+
+
+def test_every_solver_and_every_local_link_is_there():
+    for solver in cp.SOLVERS.values():
+        row = next(
+            line for line in README.splitlines() if line.startswith(f"| `{solver.__name__}`")
+        )
+        assert row.endswith(f"| {solver.cost} |")
+    for link in re.findall(r"\]\(([^)]+)\)", README):
+        assert link.startswith("https://") or (ROOT / link).is_file(), link
+    for path in re.findall(r"`((?:condyn_pin|benchmarks)/[\w/.]+)`", README):
+        assert (ROOT / path).exists(), path
+
+
+def test_table_is_the_one_of_the_committed_results(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    import results
+
+    table = results.load(ROOT / "benchmarks" / "results" / "bench.json")
+    assert results.with_table(README, table) == README
+
+
+def test_changelog_has_this_version():
+    assert f"## [{cp.__version__}]" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
