@@ -35,15 +35,15 @@ class Arguments:
 
     Attributes
     ----------
-    quaternions : tuple of slice
-        Where q holds quaternions.
+    quaternions, pairs : tuple of slice
+        Where q holds quaternions, and (cos, sin).
     """
 
     def __init__(self, model: Any) -> None:
         self._shapes = ((model.nq,), (model.nv,), (model.nv,))
         self._units = _unit_parts(model)
         self.quaternions = tuple(part for part in self._units if part.stop - part.start == 4)
-        self._only_quaternions = len(self.quaternions) == len(self._units)
+        self.pairs = tuple(part for part in self._units if part.stop - part.start == 2)
 
     def accept(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> tuple[Vector, Vector, Vector]:
         """Return the arguments as float arrays of the right size, or raise InvalidArgument.
@@ -57,7 +57,7 @@ class Arguments:
             and isinstance(tau, np.ndarray)
             and self._shapes == (q.shape, v.shape, tau.shape)
             and q.dtype is v.dtype is tau.dtype is _FLOAT
-            and self._only_quaternions
+            and not self.pairs
         ):
             for part in self.quaternions:
                 x, y, z, w = q[part].tolist()

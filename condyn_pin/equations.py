@@ -9,8 +9,9 @@ route: Newton-Euler with lam as external forces, and forward kinematics with the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,11 +19,8 @@ import numpy as np
 from condyn_pin._pin import LOCAL, pin
 from condyn_pin.binding import Bound
 from condyn_pin.frames import WorldContacts, Wrenches
+from condyn_pin.loops import Balls, Weld
 from condyn_pin.robot import Vector
-
-_velocity = pin.getFrameVelocity
-_acceleration = pin.getFrameAcceleration
-_classical = pin.getFrameClassicalAcceleration
 
 
 @dataclass(frozen=True)
@@ -78,14 +76,22 @@ class Equations:
         self.sign = np.concatenate([np.full(b.size, b.sign) for b in bounds] or [np.zeros(0)])
         self._flipped = any(b.sign < 0 for b in bounds)
         self._still = np.zeros(model.nv)
-        self._contacts = WorldContacts(self.data, bounds, self.m + 1)
+        contacts = [b for b in bounds if not (b.joint2 or b.anchored)]
+        balls = [b for b in bounds if b.size == 3 and (b.joint2 or b.anchored)]
+        welds = [b for b in bounds if b.size == 6 and (b.joint2 or b.anchored)]
+        self._contacts = WorldContacts(self.data, contacts, self.m + 1) if contacts else None
+        self._loops: list[Balls | Weld] = []
+        self._action: dict[str, Callable[[], Vector]] = {}  # R or X of a loop, after `motion`
+        if balls:
+            together = Balls(self.data, balls)
+            self._loops.append(together)
+            self._action |= {b.name: partial(together.action, k) for k, b in enumerate(balls)}
+        for b in welds:
+            weld = Weld(model, self.data, b)
+            self._loops.append(weld)
+            self._action[b.name] = weld.action
         self._wrenches = Wrenches(model, bounds)
-        numbered, oMi = list(enumerate(bounds)), self.data.oMi
-        self._loops = [(k, b) for k, b in numbered if b.joint2]
-        self._placed = [
-            (k, b, oMi[b.joint1], oMi[b.joint2]) for k, b in numbered if b.joint2 or b.anchored
-        ]
-        self._c1Mc2: list[Any] = [None] * len(bounds)  # of the last call of `motion`
+        self._lam2 = np.zeros(self.m)
         # |dynamics|, |a|, |c|, |J v| and |J a + gamma| share one array, so that one call finds the
         # largest of each; the last three end with a zero, so that none is empty.
         n, width = model.nv, self.m + 1
@@ -126,7 +132,10 @@ class Equations:
         The array in it is overwritten by the next call.
         """
         self.motion(q, v, a)
-        wrenches = self._wrenches.of(lam * self.sign if self._flipped else lam, self._c1Mc2)
+        lam1 = lam * self.sign if self._flipped else lam
+        for loops in self._loops:
+            loops.turn(lam1, self._lam2)
+        wrenches = self._wrenches.of(lam1, self._lam2)
         torque = pin.rnea(self.model, self.data, q, v, a, wrenches)
         np.subtract(torque, tau, out=self._dynamics)
         self._a[:] = a
@@ -136,46 +145,25 @@ class Equations:
 
     def motion(self, q: Vector, v: Vector, a: Vector) -> None:
         """Evaluate c(q), J v and J a + gamma into the memory of this object."""
-        model, data = self.model, self.data
-        pin.forwardKinematics(model, data, q, v, a)
-        self._contacts.evaluate(self._motion)
-        for k, b, oMi1, oMi2 in self._placed:
-            oMc2 = oMi2 * b.placement2
-            c1Mc2 = self._c1Mc2[k] = (oMi1 * b.placement1).actInv(oMc2)
-            self._c[b.rows] = -c1Mc2.translation if b.size == 3 else -pin.log6(c1Mc2).vector
-        for k, b in self._loops:
-            one = (model, data, b.joint1, b.placement1, LOCAL)
-            two = (model, data, b.joint2, b.placement2, LOCAL)
-            slip, drift = _between(b.size, one, two, self._c1Mc2[k])
-            self._velocity[b.rows], self._acceleration[b.rows] = slip, drift
+        pin.forwardKinematics(self.model, self.data, q, v, a)
+        if self._contacts:
+            self._contacts.evaluate(self._motion)
+        rows = self._c, self._velocity, self._acceleration
+        for loops in self._loops:
+            loops.evaluate(*rows)
         if self._flipped:
-            for rows in (self._c, self._velocity, self._acceleration):
-                rows *= self.sign
+            for part in rows:
+                part *= self.sign
 
     def _jacobian(self, q: Vector) -> Vector:
         """Return J, right after `motion` at the same q."""
         model, data = self.model, self.data
         pin.computeJointJacobians(model, data, q)
         J = np.empty((self.m, model.nv))
-        for b, c1Mc2 in zip(self.bounds, self._c1Mc2, strict=True):
+        for b in self.bounds:
             Jb = pin.getFrameJacobian(model, data, b.joint1, b.placement1, LOCAL)[: b.size]
             if b.joint2:
-                J2 = pin.getFrameJacobian(model, data, b.joint2, b.placement2, LOCAL)
-                X = c1Mc2.rotation if b.size == 3 else c1Mc2.toActionMatrix()
-                Jb = Jb - X @ J2[: b.size]
+                J2 = pin.getFrameJacobian(model, data, b.joint2, b.placement2, LOCAL)[: b.size]
+                Jb = Jb - self._action[b.name]() @ J2
             J[b.rows] = Jb
         return self.sign[:, None] * J if self._flipped else J
-
-
-def _between(size: int, one: Any, two: Any, c1Mc2: Any) -> tuple[Vector, Vector]:
-    """Return J v and J a + gamma of a loop between two moving bodies."""
-    if size == 3:
-        # velocity and acceleration of each frame's own origin, turned into the axes of c1
-        R = c1Mc2.rotation
-        slip = _velocity(*one).linear - R @ _velocity(*two).linear
-        return slip, _classical(*one).linear - R @ _classical(*two).linear
-    v2 = c1Mc2.act(_velocity(*two))
-    slip = _velocity(*one) - v2
-    # the last term is the turning of c1's axes, in which v2 is written
-    drift = _acceleration(*one) - c1Mc2.act(_acceleration(*two)) + slip.cross(v2)
-    return slip.vector, drift.vector

@@ -1,10 +1,11 @@
 """Between joints and constraint frames: velocities one way, forces the other.
 
-A frame c1 on joint 1 with placement P has, in its own axes,
+A frame c on a joint with placement P has, in its own axes,
 
-    v_c1 = P^-1 v_joint,    a_c1 = P^-1 a_joint,    f_joint = P* f_c1
+    v_c = P^-1 v_joint,    a_c = P^-1 a_joint,    f_joint = P* f_c
 
-all constant maps, so that those of all contacts are one matrix each.
+all constant maps, so that those of many frames are one matrix. The acceleration of a point is the
+classical one, linear(a_c) + omega_c x linear(v_c).
 """
 
 from __future__ import annotations
@@ -13,102 +14,141 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from condyn_pin._pin import pin
 from condyn_pin.binding import Bound
 from condyn_pin.robot import Vector
 
 
-class WorldContacts:
-    """Velocity and acceleration of every contact with the world.
-
-        J v         = X v_joints
-        J a + gamma = X a_joints  (+ omega x v for points, whose acceleration is the classical one)
+class Joints:
+    """Velocities and accelerations of some joints, side by side.
 
     Parameters
     ----------
     data : pin.Data
-        Holds `v` and `a` of the joints after forward kinematics.
+        Holds `oMi`, `v` and `a` after forward kinematics.
+    joints : set of int
+        The world may be among them: it does not move.
+    """
+
+    def __init__(self, data: Any, joints: set[int]) -> None:
+        self.numbers = sorted(joints)
+        self.place = {joint: slice(6 * i, 6 * i + 6) for i, joint in enumerate(self.numbers)}
+        self.size = 6 * len(self.numbers)
+        self.motion = np.zeros((2, self.size))
+        # references into data stay valid, and to fetch one costs half a microsecond
+        self._sources = [
+            (source[joint], self.motion[row, self.place[joint]])
+            for row, source in enumerate((data.v, data.a))
+            for joint in self.numbers
+            if joint
+        ]
+
+    def read(self) -> Vector:
+        """Return (2, size): velocities in the first row, accelerations in the second."""
+        for motion, place in self._sources:
+            place[:] = motion.vector
+        return self.motion
+
+    def maps(self, ends: Sequence[tuple[int, Any]]) -> tuple[Vector, Vector]:
+        """Return the maps to linear and angular motion of frames (joint, placement)."""
+        linear, angular = np.zeros((2, 3 * len(ends), self.size))
+        for i, (joint, placement) in enumerate(ends):
+            six = placement.toActionMatrixInverse()
+            linear[3 * i : 3 * i + 3, self.place[joint]] = six[:3]
+            angular[3 * i : 3 * i + 3, self.place[joint]] = six[3:]
+        return linear, angular
+
+
+class Centripetal:
+    """omega x v of many frames from one product with the joints' velocities.
+
+    By components: omega_(i+1) v_(i+2) - omega_(i+2) v_(i+1).
+    """
+
+    def __init__(self, linear: Vector, angular: Vector) -> None:
+        xyz = np.arange(len(linear)).reshape(-1, 3)
+        one, two = np.roll(xyz, -1, axis=1).ravel(), np.roll(xyz, -2, axis=1).ravel()
+        self._factors = np.vstack([angular[one], linear[two], angular[two], linear[one]])
+
+    def of(self, velocities: Vector) -> Vector:
+        """Return omega x v, three numbers a frame."""
+        w1, v2, w2, v1 = self._factors.dot(velocities).reshape(4, -1)
+        return w1 * v2 - w2 * v1  # type: ignore[no-any-return]
+
+
+class WorldContacts:
+    """Velocity and acceleration of contacts with the world that have no position error.
+
+        J v         = X v_joints
+        J a + gamma = X a_joints  (+ omega x v for points)
+
+    Parameters
+    ----------
+    data : pin.Data
     bounds : sequence of Bound
-        All constraints; those between two moving bodies are left out, their rows stay zero.
     width : int
         Number of columns of the result, at least the number of rows of the scene.
     """
 
     def __init__(self, data: Any, bounds: Sequence[Bound], width: int) -> None:
-        contacts = [b for b in bounds if not b.joint2]
-        joints = sorted({b.joint1 for b in contacts})
-        place = {joint: slice(6 * i, 6 * i + 6) for i, joint in enumerate(joints)}
-        X = np.zeros((width, 6 * len(joints)))
-        points = [b for b in contacts if b.size == 3]
-        v, omega = np.zeros((2, 3 * len(points), 6 * len(joints)))
-        for b in contacts:
-            X[b.rows, place[b.joint1]] = b.placement1.toActionMatrixInverse()[: b.size]
-        for i, b in enumerate(points):
+        self._joints = Joints(data, {b.joint1 for b in bounds})
+        X = np.zeros((width, self._joints.size))
+        for b in bounds:
             six = b.placement1.toActionMatrixInverse()
-            v[3 * i : 3 * i + 3, place[b.joint1]] = six[:3]
-            omega[3 * i : 3 * i + 3, place[b.joint1]] = six[3:]
+            X[b.rows, self._joints.place[b.joint1]] = six[: b.size]
         self._XT = np.ascontiguousarray(X.T)
-        # omega x v by components: omega_(i+1) v_(i+2) - omega_(i+2) v_(i+1)
-        xyz = np.arange(3 * len(points)).reshape(-1, 3)
-        first, second = np.roll(xyz, -1, axis=1).ravel(), np.roll(xyz, -2, axis=1).ravel()
-        self._factors = np.vstack([omega[first], v[second], omega[second], v[first]])
-        self._point_rows = np.concatenate(
-            [np.arange(b.rows.start, b.rows.stop) for b in points] or [np.zeros(0, dtype=int)]
+        points = [b for b in bounds if b.size == 3]
+        self._centripetal = Centripetal(
+            *self._joints.maps([(b.joint1, b.placement1) for b in points])
         )
-        self._stacked = np.zeros((2, 6 * len(joints)))
-        # references into data stay valid, and to fetch one costs half a microsecond
-        self._sources = [
-            (source[joint], self._stacked[row, place[joint]])
-            for row, source in enumerate((data.v, data.a))
-            for joint in joints
-        ]
+        self._points = rows_of(points)
 
     def evaluate(self, out: Vector) -> None:
-        """Write J v and J a + gamma into the two rows of `out` (2, width)."""
-        for motion, place in self._sources:
-            place[:] = motion.vector
-        np.dot(self._stacked, self._XT, out=out)
-        if self._point_rows.size:
-            w1, v2, w2, v1 = self._factors.dot(self._stacked[0]).reshape(4, -1)
-            out[1, self._point_rows] += w1 * v2 - w2 * v1
+        """Write J v and J a + gamma into the two rows of `out` (2, width); other columns are 0."""
+        motion = self._joints.read()
+        np.dot(motion, self._XT, out=out)
+        if self._points.size:
+            out[1, self._points] += self._centripetal.of(motion[0])
+
+
+def rows_of(bounds: Sequence[Bound]) -> NDArray[np.int_]:
+    """Return the row numbers of some constraints, one after the other."""
+    numbers = [range(b.rows.start, b.rows.stop) for b in bounds]
+    return np.array([row for rows in numbers for row in rows], dtype=np.int_)
 
 
 class Wrenches:
     """The constraint forces as wrenches on the joints: lam on joint 1, its opposite on joint 2."""
 
     def __init__(self, model: Any, bounds: Sequence[Bound]) -> None:
-        self._loops = [(k, b) for k, b in enumerate(bounds) if b.joint2]
         joints = sorted({j for b in bounds for j in (b.joint1, b.joint2) if j})
         place = {joint: slice(6 * i, 6 * i + 6) for i, joint in enumerate(joints)}
-        self._place = place
-        self._on_joint1 = np.zeros((6 * len(joints), sum(b.size for b in bounds)))
+        m = sum(b.size for b in bounds)
+        self._on_joint1, self._on_joint2 = np.zeros((2, 6 * len(joints), m))
         for b in bounds:
-            dual = b.placement1.toDualActionMatrix()[:, : b.size]
-            self._on_joint1[place[b.joint1], b.rows] = dual
+            dual1, dual2 = b.placement1.toDualActionMatrix(), b.placement2.toDualActionMatrix()
+            self._on_joint1[place[b.joint1], b.rows] = dual1[:, : b.size]
+            if b.joint2:
+                self._on_joint2[place[b.joint2], b.rows] = dual2[:, : b.size]
+        self._has_loops = any(b.joint2 for b in bounds)
         self._wrenches = pin.StdVec_Force()
         for _ in range(model.njoints):
             self._wrenches.append(pin.Force.Zero())
         self._targets = [(self._wrenches[joint], place[joint]) for joint in joints]
 
-    def of(self, lam: Vector, c1Mc2: Sequence[Any]) -> Any:
+    def of(self, lam1: Vector, lam2: Vector) -> Any:
         """Return the wrench on each joint, in its axes, in memory of this object.
 
         Parameters
         ----------
-        lam : (m,) array
-            On joint 1, in the axes of c1.
-        c1Mc2 : sequence of pin.SE3
-            Relative placements of the loops at the configuration.
+        lam1, lam2 : (m,) array
+            lam in the axes of c1, and the same forces in the axes and at the origin of c2.
         """
-        stacked = self._on_joint1.dot(lam)
-        for k, b in self._loops:
-            dual = b.placement2.toDualActionMatrix()
-            if b.size == 3:  # acts at the origin of c2, only turned
-                opposite = dual[:, :3] @ (c1Mc2[k].rotation.T @ lam[b.rows])
-            else:
-                opposite = dual @ (c1Mc2[k].toActionMatrix().T @ lam[b.rows])
-            stacked[self._place[b.joint2]] -= opposite
+        stacked = self._on_joint1.dot(lam1)
+        if self._has_loops:
+            stacked -= self._on_joint2.dot(lam2)
         for force, place in self._targets:
             force.vector = stacked[place]
         return self._wrenches

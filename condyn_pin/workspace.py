@@ -69,7 +69,7 @@ class Workspace:
         self.model = pin.Model(scene.robot.model)
         self.data = self.model.createData()
         self._arguments = Arguments(self.model)
-        self._quaternions = self._arguments.quaternions
+        self._quaternions, self._pairs = self._arguments.quaternions, self._arguments.pairs
         self._roots = tuple(
             int(joint.idx_v)
             for joint, parent in zip(self.model.joints, self.model.parents, strict=True)
@@ -132,6 +132,10 @@ class Workspace:
             for part in self._quaternions:
                 x, y, z, w = q[part].tolist()
                 if not LOW < x * x + y * y + z * z + w * w < HIGH:
+                    raise ValueError
+            for part in self._pairs:
+                cos, sin = q[part].tolist()
+                if not LOW < cos * cos + sin * sin < HIGH:
                     raise ValueError
             a = self._run(q, v, tau)
             # A joint's acceleration depends on everything above it in the tree, and its root's on

@@ -20,11 +20,12 @@ if TYPE_CHECKING:
 
 Acceleration = Callable[[Vector, Vector, Vector], Vector]
 
-# Error of a, relative, at the nominal states: a margin for all other states.
-_ACCURATE = tolerances.SOLVED / 1000
-
 # What `mu` is chosen from, times the largest eigenvalue of G.
-_LADDER = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
+_LADDER = (1e-2, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
+
+# Error of a, relative, at the nominal states: with a wide margin for other states if any weight has
+# it, with a narrow one otherwise.
+_LEVELS = (tolerances.SOLVED / 1000, tolerances.SOLVED / 30)
 
 
 @dataclass(frozen=True)
@@ -40,8 +41,8 @@ class LCABA(Solver):
         Proximal weight [1/kg]. Rounding of inertias scaled by 1/mu ends up in a, and a too small
         mu is silently wrong: on Cassie's closed loops 1e-3 gives 1e-8, and 1e-8 gives 1 %. J a
         stays at 1e-13 all the while; only M a + h - tau - J^T lam shows it. The right value
-        depends on the scene, so by default each workspace measures eight of them against a dense
-        solve at the scene's nominal states, and takes the most accurate.
+        depends on the scene, so by default each workspace measures seven of them against a dense
+        solve at the scene's nominal states, and takes the fastest that is accurate.
     max_iterations : int
         Upper limit on the sweeps over the tree; Talos on two feet takes 5, Cassie up to 40.
     absolute_accuracy : float
@@ -109,7 +110,7 @@ class LCABA(Solver):
     def _best_mu(self, audit: Audit, bind: Callable[[Any], Acceleration]) -> float:
         """Return the fastest weight that is accurate at the nominal states, else the best.
 
-        A weight that needs more than a quarter of the iterations there is left out if possible:
+        A weight that needs more than a quarter of the iterations there does not count as accurate:
         it would not converge at other states.
         """
 
@@ -123,8 +124,7 @@ class LCABA(Solver):
                 worst = max(worst, error if np.isfinite(error) else np.inf)
                 iterations = max(iterations, settings.iter)
             settled = iterations <= max(1, self.max_iterations // 4)
-            if settled and worst < _ACCURATE:
-                return 0, iterations, worst
-            return (1 if settled else 2), 0, worst
+            level = sum(worst >= limit for limit in _LEVELS) if settled else len(_LEVELS)
+            return level, iterations if level < len(_LEVELS) else 0, worst
 
         return min((share * audit.delassus_norm for share in _LADDER), key=measure)

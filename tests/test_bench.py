@@ -1,0 +1,139 @@
+"""The harness: what it times, what it writes, and that a failure stays in the table."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from shared import all_scenes, robot
+
+import condyn_pin as cp
+from condyn_pin._pin import HAS_LCABA
+from condyn_pin.bench import Effort, bench_scene
+from condyn_pin.bench_table import BenchRow, BenchTable
+from condyn_pin.catalogue import motor_torque, standard_scenes
+from condyn_pin.machine import machine
+from condyn_pin.timing import Times, interleaved
+
+TINY = Effort(states=2, rounds=4, repeats=1)
+
+
+def test_every_candidate_sees_every_state_equally_often():
+    seen: dict[str, list[float]] = {"one": [], "two": [], "three": []}
+    calls = {name: lambda q, v, tau, name=name: seen[name].append(q[0]) for name in seen}
+    states = [(np.array([float(i)]),) * 3 for i in range(5)]
+    ticks: list[int] = []
+    times = interleaved(calls, states, rounds=10, repeats=3, tick=lambda: ticks.append(1))
+    assert len(ticks) == 10
+    assert seen["one"] == seen["two"] == seen["three"]
+    assert len(seen["one"]) == 5 + 10 * (1 + 3)
+    assert all(len(t.samples) == 10 for t in times.values())
+
+
+def test_times_are_what_they_say():
+    times = Times(tuple(map(float, range(1, 101))))
+    assert times.median == 50.5
+    assert times.p95 == pytest.approx(95.05)
+    assert Times((2.0, 4.0, 9.0)).ratio(Times((1.0, 2.0, 3.0))) == 2.0
+
+
+@pytest.mark.parametrize("label", ["four_bar loops", "talos contacts"])
+def test_rows_of_a_scene(label):
+    rows = bench_scene(label, all_scenes()[label], effort=TINY)
+    methods = [row.method.split(",")[0] for row in rows]
+    assert methods[0] == "ABA"
+    assert ("LCABA" in methods) == HAS_LCABA
+    for row in rows[1:]:
+        assert (row.rows, row.rank) == (all_scenes()[label].rows, all_scenes()[label].audit.rank)
+        if "singular" in row.status:
+            assert row.method == "Dense KKT"
+            assert math.isnan(row.acceleration_us)
+            continue
+        assert row.status == "2 ok"
+        assert row.error < 1e-8
+        assert row.acceleration_us > 0
+        assert row.solve_us > 0
+        assert row.to_dense > 0
+
+
+def test_redundant_rows_get_a_damped_yardstick():
+    rows = bench_scene("four_bar loops", all_scenes()["four_bar loops"], effort=TINY)
+    dense = [row for row in rows if row.method.startswith("Dense KKT")]
+    assert [row.status for row in dense] == ["2 singular", "2 ok"]
+    assert "mu" in dense[1].method
+
+
+def test_a_method_that_fails_stays_in_the_table(monkeypatch):
+    from condyn_pin import bench
+
+    monkeypatch.setattr(bench, "_solvers", lambda scene: [cp.Proximal(mu=0.0, max_iterations=1)])
+    rows = bench_scene("four_bar loops", all_scenes()["four_bar loops"], effort=TINY)
+    assert rows[1].status == "2 not_finite"
+    assert math.isnan(rows[1].acceleration_us)
+
+
+def table() -> BenchTable:
+    rows = (BenchRow("s", "ABA", 0, 0, bare_us=1.0), BenchRow("s", "Proximal", 3, 2, error=1e-9))
+    return BenchTable(rows, machine())
+
+
+def test_json_has_no_nan_and_keeps_every_field(tmp_path):
+    table().to_json(tmp_path / "b.json")
+    text = (tmp_path / "b.json").read_text()
+    assert "NaN" not in text
+    saved = json.loads(text)
+    assert set(saved["rows"][0]) == {field.name for field in fields(BenchRow)}
+    assert saved["machine"]["processor"]
+
+
+def test_native_rows_are_merged(tmp_path):
+    row = {"scene": "s", "method": "lcaba", "mu": 1e-6, "iterations": None, "median_us": 8.0,
+           "p95_us": 9.0, "min_us": 7.5, "error": None, "dynamics_error": 1e-12,
+           "constraint_error": None}  # fmt: skip
+    path = tmp_path / "native.json"
+    path.write_text(json.dumps({"compiler": "c++", "rows": [row]}))
+    merged = table().with_native(path)
+    assert merged.rows[-1].origin == "C++"
+    assert merged.rows[-1].bare_us == 8.0
+    assert math.isnan(merged.rows[-1].error)
+    assert merged.machine["native compiler"] == "c++"
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"rows": [{}]}'])
+def test_a_file_that_is_no_native_result_is_refused(tmp_path, text):
+    path = tmp_path / "native.json"
+    path.write_text(text)
+    with pytest.raises(cp.InvalidArgument, match="make native"):
+        table().with_native(path)
+
+
+def test_standard_scenes_of_every_robot():
+    assert list(standard_scenes(robot("talos"))) == ["talos contacts", "talos corners"]
+    assert list(standard_scenes(robot("cassie"))) == ["cassie loops", "cassie loops + contacts"]
+    assert list(standard_scenes(robot("pendulum"))) == ["pendulum free"]
+
+
+def test_torques_are_in_the_motors_only():
+    cassie = robot("cassie")
+    tau = motor_torque(cassie, np.random.default_rng(0))
+    moved = {cassie.model.joints[cassie.model.getJointId(n)].idx_v for n in cassie.actuated}
+    assert set(np.flatnonzero(tau)) == moved
+
+
+def test_picture_has_a_mark_for_every_method_and_a_line_for_aba():
+    from condyn_pin import plots
+
+    rows = bench_scene("four_bar loops", all_scenes()["four_bar loops"], effort=TINY)
+    ax = plots.bench(BenchTable(tuple(rows), machine()), "four_bar loops")
+    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert "Dense KKT: 2 singular".replace("2 ", "") in " ".join(labels)
+    assert "Proximal" in labels
+    drawn = {line.get_label(): line for line in ax.get_lines()}
+    proximal = next(row for row in rows if row.method == "Proximal")
+    assert drawn["Proximal"].get_xdata()[0] == proximal.acceleration_us
+    assert drawn["Proximal"].get_ydata()[0] == max(proximal.error, 1e-16)
+    assert plots.bench(BenchTable(tuple(rows), machine()), "four_bar loops", ax) is ax
+    plots._pyplot().close("all")

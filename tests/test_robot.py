@@ -1,0 +1,179 @@
+"""Robots: what is loaded, from where, and that they are values."""
+
+from __future__ import annotations
+
+import dataclasses
+import pickle
+
+import numpy as np
+import pytest
+from shared import robot
+
+import condyn_pin as cp
+from condyn_pin._pin import pin
+
+# size of q, of v, mass [kg], number of loops
+FIGURES = {
+    "talos": (39, 38, 90.2722, 0),
+    "solo12": (19, 18, 2.5, 0),
+    "cassie": (35, 32, 32.94, 4),
+    "four_bar": (3, 3, 4.25, 1),
+    "pendulum": (1, 1, 1.0, 0),
+}
+
+
+def test_every_robot_has_figures_here():
+    assert set(FIGURES) == set(cp.available_robots())
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_size_mass_and_card(name):
+    loaded = robot(name)
+    nq, nv, mass, loops = FIGURES[name]
+    assert (loaded.nq, loaded.nv, len(loaded.loops)) == (nq, nv, loops)
+    assert loaded.mass == pytest.approx(mass, abs=5e-5)
+    assert loaded.source
+    assert loaded.licence
+    assert loaded.name == name
+    assert set(loaded.actuated) <= set(loaded.joints)
+    for contact in loaded.contacts:
+        assert contact.frame in loaded.frames
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_robots_pickle_and_compare(name):
+    loaded = robot(name)
+    copy = pickle.loads(pickle.dumps(loaded))
+    assert copy == loaded
+    assert hash(copy) == hash(loaded)
+    assert copy != robot("talos" if name != "talos" else "solo12")
+    assert copy != "talos"
+
+
+def test_postures_cannot_be_written():
+    posture = robot("talos").postures["half_sitting"]
+    with pytest.raises(ValueError, match="read-only"):
+        posture[0] = 1.0
+    with pytest.raises(TypeError):
+        robot("talos").postures["new"] = posture
+
+
+def test_talos_carries_rotor_inertia():
+    talos = robot("talos")
+    joint = talos.model.joints[talos.model.getJointId("leg_left_4_joint")]
+    assert talos.model.armature[joint.idx_v] == pytest.approx(0.1)
+    assert len(talos.actuated) == talos.nv - 6
+
+
+def test_talos_counts_only_joints_that_move_as_unused():
+    assert any("limits" in text and "32 joints" in text for text in robot("talos").unused)
+
+
+def test_passive_torque_is_that_of_springs_and_dampers():
+    cassie = robot("cassie")
+    q, v = cassie.postures["standing"].copy(), np.zeros(cassie.nv)
+    assert not cassie.passive_torque(q, v).any()
+    for spring in cassie.springs:
+        joint = cassie.model.joints[cassie.model.getJointId(spring.joint)]
+        bent = q.copy()
+        bent[joint.idx_q] += 0.01
+        tau = cassie.passive_torque(bent, v)
+        assert tau[joint.idx_v] == pytest.approx(-0.01 * spring.stiffness)
+        assert np.count_nonzero(tau) == 1
+    knee = cassie.model.joints[cassie.model.getJointId("left-knee-op")].idx_v
+    v[knee] = 2.0
+    assert cassie.passive_torque(q, v)[knee] == pytest.approx(-2.0)
+    assert {s.stiffness for s in cassie.springs} == {1500.0, 1250.0}
+
+
+def test_with_frame_adds_one_and_leaves_the_robot_alone():
+    talos = robot("talos")
+    R = pin.rpy.rpyToMatrix(0.1, 0.2, 0.3)
+    more = talos.with_frame("toe", "left_sole_link", [0.1, 0.0, 0.0], R)
+    assert "toe" not in talos.frames
+    joint, placement = more.frame("toe")
+    parent, base = talos.frame("left_sole_link")
+    assert joint == parent
+    assert placement.isApprox(base * pin.SE3(R, np.array([0.1, 0.0, 0.0])), 1e-14)
+    q = talos.postures["half_sitting"]
+    one = cp.solve(cp.Scene(more, [cp.PointContact("toe")]), q, 0 * q[1:], 0 * q[1:])
+    same = cp.PointContact("left_sole_link", offset=(0.1, 0, 0))
+    two = cp.solve(cp.Scene(talos, [same]), q, 0 * q[1:], 0 * q[1:])
+    assert np.abs(one.a - two.a).max() < 1e-9
+    assert np.abs(one.forces["toe"] - R.T @ two.forces["left_sole_link"]).max() < 1e-9
+
+
+def test_frames_of_the_world():
+    bar = robot("four_bar").with_frame("wall", "world", [0.4, 0.0, 0.5])
+    joint, placement = bar.frame("wall")
+    assert joint == 0
+    assert placement.translation.tolist() == [0.4, 0.0, 0.5]
+
+
+def test_an_edited_model_is_made_a_robot_by_replace():
+    talos = cp.load_robot("talos")
+    model = pin.Model(talos.model)
+    model.gravity.linear = np.zeros(3)
+    floating = dataclasses.replace(talos, model=model)
+    assert floating != talos
+    q = talos.postures["half_sitting"]
+    assert np.abs(cp.solve(cp.Scene(floating), q, 0 * q[1:], 0 * q[1:]).a).max() < 1e-12
+
+
+def test_a_folder_is_a_robot(tmp_path):
+    """A URDF with a loop: two rods that hang from a beam, joined at the ends by a bar."""
+    (tmp_path / "swing.urdf").write_text(SWING)
+    (tmp_path / "robot.toml").write_text(CARD)
+    swing = cp.load_robot(tmp_path)
+    assert [loop.name for loop in swing.loops] == ["close"]
+    assert swing.actuated == ("left",)
+    scene = cp.Scene(swing, swing.loops)
+    assert (scene.rows, scene.audit.rank, scene.audit.mobility) == (3, 2, 1)
+    q, v = scene.state("hanging")
+    assert cp.solve(scene, q, v, np.zeros(3)).status.ok
+    assert any("damping (left)" in text for text in swing.unused)
+    assert any("friction (left)" in text for text in swing.unused)
+
+
+def test_a_urdf_alone_is_a_robot(tmp_path):
+    path = tmp_path / "swing.urdf"
+    path.write_text(SWING)
+    assert cp.load_robot(path).nv == 3
+    floating = cp.load_robot(str(path), root_joint="free_flyer")
+    assert (floating.nq, floating.nv) == (7 + 3 * 2, 6 + 3)
+
+
+def rod(name: str, rpy: str = "0 0 0") -> str:
+    return f"""<link name="{name}"><inertial><origin xyz="0 0 -0.25" rpy="{rpy}"/><mass value="1"/>
+    <inertia ixx="0.02" iyy="0.02" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+
+
+def hinge(name: str, parent: str, child: str, xyz: str, extra: str = "") -> str:
+    return f"""<joint name="{name}" type="continuous">
+    <parent link="{parent}"/><child link="{child}"/>
+    <origin xyz="{xyz}"/><axis xyz="0 1 0"/>{extra}</joint>"""
+
+
+SWING = f"""<robot name="swing"><link name="beam"/>{rod("a")}{rod("b")}{rod("c")}
+{hinge("left", "beam", "a", "0 0 0", '<dynamics damping="0.1" friction="0.2"/>')}
+{hinge("right", "beam", "b", "0.5 0 0")}
+{hinge("bottom", "a", "c", "0 0 -0.5")}
+<link name="c_end"/><joint name="c_tip" type="fixed"><parent link="c"/><child link="c_end"/>
+<origin xyz="0.5 0 0"/></joint>
+<link name="b_end"/><joint name="b_tip" type="fixed"><parent link="b"/><child link="b_end"/>
+<origin xyz="0 0 -0.5"/></joint></robot>"""
+
+CARD = """
+name = "swing"
+source = "this test"
+licence = "none"
+actuated = ["left"]
+[description]
+file = "swing.urdf"
+[[loops]]
+frame_a = "c_end"
+frame_b = "b_end"
+name = "close"
+[postures.hanging]
+left = [1.0, 0.0]
+"""

@@ -1,0 +1,174 @@
+"""Only what a scene requires: rows, rank, redundant rows by name, closed states."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+from shared import all_scenes, each_scene, robot
+
+import condyn_pin as cp
+from condyn_pin.equations import Equations
+from condyn_pin.tolerances import CLOSED
+
+# rows, rank, mobility: counted by hand or taken from an independent engine
+COUNTS = {
+    "talos contacts": (12, 12, 26),
+    "talos corners": (24, 12, 26),
+    "cassie loops": (12, 10, 22),
+    "cassie loops + contacts": (24, 20, 12),
+    "solo12 contacts": (12, 12, 6),
+    "four_bar loops": (3, 2, 1),
+    "pendulum free": (0, 0, 1),
+    "talos foot held twice": (18, 12, 26),
+}
+
+
+@pytest.mark.parametrize("label", COUNTS)
+def test_rows_rank_and_mobility(label):
+    summary = all_scenes()[label].summary()
+    assert (summary.rows, summary.rank, summary.mobility) == COUNTS[label]
+    assert len(summary.redundant) == summary.rows - summary.rank
+
+
+@each_scene
+def test_redundant_rows_are_those_that_can_go(label):
+    """Without them the rank is the same, and every row that is left counts."""
+    scene = all_scenes()[label]
+    kept = [name not in scene.audit.redundant for name in scene.row_names]
+    J = Equations(scene.robot.model, scene.bounds).jacobian(scene.audit.q)
+    if scene.rows:
+        assert np.linalg.matrix_rank(J[kept], tol=1e-9) == scene.audit.rank == sum(kept)
+
+
+def test_summary_of_cassie_names_the_planar_loops():
+    summary = all_scenes()["cassie loops"].summary()
+    assert {name.rsplit(".", 1)[0] for name in summary.redundant} == {
+        "left-plantar-foot-joint",
+        "right-plantar-foot-joint",
+    }
+    text = str(summary)
+    for said in ("12, rank 10, mobility 22", "springs", "static", "ISC", "DenseKKT needs mu"):
+        assert said in text
+
+
+def test_summary_says_what_is_left_out():
+    cassie = robot("cassie")
+    text = str(cp.Scene(cassie, cassie.loops[1:]).summary())
+    assert f"loops that are not in this scene ({cassie.loops[0].name})" in text
+    assert "mobility 0" in str(locked().summary())
+
+
+def locked() -> cp.Scene:
+    """A weld where the four-bar has a hinge: nothing can move."""
+    bar = cp.four_bar()
+    q = cp.Scene(bar, bar.loops).state()[0]
+    turn = -q[0] - q[1] + q[2]
+    R = np.array([[np.cos(turn), 0, -np.sin(turn)], [0, 1, 0], [np.sin(turn), 0, np.cos(turn)]])
+    bar = bar.with_frame("turned", "coupler_tip", [0, 0, 0], R)
+    return cp.Scene(bar, [cp.Loop("turned", "rocker_tip", "weld")])
+
+
+def test_a_weld_in_place_of_a_hinge_locks_it_and_is_still_solved():
+    scene = locked()
+    assert scene.audit.closed
+    assert (scene.rows, scene.audit.mobility) == (6, 0)
+    q, v = scene.state()
+    solution = cp.solve(scene, q, v, np.zeros(3))
+    assert np.abs(solution.a).max() < 1e-9
+
+
+def test_a_scene_that_cannot_be_closed_says_so():
+    long = robot("four_bar").with_frame("far", "coupler_tip", [3.0, 0, 0])
+    scene = cp.Scene(long, [cp.Loop("far", "rocker_tip", name="reach")])
+    assert any("cannot be closed" in note for note in scene.summary().notes)
+    with pytest.raises(cp.NotAssembled, match="reach is open by"):
+        scene.state()
+
+
+@each_scene
+def test_state_is_closed_and_at_rest(label):
+    scene = all_scenes()[label]
+    for posture in (None, *scene.robot.postures):
+        q, v = scene.state(posture)
+        violation = cp.Workspace(scene).violation(q)
+        assert np.abs(violation).max(initial=0.0) <= CLOSED
+        assert not v.any()
+
+
+@each_scene
+def test_samples_are_closed_moving_and_reproducible(label):
+    scene = all_scenes()[label]
+    workspace = cp.Workspace(scene)
+    q, v = scene.sample(np.random.default_rng(11))
+    again = scene.sample(np.random.default_rng(11))
+    other = scene.sample(np.random.default_rng(12))
+    assert np.array_equal(q, again[0])
+    assert np.array_equal(v, again[1])
+    assert not np.array_equal(q, other[0])
+    assert np.abs(workspace.violation(q)).max(initial=0.0) <= CLOSED
+    assert np.abs(workspace.jacobian(q) @ v).max(initial=0.0) < 1e-10
+    assert np.abs(v).max() > 0.1
+
+
+@each_scene
+def test_scenes_pickle_and_compare(label):
+    scene = all_scenes()[label]
+    copy = pickle.loads(pickle.dumps(scene))
+    assert copy == scene
+    assert hash(copy) == hash(scene)
+    assert copy.robot == scene.robot
+    state = scene.state()
+    tau = np.zeros(scene.robot.nv)
+    assert np.array_equal(cp.solve(copy, *state, tau).a, cp.solve(scene, *state, tau).a)
+
+
+def test_scenes_that_differ_are_not_equal():
+    talos = robot("talos")
+    one = cp.Scene(talos, talos.contacts[:1])
+    assert one != cp.Scene(talos, talos.contacts[1:])
+    assert one != cp.Scene(robot("solo12"))
+    assert one == cp.Scene(
+        cp.load_robot("talos"),
+        [cp.SurfaceContact("left_sole_link", half_length=0.0965, half_width=0.062)],
+    )
+
+
+def test_assemble_keeps_the_joints_that_are_named():
+    bar = robot("four_bar")
+    scene = cp.Scene(bar, bar.loops)
+    q = bar.postures["open"].copy()
+    q[0] += 0.3
+    closed = scene.assemble(q, fixed=["crank"])
+    assert closed[0] == q[0]
+    assert np.abs(cp.Workspace(scene).violation(closed)).max() <= CLOSED
+
+
+def test_assemble_from_far_away():
+    """From 0.2 rad in every joint, nine times in ten or better."""
+    rng = np.random.default_rng(0)
+    for label in ("cassie loops", "four_bar loops"):
+        scene = all_scenes()[label]
+        model = scene.robot.model
+        closed = 0
+        for _ in range(30):
+            from condyn_pin._pin import pin
+
+            guess = pin.integrate(model, scene.audit.q, 0.2 * rng.normal(size=model.nv))
+            try:
+                scene.assemble(guess)
+                closed += 1
+            except cp.NotAssembled:
+                pass
+        assert closed >= 27
+
+
+def test_cassies_postures_from_file_and_figures():
+    """Standing: springs at rest, feet flat, the line of each foot 20 mm above the ground."""
+    cassie = robot("cassie")
+    scene = all_scenes()["cassie loops + contacts"]
+    q, _ = scene.state("standing")
+    assert np.abs(q - cassie.postures["standing"]).max() < 1e-9
+    heights = [M.translation[2] for M in Equations(cassie.model, scene.bounds).placements(q)[4:]]
+    assert np.allclose(heights, 0.02, atol=1e-9)

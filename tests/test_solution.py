@@ -1,0 +1,194 @@
+"""What an answer says: forces by name, axes, signs, and the physics behind them."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+from shared import all_scenes, each_scene, each_solver, robot, states
+
+import condyn_pin as cp
+from condyn_pin._pin import pin
+
+
+@each_scene
+def test_forces_are_the_rows_of_lam_by_name(label):
+    scene = all_scenes()[label]
+    solution = cp.solve(scene, *states(label)[0])
+    stacked = [solution.forces[name] for name in scene.names]
+    assert np.array_equal(np.concatenate([*stacked, np.zeros(0)]), solution.lam)
+    for constraint in scene.constraints:
+        assert solution.forces[constraint.name].shape == (constraint.rows,)
+
+
+@each_scene
+def test_world_forces_are_the_same_turned(label):
+    scene = all_scenes()[label]
+    q, v, tau = states(label)[0]
+    solution = cp.solve(scene, q, v, tau)
+    data = scene.robot.model.createData()
+    pin.forwardKinematics(scene.robot.model, data, q)
+    for bound in scene.bounds:
+        R = (data.oMi[bound.joint1] * bound.placement1).rotation
+        local, world = solution.forces[bound.name], solution.world_forces[bound.name]
+        assert np.allclose(world[:3], R @ local[:3], atol=1e-12 * (1 + np.abs(local).max()))
+        assert np.allclose(world[3:], (R @ local[3:] if len(local) == 6 else []), atol=1e-9)
+
+
+def held_still(scene: cp.Scene) -> cp.Solution:
+    """Torques in the motors that hold a robot still at its first posture, and the forces then.
+
+    J^T lam = h - S tau has many solutions; the one of least squares is taken.
+    """
+    q, v = scene.state()
+    t = cp.Workspace(scene).terms(q, v)
+    model = scene.robot.model
+    motors = [model.joints[model.getJointId(name)].idx_v for name in scene.robot.actuated]
+    springs = [model.joints[model.getJointId(s.joint)].idx_v for s in scene.robot.springs]
+    S = np.eye(scene.robot.nv)[:, motors + springs]
+    x = np.linalg.lstsq(np.hstack([S, t.J.T]), t.h, rcond=1e-9)[0]
+    return cp.solve(scene, q, v, S @ x[: S.shape[1]])
+
+
+@pytest.mark.parametrize(
+    ("label", "weight"),
+    [("talos contacts", 885.5702), ("talos corners", 885.5702), ("solo12 contacts", 24.5250)],
+)
+def test_contact_forces_carry_the_weight_at_rest(label, weight):
+    solution = held_still(all_scenes()[label])
+    assert np.abs(solution.a).max() < 1e-8
+    total = sum(force[:3] for force in solution.world_forces.values())
+    assert np.allclose(total, [0.0, 0.0, weight], atol=2e-4)
+
+
+def test_cassies_feet_carry_her_weight_at_rest():
+    """But for the spin of two thin rods, which nothing can hold: their gravity is 1e-3 N m."""
+    scene = all_scenes()["cassie loops + contacts"]
+    solution = held_still(scene)
+    contacts = {contact.name for contact in scene.robot.contacts}
+    total = sum(f for name, f in solution.world_forces.items() if name in contacts)
+    assert np.allclose(total, [0.0, 0.0, 323.1414], atol=0.05)
+
+
+def test_centre_of_pressure_is_inside_the_soles():
+    solution = held_still(all_scenes()["talos contacts"])
+    for contact in solution.scene.robot.contacts:
+        f = solution.forces[contact.name]
+        assert f[2] > 0.0  # the ground pushes the robot up
+        x, y = -f[4] / f[2], f[3] / f[2]
+        assert abs(x) < contact.half_length
+        assert abs(y) < contact.half_width
+
+
+def test_corners_carry_the_same_wrench_as_the_surface():
+    surface = held_still(all_scenes()["talos contacts"])
+    scene = all_scenes()["talos corners"]
+    q, v = scene.state()
+    t = cp.Workspace(surface.scene).terms(q, v)
+    tau = t.h - t.J.T @ surface.lam
+    corners = cp.solve(scene, q, v, tau)
+    for contact in surface.scene.robot.contacts:
+        total = np.zeros(6)
+        for point in contact.corners():
+            f = corners.forces[point.name]
+            total += np.concatenate([f, np.cross(point.offset, f)])
+        assert np.allclose(total, surface.forces[contact.name], atol=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["ball", "weld"])
+def test_action_equals_reaction(kind):
+    """A loop named from either side: the forces in the world are opposite."""
+    talos = robot("talos")
+    a, b = "left_sole_link", "right_sole_link"
+    left, _ = talos.contacts
+    joint, placement = talos.frame(b)
+    q = talos.postures["half_sitting"]
+    data = talos.model.createData()
+    pin.forwardKinematics(talos.model, data, q)
+    here = (data.oMi[joint] * placement).actInv(data.oMi[talos.frame(a)[0]] * talos.frame(a)[1])
+    talos = talos.with_frame("meet", b, here.translation, here.rotation)
+    v = np.zeros(talos.nv)
+    one = cp.solve(cp.Scene(talos, [left, cp.Loop(a, "meet", kind, name="grip")]), q, v, v)
+    two = cp.solve(cp.Scene(talos, [left, cp.Loop("meet", a, kind, name="grip")]), q, v, v)
+    assert np.abs(one.a - two.a).max() < 1e-9
+    force, reaction = one.world_forces["grip"], two.world_forces["grip"]
+    assert np.abs(force).max() > 1.0
+    assert np.allclose(force, -reaction, atol=1e-8 * np.abs(force).max())
+
+
+def hanging_box() -> cp.Robot:
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "float")
+    model.appendBodyToJoint(
+        joint, pin.Inertia(2.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity()
+    )
+    hook = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.2, 0.5), np.array([0.0, 0.0, 0.4]))
+    model.addFrame(pin.Frame("hook", joint, 0, hook, pin.FrameType.OP_FRAME))
+    return cp.Robot("box", model)
+
+
+@pytest.mark.parametrize("kind", ["ball", "weld"])
+@each_solver
+def test_a_hanging_box_is_held_up_in_both_orders(kind, solver):
+    box = hanging_box()
+    _, placement = box.frame("hook")
+    box = box.with_frame("ceiling", "world", placement.translation, placement.rotation)
+    q, v = pin.neutral(box.model), np.zeros(6)
+    weight = 2.0 * 9.81 * np.array([0.0, 0.0, 1.0])
+    on_box = cp.solve(
+        cp.Scene(box, [cp.Loop("hook", "ceiling", kind, name="n")]), q, v, v, solver=solver
+    )
+    on_world = cp.solve(
+        cp.Scene(box, [cp.Loop("ceiling", "hook", kind, name="n")]), q, v, v, solver=solver
+    )
+    assert np.abs(on_box.a).max() < 1e-9
+    assert np.abs(on_world.a).max() < 1e-9
+    assert np.allclose(on_box.world_forces["n"][:3], weight, atol=1e-8)
+    assert np.allclose(on_world.world_forces["n"][:3], -weight, atol=1e-8)
+    assert np.allclose(on_box.forces["n"], -on_world.forces["n"], atol=1e-9)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3, 2.0, -1.0])
+@pytest.mark.parametrize("rate", [0.0, 3.0])
+def test_pendulum_as_a_free_body_on_a_ball(angle, rate):
+    """theta'' = -g sin(theta) / l, and the pull m (g cos(theta) + l theta'^2) along the rod."""
+    length, mass = 0.7, 1.5
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "float")
+    model.appendBodyToJoint(
+        joint, pin.Inertia(mass, np.zeros(3), 1e-3 * np.eye(3)), pin.SE3.Identity()
+    )
+    model.addFrame(
+        pin.Frame(
+            "end", joint, 0, pin.SE3(np.eye(3), np.array([0, 0, length])), pin.FrameType.OP_FRAME
+        )
+    )
+    free = cp.Robot("free", model)
+    R = pin.rpy.rpyToMatrix(0.0, angle, 0.0)
+    q = pin.SE3ToXYZQUAT(pin.SE3(R, -R @ np.array([0.0, 0.0, length])))
+    v = np.array([-length * rate, 0.0, 0.0, 0.0, rate, 0.0])
+    sol = cp.solve(cp.Scene(free, [cp.PointContact("end", anchor=(0, 0, 0))]), q, v, np.zeros(6))
+    inertia = mass * length**2 + 1e-3
+    assert sol.state_error.position < 1e-12
+    assert sol.state_error.velocity < 1e-12
+    assert sol.a[4] == pytest.approx(-mass * 9.81 * length * np.sin(angle) / inertia, abs=1e-9)
+    pull = sol.forces["end"][2]
+    assert pull == pytest.approx(mass * (9.81 * np.cos(angle) + length * rate**2), abs=1e-8)
+
+
+def test_an_answer_prints_itself_with_units_and_pickles():
+    solution = held_still(all_scenes()["talos contacts"])
+    text = str(solution)
+    for said in ("ok in", "iterations", "dynamics error", "m/s^2", "left_sole_link"):
+        assert said in text
+    copy = pickle.loads(pickle.dumps(solution))
+    assert np.array_equal(copy.a, solution.a)
+    assert copy.scene == solution.scene
+
+
+def test_every_status_is_advice():
+    for status in cp.Status:
+        assert len(status.value) > 20
+        assert str(status).startswith(status.name.lower())
+        assert status.ok == (status is cp.Status.OK)
