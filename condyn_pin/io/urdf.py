@@ -53,11 +53,7 @@ def unused_elements(robot: ET.Element) -> tuple[str, ...]:
     joints = [joint for joint in robot.findall("joint") if joint.get("type") != "fixed"]
     found = []
     for attribute in ("damping", "friction"):
-        names = [
-            joint.get("name", "?")
-            for joint in joints
-            if float((joint.find("dynamics") or ET.Element("none")).get(attribute, 0) or 0)
-        ]
+        names = [joint.get("name", "?") for joint in joints if _dynamics(joint, attribute)]
         if names:
             advice = ": add Robot.passive_torque to tau" if attribute == "damping" else ""
             found.append(f"joint {attribute} ({_few(names)}){advice}")
@@ -72,6 +68,11 @@ def unused_elements(robot: ET.Element) -> tuple[str, ...]:
         if count:
             found.append(f"<{tag}> ({count} elements)")
     return tuple(found)
+
+
+def _dynamics(joint: ET.Element, attribute: str) -> float:
+    element = joint.find("dynamics")
+    return 0.0 if element is None else float(element.get(attribute) or 0)
 
 
 def _few(names: list[str]) -> str:
