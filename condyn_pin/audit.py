@@ -14,6 +14,7 @@ from condyn_pin.errors import NotAssembled
 from condyn_pin.minimum_norm import MinimumNorm, factorise
 from condyn_pin.proof import Yardstick
 from condyn_pin.robot import Vector
+from condyn_pin.solvers.reference import Reference
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class NominalState:
-    """A state on the constraints, and the accelerations there by a dense minimum-norm solve."""
+    """A state on the constraints, and the accelerations there by `Reference`."""
 
     q: Vector
     v: Vector
@@ -130,7 +131,6 @@ def _nominal_states(
     push = factors.L @ (factors.L.T @ rng.normal(size=nv))
     made = []
     for v, tau in ((np.zeros(nv), np.zeros(nv)), (factors.tangent(rng.normal(size=nv)), push)):
-        terms = equations.terms(q, v)
-        a, _ = factors.solve(tau - terms.h, terms.a_ref - terms.gamma)
+        a, _ = Reference().solve(equations.terms(q, v), tau)
         made.append(NominalState(q, v, tau, a))
     return tuple(made)

@@ -130,7 +130,7 @@ def _native_row(row: dict[str, Any]) -> BenchRow:
     number = {key: math.nan if value is None else value for key, value in row.items()}
     return BenchRow(
         scene=row["scene"],
-        method=row["method"],
+        method=f"{row['method']}, mu {row['mu']:g}" if row["mu"] else row["method"],
         rows=0,
         rank=0,
         bare_us=float(number["median_us"]),

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +21,11 @@ from condyn_pin.binding import Bound
 from condyn_pin.frames import WorldContacts, Wrenches
 from condyn_pin.loops import Balls, Weld
 from condyn_pin.robot import Vector
+
+# bound once: these are called in every proof, which is to cost little more than they do
+_rnea = pin.rnea
+_forward_kinematics = pin.forwardKinematics
+_largest = np.maximum.reduceat
 
 
 @dataclass(frozen=True)
@@ -46,17 +51,6 @@ class Terms:
     J: Vector
     gamma: Vector
     a_ref: Vector
-
-
-class Errors(NamedTuple):
-    """Absolute residuals of an answer, and the largest of each kind."""
-
-    dynamics: Vector  # |M a + h - tau - J^T lam|, (nv,)
-    max_dynamics: float
-    max_a: float
-    max_violation: float
-    max_velocity: float
-    max_constraint: float
 
 
 class Equations:
@@ -126,34 +120,39 @@ class Equations:
         pin.forwardKinematics(self.model, self.data, q)
         return [self.data.oMi[b.joint1] * b.placement1 for b in self.bounds]
 
-    def errors(self, q: Vector, v: Vector, tau: Vector, a: Vector, lam: Vector) -> Errors:
-        """Return the absolute residuals of an answer (a, lam) to (q, v, tau).
+    def errors(
+        self, q: Vector, v: Vector, tau: Vector, a: Vector, lam: Vector
+    ) -> tuple[Vector, list[float]]:
+        """Return the residuals of an answer (a, lam) to (q, v, tau).
 
-        The array in it is overwritten by the next call.
+        Returns
+        -------
+        dynamics : (nv,) array
+            |M a + h - tau - J^T lam|, elementwise; overwritten by the next call.
+        largest : list of float
+            The largest of |M a + h - tau - J^T lam|, |a|, |c|, |J v| and |J a + gamma - a_ref|.
         """
         self.motion(q, v, a)
         lam1 = lam * self.sign if self._flipped else lam
         for loops in self._loops:
             loops.turn(lam1, self._lam2)
         wrenches = self._wrenches.of(lam1, self._lam2)
-        torque = pin.rnea(self.model, self.data, q, v, a, wrenches)
-        np.subtract(torque, tau, out=self._dynamics)
+        np.subtract(_rnea(self.model, self.data, q, v, a, wrenches), tau, out=self._dynamics)
         self._a[:] = a
-        np.abs(self._all, out=self._all)
-        largest = np.maximum.reduceat(self._all, self._starts).tolist()
-        return Errors(self._dynamics, *largest)
+        everything = self._all
+        np.abs(everything, out=everything)
+        return self._dynamics, _largest(everything, self._starts).tolist()
 
     def motion(self, q: Vector, v: Vector, a: Vector) -> None:
         """Evaluate c(q), J v and J a + gamma into the memory of this object."""
-        pin.forwardKinematics(self.model, self.data, q, v, a)
+        _forward_kinematics(self.model, self.data, q, v, a)
         if self._contacts:
             self._contacts.evaluate(self._motion)
-        rows = self._c, self._velocity, self._acceleration
         for loops in self._loops:
-            loops.evaluate(*rows)
+            loops.evaluate(self._c, self._velocity, self._acceleration)
         if self._flipped:
-            for part in rows:
-                part *= self.sign
+            for rows in (self._c, self._velocity, self._acceleration):
+                rows *= self.sign
 
     def _jacobian(self, q: Vector) -> Vector:
         """Return J, right after `motion` at the same q."""

@@ -103,13 +103,13 @@ class WorldContacts:
         self._centripetal = Centripetal(
             *self._joints.maps([(b.joint1, b.placement1) for b in points])
         )
-        self._points = rows_of(points)
+        self._points, self._has_points = rows_of(points), bool(points)
 
     def evaluate(self, out: Vector) -> None:
         """Write J v and J a + gamma into the two rows of `out` (2, width); other columns are 0."""
         motion = self._joints.read()
         np.dot(motion, self._XT, out=out)
-        if self._points.size:
+        if self._has_points:
             out[1, self._points] += self._centripetal.of(motion[0])
 
 

@@ -25,7 +25,6 @@ from typing import NamedTuple
 import numpy as np
 
 from condyn_pin import tolerances
-from condyn_pin.equations import Errors
 from condyn_pin.robot import Vector
 
 _EPS = float(np.finfo(np.float64).eps)
@@ -62,22 +61,36 @@ class Yardstick:
     rows: int
     gravity: float
 
-    def prove(self, errors: Errors, tau: Vector) -> Proof:
-        """Return the sizes of the residuals and what they say about a."""
-        dynamics, max_dynamics, max_a, violation, velocity, constraint = errors
+    def prove(self, dynamics: Vector, largest: list[float], tau: Vector) -> Proof:
+        """Return the sizes of the residuals and what they say about a.
+
+        Parameters
+        ----------
+        dynamics, largest
+            As `Equations.errors` returns them.
+        tau : (nv,) array
+        """
+        max_dynamics, max_a, violation, velocity, constraint = largest
         e_M = self.weights.dot(dynamics) + self.per_row * constraint
-        bound = self._relative(e_M, max(max_a, self.gravity), tau)
+        error = float(self.largest_weight * e_M)
+        scale = max_a if max_a > self.gravity else self.gravity
+        if not error <= tolerances.SOLVED * scale:
+            error -= self._rounding(tau)
+        bound = max(error, 0.0) / scale if scale else (0.0 if error <= 0.0 else inf)
         return Proof(max_dynamics, constraint, violation, velocity, bound)
 
-    def _relative(self, e_M: float, scale: float, tau: Vector) -> float:
-        """Return the bound on |e|_inf relative to the scale, given the one on |e|_M."""
-        largest = self.largest_weight
-        if largest * e_M <= tolerances.SOLVED * scale and scale:
-            return float(largest * e_M / scale)
-        # Forces that balance to the last bit leave a = 0, and a relative error means nothing:
-        # what rounding of tau alone does to a is not held against the answer.
-        e_M = max(e_M - _EPS * self.weights.dot(np.abs(tau)), 0.0)
-        return float(largest * e_M / scale) if scale else (0.0 if e_M == 0.0 else inf)
+    def _rounding(self, tau: Vector) -> float:
+        """Return what rounding of tau alone does to a.
+
+        Forces that balance to the last bit leave a = 0, and a relative error means nothing there.
+        """
+        return self.largest_weight * float(self.weights.dot(np.abs(tau))) * _EPS
+
+    @property
+    def enough(self) -> float:
+        """The largest |s|_inf that the tolerance allows at gravity's scale [m/s^2]."""
+        scale = self.largest_weight * self.per_row
+        return tolerances.SOLVED * (self.gravity or 1.0) / scale if scale else 1.0
 
     @cached_property
     def per_row(self) -> float:

@@ -26,6 +26,12 @@ class Spring:
     stiffness: float  # [N m/rad] or [N/m]
     reference: float = 0.0  # [rad] or [m]
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.joint, str) or not self.joint:
+            raise InvalidArgument(f"joint = {self.joint!r}: the name of a joint is needed")
+        for argument in ("stiffness", "reference"):
+            finite(argument, getattr(self, argument), ())
+
 
 @dataclass(frozen=True, eq=False)
 class Robot:
@@ -264,19 +270,20 @@ def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Vector:
     The text names the argument, the entry and its value, and what would do.
     """
     wanted = (shape,) if isinstance(shape, int) else shape
-    needed = f"an array of shape {wanted}" if wanted else "a single number"
+    needed = f"an array of shape {wanted}" if wanted else "one finite number"
+    found = name if wanted else f"{name} = {value!r}"
     try:
         array = np.asarray(value)
         if array.dtype.kind == "c":
             raise TypeError("they are complex")
         array = array.astype(np.float64, copy=False)
     except (TypeError, ValueError) as error:
-        raise InvalidArgument(f"{name}: {needed} is needed ({error})") from error
+        raise InvalidArgument(f"{found}: {needed} is needed ({error})") from error
     if array.shape != wanted:
-        raise InvalidArgument(f"{name} has shape {array.shape}: {needed} is needed")
+        raise InvalidArgument(f"{found} has shape {array.shape}: {needed} is needed")
     if not np.isfinite(array).all():
         bad = tuple(np.argwhere(~np.isfinite(array))[0].tolist())
-        entry = f"[{', '.join(map(str, bad))}]" if bad else ""
+        entry = str(list(bad)) if bad else ""
         raise InvalidArgument(f"{name}{entry} = {array[bad]}: finite numbers are needed")
     return array
 
@@ -314,6 +321,19 @@ def check_inertias(model: Any) -> None:
         raise InvalidModel(
             f"no inertia moves with {', '.join(names)}: M is singular there; give the body a mass "
             "and an inertia, give the joint an armature, or lock it"
+        )
+    # A massless body between two joints is fine unless one can turn without the other: then M is
+    # singular at every configuration, also at this one, which has nothing special.
+    q = pin.integrate(model, pin.neutral(model), np.linspace(0.3, 0.7, model.nv))
+    M = np.array(pin.crba(model, model.createData(), q))
+    scale = 1 / np.sqrt(M.diagonal())
+    values, vectors = np.linalg.eigh(M * np.outer(scale, scale))
+    if values[0] <= tolerances.MASSLESS:
+        moved = np.flatnonzero(np.abs(vectors[:, 0]) > 0.1)
+        names = dict.fromkeys(_joint_of(model, int(i)) for i in moved)
+        raise InvalidModel(
+            f"{', '.join(names)} can move together without moving inertia: M is singular or "
+            "indefinite; look for a body between them without mass, or an inertia below zero"
         )
 
 

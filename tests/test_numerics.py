@@ -122,8 +122,8 @@ def test_bound_is_one_at_the_nominal_state(label):
         for direction in (np.ones(scene.robot.nv), rng.normal(size=scene.robot.nv)):
             a = exact.a + size * scale * direction / np.abs(direction).max()
             lam = exact.lam + size * scene.audit.weight * rng.normal(size=scene.rows)
-            errors = equations.errors(nominal.q, nominal.v, nominal.tau, a, lam)
-            bound = scene.audit.yardstick.prove(errors, nominal.tau).bound
+            residuals = equations.errors(nominal.q, nominal.v, nominal.tau, a, lam)
+            bound = scene.audit.yardstick.prove(*residuals, nominal.tau).bound
             true = np.abs(a - exact.a).max() / max(np.abs(a).max(), scene.audit.yardstick.gravity)
             assert true <= bound * (1 + 1e-6)
 

@@ -69,10 +69,8 @@ class Proximal(Solver):
 
     def __post_init__(self) -> None:
         check_knobs(self.mu, self.max_iterations, smallest_mu=0.0)
-        for name in ("relative_accuracy", "absolute_accuracy"):
-            value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value >= 0):
-                raise InvalidArgument(f"{name} = {value!r}: a finite number >= 0 is needed")
+        check_accuracy("relative_accuracy", self.relative_accuracy)
+        check_accuracy("absolute_accuracy", self.absolute_accuracy)
 
     def start(self, workspace: Workspace) -> Method:
         """Return `pin.constraintDynamics` bound to the memory of `workspace`."""
@@ -105,3 +103,9 @@ def check_knobs(mu: float | None, max_iterations: int, *, smallest_mu: float) ->
             f"max_iterations = {max_iterations!r}: a whole number >= 1 is needed "
             "(with 0 Pinocchio returns a wrong answer without a word)"
         )
+
+
+def check_accuracy(name: str, value: float | None) -> None:
+    """Refuse an accuracy that cannot be used."""
+    if value is not None and not (np.isfinite(value) and value >= 0):
+        raise InvalidArgument(f"{name} = {value!r}: a finite number >= 0 is needed")
