@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Mapping
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -43,11 +44,7 @@ def robots_folder() -> Path:
 def available_robots() -> dict[str, Callable[[], Robot]]:
     """Return what `load_robot` knows by name: folders with a robot.toml, and built mechanisms."""
     folders = sorted(path.parent for path in robots_folder().glob("*/robot.toml"))
-    known: dict[str, Callable[[], Robot]] = {
-        folder.name: lambda folder=folder: _from_folder(folder)  # type: ignore[misc]
-        for folder in folders
-    }
-    return known | MECHANISMS
+    return {folder.name: partial(_from_folder, folder) for folder in folders} | MECHANISMS
 
 
 def load_robot(name: str | Path, *, root_joint: str = "fixed") -> Robot:

@@ -121,20 +121,18 @@ def _four_bar_posture(ground: float, crank: float, coupler: float, rocker: float
     The crank's tip B is at a distance r from the rocker's pivot D; coupler and rocker reach it if
     |coupler - rocker| < r < coupler + rocker, the crank if |ground - crank| < r < ground + crank.
     """
-    r = (
-        max(abs(coupler - rocker), abs(ground - crank)) + min(coupler + rocker, ground + crank)
-    ) / 2
+    nearest = max(abs(coupler - rocker), abs(ground - crank))
+    farthest = min(coupler + rocker, ground + crank)
+    r = (nearest + farthest) / 2
     theta = math.acos((ground**2 + crank**2 - r**2) / (2 * ground * crank))
     B = crank * np.array([math.cos(theta), math.sin(theta)])
     D = np.array([ground, 0.0])
     along = (coupler**2 - rocker**2 + r**2) / (2 * r)
+    up = math.sqrt(coupler**2 - along**2)
     e = (D - B) / r
-    C = B + along * e + math.sqrt(coupler**2 - along**2) * np.array([-e[1], e[0]])
-    coupler_angle, rocker_angle = (
-        np.arctan2((C - B)[1], (C - B)[0]),
-        np.arctan2((C - D)[1], (C - D)[0]),
-    )
-    return np.array([theta, coupler_angle - theta, rocker_angle])
+    C = B + along * e + up * np.array([-e[1], e[0]])
+    of_coupler, of_rocker = (math.atan2(*(C - end)[::-1]) for end in (B, D))
+    return np.array([theta, of_coupler - theta, of_rocker])
 
 
 def _positive(**lengths: float) -> None:

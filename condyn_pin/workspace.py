@@ -195,7 +195,8 @@ class Workspace:
         lam = self._method.lam()
         if self._flipped:
             lam *= self.equations.sign
-        proof = self._yardstick.prove(self.equations.errors(q, v, tau, a, lam), tau)
+        dynamics, largest = self.equations.errors(q, v, tau, a, lam)
+        proof = self._yardstick.prove(dynamics, largest, tau)
         if proof.bound <= tolerances.SOLVED:
             status = _OK
         else:

@@ -1,0 +1,748 @@
+"""Bad values, everywhere a user can hand one in: one error, which names the argument and helps."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import crash
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import condyn_pin as cp
+from condyn_pin._pin import HAS_LCABA, pin
+
+GRAVITY = 9.81
+Case = tuple[Callable[[], Any], str]
+
+
+@functools.cache
+def robot(name: str) -> cp.Robot:
+    return cp.load_robot(name)
+
+
+@functools.cache
+def scene(name: str) -> cp.Scene:
+    talos, cassie = robot("talos"), robot("cassie")
+    return cp.Scene(
+        *{
+            "four_bar": (robot("four_bar"), robot("four_bar").loops),
+            "talos": (talos, talos.contacts),
+            "foot twice": (talos, [*talos.contacts, cp.SurfaceContact("left_sole_link", name="b")]),
+            "cassie": (cassie, [*cassie.loops, *cassie.contacts]),
+        }[name]
+    )
+
+
+def refused(cases: dict[str, Case]):
+    return pytest.mark.parametrize(("call", "text"), cases.values(), ids=cases)
+
+
+def check(call: Callable[[], Any], text: str) -> None:
+    with pytest.raises(cp.CondynError, match=text):
+        call()
+
+
+# --- constraints
+
+NOT_THREE = ["abc", [1, 2], [1, 2, np.nan], [[1, 2, 3]], 3, {"a": 1}, ["a", "b", "c"], [1j, 0, 0],
+             [1, [2], 3]]  # fmt: skip
+NOT_LENGTHS = [0, -0.1, np.nan, np.inf, "wide", [1.0]]
+NOT_NAMES = [3, "", None, ["left_sole_link"]]
+
+
+@pytest.mark.parametrize("value", NOT_THREE, ids=repr)
+@pytest.mark.parametrize("argument", ["offset", "anchor"])
+def test_point_contact_refuses_what_is_not_three_numbers(argument, value):
+    with pytest.raises(cp.InvalidArgument, match=rf"^{argument} = .*3 finite numbers"):
+        cp.PointContact("foot", **{argument: value})
+
+
+@pytest.mark.parametrize("value", NOT_LENGTHS, ids=repr)
+@pytest.mark.parametrize("argument", ["half_length", "half_width"])
+def test_surface_contact_refuses_what_is_not_a_length(argument, value):
+    with pytest.raises(cp.InvalidArgument, match=rf"^{argument} = .*positive length"):
+        cp.SurfaceContact("foot", **{argument: value})
+
+
+@pytest.mark.parametrize(
+    "value", ["abc", [0] * 6, [np.nan] * 7, 3, np.eye(4), pin.SE3(np.eye(3), np.full(3, np.nan))]
+)
+def test_surface_contact_refuses_what_is_not_a_placement(value):
+    with pytest.raises(cp.InvalidArgument, match=r"(?s)^anchor = .*7 finite numbers"):
+        cp.SurfaceContact("foot", anchor=value)
+
+
+@pytest.mark.parametrize("value", NOT_NAMES, ids=repr)
+def test_a_frame_has_to_be_a_name(value):
+    for call in (
+        lambda: cp.PointContact(value),
+        lambda: cp.SurfaceContact(value),
+        lambda: cp.Loop(value, "a"),
+        lambda: cp.Loop("a", value),
+    ):
+        with pytest.raises(cp.InvalidArgument, match=r"^frame\w* = .* the name of a frame"):
+            call()
+
+
+@pytest.mark.parametrize("value", [3, ["a"], b"a"], ids=repr)
+def test_the_name_of_a_constraint_has_to_be_a_text(value):
+    for call in (
+        lambda: cp.PointContact("a", name=value),
+        lambda: cp.SurfaceContact("a", name=value),
+        lambda: cp.Loop("a", "b", name=value),
+    ):
+        with pytest.raises(cp.InvalidArgument, match=r"^name = "):
+            call()
+
+
+CONSTRAINTS: dict[str, Case] = {
+    "zero quaternion": (
+        lambda: cp.SurfaceContact("a", anchor=[0] * 7),
+        "quaternion .* use 0 0 0 1",
+    ),
+    "no corners": (lambda: cp.SurfaceContact("a").corners(), "half_length=..., half_width=..."),
+    **{
+        f"kind {kind!r}": (functools.partial(cp.Loop, "a", "b", kind=kind), "kind = .*ball, weld")
+        for kind in ("hinge", "Ball", "", 3, None, ["ball"])
+    },
+}
+
+
+@refused(CONSTRAINTS)
+def test_constraints_refuse(call, text):
+    check(call, text)
+
+
+# --- robots
+
+TALOS_SIZE = 39
+ROBOTS: dict[str, Case] = {
+    **{
+        f"model {value!r}": (functools.partial(cp.Robot, "a", value), "model = .*pinocchio.Model")
+        for value in (None, 3, "talos", pin.Model)
+    },
+    "empty model": (lambda: cp.Robot("a", pin.Model()), "no degree of freedom"),
+    "name": (lambda: cp.Robot(3, robot("talos").model), "name = 3"),
+    **{
+        f"{key} {value!r}": (
+            lambda key=key, value=value: cp.Robot("a", robot("talos").model, **{key: value}),
+            f"^{key}",
+        )
+        for key in ("loops", "contacts", "actuated", "springs", "unused", "postures")
+        for value in (3, None, "abc", [3])
+    },
+    "motor of no joint": (
+        lambda: cp.Robot("a", robot("talos").model, actuated=["leg_left_7_joint"]),
+        "no joint named 'leg_left_7_joint'; did you mean .*leg_left_6_joint",
+    ),
+    "spring on no joint": (
+        lambda: cp.Robot("a", robot("talos").model, springs=[cp.Spring("knee", 1.0)]),
+        "no joint named 'knee'",
+    ),
+    "spring on a free-flyer": (
+        lambda: cp.Robot("a", robot("talos").model, springs=[cp.Spring("root_joint", 1.0)]),
+        "'root_joint': a joint with one degree of freedom",
+    ),
+    **{
+        f"posture {label}": (
+            lambda value=value: cp.Robot("a", robot("talos").model, postures={"home": value}),
+            f"posture 'home'.*{text}",
+        )
+        for label, value, text in (
+            ("short", [1.0], r"shape \(1,\): an array of shape \(39,\)"),
+            ("word", "up", "could not convert"),
+            ("none", None, "is needed"),
+            ("NaN", np.full(TALOS_SIZE, np.nan), r"\[0\] = nan"),
+            ("zero quaternion", np.zeros(TALOS_SIZE), "use 0 0 0 1"),
+        )
+    },
+    "posture without a name": (
+        lambda: cp.Robot("a", robot("talos").model, postures={3: np.zeros(TALOS_SIZE)}),
+        "3 is not the name of a posture",
+    ),
+    "frame": (lambda: robot("talos").frame("sole"), "no frame named 'sole'"),
+    "frame 3": (lambda: robot("talos").frame(3), "frame = 3"),
+    "passive_torque q": (
+        lambda: robot("cassie").passive_torque([0.0], np.zeros(32)),
+        r"q has shape \(1,\)",
+    ),
+    "passive_torque v": (
+        lambda: robot("cassie").passive_torque(robot("cassie").postures["standing"], "fast"),
+        "v: ",
+    ),
+}
+
+
+@refused(ROBOTS)
+def test_robots_refuse(call, text):
+    check(call, text)
+
+
+def framed(name="new", parent="world", translation=(0, 0, 0), rotation=None) -> Case:
+    return lambda: robot("talos").with_frame(name, parent, translation, rotation)
+
+
+FRAMES: dict[str, Case] = {
+    "taken": (framed(name="left_sole_link"), "name = 'left_sole_link': talos has a frame"),
+    "the world's": (framed(name="world"), "name = 'world'"),
+    "no name": (framed(name=""), "name = ''"),
+    "a number for a name": (framed(name=3), "name = 3"),
+    "no parent": (framed(parent="left_sole"), "no frame named 'left_sole'; did you mean"),
+    "a number for a parent": (framed(parent=3), "frame = 3"),
+    **{f"translation {x!r}": (framed(translation=x), "^translation") for x in NOT_THREE},
+    "translation None": (framed(translation=None), "^translation"),
+    **{
+        f"rotation {label}": (framed(rotation=R), "^rotation")
+        for label, R in {
+            "word": "up",
+            "2 x 2": np.eye(2),
+            "NaN": np.full((3, 3), np.nan),
+            "scaled": 2 * np.eye(3),
+            "mirrored": np.diag([1.0, 1.0, -1.0]),
+            "skewed": np.eye(3) + 1e-6 * np.eye(3, k=1),
+        }.items()
+    },
+}
+
+
+@refused(FRAMES)
+def test_with_frame_refuses(call, text):
+    check(call, text)
+
+
+@pytest.mark.parametrize(
+    "spring", [(3, 1.0), ("", 1.0), ("a", np.nan), ("a", "stiff"), ("a", 1.0, np.inf)], ids=repr
+)
+def test_springs_refuse_what_is_not_a_name_or_a_number(spring):
+    with pytest.raises(cp.InvalidArgument, match=r"^(joint|stiffness|reference)\b"):
+        cp.Spring(*spring)
+
+
+LENGTHS = [0, -1.0, np.nan, np.inf, "long", None, [1.0]]
+
+
+@pytest.mark.parametrize("value", LENGTHS, ids=repr)
+def test_mechanisms_refuse_what_is_not_a_length(value):
+    for make, arguments in (
+        (cp.pendulum, ("length", "mass")),
+        (cp.four_bar, ("ground", "crank", "coupler", "rocker", "density")),
+    ):
+        for argument in arguments:
+            with pytest.raises(cp.InvalidArgument, match=rf"^{argument} = .*a positive number"):
+                make(**{argument: value})
+
+
+def test_bars_that_cannot_meet_are_refused():
+    with pytest.raises(cp.InvalidArgument, match=r"a bar of 5 m cannot be closed by bars of"):
+        cp.four_bar(crank=5)
+
+
+# --- files
+
+
+@pytest.mark.parametrize("name", [3, None, b"talos", ["talos"], 1.5], ids=repr)
+def test_load_robot_refuses_what_is_not_a_name(name):
+    with pytest.raises(cp.InvalidArgument, match=r"^name = .*a name or a path"):
+        cp.load_robot(name)
+
+
+NAMES = {
+    "cassi": "no robot named 'cassi'; did you mean 'cassie'",
+    "Talos": "'talos'",
+    "nobody": "no robot named 'nobody'; known: cassie, ",
+    "/nowhere/arm.urdf": r"/nowhere/arm\.urdf: no such file",
+    "/nowhere/arm.sdf": "a .urdf file or a folder with a robot.toml is needed",
+    "/nowhere/arm.xacro": "a .urdf file or a folder with a robot.toml is needed",
+    "/nowhere/arm": "no robot named '/nowhere/arm'",
+    "": "a .urdf file or a folder with a robot.toml is needed",
+}
+
+
+@pytest.mark.parametrize(("name", "text"), NAMES.items(), ids=NAMES)
+def test_load_robot_refuses_names_and_paths(name, text):
+    check(lambda: cp.load_robot(name), text)
+
+
+@pytest.mark.parametrize("root_joint", ["flying", "", None, 3], ids=repr)
+@pytest.mark.parametrize("name", ["talos", "/nowhere/arm.urdf"])
+def test_load_robot_refuses_an_unknown_root_joint(name, root_joint):
+    with pytest.raises(cp.InvalidArgument, match=r"^root_joint = .*fixed, free_flyer"):
+        cp.load_robot(name, root_joint=root_joint)
+
+
+LIMIT = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+
+
+def link(name: str, mass: str = "1", ixx: str = "1") -> str:
+    inertia = f'<inertia ixx="{ixx}" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    return f'<link name="{name}"><inertial><mass value="{mass}"/>{inertia}</inertial></link>'
+
+
+def joint(inside: str, name: str = "j", parent: str = "a", child: str = "b") -> str:
+    ends = f'<parent link="{parent}"/><child link="{child}"/>'
+    return f'<joint name="{name}" type="revolute">{ends}{inside}{LIMIT}</joint>'
+
+
+AXIS = '<axis xyz="0 0 1"/>'
+A, B, J = link("a"), link("b"), joint(AXIS)
+
+
+def urdf(*parts: str) -> str:
+    return f"<robot name='r'>{''.join(parts)}</robot>"
+
+
+ASIDE = '<origin xyz="1 0 0"/><axis xyz="0 1 0"/>'
+
+
+def hinge(axis: str, more: str = "") -> str:
+    return joint(f'{more}<axis xyz="{axis}"/>')
+
+
+URDFS = {
+    "empty": "",
+    "words": "hello",
+    "bytes": "\x00\x01",
+    "cut short": f"<robot name='r'>{A}",
+    "another format": "<sdf version='1.9'/>",
+    "no links": urdf(),
+    "nothing moves": urdf(A),
+    "no name": f"<robot>{A}{B}{J}</robot>",
+    "no child": urdf(A, J),
+    "no parent": urdf(B, J),
+    "two roots": urdf(A, B),
+    "a circle": urdf(A, B, J, joint(AXIS, "k", "b", "a")),
+    "a link twice": urdf(A, A, B, J),
+    "a joint twice": urdf(A, B, link("c"), J, joint(AXIS, "j", "b", "c")),
+    "unknown joint": urdf(A, B, J.replace("revolute", "wobbly")),
+    "short axis": urdf(A, B, hinge("0 1")),
+    "zero axis": urdf(A, B, hinge("0 0 0")),
+    "NaN axis": urdf(A, B, hinge("nan 0 0")),
+    "NaN origin": urdf(A, B, hinge("0 0 1", '<origin xyz="nan 0 0"/>')),
+    "massless": urdf(A, "<link name='b'/>", J),
+    "mass is a word": urdf(A, link("b", mass="heavy"), J),
+    "mass is NaN": urdf(A, link("b", mass="nan"), J),
+    "mass below zero": urdf(A, link("b", mass="-1"), J),
+    "inertia below zero": urdf(A, link("b", ixx="-5"), hinge("1 0 0")),
+    "mass is a word on the way": urdf(
+        A, link("b", mass="heavy"), link("c"), J, joint(ASIDE, "k", "b", "c")
+    ),
+    "massless between two joints of one axis": urdf(
+        A, "<link name='b'/>", link("c"), J, joint(AXIS, "k", "b", "c")
+    ),
+}
+
+CARD = 'name = "x"\nsource = "s"\nlicence = "l"\n'
+ARM = '[description]\nfile = "arm.urdf"\n'
+CASSIE = '[description]\nfile = "cassie_description/robots/cassie_wo_gearbox_spring.sdf"\n'
+
+CARDS = {
+    "empty": "",
+    "not TOML": "name =",
+    "no description": CARD,
+    "description is a number": CARD + "description = 3",
+    "no file": CARD + "[description]",
+    "file is a number": CARD + "[description]\nfile = 3",
+    "file is empty": CARD + '[description]\nfile = ""',
+    "no such file": CARD + '[description]\nfile = "nowhere.urdf"',
+    "no such SDF": CARD + '[description]\nfile = "nowhere.sdf"',
+    "a mesh": CARD + '[description]\nfile = "arm.stl"',
+    "empty URDF": CARD + '[description]\nfile = "empty.urdf"',
+    "empty SDF": CARD + '[description]\nfile = "empty.sdf"',
+    "no name": ARM,
+    "unknown root joint": CARD + ARM + 'root_joint = "flying"',
+    "unknown root joint of an SDF": (
+        CARD + CASSIE + 'root = "pelvis"\ndrop = ["static"]\nroot_joint = "flying"\n'
+        '[description.kinds]\nleft-achilles-spring-joint = "ball"\n'
+        'right-achilles-spring-joint = "ball"'
+    ),
+    "kinds is a number": CARD + CASSIE + "kinds = 3",
+    "drop is a number": CARD + CASSIE + "drop = 3",
+    "postures is a number": CARD + "postures = 3\n" + ARM,
+    "a posture is a number": CARD + ARM + "[postures]\nhome = 3",
+    "posture of no joint": CARD + ARM + "[postures.home]\nknee = 3",
+    "posture of two values": CARD + ARM + "[postures.home]\nj = [1, 2]",
+    "posture is a word": CARD + ARM + '[postures.home]\nj = "up"',
+    "posture is NaN": CARD + ARM + "[postures.home]\nj = nan",
+    "loops is a number": CARD + "loops = 3\n" + ARM,
+    "a loop is a number": CARD + "loops = [3]\n" + ARM,
+    "unknown key of a loop": CARD + ARM + '[[loops]]\nframe_a = "a"\nframe_c = "b"',
+    "unknown kind of loop": CARD + ARM + '[[loops]]\nframe_a = "a"\nframe_b = "b"\nkind = "rope"',
+    "unknown contact": CARD + ARM + '[[contacts]]\nkind = "line"\nframe = "b"',
+    "contact without kind": CARD + ARM + '[[contacts]]\nframe = "b"',
+    "contact of kind 3": CARD + ARM + '[[contacts]]\nkind = 3\nframe = "b"',
+    "offset is a word": CARD + ARM + '[[contacts]]\nkind = "point"\nframe = "b"\noffset = "x"',
+    "actuated is a number": CARD + "actuated = 3\n" + ARM,
+    "motor of no joint": CARD + 'actuated = ["knee"]\n' + ARM,
+    "no such SRDF": CARD + ARM + 'srdf = "nowhere.srdf"',
+    "empty SRDF": CARD + ARM + 'srdf = "empty.srdf"',
+}
+
+
+@pytest.fixture(scope="module")
+def loaded(tmp_path_factory) -> dict[str, str]:
+    """Load every broken file, all in one interpreter; a crash ends the list at its file."""
+    folder = tmp_path_factory.mktemp("broken")
+    paths = {}
+    for i, (label, text) in enumerate(URDFS.items()):
+        paths[f"urdf {label}"] = folder / f"{i}.urdf"
+        paths[f"urdf {label}"].write_text(text)
+    for i, (label, text) in enumerate(CARDS.items()):
+        home = paths[f"card {label}"] = folder / str(i)
+        home.mkdir()
+        (home / "robot.toml").write_text(text)
+        (home / "arm.urdf").write_text(f"<robot name='arm'>{A}{B}{J}</robot>")
+        (home / "arm.stl").write_text("solid")
+        for empty in ("empty.urdf", "empty.sdf", "empty.srdf"):
+            (home / empty).write_text("")
+    (folder / "good").mkdir()
+    (folder / "good" / "robot.toml").write_text(CARD + ARM)
+    (folder / "good" / "arm.urdf").write_text(f"<robot name='arm'>{A}{B}{J}</robot>")
+    paths["card good"] = folder / "good"
+    (folder / "folder.urdf").mkdir()
+    paths["urdf is a folder"] = folder / "folder.urdf"
+    answers = folder / "answers.txt"
+    outcome = crash.run(
+        f"""
+        import condyn_pin as cp
+        with open({str(answers)!r}, "w", buffering=1) as out:
+            for label, path in { ({k: str(v) for k, v in paths.items()})!r}.items():
+                print(end=label + chr(9), file=out)
+                try:
+                    robot = cp.load_robot(path)
+                    cp.Scene(robot, robot.loops).summary()
+                    answer = "loaded"
+                except cp.CondynError as error:
+                    answer = "refused " + str(error)
+                except BaseException as error:
+                    answer = type(error).__name__ + " " + str(error)
+                print(answer.replace(chr(10), " "), file=out)
+        """
+    )
+    lines = answers.read_text().splitlines()
+    assert outcome.kind == "ok", (outcome, lines[-1])
+    return dict(line.split("\t") for line in lines)
+
+
+@pytest.mark.parametrize(
+    "label", [*(f"urdf {x}" for x in URDFS), *(f"card {x}" for x in CARDS), "urdf is a folder"]
+)
+def test_a_broken_file_is_refused(loaded, label):
+    kind, _, text = loaded[label].partition(" ")
+    assert kind == "refused", loaded[label]
+    assert len(text) > 20
+
+
+def test_a_good_file_is_loaded(loaded):
+    assert loaded["card good"] == "loaded"
+
+
+def test_bytes_that_are_no_text_are_refused_with_the_path(tmp_path: Path):
+    (tmp_path / "robot.toml").write_bytes(b"\xff\xfe\x00")
+    check(lambda: cp.load_robot(tmp_path), r"robot\.toml: .*utf-8")
+    (tmp_path / "arm.urdf").write_bytes(b"\xff\xfe\x00")
+    check(lambda: cp.load_robot(tmp_path / "arm.urdf"), r"arm\.urdf: not well-formed")
+
+
+# --- scenes
+
+SCENES: dict[str, Case] = {
+    **{
+        f"robot {value!r}": (functools.partial(cp.Scene, value), "robot = .*load_robot")
+        for value in (None, 3, "talos")
+    },
+    "a model": (lambda: cp.Scene(robot("talos").model), r"robot = Model: .*Robot\(name, model\)"),
+    **{
+        f"constraints {value!r}": (
+            lambda value=value: cp.Scene(robot("talos"), value),
+            "constraints.*a list",
+        )
+        for value in (3, None, "abc", cp.PointContact("left_sole_link"))
+    },
+    **{
+        f"a constraint {value!r}": (
+            lambda value=value: cp.Scene(robot("talos"), [value]),
+            "a PointContact, a SurfaceContact or a Loop is needed",
+        )
+        for value in (3, None, "left_sole_link", cp.PointContact)
+    },
+    "the same twice": (
+        lambda: cp.Scene(robot("talos"), 2 * robot("talos").contacts),
+        "two constraints are named 'left_sole_link'; give one of them a name",
+    ),
+    "posture": (lambda: scene("talos").state("half_siting"), "did you mean 'half_sitting'"),
+    **{
+        f"posture {value!r}": (lambda value=value: scene("talos").state(value), "posture = ")
+        for value in (3, ["half_sitting"], {})
+    },
+    "assemble size": (lambda: scene("four_bar").assemble([0.0]), r"q has shape \(1,\)"),
+    "assemble word": (lambda: scene("four_bar").assemble("closed"), "^q: "),
+    "assemble complex": (lambda: scene("four_bar").assemble([1, 2, 3j]), "^q: .*complex"),
+    "assemble NaN": (lambda: scene("four_bar").assemble([0, np.nan, 0]), r"q\[1\] = nan"),
+    "assemble zero quaternion": (
+        lambda: scene("talos").assemble(np.zeros(TALOS_SIZE)),
+        "q: a quaternion of it is zero",
+    ),
+    **{
+        f"fixed {value!r}": (
+            lambda value=value: scene("four_bar").assemble(np.ones(3), fixed=value),
+            text,
+        )
+        for value, text in (
+            (3, "fixed = 3"),
+            (None, "fixed = None"),
+            ("crank", "fixed = 'crank': a list"),
+            ([3], "fixed: 3 is not the name"),
+            (["cranks"], "no joint named 'cranks'; did you mean 'crank'"),
+        )
+    },
+    "all fixed": (
+        lambda: scene("four_bar").assemble(np.ones(3), fixed=["crank", "coupler", "rocker"]),
+        "coupler_rocker is open by .* fix fewer joints",
+    ),
+    **{
+        f"rng {value!r}": (
+            lambda value=value: scene("four_bar").sample(value),
+            "rng = .*default_rng",
+        )
+        for value in (None, 3)
+    },
+    **{
+        f"{key} {value!r}": (
+            lambda key=key, value=value: scene("four_bar").sample(
+                np.random.default_rng(0), **{key: value}
+            ),
+            f"^{key}",
+        )
+        for key in ("spread", "speed")
+        for value in (-1.0, np.nan, np.inf, "much", None, [1.0, 2.0])
+    },
+}
+
+
+@refused(SCENES)
+def test_scenes_refuse(call, text):
+    check(call, text)
+
+
+# --- solvers and workspaces
+
+PROXIMAL = [cp.Proximal, cp.LCABA]
+KNOBS: dict[str, Case] = {
+    f"{kind.__name__} {knob} = {value!r}": (
+        functools.partial(kind, **{knob: value}),
+        f"^{knob} = .*(number|between)",
+    )
+    for kind, knob, values in (
+        *((kind, "mu", (-1.0, np.nan, np.inf, "small", [1.0], 1j)) for kind in PROXIMAL),
+        (cp.DenseKKT, "mu", (-1.0, np.nan, np.inf, "small", [1.0], 1j, None)),
+        (cp.LCABA, "mu", (0.0, 1e-310)),
+        *(
+            (kind, "max_iterations", (0, -1, 1.5, np.nan, np.inf, "many", None, True, [1], 2**40))
+            for kind in PROXIMAL
+        ),
+        *((kind, "absolute_accuracy", (-1.0, np.nan, np.inf, "fine")) for kind in PROXIMAL),
+        (cp.Proximal, "absolute_accuracy", (None,)),
+        (cp.Proximal, "relative_accuracy", (-1.0, np.nan, np.inf, "fine")),
+        (cp.Reference, "rank_tolerance", (0.0, 1.0, -1.0, np.nan, "tight", None)),
+        (cp.Reference, "refinements", (-1, 1.5, np.nan, "some", None)),
+    )
+    for value in values
+}
+
+
+@refused(KNOBS)
+def test_knobs_refuse(call, text):
+    check(call, text)
+
+
+def bar_state() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return (*scene("four_bar").state(), np.zeros(3))
+
+
+WORKSPACES: dict[str, Case] = {
+    **{
+        f"scene {value!r}": (functools.partial(cp.Workspace, value), "scene = .* a Scene is needed")
+        for value in (None, 3, "talos")
+    },
+    "a robot": (lambda: cp.Workspace(robot("talos")), "scene = Robot: a Scene"),
+    **{
+        f"solver {value!r}": (
+            lambda value=value: cp.Workspace(scene("four_bar"), value),
+            r"solver = .* such as Proximal\(\)",
+        )
+        for value in (3, "proximal", cp.Proximal)
+    },
+    **{
+        f"use {label}": (lambda value=value: cp.Workspace(scene("four_bar")).use(value()), text)
+        for label, value, text in (
+            ("None", lambda: None, "scene = NoneType: a Scene"),
+            ("a robot", lambda: robot("four_bar"), "scene = Robot: a Scene"),
+            ("another robot's scene", lambda: scene("talos"), "'talos' .* make a new Workspace"),
+        )
+    },
+    "solve without a scene": (lambda: cp.solve(None, *bar_state()), "scene = NoneType"),
+    "solve with a word": (
+        lambda: cp.solve(scene("four_bar"), *bar_state(), solver="proximal"),
+        "solver = 'proximal'",
+    ),
+}
+
+
+@refused(WORKSPACES)
+def test_workspaces_refuse(call, text):
+    check(call, text)
+
+
+NO_NUMBERS = ["abc", None, [[1], [1, 2]], {"a": 1}, np.full(3, 1j), [None] * 3, object()]
+
+
+@pytest.mark.parametrize("value", NO_NUMBERS, ids=lambda x: repr(x)[:12])
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_states_that_are_no_numbers_are_refused_by_name(place, value):
+    workspace = cp.Workspace(scene("four_bar"))
+    state = list(bar_state())
+    state[place] = value
+    name = ("q", "v", "tau")[place]
+    for call in (
+        workspace.acceleration,
+        workspace.solve,
+        functools.partial(cp.solve, scene("four_bar")),
+    ):
+        with pytest.raises(cp.InvalidArgument, match=rf"^{name}\b"):
+            call(*state)
+    if place == 0:
+        for call in (workspace.jacobian, workspace.violation):
+            with pytest.raises(cp.InvalidArgument, match=r"^q\b"):
+                call(value)
+    if place < 2:
+        with pytest.raises(cp.InvalidArgument, match=rf"^{name}\b"):
+            workspace.terms(*state[:2])
+
+
+SOLVERS = [cp.Proximal(), cp.DenseKKT(), cp.Reference(), *([cp.LCABA()] if HAS_LCABA else [])]
+each_solver = pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: s.title)
+
+
+@each_solver
+def test_numbers_that_overflow_end_in_a_status(solver):
+    """v of 1e200 is finite, its square is not; numpy's warnings are no answer."""
+    q, v = scene("talos").state()
+    for throw in (True, False):
+        workspace = cp.Workspace(scene("talos"), solver)
+        if throw:
+            with pytest.raises(cp.SolveFailed, match=r"not_finite|singular") as caught:
+                workspace.solve(q, v + 1e200, v)
+            solution = caught.value.solution
+            with pytest.raises(cp.SolveFailed, match=r"not_finite|singular"):
+                workspace.acceleration(q, v + 1e200, v)
+        else:
+            solution = workspace.solve(q, v + 1e200, v, throw=False)
+        assert solution.status in (cp.Status.NOT_FINITE, cp.Status.SINGULAR)
+        assert not solution.status.ok
+        workspace.solve(q, v, v)
+
+
+# --- the promise of a status
+
+SCENES_OF_PROMISE = ["four_bar", "foot twice", "cassie"]
+ADVICE = {
+    cp.Status.INACCURATE: "more iterations",
+    cp.Status.SINGULAR: "use Proximal",
+    cp.Status.NOT_FINITE: "mu is too small",
+}
+
+
+@functools.cache
+def known(name: str) -> list[tuple[tuple[np.ndarray, ...], np.ndarray]]:
+    """Return the state at rest and moving ones, each with the right accelerations."""
+    rng = np.random.default_rng(11)
+    here, nv = scene(name), scene(name).robot.nv
+    states = [(*here.state(), np.zeros(nv))]
+    states += [(*here.sample(rng), rng.normal(size=nv)) for _ in range(4)]
+    reference = cp.Workspace(here, cp.Reference())
+    return [(state, reference.solve(*state, throw=False).a) for state in states]
+
+
+def promise(name: str, solver: cp.Solver) -> None:
+    """Solve at every known state: what says ok is right, what does not says why."""
+    workspace = cp.Workspace(scene(name), solver)
+    for state, right in known(name):
+        with np.errstate(all="ignore"):
+            solution = workspace.solve(*state, throw=False)
+        if solution.status.ok:
+            error = np.abs(solution.a - right).max() / max(np.abs(right).max(), GRAVITY)
+            assert error < 1e-8, (solution.error_bound, error)
+            assert np.isfinite(solution.lam).all()
+        else:
+            assert ADVICE[solution.status] in str(solution.status)
+            assert not solution.error_bound <= 1e-8
+
+
+exponents = st.floats(-16.0, 3.0)
+examples = settings(
+    max_examples=200,
+    deadline=None,
+    derandomize=True,
+    database=None,
+    suppress_health_check=[HealthCheck.too_slow],
+)
+
+
+@pytest.mark.parametrize("name", SCENES_OF_PROMISE)
+@examples
+@given(exponent=exponents, iterations=st.integers(1, 20))
+def test_proximal_is_right_where_it_says_ok(name, exponent, iterations):
+    promise(name, cp.Proximal(mu=10.0**exponent, max_iterations=iterations))
+
+
+@pytest.mark.parametrize("name", SCENES_OF_PROMISE)
+@examples
+@given(exponent=exponents, iterations=st.integers(1, 20))
+def test_lcaba_is_right_where_it_says_ok(name, exponent, iterations):
+    solver = cp.LCABA(mu=10.0**exponent, max_iterations=iterations)
+    if HAS_LCABA:
+        promise(name, solver)
+    else:
+        with pytest.raises(cp.UnsupportedBackend, match="needs Pinocchio 4"):
+            cp.Workspace(scene(name), solver)
+
+
+@pytest.mark.parametrize("name", SCENES_OF_PROMISE)
+@examples
+@given(exponent=exponents)
+def test_dense_kkt_is_right_where_it_says_ok(name, exponent):
+    promise(name, cp.DenseKKT(mu=10.0**exponent))
+
+
+@pytest.mark.parametrize("name", SCENES_OF_PROMISE)
+def test_no_solver_says_ok_by_default_and_is_wrong(name):
+    for solver in SOLVERS:
+        promise(name, solver)
+
+
+def test_a_failed_solve_carries_its_solution():
+    q, v = scene("four_bar").state()
+    workspace = cp.Workspace(scene("four_bar"), cp.Proximal(mu=1e3, max_iterations=1))
+    with pytest.raises(cp.SolveFailed, match=r"inaccurate: .* more iterations") as caught:
+        workspace.solve(q, v, v)
+    kept = caught.value.solution
+    same = workspace.solve(q, v, v, throw=False)
+    np.testing.assert_array_equal(kept.a, same.a)
+    assert kept.status is cp.Status.INACCURATE
+    assert np.isfinite(kept.a).all()
+    assert kept.error_bound > 1e-8
+
+
+def test_a_status_that_is_not_finite_says_so():
+    q, v = scene("four_bar").state()
+    solver = cp.Proximal(mu=0.0, max_iterations=1)
+    solution = cp.solve(scene("four_bar"), q, v, v, solver=solver, throw=False)
+    assert solution.status is cp.Status.NOT_FINITE
+    assert not np.isfinite(solution.a).any()
+    with pytest.raises(cp.SolveFailed, match="not_finite"):
+        cp.Workspace(scene("four_bar"), solver).acceleration(q, v, v)
