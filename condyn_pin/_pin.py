@@ -39,7 +39,9 @@ if not (3, 9) <= VERSION < (5, 0):
         f"Pinocchio {pin.__version__} is installed; 3.9 or 4.x is needed: {doctor.MEND_4}"
     )
 
-__all__ = ["VERSION", "pin"]
+VERSION_TEXT: str = pin.__version__
+
+__all__ = ["VERSION", "VERSION_TEXT", "pin"]
 
 _IS_4 = VERSION >= (4, 0)
 LOCAL = pin.ReferenceFrame.LOCAL

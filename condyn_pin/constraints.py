@@ -30,7 +30,10 @@ WORLD = ("world", "universe")
 
 
 def _floats(argument: str, value: Any, size: int) -> tuple[float, ...]:
-    array = np.asarray(value, dtype=float)
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        array = np.empty(0)
     if array.shape != (size,) or not np.isfinite(array).all():
         raise InvalidArgument(f"{argument} = {value!r}: {size} finite numbers are needed")
     return tuple(float(x) for x in array)
@@ -43,7 +46,8 @@ def _text(argument: str, value: Any) -> str:
 
 
 def _positive(argument: str, value: float | None) -> None:
-    if value is not None and not (math.isfinite(value) and value > 0):
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if value is not None and not (number and math.isfinite(value) and value > 0):
         raise InvalidArgument(f"{argument} = {value!r}: a positive length [m] is needed")
 
 
@@ -52,6 +56,11 @@ class Constraint(ABC):
     """What every constraint has: a name and a number of rows."""
 
     name: str = ""
+
+    def _set_name(self, default: str) -> None:
+        if not isinstance(self.name, str):
+            raise InvalidArgument(f"name = {self.name!r}: a text is needed")
+        object.__setattr__(self, "name", self.name or default)
 
     @property
     @abstractmethod
@@ -90,7 +99,7 @@ class PointContact(Constraint):
         object.__setattr__(self, "offset", _floats("offset", self.offset, 3))
         if self.anchor is not None:
             object.__setattr__(self, "anchor", _floats("anchor", self.anchor, 3))
-        object.__setattr__(self, "name", self.name or self.frame)
+        self._set_name(self.frame)
 
     @property
     def rows(self) -> int:
@@ -140,7 +149,7 @@ class SurfaceContact(Constraint):
                 raise InvalidArgument("anchor: its quaternion (x y z w) is zero; use 0 0 0 1")
             unit = (*numbers[:3], *(x / norm for x in numbers[3:]))
             object.__setattr__(self, "anchor", unit)
-        object.__setattr__(self, "name", self.name or self.frame)
+        self._set_name(self.frame)
 
     @property
     def rows(self) -> int:
@@ -199,7 +208,7 @@ class Loop(Constraint):
             raise InvalidArgument(
                 f"kind = {self.kind!r}: known kinds of loops are {', '.join(get_args(LoopKind))}"
             )
-        object.__setattr__(self, "name", self.name or f"{self.frame_a}~{self.frame_b}")
+        self._set_name(f"{self.frame_a}~{self.frame_b}")
 
     @property
     def rows(self) -> int:

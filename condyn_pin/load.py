@@ -25,9 +25,9 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.constraints import Constraint, Loop, PointContact, SurfaceContact
-from condyn_pin.errors import CondynError, InvalidModel, MissingExtra, unknown_name
+from condyn_pin.errors import CondynError, InvalidArgument, InvalidModel, MissingExtra, unknown_name
 from condyn_pin.io.sdf import read_sdf
-from condyn_pin.io.urdf import read_urdf
+from condyn_pin.io.urdf import ROOT_JOINTS, read_urdf
 from condyn_pin.mechanisms import MECHANISMS
 from condyn_pin.robot import Robot, Spring, Vector
 
@@ -70,6 +70,9 @@ def load_robot(name: str | Path, *, root_joint: str = "fixed") -> Robot:
     InvalidModel
         If a file cannot be read; the text names the file and the element.
     """
+    if not isinstance(name, (str, Path)):
+        raise InvalidArgument(f"name = {name!r}: a name or a path is needed")
+    _check_root_joint(root_joint)
     known = available_robots()
     if str(name) in known:
         return known[str(name)]()
@@ -87,6 +90,13 @@ def load_robot(name: str | Path, *, root_joint: str = "fixed") -> Robot:
     raise unknown_name("robot", str(name), known)
 
 
+def _check_root_joint(root_joint: str) -> None:
+    if root_joint not in ROOT_JOINTS:
+        raise InvalidArgument(
+            f"root_joint = {root_joint!r}: one of {', '.join(ROOT_JOINTS)} is needed"
+        )
+
+
 def _from_folder(folder: Path) -> Robot:
     path = folder / "robot.toml"
     try:
@@ -99,7 +109,7 @@ def _from_folder(folder: Path) -> Robot:
         raise
     except KeyError as error:
         raise InvalidModel(f"{path}: the entry {error} is missing") from error
-    except (TypeError, ValueError) as error:
+    except (AttributeError, TypeError, ValueError) as error:
         raise InvalidModel(f"{path}: {error}") from error
 
 
@@ -107,6 +117,7 @@ def _from_card(card: Mapping[str, Any], folder: Path) -> Robot:
     description = card["description"]
     file = _description_file(description["file"], folder)
     root_joint = description.get("root_joint", "fixed")
+    _check_root_joint(root_joint)
     loops: tuple[Loop, ...] = ()
     springs: tuple[Spring, ...] = ()
     if file.suffix == ".sdf":
@@ -161,7 +172,10 @@ def _srdf_postures(model: Any, description: Mapping[str, Any], folder: Path) -> 
     srdf = _description_file(description["srdf"], folder)
     if not srdf.is_file():
         raise InvalidModel(f"{srdf}: no such file")
-    pin.loadReferenceConfigurations(model, str(srdf), False)
+    try:
+        pin.loadReferenceConfigurations(model, str(srdf), False)
+    except (ValueError, RuntimeError) as error:
+        raise InvalidModel(f"{srdf}: Pinocchio cannot read it: {error}") from error
     if description.get("rotors"):
         # reflected inertia of a geared rotor: n^2 I
         pin.loadRotorParameters(model, str(srdf), False)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from condyn_pin import __version__
-from condyn_pin._pin import pin
+from condyn_pin._pin import VERSION_TEXT
 
 
 def machine() -> dict[str, str]:
@@ -21,7 +21,7 @@ def machine() -> dict[str, str]:
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
         "numpy": np.__version__,
-        "pinocchio": str(pin.__version__),
+        "pinocchio": VERSION_TEXT,
         "condyn_pin": __version__,
         "OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", "unset"),
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),

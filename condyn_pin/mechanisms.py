@@ -137,7 +137,7 @@ def _four_bar_posture(ground: float, crank: float, coupler: float, rocker: float
 
 def _positive(**lengths: float) -> None:
     for name, value in lengths.items():
-        if not (math.isfinite(value) and value > 0):
+        if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
             raise InvalidArgument(f"{name} = {value!r}: a positive number is needed")
 
 

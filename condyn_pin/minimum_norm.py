@@ -48,9 +48,11 @@ class MinimumNorm:
         from scipy.linalg import solve_triangular
 
         U, S = self.U[:, : self.rank], self.S[: self.rank]
-        y = solve_triangular(self.L, r, lower=True)
+        y = solve_triangular(self.L, r, lower=True, check_finite=False)
         z = (U.T @ s) / S - self.V.T @ y
-        a: Vector = solve_triangular(self.L, y + self.V @ z, lower=True, trans="T")
+        a: Vector = solve_triangular(
+            self.L, y + self.V @ z, lower=True, trans="T", check_finite=False
+        )
         return a, U @ (z / S)
 
     def tangent(self, v: Vector) -> Vector:
@@ -70,7 +72,7 @@ def factorise(M: Vector, J: Vector, rank_tolerance: float) -> MinimumNorm:
     from scipy.linalg import solve_triangular
 
     L = np.asarray(np.linalg.cholesky(M), dtype=np.float64)
-    Jw = solve_triangular(L, J.T, lower=True).T
+    Jw = solve_triangular(L, J.T, lower=True, check_finite=False).T
     U, S, Vt = np.linalg.svd(Jw)
     rank = int(np.count_nonzero(rank_tolerance * S.max(initial=0.0) < S))
     return MinimumNorm(L, U, S, Vt[:rank].T, rank)

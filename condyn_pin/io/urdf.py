@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
 from condyn_pin._pin import pin
 from condyn_pin.errors import InvalidArgument, InvalidModel
 
-_ROOTS = ("fixed", "free_flyer")
+ROOT_JOINTS = ("fixed", "free_flyer")
 
 
 def read_urdf(path: Path, root_joint: str = "fixed") -> tuple[Any, tuple[str, ...]]:
@@ -28,8 +29,10 @@ def read_urdf(path: Path, root_joint: str = "fixed") -> tuple[Any, tuple[str, ..
     unused : tuple of str
         What the file has and the dynamics do not use, a sentence each.
     """
-    if root_joint not in _ROOTS:
-        raise InvalidArgument(f"root_joint = {root_joint!r}: one of {', '.join(_ROOTS)} is needed")
+    if root_joint not in ROOT_JOINTS:
+        raise InvalidArgument(
+            f"root_joint = {root_joint!r}: one of {', '.join(ROOT_JOINTS)} is needed"
+        )
     if not path.is_file():
         raise InvalidModel(f"{path}: no such file")
     try:
@@ -38,6 +41,7 @@ def read_urdf(path: Path, root_joint: str = "fixed") -> tuple[Any, tuple[str, ..
         raise InvalidModel(f"{path}: not well-formed XML: {error}") from error
     if robot.tag != "robot":
         raise InvalidModel(f"{path}: its root element is <{robot.tag}>, a URDF has <robot>")
+    _check_inertials(path, robot)
     try:
         if root_joint == "free_flyer":
             model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
@@ -46,6 +50,25 @@ def read_urdf(path: Path, root_joint: str = "fixed") -> tuple[Any, tuple[str, ..
     except (ValueError, RuntimeError) as error:
         raise InvalidModel(f"{path}: Pinocchio cannot read it: {error}") from error
     return model, unused_elements(robot)
+
+
+def _check_inertials(path: Path, robot: ET.Element) -> None:
+    """Refuse numbers that cannot be read: the parser would drop the link's mass and go on."""
+    for link in robot.findall("link"):
+        for part in (*link.findall("inertial/mass"), *link.findall("inertial/inertia")):
+            for key, text in part.attrib.items():
+                if not _is_number(text):
+                    raise InvalidModel(
+                        f"{path}: link {link.get('name')!r}: <{part.tag} {key}={text!r}>: "
+                        "a finite number is needed"
+                    )
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return isfinite(float(text))
+    except ValueError:
+        return False
 
 
 def unused_elements(robot: ET.Element) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.robot import Vector
+from condyn_pin.robot import Vector, finite
 from condyn_pin.solvers.base import Method, Singular, Solver
 
 if TYPE_CHECKING:
@@ -51,8 +51,8 @@ class DenseKKT(Solver):
     mu: float = 0.0  # [1/kg]
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.mu) and self.mu >= 0):
-            raise InvalidArgument(f"mu = {self.mu!r}: a finite number >= 0 [1/kg] is needed")
+        if finite("mu", self.mu, ()) < 0:
+            raise InvalidArgument(f"mu = {self.mu!r}: a number >= 0 [1/kg] is needed")
 
     def start(self, workspace: Workspace) -> Method:
         """Return the assembled solve bound to the memory of `workspace`."""
@@ -68,6 +68,7 @@ class DenseKKT(Solver):
         empty[range(n, size), range(n, size)] = -self.mu
         answer = np.zeros(size)
 
+        @np.errstate(over="ignore", invalid="ignore")  # the status says it
         def acceleration(q: Vector, v: Vector, tau: Vector) -> Vector:
             terms = equations.terms(q, v)
             K = empty.copy(order="F")
@@ -78,7 +79,9 @@ class DenseKKT(Solver):
             # D K D has entries of size one, so 1 stands for its norm
             if info > 0 or not dsycon(factor, pivots, 1.0, lower=1)[0] > tolerances.SINGULAR:
                 raise Singular
-            rhs = d * np.concatenate([tau - terms.h, terms.a_ref - terms.gamma])
+            # concatenated first, so that a tau of another size is refused, not broadcast
+            rhs = np.concatenate([tau, terms.a_ref]) - np.concatenate([terms.h, terms.gamma])
+            rhs *= d
             np.multiply(d, dsytrs(factor, pivots, rhs, lower=1)[0].ravel(), out=answer)
             return answer[:n].copy()
 

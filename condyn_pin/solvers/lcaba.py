@@ -72,7 +72,8 @@ class LCABA(Solver):
 
     def __post_init__(self) -> None:
         check_knobs(self.mu, self.max_iterations, smallest_mu=1e-300)
-        check_accuracy("absolute_accuracy", self.absolute_accuracy)
+        if self.absolute_accuracy is not None:
+            check_accuracy("absolute_accuracy", self.absolute_accuracy)
 
     def start(self, workspace: Workspace) -> Method:
         """Return the cured `pin.lcaba` bound to the memory of `workspace`."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.robot import Vector
+from condyn_pin.robot import Vector, finite
 from condyn_pin.solvers.base import Method, Solver
 
 if TYPE_CHECKING:
@@ -69,7 +69,8 @@ class Proximal(Solver):
 
     def __post_init__(self) -> None:
         check_knobs(self.mu, self.max_iterations, smallest_mu=0.0)
-        check_accuracy("relative_accuracy", self.relative_accuracy)
+        if self.relative_accuracy is not None:
+            check_accuracy("relative_accuracy", self.relative_accuracy)
         check_accuracy("absolute_accuracy", self.absolute_accuracy)
 
     def start(self, workspace: Workspace) -> Method:
@@ -89,23 +90,27 @@ class Proximal(Solver):
         return Method(acceleration, lambda: np.array(data.lambda_c), lambda: int(settings.iter))
 
 
+_MOST_ITERATIONS = 2**31 - 1  # Pinocchio counts in a C int
+
+
 def check_knobs(mu: float | None, max_iterations: int, *, smallest_mu: float) -> None:
     """Refuse a proximal weight or an iteration limit that cannot be used."""
-    if mu is not None and not (np.isfinite(mu) and mu >= smallest_mu):
+    if mu is not None and not finite("mu", mu, ()) >= smallest_mu:
         limit = ">= 0" if smallest_mu == 0 else f">= {smallest_mu:g}"
         raise InvalidArgument(f"mu = {mu!r}: a finite number {limit} [1/kg] is needed")
     if (
         isinstance(max_iterations, bool)
-        or int(max_iterations) != max_iterations
-        or max_iterations < 1
+        or not isinstance(max_iterations, (int, np.integer))
+        or not 1 <= max_iterations <= _MOST_ITERATIONS
     ):
         raise InvalidArgument(
-            f"max_iterations = {max_iterations!r}: a whole number >= 1 is needed "
+            f"max_iterations = {max_iterations!r}: a whole number from 1 to {_MOST_ITERATIONS} "
+            "is needed "
             "(with 0 Pinocchio returns a wrong answer without a word)"
         )
 
 
-def check_accuracy(name: str, value: float | None) -> None:
+def check_accuracy(name: str, value: float) -> None:
     """Refuse an accuracy that cannot be used."""
-    if value is not None and not (np.isfinite(value) and value >= 0):
-        raise InvalidArgument(f"{name} = {value!r}: a finite number >= 0 is needed")
+    if finite(name, value, ()) < 0:
+        raise InvalidArgument(f"{name} = {value!r}: a number >= 0 is needed")

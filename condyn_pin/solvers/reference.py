@@ -11,7 +11,7 @@ from condyn_pin import tolerances
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.extended import add, exact_residual
 from condyn_pin.minimum_norm import factorise
-from condyn_pin.robot import Vector
+from condyn_pin.robot import Vector, finite
 from condyn_pin.solvers.base import Method, Singular, Solver
 
 if TYPE_CHECKING:
@@ -60,16 +60,19 @@ class Reference(Solver):
     refinements: int = 3
 
     def __post_init__(self) -> None:
-        if not 0 < self.rank_tolerance < 1:
+        if not 0 < finite("rank_tolerance", self.rank_tolerance, ()) < 1:
             raise InvalidArgument(f"rank_tolerance = {self.rank_tolerance!r}: between 0 and 1")
-        if self.refinements < 0:
-            raise InvalidArgument(f"refinements = {self.refinements!r}: a number >= 0 is needed")
+        if not isinstance(self.refinements, (int, np.integer)) or self.refinements < 0:
+            raise InvalidArgument(
+                f"refinements = {self.refinements!r}: a whole number >= 0 is needed"
+            )
 
     def start(self, workspace: Workspace) -> Method:
         """Return the reference bound to the memory of `workspace`."""
         equations = workspace.equations
         latest = np.zeros(equations.m)
 
+        @np.errstate(over="ignore", invalid="ignore")  # the status says it
         def acceleration(q: Vector, v: Vector, tau: Vector) -> Vector:
             a, latest[:] = self.solve(equations.terms(q, v), tau)
             return a
