@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin import tolerances
+from condyn_pin.arrays import Vector, finite
 from condyn_pin.errors import InvalidArgument, InvalidModel
-from condyn_pin.robot import Vector, finite
 
 # Limits of the squared norm of a unit part of q.
 LOW: Final = 1.0 - 2 * tolerances.QUATERNION

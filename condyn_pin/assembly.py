@@ -17,8 +17,8 @@ import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
+from condyn_pin.arrays import Vector
 from condyn_pin.equations import Equations
-from condyn_pin.robot import Vector
 
 _CUT = 1e-9  # of J's singular values; redundant rows of a nearly closed loop lie below
 _SHORTEST_STEP = 2.0**-12

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from condyn_pin import tolerances
+from condyn_pin.arrays import Vector
 from condyn_pin.equations import Equations
 from condyn_pin.errors import NotAssembled
 from condyn_pin.minimum_norm import MinimumNorm, factorise
 from condyn_pin.proof import Yardstick
-from condyn_pin.robot import Vector
 from condyn_pin.solvers.reference import Reference
 
 if TYPE_CHECKING:

@@ -14,11 +14,11 @@ import numpy as np
 
 from condyn_pin import _pin
 from condyn_pin._pin import pin
+from condyn_pin.arrays import Vector
 from condyn_pin.bench_table import BenchRow, BenchTable
 from condyn_pin.catalogue import motor_torque, standard_scenes
 from condyn_pin.load import load_robot
 from condyn_pin.machine import machine
-from condyn_pin.robot import Vector
 from condyn_pin.scene import Scene
 from condyn_pin.solvers.base import Solver
 from condyn_pin.solvers.dense_kkt import DenseKKT

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from condyn_pin.arrays import Vector
 from condyn_pin.constraints import Constraint, SurfaceContact
-from condyn_pin.robot import Robot, Vector
+from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
 
 

@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._pin import LOCAL, pin
+from condyn_pin.arrays import Vector
 from condyn_pin.binding import Bound
 from condyn_pin.frames import WorldContacts, Wrenches
 from condyn_pin.loops import Balls, Weld
-from condyn_pin.robot import Vector
 
 # bound once: these are called in every proof, which is to cost little more than they do
 _rnea = pin.rnea

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._pin import pin
+from condyn_pin.arrays import Vector
 from condyn_pin.binding import Bound
-from condyn_pin.robot import Vector
 
 
 class Joints:

@@ -24,12 +24,13 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._pin import pin
+from condyn_pin.arrays import Vector
 from condyn_pin.constraints import Constraint, Loop, PointContact, SurfaceContact
 from condyn_pin.errors import CondynError, InvalidArgument, InvalidModel, MissingExtra, unknown_name
 from condyn_pin.io.sdf import read_sdf
 from condyn_pin.io.urdf import ROOT_JOINTS, read_urdf
 from condyn_pin.mechanisms import MECHANISMS
-from condyn_pin.robot import Robot, Spring, Vector
+from condyn_pin.robot import Robot, Spring
 
 _CONTACTS: dict[str, type[Constraint]] = {"point": PointContact, "surface": SurfaceContact}
 

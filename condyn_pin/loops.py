@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._pin import LOCAL, pin
+from condyn_pin.arrays import Vector
 from condyn_pin.binding import Bound
 from condyn_pin.frames import Centripetal, Joints, rows_of
-from condyn_pin.robot import Vector
 
 
 class Balls:

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._pin import pin
+from condyn_pin.arrays import Vector
 from condyn_pin.constraints import Loop
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.robot import Robot, Vector
+from condyn_pin.robot import Robot
 
 _LICENCE = "BSD-2-Clause (this project)"
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from condyn_pin.robot import Vector
+from condyn_pin.arrays import Vector
 
 
 @dataclass(frozen=True)

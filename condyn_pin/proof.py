@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from condyn_pin import tolerances
-from condyn_pin.robot import Vector
+from condyn_pin.arrays import Vector
 
 _EPS = float(np.finfo(np.float64).eps)
 

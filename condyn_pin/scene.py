@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
+from condyn_pin.arrays import Vector, finite
 from condyn_pin.assembly import assemble
 from condyn_pin.audit import Audit, audit
 from condyn_pin.binding import Bound, bind
@@ -19,7 +20,7 @@ from condyn_pin.constraints import Constraint
 from condyn_pin.equations import Equations
 from condyn_pin.errors import InvalidArgument, NotAssembled, unknown_name
 from condyn_pin.minimum_norm import factorise
-from condyn_pin.robot import Robot, Vector, finite
+from condyn_pin.robot import Robot
 from condyn_pin.summary import Summary, summarise
 
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from condyn_pin.arrays import Vector
 from condyn_pin.equations import Equations
 from condyn_pin.proof import Proof
-from condyn_pin.robot import Vector
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene

@@ -13,7 +13,7 @@ from time import perf_counter
 
 import numpy as np
 
-from condyn_pin.robot import Vector
+from condyn_pin.arrays import Vector
 
 State = tuple[Vector, Vector, Vector]
 Call = Callable[[Vector, Vector, Vector], object]

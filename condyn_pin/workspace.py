@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 from condyn_pin import _pin, tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arguments import HIGH, LOW, Arguments
+from condyn_pin.arrays import Vector
 from condyn_pin.binding import Bound
 from condyn_pin.equations import Equations, Terms
 from condyn_pin.errors import InvalidArgument, SolveFailed
 from condyn_pin.proof import Proof
 from condyn_pin.raw import raw_constraints
-from condyn_pin.robot import Vector
 from condyn_pin.scene import Scene
 from condyn_pin.solution import Solution, Status
 from condyn_pin.solvers.base import Singular, Solver
@@ -180,11 +180,13 @@ class Workspace:
             solution = self._unproven(q_, perf_counter() - start)
         else:
             solve_time = perf_counter() - start
-            if all(-_HUGE < a.item(i) < _HUGE for i in self._roots):
+            for i in self._roots:
+                if not -_HUGE < a.item(i) < _HUGE:  # the status says it, so numpy need not
+                    with np.errstate(all="ignore"):
+                        solution = self._proven(q_, v_, tau_, a, solve_time)
+                    break
+            else:
                 solution = self._proven(q_, v_, tau_, a, solve_time)
-            else:  # the status says it, so numpy need not
-                with np.errstate(all="ignore"):
-                    solution = self._proven(q_, v_, tau_, a, solve_time)
         if solution.status is not _OK:
             self._arguments.check(q_, v_, tau_)  # what is not finite may be the input's fault
             if throw:

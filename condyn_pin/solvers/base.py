@@ -24,7 +24,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from condyn_pin.robot import Vector
+from condyn_pin.arrays import Vector
 
 if TYPE_CHECKING:
     from condyn_pin.workspace import Workspace

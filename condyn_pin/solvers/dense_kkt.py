@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from condyn_pin import tolerances
+from condyn_pin.arrays import Vector, finite
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.robot import Vector, finite
 from condyn_pin.solvers.base import Method, Singular, Solver
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 
 from condyn_pin import _pin, tolerances
 from condyn_pin._pin import pin
-from condyn_pin.robot import Vector
+from condyn_pin.arrays import Vector
 from condyn_pin.solvers.base import Method, Solver
 from condyn_pin.solvers.proximal import check_accuracy, check_knobs
 

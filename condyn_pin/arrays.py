@@ -1,0 +1,34 @@
+"""Arrays of numbers: their type, and how they come in."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from condyn_pin.errors import InvalidArgument
+
+Vector = NDArray[np.float64]
+
+
+def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Vector:
+    """Return what a user handed in as a float array, or raise InvalidArgument.
+
+    The text names the argument, the entry and its value, and what would do.
+    """
+    wanted = (shape,) if isinstance(shape, int) else shape
+    needed = f"an array of shape {wanted}" if wanted else "one finite number"
+    found = name if wanted else f"{name} = {value!r}"
+    try:
+        array = np.asarray(value)
+        if array.dtype.kind == "c":
+            raise TypeError("they are complex")
+        array = array.astype(np.float64, copy=False)
+    except (TypeError, ValueError) as error:
+        raise InvalidArgument(f"{found}: {needed} is needed ({error})") from error
+    if array.shape != wanted:
+        raise InvalidArgument(f"{found} has shape {array.shape}: {needed} is needed")
+    if not np.isfinite(array).all():
+        bad = tuple(np.argwhere(~np.isfinite(array))[0].tolist())
+        entry = str(list(bad)) if bad else ""
+        raise InvalidArgument(f"{name}{entry} = {array[bad]}: finite numbers are needed")
+    return array
