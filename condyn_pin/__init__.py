@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from condyn_pin.mechanisms import four_bar as four_bar
     from condyn_pin.mechanisms import pendulum as pendulum
     from condyn_pin.robot import Robot as Robot
-    from condyn_pin.robot import Spring as Spring
     from condyn_pin.scene import Scene as Scene
     from condyn_pin.solution import Solution as Solution
     from condyn_pin.solution import StateError as StateError
@@ -46,6 +45,7 @@ if TYPE_CHECKING:
     from condyn_pin.solvers.lcaba import LCABA as LCABA
     from condyn_pin.solvers.proximal import Proximal as Proximal
     from condyn_pin.solvers.reference import Reference as Reference
+    from condyn_pin.spring import Spring as Spring
     from condyn_pin.summary import Summary as Summary
     from condyn_pin.verbs import solve as solve
     from condyn_pin.workspace import Workspace as Workspace
@@ -68,7 +68,7 @@ _HOME = {
     ),
     "load": ("available_robots", "load_robot"),
     "mechanisms": ("four_bar", "pendulum"),
-    "robot": ("Robot", "Spring"),
+    "robot": ("Robot",),
     "scene": ("Scene",),
     "solution": ("Solution", "StateError", "Status"),
     "solvers": ("SOLVERS", "Solver"),
@@ -76,6 +76,7 @@ _HOME = {
     "solvers.lcaba": ("LCABA",),
     "solvers.proximal": ("Proximal",),
     "solvers.reference": ("Reference",),
+    "spring": ("Spring",),
     "summary": ("Summary",),
     "verbs": ("solve",),
     "workspace": ("Workspace",),

@@ -103,7 +103,7 @@ def lcaba() -> Callable[..., NDArray[np.float64]]:
 def _lcaba_or_refuse() -> None:
     if not HAS_LCABA:
         raise UnsupportedBackend(
-            f"LCABA needs Pinocchio 4; {pin.__version__} is installed. {doctor.MEND_4}"
+            f"LCABA needs Pinocchio 4, and {VERSION_TEXT} is installed: {doctor.MEND_4}"
         )
 
 

@@ -21,7 +21,6 @@ from rich.table import Table
 from condyn_pin.errors import CondynError, InvalidArgument, unknown_name
 
 if TYPE_CHECKING:
-    from condyn_pin.bench_table import BenchRow, BenchTable
     from condyn_pin.constraints import Constraint
     from condyn_pin.robot import Robot
     from condyn_pin.scene import Scene
@@ -144,6 +143,7 @@ def bench(
     """Time ABA, LCABA, proximal and dense KKT, with their errors, on the same states."""
     from condyn_pin.bench import FULL, QUICK, ROBOTS
     from condyn_pin.bench import bench as run
+    from condyn_pin.bench_print import print_bench
 
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
@@ -157,7 +157,7 @@ def bench(
         table = run(robots or ROBOTS, effort=QUICK if quick else FULL, progress=advance)
     if native:
         table = table.with_native(native)
-    _print_bench(table)
+    print_bench(table, console)
     if csv:
         table.to_csv(csv)
     if as_json:
@@ -230,51 +230,6 @@ def _finite(value: Any) -> Any:
     if isinstance(value, list):
         return [_finite(entry) for entry in value]
     return value if -float("inf") < value < float("inf") else None
-
-
-def _print_bench(table: BenchTable) -> None:
-    for scene in dict.fromkeys(row.scene for row in table.rows):
-        rows = [row for row in table.rows if row.scene == scene]
-        counted = next((row for row in rows if row.rows), None)
-        title = f"{scene}: {counted.rows} rows, rank {counted.rank}" if counted else scene
-        shown = Table(title=title, title_justify="left")
-        shown.add_column("method", no_wrap=True)
-        for heading in ("bare", "a", "p95", "solve", "a/bare", "solve/bare", "x dense"):
-            shown.add_column(heading, justify="right", no_wrap=True)
-        for heading in ("error of a", "it.", "status"):
-            shown.add_column(heading, justify="right")
-        for row in rows:
-            shown.add_row(*_cells(row))
-        console.print(shown)
-    machine = table.machine
-    console.print(
-        "bare: Pinocchio's call; a: Workspace.acceleration, median and p95; solve: with its errors "
-        "[us].\nx dense: times faster than dense KKT. error of a: worst over the states, against "
-        "Reference, relative to the larger of |a| and gravity.\n"
-        f"{machine['processor']}, Pinocchio {machine['pinocchio']}, one thread.",
-        highlight=False,
-        markup=False,
-    )
-
-
-def _cells(row: BenchRow) -> list[str]:
-    def number(value: float, form: str) -> str:
-        return format(value, form) if value == value else ""
-
-    method = row.method if row.origin == "python" else f"{row.method} ({row.origin})"
-    return [
-        method,
-        number(row.bare_us, ".1f"),
-        number(row.acceleration_us, ".1f"),
-        number(row.acceleration_p95_us, ".1f"),
-        number(row.solve_us, ".1f"),
-        number(row.to_bare, ".2f"),
-        number(row.solve_to_bare, ".2f"),
-        number(row.to_dense, ".2f"),
-        number(row.error, ".0e"),
-        str(row.iterations or ""),
-        row.status,
-    ]
 
 
 def main() -> None:

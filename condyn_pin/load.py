@@ -30,8 +30,13 @@ from condyn_pin.errors import CondynError, InvalidArgument, InvalidModel, Missin
 from condyn_pin.io.sdf import read_sdf
 from condyn_pin.io.urdf import ROOT_JOINTS, read_urdf
 from condyn_pin.mechanisms import MECHANISMS
-from condyn_pin.robot import Robot, Spring
+from condyn_pin.robot import Robot
+from condyn_pin.spring import Spring
 
+_CARD = (
+    "name", "source", "licence", "actuated", "description", "loops", "contacts", "postures",
+)  # fmt: skip
+_DESCRIPTION = ("file", "srdf", "root_joint", "rotors", "root", "kinds", "drop")
 _CONTACTS: dict[str, type[Constraint]] = {"point": PointContact, "surface": SurfaceContact}
 
 
@@ -116,6 +121,8 @@ def _from_folder(folder: Path) -> Robot:
 
 def _from_card(card: Mapping[str, Any], folder: Path) -> Robot:
     description = card["description"]
+    _only_known("", card, _CARD)
+    _only_known("description.", description, _DESCRIPTION)
     file = _description_file(description["file"], folder)
     root_joint = description.get("root_joint", "fixed")
     _check_root_joint(root_joint)
@@ -149,6 +156,12 @@ def _from_card(card: Mapping[str, Any], folder: Path) -> Robot:
         source=card["source"],
         licence=card["licence"],
     )
+
+
+def _only_known(where: str, table: Mapping[str, Any], known: tuple[str, ...]) -> None:
+    for key in table:
+        if key not in known:
+            raise InvalidModel(str(unknown_name("entry", f"{where}{key}", known)))
 
 
 def _description_file(name: str, folder: Path) -> Path:

@@ -16,21 +16,7 @@ from condyn_pin.arrays import Vector, finite
 from condyn_pin.constraints import WORLD, Constraint, Loop
 from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
 from condyn_pin.soundness import check_model
-
-
-@dataclass(frozen=True)
-class Spring:
-    """A linear spring on a joint: tau = -stiffness (q - reference)."""
-
-    joint: str
-    stiffness: float  # [N m/rad] or [N/m]
-    reference: float = 0.0  # [rad] or [m]
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.joint, str) or not self.joint:
-            raise InvalidArgument(f"joint = {self.joint!r}: the name of a joint is needed")
-        for argument in ("stiffness", "reference"):
-            finite(argument, getattr(self, argument), ())
+from condyn_pin.spring import Spring
 
 
 @dataclass(frozen=True, eq=False)

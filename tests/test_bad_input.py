@@ -353,6 +353,8 @@ CARDS = {
     "a mesh": CARD + '[description]\nfile = "arm.stl"',
     "empty URDF": CARD + '[description]\nfile = "empty.urdf"',
     "empty SDF": CARD + '[description]\nfile = "empty.sdf"',
+    "unknown entry": CARD + "weight = 3\n" + ARM,
+    "unknown entry of the description": CARD + ARM + "rotor = true",
     "no name": ARM,
     "unknown root joint": CARD + ARM + 'root_joint = "flying"',
     "unknown root joint of an SDF": (

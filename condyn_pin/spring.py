@@ -1,0 +1,23 @@
+"""Spring: what descriptions hang on a joint, and `Robot.passive_torque` applies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from condyn_pin.arrays import finite
+from condyn_pin.errors import InvalidArgument
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A linear spring on a joint: tau = -stiffness (q - reference)."""
+
+    joint: str
+    stiffness: float  # [N m/rad] or [N/m]
+    reference: float = 0.0  # [rad] or [m]
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.joint, str) or not self.joint:
+            raise InvalidArgument(f"joint = {self.joint!r}: the name of a joint is needed")
+        for argument in ("stiffness", "reference"):
+            finite(argument, getattr(self, argument), ())
