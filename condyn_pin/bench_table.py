@@ -115,7 +115,9 @@ class BenchTable:
             raise InvalidArgument(
                 f"{path}: not a result of benchmarks/native ({error}); `make native` writes one"
             ) from error
-        known = {f"native {key}": str(value) for key, value in native.items() if key != "rows"}
+        known = {
+            f"native {key}": str(value) for key, value in native.items() if isinstance(value, str)
+        }
         return BenchTable(self.rows + rows, self.machine | known)
 
 
