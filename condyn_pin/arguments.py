@@ -52,9 +52,9 @@ class Arguments:
         finiteness: what is not finite shows in the answer, and `check` then finds it.
         """
         if (
-            isinstance(q, np.ndarray)
-            and isinstance(v, np.ndarray)
-            and isinstance(tau, np.ndarray)
+            type(q) is np.ndarray
+            and type(v) is np.ndarray
+            and type(tau) is np.ndarray
             and self._shapes == (q.shape, v.shape, tau.shape)
             and q.dtype is v.dtype is tau.dtype is _FLOAT
             and not self.pairs

@@ -25,7 +25,7 @@ _SHORTEST_STEP = 2.0**-12
 _LONGEST_MOVE = 0.5  # of any joint in one iteration [rad, m]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Assembly:
     """How an assembly ended.
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from condyn_pin.scene import Scene
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class NominalState:
     """A state on the constraints, and the accelerations there by `Reference`."""
 
@@ -30,7 +30,7 @@ class NominalState:
     a: Vector
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Audit:
     """Figures of a scene at its nominal state.
 

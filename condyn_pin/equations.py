@@ -28,7 +28,7 @@ _forward_kinematics = pin.forwardKinematics
 _largest = np.maximum.reduceat
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Terms:
     """The terms of the two equations at one state.
 

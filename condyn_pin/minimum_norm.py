@@ -19,7 +19,7 @@ import numpy as np
 from condyn_pin.arrays import Vector
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MinimumNorm:
     """The factors of one M and J.
 

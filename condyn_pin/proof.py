@@ -40,7 +40,7 @@ class Proof(NamedTuple):
     bound: float  # on the error of a, relative to the larger of |a|_inf and gravity
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Yardstick:
     """What turns residuals of a scene into an error of its accelerations.
 

@@ -51,7 +51,7 @@ class StateError(NamedTuple):
     velocity: float  # |J v|_inf [m/s, rad/s]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Solution:
     """Accelerations and constraint forces at one state, with three errors recomputed.
 

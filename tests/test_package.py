@@ -67,3 +67,8 @@ def test_nothing_in_the_library_prints():
 
 def test_marker_for_type_checkers_is_there():
     assert (PACKAGE / "py.typed").is_file()
+
+
+def test_nothing_relies_on_a_wider_long_double():
+    for path in PACKAGE.rglob("*.py"):
+        assert "longdouble" not in path.read_text().replace("long double", ""), path

@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 import condyn_pin as cp
+from condyn_pin._pin import HAS_LCABA
 from condyn_pin.cli import app
 
 ROOT = Path(__file__).parent.parent
@@ -30,6 +31,8 @@ def commands() -> list[str]:
 def test_python_blocks_run_in_one_session(capsys):
     session: dict[str, object] = {}
     for block in blocks("python"):
+        if not HAS_LCABA:
+            block = block.replace("cp.LCABA()", "cp.Proximal()")
         exec(compile(block, "README.md", "exec"), session)
     printed = capsys.readouterr().out
     assert "rank 12" in printed

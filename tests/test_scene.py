@@ -9,6 +9,7 @@ import pytest
 from shared import all_scenes, each_scene, robot
 
 import condyn_pin as cp
+from condyn_pin._pin import pin
 from condyn_pin.equations import Equations
 from condyn_pin.tolerances import CLOSED
 
@@ -153,8 +154,6 @@ def test_assemble_from_far_away():
         model = scene.robot.model
         closed = 0
         for _ in range(30):
-            from condyn_pin._pin import pin
-
             guess = pin.integrate(model, scene.audit.q, 0.2 * rng.normal(size=model.nv))
             try:
                 scene.assemble(guess)
@@ -172,3 +171,5 @@ def test_cassies_postures_from_file_and_figures():
     assert np.abs(q - cassie.postures["standing"]).max() < 1e-9
     heights = [M.translation[2] for M in Equations(cassie.model, scene.bounds).placements(q)[4:]]
     assert np.allclose(heights, 0.02, atol=1e-9)
+    com = pin.centerOfMass(cassie.model, cassie.model.createData(), q)
+    assert np.allclose(com, (-0.0176, 0.0001, 0.8803), atol=1e-4)

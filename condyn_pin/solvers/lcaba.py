@@ -81,7 +81,8 @@ class LCABA(Solver):
         model, data, bounds = workspace.model, workspace.data, workspace.bounds
         models, datas = workspace.constraint_models, workspace.constraint_datas
         _pin.order_joints_for_lcaba(model, data, models)
-        joints = sorted({j for b in bounds for j in (b.joint1, b.joint2) if j})
+        # only 6 rows read `oa` before it is written
+        joints = sorted({j for b in bounds if b.size == 6 for j in (b.joint1, b.joint2) if j})
         clear = tuple(data.oa[joint].setZero for joint in joints)
 
         def bind(settings: Any) -> Acceleration:
