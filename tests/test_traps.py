@@ -107,7 +107,7 @@ def lcaba_is_refused(of: cp.Scene) -> bool:
     """On Pinocchio 3, assert that LCABA is refused, and return True."""
     if HAS_LCABA:
         return False
-    with pytest.raises(cp.UnsupportedBackend, match=r"LCABA needs Pinocchio 4; 3\.\d+\.\d+ is"):
+    with pytest.raises(cp.UnsupportedBackend, match=r"LCABA needs Pinocchio 4, and 3\.\d+\.\d+ is"):
         cp.Workspace(of, cp.LCABA())
     return True
 
