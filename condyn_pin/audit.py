@@ -84,7 +84,6 @@ def audit(scene: Scene) -> Audit:
     factors = factorise(terms.M, terms.J, tolerances.RANK)
     S, rank = factors.S, factors.rank
     gravity = float(np.linalg.norm(robot.model.gravity.linear))
-    L_inverse = np.linalg.inv(factors.L)
     return Audit(
         q=q,
         closed=closed,
@@ -95,12 +94,7 @@ def audit(scene: Scene) -> Audit:
         condition=float(np.linalg.cond(terms.M)),
         delassus_norm=float(S[0] ** 2) if rank else 1 / robot.mass,
         weight=robot.mass * (gravity or 1.0),
-        yardstick=Yardstick(
-            weights=np.sqrt(np.einsum("ij,ij->j", L_inverse, L_inverse)),
-            sigma=float(S[rank - 1]) if rank else np.inf,
-            rows=scene.rows,
-            gravity=gravity,
-        ),
+        yardstick=Yardstick.of(factors, scene.rows, gravity),
         states=_nominal_states(equations, q, factors),
     )
 

@@ -17,7 +17,8 @@ from condyn_pin.arrays import Vector
 from condyn_pin.binding import Bound
 from condyn_pin.equations import Equations, Terms
 from condyn_pin.errors import InvalidArgument, SolveFailed
-from condyn_pin.proof import Proof
+from condyn_pin.minimum_norm import factorise
+from condyn_pin.proof import Proof, Yardstick
 from condyn_pin.raw import raw_constraints
 from condyn_pin.scene import Scene
 from condyn_pin.solution import Solution, Status
@@ -198,13 +199,22 @@ class Workspace:
         if self._flipped:
             lam *= self.equations.sign
         dynamics, largest = self.equations.errors(q, v, tau, a, lam)
-        proof = self._yardstick.prove(dynamics, largest, tau)
+        yardstick = self._yardstick
+        proof = yardstick.prove(dynamics, largest, tau)
+        if proof.bound <= tolerances.SOLVED and yardstick.doubts(largest):
+            proof = self._yardstick_at(q).prove(dynamics, largest, tau)
         if proof.bound <= tolerances.SOLVED:
             status = _OK
         else:
             status = Status.INACCURATE if isfinite(proof.bound) else Status.NOT_FINITE
         iterations = self._method.iterations()
         return Solution(a, lam, proof, status, iterations, solve_time, self.scene, q.copy())
+
+    def _yardstick_at(self, q: Vector) -> Yardstick:
+        """Return the yardstick of a state that may be near a singular one."""
+        terms = self.equations.terms(q, np.zeros(self.model.nv))
+        factors = factorise(terms.M, terms.J, tolerances.REFERENCE_RANK)
+        return Yardstick.of(factors, self.scene.rows, self._yardstick.gravity)
 
     def _unproven(self, q: Vector, solve_time: float) -> Solution:
         """Return the solution of a method that met a singular matrix."""

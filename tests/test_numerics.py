@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from shared import all_scenes, each_scene, states, truth
+from shared import all_scenes, each_scene, each_solver, states, truth
 
 import condyn_pin as cp
 from condyn_pin.equations import Equations
@@ -152,3 +152,38 @@ def test_ok_is_never_a_lie(label, exponent, iterations, which, kind):
         assert true < 1e-8
     else:
         assert solution.error_bound > 1e-8
+
+
+@pytest.mark.parametrize("moving", [0.0, 1.0])
+@pytest.mark.parametrize("angle", [10.0**-k for k in range(1, 13)])
+@each_solver
+def test_ok_is_no_lie_near_a_singular_configuration(solver, angle, moving):
+    """A parallelogram nearly flat: lam grows as 1/angle, and a jumps at zero."""
+    bar = cp.four_bar(ground=0.6, crank=0.3, coupler=0.6, rocker=0.3)
+    scene = cp.Scene(bar, bar.loops)
+    q = angle * np.array([1.0, -1.0, 1.0])
+    v = moving * np.array([1.0, -1.0, 1.0])
+    tau = np.array([5.0, -2.0, 1.0])
+    reference = cp.solve(scene, q, v, tau, solver=cp.Reference(), throw=False)
+    solution = cp.solve(scene, q, v, tau, solver=solver, throw=False)
+    if solution.status.ok:
+        scale = max(np.abs(reference.a).max(), 9.81)
+        assert np.abs(solution.a - reference.a).max() < 1e-8 * scale
+    if isinstance(solver, cp.Proximal) and angle > 0.005:
+        assert solution.status.ok
+
+
+def test_a_doubtful_answer_is_judged_at_its_own_state():
+    """The nominal sigma, 70 times too large at this posture, would call some of these ok."""
+    bar = cp.four_bar(ground=0.6, crank=0.3, coupler=0.6, rocker=0.3)
+    scene = cp.Scene(bar, bar.loops)
+    equations, nominal = Equations(bar.model, scene.bounds), scene.audit.yardstick
+    q, v, tau = 0.01 * np.array([1.0, -1.0, 1.0]), np.zeros(3), np.array([5.0, -2.0, 1.0])
+    caught = 0
+    for iterations in range(1, 40):
+        solver = cp.Proximal(mu=1e-4, max_iterations=iterations, relative_accuracy=0.0)
+        solution = cp.solve(scene, q, v, tau, solver=solver, throw=False)
+        residuals = equations.errors(q, v, tau, solution.a, solution.lam)
+        caught += nominal.prove(*residuals, tau).bound < 1e-8 < solution.error_bound
+    assert caught
+    assert solution.status.ok
