@@ -59,8 +59,8 @@ def solve(
 
     Notes
     -----
-    The first call with a scene builds a `Workspace` (0.3 to 0.8 ms); calls after it with the same
-    scene and solver, in the same thread, cost tens of microseconds.
+    The first call with a scene builds a `Workspace`, which takes as long as dozens of solves; calls
+    after it with the same scene and solver, in the same thread, use it again.
     """
     solver = Proximal() if solver is None else solver
     workspace: Workspace | None = getattr(_last, "workspace", None)

@@ -54,8 +54,9 @@ class Workspace:
 
     Notes
     -----
-    Building one costs 0.3 to 0.8 ms, most of it Pinocchio's `createData`; a solve costs 10 to
-    40 us. Pinocchio does not release the GIL, so threads do not solve in parallel; processes do.
+    Building one takes as long as dozens of solves (`benchmarks/startup.py`), most of it
+    Pinocchio's `createData`. Pinocchio does not release the GIL: threads do not solve in parallel,
+    processes do.
     """
 
     def __init__(self, scene: Scene, solver: Solver | None = None) -> None:
