@@ -19,6 +19,7 @@ import pytest
 import condyn_pin as cp
 from condyn_pin import _pin
 from condyn_pin._pin import HAS_LCABA, pin
+from condyn_pin.catalogue import motor_torque
 
 GRAVITY = 9.81
 LIBRARY = Path(cp.__file__).parent
@@ -266,6 +267,36 @@ def test_trap_8_lcaba_with_a_too_small_mu_is_never_ok(mu):
         assert solution.status is cp.Status.INACCURATE
         with pytest.raises(cp.SolveFailed, match="try another mu"):
             workspace.solve(*state)
+
+
+def test_trap_8_lcaba_is_off_by_per_cents_where_j_a_is_right():
+    """Cassie under motor torques, mu = 1e-8: what the README says."""
+    cassie = scene("cassie")
+    if lcaba_is_refused(cassie):
+        return
+    rng = np.random.default_rng(0)
+    workspace = cp.Workspace(cassie, cp.LCABA(mu=1e-8))
+    worst = 0.0
+    for _ in range(5):
+        q, v = cassie.sample(rng)
+        tau = motor_torque(cassie.robot, rng)
+        solution = workspace.solve(q, v, tau, throw=False)
+        right = truth(cassie, q, v, tau)
+        assert solution.constraint_error < 1e-9 * np.abs(right.a).max()
+        assert not solution.status.ok
+        worst = max(worst, difference(solution.a, right.a))
+    assert worst > 1e-2
+
+
+def test_trap_9_the_stop_test_fires_on_redundant_rows():
+    """Pinocchio: with its own accuracy of 1e-12 every iteration that is allowed is spent."""
+    cassie = scene("cassie")
+    for state in moving("cassie"):
+        ours = cp.solve(cassie, *state)
+        theirs = cp.solve(cassie, *state, solver=cp.Proximal(relative_accuracy=1e-12))
+        assert ours.iterations <= 5
+        assert theirs.iterations == 20
+        assert difference(ours.a, theirs.a) < 1e-10
 
 
 def test_trap_8_lcaba_refuses_mu_zero():
