@@ -2,7 +2,7 @@
 # make test3     the same tests on Pinocchio 3.9, in an environment of its own
 # make demo      set up, run `condyn bench talos cassie`, write demo/bench.{csv,json,png}
 # make wheel     build the wheel and prove it in a clean environment, outside the checkout
-# make native    build and run the C++ timing program (about 4 minutes), write demo/native.json
+# make native    build and run the C++ timing program (about 7 minutes), write demo/native.json
 
 PYTHON ?= python3
 VENV   := .venv
