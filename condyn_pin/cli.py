@@ -145,14 +145,18 @@ def bench(
     from condyn_pin.bench import bench as run
     from condyn_pin.bench_print import print_bench
 
+    _check_before_the_run(csv, as_json, plot, native)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+    # drawn between rounds only: a thread that draws would take the interpreter from what is timed
+    with Progress(
+        *columns, console=Console(stderr=True), transient=True, auto_refresh=False
+    ) as progress:
         tasks: dict[str, Any] = {}
 
         def advance(what: str, done: int, total: int) -> None:
             if what not in tasks:
                 tasks[what] = progress.add_task(what, total=total)
-            progress.update(tasks[what], completed=done)
+            progress.update(tasks[what], completed=done, refresh=done % 20 == 0)
 
         table = run(robots or ROBOTS, effort=QUICK if quick else FULL, progress=advance)
     if native:
@@ -166,6 +170,22 @@ def bench(
         from condyn_pin.plots import save_bench
 
         save_bench(table, plot)
+
+
+def _check_before_the_run(
+    csv: Path | None, as_json: Path | None, plot: Path | None, native: Path | None
+) -> None:
+    """Refuse what would only fail when everything has been measured."""
+    from condyn_pin.bench_table import BenchTable
+    from condyn_pin.plots import pyplot
+
+    for path in (csv, as_json, plot):
+        if path and not path.absolute().parent.is_dir():
+            raise InvalidArgument(f"{path}: there is no folder {path.parent}; make it first")
+    if plot:
+        pyplot()
+    if native:
+        BenchTable((), {}).with_native(native)
 
 
 @app.command()

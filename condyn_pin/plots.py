@@ -36,7 +36,7 @@ def bench(table: BenchTable, scene: str, ax: Any = None) -> Any:
     -------
     matplotlib axes
     """
-    ax = _pyplot().subplots()[1] if ax is None else ax
+    ax = pyplot().subplots()[1] if ax is None else ax
     rows = [row for row in table.rows if row.scene == scene and row.origin == "python"]
     for row in rows:
         colour, marker = next(
@@ -67,8 +67,7 @@ def save_bench(table: BenchTable, path: str | Path) -> None:
     scenes = list(dict.fromkeys(row.scene for row in table.rows if row.origin == "python"))
     columns = min(3, len(scenes))
     lines = math.ceil(len(scenes) / columns)
-    pyplot = _pyplot()
-    figure, axes = pyplot.subplots(
+    figure, axes = pyplot().subplots(
         lines, columns, figsize=(4.2 * columns, 3.4 * lines), squeeze=False, layout="constrained"
     )
     for ax, scene in zip(axes.flat, scenes, strict=False):
@@ -78,7 +77,7 @@ def save_bench(table: BenchTable, path: str | Path) -> None:
     note = "{processor}, Pinocchio {pinocchio}; dashed: what status ok promises"
     figure.suptitle(note.format(**table.machine), fontsize=8)
     figure.savefig(path, dpi=150)
-    pyplot.close(figure)
+    pyplot().close(figure)
 
 
 def _title(rows: list[BenchRow], scene: str) -> str:
@@ -86,7 +85,8 @@ def _title(rows: list[BenchRow], scene: str) -> str:
     return f"{scene}: {counted.rows} rows, rank {counted.rank}" if counted else scene
 
 
-def _pyplot() -> Any:
+def pyplot() -> Any:
+    """Return matplotlib's pyplot, drawing without a screen, or raise MissingExtra."""
     try:
         import matplotlib
     except ImportError as error:
@@ -94,6 +94,6 @@ def _pyplot() -> Any:
             'pictures need matplotlib: python -m pip install "condyn_pin[plot]"'
         ) from error
     matplotlib.use("agg", force=False)
-    from matplotlib import pyplot
+    from matplotlib import pyplot as found
 
-    return pyplot
+    return found

@@ -136,4 +136,4 @@ def test_picture_has_a_mark_for_every_method_and_a_line_for_aba():
     assert drawn["Proximal"].get_xdata()[0] == proximal.acceleration_us
     assert drawn["Proximal"].get_ydata()[0] == max(proximal.error, 1e-16)
     assert plots.bench(BenchTable(tuple(rows), machine()), "four_bar loops", ax) is ax
-    plots._pyplot().close("all")
+    plots.pyplot().close("all")

@@ -97,6 +97,7 @@ def test_bench_writes_table_and_picture(tmp_path):
         (("solve", "talos", "--mu", "-1"), "mu = -1.0"),
         (("solve", "talos", "--solver", "reference", "--mu", "1"), "no such knob"),
         (("bench", "four_bar", "--quick", "--native", "no.json"), "make native"),
+        (("bench", "four_bar", "--quick", "--csv", "no/such/b.csv"), "there is no folder no/such"),
     ],
 )
 def test_a_mistake_is_a_sentence_and_not_a_traceback(words, said):
