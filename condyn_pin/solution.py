@@ -51,7 +51,7 @@ class StateError(NamedTuple):
     velocity: float  # |J v|_inf [m/s, rad/s]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Solution:
     """Accelerations and constraint forces at one state, with three errors recomputed.
 
@@ -125,6 +125,12 @@ class Solution:
             bound.name: (self.lam[bound.rows].reshape(-1, 3) @ oMc1.rotation.T).ravel()
             for bound, oMc1 in zip(scene.bounds, placements, strict=True)
         }
+
+    def __repr__(self) -> str:
+        return (
+            f"Solution({self.scene.robot.name}, {len(self.lam)} rows: "
+            f"{self.status.name.lower()}, error bound {self.error_bound:.1e})"
+        )
 
     def __str__(self) -> str:
         lines = [

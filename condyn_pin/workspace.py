@@ -103,6 +103,11 @@ class Workspace:
         self._method = self.solver.start(self)
         self._run = self._method.acceleration
 
+    def __repr__(self) -> str:
+        settings = self.proximal_settings
+        found = f", mu {settings.mu:.3g} 1/kg" if settings else ""
+        return f"Workspace({self.scene.robot.name}, {self.scene.rows} rows: {self.solver!r}{found})"
+
     @cached_property
     def equations(self) -> Equations:
         """The equations of the scene, in memory of their own that no solver writes to."""

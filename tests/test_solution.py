@@ -182,6 +182,7 @@ def test_an_answer_prints_itself_with_units_and_pickles():
     text = str(solution)
     for said in ("ok in", "iterations", "dynamics error", "m/s^2", "left_sole_link"):
         assert said in text
+    assert repr(solution).startswith("Solution(talos, 12 rows: ok, error bound ")
     copy = pickle.loads(pickle.dumps(solution))
     assert np.array_equal(copy.a, solution.a)
     assert copy.scene == solution.scene
@@ -192,3 +193,9 @@ def test_every_status_is_advice():
         assert len(status.value) > 20
         assert str(status).startswith(status.name.lower())
         assert status.ok == (status is cp.Status.OK)
+
+
+def test_a_workspace_says_which_weight_it_found():
+    scene = all_scenes()["talos contacts"]
+    assert ", mu 9.43e-06 1/kg)" in repr(cp.Workspace(scene))
+    assert repr(cp.Workspace(scene, cp.DenseKKT())).endswith("12 rows: DenseKKT(mu=0.0))")
