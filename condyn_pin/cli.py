@@ -19,6 +19,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from condyn_pin.errors import CondynError, InvalidArgument, unknown_name
+from condyn_pin.tolerances import SOLVED
 
 if TYPE_CHECKING:
     from condyn_pin.constraints import Constraint
@@ -92,6 +93,7 @@ def solve(
     solver: Annotated[str, typer.Option(help="proximal, lcaba, densekkt, reference.")] = "proximal",
     mu: Annotated[float | None, typer.Option(help="Proximal weight [1/kg].")] = None,
     max_iterations: Annotated[int | None, typer.Option(help="Limit of iterations.")] = None,
+    accuracy: Annotated[float, typer.Option(help="Error of a that is good enough.")] = SOLVED,
     as_json: Annotated[bool, typer.Option("--json", help="Print json.")] = False,
 ) -> None:
     """Solve a posture at rest, with zero torque; exits with 1 if the status is not ok."""
@@ -100,7 +102,7 @@ def solve(
     scene = _scene(robot, contacts, loops)
     q, v = scene.state(posture)
     chosen = _solver(solver, {"mu": mu, "max_iterations": max_iterations})
-    solution = solve_scene(scene, q, v, 0 * v, solver=chosen, throw=False)
+    solution = solve_scene(scene, q, v, 0 * v, solver=chosen, accuracy=accuracy, throw=False)
     if as_json:
         from condyn_pin.machine import machine
 

@@ -32,6 +32,9 @@ from condyn_pin.minimum_norm import MinimumNorm
 
 _EPS = float(np.finfo(np.float64).eps)
 
+# Relative errors below this are not worth a look at what rounding of tau does.
+_NEAR_ROUNDING = tolerances.SOLVED
+
 
 class Proof(NamedTuple):
     """Sizes of the residuals of an answer, and what they say about a."""
@@ -88,7 +91,7 @@ class Yardstick:
         e_M = self.weights.dot(dynamics) + self.per_row * constraint
         error = float(self.largest_weight * e_M)
         scale = max_a if max_a > self.gravity else self.gravity
-        if not error <= tolerances.SOLVED * scale:
+        if not error <= _NEAR_ROUNDING * scale:
             error -= self._rounding(tau)
         bound = max(error, 0.0) / scale if scale else (0.0 if error <= 0.0 else inf)
         return Proof(max_dynamics, constraint, violation, velocity, bound)
@@ -100,16 +103,16 @@ class Yardstick:
         """
         return self.largest_weight * float(self.weights.dot(np.abs(tau))) * _EPS
 
-    def doubts(self, largest: list[float]) -> bool:
+    def doubts(self, largest: list[float], accuracy: float) -> bool:
         """Return whether the bound would be in danger if sigma were a thousand times smaller."""
         _, max_a, _, _, constraint = largest
-        return constraint > self.unquestioned * max(max_a, self.gravity)
+        return constraint > self.unquestioned * accuracy * max(max_a, self.gravity)
 
     @cached_property
     def unquestioned(self) -> float:
-        """The |s|_inf, relative to the size of a, that is never looked at twice [1]."""
+        """The |s|_inf, relative to the size of a and to the accuracy, that is never in doubt."""
         scale = self.largest_weight * self.per_row
-        return tolerances.SOLVED / 1000 / scale if scale else inf
+        return 1e-3 / scale if scale else inf
 
     @property
     def enough(self) -> float:

@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 class Status(Enum):
     """How a solve ended; the value is advice."""
 
-    OK = "both equations hold, and a is right to the tolerance"
+    OK = "both equations hold, and a is right to the accuracy asked for"
     INACCURATE = (
-        "a is finite but the two equations do not hold to the tolerance: allow more iterations, "
-        "try another mu, or solve with Reference(); if state_error is large, the state does not "
-        "satisfy the constraints and no answer can"
+        "the two equations do not hold well enough for the accuracy asked for: allow more "
+        "iterations, try another mu, or solve with Reference(); if state_error is large, the state "
+        "does not satisfy the constraints and no answer can"
     )
     SINGULAR = (
         "the matrix of this method is singular: some rows are redundant or the configuration is "
@@ -66,7 +66,7 @@ class Solution:
     proof : Proof
         The residuals, recomputed by a route that no solver takes; the properties below name them.
     status : Status
-        OK if `error_bound` is within the tolerance (1e-8).
+        OK if `error_bound` is within the accuracy that was asked for (1e-8 by default).
     iterations : int
         Iterations of the solver; 1 for a direct method.
     solve_time : float

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from typing import Final
 
-# A status is ok when the bound on the error of a, relative to the size of a, is below this.
-# It is what the agreement of the solvers with Reference is promised to.
+# A status is ok when the bound on the error of a, relative to the size of a, is below this, unless
+# the caller says otherwise. It is what the agreement of the solvers with Reference is promised to.
 SOLVED: Final = 1e-8
+
+# No finer accuracy can be asked for: the residuals themselves are rounded to about this.
+FINEST: Final = 1e-14
 
 # | |quaternion| - 1 |. Pinocchio's answer is off by about the same relative amount without any
 # sign of it; integration in double precision denormalises by 1e-16 a step, so 1e-6 is never met

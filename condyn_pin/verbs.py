@@ -10,6 +10,7 @@ from condyn_pin.scene import Scene
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.base import Solver
 from condyn_pin.solvers.proximal import Proximal
+from condyn_pin.tolerances import SOLVED
 from condyn_pin.workspace import Workspace
 
 # The workspace of this thread's last call: a loop over `solve` with one scene builds only one.
@@ -23,6 +24,7 @@ def solve(
     tau: ArrayLike,
     *,
     solver: Solver | None = None,
+    accuracy: float = SOLVED,
     throw: bool = True,
 ) -> Solution:
     """Return accelerations and constraint forces at one state, with their errors.
@@ -40,6 +42,9 @@ def solve(
         Joint torques [N, N m]; zero in the rows of a free-flyer.
     solver : Solver, optional
         `Proximal()` by default.
+    accuracy : float
+        Error of a that is good enough, relative to the larger of |a|_inf and gravity: what the
+        status is judged by. It changes no number of the answer.
     throw : bool
         Raise if the status is not ok. With False the same Solution comes back, whatever its
         status.
@@ -69,4 +74,4 @@ def solve(
         _last.workspace = workspace
     else:
         scene.robot.check_unedited()
-    return workspace.solve(q, v, tau, throw=throw)
+    return workspace.solve(q, v, tau, accuracy=accuracy, throw=throw)

@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 from functools import cached_property
-from math import inf, isfinite, nan
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin import _pin, tolerances
+from condyn_pin import _pin
 from condyn_pin._pin import pin
 from condyn_pin.arguments import HIGH, LOW, Arguments
 from condyn_pin.arrays import Vector
 from condyn_pin.binding import Bound
 from condyn_pin.equations import Equations, Terms
 from condyn_pin.errors import InvalidArgument, SolveFailed
-from condyn_pin.minimum_norm import factorise
-from condyn_pin.proof import Proof, Yardstick
+from condyn_pin.judge import Judge, check_accuracy_of_a
 from condyn_pin.raw import raw_constraints
 from condyn_pin.scene import Scene
 from condyn_pin.solution import Solution, Status
 from condyn_pin.solvers.base import Singular, Solver
 from condyn_pin.solvers.proximal import Proximal
+from condyn_pin.tolerances import SOLVED
 
 # No acceleration of a machine: what is larger is looked at entry by entry.
 _HUGE = 1e100
@@ -98,10 +97,9 @@ class Workspace:
         )
         self.proximal_settings: Any = None
         self.__dict__.pop("equations", None)
-        self._yardstick = scene.audit.yardstick
-        self._flipped = any(bound.sign < 0 for bound in self.bounds)
-        self._method = self.solver.start(self)
-        self._run = self._method.acceleration
+        method = self.solver.start(self)
+        self._run = method.acceleration
+        self._judge = Judge(self, method)
 
     def __repr__(self) -> str:
         settings = self.proximal_settings
@@ -162,12 +160,23 @@ class Workspace:
             raise self._failure(solution)
         return solution.a
 
-    def solve(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, *, throw: bool = True) -> Solution:
+    def solve(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        tau: ArrayLike,
+        *,
+        accuracy: float = SOLVED,
+        throw: bool = True,
+    ) -> Solution:
         """Return a, lam and the proof of both.
 
         Parameters
         ----------
         q, v, tau : (nq,), (nv,), (nv,) array_like
+        accuracy : float
+            Error of a that is good enough, relative to the larger of |a|_inf and gravity: what the
+            status is judged by. It changes no number of the answer.
         throw : bool
             Raise if the status is not ok. With False the same Solution comes back, whatever its
             status.
@@ -179,58 +188,28 @@ class Workspace:
         SolveFailed
             If the status is not ok; its `solution` has everything that was computed.
         """
+        if accuracy is not SOLVED:
+            check_accuracy_of_a(accuracy)
         q_, v_, tau_ = self._arguments.accept(q, v, tau)
         start = perf_counter()
         try:
             a = self._run(q_, v_, tau_)
         except Singular:
-            solution = self._unproven(q_, perf_counter() - start)
+            solution = self._judge.failed(q_, perf_counter() - start)
         else:
             solve_time = perf_counter() - start
             for i in self._roots:
                 if not -_HUGE < a.item(i) < _HUGE:  # the status says it, so numpy need not
                     with np.errstate(all="ignore"):
-                        solution = self._proven(q_, v_, tau_, a, solve_time)
+                        solution = self._judge.answered(q_, v_, tau_, a, accuracy, solve_time)
                     break
             else:
-                solution = self._proven(q_, v_, tau_, a, solve_time)
+                solution = self._judge.answered(q_, v_, tau_, a, accuracy, solve_time)
         if solution.status is not _OK:
             self._arguments.check(q_, v_, tau_)  # what is not finite may be the input's fault
             if throw:
                 raise self._failure(solution)
         return solution
-
-    def _proven(self, q: Vector, v: Vector, tau: Vector, a: Vector, solve_time: float) -> Solution:
-        lam = self._method.lam()
-        if self._flipped:
-            lam *= self.equations.sign
-        dynamics, largest = self.equations.errors(q, v, tau, a, lam)
-        yardstick = self._yardstick
-        proof = yardstick.prove(dynamics, largest, tau)
-        if proof.bound <= tolerances.SOLVED and yardstick.doubts(largest):
-            proof = self._yardstick_at(q).prove(dynamics, largest, tau)
-        if proof.bound <= tolerances.SOLVED:
-            status = _OK
-        else:
-            status = Status.INACCURATE if isfinite(proof.bound) else Status.NOT_FINITE
-        iterations = self._method.iterations()
-        return Solution(a, lam, proof, status, iterations, solve_time, self.scene, q.copy())
-
-    def _yardstick_at(self, q: Vector) -> Yardstick:
-        """Return the yardstick of a state that may be near a singular one."""
-        terms = self.equations.terms(q, np.zeros(self.model.nv))
-        factors = factorise(terms.M, terms.J, tolerances.REFERENCE_RANK)
-        return Yardstick.of(factors, self.scene.rows, self._yardstick.gravity)
-
-    def _unproven(self, q: Vector, solve_time: float) -> Solution:
-        """Return the solution of a method that met a singular matrix."""
-        violation = float(np.abs(self.equations.violation(q)).max(initial=0.0))
-        a, lam = np.full(self.model.nv, nan), np.full(self.scene.rows, nan)
-        proof = Proof(inf, inf, violation, nan, inf)
-        iterations = self._method.iterations()
-        return Solution(
-            a, lam, proof, Status.SINGULAR, iterations, solve_time, self.scene, q.copy()
-        )
 
     def __reduce__(self) -> tuple[Any, ...]:
         # a copy has memory of its own: Pinocchio 4 crashes on a copied Data

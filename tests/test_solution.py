@@ -6,7 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
-from shared import all_scenes, each_scene, each_solver, robot, states
+from shared import all_scenes, each_scene, each_solver, relative, robot, states, truth
 
 import condyn_pin as cp
 from condyn_pin._pin import pin
@@ -199,3 +199,25 @@ def test_a_workspace_says_which_weight_it_found():
     scene = all_scenes()["talos contacts"]
     assert ", mu 9.43e-06 1/kg)" in repr(cp.Workspace(scene))
     assert repr(cp.Workspace(scene, cp.DenseKKT())).endswith("12 rows: DenseKKT(mu=0.0))")
+
+
+@pytest.mark.parametrize("label", ["talos contacts", "cassie loops", "four_bar loops"])
+def test_a_coarser_accuracy_makes_a_cheaper_answer_ok(label):
+    """One iteration instead of three: refused at 1e-8, good enough where it is good enough."""
+    scene, state, right = all_scenes()[label], states(label)[0], truth(label)[0]
+    quick = cp.Proximal(mu=1e-4 * scene.audit.delassus_norm, max_iterations=1)
+    with pytest.raises(cp.SolveFailed, match="accuracy asked for") as failed:
+        cp.solve(scene, *state, solver=quick)
+    bound = failed.value.solution.error_bound
+    solution = cp.solve(scene, *state, solver=quick, accuracy=2 * bound)
+    assert solution.status.ok
+    assert np.array_equal(solution.a, failed.value.solution.a)
+    assert 1e-8 < relative(solution.a, right.a) < bound
+    assert not cp.solve(scene, *state, solver=quick, accuracy=bound / 2, throw=False).status.ok
+
+
+@pytest.mark.parametrize("accuracy", [0.0, -1.0, 1e-20, np.nan, np.inf, "fine", [1e-8, 1e-8]])
+def test_an_accuracy_beyond_doubles_is_refused(accuracy):
+    scene, state = all_scenes()["four_bar loops"], states("four_bar loops")[0]
+    with pytest.raises(cp.InvalidArgument, match="accuracy = "):
+        cp.solve(scene, *state, accuracy=accuracy)

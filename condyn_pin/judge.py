@@ -1,0 +1,84 @@
+"""Judge: what a method returned becomes a Solution, with its proof and its status."""
+
+from __future__ import annotations
+
+from math import inf, isfinite, nan
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from condyn_pin import tolerances
+from condyn_pin.arrays import Vector, finite
+from condyn_pin.errors import InvalidArgument
+from condyn_pin.minimum_norm import factorise
+from condyn_pin.proof import Proof, Yardstick
+from condyn_pin.solution import Solution, Status
+from condyn_pin.solvers.base import Method
+
+if TYPE_CHECKING:
+    from condyn_pin.workspace import Workspace
+
+_OK = Status.OK
+
+
+class Judge:
+    """The judge of one method in one workspace.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    method : Method
+    """
+
+    def __init__(self, workspace: Workspace, method: Method) -> None:
+        self._workspace, self._method = workspace, method
+        self._scene = workspace.scene
+        self._yardstick = workspace.scene.audit.yardstick
+        self._flipped = any(bound.sign < 0 for bound in workspace.bounds)
+
+    def answered(
+        self, q: Vector, v: Vector, tau: Vector, a: Vector, accuracy: float, solve_time: float
+    ) -> Solution:
+        """Return the solution of a method that returned `a` just now."""
+        equations, yardstick = self._workspace.equations, self._yardstick
+        lam = self._method.lam()
+        if self._flipped:
+            lam *= equations.sign
+        dynamics, largest = equations.errors(q, v, tau, a, lam)
+        proof = yardstick.prove(dynamics, largest, tau)
+        if proof.bound <= accuracy and yardstick.doubts(largest, accuracy):
+            proof = self._yardstick_at(q).prove(dynamics, largest, tau)
+        if proof.bound <= accuracy:
+            status = _OK
+        else:
+            status = Status.INACCURATE if isfinite(proof.bound) else Status.NOT_FINITE
+        iterations = self._method.iterations()
+        return Solution(a, lam, proof, status, iterations, solve_time, self._scene, q.copy())
+
+    def failed(self, q: Vector, solve_time: float) -> Solution:
+        """Return the solution of a method that met a singular matrix."""
+        violation = float(np.abs(self._workspace.equations.violation(q)).max(initial=0.0))
+        return Solution(
+            np.full(self._workspace.model.nv, nan),
+            np.full(self._scene.rows, nan),
+            Proof(inf, inf, violation, nan, inf),
+            Status.SINGULAR,
+            self._method.iterations(),
+            solve_time,
+            self._scene,
+            q.copy(),
+        )
+
+    def _yardstick_at(self, q: Vector) -> Yardstick:
+        """Return the yardstick of a state that may be near a singular one."""
+        terms = self._workspace.equations.terms(q, np.zeros(self._workspace.model.nv))
+        factors = factorise(terms.M, terms.J, tolerances.REFERENCE_RANK)
+        return Yardstick.of(factors, self._scene.rows, self._yardstick.gravity)
+
+
+def check_accuracy_of_a(accuracy: float) -> None:
+    """Refuse an accuracy that doubles cannot have."""
+    if finite("accuracy", accuracy, ()) < tolerances.FINEST:
+        raise InvalidArgument(
+            f"accuracy = {accuracy!r}: a number of at least {tolerances.FINEST:g} is needed"
+        )
