@@ -53,7 +53,7 @@ def markdown(table: BenchTable) -> str:
             )
             lines.append("| " + " | ".join(cells) + " |")
     where = (
-        "`python benchmarks/results.py` on {processor} ({cores} shared cores, one thread), "
+        "`python benchmarks/results.py` on {processor} ({cores} cores, one thread), "
         "{system}, Python {python}, Pinocchio {pinocchio}, {date}."
     ).format(**table.machine)
     meaning = (

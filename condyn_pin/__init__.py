@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from condyn_pin.constraints import Loop as Loop
     from condyn_pin.constraints import PointContact as PointContact
     from condyn_pin.constraints import SurfaceContact as SurfaceContact
+    from condyn_pin.equations import Terms as Terms
     from condyn_pin.errors import BrokenPinocchio as BrokenPinocchio
     from condyn_pin.errors import CondynError as CondynError
     from condyn_pin.errors import InvalidArgument as InvalidArgument
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from condyn_pin.load import load_robot as load_robot
     from condyn_pin.mechanisms import four_bar as four_bar
     from condyn_pin.mechanisms import pendulum as pendulum
+    from condyn_pin.proof import Proof as Proof
     from condyn_pin.robot import Robot as Robot
     from condyn_pin.scene import Scene as Scene
     from condyn_pin.solution import Solution as Solution
@@ -41,6 +43,8 @@ if TYPE_CHECKING:
     from condyn_pin.solution import Status as Status
     from condyn_pin.solvers import SOLVERS as SOLVERS
     from condyn_pin.solvers import Solver as Solver
+    from condyn_pin.solvers.base import Method as Method
+    from condyn_pin.solvers.base import Singular as Singular
     from condyn_pin.solvers.dense_kkt import DenseKKT as DenseKKT
     from condyn_pin.solvers.lcaba import LCABA as LCABA
     from condyn_pin.solvers.proximal import Proximal as Proximal
@@ -53,6 +57,7 @@ if TYPE_CHECKING:
 _HOME = {
     "audit": ("Audit",),
     "constraints": ("Constraint", "Loop", "PointContact", "SurfaceContact"),
+    "equations": ("Terms",),
     "errors": (
         "BrokenPinocchio",
         "CondynError",
@@ -68,10 +73,12 @@ _HOME = {
     ),
     "load": ("available_robots", "load_robot"),
     "mechanisms": ("four_bar", "pendulum"),
+    "proof": ("Proof",),
     "robot": ("Robot",),
     "scene": ("Scene",),
     "solution": ("Solution", "StateError", "Status"),
     "solvers": ("SOLVERS", "Solver"),
+    "solvers.base": ("Method", "Singular"),
     "solvers.dense_kkt": ("DenseKKT",),
     "solvers.lcaba": ("LCABA",),
     "solvers.proximal": ("Proximal",),
@@ -95,4 +102,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return [*globals(), *__all__]
+    return [*__all__, "__version__"]

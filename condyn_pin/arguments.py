@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin import tolerances
-from condyn_pin.arrays import Vector, finite
+from condyn_pin.arrays import Array, finite
 from condyn_pin.errors import InvalidArgument, InvalidModel
 
 # Limits of the squared norm of a unit part of q.
@@ -45,7 +45,7 @@ class Arguments:
         self.quaternions = tuple(part for part in self._units if part.stop - part.start == 4)
         self.pairs = tuple(part for part in self._units if part.stop - part.start == 2)
 
-    def accept(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> tuple[Vector, Vector, Vector]:
+    def accept(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> tuple[Array, Array, Array]:
         """Return the arguments as float arrays of the right size, or raise InvalidArgument.
 
         Arrays that are right already pass in half a microsecond, without a look at their
@@ -67,7 +67,7 @@ class Arguments:
                 return q, v, tau
         return self.check(q, v, tau)
 
-    def check(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> tuple[Vector, Vector, Vector]:
+    def check(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> tuple[Array, Array, Array]:
         """Return the arguments converted, after looking at every number of them.
 
         Raises

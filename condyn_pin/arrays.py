@@ -7,10 +7,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin.errors import InvalidArgument
 
-Vector = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 
-def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Vector:
+def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Array:
     """Return what a user handed in as a float array, or raise InvalidArgument.
 
     The text names the argument, the entry and its value, and what would do.

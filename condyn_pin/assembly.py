@@ -17,7 +17,7 @@ import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
-from condyn_pin.arrays import Vector
+from condyn_pin.arrays import Array
 from condyn_pin.equations import Equations
 
 _CUT = 1e-9  # of J's singular values; redundant rows of a nearly closed loop lie below
@@ -40,7 +40,7 @@ class Assembly:
         Whether the gap is within tolerance.
     """
 
-    q: Vector
+    q: Array
     gap: float
     iterations: int
 
@@ -52,7 +52,7 @@ class Assembly:
 
 def assemble(
     equations: Equations,
-    q: Vector,
+    q: Array,
     *,
     moving: Sequence[int] | None = None,
     max_iterations: int = 60,
@@ -97,5 +97,5 @@ def assemble(
     return Assembly(q, _size(c), iterations)
 
 
-def _size(x: Vector) -> float:
+def _size(x: Array) -> float:
     return float(np.abs(x).max(initial=0.0))

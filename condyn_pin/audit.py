@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from condyn_pin import tolerances
-from condyn_pin.arrays import Vector
+from condyn_pin.arrays import Array
 from condyn_pin.equations import Equations
 from condyn_pin.errors import NotAssembled
 from condyn_pin.minimum_norm import MinimumNorm, factorise
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 class NominalState:
     """A state on the constraints, and the accelerations there by `Reference`."""
 
-    q: Vector
-    v: Vector
-    tau: Vector
-    a: Vector
+    q: Array
+    v: Array
+    tau: Array
+    a: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,9 +58,9 @@ class Audit:
         At q: at rest, and moving along the constraints with random torques.
     """
 
-    q: Vector
+    q: Array
     closed: bool
-    singular_values: Vector
+    singular_values: Array
     rank: int
     mobility: int
     redundant: tuple[str, ...]
@@ -99,7 +99,7 @@ def audit(scene: Scene) -> Audit:
     )
 
 
-def redundant_rows(null_space: Vector, names: Sequence[str]) -> tuple[str, ...]:
+def redundant_rows(null_space: Array, names: Sequence[str]) -> tuple[str, ...]:
     """Return rows that can go without lowering the rank.
 
     A set of k rows can go if and only if its k x k block of the left null space N (m, k) is
@@ -116,7 +116,7 @@ def redundant_rows(null_space: Vector, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _nominal_states(
-    equations: Equations, q: Vector, factors: MinimumNorm
+    equations: Equations, q: Array, factors: MinimumNorm
 ) -> tuple[NominalState, ...]:
     """Return a state at rest, and one moving along the constraints under random torques."""
     rng = np.random.default_rng(0)

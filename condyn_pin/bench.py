@@ -14,7 +14,7 @@ import numpy as np
 
 from condyn_pin import _pin
 from condyn_pin._pin import pin
-from condyn_pin.arrays import Vector
+from condyn_pin.arrays import Array
 from condyn_pin.bench_table import BenchRow, BenchTable
 from condyn_pin.catalogue import motor_torque, standard_scenes
 from condyn_pin.load import load_robot
@@ -129,7 +129,7 @@ class _Candidate:
     """One solver on one scene: its answers at the states, and what there is to time."""
 
     def __init__(
-        self, scene: Scene, solver: Solver, states: Sequence[State], truth: Sequence[Vector]
+        self, scene: Scene, solver: Solver, states: Sequence[State], truth: Sequence[Array]
     ) -> None:
         self.scene, self.solver = scene, solver
         self.workspace = Workspace(scene, solver)

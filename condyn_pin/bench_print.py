@@ -19,7 +19,7 @@ def print_bench(table: BenchTable, console: Console) -> None:
         for heading in ("bare", "a", "p95", "solve", "a/bare", "solve/bare", "x dense"):
             shown.add_column(heading, justify="right", no_wrap=True)
         for heading in ("error of a", "it.", "status"):
-            shown.add_column(heading, justify="right")
+            shown.add_column(heading, justify="right", no_wrap=True)
         for row in rows:
             shown.add_row(*_cells(row))
         console.print(shown)

@@ -110,7 +110,8 @@ class BenchTable:
         """Return the table with the rows that `benchmarks/native` wrote to a json file."""
         try:
             native = json.loads(Path(path).read_text(encoding="utf-8"))
-            rows = tuple(_native_row(row) for row in native["rows"])
+            sizes = {scene["scene"]: scene for scene in dict(native).get("scenes", ())}
+            rows = tuple(_native_row(row, sizes.get(row["scene"], {})) for row in native["rows"])
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InvalidArgument(
                 f"{path}: not a result of benchmarks/native ({error}); `make native` writes one"
@@ -128,13 +129,13 @@ def _plain(row: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _native_row(row: dict[str, Any]) -> BenchRow:
+def _native_row(row: dict[str, Any], size: dict[str, Any]) -> BenchRow:
     number = {key: math.nan if value is None else value for key, value in row.items()}
     return BenchRow(
         scene=row["scene"],
         method=f"{row['method']}, mu {row['mu']:g}" if row["mu"] else row["method"],
-        rows=0,
-        rank=0,
+        rows=int(size.get("rows", 0)),
+        rank=int(size.get("rank", 0)),
         bare_us=float(number["median_us"]),
         bare_p95_us=float(number["p95_us"]),
         error=float(number["error"]),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from condyn_pin.arrays import Vector
+from condyn_pin.arrays import Array
 from condyn_pin.constraints import Constraint, SurfaceContact
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
@@ -39,7 +39,7 @@ def _corners(robot: Robot) -> tuple[Constraint, ...]:
     return tuple(found)
 
 
-def motor_torque(robot: Robot, rng: np.random.Generator) -> Vector:
+def motor_torque(robot: Robot, rng: np.random.Generator) -> Array:
     """Return random torques in the motors, a tenth of the robot's weight at one metre.
 
     Only in the motors: a torque of that size about the axis of a thin rod would spin it at a

@@ -18,6 +18,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from condyn_pin import __version__
 from condyn_pin.errors import CondynError, InvalidArgument, unknown_name
 from condyn_pin.tolerances import SOLVED
 
@@ -34,7 +35,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 # Tables keep their columns: a narrow terminal, or a file, gets long lines rather than cut numbers.
-console = Console(width=max(Console().width, 118))
+console = Console(width=max(Console().width, 118), markup=False)
 
 RobotName = Annotated[str, typer.Argument(help="A name of `condyn robots`, or a path.")]
 Contacts = Annotated[
@@ -45,6 +46,21 @@ Contacts = Annotated[
 ]
 Loops = Annotated[bool, typer.Option(help="Include the loops of the robot.")]
 Posture = Annotated[str | None, typer.Option(help="Posture; the first one by default.")]
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"condyn_pin {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Say which.")
+    ] = False,
+) -> None:
+    """Constrained rigid-body dynamics on Pinocchio: solve it, prove it, time it."""
 
 
 @app.command()
@@ -71,6 +87,8 @@ def robots() -> None:
 @app.command()
 def show(robot: RobotName, contacts: Contacts = "", loops: Loops = True) -> None:
     """Show what a scene contains, what is redundant, and what is not used."""
+    from condyn_pin.load import load_robot
+
     summary = _scene(robot, contacts, loops).summary()
     table = Table("", summary.robot, show_header=True)
     for label, text in summary.facts().items():
@@ -81,6 +99,9 @@ def show(robot: RobotName, contacts: Contacts = "", loops: Loops = True) -> None
         table.add_row("not used", text)
     for text in summary.notes:
         table.add_row("note", text)
+    loaded = load_robot(robot)
+    table.add_row("postures", ", ".join(loaded.postures) or "none")
+    table.add_row("ready contacts", ", ".join(c.name for c in loaded.contacts) or "none")
     console.print(table)
 
 
@@ -113,6 +134,7 @@ def solve(
             "q": q.tolist(),
             "a": _finite(solution.a.tolist()),
             "lam": _finite(solution.lam.tolist()),
+            "world_forces": {n: _finite(f.tolist()) for n, f in solution.world_forces.items()},
             "forces": {name: _finite(f.tolist()) for name, f in solution.forces.items()},
             "dynamics_error": _finite(solution.dynamics_error),
             "constraint_error": _finite(solution.constraint_error),
@@ -124,8 +146,8 @@ def solve(
         }
         typer.echo(json.dumps(answer, indent=1))
     else:
-        console.print(f"{scene.robot.name}, {chosen!r}", highlight=False)
-        console.print(str(solution), highlight=False)
+        console.print(f"{scene.robot.name}, {chosen!r}")
+        console.print(str(solution))
     if not solution.status.ok:
         typer.echo(str(solution.status), err=True)
         raise typer.Exit(1)
@@ -136,7 +158,7 @@ def bench(
     robots: Annotated[
         list[str] | None, typer.Argument(help="Robots; the main ones if none.")
     ] = None,
-    quick: Annotated[bool, typer.Option(help="A tenth of the effort.")] = False,
+    quick: Annotated[bool, typer.Option(help="Fewer states and rounds.")] = False,
     csv: Annotated[Path | None, typer.Option(help="Write the table here.")] = None,
     as_json: Annotated[Path | None, typer.Option("--json", help="Write the table here.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Write a picture here (png, svg, pdf).")] = None,
@@ -179,13 +201,15 @@ def _check_before_the_run(
 ) -> None:
     """Refuse what would only fail when everything has been measured."""
     from condyn_pin.bench_table import BenchTable
-    from condyn_pin.plots import pyplot
+    from condyn_pin.plots import PICTURES, require_matplotlib
 
     for path in (csv, as_json, plot):
         if path and not path.absolute().parent.is_dir():
             raise InvalidArgument(f"{path}: there is no folder {path.parent}; make it first")
     if plot:
-        pyplot()
+        require_matplotlib()
+        if plot.suffix not in PICTURES:
+            raise InvalidArgument(f"{plot}: the ending says the format: {', '.join(PICTURES)}")
     if native:
         BenchTable((), {}).with_native(native)
 
@@ -203,7 +227,7 @@ def doctor() -> None:
         table.add_row(name, text)
     console.print(table)
     for finding in found.findings:
-        console.print(f"[bold red]wrong:[/] {finding}", highlight=False)
+        console.print(f"wrong: {finding}", style="bold red")
     if found.remedy:
         typer.echo("This mends it:")
         typer.echo(f"  {found.remedy}")

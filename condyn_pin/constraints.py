@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -46,7 +47,7 @@ def _text(argument: str, value: Any) -> str:
 
 
 def _positive(argument: str, value: float | None) -> None:
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    number = isinstance(value, Real) and not isinstance(value, bool)
     if value is not None and not (number and math.isfinite(value) and value > 0):
         raise InvalidArgument(f"{argument} = {value!r}: a positive length [m] is needed")
 
@@ -165,14 +166,14 @@ class SurfaceContact(Constraint):
             )
         signs = {"front_left": (1, 1), "front_right": (1, -1), "back_left": (-1, 1),
                  "back_right": (-1, -1)}  # fmt: skip
-        return tuple(
-            PointContact(
-                self.frame,
-                (x * self.half_length, y * self.half_width, 0.0),
-                name=f"{self.name}/{corner}",
-            )
-            for corner, (x, y) in signs.items()
-        )
+        made = []
+        for corner, (x, y) in signs.items():
+            offset = np.array([x * self.half_length, y * self.half_width, 0.0])
+            anchor = None
+            if self.anchor is not None:
+                anchor = pin.XYZQUATToSE3(np.array(self.anchor)).act(offset)
+            made.append(PointContact(self.frame, offset, anchor, name=f"{self.name}/{corner}"))  # type: ignore[arg-type]
+        return tuple(made)
 
 
 @dataclass(frozen=True)

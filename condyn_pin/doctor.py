@@ -122,9 +122,12 @@ def diagnose() -> Diagnosis:
     findings, remedy = mixed_install()
     features: dict[str, str] = {}
     if probe.returncode == 0:
-        from condyn_pin import _pin
+        try:
+            from condyn_pin import _pin
 
-        features = _pin.features()
+            features = _pin.features()
+        except ImportError as error:
+            findings, remedy = (str(error), *findings), remedy or MEND_4
     else:
         lines = probe.stderr.strip().splitlines()
         last = lines[-1] if lines else f"the interpreter ended with {probe.returncode}"

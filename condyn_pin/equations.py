@@ -3,8 +3,9 @@
     M(q) a + h(q, v) = tau + J(q)^T lam,        J a + gamma = a_ref
 
 M comes from the composite rigid body algorithm, h from recursive Newton-Euler, J from joint
-Jacobians, gamma = Jdot v from forward kinematics with a = 0. The errors of an answer take another
-route: Newton-Euler with lam as external forces, and forward kinematics with the answer's a.
+Jacobians, gamma = Jdot v from forward kinematics with a = 0. The errors of an answer use
+neither M, h nor J: Newton-Euler with lam as external forces, and forward kinematics with the
+answer's a.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._pin import LOCAL, pin
-from condyn_pin.arrays import Vector
+from condyn_pin.arrays import Array
 from condyn_pin.binding import Bound
 from condyn_pin.frames import WorldContacts, Wrenches
 from condyn_pin.loops import Balls, Weld
@@ -46,11 +47,11 @@ class Terms:
         Wanted acceleration of the constraints; zero without drift control.
     """
 
-    M: Vector
-    h: Vector
-    J: Vector
-    gamma: Vector
-    a_ref: Vector
+    M: Array
+    h: Array
+    J: Array
+    gamma: Array
+    a_ref: Array
 
 
 class Equations:
@@ -75,7 +76,7 @@ class Equations:
         welds = [b for b in bounds if b.size == 6 and (b.joint2 or b.anchored)]
         self._contacts = WorldContacts(self.data, contacts, self.m + 1) if contacts else None
         self._loops: list[Balls | Weld] = []
-        self._action: dict[str, Callable[[], Vector]] = {}  # R or X of a loop, after `motion`
+        self._action: dict[str, Callable[[], Array]] = {}  # R or X of a loop, after `motion`
         if balls:
             together = Balls(self.data, balls)
             self._loops.append(together)
@@ -97,7 +98,7 @@ class Equations:
         )
         self._motion = self._all[2 * n + width :].reshape(2, width)
 
-    def terms(self, q: Vector, v: Vector) -> Terms:
+    def terms(self, q: Array, v: Array) -> Terms:
         """Return M, h, J, gamma and a_ref; they are owned by the caller."""
         model, data = self.model, self.data
         M = np.array(pin.crba(model, data, q))
@@ -105,24 +106,24 @@ class Equations:
         self.motion(q, v, self._still)
         return Terms(M, h, self._jacobian(q), self._acceleration.copy(), np.zeros(self.m))
 
-    def jacobian(self, q: Vector) -> Vector:
+    def jacobian(self, q: Array) -> Array:
         """Return J (m, nv)."""
         self.motion(q, self._still, self._still)
         return self._jacobian(q)
 
-    def violation(self, q: Vector) -> Vector:
+    def violation(self, q: Array) -> Array:
         """Return c(q) (m,)."""
         self.motion(q, self._still, self._still)
         return self._c.copy()
 
-    def placements(self, q: Vector) -> list[Any]:
+    def placements(self, q: Array) -> list[Any]:
         """Return the placement of each frame c1 in the world."""
         pin.forwardKinematics(self.model, self.data, q)
         return [self.data.oMi[b.joint1] * b.placement1 for b in self.bounds]
 
     def errors(
-        self, q: Vector, v: Vector, tau: Vector, a: Vector, lam: Vector
-    ) -> tuple[Vector, list[float]]:
+        self, q: Array, v: Array, tau: Array, a: Array, lam: Array
+    ) -> tuple[Array, list[float]]:
         """Return the residuals of an answer (a, lam) to (q, v, tau).
 
         Returns
@@ -143,7 +144,7 @@ class Equations:
         np.abs(everything, out=everything)
         return self._dynamics, _largest(everything, self._starts).tolist()
 
-    def motion(self, q: Vector, v: Vector, a: Vector) -> None:
+    def motion(self, q: Array, v: Array, a: Array) -> None:
         """Evaluate c(q), J v and J a + gamma into the memory of this object."""
         _forward_kinematics(self.model, self.data, q, v, a)
         if self._contacts:
@@ -154,7 +155,7 @@ class Equations:
             for rows in (self._c, self._velocity, self._acceleration):
                 rows *= self.sign
 
-    def _jacobian(self, q: Vector) -> Vector:
+    def _jacobian(self, q: Array) -> Array:
         """Return J, right after `motion` at the same q."""
         model, data = self.model, self.data
         pin.computeJointJacobians(model, data, q)

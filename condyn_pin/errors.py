@@ -55,7 +55,7 @@ class StaleModel(CondynError):
 
 
 class NotAssembled(CondynError):
-    """A loop is open, and it could not be closed or was not asked to be."""
+    """A loop is open, and it could not be closed."""
 
 
 class SolveFailed(CondynError):
@@ -70,6 +70,9 @@ class SolveFailed(CondynError):
     def __init__(self, message: str, solution: Solution) -> None:
         super().__init__(message)
         self.solution = solution
+
+    def __reduce__(self) -> tuple[type[SolveFailed], tuple[str, Solution]]:
+        return SolveFailed, (str(self), self.solution)
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> UnknownName:

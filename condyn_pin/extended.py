@@ -16,26 +16,26 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from condyn_pin.arrays import Vector
+from condyn_pin.arrays import Array
 
 _SPLITTER = 2.0**27 + 1.0
 
 
-def split(x: Vector) -> tuple[Vector, Vector]:
+def split(x: Array) -> tuple[Array, Array]:
     """Return two arrays of 26-bit numbers whose sum is x exactly."""
     c = _SPLITTER * x
     high = c - (c - x)
     return high, x - high
 
 
-def exact_product(x: Vector, y: Vector) -> tuple[Vector, Vector]:
+def exact_product(x: Array, y: Array) -> tuple[Array, Array]:
     """Return p and e with p + e = x y exactly, elementwise."""
     p = x * y
     (x1, x2), (y1, y2) = split(x), split(y)
     return p, x2 * y2 - (((p - x1 * y1) - x2 * y1) - x1 * y2)
 
 
-def exact_residual(A: Vector, b: Sequence[Vector], x: tuple[Vector, Vector]) -> Vector:
+def exact_residual(A: Array, b: Sequence[Array], x: tuple[Array, Array]) -> Array:
     """Return sum(b) - A (x[0] + x[1]), rounded once.
 
     Parameters
@@ -57,14 +57,14 @@ def exact_residual(A: Vector, b: Sequence[Vector], x: tuple[Vector, Vector]) -> 
     return np.array([_sum(row) for row in rows])
 
 
-def _sum(row: Vector) -> float:
+def _sum(row: Array) -> float:
     try:
         return math.fsum(row)
     except (OverflowError, ValueError):
         return math.nan
 
 
-def add(x: tuple[Vector, Vector], y: Vector) -> tuple[Vector, Vector]:
+def add(x: tuple[Array, Array], y: Array) -> tuple[Array, Array]:
     """Return x + y as a sum of two doubles (Knuth's two-sum, then renormalised)."""
     s = x[0] + y
     t = s - x[0]

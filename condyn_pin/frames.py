@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._pin import pin
-from condyn_pin.arrays import Vector
+from condyn_pin.arrays import Array
 from condyn_pin.binding import Bound
 
 
@@ -45,13 +45,13 @@ class Joints:
             if joint
         ]
 
-    def read(self) -> Vector:
+    def read(self) -> Array:
         """Return (2, size): velocities in the first row, accelerations in the second."""
         for motion, place in self._sources:
             place[:] = motion.vector
         return self.motion
 
-    def maps(self, ends: Sequence[tuple[int, Any]]) -> tuple[Vector, Vector]:
+    def maps(self, ends: Sequence[tuple[int, Any]]) -> tuple[Array, Array]:
         """Return the maps to linear and angular motion of frames (joint, placement)."""
         linear, angular = np.zeros((2, 3 * len(ends), self.size))
         for i, (joint, placement) in enumerate(ends):
@@ -67,12 +67,12 @@ class Centripetal:
     By components: omega_(i+1) v_(i+2) - omega_(i+2) v_(i+1).
     """
 
-    def __init__(self, linear: Vector, angular: Vector) -> None:
+    def __init__(self, linear: Array, angular: Array) -> None:
         xyz = np.arange(len(linear)).reshape(-1, 3)
         one, two = np.roll(xyz, -1, axis=1).ravel(), np.roll(xyz, -2, axis=1).ravel()
         self._factors = np.vstack([angular[one], linear[two], angular[two], linear[one]])
 
-    def of(self, velocities: Vector) -> Vector:
+    def of(self, velocities: Array) -> Array:
         """Return omega x v, three numbers a frame."""
         w1, v2, w2, v1 = self._factors.dot(velocities).reshape(4, -1)
         return w1 * v2 - w2 * v1  # type: ignore[no-any-return]
@@ -105,7 +105,7 @@ class WorldContacts:
         )
         self._points, self._has_points = rows_of(points), bool(points)
 
-    def evaluate(self, out: Vector) -> None:
+    def evaluate(self, out: Array) -> None:
         """Write J v and J a + gamma into the two rows of `out` (2, width); other columns are 0."""
         motion = self._joints.read()
         np.dot(motion, self._XT, out=out)
@@ -138,7 +138,7 @@ class Wrenches:
             self._wrenches.append(pin.Force.Zero())
         self._targets = [(self._wrenches[joint], place[joint]) for joint in joints]
 
-    def of(self, lam1: Vector, lam2: Vector) -> Any:
+    def of(self, lam1: Array, lam2: Array) -> Any:
         """Return the wrench on each joint, in its axes, in memory of this object.
 
         Parameters

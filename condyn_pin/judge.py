@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from condyn_pin import tolerances
-from condyn_pin.arrays import Vector, finite
+from condyn_pin.arrays import Array, finite
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.minimum_norm import factorise
 from condyn_pin.proof import Proof, Yardstick
@@ -34,19 +34,16 @@ class Judge:
         self._workspace, self._method = workspace, method
         self._scene = workspace.scene
         self._yardstick = workspace.scene.audit.yardstick
-        self._flipped = any(bound.sign < 0 for bound in workspace.bounds)
 
     def answered(
-        self, q: Vector, v: Vector, tau: Vector, a: Vector, accuracy: float, solve_time: float
+        self, q: Array, v: Array, tau: Array, a: Array, accuracy: float, solve_time: float
     ) -> Solution:
         """Return the solution of a method that returned `a` just now."""
         equations, yardstick = self._workspace.equations, self._yardstick
         lam = self._method.lam()
-        if self._flipped:
-            lam *= equations.sign
         dynamics, largest = equations.errors(q, v, tau, a, lam)
         proof = yardstick.prove(dynamics, largest, tau)
-        if proof.bound <= accuracy and yardstick.doubts(largest, accuracy):
+        if yardstick.doubts(proof, largest[1]) and isfinite(proof.bound):
             proof = self._yardstick_at(q).prove(dynamics, largest, tau)
         if proof.bound <= accuracy:
             status = _OK
@@ -55,7 +52,7 @@ class Judge:
         iterations = self._method.iterations()
         return Solution(a, lam, proof, status, iterations, solve_time, self._scene, q.copy())
 
-    def failed(self, q: Vector, solve_time: float) -> Solution:
+    def failed(self, q: Array, solve_time: float) -> Solution:
         """Return the solution of a method that met a singular matrix."""
         violation = float(np.abs(self._workspace.equations.violation(q)).max(initial=0.0))
         return Solution(
@@ -69,11 +66,11 @@ class Judge:
             q.copy(),
         )
 
-    def _yardstick_at(self, q: Vector) -> Yardstick:
+    def _yardstick_at(self, q: Array) -> Yardstick:
         """Return the yardstick of a state that may be near a singular one."""
         terms = self._workspace.equations.terms(q, np.zeros(self._workspace.model.nv))
         factors = factorise(terms.M, terms.J, tolerances.REFERENCE_RANK)
-        return Yardstick.of(factors, self._scene.rows, self._yardstick.gravity)
+        return self._yardstick.at(factors)
 
 
 def check_accuracy_of_a(accuracy: float) -> None:

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._pin import pin
-from condyn_pin.arrays import Vector
+from condyn_pin.arrays import Array
 from condyn_pin.constraints import Constraint, Loop, PointContact, SurfaceContact
 from condyn_pin.errors import CondynError, InvalidArgument, InvalidModel, MissingExtra, unknown_name
 from condyn_pin.io.sdf import read_sdf
@@ -53,7 +53,7 @@ def available_robots() -> dict[str, Callable[[], Robot]]:
     return {folder.name: partial(_from_folder, folder) for folder in folders} | MECHANISMS
 
 
-def load_robot(name: str | Path, *, root_joint: str = "fixed") -> Robot:
+def load_robot(name: str | Path, *, root_joint: str | None = None) -> Robot:
     """Load a robot.
 
     Parameters
@@ -61,9 +61,9 @@ def load_robot(name: str | Path, *, root_joint: str = "fixed") -> Robot:
     name : str or Path
         A name that `condyn robots` lists, the path of a URDF, or the path of a folder with a
         robot.toml.
-    root_joint : {"fixed", "free_flyer"}
-        For a URDF only: how its root link is attached to the world. Named robots and folders say
-        it themselves.
+    root_joint : {"fixed", "free_flyer"}, optional
+        For a URDF only: how its root link is attached to the world, fixed by default. Named robots
+        and folders say it themselves.
 
     Returns
     -------
@@ -73,21 +73,30 @@ def load_robot(name: str | Path, *, root_joint: str = "fixed") -> Robot:
     ------
     UnknownName
         If there is no such robot; the text lists the nearest names.
+    InvalidArgument
+        If `root_joint` is unknown, or given for what is not a URDF.
+    MissingExtra
+        If the package with the description is not installed.
     InvalidModel
         If a file cannot be read; the text names the file and the element.
     """
     if not isinstance(name, (str, Path)):
         raise InvalidArgument(f"name = {name!r}: a name or a path is needed")
-    _check_root_joint(root_joint)
+    if root_joint is not None:
+        _check_root_joint(root_joint)
     known = available_robots()
+    path = Path(name).expanduser()
+    if str(name) not in known and path.suffix == ".urdf" and not path.is_dir():
+        model, unused = read_urdf(path, root_joint or "fixed")
+        return Robot(path.stem, model, unused=unused, source=str(path))
+    if root_joint is not None:
+        raise InvalidArgument(
+            f"root_joint = {root_joint!r}: only a URDF takes it; {str(name)!r} says it itself"
+        )
     if str(name) in known:
         return known[str(name)]()
-    path = Path(name).expanduser()
     if (path / "robot.toml").is_file():
         return _from_folder(path)
-    if path.suffix == ".urdf":
-        model, unused = read_urdf(path, root_joint)
-        return Robot(path.stem, model, unused=unused, source=str(path))
     if path.suffix or path.exists():
         raise InvalidModel(
             f"{path}: a .urdf file or a folder with a robot.toml is needed; "
@@ -111,7 +120,8 @@ def _from_folder(folder: Path) -> Robot:
         raise InvalidModel(f"{path}: {error}") from error
     try:
         return _from_card(card, folder)
-    except CondynError:
+    except CondynError as error:
+        error.args = (f"{path}: {error}", *error.args[1:])
         raise
     except KeyError as error:
         raise InvalidModel(f"{path}: the entry {error} is missing") from error
@@ -123,6 +133,10 @@ def _from_card(card: Mapping[str, Any], folder: Path) -> Robot:
     description = card["description"]
     _only_known("", card, _CARD)
     _only_known("description.", description, _DESCRIPTION)
+    if not str(description["file"]).endswith(".sdf"):
+        for key in ("root", "kinds", "drop"):
+            if key in description:
+                raise InvalidModel(f"the entry description.{key} is for an SDF, not for a URDF")
     file = _description_file(description["file"], folder)
     root_joint = description.get("root_joint", "fixed")
     _check_root_joint(root_joint)
@@ -180,7 +194,7 @@ def example_robot_data() -> Path:
     return Path(str(package.locate_file("cmeel.prefix/share/example-robot-data/robots")))
 
 
-def _srdf_postures(model: Any, description: Mapping[str, Any], folder: Path) -> dict[str, Vector]:
+def _srdf_postures(model: Any, description: Mapping[str, Any], folder: Path) -> dict[str, Array]:
     if "srdf" not in description:
         return {}
     srdf = _description_file(description["srdf"], folder)
@@ -197,7 +211,7 @@ def _srdf_postures(model: Any, description: Mapping[str, Any], folder: Path) -> 
     return {entry.key(): np.array(entry.data()) for entry in model.referenceConfigurations}
 
 
-def _posture(model: Any, values: Mapping[str, Any]) -> Vector:
+def _posture(model: Any, values: Mapping[str, Any]) -> Array:
     q = np.array(pin.neutral(model))
     for name, value in values.items():
         if not model.existJointName(name):

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._pin import LOCAL, pin
-from condyn_pin.arrays import Vector
+from condyn_pin.arrays import Array
 from condyn_pin.binding import Bound
 from condyn_pin.frames import Centripetal, Joints, rows_of
 
@@ -51,7 +51,7 @@ class Balls:
         self._centripetal = Centripetal(linear, angular)
         self._rotation = np.zeros((k, 3, 3))
 
-    def evaluate(self, c: Vector, velocity: Vector, acceleration: Vector) -> None:
+    def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
         """Write the rows of these loops into the three vectors of all rows."""
         k, rows = len(self._rotation), self._rows
         for placement, place in self._sources:
@@ -67,14 +67,14 @@ class Balls:
         relative = ends[:, 0] - self._rotation @ ends[:, 1]
         velocity[rows], acceleration[rows] = relative.reshape(2, -1)
 
-    def turn(self, lam: Vector, out: Vector) -> None:
+    def turn(self, lam: Array, out: Array) -> None:
         """Write R^T lam, the forces in the axes of c2, for the rows of these loops."""
         forces = lam[self._rows].reshape(-1, 3, 1)
         out[self._rows] = (self._rotation.transpose(0, 2, 1) @ forces).ravel()
 
-    def action(self, k: int) -> Vector:
+    def action(self, k: int) -> Array:
         """Return R of loop k, at the last evaluation."""
-        R: Vector = self._rotation[k]
+        R: Array = self._rotation[k]
         return R
 
 
@@ -86,7 +86,7 @@ class Weld:
         self._oMi1, self._oMi2 = data.oMi[bound.joint1], data.oMi[bound.joint2]
         self._c1Mc2 = pin.SE3.Identity()  # of the last evaluation
 
-    def evaluate(self, c: Vector, velocity: Vector, acceleration: Vector) -> None:
+    def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
         """Write the rows of this loop into the three vectors of all rows."""
         model, data, b = self._model, self._data, self._bound
         self._c1Mc2 = (self._oMi1 * b.placement1).actInv(self._oMi2 * b.placement2)
@@ -99,12 +99,12 @@ class Weld:
         velocity[b.rows] = slip.vector
         acceleration[b.rows] = (pin.getFrameAcceleration(*one) - a2 + slip.cross(v2)).vector
 
-    def turn(self, lam: Vector, out: Vector) -> None:
+    def turn(self, lam: Array, out: Array) -> None:
         """Write X^T lam, the wrench in the axes and at the origin of c2."""
         rows = self._bound.rows
         out[rows] = self.action().T @ lam[rows]
 
-    def action(self) -> Vector:
+    def action(self) -> Array:
         """Return X, at the last evaluation."""
-        X: Vector = self._c1Mc2.toActionMatrix()
+        X: Array = self._c1Mc2.toActionMatrix()
         return X

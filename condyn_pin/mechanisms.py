@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from numbers import Real
 from typing import Any
 
 import numpy as np
 
 from condyn_pin._pin import pin
-from condyn_pin.arrays import Vector
+from condyn_pin.arrays import Array
 from condyn_pin.constraints import Loop
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.robot import Robot
@@ -116,7 +117,7 @@ def _rod(length: float, mass: float) -> Any:
     )
 
 
-def _four_bar_posture(ground: float, crank: float, coupler: float, rocker: float) -> Vector:
+def _four_bar_posture(ground: float, crank: float, coupler: float, rocker: float) -> Array:
     """Return angles at which the bars meet, in the middle of the crank's range.
 
     The crank's tip B is at a distance r from the rocker's pivot D; coupler and rocker reach it if
@@ -138,7 +139,7 @@ def _four_bar_posture(ground: float, crank: float, coupler: float, rocker: float
 
 def _positive(**lengths: float) -> None:
     for name, value in lengths.items():
-        if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
+        if not (isinstance(value, Real) and math.isfinite(value) and value > 0):
             raise InvalidArgument(f"{name} = {value!r}: a positive number is needed")
 
 

@@ -16,7 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from condyn_pin.arrays import Vector
+from condyn_pin.arrays import Array
+from condyn_pin.errors import InvalidModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,42 +38,48 @@ class MinimumNorm:
         Number of singular values above the tolerance.
     """
 
-    L: Vector
-    U: Vector
-    S: Vector
-    V: Vector
+    L: Array
+    U: Array
+    S: Array
+    V: Array
     rank: int
 
-    def solve(self, r: Vector, s: Vector) -> tuple[Vector, Vector]:
+    def solve(self, r: Array, s: Array) -> tuple[Array, Array]:
         """Return (a, lam)."""
         from scipy.linalg import solve_triangular
 
         U, S = self.U[:, : self.rank], self.S[: self.rank]
         y = solve_triangular(self.L, r, lower=True, check_finite=False)
         z = (U.T @ s) / S - self.V.T @ y
-        a: Vector = solve_triangular(
+        a: Array = solve_triangular(
             self.L, y + self.V @ z, lower=True, trans="T", check_finite=False
         )
         return a, U @ (z / S)
 
-    def tangent(self, v: Vector) -> Vector:
+    def tangent(self, v: Array) -> Array:
         """Return the nearest velocity, in the metric of M, with J v = 0."""
         from scipy.linalg import solve_triangular
 
         x = self.L.T @ v
-        projected: Vector = solve_triangular(
+        projected: Array = solve_triangular(
             self.L, x - self.V @ (self.V.T @ x), lower=True, trans="T"
         )
         return projected
 
 
-def factorise(M: Vector, J: Vector, rank_tolerance: float) -> MinimumNorm:
-    """Factorise M and J; raises numpy's LinAlgError if M is not positive definite."""
+def factorise(M: Array, J: Array, rank_tolerance: float) -> MinimumNorm:
+    """Factorise M and J; raises InvalidModel if M is not positive definite."""
     # imported here: scipy.linalg takes as long to import as Pinocchio
     from scipy.linalg import solve_triangular
 
-    L = np.asarray(np.linalg.cholesky(M), dtype=np.float64)
+    try:
+        L = np.asarray(np.linalg.cholesky(M), dtype=np.float64)
+    except np.linalg.LinAlgError as error:
+        raise InvalidModel("the mass matrix is not positive definite at this q") from error
     Jw = solve_triangular(L, J.T, lower=True, check_finite=False).T
-    U, S, Vt = np.linalg.svd(Jw)
+    try:
+        U, S, Vt = np.linalg.svd(Jw)
+    except np.linalg.LinAlgError as error:
+        raise InvalidModel("the constraint Jacobian is not finite at this q") from error
     rank = int(np.count_nonzero(rank_tolerance * S.max(initial=0.0) < S))
     return MinimumNorm(L, U, S, Vt[:rank].T, rank)

@@ -1,7 +1,8 @@
-"""Pictures; each function takes and returns matplotlib axes."""
+"""Pictures of results: `bench` draws on matplotlib axes, `save_bench` writes a file."""
 
 from __future__ import annotations
 
+import importlib.util
 import math
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,8 @@ _STYLE = {
 _OTHER = ("#CC79A7", "d")
 _FLOOR = 1e-16
 
+PICTURES = (".png", ".svg", ".pdf")
+
 
 def bench(table: BenchTable, scene: str, ax: Any = None) -> Any:
     """Draw error against time of every method on one scene: down and to the left is better.
@@ -36,7 +39,11 @@ def bench(table: BenchTable, scene: str, ax: Any = None) -> Any:
     -------
     matplotlib axes
     """
-    ax = pyplot().subplots()[1] if ax is None else ax
+    if ax is None:
+        require_matplotlib()
+        from matplotlib import pyplot
+
+        ax = pyplot.subplots()[1]
     rows = [row for row in table.rows if row.scene == scene and row.origin == "python"]
     for row in rows:
         colour, marker = next(
@@ -67,9 +74,11 @@ def save_bench(table: BenchTable, path: str | Path) -> None:
     scenes = list(dict.fromkeys(row.scene for row in table.rows if row.origin == "python"))
     columns = min(3, len(scenes))
     lines = math.ceil(len(scenes) / columns)
-    figure, axes = pyplot().subplots(
-        lines, columns, figsize=(4.2 * columns, 3.4 * lines), squeeze=False, layout="constrained"
-    )
+    require_matplotlib()
+    from matplotlib.figure import Figure  # a figure of its own leaves the user's backend alone
+
+    figure = Figure(figsize=(4.2 * columns, 3.4 * lines), layout="constrained")
+    axes = figure.subplots(lines, columns, squeeze=False)
     for ax, scene in zip(axes.flat, scenes, strict=False):
         bench(table, scene, ax)
     for ax in axes.flat[len(scenes) :]:
@@ -77,7 +86,6 @@ def save_bench(table: BenchTable, path: str | Path) -> None:
     note = "{processor}, Pinocchio {pinocchio}; dashed: what status ok promises"
     figure.suptitle(note.format(**table.machine), fontsize=8)
     figure.savefig(path, dpi=150)
-    pyplot().close(figure)
 
 
 def _title(rows: list[BenchRow], scene: str) -> str:
@@ -85,15 +93,7 @@ def _title(rows: list[BenchRow], scene: str) -> str:
     return f"{scene}: {counted.rows} rows, rank {counted.rank}" if counted else scene
 
 
-def pyplot() -> Any:
-    """Return matplotlib's pyplot, drawing without a screen, or raise MissingExtra."""
-    try:
-        import matplotlib
-    except ImportError as error:
-        raise MissingExtra(
-            'pictures need matplotlib: python -m pip install "condyn_pin[plot]"'
-        ) from error
-    matplotlib.use("agg", force=False)
-    from matplotlib import pyplot as found
-
-    return found
+def require_matplotlib() -> None:
+    """Raise MissingExtra if matplotlib is not installed."""
+    if importlib.util.find_spec("matplotlib") is None:
+        raise MissingExtra('pictures need matplotlib: python -m pip install "condyn_pin[plot]"')

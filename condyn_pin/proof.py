@@ -11,15 +11,18 @@ is at most |s| / sigma, with sigma the smallest nonzero singular value of J L^-T
     |e|_M <= |r|_(M^-1) + |s| / sigma <= sum_j w_j |r_j| + |s| / sigma,    w_j^2 = (M^-1)_jj
     |e_i| <= w_i |e|_M.
 
+What rounding of tau alone does, eps max(w) sum_j w_j |tau_j|, is not held against an answer whose
+bound is larger than that: forces that balance to the last bit leave a = 0.
+
 w and sigma are taken once, at the nominal state of the scene, so this is a bound there and an
 estimate elsewhere. w hardly changes with the configuration; sigma falls to zero at a singular one.
-So where the part of s is more than a thousandth of what is allowed, sigma is computed anew at the
-state itself (`Yardstick.doubts`): a converged answer is far below that, and pays nothing.
+So unless the part of s is a thousand times smaller than SOLVED, as it is for a converged answer,
+sigma is computed anew at the state itself (`Yardstick.doubts`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, sqrt
 from typing import NamedTuple
@@ -27,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 from condyn_pin import tolerances
-from condyn_pin.arrays import Vector
+from condyn_pin.arrays import Array
 from condyn_pin.minimum_norm import MinimumNorm
 
 _EPS = float(np.finfo(np.float64).eps)
@@ -62,7 +65,7 @@ class Yardstick:
         |g| [m/s^2].
     """
 
-    weights: Vector
+    weights: Array
     sigma: float
     rows: int
     gravity: float
@@ -78,7 +81,12 @@ class Yardstick:
             gravity=gravity,
         )
 
-    def prove(self, dynamics: Vector, largest: list[float], tau: Vector) -> Proof:
+    def at(self, factors: MinimumNorm) -> Yardstick:
+        """Return the yardstick with the sigma of another state."""
+        sigma = float(factors.S[factors.rank - 1]) if factors.rank else inf
+        return replace(self, sigma=sigma)
+
+    def prove(self, dynamics: Array, largest: list[float], tau: Array) -> Proof:
         """Return the sizes of the residuals and what they say about a.
 
         Parameters
@@ -96,23 +104,23 @@ class Yardstick:
         bound = max(error, 0.0) / scale if scale else (0.0 if error <= 0.0 else inf)
         return Proof(max_dynamics, constraint, violation, velocity, bound)
 
-    def _rounding(self, tau: Vector) -> float:
+    def _rounding(self, tau: Array) -> float:
         """Return what rounding of tau alone does to a.
 
         Forces that balance to the last bit leave a = 0, and a relative error means nothing there.
         """
         return self.largest_weight * float(self.weights.dot(np.abs(tau))) * _EPS
 
-    def doubts(self, largest: list[float], accuracy: float) -> bool:
-        """Return whether the bound would be in danger if sigma were a thousand times smaller."""
-        _, max_a, _, _, constraint = largest
-        return constraint > self.unquestioned * accuracy * max(max_a, self.gravity)
+    def doubts(self, proof: Proof, max_a: float) -> bool:
+        """Return whether sigma has to be looked at anew, at the state itself."""
+        scale = max_a if max_a > self.gravity else self.gravity
+        return proof.bound > tolerances.SOLVED or proof.constraint > self.unquestioned * scale
 
     @cached_property
     def unquestioned(self) -> float:
-        """The |s|_inf, relative to the size of a and to the accuracy, that is never in doubt."""
+        """The |s|_inf, relative to the size of a, that is never in doubt [1]."""
         scale = self.largest_weight * self.per_row
-        return 1e-3 / scale if scale else inf
+        return tolerances.SOLVED / 1000 / scale if scale else inf
 
     @property
     def enough(self) -> float:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
-from condyn_pin.arrays import Vector, finite
+from condyn_pin.arrays import Array, finite
 from condyn_pin.constraints import WORLD, Constraint, Loop
 from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
 from condyn_pin.soundness import check_model
@@ -54,7 +54,7 @@ class Robot:
 
     name: str
     model: Any
-    postures: Mapping[str, Vector] = field(default_factory=dict)
+    postures: Mapping[str, Array] = field(default_factory=dict)
     loops: Sequence[Loop] = ()
     contacts: Sequence[Constraint] = ()
     actuated: Sequence[str] = ()
@@ -175,7 +175,7 @@ class Robot:
         model.addFrame(pin.Frame(name, joint, 0, placement * pin.SE3(R, p), pin.FrameType.OP_FRAME))
         return replace(self, model=model)
 
-    def passive_torque(self, q: ArrayLike, v: ArrayLike) -> Vector:
+    def passive_torque(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return the torque of springs and joint damping, to be added to tau.
 
         tau_i = -k_i (q_i - q0_i) - d_i v_i
@@ -183,7 +183,7 @@ class Robot:
         Pinocchio reads stiffness and damping from the file and leaves them out of its dynamics.
         """
         q_, v_ = finite("q", q, self.nq), finite("v", v, self.nv)
-        tau: Vector = -np.asarray(self.model.damping, dtype=float) * v_
+        tau: Array = -np.asarray(self.model.damping, dtype=float) * v_
         for spring in self.springs:
             joint = self._joint(spring.joint)
             tau[joint.idx_v] -= spring.stiffness * (q_[joint.idx_q] - spring.reference)
@@ -250,7 +250,7 @@ def _members(argument: str, value: Any, kind: type) -> tuple[Any, ...]:
     return members
 
 
-def _posture(model: Any, name: str, q: ArrayLike) -> Vector:
+def _posture(model: Any, name: str, q: ArrayLike) -> Array:
     if not isinstance(name, str):
         raise InvalidArgument(f"postures: {name!r} is not the name of a posture")
     array = np.array(pin.normalize(model, finite(f"posture {name!r}", q, model.nq)))

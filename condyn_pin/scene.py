@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
-from condyn_pin.arrays import Vector, finite
+from condyn_pin.arrays import Array, finite
 from condyn_pin.assembly import assemble
 from condyn_pin.audit import Audit, audit
 from condyn_pin.binding import Bound, bind
@@ -94,7 +94,7 @@ class Scene:
         """
         return summarise(self)
 
-    def guess(self, posture: str | None = None) -> Vector:
+    def guess(self, posture: str | None = None) -> Array:
         """Return a posture of the robot as it is in the description; neutral if it has none."""
         postures = self.robot.postures
         if posture is None:
@@ -106,7 +106,7 @@ class Scene:
             raise unknown_name("posture", posture, postures)
         return np.array(postures[posture])
 
-    def state(self, posture: str | None = None) -> tuple[Vector, Vector]:
+    def state(self, posture: str | None = None) -> tuple[Array, Array]:
         """Return (q, v) at a posture: closed, and at rest.
 
         Parameters
@@ -131,7 +131,7 @@ class Scene:
         q = self.assemble(self.guess(posture))
         return q, np.zeros(self.robot.nv)
 
-    def assemble(self, q: ArrayLike, *, fixed: Sequence[str] = ()) -> Vector:
+    def assemble(self, q: ArrayLike, *, fixed: Sequence[str] = ()) -> Array:
         """Return a configuration near q that satisfies the constraints.
 
         Parameters
@@ -162,7 +162,7 @@ class Scene:
 
     def sample(
         self, rng: np.random.Generator, *, spread: float = 0.2, speed: float = 1.0
-    ) -> tuple[Vector, Vector]:
+    ) -> tuple[Array, Array]:
         """Return a random (q, v) that satisfies the constraints.
 
         Parameters
@@ -213,7 +213,7 @@ class Scene:
             held.update(range(joint.idx_v, joint.idx_v + joint.nv))
         return [i for i in range(self.robot.nv) if i not in held] if held else None
 
-    def _worst_gap(self, c: Vector) -> str:
+    def _worst_gap(self, c: Array) -> str:
         gaps = {b.name: float(np.abs(c[b.rows]).max()) for b in self.bounds}
         name = max(gaps, key=gaps.__getitem__)
         return f"{name} is open by {gaps[name]:.3g} m or rad"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from condyn_pin.arrays import Vector
+from condyn_pin.arrays import Array
 from condyn_pin.equations import Equations
 from condyn_pin.proof import Proof
 
@@ -19,7 +19,10 @@ if TYPE_CHECKING:
 class Status(Enum):
     """How a solve ended; the value is advice."""
 
-    OK = "both equations hold, and a is right to the accuracy asked for"
+    OK = (
+        "both equations hold at the state given, and a is right to the accuracy asked for; "
+        "state_error says how far that state itself is from the constraints"
+    )
     INACCURATE = (
         "the two equations do not hold well enough for the accuracy asked for: allow more "
         "iterations, try another mu, or solve with Reference(); if state_error is large, the state "
@@ -60,11 +63,12 @@ class Solution:
     Attributes
     ----------
     a : (nv,) array
-        Joint accelerations.
+        Joint accelerations [rad/s^2, m/s^2]; the free-flyer's in its body frame, linear first.
     lam : (m,) array
         Constraint forces, all rows, in the axes of each constraint [N, N m].
     proof : Proof
-        The residuals, recomputed by a route that no solver takes; the properties below name them.
+        The residuals, recomputed by Newton-Euler and forward kinematics, whatever the solver was;
+        the properties below name them.
     status : Status
         OK if `error_bound` is within the accuracy that was asked for (1e-8 by default).
     iterations : int
@@ -76,14 +80,14 @@ class Solution:
         What was solved, and where.
     """
 
-    a: Vector
-    lam: Vector
+    a: Array
+    lam: Array
     proof: Proof
     status: Status
     iterations: int
     solve_time: float  # [s]
     scene: Scene
-    q: Vector
+    q: Array
 
     @property
     def dynamics_error(self) -> float:
@@ -104,12 +108,13 @@ class Solution:
     def error_bound(self) -> float:
         """Bound on the error of a, relative to the larger of |a|_inf and gravity.
 
-        A bound at the nominal state of the scene, an estimate elsewhere; see `condyn_pin.proof`.
+        A bound, up to rounding of tau, at the nominal state of the scene and an estimate elsewhere;
+        see `condyn_pin.proof`.
         """
         return self.proof.bound
 
     @property
-    def forces(self) -> dict[str, Vector]:
+    def forces(self) -> dict[str, Array]:
         """Force on the first-named body by constraint, in the axes of the constraint.
 
         (3,) [N] for 3 rows; (6,) [N, N m], linear part first, for 6.
@@ -117,7 +122,7 @@ class Solution:
         return {bound.name: self.lam[bound.rows].copy() for bound in self.scene.bounds}
 
     @property
-    def world_forces(self) -> dict[str, Vector]:
+    def world_forces(self) -> dict[str, Array]:
         """The same forces in the axes of the world, still at the origin of the constraint."""
         scene = self.scene
         placements = Equations(scene.robot.model, scene.bounds).placements(self.q)
@@ -136,12 +141,14 @@ class Solution:
         lines = [
             f"{self.status.name.lower()} in {1e6 * self.solve_time:.1f} us, "
             f"{self.iterations} iterations",
-            f"dynamics error    {self.dynamics_error:.1e} N",
-            f"constraint error  {self.constraint_error:.1e} m/s^2",
+            f"dynamics error    {self.dynamics_error:.1e} N, N m",
+            f"constraint error  {self.constraint_error:.1e} m/s^2, rad/s^2",
             f"state error       {self.state_error.position:.1e} m, "
             f"{self.state_error.velocity:.1e} m/s",
             f"error bound of a  {self.error_bound:.1e} (relative)",
         ]
+        if self.scene.rows:
+            lines.append("forces on the first-named body, axes of each constraint [N, N m]:")
         for name, force in self.forces.items():
             lines.append(f"{name:<28} {np.array2string(force, precision=4, suppress_small=True)}")
         return "\n".join(lines)

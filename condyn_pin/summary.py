@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from condyn_pin.scene import Scene
 
 _ROWS_SHOWN = 12
+_ILL_CONDITIONED = 1e12
 
 
 @dataclass(frozen=True)
@@ -122,6 +123,11 @@ def _notes(scene: Scene) -> list[str]:
     notes = []
     if not audit.closed:
         notes.append("the loops cannot be closed from the first posture: figures are of it, open")
+    if audit.condition > _ILL_CONDITIONED:
+        notes.append(
+            f"M has a condition number of {audit.condition:.0e}: look for bodies of next to no "
+            "inertia; no method can be accurate on them"
+        )
     if audit.mobility == 0:
         notes.append("mobility 0: nothing can move; a weld in place of a hinge does this")
     if audit.redundant:

@@ -13,10 +13,10 @@ from time import perf_counter
 
 import numpy as np
 
-from condyn_pin.arrays import Vector
+from condyn_pin.arrays import Array
 
-State = tuple[Vector, Vector, Vector]
-Call = Callable[[Vector, Vector, Vector], object]
+State = tuple[Array, Array, Array]
+Call = Callable[[Array, Array, Array], object]
 
 
 @dataclass(frozen=True)

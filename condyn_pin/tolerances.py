@@ -1,4 +1,4 @@
-"""Every tolerance of the library, once, each with its reason."""
+"""The tolerances that answers, states and models are judged by, each with its reason."""
 
 from __future__ import annotations
 

@@ -268,7 +268,12 @@ def test_load_robot_refuses_names_and_paths(name, text):
     check(lambda: cp.load_robot(name), text)
 
 
-@pytest.mark.parametrize("root_joint", ["flying", "", None, 3], ids=repr)
+@pytest.mark.parametrize("root_joint", ["fixed", "free_flyer"])
+def test_load_robot_refuses_a_root_joint_for_what_says_it_itself(root_joint):
+    check(lambda: cp.load_robot("talos", root_joint=root_joint), "only a URDF takes it")
+
+
+@pytest.mark.parametrize("root_joint", ["flying", "", 3], ids=repr)
 @pytest.mark.parametrize("name", ["talos", "/nowhere/arm.urdf"])
 def test_load_robot_refuses_an_unknown_root_joint(name, root_joint):
     with pytest.raises(cp.InvalidArgument, match=r"^root_joint = .*fixed, free_flyer"):
@@ -354,6 +359,7 @@ CARDS = {
     "empty URDF": CARD + '[description]\nfile = "empty.urdf"',
     "empty SDF": CARD + '[description]\nfile = "empty.sdf"',
     "unknown entry": CARD + "weight = 3\n" + ARM,
+    "an SDF's entry for a URDF": CARD + ARM + 'drop = ["j"]',
     "unknown entry of the description": CARD + ARM + "rotor = true",
     "no name": ARM,
     "unknown root joint": CARD + ARM + 'root_joint = "flying"',

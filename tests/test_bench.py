@@ -124,6 +124,11 @@ def test_torques_are_in_the_motors_only():
 
 
 def test_picture_has_a_mark_for_every_method_and_a_line_for_aba():
+    import matplotlib
+
+    matplotlib.use("agg")
+    from matplotlib import pyplot
+
     from condyn_pin import plots
 
     rows = bench_scene("four_bar loops", all_scenes()["four_bar loops"], effort=TINY)
@@ -136,4 +141,4 @@ def test_picture_has_a_mark_for_every_method_and_a_line_for_aba():
     assert drawn["Proximal"].get_xdata()[0] == proximal.acceleration_us
     assert drawn["Proximal"].get_ydata()[0] == max(proximal.error, 1e-16)
     assert plots.bench(BenchTable(tuple(rows), machine()), "four_bar loops", ax) is ax
-    plots.pyplot().close("all")
+    pyplot.close("all")

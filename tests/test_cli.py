@@ -97,6 +97,7 @@ def test_bench_writes_table_and_picture(tmp_path):
         (("solve", "talos", "--mu", "-1"), "mu = -1.0"),
         (("solve", "talos", "--solver", "reference", "--mu", "1"), "no such knob"),
         (("bench", "four_bar", "--quick", "--native", "no.json"), "make native"),
+        (("bench", "four_bar", "--quick", "--plot", "b.foo"), ".png, .svg, .pdf"),
         (("bench", "four_bar", "--quick", "--csv", "no/such/b.csv"), "there is no folder no/such"),
     ],
 )
@@ -114,3 +115,14 @@ def test_doctor_says_that_everything_fits():
     assert result.exit_code == 0, result.output
     assert "Everything fits together" in result.output
     assert "LCABA" in result.output
+
+
+def test_what_looks_like_markup_is_printed():
+    """A force of NaN is not a tag, and a unit in brackets is a unit."""
+    result = run("solve", "four_bar", "--solver", "densekkt")
+    assert "[nan nan nan]" in result.output
+    assert "mass [kg]" in run("robots").output
+
+
+def test_version():
+    assert run("--version").output.strip() == f"condyn_pin {cp.__version__}"

@@ -83,3 +83,10 @@ def test_an_anchored_contact_is_assembled_to_its_anchor():
     data = solo.model.createData()
     pin.forwardKinematics(solo.model, data, q)
     assert np.allclose((data.oMi[joint] * placement).translation, (0.2, 0.15, 0.01), atol=1e-10)
+
+
+def test_corners_of_an_anchored_surface_are_anchored_at_its_corners():
+    pose = pin.SE3(pin.rpy.rpyToMatrix(0.1, 0.2, 0.3), np.array([1.0, 2.0, 3.0]))
+    surface = cp.SurfaceContact("a", half_length=0.1, half_width=0.05, anchor=pose)
+    for corner in surface.corners():
+        assert np.allclose(corner.anchor, pose.act(np.array(corner.offset)), atol=1e-15)

@@ -98,3 +98,19 @@ def test_diagnosis_of_a_broken_installation(monkeypatch):
     assert not found.imports
     assert "no such library" in found.findings[0]
     assert found.remedy.startswith("python -m pip install")
+
+
+@pytest.mark.parametrize("version", ["3.8.0", "5.0.0"])
+def test_a_version_that_is_not_supported_is_a_finding(version):
+    code = f"""
+import pinocchio
+pinocchio.__version__ = {version!r}
+from condyn_pin.doctor import diagnose
+found = diagnose()
+print(found.findings[0])
+print(found.remedy)
+"""
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    assert f"Pinocchio {version} is installed; 3.9 or 4.x is needed" in result.stdout
+    assert "pip install" in result.stdout.splitlines()[1]

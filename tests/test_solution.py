@@ -221,3 +221,34 @@ def test_an_accuracy_beyond_doubles_is_refused(accuracy):
     scene, state = all_scenes()["four_bar loops"], states("four_bar loops")[0]
     with pytest.raises(cp.InvalidArgument, match="accuracy = "):
         cp.solve(scene, *state, accuracy=accuracy)
+
+
+def test_a_failed_solve_travels_between_processes():
+    """A process pool pickles what a worker raises."""
+    bar = all_scenes()["four_bar loops"]
+    with pytest.raises(cp.SolveFailed) as failed:
+        cp.solve(bar, *states("four_bar loops")[0], solver=cp.DenseKKT())
+    copy = pickle.loads(pickle.dumps(failed.value))
+    assert str(copy) == str(failed.value)
+    assert copy.solution.status is cp.Status.SINGULAR
+
+
+def test_an_open_loop_shows_in_the_state_error():
+    bar = robot("four_bar")
+    q = bar.postures["open"] + [0.0, 0.0, 0.1]
+    solution = cp.solve(cp.Scene(bar, bar.loops), q, np.ones(3), np.zeros(3))
+    assert solution.state_error.position > 0.01
+    assert solution.state_error.velocity > 0.01
+    assert "state_error" in str(solution.status)
+
+
+def test_the_bound_does_not_depend_on_the_accuracy_asked_for():
+    bar = cp.four_bar()
+    scene = cp.Scene(bar, [cp.PointContact("coupler_tip")])
+    q, v, tau = np.array([1.0, 1.5e-6, 1.0]), np.zeros(3), np.array([100.0, -200.0, 50.0])
+    bounds = set()
+    for accuracy in (1e-8, 1e-5, 1e-2):
+        solution = cp.solve(scene, q, v, tau, accuracy=accuracy, throw=False)
+        assert not solution.status.ok  # a stretched arm: the exact answer is far away
+        bounds.add(solution.error_bound)
+    assert len(bounds) == 1

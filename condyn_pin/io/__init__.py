@@ -1,1 +1,1 @@
-"""Robot descriptions: readers and writers of files."""
+"""Robot descriptions: readers of files."""

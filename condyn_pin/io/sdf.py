@@ -128,6 +128,8 @@ def _only_model(sdf: Element) -> Element:
     if len(models) != 1:
         names = ", ".join(repr(m.get("name")) for m in models) or "no <model>"
         raise InvalidModel(f"the file has {names}; exactly one <model> is needed")
+    if models[0].get("placement_frame"):
+        raise InvalidModel("<model> has a placement_frame, which is not supported; write its pose")
     for tag in ("model", "include"):
         if models[0].find(tag) is not None:
             raise InvalidModel(f"{label(models[0])}: <{tag}> in it is not followed; write it out")

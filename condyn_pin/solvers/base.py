@@ -3,15 +3,16 @@
 1. Add one file to this folder with one frozen dataclass that inherits from `Solver`. Its fields
    are its knobs, each with a default, a unit, and in the docstring the reason of the default.
 2. Set `title` (what tables show), `cost` and `takes_redundant`. The class registers itself under
-   its lower-case name in `SOLVERS`; tests, benchmarks and the command line find it there.
+   its lower-case name in `SOLVERS`; tests and the command line find it there.
 3. Write `start(workspace)`. It runs once per workspace, may take hundreds of microseconds, and
    returns a `Method`: three callables closed over what they need.
 4. `acceleration(q, v, tau)` is the hot loop. It returns an array that nobody else will write to,
    reads nothing that an earlier call left behind, and does not write to its arguments. It raises
    `Singular` rather than return numbers that mean nothing; NaN may come out, the workspace
    catches it.
-5. `lam()` returns an owned array: the forces of the last call, in Pinocchio's LOCAL frame with the
-   moving joint first. The workspace turns the sign of rows where the user named the world first.
+5. `lam()` returns an owned array: the forces of the last call, with M a + h = tau + J^T lam for the
+   J of the scene. Pinocchio's own lam has the other sign in rows where the user named the world
+   first: `workspace.scene_signs` turns it.
 6. A solver sees rows, not kinds: `workspace.equations` has M, h, J and gamma of whatever the scene
    contains; `workspace.constraint_models` has the same rows as Pinocchio's objects.
 7. Sources: cite the paper in the docstring.
@@ -24,7 +25,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from condyn_pin.arrays import Vector
+from condyn_pin.arrays import Array
+from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
     from condyn_pin.workspace import Workspace
@@ -40,8 +42,8 @@ class Singular(ArithmeticError):
 class Method:
     """A solver at work in one workspace."""
 
-    acceleration: Callable[[Vector, Vector, Vector], Vector]
-    lam: Callable[[], Vector]
+    acceleration: Callable[[Array, Array, Array], Array]
+    lam: Callable[[], Array]
     iterations: Callable[[], int]
 
 
@@ -54,7 +56,12 @@ class Solver(ABC):
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        SOLVERS[cls.__name__.lower()] = cls
+        if getattr(cls.start, "__isabstractmethod__", False):
+            return
+        name = cls.__name__.lower()
+        if name in SOLVERS:
+            raise InvalidArgument(f"a solver named {cls.__name__} exists: choose another name")
+        SOLVERS[name] = cls
 
     @abstractmethod
     def start(self, workspace: Workspace) -> Method:

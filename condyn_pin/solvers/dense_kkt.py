@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from condyn_pin import tolerances
-from condyn_pin.arrays import Vector, finite
+from condyn_pin.arrays import Array, finite
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.solvers.base import Method, Singular, Solver
 
@@ -69,7 +69,7 @@ class DenseKKT(Solver):
         answer = np.zeros(size)
 
         @np.errstate(over="ignore", invalid="ignore")  # the status says it
-        def acceleration(q: Vector, v: Vector, tau: Vector) -> Vector:
+        def acceleration(q: Array, v: Array, tau: Array) -> Array:
             terms = equations.terms(q, v)
             K = empty.copy(order="F")
             K[:n, :n] = terms.M
@@ -85,10 +85,10 @@ class DenseKKT(Solver):
             np.multiply(d, dsytrs(factor, pivots, rhs, lower=1)[0].ravel(), out=answer)
             return answer[:n].copy()
 
-        return Method(acceleration, lambda: -equations.sign * answer[n:], lambda: 1)
+        return Method(acceleration, lambda: -answer[n:], lambda: 1)
 
 
-def scaling(terms: Terms) -> Vector:
+def scaling(terms: Terms) -> Array:
     """Return d such that diag(d) K diag(d) has ones on M's diagonal and unit rows of J."""
     of_M = 1 / np.sqrt(terms.M.diagonal())
     norms = np.linalg.norm(terms.J * of_M, axis=1)

@@ -10,7 +10,7 @@ import numpy as np
 
 from condyn_pin import _pin, tolerances
 from condyn_pin._pin import pin
-from condyn_pin.arrays import Vector
+from condyn_pin.arrays import Array
 from condyn_pin.solvers.base import Method, Solver
 from condyn_pin.solvers.proximal import check_accuracy, check_knobs
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from condyn_pin.audit import Audit
     from condyn_pin.workspace import Workspace
 
-Acceleration = Callable[[Vector, Vector, Vector], Vector]
+Acceleration = Callable[[Array, Array, Array], Array]
 
 # What `mu` is chosen from, times the largest eigenvalue of G.
 _LADDER = (1e-2, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
@@ -50,11 +50,11 @@ class LCABA(Solver):
 
     Notes
     -----
-    Needs Pinocchio 4. The fastest for feet on the ground (`condyn bench`); the cure costs two per
-    cent of the call. What is cured: `lcaba` reads `data.oa` of the constrained joints before it
-    writes it, so that every second call with 6 rows is wrong; it segfaults with the world first, or
-    with an elimination order made for other constraints; it overwrites what `constraintDynamics`
-    reads in the constraint datas, so that these must never be shared; its force is minus lam.
+    Needs Pinocchio 4. The fastest for feet on the ground (`condyn bench`). What is cured: `lcaba`
+    reads `data.oa` of the constrained joints before it writes it, so that every second call with
+    6 rows is wrong; it segfaults with the world first, or with an elimination order made for other
+    constraints; it overwrites what `constraintDynamics` reads in the constraint datas, so that
+    these must never be shared; its force is minus lam.
 
     References
     ----------
@@ -86,7 +86,7 @@ class LCABA(Solver):
         clear = tuple(data.oa[joint].setZero for joint in joints)
 
         def bind(settings: Any) -> Acceleration:
-            def acceleration(q: Vector, v: Vector, tau: Vector) -> Vector:
+            def acceleration(q: Array, v: Array, tau: Array) -> Array:
                 for zero in clear:
                     zero()
                 return solve(model, data, q, v, tau, models, datas, settings)
@@ -95,13 +95,13 @@ class LCABA(Solver):
 
         # references: to fetch an entry of the list costs a microsecond
         held = tuple((datas[k].contact_force, b.size, b.rows) for k, b in enumerate(bounds))
-        m = sum(b.size for b in bounds)
+        m, scene_signs = workspace.scene.rows, workspace.scene_signs
 
-        def lam() -> Vector:
+        def lam() -> Array:
             forces = np.empty(m)
             for force, size, rows in held:
                 forces[rows] = force.linear if size == 3 else force.vector
-            return np.negative(forces, out=forces)
+            return scene_signs(np.negative(forces, out=forces))
 
         mu = self._best_mu(workspace.scene.audit, bind) if self.mu is None else self.mu
         settings = workspace.proximal_settings = self._settings(workspace.scene.audit, mu)

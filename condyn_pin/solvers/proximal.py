@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from condyn_pin._pin import pin
-from condyn_pin.arrays import Vector, finite
+from condyn_pin.arrays import Array, finite
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.solvers.base import Method, Solver
 
@@ -40,7 +40,7 @@ class Proximal(Solver):
         by the errors of the `Solution`, never by this.
     relative_accuracy : float, optional
         Iterate until |lam_k - lam_(k-1)|_inf is below this [N]: despite its name in Pinocchio, an
-        absolute number. By default 1e-8 of the robot's weight: above the noise of redundant rows,
+        absolute number. By default 1e-9 of the robot's weight: above the noise of redundant rows,
         where Pinocchio's 1e-12 never fires and doubles the time for nothing, and small enough,
         since the next iterate is better by mu / sigma again.
     absolute_accuracy : float
@@ -76,17 +76,20 @@ class Proximal(Solver):
         """Return `pin.constraintDynamics` bound to the memory of `workspace`."""
         audit = workspace.scene.audit
         mu = 1e-6 * audit.delassus_norm if self.mu is None else self.mu
-        accuracy = 1e-8 * audit.weight if self.relative_accuracy is None else self.relative_accuracy
+        accuracy = 1e-9 * audit.weight if self.relative_accuracy is None else self.relative_accuracy
         settings = pin.ProximalSettings(self.absolute_accuracy, accuracy, mu, self.max_iterations)
         workspace.proximal_settings = settings
         model, data = workspace.model, workspace.data
         models, datas = workspace.constraint_models, workspace.constraint_datas
         solve = pin.constraintDynamics
 
-        def acceleration(q: Vector, v: Vector, tau: Vector) -> Vector:
+        def acceleration(q: Array, v: Array, tau: Array) -> Array:
             return solve(model, data, q, v, tau, models, datas, settings)  # type: ignore[no-any-return]
 
-        return Method(acceleration, lambda: np.array(data.lambda_c), lambda: int(settings.iter))
+        def lam() -> Array:
+            return workspace.scene_signs(np.array(data.lambda_c))
+
+        return Method(acceleration, lam, lambda: int(settings.iter))
 
 
 _MOST_ITERATIONS = 2**31 - 1  # Pinocchio counts in a C int

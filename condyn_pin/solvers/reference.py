@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from condyn_pin import tolerances
-from condyn_pin.arrays import Vector, finite
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.arrays import Array, finite
+from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.extended import add, exact_residual
 from condyn_pin.minimum_norm import factorise
 from condyn_pin.solvers.base import Method, Singular, Solver
@@ -73,18 +73,18 @@ class Reference(Solver):
         latest = np.zeros(equations.m)
 
         @np.errstate(over="ignore", invalid="ignore")  # the status says it
-        def acceleration(q: Vector, v: Vector, tau: Vector) -> Vector:
+        def acceleration(q: Array, v: Array, tau: Array) -> Array:
             a, latest[:] = self.solve(equations.terms(q, v), tau)
             return a
 
-        return Method(acceleration, lambda: equations.sign * latest, lambda: 1 + self.refinements)
+        return Method(acceleration, latest.copy, lambda: 1 + self.refinements)
 
-    def solve(self, terms: Terms, tau: Vector) -> tuple[Vector, Vector]:
+    def solve(self, terms: Terms, tau: Array) -> tuple[Array, Array]:
         """Return a and the minimum-norm lam of the given terms."""
         m, n = terms.J.shape
         try:
             factors = factorise(terms.M, terms.J, self.rank_tolerance)
-        except np.linalg.LinAlgError as error:
+        except InvalidModel as error:
             raise Singular from error
         K = np.block([[terms.M, -terms.J.T], [terms.J, np.zeros((m, m))]])
         b = (np.concatenate([tau, terms.a_ref]), -np.concatenate([terms.h, terms.gamma]))
