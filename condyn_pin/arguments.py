@@ -16,7 +16,8 @@ from condyn_pin.errors import InvalidArgument, InvalidModel
 LOW: Final = 1.0 - 2 * tolerances.QUATERNION
 HIGH: Final = 1.0 + 2 * tolerances.QUATERNION
 
-_FLOAT = np.dtype(np.float64)
+# The one dtype that goes to Pinocchio as it is: 64 bits in the byte order of this machine.
+FLOAT: Final = np.dtype(np.float64)
 
 # Where the unit part of a joint's configuration begins, and its size.
 _UNIT_PARTS = {
@@ -56,7 +57,7 @@ class Arguments:
             and type(v) is np.ndarray
             and type(tau) is np.ndarray
             and self._shapes == (q.shape, v.shape, tau.shape)
-            and q.dtype is v.dtype is tau.dtype is _FLOAT
+            and q.dtype is v.dtype is tau.dtype is FLOAT
             and not self.pairs
         ):
             for part in self.quaternions:
@@ -80,7 +81,7 @@ class Arguments:
         for part in self._units:
             x = q_[part]
             norm = hypot(*x)
-            if not LOW < norm**2 < HIGH:
+            if not LOW < norm * norm < HIGH:
                 raise InvalidArgument(
                     f"q[{part.start}:{part.stop}] = {x} has norm {norm:.9g}: "
                     "a unit quaternion (x y z w) or (cos, sin) is needed; "

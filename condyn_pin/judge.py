@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array, finite
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.minimum_norm import factorise
 from condyn_pin.proof import Proof, Yardstick
 from condyn_pin.solution import Solution, Status
@@ -43,10 +43,16 @@ class Judge:
         lam = self._method.lam()
         dynamics, largest = equations.errors(q, v, tau, a, lam)
         proof = yardstick.prove(dynamics, largest, tau)
+        singular = False
         if yardstick.doubts(proof, largest[1]) and isfinite(proof.bound):
-            proof = self._yardstick_at(q).prove(dynamics, largest, tau)
+            try:
+                proof = self._yardstick_at(q).prove(dynamics, largest, tau)
+            except InvalidModel:  # M is not positive definite to working precision
+                singular, proof = True, proof._replace(bound=inf)
         if proof.bound <= accuracy:
             status = _OK
+        elif singular:
+            status = Status.SINGULAR
         else:
             status = Status.INACCURATE if isfinite(proof.bound) else Status.NOT_FINITE
         iterations = self._method.iterations()
@@ -70,7 +76,7 @@ class Judge:
         """Return the yardstick of a state that may be near a singular one."""
         terms = self._workspace.equations.terms(q, np.zeros(self._workspace.model.nv))
         factors = factorise(terms.M, terms.J, tolerances.REFERENCE_RANK)
-        return self._yardstick.at(factors)
+        return Yardstick.of(factors, self._scene.rows, self._yardstick.gravity)
 
 
 def check_accuracy_of_a(accuracy: float) -> None:

@@ -14,15 +14,18 @@ is at most |s| / sigma, with sigma the smallest nonzero singular value of J L^-T
 What rounding of tau alone does, eps max(w) sum_j w_j |tau_j|, is not held against an answer whose
 bound is larger than that: forces that balance to the last bit leave a = 0.
 
+To this comes what rounding of M itself does, eps cond(D M D) with D = diag(M_jj^-1/2).
+
 w and sigma are taken once, at the nominal state of the scene, so this is a bound there and an
-estimate elsewhere. w hardly changes with the configuration; sigma falls to zero at a singular one.
+estimate elsewhere: sigma falls to zero at a singular configuration, and w grows where M nearly is.
 So unless the part of s is a thousand times smaller than SOLVED, as it is for a converged answer,
-sigma is computed anew at the state itself (`Yardstick.doubts`).
+and a is of a size that machines have, both are computed anew at the state (`Yardstick.doubts`).
+Rows whose singular value is below REFERENCE_RANK count as redundant there.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from math import inf, sqrt
 from typing import NamedTuple
@@ -34,6 +37,9 @@ from condyn_pin.arrays import Array
 from condyn_pin.minimum_norm import MinimumNorm
 
 _EPS = float(np.finfo(np.float64).eps)
+
+# Accelerations beyond this many times gravity mean that M is next to singular.
+_NO_MACHINE = 1e4
 
 # Relative errors below this are not worth a look at what rounding of tau does.
 _NEAR_ROUNDING = tolerances.SOLVED
@@ -63,28 +69,28 @@ class Yardstick:
         m.
     gravity : float
         |g| [m/s^2].
+    rounding : float
+        eps cond(D M D): what no answer can be better than.
     """
 
     weights: Array
     sigma: float
     rows: int
     gravity: float
+    rounding: float = 0.0
 
     @classmethod
     def of(cls, factors: MinimumNorm, rows: int, gravity: float) -> Yardstick:
         """Return the yardstick of a state, from the factors of its M and J."""
-        L_inverse = np.linalg.inv(factors.L)
+        L = factors.L  # its rows have the norms M_jj^1/2
+        L_inverse = np.linalg.inv(L)
         return cls(
             weights=np.sqrt(np.einsum("ij,ij->j", L_inverse, L_inverse)),
             sigma=float(factors.S[factors.rank - 1]) if factors.rank else inf,
             rows=rows,
             gravity=gravity,
+            rounding=_EPS * float(np.linalg.cond(L / np.linalg.norm(L, axis=1)[:, None])) ** 2,
         )
-
-    def at(self, factors: MinimumNorm) -> Yardstick:
-        """Return the yardstick with the sigma of another state."""
-        sigma = float(factors.S[factors.rank - 1]) if factors.rank else inf
-        return replace(self, sigma=sigma)
 
     def prove(self, dynamics: Array, largest: list[float], tau: Array) -> Proof:
         """Return the sizes of the residuals and what they say about a.
@@ -102,7 +108,7 @@ class Yardstick:
         if not error <= _NEAR_ROUNDING * scale:
             error -= self._rounding(tau)
         bound = max(error, 0.0) / scale if scale else (0.0 if error <= 0.0 else inf)
-        return Proof(max_dynamics, constraint, violation, velocity, bound)
+        return Proof(max_dynamics, constraint, violation, velocity, bound + self.rounding)
 
     def _rounding(self, tau: Array) -> float:
         """Return what rounding of tau alone does to a.
@@ -114,7 +120,11 @@ class Yardstick:
     def doubts(self, proof: Proof, max_a: float) -> bool:
         """Return whether sigma has to be looked at anew, at the state itself."""
         scale = max_a if max_a > self.gravity else self.gravity
-        return proof.bound > tolerances.SOLVED or proof.constraint > self.unquestioned * scale
+        return (
+            proof.constraint > self.unquestioned * scale
+            or proof.bound > tolerances.SOLVED
+            or max_a > _NO_MACHINE * (self.gravity or 1.0)
+        )
 
     @cached_property
     def unquestioned(self) -> float:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin import _pin
 from condyn_pin._pin import pin
-from condyn_pin.arguments import HIGH, LOW, Arguments
+from condyn_pin.arguments import FLOAT, HIGH, LOW, Arguments
 from condyn_pin.arrays import Array
 from condyn_pin.binding import Bound
 from condyn_pin.equations import Equations, Terms
@@ -141,6 +141,11 @@ class Workspace:
             If an argument has a wrong size, is not finite, or has an unnormalised quaternion.
         SolveFailed
             If the answer is not finite, or the method's matrix is singular.
+
+        Notes
+        -----
+        The answer is looked at where the tree begins: what is not finite in the input always shows
+        there. Finite input beyond 1e100 may overflow elsewhere, and come back as inf.
         """
         try:
             for part in self._quaternions:
@@ -151,6 +156,9 @@ class Workspace:
                 cos, sin = q[part].tolist()
                 if not LOW < cos * cos + sin * sin < HIGH:
                     raise ValueError
+            # Pinocchio ignores byte order: another dtype is another number
+            if not q.dtype is v.dtype is tau.dtype is FLOAT:
+                raise ValueError
             a = self._run(q, v, tau)
             # A joint's acceleration depends on everything above it in the tree, and its root's on
             # everything below: what is not finite anywhere is not finite at a root.

@@ -145,6 +145,30 @@ def test_lists_and_other_dtypes_are_welcome(solver):
         assert np.array_equal(workspace.solve(*given).a, wanted)
 
 
+@each_solver
+def test_another_byte_order_is_the_same_number(solver):
+    """Pinocchio reads the bytes as they are: 1.0 becomes 3e-319."""
+    scene = all_scenes()["solo12 contacts"]
+    state = states("solo12 contacts")[0]
+    workspace = cp.Workspace(scene, solver)
+    right = workspace.acceleration(*state)
+    for i in range(3):
+        turned = [x.astype(">f8") if k == i else x for k, x in enumerate(state)]
+        assert np.array_equal(workspace.acceleration(*turned), right)
+        assert np.array_equal(workspace.solve(*turned).a, right)
+
+
+@each_solver
+def test_a_huge_quaternion_is_refused_by_name(solver):
+    scene = all_scenes()["solo12 contacts"]
+    q, v, tau = (x.copy() for x in states("solo12 contacts")[0])
+    q[3] = 1e200
+    workspace = cp.Workspace(scene, solver)
+    for call in (workspace.acceleration, workspace.solve):
+        with pytest.raises(cp.InvalidArgument, match="unit quaternion"):
+            call(q, v, tau)
+
+
 @pytest.mark.parametrize("field", ["title", "cost", "takes_redundant"])
 @each_solver
 def test_a_solver_says_what_it_is(solver, field):

@@ -12,6 +12,7 @@ from hypothesis.extra.numpy import arrays
 from shared import all_scenes, each_scene, each_solver, states, truth
 
 import condyn_pin as cp
+from condyn_pin._pin import pin
 from condyn_pin.equations import Equations
 from condyn_pin.extended import add, exact_product, exact_residual, split
 from condyn_pin.minimum_norm import factorise
@@ -187,3 +188,25 @@ def test_a_doubtful_answer_is_judged_at_its_own_state():
         caught += nominal.prove(*residuals, tau).bound < 1e-8 < solution.error_bound
     assert caught
     assert solution.status.ok
+
+
+@pytest.mark.parametrize("constrained", [False, True])
+@pytest.mark.parametrize("distance", [1e-1, 1e-3, 1e-4, 1e-6, 1e-8, 0.0])
+@each_solver
+def test_ok_is_no_lie_where_the_mass_matrix_is_nearly_singular(solver, distance, constrained):
+    """Euler angles near their gimbal lock: cond M grows as 1 / distance^2, and so does a."""
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelSphericalZYX(), pin.SE3.Identity(), "turn")
+    body = pin.Inertia(1.0, np.array([0.1, 0.2, 0.3]), np.diag([0.1, 0.2, 0.25]))
+    model.appendBodyToJoint(joint, body, pin.SE3.Identity())
+    tip = pin.SE3(np.eye(3), np.array([0.3, 0.1, 0.2]))
+    model.addFrame(pin.Frame("tip", joint, 0, tip, pin.FrameType.OP_FRAME))
+    scene = cp.Scene(cp.Robot("top", model), [cp.PointContact("tip")] if constrained else [])
+    q = np.array([0.4, np.pi / 2 - distance, 0.3])
+    state = (q, np.zeros(3), np.array([1.0, 2.0, 3.0]))
+    solution = cp.solve(scene, *state, solver=solver, throw=False)
+    if distance < 1e-3:
+        assert not solution.status.ok
+    elif solution.status.ok:
+        right = cp.solve(scene, *state, solver=cp.Reference())
+        assert np.abs(solution.a - right.a).max() < 1e-8 * np.abs(right.a).max()
