@@ -42,11 +42,11 @@ class Judge:
         equations, yardstick = self._workspace.equations, self._yardstick
         lam = self._method.lam()
         dynamics, largest = equations.errors(q, v, tau, a, lam)
-        proof = yardstick.prove(dynamics, largest, tau)
+        proof, doubtful = yardstick.prove(dynamics, largest, tau)
         singular = False
-        if yardstick.doubts(proof, largest[1]) and isfinite(proof.bound):
+        if doubtful and isfinite(proof.bound):
             try:
-                proof = self._yardstick_at(q).prove(dynamics, largest, tau)
+                proof, _ = self._yardstick_at(q).prove(dynamics, largest, tau)
             except InvalidModel:  # M is not positive definite to working precision
                 singular, proof = True, proof._replace(bound=inf)
         if proof.bound <= accuracy:

@@ -19,7 +19,7 @@ To this comes what rounding of M itself does, eps cond(D M D) with D = diag(M_jj
 w and sigma are taken once, at the nominal state of the scene, so this is a bound there and an
 estimate elsewhere: sigma falls to zero at a singular configuration, and w grows where M nearly is.
 So unless the part of s is a thousand times smaller than SOLVED, as it is for a converged answer,
-and a is of a size that machines have, both are computed anew at the state (`Yardstick.doubts`).
+and a is of a size that machines have, both are computed anew at the state.
 Rows whose singular value is below REFERENCE_RANK count as redundant there.
 """
 
@@ -92,7 +92,7 @@ class Yardstick:
             rounding=_EPS * float(np.linalg.cond(L / np.linalg.norm(L, axis=1)[:, None])) ** 2,
         )
 
-    def prove(self, dynamics: Array, largest: list[float], tau: Array) -> Proof:
+    def prove(self, dynamics: Array, largest: list[float], tau: Array) -> tuple[Proof, bool]:
         """Return the sizes of the residuals and what they say about a.
 
         Parameters
@@ -100,6 +100,12 @@ class Yardstick:
         dynamics, largest
             As `Equations.errors` returns them.
         tau : (nv,) array
+
+        Returns
+        -------
+        proof : Proof
+        doubtful : bool
+            Whether w and sigma have to be computed anew, at the state itself.
         """
         max_dynamics, max_a, violation, velocity, constraint = largest
         e_M = self.weights.dot(dynamics) + self.per_row * constraint
@@ -108,7 +114,13 @@ class Yardstick:
         if not error <= _NEAR_ROUNDING * scale:
             error -= self._rounding(tau)
         bound = max(error, 0.0) / scale if scale else (0.0 if error <= 0.0 else inf)
-        return Proof(max_dynamics, constraint, violation, velocity, bound + self.rounding)
+        bound += self.rounding
+        doubtful = (
+            constraint > self.unquestioned * scale
+            or bound > tolerances.SOLVED
+            or max_a > self.no_machine
+        )
+        return Proof(max_dynamics, constraint, violation, velocity, bound), doubtful
 
     def _rounding(self, tau: Array) -> float:
         """Return what rounding of tau alone does to a.
@@ -117,14 +129,10 @@ class Yardstick:
         """
         return self.largest_weight * float(self.weights.dot(np.abs(tau))) * _EPS
 
-    def doubts(self, proof: Proof, max_a: float) -> bool:
-        """Return whether sigma has to be looked at anew, at the state itself."""
-        scale = max_a if max_a > self.gravity else self.gravity
-        return (
-            proof.constraint > self.unquestioned * scale
-            or proof.bound > tolerances.SOLVED
-            or max_a > _NO_MACHINE * (self.gravity or 1.0)
-        )
+    @cached_property
+    def no_machine(self) -> float:
+        """An acceleration that only a nearly singular M explains [m/s^2, rad/s^2]."""
+        return _NO_MACHINE * (self.gravity or 1.0)
 
     @cached_property
     def unquestioned(self) -> float:

@@ -54,7 +54,7 @@ class StateError(NamedTuple):
     velocity: float  # |J v|_inf [m/s, rad/s]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, init=False)
 class Solution:
     """Accelerations and constraint forces at one state, with three errors recomputed.
 
@@ -88,6 +88,29 @@ class Solution:
     solve_time: float  # [s]
     scene: Scene
     q: Array
+
+    def __init__(
+        self,
+        a: Array,
+        lam: Array,
+        proof: Proof,
+        status: Status,
+        iterations: int,
+        solve_time: float,
+        scene: Scene,
+        q: Array,
+    ) -> None:
+        # at once: the eight guarded assignments of a frozen dataclass take twice as long
+        self.__dict__.update(
+            a=a,
+            lam=lam,
+            proof=proof,
+            status=status,
+            iterations=iterations,
+            solve_time=solve_time,
+            scene=scene,
+            q=q,
+        )
 
     @property
     def dynamics_error(self) -> float:
