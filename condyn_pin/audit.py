@@ -84,6 +84,7 @@ def audit(scene: Scene) -> Audit:
     factors = factorise(terms.M, terms.J, tolerances.RANK)
     S, rank = factors.S, factors.rank
     gravity = float(np.linalg.norm(robot.model.gravity.linear))
+    weight = robot.mass * (gravity or 1.0)
     return Audit(
         q=q,
         closed=closed,
@@ -93,8 +94,8 @@ def audit(scene: Scene) -> Audit:
         redundant=redundant_rows(factors.U[:, rank:], scene.row_names),
         condition=float(np.linalg.cond(terms.M)),
         delassus_norm=float(S[0] ** 2) if rank else 1 / robot.mass,
-        weight=robot.mass * (gravity or 1.0),
-        yardstick=Yardstick.of(factors, scene.rows, gravity),
+        weight=weight,
+        yardstick=Yardstick.of(factors, scene.rows, gravity, weight),
         states=_nominal_states(equations, q, factors),
     )
 

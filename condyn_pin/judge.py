@@ -76,7 +76,8 @@ class Judge:
         """Return the yardstick of a state that may be near a singular one."""
         terms = self._workspace.equations.terms(q, np.zeros(self._workspace.model.nv))
         factors = factorise(terms.M, terms.J, tolerances.REFERENCE_RANK)
-        return Yardstick.of(factors, self._scene.rows, self._yardstick.gravity)
+        nominal = self._yardstick
+        return Yardstick.of(factors, self._scene.rows, nominal.gravity, nominal.weight)
 
 
 def check_accuracy_of_a(accuracy: float) -> None:

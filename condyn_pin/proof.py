@@ -19,7 +19,7 @@ To this comes what rounding of M itself does, eps cond(D M D) with D = diag(M_jj
 w and sigma are taken once, at the nominal state of the scene, so this is a bound there and an
 estimate elsewhere: sigma falls to zero at a singular configuration, and w grows where M nearly is.
 So unless the part of s is a thousand times smaller than SOLVED, as it is for a converged answer,
-and a is of a size that machines have, both are computed anew at the state.
+and a is of a size that the robot can have, both are computed anew at the state.
 Rows whose singular value is below REFERENCE_RANK count as redundant there.
 """
 
@@ -37,9 +37,6 @@ from condyn_pin.arrays import Array
 from condyn_pin.minimum_norm import MinimumNorm
 
 _EPS = float(np.finfo(np.float64).eps)
-
-# Accelerations beyond this many times gravity mean that M is next to singular.
-_NO_MACHINE = 1e4
 
 # Relative errors below this are not worth a look at what rounding of tau does.
 _NEAR_ROUNDING = tolerances.SOLVED
@@ -69,6 +66,8 @@ class Yardstick:
         m.
     gravity : float
         |g| [m/s^2].
+    weight : float
+        Mass times gravity [N].
     rounding : float
         eps cond(D M D): what no answer can be better than.
     """
@@ -77,10 +76,11 @@ class Yardstick:
     sigma: float
     rows: int
     gravity: float
+    weight: float
     rounding: float = 0.0
 
     @classmethod
-    def of(cls, factors: MinimumNorm, rows: int, gravity: float) -> Yardstick:
+    def of(cls, factors: MinimumNorm, rows: int, gravity: float, weight: float) -> Yardstick:
         """Return the yardstick of a state, from the factors of its M and J."""
         L = factors.L  # its rows have the norms M_jj^1/2
         L_inverse = np.linalg.inv(L)
@@ -89,6 +89,7 @@ class Yardstick:
             sigma=float(factors.S[factors.rank - 1]) if factors.rank else inf,
             rows=rows,
             gravity=gravity,
+            weight=weight,
             rounding=_EPS * float(np.linalg.cond(L / np.linalg.norm(L, axis=1)[:, None])) ** 2,
         )
 
@@ -131,8 +132,11 @@ class Yardstick:
 
     @cached_property
     def no_machine(self) -> float:
-        """An acceleration that only a nearly singular M explains [m/s^2, rad/s^2]."""
-        return _NO_MACHINE * (self.gravity or 1.0)
+        """An acceleration that only a nearly singular M explains [m/s^2, rad/s^2].
+
+        Ten times what the robot's weight, at a lever of one metre, gives to its lightest joint.
+        """
+        return 10.0 * self.largest_weight**2 * self.weight
 
     @cached_property
     def unquestioned(self) -> float:
