@@ -84,7 +84,7 @@ def main() -> None:
     if arguments.from_json:
         table = load(RESULTS / "bench.json")
     else:
-        table = bench(progress=lambda what, done, total: None)
+        table = bench()
         if arguments.native:
             table = table.with_native(arguments.native)
         table.to_json(RESULTS / "bench.json")

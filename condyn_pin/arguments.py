@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin import tolerances
+from condyn_pin._pin import pin
 from condyn_pin.arrays import Array, finite
 from condyn_pin.errors import InvalidArgument, InvalidModel
 
@@ -88,6 +89,14 @@ class Arguments:
                     "pin.normalize(robot.model, q) makes one"
                 )
         return q_, finite("v", v, nv), finite("tau", tau, nv)
+
+
+def normalised(model: Any, name: str, q: ArrayLike) -> Array:
+    """Return a configuration that a user handed in, its quaternions normalised."""
+    array = np.array(pin.normalize(model, finite(name, q, model.nq)))
+    if not pin.isNormalized(model, array, tolerances.QUATERNION):
+        raise InvalidArgument(f"{name}: a quaternion of it is zero; use 0 0 0 1")
+    return array
 
 
 def _unit_parts(model: Any) -> tuple[slice, ...]:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import json
 import os
 import sys
-from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 # Before numpy is imported: two threads of a BLAS on a 50 x 50 matrix only make it slower, and
 # times are compared on one core.
@@ -19,14 +18,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from condyn_pin import __version__
-from condyn_pin.errors import CondynError, InvalidArgument, unknown_name
+from condyn_pin.errors import CondynError, InvalidArgument
 from condyn_pin.tolerances import SOLVED
-
-if TYPE_CHECKING:
-    from condyn_pin.constraints import Constraint
-    from condyn_pin.robot import Robot
-    from condyn_pin.scene import Scene
-    from condyn_pin.solvers.base import Solver
 
 app = typer.Typer(
     help="Constrained rigid-body dynamics on Pinocchio: solve it, prove it, time it.",
@@ -87,9 +80,10 @@ def robots() -> None:
 @app.command()
 def show(robot: RobotName, contacts: Contacts = "", loops: Loops = True) -> None:
     """Show what a scene contains, what is redundant, and what is not used."""
+    from condyn_pin.cli_words import scene_of
     from condyn_pin.load import load_robot
 
-    summary = _scene(robot, contacts, loops).summary()
+    summary = scene_of(robot, contacts, loops).summary()
     table = Table("", summary.robot, show_header=True)
     for label, text in summary.facts().items():
         table.add_row(label, text)
@@ -118,11 +112,12 @@ def solve(
     as_json: Annotated[bool, typer.Option("--json", help="Print json.")] = False,
 ) -> None:
     """Solve a posture at rest, with zero torque; exits with 1 if the status is not ok."""
+    from condyn_pin.cli_words import scene_of, solver_of
     from condyn_pin.verbs import solve as solve_scene
 
-    scene = _scene(robot, contacts, loops)
+    scene = scene_of(robot, contacts, loops)
     q, v = scene.state(posture)
-    chosen = _solver(solver, {"mu": mu, "max_iterations": max_iterations})
+    chosen = solver_of(solver, {"mu": mu, "max_iterations": max_iterations})
     solution = solve_scene(scene, q, v, 0 * v, solver=chosen, accuracy=accuracy, throw=False)
     if as_json:
         from condyn_pin.machine import machine
@@ -233,42 +228,6 @@ def doctor() -> None:
         typer.echo(f"  {found.remedy}")
         raise typer.Exit(1)
     console.print("Everything fits together.")
-
-
-def _scene(name: str, contacts: str, loops: bool) -> Scene:
-    from condyn_pin.load import load_robot
-    from condyn_pin.scene import Scene
-
-    robot = load_robot(name)
-    chosen = [_contact(robot, text.strip()) for text in contacts.split(",") if text.strip()]
-    return Scene(robot, (*(robot.loops if loops else ()), *chosen))
-
-
-def _contact(robot: Robot, text: str) -> Constraint:
-    from condyn_pin.constraints import PointContact, SurfaceContact
-
-    ready = {contact.name: contact for contact in robot.contacts}
-    if text in ready:
-        return ready[text]
-    frame, _, kind = text.rpartition(":")
-    if frame and kind == "point":
-        return PointContact(frame)
-    if frame and kind == "surface":
-        return SurfaceContact(frame)
-    raise unknown_name("ready-made contact (or FRAME:point, FRAME:surface)", text, ready)
-
-
-def _solver(name: str, knobs: dict[str, Any]) -> Solver:
-    from condyn_pin.solvers import SOLVERS
-
-    if name.lower() not in SOLVERS:
-        raise unknown_name("solver", name, SOLVERS)
-    chosen = SOLVERS[name.lower()]
-    given = {key: value for key, value in knobs.items() if value is not None}
-    known = {field.name for field in fields(chosen)}  # type: ignore[arg-type]
-    for key in given.keys() - known:
-        raise InvalidArgument(f"{key}: {chosen.__name__} has no such knob; it has {sorted(known)}")
-    return chosen(**given)
 
 
 def _finite(value: Any) -> Any:

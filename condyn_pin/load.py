@@ -28,7 +28,7 @@ from condyn_pin.arrays import Array
 from condyn_pin.constraints import Constraint, Loop, PointContact, SurfaceContact
 from condyn_pin.errors import CondynError, InvalidArgument, InvalidModel, MissingExtra, unknown_name
 from condyn_pin.io.sdf import read_sdf
-from condyn_pin.io.urdf import ROOT_JOINTS, read_urdf
+from condyn_pin.io.urdf import check_root_joint, read_urdf
 from condyn_pin.mechanisms import MECHANISMS
 from condyn_pin.robot import Robot
 from condyn_pin.spring import Spring
@@ -83,7 +83,7 @@ def load_robot(name: str | Path, *, root_joint: str | None = None) -> Robot:
     if not isinstance(name, (str, Path)):
         raise InvalidArgument(f"name = {name!r}: a name or a path is needed")
     if root_joint is not None:
-        _check_root_joint(root_joint)
+        check_root_joint(root_joint)
     known = available_robots()
     path = Path(name).expanduser()
     if str(name) not in known and path.suffix == ".urdf" and not path.is_dir():
@@ -103,13 +103,6 @@ def load_robot(name: str | Path, *, root_joint: str | None = None) -> Robot:
             "an SDF or a URDF with loops goes into such a folder"
         )
     raise unknown_name("robot", str(name), known)
-
-
-def _check_root_joint(root_joint: str) -> None:
-    if root_joint not in ROOT_JOINTS:
-        raise InvalidArgument(
-            f"root_joint = {root_joint!r}: one of {', '.join(ROOT_JOINTS)} is needed"
-        )
 
 
 def _from_folder(folder: Path) -> Robot:
@@ -139,7 +132,7 @@ def _from_card(card: Mapping[str, Any], folder: Path) -> Robot:
                 raise InvalidModel(f"the entry description.{key} is for an SDF, not for a URDF")
     file = _description_file(description["file"], folder)
     root_joint = description.get("root_joint", "fixed")
-    _check_root_joint(root_joint)
+    check_root_joint(root_joint)
     loops: tuple[Loop, ...] = ()
     springs: tuple[Spring, ...] = ()
     if file.suffix == ".sdf":

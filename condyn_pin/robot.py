@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin import tolerances
 from condyn_pin._pin import pin
+from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
 from condyn_pin.constraints import WORLD, Constraint, Loop
 from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
@@ -253,8 +253,6 @@ def _members(argument: str, value: Any, kind: type) -> tuple[Any, ...]:
 def _posture(model: Any, name: str, q: ArrayLike) -> Array:
     if not isinstance(name, str):
         raise InvalidArgument(f"postures: {name!r} is not the name of a posture")
-    array = np.array(pin.normalize(model, finite(f"posture {name!r}", q, model.nq)))
-    if not pin.isNormalized(model, array, tolerances.QUATERNION):
-        raise InvalidArgument(f"posture {name!r}: a quaternion of it is zero; use 0 0 0 1")
+    array = normalised(model, f"posture {name!r}", q)
     array.flags.writeable = False
     return array

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
+from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
 from condyn_pin.assembly import assemble
 from condyn_pin.audit import Audit, audit
@@ -148,9 +149,7 @@ class Scene:
         """
         self.robot.check_unedited()
         model = self.robot.model
-        array = np.array(pin.normalize(model, finite("q", q, self.robot.nq)))
-        if not pin.isNormalized(model, array, tolerances.QUATERNION):
-            raise InvalidArgument("q: a quaternion of it is zero; use 0 0 0 1")
+        array = normalised(model, "q", q)
         equations = Equations(model, self.bounds)
         result = assemble(equations, array, moving=self._moving(fixed))
         if not result.closed:

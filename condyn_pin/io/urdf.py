@@ -29,10 +29,7 @@ def read_urdf(path: Path, root_joint: str = "fixed") -> tuple[Any, tuple[str, ..
     unused : tuple of str
         What the file has and the dynamics do not use, a sentence each.
     """
-    if root_joint not in ROOT_JOINTS:
-        raise InvalidArgument(
-            f"root_joint = {root_joint!r}: one of {', '.join(ROOT_JOINTS)} is needed"
-        )
+    check_root_joint(root_joint)
     if not path.is_file():
         raise InvalidModel(f"{path}: no such file")
     try:
@@ -50,6 +47,14 @@ def read_urdf(path: Path, root_joint: str = "fixed") -> tuple[Any, tuple[str, ..
     except (ValueError, RuntimeError) as error:
         raise InvalidModel(f"{path}: Pinocchio cannot read it: {error}") from error
     return model, unused_elements(robot)
+
+
+def check_root_joint(root_joint: str) -> None:
+    """Refuse a way to attach the root link that is not known."""
+    if root_joint not in ROOT_JOINTS:
+        raise InvalidArgument(
+            f"root_joint = {root_joint!r}: one of {', '.join(ROOT_JOINTS)} is needed"
+        )
 
 
 def _check_inertials(path: Path, robot: ET.Element) -> None:

@@ -1,0 +1,44 @@
+"""What the words of a command line mean: a scene, a solver."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+from condyn_pin.constraints import Constraint, PointContact, SurfaceContact
+from condyn_pin.errors import InvalidArgument, unknown_name
+from condyn_pin.load import load_robot
+from condyn_pin.robot import Robot
+from condyn_pin.scene import Scene
+from condyn_pin.solvers import SOLVERS, Solver
+
+
+def scene_of(name: str, contacts: str, loops: bool) -> Scene:
+    """Return the scene of a robot, its loops if wanted, and the contacts that are listed."""
+    robot = load_robot(name)
+    chosen = [_contact(robot, text.strip()) for text in contacts.split(",") if text.strip()]
+    return Scene(robot, (*(robot.loops if loops else ()), *chosen))
+
+
+def _contact(robot: Robot, text: str) -> Constraint:
+    ready = {contact.name: contact for contact in robot.contacts}
+    if text in ready:
+        return ready[text]
+    frame, _, kind = text.rpartition(":")
+    if frame and kind == "point":
+        return PointContact(frame)
+    if frame and kind == "surface":
+        return SurfaceContact(frame)
+    raise unknown_name("ready-made contact (or FRAME:point, FRAME:surface)", text, ready)
+
+
+def solver_of(name: str, knobs: dict[str, Any]) -> Solver:
+    """Return the solver of a name, with the knobs that are not None."""
+    if name.lower() not in SOLVERS:
+        raise unknown_name("solver", name, SOLVERS)
+    chosen = SOLVERS[name.lower()]
+    given = {key: value for key, value in knobs.items() if value is not None}
+    known = {field.name for field in fields(chosen)}  # type: ignore[arg-type]
+    for key in given.keys() - known:
+        raise InvalidArgument(f"{key}: {chosen.__name__} has no such knob; it has {sorted(known)}")
+    return chosen(**given)
