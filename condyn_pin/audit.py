@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array
-from condyn_pin.equations import Equations
+from condyn_pin.equations import Equations, Terms
 from condyn_pin.errors import NotAssembled
 from condyn_pin.minimum_norm import MinimumNorm, factorise
 from condyn_pin.proof import Yardstick
@@ -18,6 +18,7 @@ from condyn_pin.solvers.reference import Reference
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
+    from condyn_pin.solvers.base import Solver
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +57,10 @@ class Audit:
         What turns residuals into an error of a.
     states : tuple of NominalState
         At q: at rest, and moving along the constraints with random torques.
+    terms : Terms
+        M, h, J and gamma at q, at rest.
+    measured : dict of Solver to float
+        What a solver has measured on the scene, so that its next workspace need not.
     """
 
     q: Array
@@ -69,6 +74,8 @@ class Audit:
     weight: float
     yardstick: Yardstick
     states: tuple[NominalState, ...]
+    terms: Terms
+    measured: dict[Solver, float] = field(default_factory=dict)
 
 
 def audit(scene: Scene) -> Audit:
@@ -97,6 +104,7 @@ def audit(scene: Scene) -> Audit:
         weight=weight,
         yardstick=Yardstick.of(factors, scene.rows, gravity, weight),
         states=_nominal_states(equations, q, factors),
+        terms=terms,
     )
 
 

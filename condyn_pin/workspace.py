@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import struct
 from functools import cached_property
 from time import perf_counter
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin import _pin
 from condyn_pin._pin import pin
-from condyn_pin.arguments import FLOAT, HIGH, LOW, Arguments
+from condyn_pin.arguments import FLOAT, HIGH, LOW, Arguments, unpack_quaternion
 from condyn_pin.arrays import Array
 from condyn_pin.binding import Bound
 from condyn_pin.equations import Equations, Terms
@@ -25,7 +26,8 @@ from condyn_pin.solvers.proximal import Proximal
 from condyn_pin.tolerances import SOLVED
 
 # No acceleration of a machine: what is larger is looked at entry by entry.
-_HUGE = 1e100
+_LARGEST: Final = 1e100
+_SMALLEST: Final = -1e100
 
 _OK = Status.OK
 
@@ -148,14 +150,12 @@ class Workspace:
         there. Finite input beyond 1e100 may overflow elsewhere, and come back as inf.
         """
         try:
-            for part in self._quaternions:
-                x, y, z, w = q[part].tolist()
+            for offset in self._quaternions:
+                x, y, z, w = unpack_quaternion(q, offset)
                 if not LOW < x * x + y * y + z * z + w * w < HIGH:
                     raise ValueError
-            for part in self._pairs:
-                cos, sin = q[part].tolist()
-                if not LOW < cos * cos + sin * sin < HIGH:
-                    raise ValueError
+            if self._pairs:
+                self._arguments.check_pairs(q)
             # Pinocchio ignores byte order: another dtype is another number
             if not q.dtype is v.dtype is tau.dtype is FLOAT:
                 raise ValueError
@@ -163,10 +163,10 @@ class Workspace:
             # A joint's acceleration depends on everything above it in the tree, and its root's on
             # everything below: what is not finite anywhere is not finite at a root.
             for i in self._roots:
-                if not -_HUGE < a.item(i) < _HUGE:
+                if not _SMALLEST < a.item(i) < _LARGEST:
                     raise ValueError
             return a
-        except (ValueError, TypeError, AttributeError, Singular):
+        except (ValueError, TypeError, AttributeError, struct.error, Singular):
             return self._careful_acceleration(q, v, tau)
 
     def _careful_acceleration(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> Array:
@@ -216,7 +216,7 @@ class Workspace:
         else:
             solve_time = perf_counter() - start
             for i in self._roots:
-                if not -_HUGE < a.item(i) < _HUGE:  # the status says it, so numpy need not
+                if not _SMALLEST < a.item(i) < _LARGEST:  # the status says it, so numpy need not
                     with np.errstate(all="ignore"):
                         solution = self._judge.answered(q_, v_, tau_, a, accuracy, solve_time)
                     break

@@ -59,9 +59,7 @@ class DenseKKT(Solver):
         # imported here: scipy.linalg takes as long to import as Pinocchio
         from scipy.linalg.lapack import dsycon, dsytrf, dsytrs
 
-        equations, n = workspace.equations, workspace.model.nv
-        audit = workspace.scene.audit
-        d = scaling(equations.terms(audit.q, np.zeros(n)))
+        n, d = workspace.model.nv, scaling(workspace.scene.audit.terms)
         size = len(d)
         scale = np.asfortranarray(np.outer(d, d))
         empty = np.zeros((size, size), order="F")
@@ -70,7 +68,7 @@ class DenseKKT(Solver):
 
         @np.errstate(over="ignore", invalid="ignore")  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
-            terms = equations.terms(q, v)
+            terms = workspace.equations.terms(q, v)
             K = empty.copy(order="F")
             K[:n, :n] = terms.M
             K[n:, :n] = terms.J  # the lower triangle is enough

@@ -40,8 +40,8 @@ class LCABA(Solver):
         Proximal weight [1/kg]. Rounding of inertias scaled by 1/mu ends up in a, and a too small
         mu is silently wrong: on Cassie's closed loops 1e-8 is off by a per cent. J a stays at
         1e-13 all the while; only M a + h - tau - J^T lam shows it. The right value depends on the
-        scene, so by default each workspace measures seven of them against `Reference` at the
-        scene's nominal states, and takes the fastest that is accurate.
+        scene, so by default the first workspace of a scene measures seven of them against
+        `Reference` at the scene's nominal states, and takes the fastest that is accurate.
     max_iterations : int
         Upper limit on the sweeps over the tree; Talos on two feet takes 5, Cassie up to 40.
     absolute_accuracy : float, optional
@@ -93,18 +93,19 @@ class LCABA(Solver):
 
             return acceleration
 
-        # references: to fetch an entry of the list costs a microsecond
-        held = tuple((datas[k].contact_force, b.size, b.rows) for k, b in enumerate(bounds))
-        m, scene_signs = workspace.scene.rows, workspace.scene_signs
+        # views into the memory of the datas: to fetch an entry of the list costs a microsecond
+        held = [datas[k].contact_force for k in range(len(bounds))]
+        views = [f.vector[: b.size] for f, b in zip(held, bounds, strict=True)] or [np.zeros(0)]
+        scene_signs = workspace.scene_signs
 
         def lam() -> Array:
-            forces = np.empty(m)
-            for force, size, rows in held:
-                forces[rows] = force.linear if size == 3 else force.vector
+            forces = np.concatenate(views)
             return scene_signs(np.negative(forces, out=forces))
 
-        mu = self._best_mu(workspace.scene.audit, bind) if self.mu is None else self.mu
-        settings = workspace.proximal_settings = self._settings(workspace.scene.audit, mu)
+        audit, mu = workspace.scene.audit, self.mu
+        if mu is None and (mu := audit.measured.get(self)) is None:
+            mu = audit.measured[self] = self._best_mu(audit, bind)
+        settings = workspace.proximal_settings = self._settings(audit, mu)
         return Method(bind(settings), lam, lambda: int(settings.iter))
 
     def _settings(self, audit: Audit, mu: float) -> Any:
