@@ -16,9 +16,12 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from condyn_pin.audit import Audit as Audit
     from condyn_pin.constraints import Constraint as Constraint
+    from condyn_pin.constraints import Coupling as Coupling
     from condyn_pin.constraints import Loop as Loop
-    from condyn_pin.constraints import PointContact as PointContact
-    from condyn_pin.constraints import SurfaceContact as SurfaceContact
+    from condyn_pin.contacts import LineContact as LineContact
+    from condyn_pin.contacts import PlanarContact as PlanarContact
+    from condyn_pin.contacts import PointContact as PointContact
+    from condyn_pin.contacts import SurfaceContact as SurfaceContact
     from condyn_pin.equations import Terms as Terms
     from condyn_pin.errors import BrokenPinocchio as BrokenPinocchio
     from condyn_pin.errors import CondynError as CondynError
@@ -56,7 +59,8 @@ if TYPE_CHECKING:
 
 _HOME = {
     "audit": ("Audit",),
-    "constraints": ("Constraint", "Loop", "PointContact", "SurfaceContact"),
+    "constraints": ("Constraint", "Coupling", "Loop"),
+    "contacts": ("LineContact", "PlanarContact", "PointContact", "SurfaceContact"),
     "equations": ("Terms",),
     "errors": (
         "BrokenPinocchio",

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._pin import LOCAL, pin
-from condyn_pin.constraints import Constraint, Loop, PointContact, SurfaceContact
+from condyn_pin.constraints import Constraint, Loop
+from condyn_pin.contacts import PointContact, SurfaceContact
 from condyn_pin.errors import InvalidConstraint
 from condyn_pin.robot import Robot
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any
 
-from condyn_pin.constraints import Constraint, PointContact, SurfaceContact
+from condyn_pin.constraints import Constraint
+from condyn_pin.contacts import PointContact, SurfaceContact
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.load import load_robot
 from condyn_pin.robot import Robot

@@ -1,13 +1,19 @@
-"""Constraints as the user names them: contacts with the world and loops between bodies.
+"""Constraints as the user names them: loops between bodies, and couplings of joints.
 
-Each one asks two frames, c1 on a moving body and c2 on another body or the world, to keep their
-relative placement. With ``c1Mc2`` the placement of c2 in c1 and ``v1, v2`` the velocities of the
-two frames in their own axes, the rows are, in the axes of c1,
+A loop asks two frames, c1 and c2, to keep a part of their relative placement. With r the position
+of c2's origin in c1, R the axes of c2 in c1, and every velocity in the axes of its own frame, body
+1 slips past body 2 at the origin of c2 with
 
-    3 rows:  c = -translation(c1Mc2)      J v = linear(v1) - c1R2 linear(v2)
-    6 rows:  c = -log6(c1Mc2)             J v = v1 - c1X2 v2
+    s = ( v1 + omega1 x r - R v2,   omega1 - R omega2 )        in the axes of c1,
 
-so that the time derivative of c is J v wherever c = 0.
+and a kind is a choice of rows of s = 0:
+
+    ball    x y z                the two origins stay together
+    weld    x y z rx ry rz       the two frames stay together
+    hinge   all but the turn about `axis`
+    slider  all but the shift along `axis`
+    planar  x y z but the shift along `axis`: a pin that says nothing across the plane
+    rod     r . s / |r|: the distance of the two origins stays
 """
 
 from __future__ import annotations
@@ -16,21 +22,25 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any, Literal, get_args
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
 
-from condyn_pin._pin import pin
+from condyn_pin.arrays import finite
 from condyn_pin.errors import InvalidArgument
 
-Vector3 = tuple[float, float, float]
-Placement = tuple[float, float, float, float, float, float, float]
-LoopKind = Literal["ball", "weld"]
+Axis = Literal["x", "y", "z"]
+LoopKind = Literal["ball", "weld", "hinge", "slider", "planar", "rod"]
 
 WORLD = ("world", "universe")
 
+_ROWS: Final[dict[str, int]] = {
+    "ball": 3, "weld": 6, "hinge": 5, "slider": 5, "planar": 2, "rod": 1,
+}  # fmt: skip
 
-def _floats(argument: str, value: Any, size: int) -> tuple[float, ...]:
+
+def floats(argument: str, value: Any, size: int) -> tuple[float, ...]:
+    """Return a sequence of finite numbers as a tuple, or raise InvalidArgument."""
     try:
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
@@ -40,16 +50,24 @@ def _floats(argument: str, value: Any, size: int) -> tuple[float, ...]:
     return tuple(float(x) for x in array)
 
 
-def _text(argument: str, value: Any) -> str:
+def text(argument: str, value: Any, what: str = "frame") -> str:
+    """Return the name of something, or raise InvalidArgument."""
     if not isinstance(value, str) or not value:
-        raise InvalidArgument(f"{argument} = {value!r}: the name of a frame is needed")
+        raise InvalidArgument(f"{argument} = {value!r}: the name of a {what} is needed")
     return value
 
 
-def _positive(argument: str, value: float | None) -> None:
+def positive(argument: str, value: float | None) -> None:
+    """Refuse what is not a positive length."""
     number = isinstance(value, Real) and not isinstance(value, bool)
     if value is not None and not (number and math.isfinite(value) and value > 0):
         raise InvalidArgument(f"{argument} = {value!r}: a positive length [m] is needed")
+
+
+def check_axis(axis: Any) -> None:
+    """Refuse what is not the name of an axis."""
+    if axis not in get_args(Axis):
+        raise InvalidArgument(f"axis = {axis!r}: one of {', '.join(get_args(Axis))} is needed")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,148 +88,96 @@ class Constraint(ABC):
 
 
 @dataclass(frozen=True)
-class PointContact(Constraint):
-    """A point of the robot that keeps its place in the world: 3 rows.
-
-    Parameters
-    ----------
-    frame : str
-        Frame of the robot that carries the point.
-    offset : (3,) sequence of float
-        The point, in the axes of `frame` [m].
-    anchor : (3,) sequence of float, optional
-        Where the point belongs, in the world [m]. Without it the point belongs where it is: the
-        contact holds it there and has no position error.
-    name : str, optional
-        Name of the constraint; the frame's name by default.
-
-    Notes
-    -----
-    The force is the one on the robot, in the axes of `frame` [N]. The contact is bilateral: it
-    also pulls.
-    """
-
-    frame: str
-    offset: Vector3 = (0.0, 0.0, 0.0)
-    anchor: Vector3 | None = None
-
-    def __post_init__(self) -> None:
-        _text("frame", self.frame)
-        object.__setattr__(self, "offset", _floats("offset", self.offset, 3))
-        if self.anchor is not None:
-            object.__setattr__(self, "anchor", _floats("anchor", self.anchor, 3))
-        self._set_name(self.frame)
-
-    @property
-    def rows(self) -> int:
-        """Number of rows: 3."""
-        return 3
-
-
-@dataclass(frozen=True)
-class SurfaceContact(Constraint):
-    """A flat part of the robot that keeps its placement in the world: 6 rows.
-
-    Parameters
-    ----------
-    frame : str
-        Frame of the robot in the middle of the surface, z along its normal.
-    half_length, half_width : float, optional
-        Half of the size along x and y of `frame` [m]. The dynamics do not need them; they are
-        where `corners` puts its points.
-    anchor : (7,) sequence of float or pin.SE3, optional
-        Where the frame belongs in the world: x y z [m] and the quaternion x y z w. Without it the
-        surface belongs where it is.
-    name : str, optional
-        Name of the constraint; the frame's name by default.
-
-    Notes
-    -----
-    The force is the wrench on the robot at the origin of `frame`, in its axes, linear part first
-    [N, N m]. The contact is bilateral.
-    """
-
-    frame: str
-    half_length: float | None = None  # [m]
-    half_width: float | None = None  # [m]
-    anchor: Placement | None = None
-
-    def __post_init__(self) -> None:
-        _text("frame", self.frame)
-        _positive("half_length", self.half_length)
-        _positive("half_width", self.half_width)
-        if self.anchor is not None:
-            anchor = self.anchor
-            if isinstance(anchor, pin.SE3):
-                anchor = pin.SE3ToXYZQUAT(anchor)
-            numbers = _floats("anchor", anchor, 7)
-            norm = math.hypot(*numbers[3:])
-            if norm == 0.0:
-                raise InvalidArgument("anchor: its quaternion (x y z w) is zero; use 0 0 0 1")
-            unit = (*numbers[:3], *(x / norm for x in numbers[3:]))
-            object.__setattr__(self, "anchor", unit)
-        self._set_name(self.frame)
-
-    @property
-    def rows(self) -> int:
-        """Number of rows: 6."""
-        return 6
-
-    def corners(self) -> tuple[PointContact, ...]:
-        """Return the same support as four points: 12 rows, of which 6 are redundant."""
-        if self.half_length is None or self.half_width is None:
-            raise InvalidArgument(
-                f"{self.name}: half_length and half_width are not set, so there are no corners; "
-                "use SurfaceContact(frame, half_length=..., half_width=...)"
-            )
-        signs = {"front_left": (1, 1), "front_right": (1, -1), "back_left": (-1, 1),
-                 "back_right": (-1, -1)}  # fmt: skip
-        made = []
-        for corner, (x, y) in signs.items():
-            offset = np.array([x * self.half_length, y * self.half_width, 0.0])
-            anchor = None
-            if self.anchor is not None:
-                anchor = pin.XYZQUATToSE3(np.array(self.anchor)).act(offset)
-            made.append(PointContact(self.frame, offset, anchor, name=f"{self.name}/{corner}"))  # type: ignore[arg-type]
-        return tuple(made)
-
-
-@dataclass(frozen=True)
 class Loop(Constraint):
-    """Two frames of the robot that stay together: a closed chain.
+    """Two frames of the robot that stay together in part: a closed chain.
 
     Parameters
     ----------
     frame_a, frame_b : str
         The two halves of the joint that closes the loop. One of them may belong to the world.
-    kind : {"ball", "weld"}
-        ``ball`` keeps the two origins together (3 rows), ``weld`` the whole frames (6 rows). A
-        ball closes planar linkages too; it is redundant there, which every solver of this library
-        that says ok has taken care of. A weld in place of a hinge locks the hinge.
+    kind : {"ball", "weld", "hinge", "slider", "planar", "rod"}
+        The joint that was cut, with 3, 6, 5, 5, 2 and 1 rows. A ball closes planar linkages too;
+        it is redundant there, which every solver of this library that says ok has taken care of,
+        and ``planar`` is not. A weld in place of a hinge locks the hinge.
+    axis : {"x", "y", "z"}
+        Of `frame_a`: what a hinge turns about, a slider moves along, and a planar pin says nothing
+        about. The same axis of `frame_b` coincides with it in a hinge. The other kinds ignore it.
+    length : float, optional
+        Of a rod [m], which needs it; the other kinds have none.
     name : str, optional
         Name of the constraint; ``frame_a~frame_b`` by default.
 
     Notes
     -----
-    The force is the one on the body of `frame_a`, at its origin and in its axes; the body of
-    `frame_b` feels the opposite. When `frame_a` belongs to the world, the axes and the origin are
-    those of `frame_b`.
+    The force is the one on the body of `frame_a`, at the origin of `frame_b` and in the axes of
+    `frame_a`; the body of `frame_b` feels the opposite. When `frame_a` of a ball, a weld or a
+    hinge belongs to the world, the axes are those of `frame_b`.
     """
 
     frame_a: str
     frame_b: str
     kind: LoopKind = "ball"
+    axis: Axis = "z"
+    length: float | None = None  # [m]
 
     def __post_init__(self) -> None:
-        _text("frame_a", self.frame_a)
-        _text("frame_b", self.frame_b)
-        if self.kind not in get_args(LoopKind):
+        text("frame_a", self.frame_a)
+        text("frame_b", self.frame_b)
+        if self.kind not in _ROWS:
             raise InvalidArgument(
-                f"kind = {self.kind!r}: known kinds of loops are {', '.join(get_args(LoopKind))}"
+                f"kind = {self.kind!r}: known kinds of loops are {', '.join(_ROWS)}"
             )
+        check_axis(self.axis)
+        positive("length", self.length)
+        if (self.kind == "rod") != (self.length is not None):
+            wanted = "a rod needs its length" if self.kind == "rod" else "only a rod has a length"
+            raise InvalidArgument(f"length = {self.length!r} for a {self.kind}: {wanted} [m]")
         self._set_name(f"{self.frame_a}~{self.frame_b}")
 
     @property
     def rows(self) -> int:
-        """Number of rows: 3 for a ball, 6 for a weld."""
-        return 3 if self.kind == "ball" else 6
+        """Number of rows of the kind."""
+        return _ROWS[self.kind]
+
+
+@dataclass(frozen=True)
+class Coupling(Constraint):
+    """Two joints that move in proportion: a gear, a belt, a mimic joint. 1 row.
+
+    q_a = ratio q_b + offset
+
+    Parameters
+    ----------
+    joint_a, joint_b : str
+        Joints with one degree of freedom.
+    ratio : float
+        [1], or [m/rad] and [rad/m] between a hinge and a slider.
+    offset : float
+        q_a where q_b is zero [rad or m].
+    name : str, optional
+        Name of the constraint; ``joint_a~joint_b`` by default.
+
+    Notes
+    -----
+    The force is the one on joint a, along its coordinate [N m or N]; joint b feels minus `ratio`
+    times it.
+    """
+
+    joint_a: str
+    joint_b: str
+    ratio: float = 1.0
+    offset: float = 0.0  # [rad or m]
+
+    def __post_init__(self) -> None:
+        text("joint_a", self.joint_a, "joint")
+        text("joint_b", self.joint_b, "joint")
+        for argument in ("ratio", "offset"):
+            object.__setattr__(self, argument, float(finite(argument, getattr(self, argument), ())))
+        if self.ratio == 0.0:
+            raise InvalidArgument("ratio = 0: that holds joint a still; lock the joint instead")
+        self._set_name(f"{self.joint_a}~{self.joint_b}")
+
+    @property
+    def rows(self) -> int:
+        """Number of rows: 1."""
+        return 1

@@ -7,8 +7,9 @@ leave out: loops, contacts, motors, postures, the licence.
     actuated = ["joint", ...]
     [description]  file (in example-robot-data, or beside the toml), srdf, root_joint
                    ("free_flyer" or "fixed"), rotors = true; for SDF also root, kinds, drop
-    [[loops]]      frame_a, frame_b, kind, name       (an SDF brings its own)
-    [[contacts]]   kind = "point" or "surface", and the fields of that class
+    [[loops]]      kind and the fields of `Loop`; or kind = "coupling" and those of `Coupling`
+                   (an SDF brings its own)
+    [[contacts]]   kind = "point", "surface", "line" or "planar", and the fields of that class
     [postures.X]   joint = value or list of values; joints left out stay at neutral
 """
 
@@ -25,7 +26,8 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.constraints import Constraint, Loop, PointContact, SurfaceContact
+from condyn_pin.constraints import Constraint, Coupling, Loop
+from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
 from condyn_pin.errors import CondynError, InvalidArgument, InvalidModel, MissingExtra, unknown_name
 from condyn_pin.io.sdf import read_sdf
 from condyn_pin.io.urdf import check_root_joint, read_urdf
@@ -37,7 +39,12 @@ _CARD = (
     "name", "source", "licence", "actuated", "description", "loops", "contacts", "postures",
 )  # fmt: skip
 _DESCRIPTION = ("file", "srdf", "root_joint", "rotors", "root", "kinds", "drop")
-_CONTACTS: dict[str, type[Constraint]] = {"point": PointContact, "surface": SurfaceContact}
+_CONTACTS: dict[str, type[Constraint]] = {
+    "point": PointContact,
+    "surface": SurfaceContact,
+    "line": LineContact,
+    "planar": PlanarContact,
+}
 
 
 def robots_folder() -> Path:
@@ -133,7 +140,7 @@ def _from_card(card: Mapping[str, Any], folder: Path) -> Robot:
     file = _description_file(description["file"], folder)
     root_joint = description.get("root_joint", "fixed")
     check_root_joint(root_joint)
-    loops: tuple[Loop, ...] = ()
+    loops: tuple[Loop | Coupling, ...] = ()
     springs: tuple[Spring, ...] = ()
     if file.suffix == ".sdf":
         sdf = read_sdf(
@@ -150,7 +157,7 @@ def _from_card(card: Mapping[str, Any], folder: Path) -> Robot:
         model, unused = read_urdf(file, root_joint)
     postures = _srdf_postures(model, description, folder)
     postures |= {n: _posture(model, values) for n, values in card.get("postures", {}).items()}
-    loops += tuple(Loop(**loop) for loop in card.get("loops", ()))
+    loops += tuple(_loop(table) for table in card.get("loops", ()))
     return Robot(
         card["name"],
         model,
@@ -212,6 +219,14 @@ def _posture(model: Any, values: Mapping[str, Any]) -> Array:
         joint = model.joints[model.getJointId(name)]
         q[joint.idx_q : joint.idx_q + joint.nq] = value
     return q
+
+
+def _loop(table: Mapping[str, Any]) -> Loop | Coupling:
+    fields = dict(table)
+    if fields.get("kind") == "coupling":
+        del fields["kind"]
+        return Coupling(**fields)
+    return Loop(**fields)
 
 
 def _contact(table: Mapping[str, Any]) -> Constraint:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._pin import pin
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
-from condyn_pin.constraints import WORLD, Constraint, Loop
+from condyn_pin.constraints import WORLD, Constraint, Coupling, Loop
 from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
 from condyn_pin.soundness import check_model
 from condyn_pin.spring import Spring
@@ -32,8 +32,8 @@ class Robot:
         robot from that. An edit in place is noticed and refused (`StaleModel`).
     postures : mapping of str to (nq,) array, optional
         Configurations by name. Loops need not be closed in them: `Scene.state` closes them.
-    loops : sequence of Loop, optional
-        The closures of the description.
+    loops : sequence of Loop or Coupling, optional
+        The closures of the description, and its gears.
     contacts : sequence of Constraint, optional
         Ready-made contacts, where the robot usually touches the ground.
     actuated : sequence of str, optional
@@ -55,7 +55,7 @@ class Robot:
     name: str
     model: Any
     postures: Mapping[str, Array] = field(default_factory=dict)
-    loops: Sequence[Loop] = ()
+    loops: Sequence[Loop | Coupling] = ()
     contacts: Sequence[Constraint] = ()
     actuated: Sequence[str] = ()
     springs: Sequence[Spring] = ()
@@ -231,22 +231,23 @@ class Robot:
 
 
 _MEMBERS = {
-    "loops": Loop,
-    "contacts": Constraint,
-    "actuated": str,
-    "springs": Spring,
-    "unused": str,
+    "loops": (Loop, Coupling),
+    "contacts": (Constraint,),
+    "actuated": (str,),
+    "springs": (Spring,),
+    "unused": (str,),
 }
 
 
-def _members(argument: str, value: Any, kind: type) -> tuple[Any, ...]:
-    """Return a list of things of one kind as a tuple, or raise InvalidArgument."""
+def _members(argument: str, value: Any, kinds: tuple[type, ...]) -> tuple[Any, ...]:
+    """Return a list of things of some kinds as a tuple, or raise InvalidArgument."""
+    wanted = " or ".join(kind.__name__ for kind in kinds)
     if isinstance(value, (str, Mapping)) or not isinstance(value, Iterable):
-        raise InvalidArgument(f"{argument} = {value!r}: a list of {kind.__name__} is needed")
+        raise InvalidArgument(f"{argument} = {value!r}: a list of {wanted} is needed")
     members = tuple(value)
     for member in members:
-        if not isinstance(member, kind):
-            raise InvalidArgument(f"{argument}: {member!r} is not a {kind.__name__}")
+        if not isinstance(member, kinds):
+            raise InvalidArgument(f"{argument}: {member!r} is not a {wanted}")
     return members
 
 
