@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from condyn_pin.arrays import Array
-from condyn_pin.binding import Coupled
+from condyn_pin.bound import Coupled
 
 
 class Couplings:

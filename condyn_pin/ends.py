@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from condyn_pin.arrays import Array
-from condyn_pin.binding import Bound
+from condyn_pin.bound import Bound
 from condyn_pin.frames import Centripetal, Joints
 
 

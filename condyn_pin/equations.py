@@ -18,7 +18,7 @@ import numpy as np
 
 from condyn_pin._pin import LOCAL, pin
 from condyn_pin.arrays import Array
-from condyn_pin.binding import FRAME, POINT, Bound, Coupled
+from condyn_pin.bound import FRAME, POINT, Bound, Coupled
 from condyn_pin.couplings import Couplings
 from condyn_pin.cut_joints import CutJoints
 from condyn_pin.frames import WorldContacts, Wrenches

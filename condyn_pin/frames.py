@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.binding import POINT, Bound
+from condyn_pin.bound import POINT, Bound
 
 # (joint, placement) to the Jacobian (6, nv) of that frame, in its own axes.
 FrameJacobian = Callable[[int, Any], Array]

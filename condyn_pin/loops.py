@@ -19,7 +19,7 @@ import numpy as np
 
 from condyn_pin._pin import LOCAL, pin
 from condyn_pin.arrays import Array
-from condyn_pin.binding import Bound
+from condyn_pin.bound import Bound
 from condyn_pin.ends import Ends
 from condyn_pin.frames import FrameJacobian, rows_of
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from condyn_pin._pin import LOCAL, pin
 from condyn_pin.arrays import Array
-from condyn_pin.binding import Bound, Coupled
+from condyn_pin.bound import Bound, Coupled
 
 
 @dataclass(frozen=True)

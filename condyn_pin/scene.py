@@ -16,7 +16,8 @@ from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
 from condyn_pin.assembly import assemble
 from condyn_pin.audit import Audit, audit
-from condyn_pin.binding import Bound, Coupled, bind
+from condyn_pin.binding import bind
+from condyn_pin.bound import Bound, Coupled
 from condyn_pin.constraints import Constraint
 from condyn_pin.equations import Equations
 from condyn_pin.errors import InvalidArgument, NotAssembled, unknown_name

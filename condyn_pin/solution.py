@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from condyn_pin.arrays import Array
-from condyn_pin.binding import Bound, Coupled
+from condyn_pin.bound import Bound, Coupled
 from condyn_pin.equations import Equations
 from condyn_pin.proof import Proof
 

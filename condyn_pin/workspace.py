@@ -14,7 +14,7 @@ from condyn_pin import _pin
 from condyn_pin._pin import pin
 from condyn_pin.arguments import FLOAT, HIGH, LOW, Arguments, unpack_quaternion
 from condyn_pin.arrays import Array
-from condyn_pin.binding import Bound, Coupled
+from condyn_pin.bound import Bound, Coupled
 from condyn_pin.choice import check_kinds, default_solver
 from condyn_pin.equations import Equations, Terms
 from condyn_pin.errors import InvalidArgument, SolveFailed

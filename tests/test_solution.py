@@ -10,7 +10,7 @@ from shared import all_scenes, each_scene, each_solver, relative, robot, states,
 
 import condyn_pin as cp
 from condyn_pin._pin import pin
-from condyn_pin.binding import Coupled
+from condyn_pin.bound import Coupled
 from condyn_pin.equations import Equations
 
 
