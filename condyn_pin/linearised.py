@@ -1,0 +1,120 @@
+"""The two equations, linearised: how their residuals change with q and v at fixed a and lam.
+
+    r = M a + h - tau - J^T lam,        s = J a + gamma
+
+Newton-Euler's derivatives give those of r with the constraint forces fixed in the axes of their
+bodies; `condyn_pin.partials` adds what turns, and has those of s.
+
+References
+----------
+Carpentier, Mansard. Analytical derivatives of rigid body dynamics algorithms. RSS, 2018.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from condyn_pin._pin import LOCAL, pin
+from condyn_pin.arrays import Array
+from condyn_pin.bound import Bound, Coupled
+from condyn_pin.partials import End, Partials, of_contact, of_points, of_weld
+
+
+class Linearised(NamedTuple):
+    """The partial derivatives at one (q, v, a, lam)."""
+
+    M: Array  # (nv, nv), both triangles
+    J: Array  # (m, nv)
+    r_q: Array  # (nv, nv)
+    r_v: Array
+    s_q: Array  # (m, nv)
+    s_v: Array
+
+
+class Linearisation:
+    """The linearised equations of one model with its bound constraints, and their memory.
+
+    Parameters
+    ----------
+    model : pin.Model
+    bounds : sequence of Bound or Coupled
+    """
+
+    def __init__(self, model: Any, bounds: Sequence[Bound | Coupled]) -> None:
+        self._model, self._data = model, model.createData()
+        self._pairs = [b for b in bounds if isinstance(b, Bound)]
+        self._couplings = [b for b in bounds if isinstance(b, Coupled)]
+        self._m = sum(b.size for b in bounds)
+        self._world = End(*np.zeros((2, 6)), *np.zeros((4, 6, model.nv)))
+        self._wrenches = pin.StdVec_Force()
+        for _ in range(model.njoints):
+            self._wrenches.append(pin.Force.Zero())
+
+    def at(self, q: Array, v: Array, a: Array, lam: Array) -> Linearised:
+        """Return the partial derivatives at a state and an answer."""
+        model, data, n, m = self._model, self._data, self._model.nv, self._m
+        pin.computeForwardKinematicsDerivatives(model, data, q, v, a)
+        J, s_q, s_v = np.zeros((3, m, n))
+        turning = np.zeros((n, n))
+        for wrench in self._wrenches:
+            wrench.setZero()
+        for b in self._pairs:
+            rows, of = b.rows, self._partials(b, b.sign * lam[b.rows])
+            J[rows], s_q[rows], s_v[rows] = b.sign * of.J, b.sign * of.s_q, b.sign * of.s_v
+            if of.force is not None:
+                turning += of.force
+        for coupled in self._couplings:
+            J[coupled.rows, list(coupled.velocity)] = 1.0, -coupled.ratio
+        pin.computeRNEADerivatives(model, data, q, v, a, self._wrenches)
+        M = np.triu(data.M)
+        M += np.triu(M, 1).T
+        return Linearised(M, J, data.dtau_dq - turning, np.array(data.dtau_dv), s_q, s_v)
+
+    def _partials(self, b: Bound, lam: Array) -> Partials:
+        """Return the partials of one constraint, and apply its force."""
+        one = self._end(b.joint1, b.placement1)
+        if b.joint2 == 0 and (b.is_plain or not b.anchored):
+            six = np.zeros(6)
+            six[list(b.selection)] = lam
+            self._push(b.joint1, b.placement1, six)
+            return of_contact(b, one)
+        two = self._end(b.joint2, b.placement2)
+        oMi = self._data.oMi
+        c1Mc2 = (oMi[b.joint1] * b.placement1).actInv(oMi[b.joint2] * b.placement2)
+        on1, on2 = wrenches(b, c1Mc2, lam)
+        self._push(b.joint1, b.placement1, on1)
+        self._push(b.joint2, b.placement2, -on2)
+        if b.is_plain and b.size == 6:
+            return of_weld(one, two, c1Mc2, lam)
+        return of_points(b, one, two, c1Mc2, lam)
+
+    def _end(self, joint: int, placement: Any) -> End:
+        if joint == 0:
+            return self._world
+        model, data = self._model, self._data
+        derivatives = pin.getFrameAccelerationDerivatives(model, data, joint, placement, LOCAL)
+        v, a = placement.actInv(data.v[joint]), placement.actInv(data.a[joint])
+        return End(v.vector, a.vector, *derivatives)
+
+    def _push(self, joint: int, placement: Any, wrench: Array) -> None:
+        if joint:
+            self._wrenches[joint] += placement.act(pin.Force(wrench))
+
+
+def wrenches(b: Bound, c1Mc2: Any, lam: Array) -> tuple[Array, Array]:
+    """Return the force of a constraint at the origin of c1 in its axes, and the same for c2."""
+    six = np.zeros(6)
+    if b.is_rod:
+        six[:3] = lam[0] * c1Mc2.translation / np.linalg.norm(c1Mc2.translation)
+    else:
+        six[list(b.selection)] = lam
+    if b.is_plain and b.size == 6:
+        return six, c1Mc2.toActionMatrix().T @ six
+    R = c1Mc2.rotation
+    at_c2 = np.concatenate([R.T @ six[:3], R.T @ six[3:]])
+    if b.is_plain:
+        return six, at_c2
+    return np.concatenate([six[:3], six[3:] + np.cross(c1Mc2.translation, six[:3])]), at_c2
