@@ -45,16 +45,16 @@ class MinimumNorm:
     rank: int
 
     def solve(self, r: Array, s: Array) -> tuple[Array, Array]:
-        """Return (a, lam)."""
+        """Return (a, lam) for one or many right-hand sides r (nv, k), s (m, k)."""
         from scipy.linalg import solve_triangular
 
         U, S = self.U[:, : self.rank], self.S[: self.rank]
         y = solve_triangular(self.L, r, lower=True, check_finite=False)
-        z = (U.T @ s) / S - self.V.T @ y
+        z = ((U.T @ s).T / S).T - self.V.T @ y
         a: Array = solve_triangular(
             self.L, y + self.V @ z, lower=True, trans="T", check_finite=False
         )
-        return a, U @ (z / S)
+        return a, U @ (z.T / S).T
 
     def tangent(self, v: Array) -> Array:
         """Return the nearest velocity, in the metric of M, with J v = 0."""

@@ -3,7 +3,7 @@
     r = M a + h - tau - J^T lam,        s = J a + gamma
 
 Newton-Euler's derivatives give those of r with the constraint forces fixed in the axes of their
-bodies; `condyn_pin.partials` adds what turns, and has those of s.
+bodies; `condyn_pin.differentiation.partials` adds what turns, and has those of s.
 
 References
 ----------
@@ -20,7 +20,7 @@ import numpy as np
 from condyn_pin._pin import LOCAL, pin
 from condyn_pin.arrays import Array
 from condyn_pin.bound import Bound, Coupled
-from condyn_pin.partials import End, Partials, of_contact, of_points, of_weld
+from condyn_pin.differentiation.partials import End, Partials, of_contact, of_points, of_weld
 
 
 class Linearised(NamedTuple):

@@ -1,0 +1,1 @@
+"""Derivatives of accelerations and constraint forces."""
