@@ -41,7 +41,8 @@ class KktDerivatives(Derivatives):
         self._null: Array | None = None
         factors: RangeSpace | MinimumNorm | None = range_space(of.M, of.J)
         if factors is None:
-            factors = factorise(of.M, of.J, tolerances.RANK)
+            M = np.triu(of.M) + np.triu(of.M, 1).T
+            factors = factorise(M, of.J, tolerances.RANK)
             self._null = _turning_null_space(linearisation, q, lam, of, factors)
         self._factors = factors
 

@@ -26,7 +26,7 @@ from condyn_pin.differentiation.partials import End, Partials, of_contact, of_po
 class Linearised(NamedTuple):
     """The partial derivatives at one (q, v, a, lam)."""
 
-    M: Array  # (nv, nv), both triangles
+    M: Array  # (nv, nv), upper triangle
     J: Array  # (m, nv)
     r_q: Array  # (nv, nv)
     r_v: Array
@@ -52,41 +52,51 @@ class Linearisation:
         self._wrenches = pin.StdVec_Force()
         for _ in range(model.njoints):
             self._wrenches.append(pin.Force.Zero())
+        loaded = {j for b in self._pairs for j in (b.joint1, b.joint2) if j}
+        self._on_joint = {j: self._wrenches[j].vector for j in loaded}  # views
+        self._duals = [
+            (b.placement1.toDualActionMatrix(), b.placement2.toDualActionMatrix())
+            for b in self._pairs
+        ]
 
     def at(self, q: Array, v: Array, a: Array, lam: Array) -> Linearised:
         """Return the partial derivatives at a state and an answer."""
         model, data, n, m = self._model, self._data, self._model.nv, self._m
         pin.computeForwardKinematicsDerivatives(model, data, q, v, a)
         J, s_q, s_v = np.zeros((3, m, n))
-        turning = np.zeros((n, n))
-        for wrench in self._wrenches:
-            wrench.setZero()
-        for b in self._pairs:
-            rows, of = b.rows, self._partials(b, b.sign * lam[b.rows])
-            J[rows], s_q[rows], s_v[rows] = b.sign * of.J, b.sign * of.s_q, b.sign * of.s_v
+        for wrench in self._on_joint.values():
+            wrench[:] = 0.0
+        turning: list[Array] = []
+        for b, duals in zip(self._pairs, self._duals, strict=True):
+            rows, of = b.rows, self._partials(b, b.sign * lam[b.rows], duals)
+            J[rows], s_q[rows], s_v[rows] = of.J, of.s_q, of.s_v
+            if b.sign < 0:
+                for part in (J, s_q, s_v):
+                    part[rows] *= -1.0
             if of.force is not None:
-                turning += of.force
+                turning.append(of.force)
         for coupled in self._couplings:
             J[coupled.rows, list(coupled.velocity)] = 1.0, -coupled.ratio
         pin.computeRNEADerivatives(model, data, q, v, a, self._wrenches)
-        M = np.triu(data.M)
-        M += np.triu(M, 1).T
-        return Linearised(M, J, data.dtau_dq - turning, np.array(data.dtau_dv), s_q, s_v)
+        r_q = np.array(data.dtau_dq)
+        for force in turning:
+            r_q -= force
+        return Linearised(np.array(data.M), J, r_q, np.array(data.dtau_dv), s_q, s_v)
 
-    def _partials(self, b: Bound, lam: Array) -> Partials:
+    def _partials(self, b: Bound, lam: Array, duals: tuple[Array, Array]) -> Partials:
         """Return the partials of one constraint, and apply its force."""
         one = self._end(b.joint1, b.placement1)
         if b.joint2 == 0 and (b.is_plain or not b.anchored):
-            six = np.zeros(6)
-            six[list(b.selection)] = lam
-            self._push(b.joint1, b.placement1, six)
+            self._on_joint[b.joint1] += duals[0][:, list(b.selection)] @ lam
             return of_contact(b, one)
         two = self._end(b.joint2, b.placement2)
         oMi = self._data.oMi
         c1Mc2 = (oMi[b.joint1] * b.placement1).actInv(oMi[b.joint2] * b.placement2)
         on1, on2 = wrenches(b, c1Mc2, lam)
-        self._push(b.joint1, b.placement1, on1)
-        self._push(b.joint2, b.placement2, -on2)
+        if b.joint1:
+            self._on_joint[b.joint1] += duals[0] @ on1
+        if b.joint2:
+            self._on_joint[b.joint2] -= duals[1] @ on2
         if b.is_plain and b.size == 6:
             return of_weld(one, two, c1Mc2, lam)
         return of_points(b, one, two, c1Mc2, lam)
@@ -98,10 +108,6 @@ class Linearisation:
         derivatives = pin.getFrameAccelerationDerivatives(model, data, joint, placement, LOCAL)
         v, a = placement.actInv(data.v[joint]), placement.actInv(data.a[joint])
         return End(v.vector, a.vector, *derivatives)
-
-    def _push(self, joint: int, placement: Any, wrench: Array) -> None:
-        if joint:
-            self._wrenches[joint] += placement.act(pin.Force(wrench))
 
 
 def wrenches(b: Bound, c1Mc2: Any, lam: Array) -> tuple[Array, Array]:

@@ -17,7 +17,7 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.bound import POINT, Bound
+from condyn_pin.bound import FRAME, POINT, Bound
 
 _skew = pin.skew
 
@@ -54,10 +54,12 @@ class Partials(NamedTuple):
 
 def of_contact(b: Bound, one: End) -> Partials:
     """Return the partials of a constraint to the world that has Pinocchio's rows, or is an edge."""
-    chosen = list(b.selection)
+    if b.selection == FRAME:
+        return Partials(one.J, one.a_q, one.a_v, None)
     if b.selection == POINT:
         _, a_q, a_v = one.classical()
         return Partials(one.J[:3], a_q, a_v, None)
+    chosen = list(b.selection)
     return Partials(one.J[chosen], one.a_q[chosen], one.a_v[chosen], None)
 
 
