@@ -22,9 +22,11 @@ if TYPE_CHECKING:
     from condyn_pin.contacts import PlanarContact as PlanarContact
     from condyn_pin.contacts import PointContact as PointContact
     from condyn_pin.contacts import SurfaceContact as SurfaceContact
+    from condyn_pin.differentiation.base import Derivatives as Derivatives
     from condyn_pin.equations import Terms as Terms
     from condyn_pin.errors import BrokenPinocchio as BrokenPinocchio
     from condyn_pin.errors import CondynError as CondynError
+    from condyn_pin.errors import DerivativesDisagree as DerivativesDisagree
     from condyn_pin.errors import InvalidArgument as InvalidArgument
     from condyn_pin.errors import InvalidConstraint as InvalidConstraint
     from condyn_pin.errors import InvalidModel as InvalidModel
@@ -55,6 +57,7 @@ if TYPE_CHECKING:
     from condyn_pin.solvers.reference import Reference as Reference
     from condyn_pin.spring import Spring as Spring
     from condyn_pin.summary import Summary as Summary
+    from condyn_pin.verbs import derivatives as derivatives
     from condyn_pin.verbs import solve as solve
     from condyn_pin.workspace import Workspace as Workspace
 
@@ -62,10 +65,12 @@ _HOME = {
     "audit": ("Audit",),
     "constraints": ("Constraint", "Coupling", "Loop"),
     "contacts": ("LineContact", "PlanarContact", "PointContact", "SurfaceContact"),
+    "differentiation.base": ("Derivatives",),
     "equations": ("Terms",),
     "errors": (
         "BrokenPinocchio",
         "CondynError",
+        "DerivativesDisagree",
         "InvalidArgument",
         "InvalidConstraint",
         "InvalidModel",
@@ -91,7 +96,7 @@ _HOME = {
     "solvers.reference": ("Reference",),
     "spring": ("Spring",),
     "summary": ("Summary",),
-    "verbs": ("solve",),
+    "verbs": ("derivatives", "solve"),
     "workspace": ("Workspace",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}

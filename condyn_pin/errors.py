@@ -62,6 +62,10 @@ class NotAssembled(CondynError):
     """A loop is open, and it could not be closed."""
 
 
+class DerivativesDisagree(CondynError, ArithmeticError):
+    """Derivatives differ from central differences; the text names the worst entry."""
+
+
 class SolveFailed(CondynError):
     """A solve ended with a status other than ok.
 

@@ -37,5 +37,9 @@ REFERENCE_RANK: Final = 1e-11
 # independent rows has 1e-8; a redundant row gives 1e-17.
 SINGULAR: Final = 1e-13
 
+# Derivatives against central differences, relative to the largest entry of the block. Differences
+# of the fourth order reach 1e-10 on robots; a missing term is wrong by per cents.
+DERIVATIVES: Final = 1e-6
+
 # M is refused when a joint feels less inertia than this share of the largest.
 MASSLESS: Final = 1e-14

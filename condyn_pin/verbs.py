@@ -1,4 +1,4 @@
-"""The verbs: solve."""
+"""The verbs: solve, derivatives."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import threading
 
 from numpy.typing import ArrayLike
 
+from condyn_pin.differentiation import Derivatives
 from condyn_pin.scene import Scene
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.base import Solver
@@ -69,10 +70,68 @@ def solve(
     The first call with a scene builds a `Workspace`, which takes as long as dozens of solves; calls
     after it with the same scene and solver, in the same thread, use it again.
     """
+    return _workspace(scene, solver).solve(q, v, tau, accuracy=accuracy, throw=throw)
+
+
+def derivatives(
+    scene: Scene,
+    q: ArrayLike,
+    v: ArrayLike,
+    tau: ArrayLike,
+    *,
+    solver: Solver | None = None,
+    method: str = "kkt",
+    check: bool = False,
+    accuracy: float = SOLVED,
+) -> Derivatives:
+    """Return how accelerations and constraint forces change with the state and the torques.
+
+    M da - J^T dlam = dtau - r_q dq - r_v dv,    J da = -s_q dq - s_v dv
+
+    Parameters
+    ----------
+    scene : Scene
+    q, v, tau : (nq,), (nv,), (nv,) array_like
+    solver : Solver, optional
+        Of the answer that is differentiated; as in `solve`.
+    method : {"kkt", "pinocchio", "differences"}
+        ``kkt`` is exact for every kind of constraint, on the constraints and off them, and gives
+        the derivative of the smallest lam where rows are redundant. ``pinocchio`` is Pinocchio's
+        own, repaired, for `Proximal` and constraints of 3 and 6 rows. ``differences`` is slow.
+    check : bool
+        Compare with central differences, and raise if they disagree.
+    accuracy : float
+        As in `solve`.
+
+    Returns
+    -------
+    Derivatives
+        `da_dq`, `da_dv`, `da_dtau`, `dlam_dq`, `dlam_dv`, `dlam_dtau`, with tangent columns, formed
+        when they are asked for; `jvp` and `vjp` do without them.
+
+    Raises
+    ------
+    DerivativesDisagree
+        If `check` finds an entry that differs by more than 1e-6 of the largest of its matrix.
+    SolveFailed, InvalidArgument
+        As in `solve`.
+    UnsupportedConstraint
+        If ``pinocchio`` cannot be right for a constraint or a joint.
+
+    References
+    ----------
+    Carpentier, Mansard. Analytical derivatives of rigid body dynamics algorithms. RSS, 2018.
+    """
+    workspace = _workspace(scene, solver)
+    return workspace.derivatives(q, v, tau, method=method, check=check, accuracy=accuracy)
+
+
+def _workspace(scene: Scene, solver: Solver | None) -> Workspace:
+    """Return this thread's workspace for a scene: the last one, or a new one."""
     workspace: Workspace | None = getattr(_last, "workspace", None)
     if workspace is None or workspace.scene is not scene or _last.solver != solver:
         workspace = Workspace(scene, solver)
         _last.workspace, _last.solver = workspace, solver
     else:
         scene.robot.check_unedited()
-    return workspace.solve(q, v, tau, accuracy=accuracy, throw=throw)
+    return workspace

@@ -16,8 +16,12 @@ from condyn_pin.arguments import FLOAT, HIGH, LOW, Arguments, unpack_quaternion
 from condyn_pin.arrays import Array
 from condyn_pin.bound import Bound, Coupled
 from condyn_pin.choice import check_kinds, default_solver
+from condyn_pin.differentiation import METHODS, Derivatives
+from condyn_pin.differentiation.check import check_derivatives
+from condyn_pin.differentiation.differences import DifferenceDerivatives
+from condyn_pin.differentiation.linearised import Linearisation
 from condyn_pin.equations import Equations, Terms
-from condyn_pin.errors import InvalidArgument, SolveFailed
+from condyn_pin.errors import InvalidArgument, SolveFailed, unknown_name
 from condyn_pin.judge import Judge, check_accuracy_of_a
 from condyn_pin.raw import raw_constraints
 from condyn_pin.scene import Scene
@@ -102,7 +106,8 @@ class Workspace:
             self.model, self.data, self.constraint_models, self.constraint_datas
         )
         self.proximal_settings: Any = None
-        self.__dict__.pop("equations", None)
+        for made_on_demand in ("equations", "linearisation"):
+            self.__dict__.pop(made_on_demand, None)
         method = self.solver.start(self)
         self._run = method.acceleration
         self._judge = Judge(self, method)
@@ -227,6 +232,31 @@ class Workspace:
             if throw:
                 raise self._failure(solution)
         return solution
+
+    def derivatives(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        tau: ArrayLike,
+        *,
+        method: str = "kkt",
+        check: bool = False,
+        accuracy: float = SOLVED,
+    ) -> Derivatives:
+        """Return how a and lam change with q, v and tau; `condyn_pin.derivatives` says how."""
+        if method not in METHODS:
+            raise unknown_name("method", str(method), METHODS)
+        solution = self.solve(q, v, tau, accuracy=accuracy)
+        _, v_, tau_ = self._arguments.check(q, v, tau)
+        found = METHODS[method](self, solution, v_, tau_)
+        if check:
+            check_derivatives(found, DifferenceDerivatives(self, solution, v_, tau_))
+        return found
+
+    @cached_property
+    def linearisation(self) -> Linearisation:
+        """The linearised equations, in memory of their own."""
+        return Linearisation(self.model, self.bounds)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # a copy has memory of its own: Pinocchio 4 crashes on a copied Data

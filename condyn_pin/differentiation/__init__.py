@@ -1,1 +1,25 @@
-"""Derivatives of accelerations and constraint forces."""
+"""Derivatives of accelerations and constraint forces: one file a method."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from condyn_pin.arrays import Array
+from condyn_pin.differentiation.base import Derivatives
+from condyn_pin.differentiation.differences import DifferenceDerivatives
+from condyn_pin.differentiation.kkt import KktDerivatives
+from condyn_pin.differentiation.pinocchio import PinocchioDerivatives
+
+if TYPE_CHECKING:
+    from condyn_pin.solution import Solution
+    from condyn_pin.workspace import Workspace
+
+# By the name that `derivatives` takes.
+METHODS: dict[str, Callable[[Workspace, Solution, Array, Array], Derivatives]] = {
+    "kkt": KktDerivatives,
+    "pinocchio": PinocchioDerivatives,
+    "differences": DifferenceDerivatives,
+}
+
+__all__ = ["METHODS", "Derivatives"]

@@ -13,6 +13,8 @@ the rest of U, a basis of the left null space, that lam keeps N^T lam = 0: with 
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from condyn_pin import tolerances
@@ -23,20 +25,23 @@ from condyn_pin.minimum_norm import MinimumNorm, factorise
 from condyn_pin.range_space import RangeSpace, range_space
 from condyn_pin.solution import Solution
 
+if TYPE_CHECKING:
+    from condyn_pin.workspace import Workspace
+
 
 class KktDerivatives(Derivatives):
     """Exact derivatives of every kind of constraint, on the constraints and off them.
 
     Parameters
     ----------
+    workspace : Workspace
     solution : Solution
-    v : (nv,) array
-    linearisation : Linearisation
+    v, tau : (nv,) array
     """
 
-    def __init__(self, solution: Solution, v: Array, linearisation: Linearisation) -> None:
+    def __init__(self, workspace: Workspace, solution: Solution, v: Array, tau: Array) -> None:
         super().__init__(solution)
-        q, lam = solution.q, solution.lam
+        linearisation, q, lam = workspace.linearisation, solution.q, solution.lam
         self._of = of = linearisation.at(q, v, solution.a, lam)
         self._null: Array | None = None
         factors: RangeSpace | MinimumNorm | None = range_space(of.M, of.J)

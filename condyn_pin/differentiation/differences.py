@@ -1,0 +1,105 @@
+"""Derivatives by central differences on the manifold: slow, independent, for checking.
+
+    f'(0) ~ (8 (f(h) - f(-h)) - (f(2h) - f(-2h))) / (12 h)
+
+along ``pin.integrate(model, q, t e_i)`` and its like for v and tau, with one step h for all, the
+one of a sweep at which the result changes least. Where rows are redundant a step off the
+constraints makes them contradict each other, so q is closed again after each step, and the
+derivatives by q are those along the constraints: zero across.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from condyn_pin import tolerances
+from condyn_pin._pin import pin
+from condyn_pin.arrays import Array
+from condyn_pin.differentiation.base import Derivatives
+from condyn_pin.solution import Solution
+from condyn_pin.solvers.reference import Reference
+
+if TYPE_CHECKING:
+    from condyn_pin.workspace import Workspace
+
+# Rounding of f is divided by h, the remainder of the stencil goes with h^4.
+STEPS = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5)
+
+# A step of 1e-3 opens a loop by 1e-6, one Newton step leaves 1e-12, two leave rounding.
+_CLOSINGS = 2
+
+
+class DifferenceDerivatives(Derivatives):
+    """Central differences of `Reference`.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    solution : Solution
+    v, tau : (nv,) array
+
+    Attributes
+    ----------
+    step : float
+        The step that was chosen [rad, m, and so on].
+    along : (k, nv) array
+        Orthonormal directions in which q was moved.
+    """
+
+    def __init__(self, workspace: Workspace, solution: Solution, v: Array, tau: Array) -> None:
+        super().__init__(solution)
+        self._v, self._tau = v, tau
+        self._model, self._equations = workspace.model, workspace.equations
+        scene = solution.scene
+        self.along = _along(self._equations.jacobian(solution.q), bool(scene.audit.redundant))
+        self.step = 0.0
+
+    def _form(self) -> tuple[Array, Array]:
+        tables = [self._table(h) for h in STEPS]
+        changes = [np.abs(a - b).max() for a, b in pairwise(tables)]
+        best = int(np.argmin(changes)) + 1
+        self.step = STEPS[best]
+        return tables[best][: self._n], tables[best][self._n :]
+
+    def _table(self, h: float) -> Array:
+        """Return the derivatives of (a, lam) by (q, v, tau) with one step."""
+        q, v, tau = self.solution.q, self._v, self._tau
+        answer, unit = self._answer, np.eye(self._n)
+        by_q = _central(lambda step: answer(self._moved(step), v, tau), self.along, h)
+        by_v = _central(lambda step: answer(q, v + step, tau), unit, h)
+        by_tau = _central(lambda step: answer(q, v, tau + step), unit, h)
+        return np.hstack([by_q @ self.along, by_v, by_tau])
+
+    def _answer(self, q: Array, v: Array, tau: Array) -> Array:
+        return np.concatenate(Reference().solve(self._equations.terms(q, v), tau))
+
+    def _moved(self, step: Array) -> Array:
+        q = np.array(pin.integrate(self._model, self.solution.q, step))
+        if len(self.along) == self._n:
+            return q
+        for _ in range(_CLOSINGS):
+            c, J = self._equations.violation(q), self._equations.jacobian(q)
+            back = np.linalg.lstsq(J, c, rcond=tolerances.RANK)[0]
+            q = np.array(pin.integrate(self._model, q, -back))
+        return q
+
+
+def _along(J: Array, redundant: bool) -> Array:
+    """Return the directions in which q is moved: all, or those along the constraints."""
+    if not redundant:
+        return np.eye(J.shape[1])
+    _, S, Vt = np.linalg.svd(J)
+    rank = int(np.count_nonzero(tolerances.RANK * S.max(initial=0.0) < S))
+    return np.asarray(Vt[rank:])
+
+
+def _central(f: Callable[[Array], Array], directions: Array, h: float) -> Array:
+    """Return the derivative of f along each of the directions, a column each."""
+    columns = [
+        (8 * (f(h * d) - f(-h * d)) - (f(2 * h * d) - f(-2 * h * d))) / (12 * h) for d in directions
+    ]
+    return np.column_stack(columns)

@@ -1,0 +1,95 @@
+"""Pinocchio's own derivatives, behind the protocol that makes them right.
+
+`pin.computeConstraintDynamicsDerivatives` reads what `pin.constraintDynamics` left in data, at the
+same settings object. What it returns points into data. For 3 rows between two bodies it adds a
+multiple of a spurious term to column 0 whenever the first coordinate of the robot turns; that
+column is taken from `KktDerivatives` then. With redundant rows its dlam is noise of size 1e-16/mu
+along them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from condyn_pin._pin import pin
+from condyn_pin.arrays import Array
+from condyn_pin.bound import POINT, Bound
+from condyn_pin.differentiation.base import Derivatives
+from condyn_pin.differentiation.kkt import KktDerivatives
+from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
+from condyn_pin.solution import Solution
+from condyn_pin.solvers.proximal import Proximal
+
+if TYPE_CHECKING:
+    from condyn_pin.workspace import Workspace
+
+# Their derivatives are wrong in Pinocchio's articulated body algorithm, by as much as they are.
+_WRONG = ("JointModelSphericalZYX", "JointModelUniversal", "JointModelComposite")
+
+
+class PinocchioDerivatives(Derivatives):
+    """`pin.computeConstraintDynamicsDerivatives`, copied and repaired.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        Its solver has to be `Proximal`.
+    solution : Solution
+    v, tau : (nv,) array
+    """
+
+    def __init__(self, workspace: Workspace, solution: Solution, v: Array, tau: Array) -> None:
+        super().__init__(solution)
+        _check(workspace)
+        model, data = workspace.model, workspace.data
+        models, datas = workspace.constraint_models, workspace.constraint_datas
+        settings = workspace.proximal_settings
+        # again, with nothing in between: the derivatives read what this leaves behind
+        pin.constraintDynamics(model, data, solution.q, v, tau, models, datas, settings)
+        parts = pin.computeConstraintDynamicsDerivatives(model, data, models, datas, settings)
+        of_a, of_lam = np.hstack(parts[:3]), np.zeros((self._m, 3 * self._n))
+        if self._m:
+            of_lam[:] = np.hstack(parts[3:])
+        sign = workspace.equations.sign[:, None]
+        self._formed = of_a, sign * of_lam
+        if _first_column_is_wrong(workspace):
+            first = np.eye(self._n)[0]
+            still = np.zeros(self._n)
+            exact = KktDerivatives(workspace, solution, v, tau).jvp(first, still, still)
+            for whole, column in zip(self._formed, exact, strict=True):
+                whole[:, 0] = column
+
+    def _form(self) -> tuple[Array, Array]:
+        return self._formed
+
+
+def _check(workspace: Workspace) -> None:
+    """Refuse what Pinocchio's derivatives cannot be right for."""
+    if not isinstance(workspace.solver, Proximal):
+        raise InvalidArgument(
+            f"method = 'pinocchio': it differentiates Proximal(), not {workspace.solver!r}; "
+            "take that solver, or method='kkt'"
+        )
+    plain = [isinstance(b, Bound) and b.is_plain for b in workspace.bounds]
+    if not all(plain):
+        name = workspace.bounds[plain.index(False)].name
+        raise UnsupportedConstraint(
+            f"method = 'pinocchio': {name} is not a ball, a weld, a point or a surface; "
+            "take method='kkt'"
+        )
+    for name, joint in zip(workspace.model.names, workspace.model.joints, strict=True):
+        if joint.shortname() in _WRONG:
+            raise UnsupportedConstraint(
+                f"method = 'pinocchio': its derivatives are wrong for joint {name!r}, a "
+                f"{joint.shortname()}; take method='kkt'"
+            )
+
+
+def _first_column_is_wrong(workspace: Workspace) -> bool:
+    """Whether there are 3 rows between two bodies, and the first coordinate turns."""
+    between: list[Any] = [
+        b for b in workspace.bounds if isinstance(b, Bound) and b.selection == POINT and b.joint2
+    ]
+    return bool(between) and bool(np.any(workspace.data.J[3:, 0]))

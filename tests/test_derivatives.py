@@ -1,0 +1,199 @@
+"""Derivatives of every kind of constraint, against central differences and Pinocchio's own."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+from shared import all_scenes, each_scene, robot, states
+
+import condyn_pin as cp
+from condyn_pin._pin import pin
+from condyn_pin.differentiation import METHODS
+from condyn_pin.differentiation.check import BLOCKS, check_derivatives
+
+ROOTS = {
+    "revolute": pin.JointModelRY,
+    "prismatic": pin.JointModelPX,
+    "spherical": pin.JointModelSpherical,
+    "free_flyer": pin.JointModelFreeFlyer,
+}
+
+CONSTRAINTS = {
+    "point": cp.PointContact("a", offset=(0.1, 0.0, 0.2)),
+    "anchored point": cp.PointContact("a", anchor=(0.2, 0.1, 0.3)),
+    "surface": cp.SurfaceContact("a"),
+    "anchored surface": cp.SurfaceContact("a", anchor=(0.2, 0.1, 0.3, 0.1, 0.2, 0.3, 0.9)),
+    "line": cp.LineContact("a", "y"),
+    "anchored line": cp.LineContact("a", anchor=(0.2, 0.1, 0.3, 0.1, 0.2, 0.3, 0.9)),
+    "plane": cp.PlanarContact("a", normal=(0.1, 0.2, 1.0)),
+    "anchored plane": cp.PlanarContact("a", normal=(0.1, 0.2, 1.0), height=0.4),
+    "ball": cp.Loop("a", "b"),
+    "ball on the world": cp.Loop("world", "b"),
+    "weld": cp.Loop("a", "b", "weld"),
+    "hinge": cp.Loop("a", "b", "hinge", axis="x"),
+    "hinge on the world": cp.Loop("world", "a", "hinge"),
+    "slider": cp.Loop("a", "b", "slider", axis="y"),
+    "slider on the world": cp.Loop("world", "b", "slider"),
+    "planar": cp.Loop("a", "b", "planar"),
+    "rod": cp.Loop("a", "b", "rod", length=0.9),
+    "rod on the world": cp.Loop("world", "b", "rod", length=0.9),
+    "coupling": cp.Coupling("a2", "b1", 0.7, 0.1),
+}
+
+
+@functools.cache
+def two_arms(root: str) -> cp.Robot:
+    """Two arms of four hinges, in three dimensions, on one body."""
+    model, rng = pin.Model(), np.random.default_rng(0)
+    body = model.addJoint(0, ROOTS[root](), pin.SE3.Identity(), "root")
+    model.appendBodyToJoint(body, pin.Inertia.FromBox(3.0, 0.3, 0.4, 0.2), pin.SE3.Identity())
+    for arm in "ab":
+        parent = body
+        for i in range(4):
+            placed = pin.SE3(pin.rpy.rpyToMatrix(*rng.uniform(-1, 1, 3)), rng.uniform(-0.4, 0.4, 3))
+            parent = model.addJoint(parent, pin.JointModelRZ(), placed, f"{arm}{i}")
+            off = pin.SE3(np.eye(3), rng.uniform(-0.1, 0.1, 3))
+            model.appendBodyToJoint(parent, pin.Inertia.FromBox(1.0, 0.1, 0.2, 0.3), off)
+        tip = pin.SE3(pin.rpy.rpyToMatrix(*rng.uniform(-1, 1, 3)), rng.uniform(-0.3, 0.3, 3))
+        model.addFrame(pin.Frame(arm, parent, 0, tip, pin.FrameType.OP_FRAME))
+    return cp.Robot(f"two_arms_{root}", model)
+
+
+@pytest.mark.parametrize("moving", [True, False])
+@pytest.mark.parametrize("closed", [True, False])
+@pytest.mark.parametrize("kind", list(CONSTRAINTS))
+@pytest.mark.parametrize("root", list(ROOTS))
+def test_every_block_of_every_kind(root, kind, closed, moving):
+    """To 1e-8 of the largest entry, on the constraints and off them."""
+    scene = cp.Scene(two_arms(root), [CONSTRAINTS[kind]])
+    rng = np.random.default_rng(1)
+    if closed:
+        q, v = scene.sample(rng)
+    else:
+        q = pin.integrate(scene.robot.model, scene.guess(), rng.normal(size=scene.robot.nv))
+        v = rng.normal(size=scene.robot.nv)
+    v, tau = moving * v, rng.normal(size=scene.robot.nv)
+    workspace = cp.Workspace(scene, cp.Reference())
+    found = workspace.derivatives(q, v, tau)
+    numeric = workspace.derivatives(q, v, tau, method="differences")
+    for block in BLOCKS:
+        had, wanted = getattr(found, block), getattr(numeric, block)
+        assert np.abs(had - wanted).max() < 1e-8 * max(np.abs(wanted).max(), 1.0), block
+
+
+@each_scene
+def test_scenes_agree_with_differences(label):
+    """With redundant rows too: along the constraints."""
+    cp.derivatives(all_scenes()[label], *states(label)[0], check=True)
+
+
+def takes_pinocchio(scene: cp.Scene) -> bool:
+    return all(getattr(b, "is_plain", False) for b in scene.bounds)
+
+
+@each_scene
+def test_agrees_with_pinocchio_or_is_refused(label):
+    scene, state = all_scenes()[label], states(label)[1]
+    if not takes_pinocchio(scene):
+        with pytest.raises((cp.UnsupportedConstraint, cp.InvalidArgument), match="method='kkt'"):
+            cp.derivatives(scene, *state, method="pinocchio")
+        return
+    ours, theirs = (cp.derivatives(scene, *state, method=m) for m in ("kkt", "pinocchio"))
+    for block in BLOCKS[:3] if scene.audit.redundant else BLOCKS:
+        had, wanted = getattr(ours, block), getattr(theirs, block)
+        size = max(np.abs(wanted).max(initial=0.0), 1.0)
+        assert np.abs(had - wanted).max(initial=0.0) < 1e-9 * size, block
+
+
+@pytest.mark.parametrize("method", list(METHODS))
+@pytest.mark.parametrize("label", ["talos contacts", "cassie loops", "four_bar hinge"])
+def test_products_are_those_of_the_matrices(label, method):
+    scene, state = all_scenes()[label], states(label)[0]
+    if method == "pinocchio" and not takes_pinocchio(scene):
+        return
+    d = cp.derivatives(scene, *state, method=method)
+    rng = np.random.default_rng(2)
+    dq, dv, dtau, da = rng.normal(size=(4, scene.robot.nv))
+    dlam = rng.normal(size=scene.rows)
+    of_a, of_lam = d.jvp(dq, dv, dtau)
+    size = max(np.abs(getattr(d, block)).max() for block in BLOCKS) * scene.robot.nv
+    assert np.abs(of_a - d.da_dq @ dq - d.da_dv @ dv - d.da_dtau @ dtau).max() < 1e-13 * size
+    assert (
+        np.abs(of_lam - d.dlam_dq @ dq - d.dlam_dv @ dv - d.dlam_dtau @ dtau).max() < 1e-13 * size
+    )
+    by_q, by_v, by_tau = d.vjp(da, dlam)
+    assert np.abs(by_q - da @ d.da_dq - dlam @ d.dlam_dq).max() < 1e-13 * size
+    assert np.abs(by_v - da @ d.da_dv - dlam @ d.dlam_dv).max() < 1e-13 * size
+    assert np.abs(by_tau - da @ d.da_dtau - dlam @ d.dlam_dtau).max() < 1e-13 * size
+
+
+def test_a_pendulum_by_hand():
+    """theta'' = -(g/l) sin(theta) + tau / (m l^2)."""
+    pendulum = cp.pendulum(length=0.5, mass=2.0)
+    d = cp.derivatives(cp.Scene(pendulum), [0.7], [0.3], [0.1])
+    assert d.da_dq[0, 0] == pytest.approx(-9.81 / 0.5 * np.cos(0.7), rel=1e-12)
+    assert d.da_dv[0, 0] == pytest.approx(0.0, abs=1e-12)
+    assert d.da_dtau[0, 0] == pytest.approx(1 / (2.0 * 0.25), rel=1e-12)
+
+
+def test_check_finds_a_wrong_entry():
+    scene, (q, v, tau) = all_scenes()["solo12 contacts"], states("solo12 contacts")[0]
+    workspace = cp.Workspace(scene)
+    good = workspace.derivatives(q, v, tau, check=True)
+    numeric = workspace.derivatives(q, v, tau, method="differences")
+    good._blocks[0][3, 5] += 1e-3 * np.abs(good.da_dq).max()
+    with pytest.raises(cp.DerivativesDisagree, match=r"da_dq\[3, 5\] = "):
+        check_derivatives(good, numeric)
+
+
+def test_trap_1_column_0_of_a_loop_on_a_turning_root():
+    """Pinocchio's own is wrong there by as much as it is; both of ours agree with differences."""
+    bar = robot("four_bar")
+    scene = cp.Scene(bar, bar.loops)
+    state = states("four_bar loops")[0]
+    for method in ("kkt", "pinocchio"):
+        cp.derivatives(scene, *state, method=method, check=True)
+    workspace = cp.Workspace(scene)
+    workspace.solve(*state)
+    raw = pin.computeConstraintDynamicsDerivatives(
+        workspace.model,
+        workspace.data,
+        workspace.constraint_models,
+        workspace.constraint_datas,
+        workspace.proximal_settings,
+    )[0]
+    right = cp.derivatives(scene, *state).da_dq
+    assert np.abs(raw[:, 0] - right[:, 0]).max() > 0.1 * np.abs(right).max()
+    assert np.abs(raw[:, 1:] - right[:, 1:]).max() < 1e-8 * np.abs(right).max()
+
+
+def test_results_are_owned():
+    scene, (first, second, *_) = all_scenes()["talos contacts"], states("talos contacts")
+    for method in ("kkt", "pinocchio"):
+        workspace = cp.Workspace(scene)
+        d = workspace.derivatives(*first, method=method)
+        kept = [getattr(d, block).copy() for block in BLOCKS]
+        workspace.derivatives(*second, method=method)
+        workspace.acceleration(*second)
+        for block, before in zip(BLOCKS, kept, strict=True):
+            assert np.array_equal(getattr(d, block), before)
+
+
+@pytest.mark.parametrize("what", ["method", "solver", "q", "dq", "dlam"])
+def test_refuses(what):
+    scene, (q, v, tau) = all_scenes()["talos contacts"], states("talos contacts")[0]
+    if what == "method":
+        with pytest.raises(cp.UnknownName, match="did you mean 'pinocchio'"):
+            cp.derivatives(scene, q, v, tau, method="pinochio")
+    elif what == "solver":
+        with pytest.raises(cp.InvalidArgument, match=r"differentiates Proximal\(\)"):
+            cp.derivatives(scene, q, v, tau, solver=cp.Reference(), method="pinocchio")
+    elif what == "q":
+        with pytest.raises(cp.InvalidArgument, match="q has shape"):
+            cp.derivatives(scene, q[1:], v, tau)
+    else:
+        d = cp.derivatives(scene, q, v, tau)
+        with pytest.raises(cp.InvalidArgument, match=what):
+            d.jvp(v[1:], v, tau) if what == "dq" else d.vjp(v, np.full(12, np.nan))
