@@ -18,7 +18,7 @@ leave out: loops, contacts, motors, postures, the licence.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib import metadata
 from pathlib import Path
@@ -26,10 +26,11 @@ from types import MappingProxyType
 from typing import Any
 
 from condyn_pin._pin import pin
-from condyn_pin.constraints import Constraint, Coupling, Loop
-from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
+from condyn_pin.constraints import Coupling, Loop
+from condyn_pin.contacts import CONTACTS, Contact
 from condyn_pin.errors import CondynError, InvalidArgument, InvalidModel, MissingExtra, unknown_name
-from condyn_pin.io.sdf import SdfRobot, read_sdf
+from condyn_pin.io.mjcf import read_mjcf
+from condyn_pin.io.sdf import read_sdf
 from condyn_pin.io.urdf import check_root_joint, read_urdf
 from condyn_pin.lock import lock_joints
 from condyn_pin.mechanisms import MECHANISMS
@@ -43,12 +44,6 @@ _CARD = (
 )  # fmt: skip
 _FOR_SDF = ("root", "kinds", "drop", "cut", "as_file")
 _DESCRIPTION = ("file", "srdf", "root_joint", "rotors", "lock", *_FOR_SDF)
-_CONTACTS: dict[str, type[Constraint]] = {
-    "point": PointContact,
-    "surface": SurfaceContact,
-    "line": LineContact,
-    "planar": PlanarContact,
-}
 
 
 def robots_folder() -> Path:
@@ -106,19 +101,24 @@ def load_robot(
     known = available_robots()
     path = Path(name).expanduser()
     folder = robots_folder() / str(name) if str(name) in known else path
-    if str(name) in MECHANISMS or not (folder / "robot.toml").is_file():
-        check_variant(variant or {}, {})
+    chosen = {} if variant is None else variant
     if str(name) not in known and path.suffix == ".urdf" and not path.is_dir():
+        check_variant(chosen, {})
         model, unused = read_urdf(path, root_joint or "fixed")
         return Robot(path.stem, model, unused=unused, source=str(path))
+    if path.suffix == ".xml" and root_joint is None and not path.is_dir():
+        check_variant(chosen, {})
+        mjcf = read_mjcf(path)
+        return Robot(path.stem, source=str(path), **vars(mjcf))
     if root_joint is not None:
         raise InvalidArgument(
             f"root_joint = {root_joint!r}: only a URDF takes it; {str(name)!r} says it itself"
         )
     if str(name) in MECHANISMS:
+        check_variant(chosen, {})
         return MECHANISMS[str(name)]()
     if (folder / "robot.toml").is_file():
-        return _from_folder(folder, variant or {})
+        return _from_folder(folder, chosen)
     if path.suffix or path.exists():
         raise InvalidModel(
             f"{path}: a .urdf file or a folder with a robot.toml is needed; "
@@ -160,52 +160,45 @@ def _from_card(card: Mapping[str, Any], folder: Path) -> Robot:
     file = _description_file(description["file"], folder)
     root_joint = description.get("root_joint", "fixed")
     check_root_joint(root_joint)
-    actuated = tuple(card.get("actuated", ()))
-    loops: tuple[Loop | Coupling, ...] = ()
-    springs: tuple[Spring, ...] = ()
-    inverted: tuple[str, ...] = ()
-    if file.suffix == ".sdf":
-        sdf = _read_sdf(file, description, root_joint, actuated)
-        model, unused, inverted = sdf.model, sdf.unused, sdf.reversed
-        loops = tuple(Loop(c.frame_a, c.frame_b, c.kind, name=c.name) for c in sdf.closures)  # type: ignore[arg-type]
-        loops += sdf.couplings
-        springs = tuple(Spring(joint, k, ref) for joint, (k, ref) in sdf.springs.items())
-    else:
-        model, unused = read_urdf(file, root_joint)
+    fields, inverted = _read(file, description, root_joint, card.get("actuated", ()))
     postures = {}
     if "srdf" in description:
         srdf = _description_file(description["srdf"], folder)
-        postures = srdf_postures(model, srdf, description.get("rotors", False), inverted)
-    postures |= {n: posture(model, v) for n, v in card.get("postures", {}).items()}
-    loops += tuple(_loop(table) for table in card.get("loops", ()))
-    robot = Robot(
-        card["name"],
-        model,
-        postures=postures,
-        loops=loops,
-        contacts=tuple(_contact(table) for table in card.get("contacts", ())),
-        actuated=actuated,
-        springs=springs,
-        unused=unused,
-        source=card["source"],
-        licence=card["licence"],
-    )
+        rotors = description.get("rotors", False)
+        postures = srdf_postures(fields["model"], srdf, rotors, inverted)
+    for name, values in card.get("postures", {}).items():
+        postures[name] = posture(fields["model"], values)
+    drawn = fields.get("postures", {})  # by an MJCF; they come last, and the card's own win
+    fields["postures"] = {**postures, **drawn, **postures}
+    fields["loops"] = (*fields.get("loops", ()), *map(_loop, card.get("loops", ())))
+    fields["contacts"] = tuple(map(_contact, card.get("contacts", ())))
+    if "actuated" in card:
+        fields["actuated"] = tuple(card["actuated"])
+    robot = Robot(card["name"], source=card["source"], licence=card["licence"], **fields)
     return lock_joints(robot, description.get("lock", ()))
 
 
-def _read_sdf(
-    file: Path, description: Mapping[str, Any], root_joint: str, actuated: tuple[str, ...]
-) -> SdfRobot:
-    return read_sdf(
-        file,
-        root=description.get("root"),
-        root_joint=pin.JointModelFreeFlyer() if root_joint == "free_flyer" else None,
-        kinds=description.get("kinds", {}),
-        drop=description.get("drop", ()),
-        cut=description.get("cut", ()),
-        actuated=actuated,
-        as_file=description.get("as_file", False),
-    )
+def _read(
+    file: Path, description: Mapping[str, Any], root_joint: str, actuated: Sequence[str]
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return what a file says, as fields of a Robot, and the joints that it has reversed."""
+    if file.suffix == ".xml":
+        return dict(vars(read_mjcf(file))), ()
+    if file.suffix != ".sdf":
+        model, unused = read_urdf(file, root_joint)
+        return {"model": model, "unused": unused}, ()
+    options = {key: description[key] for key in _FOR_SDF if key in description}
+    if root_joint == "free_flyer":
+        options["root_joint"] = pin.JointModelFreeFlyer()
+    sdf = read_sdf(file, actuated=actuated, **options)
+    closures = [Loop(c.frame_a, c.frame_b, c.kind, name=c.name) for c in sdf.closures]  # type: ignore[arg-type]
+    fields = {
+        "model": sdf.model,
+        "loops": (*closures, *sdf.couplings),
+        "springs": tuple(Spring(joint, k, ref) for joint, (k, ref) in sdf.springs.items()),
+        "unused": sdf.unused,
+    }
+    return fields, sdf.reversed
 
 
 def _only_known(where: str, table: Mapping[str, Any], known: tuple[str, ...]) -> None:
@@ -238,9 +231,9 @@ def _loop(table: Mapping[str, Any]) -> Loop | Coupling:
     return Loop(**fields)
 
 
-def _contact(table: Mapping[str, Any]) -> Constraint:
+def _contact(table: Mapping[str, Any]) -> Contact:
     fields = dict(table)
     kind = fields.pop("kind")
-    if kind not in _CONTACTS:
-        raise unknown_name("kind of contact", kind, _CONTACTS)
-    return _CONTACTS[kind](**fields)
+    if kind not in CONTACTS:
+        raise unknown_name("kind of contact", kind, CONTACTS)
+    return CONTACTS[kind](**fields)

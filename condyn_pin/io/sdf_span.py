@@ -142,7 +142,7 @@ def _check_cuts(
 ) -> None:
     for name in cut:
         if name in tree or name in kept:
-            reason = kept.get(name, "closes no loop")
+            reason = kept.get(name, "is in no loop, or in one that is open already")
             raise InvalidModel(f"joint {name!r} cannot be cut: it {reason}; leave it in")
     for joint in opened:
         if joint.name in kept:
