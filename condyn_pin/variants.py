@@ -29,16 +29,12 @@ def chosen_card(card: Mapping[str, Any], variant: Mapping[str, str]) -> dict[str
         If the robot has no such option, or the option no such value.
     """
     options = card.get("variants", {})
+    _check_options(options)
     check_variant(variant, options)
     merged = {key: entry for key, entry in card.items() if key != "variants"}
     other = []  # what is not the default, for the name
     for option, values in options.items():
-        default = next(iter(values), None)
-        if default is None or not all(isinstance(piece, Mapping) for piece in values.values()):
-            raise InvalidModel(
-                f"the entry variants.{option} needs a table for each of its values, "
-                f"such as [variants.{option}.default]"
-            )
+        default = next(iter(values))
         value = variant.get(option, default)
         if value not in values:
             raise unknown_name(f"value of the variant {option!r}", value, values)
@@ -48,6 +44,19 @@ def chosen_card(card: Mapping[str, Any], variant: Mapping[str, str]) -> dict[str
     if other:
         merged["name"] = f"{merged['name']}, {', '.join(other)}"
     return merged
+
+
+def _check_options(options: Any) -> None:
+    """Refuse what is not a table of options, each a table of values, each a table of entries."""
+    if not isinstance(options, Mapping):
+        raise InvalidModel(f"the entry variants = {options!r}: tables by option are needed")
+    for option, values in options.items():
+        pieces = list(values.values()) if isinstance(values, Mapping) else []
+        if not pieces or not all(isinstance(piece, Mapping) for piece in pieces):
+            raise InvalidModel(
+                f"the entry variants.{option} = {values!r}: a table for each value is needed, "
+                f"such as [variants.{option}.default]"
+            )
 
 
 def check_variant(variant: Any, options: Mapping[str, Any]) -> None:
@@ -66,18 +75,18 @@ def _merged(below: Mapping[str, Any], above: Mapping[str, Any], where: str) -> d
     """Return a table with another one over it."""
     merged = dict(below)
     for key, entry in above.items():
-        old = below.get(key)
-        if isinstance(old, Mapping) and isinstance(entry, Mapping):
+        old = below.get(key, entry)
+        if any(isinstance(old, kind) != isinstance(entry, kind) for kind in (Mapping, list)):
+            raise InvalidModel(f"the entry {where}.{key} = {entry!r} does not fit over {old!r}")
+        if isinstance(old, Mapping):
             merged[key] = _merged(old, entry, f"{where}.{key}")
-        elif isinstance(old, list) and isinstance(entry, list) and not _numbers(old):
+        elif isinstance(old, list) and key in below and not _is_value(old):
             merged[key] = [*old, *entry]
-        elif isinstance(old, (Mapping, list)) and not isinstance(entry, type(old)):
-            raise InvalidModel(f"the entry {where}.{key} = {entry!r} does not fit what is there")
         else:
             merged[key] = entry
     return merged
 
 
-def _numbers(entry: list[Any]) -> bool:
-    """Whether a list is one value, such as a quaternion of a posture, and not a collection."""
+def _is_value(entry: list[Any]) -> bool:
+    """Whether a list is one value, such as the quaternion of a posture, and no collection."""
     return all(isinstance(x, (int, float)) for x in entry)

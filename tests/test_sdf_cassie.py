@@ -140,3 +140,128 @@ def test_the_result_can_be_sent_to_another_process(cassie):
     assert again.closures == cassie.closures
     assert again.springs == cassie.springs
     assert again.model == cassie.model
+
+
+# Every joint in the tree, as Pinocchio's own parser has it ----------------------------------------
+# Its figures: src/parsers/sdf of Pinocchio 3.9 with libsdformat 12, compiled and run on the file.
+
+
+@pytest.fixture(scope="module")
+def split() -> SdfRobot:
+    return read_sdf(
+        cassie_folder() / "robots" / "cassie.sdf",
+        root="pelvis",
+        root_joint=pin.JointModelFreeFlyer(),
+        as_file=True,
+    )
+
+
+def standing(robot: SdfRobot) -> tuple[pin.Model, np.ndarray]:
+    model = robot.model.copy()
+    pin.loadReferenceConfigurations(model, str(cassie_folder() / "srdf" / "cassie_v2.srdf"), False)
+    return model, pin.normalize(model, model.referenceConfigurations["standing"].copy())
+
+
+def test_cassie_as_file_has_every_joint_of_the_file_in_depth_first_order(split):
+    assert (split.model.nq, split.model.nv) == (69, 64)
+    leg = [
+        "roll-ip", "roll-joint", "roll-op", "yaw-ip", "yaw-joint", "yaw-op", "pitch-ip",
+        "pitch-joint", "pitch-op", "pitch-rod-joint", "achilles-spring-joint", "knee-ip",
+        "knee-joint", "knee-op", "knee-spring-joint", "knee-shin-joint", "shin-tarsus-joint",
+        "tarsus-spring-joint", "tarsus-crank-joint", "crank-rod-joint", "plantar-foot-joint",
+        "foot-ip", "foot-joint", "foot-op", "shin-spring-joint",
+    ]  # fmt: skip
+    expected = ["universe", "root_joint", *(f"{side}-{name}" for side in SIDES for name in leg)]
+    assert list(split.model.names) == expected
+    kinds = {"pitch-rod-joint": "S", "plantar-foot-joint": "S", "shin-spring-joint": "P"}
+    for name, moved in zip(expected[2:], list(split.model.joints)[2:], strict=True):
+        kind = kinds.get(name.split("-", 1)[1], "R")
+        assert moved.shortname().startswith(f"JointModel{kind}"), name
+
+
+def test_cassie_as_file_has_16_welds_and_the_residual_of_pinocchio_s_parser(split):
+    assert [c.kind for c in split.closures] == ["weld"] * 16
+    model, q = standing(split)
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    at = {frame.name: data.oMf[i] for i, frame in enumerate(model.frames)}
+    errors = [pin.log6(at[c.frame_a].actInv(at[c.frame_b])).vector for c in split.closures]
+    assert np.linalg.norm(errors) == pytest.approx(2.88699e-8, rel=1e-5)
+    M = np.triu(pin.crba(model, data, q))
+    assert np.linalg.norm(M + np.triu(M, 1).T) == pytest.approx(61.86434716488305, rel=1e-14)
+
+
+def test_cassie_as_file_shares_the_mass_of_a_link_among_its_parents(split):
+    model = split.model
+    assert pin.computeTotalMass(model) == pytest.approx(34.985552, rel=1e-14)
+    foot = model.frames[model.getFrameId("left-foot")].inertia
+    for joint_name in ("plantar-foot-joint", "foot-joint"):
+        copy = model.frames[model.getFrameId(f"left-foot_left-{joint_name}")].inertia
+        assert copy == foot
+    assert 3 * foot.mass == pytest.approx(0.1498, abs=1e-4)
+
+
+def test_cassie_as_file_says_that_the_gears_have_lost_their_ratio(split):
+    assert split.couplings == ()
+    assert any("'left-roll-joint' (gearbox as revolute)" in said for said in split.unused)
+
+
+# Her other files --------------------------------------------------------------------------------
+
+# joints to drop, size of v, joints that close loops, gears, joints that are reversed
+FILES = {
+    "cassie.sdf": ((), 40, 6, 10, 2),
+    "cassie_v2.sdf": ((), 28, 4, 0, 0),
+    "cassie_simple.sdf": (("static",), 28, 4, 0, 0),
+    "cassie_reduced.sdf": (("static",), 28, 4, 0, 0),
+    "cassie_wo_gearbox_spring.sdf": (("static",), 28, 4, 0, 2),
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_every_file_of_cassie_is_cut_at_its_balls(name):
+    drop, nv, loops, gears, backwards = FILES[name]
+    robot = read_sdf(
+        cassie_folder() / "robots" / name,
+        root="pelvis",
+        root_joint=pin.JointModelFreeFlyer(),
+        drop=drop,
+    )
+    found = (robot.model.nv, len(robot.closures), len(robot.couplings), len(robot.reversed))
+    assert found == (nv, loops, gears, backwards)
+    kinds = [c.kind for c in robot.closures]
+    assert kinds.count("ball") == 4
+    assert kinds.count("slider") == loops - 4
+    at = frame_poses(robot.model, pin.neutral(robot.model))
+    for closure in robot.closures:
+        assert np.abs(at[closure.frame_a] - at[closure.frame_b]).max() < ROUNDING
+
+
+def test_the_hinge_of_the_achilles_rod_is_reversed_and_keeps_its_coordinate():
+    # The SRDF knows no balls here, so it says the same of the joints that are left.
+    robot = read_sdf(cassie_file(), root_joint=pin.JointModelFreeFlyer(), drop=("static",))
+    assert robot.reversed == ("left-achilles-spring-joint", "right-achilles-spring-joint")
+    _, q = standing(robot)
+    assert gaps(robot, q).max() < 1e-8
+
+
+def test_cassie_s_rotors_turn_at_the_ratio_of_their_gears_against_the_output():
+    robot = read_sdf(
+        cassie_folder() / "robots" / "cassie.sdf",
+        root="pelvis",
+        root_joint=pin.JointModelFreeFlyer(),
+    )
+    ratios = {c.name.split("-")[1]: (c.joint_a, c.joint_b, c.ratio) for c in robot.couplings}
+    for motor, teeth in {"roll": 25, "yaw": 25, "pitch": 16, "knee": 16, "foot": 50}.items():
+        assert ratios[motor] == (f"right-{motor}-op", f"right-{motor}-ip", -1 / teeth)
+
+
+def test_cassie_without_a_passive_ball_names_the_motor_that_would_have_to_be_cut():
+    with pytest.raises(InvalidModel, match="'left-foot-op' cannot be cut: it is actuated"):
+        read_sdf(
+            cassie_file(),
+            root_joint=pin.JointModelFreeFlyer(),
+            drop=("static",),
+            actuated=("left-foot-op",),
+            cut=("left-foot-op",),
+        )

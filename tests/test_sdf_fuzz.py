@@ -14,18 +14,45 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sdf_texts import (
     ARM,
+    INERTIAL,
     frame_poses,
     joint,
+    link,
 )
 
 from condyn_pin.errors import CondynError
-from condyn_pin.io.sdf import read_sdf
+from condyn_pin.io.sdf import SdfRobot, read_sdf
 
+GEARS = (
+    "<gearbox_ratio>0.1</gearbox_ratio><gearbox_reference_body>finger</gearbox_reference_body>"
+    "<axis><xyz>0 0 1</xyz></axis><axis2><xyz>0 0 -1</xyz></axis2>"
+)
+UPRIGHT = '<axis><xyz expressed_in="__model__">0 0 1</xyz></axis>'
+CROSS = "<axis><xyz>0 0 1</xyz></axis><axis2><xyz>1 0 0</xyz></axis2>"
 VALID = (
     '<sdf version="1.9"><model name="m">'
-    + ARM
+    + ARM.replace("</link>", INERTIAL + "</link>", 1)  # the base may move here
     + joint("loop", "base", "finger", "ball")
+    + link("rotor")
+    + joint("rotor_in", "finger", "rotor")
+    + link("wheel")
+    + joint(
+        "wheel_out",
+        "wheel",
+        "finger",
+        "revolute",
+        '<axis><xyz expressed_in="__model__">0 0 1</xyz></axis>',
+    )
+    + joint("gears", "rotor", "wheel", "gearbox", GEARS)
+    + joint("hooke", "upper", "rotor", "universal", CROSS)
     + "</model></sdf>"
+)
+# Ways to read it; the root is needed, for only the wheel is no joint's child.
+WAYS = (
+    {"root": "base"},
+    {"root": "base", "as_file": True},
+    {"root": "wheel", "actuated": ["shoulder", "rail"]},
+    {"root": "finger", "cut": ["shoulder"]},
 )
 # Cut so that every second piece is a value: a text or an attribute. XML stays well-formed.
 PIECES = re.split(r'(?<=[>"])([^<>"=]+)(?=[<"])', VALID)
@@ -37,10 +64,18 @@ STRANGE = st.one_of(st.sampled_from(WORDS + NAMES), st.sampled_from(VALUES), st.
 
 def only_a_model_or_a_condyn_error(path: Path, content: bytes) -> None:
     path.write_bytes(content)
-    try:
-        robot = read_sdf(path)
-    except CondynError:
-        return
+    for options in WAYS:
+        try:
+            robot = read_sdf(path, **options)
+        except CondynError:
+            continue
+        check_model(robot)
+
+
+def check_model(robot: SdfRobot) -> None:
+    for coupling in robot.couplings:
+        for name in (coupling.joint_a, coupling.joint_b):
+            assert robot.model.joints[robot.model.getJointId(name)].nv == 1
     at = frame_poses(robot.model, pin.neutral(robot.model))
     for placement in at.values():
         assert np.isfinite(placement).all()
@@ -55,7 +90,11 @@ def fuzz_file(tmp_path_factory):
 
 def test_the_file_that_is_mutated_below_is_a_valid_one(fuzz_file):
     fuzz_file.write_text(VALID)
-    assert [c.name for c in read_sdf(fuzz_file).closures] == ["loop"]
+    whole, split, back, cut = (read_sdf(fuzz_file, **options) for options in WAYS)
+    assert [c.name for c in whole.closures] == ["socket", "loop"]
+    assert len(whole.couplings) == len(back.couplings) == len(cut.couplings) == 1
+    assert [c.kind for c in split.closures] == ["weld"] * 3
+    assert [c.name for c in cut.closures] == ["shoulder", "socket"]
 
 
 @settings(max_examples=50, deadline=None)
