@@ -17,6 +17,8 @@ from sdf_texts import (
     frame_poses,
 )
 
+import condyn_pin as cp
+from condyn_pin.equations import Equations
 from condyn_pin.errors import InvalidModel
 from condyn_pin.io.sdf import SdfRobot, read_sdf
 
@@ -265,3 +267,57 @@ def test_cassie_without_a_passive_ball_names_the_motor_that_would_have_to_be_cut
             actuated=("left-foot-op",),
             cut=("left-foot-op",),
         )
+
+
+# One mechanism, opened in three ways ------------------------------------------------------------
+
+
+def machine(**options) -> tuple[cp.Robot, cp.Scene]:
+    """Return Cassie with the hinges of her file, and the scene of her loops."""
+    read = read_sdf(
+        cassie_file(), root_joint=pin.JointModelFreeFlyer(), drop=("static",), **options
+    )
+    loops = [cp.Loop(c.frame_a, c.frame_b, c.kind, name=c.name) for c in read.closures]
+    cassie = cp.Robot("cassie", read.model)
+    return cassie, cp.Scene(cassie, loops)
+
+
+def columns(robot: cp.Robot, names: list[str], size: str) -> list[int]:
+    """Return where q or v has the joints of these names."""
+    joints = [robot.model.joints[robot.model.getJointId(name)] for name in names]
+    starts = [(getattr(j, f"idx_{size}"), getattr(j, f"n{size}")) for j in joints]
+    return [i for start, count in starts for i in range(start, start + count)]
+
+
+def test_loops_that_are_opened_in_different_ways_give_one_acceleration():
+    hinges = tuple(f"{side}-achilles-spring-joint" for side in SIDES)
+    machines = [machine(cut=hinges), machine(), machine(as_file=True)]
+    assert [scene.rows for _, scene in machines] == [16, 12, 24]
+    assert [robot.nv - scene.audit.rank for robot, scene in machines] == [18, 18, 18]
+    shared = [n for n in machines[0][0].joints if all(n in robot.joints for robot, _ in machines)]
+    assert len(shared) == 21  # the base, and ten joints a leg
+
+    rng = np.random.default_rng(3)
+    first, scene = machines[0]
+    q0, v0 = scene.sample(rng)
+    tau0 = np.zeros(first.nv)
+    moved = columns(first, [name for name in shared if name != "root_joint"], "v")
+    tau0[moved] = rng.normal(size=len(moved))
+    answers = []
+    for robot, scene in machines:
+        q = pin.neutral(robot.model)
+        q[columns(robot, shared, "q")] = q0[columns(first, shared, "q")]
+        q = scene.assemble(q, fixed=shared)
+        J = Equations(robot.model, scene.bounds).jacobian(q)
+        here = columns(robot, shared, "v")
+        v = np.zeros(robot.nv)
+        v[here] = v0[columns(first, shared, "v")]
+        rest = [i for i in range(robot.nv) if i not in here]
+        v[rest] = np.linalg.lstsq(J[:, rest], -J[:, here] @ v[here], rcond=1e-9)[0]
+        assert np.abs(J @ v).max() < 1e-10
+        tau = np.zeros(robot.nv)
+        tau[here] = tau0[columns(first, shared, "v")]
+        a = cp.solve(scene, q, v, tau, solver=cp.Reference()).a
+        answers.append(a[here])
+    for other in answers[1:]:
+        np.testing.assert_allclose(other, answers[0], rtol=0, atol=1e-7 * np.abs(answers[0]).max())

@@ -8,6 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from sdf_texts import AB, INERTIAL, ROUNDING, T, frame_poses, joint, link, pose
 
+import condyn_pin as cp
 from condyn_pin.constraints import Coupling
 from condyn_pin.errors import InvalidModel
 from condyn_pin.robot import Robot
@@ -152,6 +153,17 @@ def test_a_gearbox_is_no_loop_and_no_joint(read):
     assert robot.closures == ()
     assert robot.couplings == (Coupling("op", "ip", -0.04, name="g"),)
     assert list(robot.model.names) == ["universe", "ip", "op"]
+
+
+def test_a_rotor_behind_a_gearbox_is_felt_with_the_square_of_the_ratio(read):
+    # Both bodies turn about an axis through their centres, inertia I = 0.1 each:
+    # (I + I / ratio²) a_op = tau_op, and a_ip = a_op / -ratio.
+    said = read(gears(ROTOR, OUTPUT, box()))
+    geared = Robot("geared", said.model, loops=said.couplings)
+    v = np.array([25.0, -1.0])  # J v = 0
+    solution = cp.solve(cp.Scene(geared, geared.loops), np.zeros(2), v, np.array([0.0, 3.0]))
+    a_op = 3.0 / (0.1 + 0.1 / 0.04**2)
+    np.testing.assert_allclose(solution.a, [-a_op / 0.04, a_op], rtol=1e-9)
 
 
 def test_the_hinges_of_a_gearbox_are_not_cut(read):

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from sdf_texts import joint, link
 from shared import robot
 
 import condyn_pin as cp
@@ -198,6 +199,57 @@ def test_a_wrong_card_is_refused_with_the_entry(tmp_path, text, says):
     )
     with pytest.raises(cp.CondynError, match=rf"robot\.toml: .*{says}"):
         cp.load_robot(tmp_path)
+
+
+# What a card says about an SDF -----------------------------------------------------------------
+
+
+def ring_card(folder, description: str = "") -> None:
+    """Write a robot whose three links are in a ring, the last joint from c to b."""
+    body = "".join(map(link, "abc")) + joint("ab", "a", "b") + joint("cb", "c", "b", "ball")
+    body += joint("ac", "a", "c")
+    (folder / "ring.sdf").write_text(f'<sdf version="1.9"><model name="m">{body}</model></sdf>')
+    (folder / "robot.toml").write_text(
+        'name = "ring"\nsource = "s"\nlicence = "l"\nactuated = ["ab"]\n'
+        f'[description]\nfile = "ring.sdf"\nsrdf = "ring.srdf"\n{description}'
+    )
+    (folder / "ring.srdf").write_text(
+        "<robot name='ring'><group_state name='home' group='all'><joint name='ab' value='0.5'/>"
+        f"<joint name='cb' value='{' '.join(map(str, QUATERNION))}'/></group_state></robot>"
+    )
+
+
+QUATERNION = [0.1, 0.7, -0.5, 0.5]  # x y z w, of norm 1
+
+
+def test_a_card_may_open_every_loop_as_pinocchio_s_parser_does(tmp_path):
+    ring_card(tmp_path, "as_file = true")
+    ring = cp.load_robot(tmp_path)
+    assert (ring.nv, [(loop.name, loop.kind) for loop in ring.loops]) == (5, [("cb", "weld")])
+    assert ring.mass == 6.0
+    ring_card(tmp_path, "as_file = 3")
+    with pytest.raises(cp.InvalidArgument, match=r"robot\.toml: as_file = 3"):
+        cp.load_robot(tmp_path)
+    ring_card(tmp_path, 'as_file = true\ncut = ["cb"]')
+    with pytest.raises(cp.InvalidArgument, match=r"robot\.toml: cut = \['cb'\]: with as_file"):
+        cp.load_robot(tmp_path)
+
+
+def test_a_card_may_name_the_joint_to_cut_and_motors_are_kept(tmp_path):
+    ring_card(tmp_path, 'cut = ["ac"]')
+    assert [loop.name for loop in cp.load_robot(tmp_path).loops] == ["ac"]
+    ring_card(tmp_path, 'cut = ["ab"]')
+    with pytest.raises(cp.InvalidModel, match="'ab' cannot be cut: it is actuated"):
+        cp.load_robot(tmp_path)
+
+
+def test_the_quaternion_of_a_ball_that_is_reversed_is_inverted_in_postures_of_an_srdf(tmp_path):
+    ring_card(tmp_path, 'root = "a"\ncut = ["ac"]')  # a, b, and c below b
+    q = cp.load_robot(tmp_path).postures["home"]
+    np.testing.assert_allclose(q, [0.5, -0.1, -0.7, 0.5, 0.5], atol=1e-15)
+    ring_card(tmp_path, 'root = "c"\ncut = ["ac"]')  # c, b, and a below b
+    q = cp.load_robot(tmp_path).postures["home"]
+    np.testing.assert_allclose(q, [*QUATERNION, 0.5], atol=1e-15)
 
 
 # Locked joints ----------------------------------------------------------------------------------
