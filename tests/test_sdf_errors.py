@@ -139,8 +139,11 @@ WRONG = {
         "no joint leads from 'world' to the links 'b'",
     ),
     "a model without links": ("", "no <link>"),
-    "a model inside the model": (link("a") + '<model name="m"/>', "<model>"),
-    "an include inside the model": (link("a") + "<include/>", "<include>"),
+    "a model inside the model": (link("a") + '<model name="m"/>', "<model> 'm' in it.*write its"),
+    "an include inside the model": (
+        link("a") + "<include><uri>model://arm</uri></include>",
+        "<model> 'robot' has <include> 'model://arm'.*write out",
+    ),
     "a joint without a type": (AB + joint("j", "a", "b", ""), "'j' has the type ''"),
 }
 
@@ -200,6 +203,10 @@ FILES = {
     "no version": ('<sdf><model name="m"><link name="a"/></model></sdf>', "version ''"),
     "an old version": ('<sdf version="1.4"/>', "'1.4'; 1.5 or later"),
     "a version that is none": ('<sdf version="new"/>', "'new'; 1.5 or later"),
+    "only what is included": (
+        '<sdf version="1.7"><world name="w"><include><uri>model://arm</uri></include></world></sdf>',
+        "no <model>, but <include> 'model://arm'; exactly one",
+    ),
     "no model": ('<sdf version="1.7"><world name="w"/></sdf>', "no <model>"),
     "two models": ('<sdf version="1.7"><model name="m"/><model name="n"/></sdf>', "'m', 'n'"),
 }
@@ -214,8 +221,10 @@ def test_a_file_that_is_not_one_sdf_model_is_refused_with_the_reason(tmp_path, t
 
 
 def test_a_file_that_does_not_exist_is_refused_by_name(tmp_path):
-    with pytest.raises(InvalidModel, match=r"nowhere\.sdf"):
+    with pytest.raises(InvalidModel, match=r"nowhere\.sdf: cannot be opened: No such file"):
         read_sdf(tmp_path / "nowhere.sdf")
+    with pytest.raises(InvalidModel, match="cannot be opened: Is a directory"):
+        read_sdf(tmp_path)
 
 
 def test_a_model_inside_a_world_of_version_1_10_is_read(tmp_path):

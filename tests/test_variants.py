@@ -10,7 +10,7 @@ from sdf_texts import joint, link
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
+from condyn_pin._pin import HAS_LCABA, pin
 from condyn_pin.lock import lock_joints
 from condyn_pin.variants import chosen_card
 
@@ -51,7 +51,8 @@ def test_cassies_variants_stand_with_their_loops_closed(cassies, label):
     moved = np.abs(q - cassie.postures["standing"]).max()
     assert moved < 1e-9 if "ball" in label else 0.01 < moved < 0.5
     tau = cassie.passive_torque(q, v)
-    assert cp.solve(scene, q, v, tau, solver=cp.Reference()).status.ok
+    for solver in (cp.Reference(), *([cp.LCABA()] if HAS_LCABA else [])):
+        assert cp.solve(scene, q, v, tau, solver=solver).status.ok
 
 
 def test_the_default_variant_is_the_first_value_of_each_option():

@@ -128,7 +128,10 @@ def read_sdf(
 def _parse(path: str | PathLike[str]) -> Description:
     try:
         sdf = ElementTree.parse(path).getroot()
-    except (ElementTree.ParseError, OSError, ValueError, LookupError) as error:
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InvalidModel(f"cannot be opened: {reason}; give the path of an SDF file") from error
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise InvalidModel(f"cannot be read as XML: {error}") from error
     model = _only_model(sdf)
     parts = parts_of(model)
@@ -161,14 +164,30 @@ def _only_model(sdf: Element) -> Element:
         raise InvalidModel(f"<sdf> has version {version!r}; 1.5 or later is needed")
     models = [*sdf.findall("model"), *sdf.findall("world/model")]
     if len(models) != 1:
-        names = ", ".join(repr(m.get("name")) for m in models) or "no <model>"
-        raise InvalidModel(f"the file has {names}; exactly one <model> is needed")
+        found = ", ".join(repr(m.get("name")) for m in models) or "no <model>"
+        included = _includes([*sdf.findall("include"), *sdf.findall("world/include")])
+        found += f", but{included}" if included else ""
+        raise InvalidModel(f"the file has {found}; exactly one <model> is needed")
     if models[0].get("placement_frame"):
         raise InvalidModel("<model> has a placement_frame, which is not supported; write its pose")
-    for tag in ("model", "include"):
-        if models[0].find(tag) is not None:
-            raise InvalidModel(f"{label(models[0])}: <{tag}> in it is not followed; write it out")
+    nested = models[0].find("model")
+    if nested is not None:
+        raise InvalidModel(
+            f"{label(models[0])}: {label(nested)} in it is not followed; write its links and "
+            "joints out in the model around it"
+        )
+    included = _includes(models[0].findall("include"))
+    if included:
+        raise InvalidModel(
+            f"{label(models[0])} has{included}, which is not followed; write out what is included"
+        )
     return models[0]
+
+
+def _includes(elements: Sequence[Element]) -> str:
+    """Return how errors list what a file includes."""
+    uris = [repr((element.findtext("uri") or "").strip()) for element in elements]
+    return f" <include> {', '.join(uris)}" if uris else ""
 
 
 def _inertia(element: Element, name: str, poses: Mapping[str, Any]) -> Any | None:
