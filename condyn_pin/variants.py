@@ -1,8 +1,11 @@
 """Variants of a robot: pieces of its card, by option and value, that are merged over it.
 
-[variants.springs.free]                     the first value of an option is its default
-[variants.springs.locked.description]       a piece has the entries of the card itself:
-lock = ["left-knee-shin-joint"]             tables are merged, lists grow, the rest is replaced
+    [variants.springs.free]
+    [variants.springs.locked.description]
+    lock = ["left-knee-shin-joint"]
+
+The first value of an option is its default. A piece has the entries of the card itself: tables are
+merged, lists grow, and the rest is replaced.
 """
 
 from __future__ import annotations

@@ -48,10 +48,13 @@ def test_a_loop_is_cut_at_its_joint_of_most_freedom(read, kinds, cut):
     assert cuts(read(body)) == [cut]
 
 
-def test_a_ring_of_fixed_joints_is_cut_at_the_last_one(read):
-    body = ring("fixed", "fixed", "fixed")
-    body += link("d") + joint("ad", "a", "d")
-    assert cuts(read(body)) == [("bc", "weld")]
+@pytest.mark.parametrize("kind", ["fixed", "revolute", "prismatic", "ball"])
+def test_a_joint_between_links_that_are_fixed_to_each_other_closes_nothing(read, kind):
+    body = ring("fixed", "fixed", kind) + link("d") + joint("ad", "a", "d")
+    robot = read(body)
+    assert robot.closures == ()
+    assert robot.model.nv == 1
+    assert "joints between links that cannot move against each other: 'bc'" in robot.unused
 
 
 def test_a_joint_with_a_spring_is_kept_before_one_without(read):

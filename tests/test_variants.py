@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from sdf_texts import joint, link
+from sdf_texts import joint, link, pose
 from shared import robot
 
 import condyn_pin as cp
@@ -290,6 +290,21 @@ def test_coupled_joints_are_locked_together():
         lock_joints(coupled, arms[:1])
     assert lock_joints(coupled, arms).loops == ()
     assert lock_joints(coupled, ["torso_1_joint"]).loops == coupled.loops
+
+
+def test_a_loop_of_locked_joints_is_gone_if_closed_and_refused_if_open(read):
+    # a, b, c and d in a row, a ball from a to c one metre off the axes, and c held by the world
+    row = "".join(map(link, "abcd"))
+    row += joint("ab", "a", "b") + joint("bc", "b", "c") + joint("cd", "c", "d")
+    said = read(row + joint("ac", "a", "c", "ball", pose("1 0 0 0 0 0")))
+    loops = [cp.Loop("ac_a", "ac_b", name="ac"), cp.Loop("world", "c")]
+    whole = cp.Robot("row", said.model, loops=loops)
+    locked = lock_joints(whole, ["ab", "bc"])
+    assert (locked.joints, locked.loops) == (("cd",), ())
+    assert lock_joints(whole, ["ab"]).loops == whole.loops
+    bent = dataclasses.replace(whole, springs=[cp.Spring("ab", 1.0, 0.1)])
+    with pytest.raises(cp.InvalidModel, match=r"'ac' would be held open by 0\.0998 m"):
+        lock_joints(bent, ["ab", "bc"])
 
 
 def test_nothing_to_lock_is_the_same_robot():

@@ -45,7 +45,12 @@ def build(sdf: Description, choices: Choices) -> SdfRobot:
     sdf = replace(sdf, links=links)
     floating = choices.root_joint is not None
     spanned = span(sdf, joints, choices.root, floating=floating, kept=kept, cut=choices.cut)
-    tree, closures = _grow(sdf, spanned, choices.root_joint)
+    tree = _grow(sdf, spanned, choices.root_joint)
+    closing = [joint for joint in spanned.cut if tree.parts(joint)]
+    idle = [joint.name for joint in spanned.cut if joint not in closing]
+    closures = tuple(tree.close(joint) for joint in closing)
+    for name, (link, oMf) in sdf.frames.items():
+        tree.mark(name, link, oMf)
     root_pose = tree.poses[spanned.start] if floating else None
     return SdfRobot(
         model=tree.model,
@@ -58,7 +63,7 @@ def build(sdf: Description, choices: Choices) -> SdfRobot:
         },
         reversed=spanned.reversed,
         unused=(
-            *unused_parts(sdf, choices.kinds, choices.drop, root_pose),
+            *unused_parts(sdf, choices.kinds, choices.drop, root_pose, idle),
             *unused_settings((*joints, *gearboxes), (*spanned.cut, *gearboxes)),
         ),
     )
@@ -100,14 +105,9 @@ def _kept(
     return kept
 
 
-def _grow(
-    sdf: Description, spanned: Span, root_joint: Any | None
-) -> tuple[Tree, tuple[Closure, ...]]:
+def _grow(sdf: Description, spanned: Span, root_joint: Any | None) -> Tree:
     tree = Tree(sdf)
     tree.plant(spanned.start, root_joint)
     for joint in spanned.tree:
         tree.attach(joint)
-    closures = tuple(tree.close(joint) for joint in spanned.cut)
-    for name, (link, oMf) in sdf.frames.items():
-        tree.mark(name, link, oMf)
-    return tree, closures
+    return tree

@@ -70,6 +70,12 @@ class Tree:
         jMc = joint.pose.actInv(self.poses[joint.child])
         self._carry(joint.child, carrier, frame, iMj * jMc)
 
+    def parts(self, joint: Joint) -> bool:
+        """Whether the two links of a joint can move against each other."""
+        first, second = (self.frames[link] for link in (joint.parent, joint.child))
+        frames = self.model.frames
+        return bool(frames[first].parentJoint != frames[second].parentJoint)
+
     def close(self, joint: Joint) -> Closure:
         """Add the two frames of a cut joint."""
         oMj = joint.pose

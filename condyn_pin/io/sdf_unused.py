@@ -11,7 +11,11 @@ from condyn_pin.io.sdf_types import Description, Joint
 
 
 def unused_parts(
-    sdf: Description, kinds: Mapping[str, str], drop: Sequence[str], root_pose: Any | None
+    sdf: Description,
+    kinds: Mapping[str, str],
+    drop: Sequence[str],
+    root_pose: Any | None,
+    idle: Sequence[str],
 ) -> Iterator[str]:
     """Say which parts of the file are not in the model."""
     if sdf.unread:
@@ -26,6 +30,8 @@ def unused_parts(
     ]
     if changed:
         yield f"joint types of the file: {', '.join(changed)}"
+    if idle:
+        yield f"joints between links that cannot move against each other: {quote(idle)}"
     if root_pose is not None and not root_pose.isIdentity():
         yield "pose of the root link in the file: the root joint's configuration replaces it"
 
