@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from condyn_pin.mechanisms import four_bar as four_bar
     from condyn_pin.mechanisms import pendulum as pendulum
     from condyn_pin.proof import Proof as Proof
+    from condyn_pin.reduction import ReducedScene as ReducedScene
     from condyn_pin.robot import Robot as Robot
     from condyn_pin.scene import Scene as Scene
     from condyn_pin.solution import Solution as Solution
@@ -78,6 +79,7 @@ _HOME = {
     "load": ("available_robots", "load_robot"),
     "mechanisms": ("four_bar", "pendulum"),
     "proof": ("Proof",),
+    "reduction": ("ReducedScene",),
     "robot": ("Robot",),
     "scene": ("Scene",),
     "solution": ("Solution", "StateError", "Status"),

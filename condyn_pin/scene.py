@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,6 +23,9 @@ from condyn_pin.errors import InvalidArgument, NotAssembled, unknown_name
 from condyn_pin.minimum_norm import factorise
 from condyn_pin.robot import Robot
 from condyn_pin.summary import Summary, summarise
+
+if TYPE_CHECKING:
+    from condyn_pin.reduction import ReducedScene
 
 
 @dataclass(frozen=True)
@@ -197,6 +200,58 @@ class Scene:
             f"none of 50 random configurations within {spread} of the nominal one could be closed; "
             "use a smaller spread"
         )
+
+    def lock(self, joints: Sequence[str], q: ArrayLike | None = None) -> ReducedScene:
+        """Return the scene of the smaller robot in which some joints are held at q.
+
+        Exact: it moves as this one does with the joints welded.
+
+        Parameters
+        ----------
+        joints : sequence of str
+            A free-flyer may be among them. Joints coupled to them are locked too.
+        q : (nq,) array_like, optional
+            Where; the nominal state by default. The other joints move as closing the loops needs;
+            the closed configuration is the first posture of the smaller robot, ``locked``.
+
+        Returns
+        -------
+        ReducedScene
+            A scene; its `expand_state` and `reduce_state` lead back and forth, and `dropped` says
+            what is left out, such as loops whose two sides are one body now.
+
+        Raises
+        ------
+        NotAssembled
+            If the loops cannot be closed with the joints there.
+        """
+        from condyn_pin.reduction import lock
+
+        return lock(self, joints, q)
+
+    def keep(self, joints: Sequence[str], q: ArrayLike | None = None) -> ReducedScene:
+        """Return the scene with all but some joints locked, as by `lock`.
+
+        A free-flyer is kept without being named; `lock` holds it.
+        """
+        from condyn_pin.reduction import keep
+
+        return keep(self, joints, q)
+
+    def without(self, names: Sequence[str]) -> ReducedScene:
+        """Return the scene without some of its constraints."""
+        from condyn_pin.reduction import without
+
+        return without(self, names)
+
+    def without_bodies(self, joints: Sequence[str]) -> ReducedScene:
+        """Return the scene without the bodies that hang on some joints, their mass included.
+
+        What hangs on these bodies goes with them, and the constraints that are fixed to them.
+        """
+        from condyn_pin.reduction import without_bodies
+
+        return without_bodies(self, joints)
 
     def _moving(self, fixed: Sequence[str]) -> list[int] | None:
         model = self.robot.model
