@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -252,6 +252,31 @@ class Scene:
         from condyn_pin.reduction import without_bodies
 
         return without_bodies(self, joints)
+
+    def rods_as_distances(
+        self, joints: Sequence[str], *, mass: Literal["ends", "drop"] = "ends"
+    ) -> ReducedScene:
+        """Return the scene in which rods are one row each: the distance of their two ends.
+
+        Parameters
+        ----------
+        joints : sequence of str
+            The joints on which the rods hang: balls, or hinges of a planar linkage. Each rod ends
+            a branch, and one loop of kind ball or planar ties its other end.
+        mass : {"ends", "drop"}
+            Whether a rod's mass is shared by its two ends, so that total mass and centre of mass
+            along the rod stay, or dropped.
+
+        Raises
+        ------
+        InvalidArgument
+            If a body is no rod; the text says why.
+        InvalidConstraint
+            If a rod does more than keep a distance: without it the mobility is another.
+        """
+        from condyn_pin.rods import rods_as_distances
+
+        return rods_as_distances(self, joints, mass=mass)
 
     def _moving(self, fixed: Sequence[str]) -> list[int] | None:
         model = self.robot.model
