@@ -23,6 +23,7 @@ from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
+from condyn_pin.bound import Bound
 from condyn_pin.constraints import Coupling
 from condyn_pin.equations import Equations
 from condyn_pin.errors import InvalidArgument, NotAssembled, unknown_name
@@ -140,7 +141,7 @@ def lock(scene: Scene, joints: Sequence[str], q: ArrayLike | None = None) -> Red
         raise InvalidArgument("joints: with all of them locked nothing moves; leave one at least")
     start = scene.state()[0] if q is None else normalised(scene.robot.model, "q", q)
     try:
-        closed = scene.assemble(start, fixed=names)
+        closed = closures(scene).assemble(start, fixed=names)
     except NotAssembled as error:
         raise NotAssembled(f"with {listed(names)} locked, {error}") from error
     words = f"joints locked: {listed(names)}"
@@ -222,6 +223,19 @@ def reduced(
         found=(*scene.found, *found),
         dropped=(*scene.dropped, *dropped),
     )
+
+
+def closures(scene: Scene) -> Scene:
+    """Return the scene without contacts that belong wherever they are.
+
+    They have no gap to close, and while gaps are closed with some joints held, they must give way.
+    """
+    kept = [
+        constraint
+        for constraint, bound in zip(scene.constraints, scene.bounds, strict=True)
+        if not isinstance(bound, Bound) or bound.anchored
+    ]
+    return Scene(scene.robot, kept)
 
 
 def free_flyers(robot: Robot) -> tuple[str, ...]:

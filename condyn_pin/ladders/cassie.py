@@ -1,0 +1,83 @@
+"""Cassie on both feet: springs locked, plantar rods off, achilles rods as distances, then a gear."""
+
+from __future__ import annotations
+
+from condyn_pin.constraints import Coupling
+from condyn_pin.equations import Equations
+from condyn_pin.ladder import Ladder, Rung
+from condyn_pin.load import load_robot
+from condyn_pin.merging import merge_points
+from condyn_pin.reduction import reduced
+from condyn_pin.scene import Scene
+from condyn_pin.smaller_tree import indices
+
+_SIDES = ("left", "right")
+
+
+def _whole() -> Scene:
+    cassie = load_robot("cassie")
+    return Scene(cassie, [*cassie.loops, *cassie.contacts])
+
+
+def _springs_locked(scene: Scene) -> Scene:
+    return scene.lock([spring.joint for spring in scene.robot.springs])
+
+
+def _feet_driven_directly(scene: Scene) -> Scene:
+    open_chain = scene.without([f"{side}-plantar-foot-joint" for side in _SIDES])
+    links = ("tarsus-crank-joint", "crank-rod-joint")
+    return open_chain.lock([f"{side}-{link}" for side in _SIDES for link in links])
+
+
+def _rods_as_distances(scene: Scene) -> Scene:
+    return scene.rods_as_distances([f"{side}-pitch-rod-joint" for side in _SIDES])
+
+
+def _geared(scene: Scene) -> Scene:
+    """Replace each distance by the proportion of knee and tarsus that it gives while standing."""
+    q, v = scene.state()
+    equations = Equations(scene.robot.model, scene.bounds)
+    J = equations.terms(q, v).J
+    constraints = {c.name: c for c in scene.constraints}
+    for bound in scene.bounds:
+        if bound.name.endswith("-achilles-spring-joint"):
+            side = bound.name.split("-")[0]
+            names = (f"{side}-shin-tarsus-joint", f"{side}-knee-op")
+            (q_tarsus, q_knee), (tarsus, knee) = indices(scene.robot.model, names)
+            row = J[bound.rows][0]
+            ratio = -row[knee] / row[tarsus]
+            offset = q[q_tarsus] - ratio * q[q_knee]
+            constraints[bound.name] = Coupling(*names, ratio, offset, name=bound.name)
+    words = "linkages of knee and tarsus: the proportion that they have at the nominal state"
+    return reduced(scene, scene.robot, list(constraints.values()), q, (words,))
+
+
+LADDER = Ladder(
+    name="cassie",
+    top=_whole,
+    label="springs free",
+    rungs=(
+        Rung(
+            "springs locked",
+            "at rest length; compared where the free springs carry the load without moving",
+            _springs_locked,
+        ),
+        Rung(
+            "feet driven directly",
+            "cranks and plantar rods are welded to the tarsus, and their loops dropped",
+            _feet_driven_directly,
+        ),
+        Rung("feet as edges", "two points a foot as one edge: exact", merge_points),
+        Rung(
+            "achilles rods as distances",
+            "their mass is shared by their ends",
+            _rods_as_distances,
+        ),
+        Rung(
+            "knee and tarsus geared",
+            "the proportion of the linkage while standing, in place of the linkage",
+            _geared,
+        ),
+    ),
+    sampled="achilles rods as distances",
+)

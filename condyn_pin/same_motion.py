@@ -1,0 +1,123 @@
+"""The same motion in another scene of the same machine.
+
+The joints that are named are where they are in the source and move as they do there. The others
+follow from the loops,
+
+    c(q) = 0,    J v = 0.
+
+Springs of the target that are locked in the source are bent as far as they have to be to carry the
+load: by d = -lam_s / k, where lam_s is the torque that holds them still, so that they do not
+accelerate either. Where the two scenes differ in geometry, v is the nearest one with J v = 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from condyn_pin import tolerances
+from condyn_pin.arrays import Array
+from condyn_pin.equations import Equations, Terms
+from condyn_pin.minimum_norm import factorise
+from condyn_pin.reduction import closures
+from condyn_pin.scene import Scene
+from condyn_pin.smaller_tree import indices
+from condyn_pin.solvers.reference import Reference
+from condyn_pin.spring import Spring
+from condyn_pin.timing import State
+
+_ROUNDS = 30  # of the load on the springs; it settles by a factor of ten and more in each
+_SETTLED = 1e-12  # [rad]
+
+
+def same_motion(source: Scene, target: Scene, state: State, joints: Sequence[str]) -> State:
+    """Return the motion of `source` in `target`.
+
+    Parameters
+    ----------
+    source, target : Scene
+    state : (q, v, tau)
+        A closed state of the source; tau are the torques of the motors, springs and damping not
+        among them.
+    joints : sequence of str
+        Joints of both scenes that decide where the machine is: the floating base and the motors.
+
+    Returns
+    -------
+    q, v, tau
+        tau with springs and damping. Motors that the source does not have hold their joints against
+        gravity.
+
+    Raises
+    ------
+    NotAssembled
+        If the target cannot be closed there.
+    """
+    q, v, tau = state
+    robot = target.robot
+    common = [name for name in source.robot.joints if name in robot.joints]
+    guess, wanted, motors = target.guess(), np.zeros(robot.nv), np.zeros(robot.nv)
+    guess[indices(robot.model, common)[0]] = q[indices(source.robot.model, common)[0]]
+    _, from_v = indices(source.robot.model, joints)
+    _, to_v = indices(robot.model, joints)
+    wanted[to_v], motors[to_v] = v[from_v], tau[from_v]
+    springs = [s for s in robot.springs if s.joint not in source.robot.joints]
+    fixed = [*joints, *(spring.joint for spring in springs)]
+    loops, equations = closures(target), Equations(robot.model, target.bounds)
+    _, of_springs = indices(robot.model, [spring.joint for spring in springs])
+    known = np.concatenate([to_v, of_springs])
+    for _ in range(_ROUNDS):
+        q_ = loops.assemble(guess, fixed=fixed)
+        v_ = _follow(equations, q_, wanted, known, of_springs)
+        tau_ = motors + _hold(target, q_, joints) + robot.passive_torque(q_, v_)
+        if not springs:
+            break
+        step = _bend(equations, (q_, v_, tau_), springs, of_springs)
+        guess = q_
+        guess[indices(robot.model, [spring.joint for spring in springs])[0]] += step
+        if np.abs(step).max() < _SETTLED:
+            break
+    return q_, v_, tau_
+
+
+def _follow(
+    equations: Equations, q: Array, wanted: Array, known: Array, still: Array
+) -> Array:
+    """Return the velocity with J v = 0 that keeps the known entries, or is nearest to them."""
+    terms = equations.terms(q, 0 * wanted)
+    free = np.setdiff1d(np.arange(len(wanted)), known)
+    v = wanted.copy()
+    v[free] = -np.linalg.lstsq(terms.J[:, free], terms.J @ wanted, rcond=tolerances.RANK)[0]
+    J = np.vstack([terms.J, np.eye(len(wanted))[still]])
+    return factorise(terms.M, J, tolerances.RANK).tangent(v)
+
+
+def _hold(target: Scene, q: Array, joints: Sequence[str]) -> Array:
+    """Return the torque against gravity in the motors that are not among `joints`."""
+    robot = target.robot
+    others = [name for name in robot.actuated if name not in joints]
+    _, index = indices(robot.model, others)
+    torque = np.zeros(robot.nv)
+    h = Equations(robot.model, ()).terms(q, torque).h
+    torque[index] = h[index]
+    return torque
+
+
+def _bend(
+    equations: Equations, state: State, springs: Sequence[Spring], index: Array
+) -> Array:
+    """Return how much further the springs have to bend to carry what holding them takes."""
+    q, v, tau = state
+    terms = equations.terms(q, v)
+    n, k = len(v), len(index)
+    held = Terms(
+        terms.M,
+        terms.h,
+        np.vstack([terms.J, np.eye(n)[index]]),
+        np.concatenate([terms.gamma, np.zeros(k)]),
+        np.concatenate([terms.a_ref, np.zeros(k)]),
+    )
+    _, lam = Reference(refinements=0).solve(held, tau)
+    step: Array = -lam[-k:] / np.array([spring.stiffness for spring in springs])
+    return step
