@@ -114,13 +114,13 @@ def test_a_planar_linkage_needs_no_more_than(kind):
         assert np.abs(plane - np.delete(whole.world_forces["coupler_rocker"], 1)).max() < 1e-8
         return
     model = pin.Model(bar.model)
-    light = pin.Inertia(1e-9, np.array([0.4, 0, 0]), np.diag([1e-10, 1e-10, 1e-10]))
+    light = pin.Inertia(1e-6, np.array([0.4, 0, 0]), 1e-7 * np.eye(3))
     model.inertias[bar.model.getJointId("coupler")] = light
     airy = cp.Robot("airy", model, loops=bar.loops)
     whole = cp.solve(cp.Scene(airy, airy.loops), q, v, tau, solver=cp.Reference())
     scene = cp.Scene(airy, [cp.Loop("crank_tip", "rocker_tip", "rod", length=0.8)])
     solution = cp.solve(scene, q, v, tau)
-    assert relative(solution.a[[0, 2]], whole.a[[0, 2]]) < 1e-7
+    assert relative(solution.a[[0, 2]], whole.a[[0, 2]]) < 1e-4
 
 
 def test_a_rod_is_a_spherical_pendulum():
