@@ -16,12 +16,11 @@ import numpy as np
 from condyn_pin import _pin
 from condyn_pin.arrays import Array
 from condyn_pin.errors import UnsupportedConstraint, unknown_name
-from condyn_pin.equations import Equations
 from condyn_pin.ladder_table import LadderRow, LadderTable
 from condyn_pin.machine import machine
 from condyn_pin.price import answers, compare
 from condyn_pin.reduction import free_flyers
-from condyn_pin.same_motion import same_motion
+from condyn_pin.same_motion import same_motion, standing_torque
 from condyn_pin.scene import Scene
 from condyn_pin.smaller_tree import indices
 from condyn_pin.solvers.base import Solver
@@ -170,17 +169,11 @@ def climb(chosen: Ladder, *, effort: LadderEffort = FULL) -> LadderTable:
 
 
 def _standing(scene: Scene, rng: np.random.Generator) -> State:
-    """Return a random motion, under the motor torques that carry the robot and random ones.
-
-    Those that carry it are the smallest with  S tau + J^T lam = h(q, 0).
-    """
+    """Return a random motion, under the motor torques that carry the robot and random ones."""
     robot = scene.robot
     q, v = scene.sample(rng)
     _, motors = indices(robot.model, robot.actuated)
-    terms = Equations(robot.model, scene.bounds).terms(q, np.zeros(robot.nv))
-    A = np.hstack([np.eye(robot.nv)[:, motors], terms.J.T])
-    tau = np.zeros(robot.nv)
-    tau[motors] = np.linalg.lstsq(A, terms.h, rcond=1e-9)[0][: len(motors)]
+    tau = standing_torque(scene, q)
     tau[motors] += _PUSH * scene.audit.weight * rng.normal(size=len(motors))
     return q, v, tau
 

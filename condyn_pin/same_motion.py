@@ -20,7 +20,7 @@ from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.equations import Equations, Terms
 from condyn_pin.minimum_norm import factorise
-from condyn_pin.reduction import closures
+from condyn_pin.reduction import closures, free_flyers
 from condyn_pin.scene import Scene
 from condyn_pin.smaller_tree import indices
 from condyn_pin.solvers.reference import Reference
@@ -29,6 +29,7 @@ from condyn_pin.timing import State
 
 _ROUNDS = 30  # of the load on the springs; it settles by a factor of ten and more in each
 _SETTLED = 1e-12  # [rad]
+_LEVER = 0.1  # [m]; a force of 10 N is as dear as a torque of 1 N m
 
 
 def same_motion(source: Scene, target: Scene, state: State, joints: Sequence[str]) -> State:
@@ -79,6 +80,28 @@ def same_motion(source: Scene, target: Scene, state: State, joints: Sequence[str
         if np.abs(step).max() < _SETTLED:
             break
     return q_, v_, tau_
+
+
+def loaded(scene: Scene) -> Array:
+    """Return the nominal configuration with the springs bent by what standing there takes."""
+    rigid = scene.lock([spring.joint for spring in scene.robot.springs])
+    q, v = rigid.state()
+    joints = (*free_flyers(rigid.robot), *rigid.robot.actuated)
+    return same_motion(rigid, scene, (q, v, standing_torque(rigid, q)), joints)[0]
+
+
+def standing_torque(scene: Scene, q: Array) -> Array:
+    """Return the torque of the motors that keeps the robot at q, at rest.
+
+    The smallest one with  S tau + J^T lam = h(q, 0), a force counting by `_LEVER`.
+    """
+    robot = scene.robot
+    _, motors = indices(robot.model, robot.actuated)
+    terms = Equations(robot.model, scene.bounds).terms(q, np.zeros(robot.nv))
+    A = np.hstack([np.eye(robot.nv)[:, motors], terms.J.T / _LEVER])
+    tau = np.zeros(robot.nv)
+    tau[motors] = np.linalg.lstsq(A, terms.h, rcond=tolerances.RANK)[0][: len(motors)]
+    return tau
 
 
 def _follow(

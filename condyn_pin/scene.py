@@ -285,6 +285,28 @@ class Scene:
 
         return rods_as_distances(self, joints, mass=mass)
 
+    def without_linkage(self, loops: Sequence[str], joints: Sequence[str]) -> ReducedScene:
+        """Return the scene without a linkage that only follows another joint.
+
+        Its loops are left out and its bodies welded at the nominal state; their inertia and damping
+        are reflected onto the joints that they followed, as armature and damping.
+
+        Parameters
+        ----------
+        loops : sequence of str
+            Names of constraints.
+        joints : sequence of str
+            The joints of the linkage.
+
+        Raises
+        ------
+        InvalidConstraint
+            If the linkage does more than follow: without it the mobility is another.
+        """
+        from condyn_pin.linkages import without_linkage
+
+        return without_linkage(self, loops, joints)
+
     def _moving(self, fixed: Sequence[str]) -> list[int] | None:
         model = self.robot.model
         if isinstance(fixed, str) or not isinstance(fixed, Iterable):

@@ -8,6 +8,7 @@ from condyn_pin.ladder import Ladder, Rung
 from condyn_pin.load import load_robot
 from condyn_pin.merging import merge_points
 from condyn_pin.reduction import reduced
+from condyn_pin.same_motion import loaded
 from condyn_pin.scene import Scene
 from condyn_pin.smaller_tree import indices
 
@@ -20,17 +21,22 @@ def _whole() -> Scene:
 
 
 def _springs_locked(scene: Scene) -> Scene:
-    return scene.lock([spring.joint for spring in scene.robot.springs])
+    """Lock the springs where they carry the robot while it stands."""
+    return scene.lock([spring.joint for spring in scene.robot.springs], loaded(scene))
 
 
 def _feet_driven_directly(scene: Scene) -> Scene:
-    open_chain = scene.without([f"{side}-plantar-foot-joint" for side in _SIDES])
     links = ("tarsus-crank-joint", "crank-rod-joint")
-    return open_chain.lock([f"{side}-{link}" for side in _SIDES for link in links])
+    return scene.without_linkage(
+        [f"{side}-plantar-foot-joint" for side in _SIDES],
+        [f"{side}-{link}" for side in _SIDES for link in links],
+    )
 
 
 def _rods_as_distances(scene: Scene) -> Scene:
-    return scene.rods_as_distances([f"{side}-pitch-rod-joint" for side in _SIDES])
+    """Replace the rods, and the points of the feet by edges: independent rows."""
+    edges = merge_points(scene)
+    return edges.rods_as_distances([f"{side}-pitch-rod-joint" for side in _SIDES])
 
 
 def _geared(scene: Scene) -> Scene:
@@ -59,18 +65,17 @@ LADDER = Ladder(
     rungs=(
         Rung(
             "springs locked",
-            "at rest length; compared where the free springs carry the load without moving",
+            "at what they are bent by standing; compared where free springs carry their load",
             _springs_locked,
         ),
         Rung(
             "feet driven directly",
-            "cranks and plantar rods are welded to the tarsus, and their loops dropped",
+            "cranks and plantar rods are reflected inertia, and their loops dropped",
             _feet_driven_directly,
         ),
-        Rung("feet as edges", "two points a foot as one edge: exact", merge_points),
         Rung(
             "achilles rods as distances",
-            "their mass is shared by their ends",
+            "their mass is shared by their ends; two points a foot are one edge",
             _rods_as_distances,
         ),
         Rung(
