@@ -5,9 +5,12 @@ from __future__ import annotations
 import csv
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
+
+_EXACT = 1e-9  # errors below this are those of the solver
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,8 @@ class LadderRow:
         the larger of |a| and gravity.
     force_worst, force_median : float
         Error of the wrench of all contacts, relative to the larger of it and the weight.
+    a_step, force_step : float
+        The worst errors against the rung above: the price of this step alone.
     """
 
     label: str
@@ -44,6 +49,8 @@ class LadderRow:
     a_median: float
     force_worst: float
     force_median: float
+    a_step: float
+    force_step: float
 
 
 @dataclass(frozen=True)
@@ -62,12 +69,7 @@ class LadderTable:
 
     def to_csv(self, path: str | Path) -> None:
         """Write the rows, after comment lines with the machine."""
-        with Path(path).open("w", newline="", encoding="utf-8") as file:
-            for key, value in self.machine.items():
-                file.write(f"# {key}: {value}\n")
-            writer = csv.DictWriter(file, ["ladder", *(f.name for f in fields(LadderRow))])
-            writer.writeheader()
-            writer.writerows({"ladder": self.name} | asdict(row) for row in self.rows)
+        write_csv([self], path)
 
     def to_json(self, path: str | Path) -> None:
         """Write name, machine and rows; what was not measured is null."""
@@ -81,37 +83,57 @@ class LadderTable:
     def markdown(self) -> str:
         """Return the table for a README."""
         lines = [
-            f"| {self.name} | nv | rows | solver | a [us] | x faster | error of a, worst (median) "
-            "| of the contact wrench |",
-            "|---|---|---|---|---|---|---|---|",
+            "| " + " | ".join((self.name, *COLUMNS[1:])) + " |",
+            "|" + "---|" * len(COLUMNS),
+            *("| " + " | ".join(cells) + " |" for cells in self.cells()),
         ]
-        for row in self.rows:
-            cells = (
+        return "\n".join(lines)
+
+    def cells(self) -> list[tuple[str, ...]]:
+        """Return the table as text, the columns being `COLUMNS`."""
+        return [
+            (
                 row.label,
                 str(row.nv),
                 f"{row.rows}, rank {row.rank}",
                 row.solver,
                 f"{row.us:.1f}",
                 f"{row.speedup:.2f}",
-                _errors(row.a_worst, row.a_median),
-                _errors(row.force_worst, row.force_median),
+                f"{_text(row.a_worst)} / {_text(row.a_step)}",
+                f"{_text(row.force_worst)} / {_text(row.force_step)}",
             )
-            lines.append("| " + " | ".join(cells) + " |")
-        return "\n".join(lines)
+            for row in self.rows
+        ]
 
     def __str__(self) -> str:
-        lines = []
-        for row in self.rows:
-            lines.append(
-                f"{row.label}: nv {row.nv}, {row.rows} rows, {row.us:.1f} us ({row.solver}), "
-                f"x {row.speedup:.2f}, error of a {_errors(row.a_worst, row.a_median)}, "
-                f"of the contact wrench {_errors(row.force_worst, row.force_median)}"
-            )
+        rows = [COLUMNS, *self.cells()]
+        widths = [max(len(row[i]) for row in rows) for i in range(len(COLUMNS))]
+        lines = [
+            "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+            for row in rows
+        ]
         return "\n".join(lines)
 
 
-def _errors(worst: float, median: float) -> str:
-    return f"{worst:.1e} ({median:.1e})" if worst >= 1e-9 else "none"
+COLUMNS = (
+    "rung", "nv", "rows", "solver", "a [us]", "x faster",
+    "error of a: all / this step", "of contact wrench: all / this step",
+)  # fmt: skip
+
+
+def write_csv(tables: Sequence[LadderTable], path: str | Path) -> None:
+    """Write the rows of ladders that were measured together, after lines with the machine."""
+    with Path(path).open("w", newline="", encoding="utf-8") as file:
+        for key, value in tables[0].machine.items():
+            file.write(f"# {key}: {value}\n")
+        writer = csv.DictWriter(file, ["ladder", *(f.name for f in fields(LadderRow))])
+        writer.writeheader()
+        for table in tables:
+            writer.writerows({"ladder": table.name} | asdict(row) for row in table.rows)
+
+
+def _text(error: float) -> str:
+    return f"{100 * error:.2g} %" if error >= _EXACT else "0"
 
 
 def _plain(value: Any) -> Any:

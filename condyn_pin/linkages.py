@@ -24,18 +24,20 @@ from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.equations import Equations
-from condyn_pin.errors import InvalidConstraint
+from condyn_pin.errors import InvalidArgument, InvalidConstraint
 from condyn_pin.reduction import ReducedScene, checked, free_flyers, listed, reduced
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.smaller_robot import sifted, smaller_robot
-from condyn_pin.smaller_tree import indices
+from condyn_pin.smaller_tree import Indices, indices
 
 
 def without_linkage(scene: Scene, loops: Sequence[str], joints: Sequence[str]) -> ReducedScene:
     """Return the scene without a linkage that only follows; see `Scene.without_linkage`."""
     gone = checked("loops", loops, scene.names, "constraint")
     names = checked("joints", joints, scene.robot.joints, "joint")
+    for name in names:
+        check_passive(scene.robot, name)
     q = scene.state()[0]
     armature, damping = _reflected(scene, gone, names, q)
     model = pin.Model(scene.robot.model)
@@ -52,26 +54,46 @@ def without_linkage(scene: Scene, loops: Sequence[str], joints: Sequence[str]) -
     )
     robot = smaller_robot(open_robot, names, q, words)
     kept, _ = sifted(robot, [c for c in scene.constraints if c.name not in gone])
-    result = reduced(scene, robot, kept, q, (words,), found=names)
-    if result.audit.mobility != scene.audit.mobility:
-        raise InvalidConstraint(
-            f"loops {listed(gone)}: without them and {listed(names)} the mobility is "
-            f"{result.audit.mobility} instead of {scene.audit.mobility}: they do more than follow"
-        )
-    return result
+    return reduced(scene, robot, kept, q, (words,), found=names)
+
+
+def check_passive(robot: Robot, joint: str) -> None:
+    """Raise InvalidArgument if a motor or a spring acts on a joint."""
+    if joint in robot.actuated or joint in (spring.joint for spring in robot.springs):
+        what = "motor" if joint in robot.actuated else "spring"
+        raise InvalidArgument(f"joint {joint!r}: a {what} acts on it, so it does not only follow")
+
+
+def follows(scene: Scene, loops: Sequence[str], joints: Sequence[str]) -> bool:
+    """Return whether loops tell some joints where to be, and the others nothing.
+
+    It is so if the rows of the loops have no less rank in the columns of these joints alone.
+    """
+    rows, p = _rows(scene, loops), indices(scene.robot.model, joints)[1]
+    terms = scene.audit.terms
+    J = terms.J[rows]
+    return bool(_rank(J[:, p]) == _rank(J))
+
+
+def _rank(J: Array) -> int:
+    return int(np.linalg.matrix_rank(J, rtol=tolerances.RANK))
 
 
 def _reflected(
     scene: Scene, loops: Sequence[str], joints: Sequence[str], q: Array
 ) -> tuple[Array, Array]:
     """Return what armature and damping the joints of the tree gain, an entry each of v."""
+    if not follows(scene, loops, joints):
+        raise InvalidConstraint(
+            f"loops {listed(loops)}: they do not only tell {listed(joints)} where to be, they also "
+            "hold other joints"
+        )
     model = scene.robot.model
     terms = Equations(model, scene.bounds).terms(q, np.zeros(model.nv))
-    rows = np.concatenate([np.arange(model.nv)[:0], *_rows(scene, loops)])
     _, p = indices(model, joints)
     _, floating = indices(model, free_flyers(scene.robot))
     r = np.setdiff1d(np.arange(model.nv), [*p, *floating])
-    J = terms.J[rows]
+    J = terms.J[_rows(scene, loops)]
     G = -np.linalg.pinv(J[:, p], rcond=tolerances.RANK) @ J[:, r]
     armature, damping = np.zeros((2, model.nv))
     armature[r] = np.einsum("ir,ij,jr->r", G, terms.M[np.ix_(p, p)], G)
@@ -79,5 +101,6 @@ def _reflected(
     return armature, damping
 
 
-def _rows(scene: Scene, names: Sequence[str]) -> list[Array]:
-    return [np.arange(b.rows.start, b.rows.stop) for b in scene.bounds if b.name in names]
+def _rows(scene: Scene, names: Sequence[str]) -> Indices:
+    found = [i for b in scene.bounds if b.name in names for i in range(b.rows.start, b.rows.stop)]
+    return np.array(found, dtype=np.int_)

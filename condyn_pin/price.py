@@ -75,16 +75,12 @@ def answers(scene: Scene, states: Sequence[State], joints: Sequence[str]) -> tup
     return np.array(found_a), np.array(found_f)
 
 
-def compare(
-    scene: Scene, full: tuple[Array, Array], small: tuple[Array, Array]
-) -> Errors:
+def compare(scene: Scene, full: tuple[Array, Array], small: tuple[Array, Array]) -> Errors:
     """Return the errors of the answers of a smaller scene against those of the full one."""
     yardstick = scene.audit.yardstick
     a = _relative(full[0], small[0], yardstick.gravity)
     f = _relative(full[1], small[1], scene.audit.weight)
-    return Errors(
-        float(a.max()), float(np.median(a)), float(f.max()), float(np.median(f))
-    )
+    return Errors(float(a.max()), float(np.median(a)), float(f.max()), float(np.median(f)))
 
 
 def _relative(full: Array, small: Array, floor: float) -> Array:

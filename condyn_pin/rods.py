@@ -21,6 +21,7 @@ import numpy as np
 from condyn_pin._pin import pin
 from condyn_pin.constraints import Constraint, Loop
 from condyn_pin.errors import InvalidArgument, InvalidConstraint
+from condyn_pin.linkages import check_passive
 from condyn_pin.reduction import ReducedScene, checked, listed, reduced
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
@@ -78,9 +79,19 @@ def rods_as_distances(
     return result
 
 
+def is_rod(scene: Scene, joint: str) -> bool:
+    """Return whether the body of a joint could be replaced by a distance."""
+    try:
+        _rod(scene, joint)
+    except InvalidArgument:
+        return False
+    return True
+
+
 def _rod(scene: Scene, joint: str) -> _Rod:
     """Return what is to be known of a rod, or say why the body is none."""
     robot, model = scene.robot, scene.robot.model
+    check_passive(robot, joint)
     number = model.getJointId(joint)
     if model.joints[number].shortname() not in _PIVOTS:
         raise InvalidArgument(f"joint {joint!r} is a {model.joints[number].shortname()}: a rod "

@@ -22,7 +22,7 @@ from condyn_pin.equations import Equations, Terms
 from condyn_pin.minimum_norm import factorise
 from condyn_pin.reduction import closures, free_flyers
 from condyn_pin.scene import Scene
-from condyn_pin.smaller_tree import indices
+from condyn_pin.smaller_tree import Indices, indices
 from condyn_pin.solvers.reference import Reference
 from condyn_pin.spring import Spring
 from condyn_pin.timing import State
@@ -104,9 +104,7 @@ def standing_torque(scene: Scene, q: Array) -> Array:
     return tau
 
 
-def _follow(
-    equations: Equations, q: Array, wanted: Array, known: Array, still: Array
-) -> Array:
+def _follow(equations: Equations, q: Array, wanted: Array, known: Indices, still: Indices) -> Array:
     """Return the velocity with J v = 0 that keeps the known entries, or is nearest to them."""
     terms = equations.terms(q, 0 * wanted)
     free = np.setdiff1d(np.arange(len(wanted)), known)
@@ -127,9 +125,7 @@ def _hold(target: Scene, q: Array, joints: Sequence[str]) -> Array:
     return torque
 
 
-def _bend(
-    equations: Equations, state: State, springs: Sequence[Spring], index: Array
-) -> Array:
+def _bend(equations: Equations, state: State, springs: Sequence[Spring], index: Indices) -> Array:
     """Return how much further the springs have to bend to carry what holding them takes."""
     q, v, tau = state
     terms = equations.terms(q, v)

@@ -27,7 +27,9 @@ from condyn_pin.robot import Robot
 from condyn_pin.summary import Summary, summarise
 
 if TYPE_CHECKING:
+    from condyn_pin.minimal import Minimal
     from condyn_pin.reduction import ReducedScene
+    from condyn_pin.solvers.base import Solver
 
 
 @dataclass(frozen=True)
@@ -300,12 +302,52 @@ class Scene:
 
         Raises
         ------
+        InvalidArgument
+            If a motor or a spring acts on one of the joints.
         InvalidConstraint
-            If the linkage does more than follow: without it the mobility is another.
+            If the loops also hold other joints than these.
         """
         from condyn_pin.linkages import without_linkage
 
         return without_linkage(self, loops, joints)
+
+    def minimal(
+        self,
+        *,
+        error: float,
+        motion: Sequence[tuple[ArrayLike, ArrayLike, ArrayLike]] | None = None,
+        watch: Sequence[str] | None = None,
+        solver: Solver | None = None,
+    ) -> Minimal:
+        """Return a smaller scene that answers the same question within an error.
+
+        Tried in this order, each kept if the errors stay within the limit: joints that do not move
+        are locked, points of contact merged, implied constraints left out, linkages that only
+        follow reflected onto what they follow, rods replaced by distances, balls of planar
+        linkages by planar pins.
+
+        Parameters
+        ----------
+        error : float
+            Largest relative error of accelerations and contact wrench that is allowed
+            (`condyn_pin.price`).
+        motion : sequence of (q, v, tau), optional
+            Closed states that matter; random ones by default, in which every joint moves.
+        watch : sequence of str, optional
+            Joints whose accelerations are asked for; by default the floating base and the motors
+            that the motion moves, or all that it moves if it moves neither.
+        solver : Solver, optional
+            What has to take the smaller scene, and is timed; `Proximal()` by default, which takes
+            neither distances nor planar pins.
+
+        Returns
+        -------
+        Minimal
+            The scene, sizes and times before and after, the errors, and every step in words.
+        """
+        from condyn_pin.minimal import minimal
+
+        return minimal(self, error=error, motion=motion, watch=watch, solver=solver)
 
     def _moving(self, fixed: Sequence[str]) -> list[int] | None:
         model = self.robot.model

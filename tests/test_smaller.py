@@ -13,6 +13,8 @@ import condyn_pin as cp
 from condyn_pin._pin import pin
 from condyn_pin.catalogue import motor_torque
 from condyn_pin.equations import Equations, Terms
+from condyn_pin.merging import merge_points
+from condyn_pin.planar import as_planar
 from condyn_pin.smaller_tree import smaller_tree
 from condyn_pin.tolerances import CLOSED
 
@@ -282,3 +284,204 @@ def test_a_state_with_the_locked_joint_elsewhere_is_refused():
         small.reduce_state(elsewhere, v)
     with pytest.raises(cp.InvalidArgument, match=r"moving by 0\.2"):
         small.reduce_state(q, v + 0.2)
+
+
+RODS = ["left-pitch-rod-joint", "right-pitch-rod-joint"]
+PLANTAR = tuple(f"{side}-plantar-foot-joint" for side in ("left", "right"))
+CRANKS = tuple(
+    f"{side}-{joint}"
+    for side in ("left", "right")
+    for joint in ("tarsus-crank-joint", "crank-rod-joint")
+)
+
+
+def pantograph(rod_mass: float) -> cp.Scene:
+    """A four-bar whose coupler is a rod of some mass, on a hinge."""
+    bar = cp.four_bar()
+    model = pin.Model(bar.model)
+    inertia = model.inertias[model.getJointId("coupler")]
+    share = rod_mass / inertia.mass
+    model.inertias[model.getJointId("coupler")] = pin.Inertia(
+        rod_mass, inertia.lever, share * inertia.inertia
+    )
+    heavy = cp.Robot("bar", model, postures=bar.postures, loops=bar.loops, actuated=("crank",))
+    return cp.Scene(heavy, heavy.loops)
+
+
+def error_of_rod(scene: cp.Scene, mass: str) -> float:
+    small = scene.rods_as_distances(["coupler"], mass=mass)
+    worst = 0.0
+    rng = np.random.default_rng(4)
+    for _ in range(3):
+        q, v = scene.sample(rng)
+        tau = np.array([0.3, 0.0, 0.0])
+        a = cp.solve(scene, q, v, tau, solver=cp.Reference()).a
+        state = small.reduce_state(q, v)
+        b = cp.solve(small, *state, small.reduce_torque(tau), solver=cp.Reference()).a
+        worst = max(worst, relative(b, a[[0, 2]]))
+    return worst
+
+
+def test_a_massless_rod_is_a_distance():
+    """The lighter the rod, the smaller the price, in proportion."""
+    errors = [error_of_rod(pantograph(mass), "drop") for mass in (1e-2, 1e-4, 1e-6)]
+    assert errors[0] > errors[1] > errors[2]
+    assert errors[2] < 1e-5
+    assert errors[1] == pytest.approx(100 * errors[2], rel=0.1)
+
+
+def test_mass_at_the_ends_is_nearer_than_no_mass():
+    assert error_of_rod(pantograph(0.1), "ends") < 0.5 * error_of_rod(pantograph(0.1), "drop")
+
+
+def test_rods_of_cassie():
+    scene = all_scenes()["cassie loops"]
+    small = scene.rods_as_distances(RODS)
+    assert (small.robot.nv, small.rows) == (26, 8)
+    assert small.robot.mass == pytest.approx(scene.robot.mass, rel=1e-12)
+    assert [c.kind for c in small.constraints] == ["rod", "ball", "rod", "ball"]
+    assert set(small.names) == set(scene.names)
+    assert small.constraints == small.robot.loops or set(small.constraints) == set(
+        small.robot.loops
+    )
+    com = [
+        pin.centerOfMass(s.robot.model, s.robot.model.createData(), s.state()[0])
+        for s in (scene, small)
+    ]
+    assert np.abs(com[0] - com[1]).max() < 1e-4
+    dropped = scene.rods_as_distances(RODS, mass="drop")
+    assert dropped.robot.mass == pytest.approx(scene.robot.mass - 2 * 0.1567, rel=1e-12)
+    q, v = small.sample(np.random.default_rng(0))
+    found = small.expand_state(q, v)
+    workspace = cp.Workspace(scene)
+    assert np.abs(workspace.violation(found[0])).max() <= CLOSED
+    assert np.abs(workspace.jacobian(found[0]) @ found[1]).max() < 1e-9
+
+
+def test_a_linkage_that_follows_becomes_reflected_inertia():
+    scene = all_scenes()["cassie loops"]
+    small = scene.without_linkage(PLANTAR, CRANKS)
+    assert (small.robot.nv, small.rows, small.audit.mobility) == (28, 6, 22)
+    assert small.robot.mass == pytest.approx(scene.robot.mass, rel=1e-12)
+    foot = small.robot.model.joints[small.robot.model.getJointId("left-foot-op")].idx_v
+    armature, damping = small.robot.model.armature, small.robot.model.damping
+    assert 1e-4 < armature[foot] < 1e-2
+    assert damping[foot] == pytest.approx(2.0, rel=1e-2)  # its own, and the crank's at ratio 1
+    assert np.count_nonzero(np.abs(armature) > 1e-8) == 2
+    q, v = scene.sample(np.random.default_rng(0))
+    feet = [name for name in scene.robot.actuated if name.endswith("foot-op")]
+    tau = motor_torque(scene.robot, np.random.default_rng(0)) * 0.1
+    a = cp.solve(scene, q, v, tau, solver=cp.Reference()).a
+    b = cp.solve(
+        small, *small.reduce_state(q, v), small.reduce_torque(tau), solver=cp.Reference()
+    ).a
+    for name in feet:
+        i, k = (
+            s.robot.model.joints[s.robot.model.getJointId(name)].idx_v for s in (scene, small)
+        )
+        assert abs(a[i] - b[k]) < 0.02 * np.abs(a).max()
+
+
+def test_points_are_merged_exactly():
+    for label, kinds in (
+        ("talos corners", (cp.SurfaceContact, cp.SurfaceContact)),
+        ("cassie loops + contacts", (*[cp.Loop] * 4, cp.LineContact, cp.LineContact)),
+    ):
+        scene = all_scenes()[label]
+        small = merge_points(scene)
+        assert tuple(map(type, small.constraints)) == kinds
+        assert small.audit.rank == scene.audit.rank
+        q, v = scene.sample(np.random.default_rng(0))
+        tau = motor_torque(scene.robot, np.random.default_rng(0))
+        a = cp.solve(scene, q, v, tau, solver=cp.Reference()).a
+        b = cp.solve(small, q, v, tau, solver=cp.Reference()).a
+        assert relative(b, a) < 1e-10
+    kept = merge_points(all_scenes()["cassie loops + contacts"], edges=False)
+    assert kept.constraints == all_scenes()["cassie loops + contacts"].constraints
+
+
+def test_points_with_an_anchor_are_not_merged():
+    solo = robot("solo12")
+    points = [
+        cp.PointContact("FL_FOOT", (0.01 * i, 0, 0), anchor=(0.2, 0.1, 0.0), name=f"p{i}")
+        for i in range(2)
+    ]
+    assert merge_points(cp.Scene(solo, points)).constraints == tuple(points)
+
+
+@pytest.mark.parametrize("label", ["four_bar loops", "four_bar backwards", "cassie loops"])
+def test_a_ball_in_a_plane_becomes_a_planar_pin_with_full_rank(label):
+    scene = all_scenes()[label]
+    name = next(r for r in scene.audit.redundant).rsplit(".", 1)[0]
+    small = as_planar(scene, name)
+    assert small.rows == scene.rows - 1
+    assert small.audit.rank == scene.audit.rank
+    q, v = scene.sample(np.random.default_rng(0))
+    tau = motor_torque(scene.robot, np.random.default_rng(0))
+    a, b = (cp.solve(s, q, v, tau, solver=cp.Reference()).a for s in (scene, small))
+    assert relative(b, a) < 1e-10
+    with pytest.raises(cp.InvalidConstraint, match="ball is needed"):
+        as_planar(small, name)
+
+
+def test_locking_one_side_of_a_coupling_locks_the_other():
+    bar = robot("four_bar")
+    scene = cp.Scene(bar, [cp.Coupling("rocker", "crank", ratio=2.0, offset=0.1, name="gear")])
+    small = scene.lock(["crank"])
+    assert small.robot.joints == ("coupler",)
+    assert any("rocker: locked with crank, by the coupling gear" in text for text in small.dropped)
+    q, _ = small.expand_state(*small.state())
+    assert q[2] == pytest.approx(2 * q[0] + 0.1, abs=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "said"),
+    [
+        (lambda s: s.rods_as_distances(["left-pitch-rod"]), cp.UnknownName, "left-pitch-rod-joint"),
+        (lambda s: s.rods_as_distances(["left-knee-op"]), cp.InvalidArgument, "motor acts on it"),
+        (
+            lambda s: s.rods_as_distances(["left-tarsus-spring-joint"]),
+            cp.InvalidArgument,
+            "spring acts on it",
+        ),
+        (
+            lambda s: s.rods_as_distances(["left-tarsus-crank-joint"]),
+            cp.InvalidArgument,
+            "carries further joints",
+        ),
+        (lambda s: s.rods_as_distances(RODS, mass="half"), cp.InvalidArgument, "ends, drop"),
+        (
+            lambda s: s.without_linkage(["left-achilles-spring-joint"], RODS[:1]),
+            cp.InvalidConstraint,
+            "also hold other joints",
+        ),
+        (lambda s: s.without_linkage(["plantar"], CRANKS), cp.UnknownName, "plantar-foot-joint"),
+        (lambda s: as_planar(s, RODS[0]), cp.InvalidConstraint, "kind ball"),
+        (
+            lambda s: as_planar(s, "left-achilles-spring-joint"),
+            cp.InvalidConstraint,
+            "independent",
+        ),
+    ],
+)
+def test_what_is_no_rod_and_no_linkage_is_refused(change, error, said):
+    with pytest.raises(error, match=said):
+        change(all_scenes()["cassie loops"])
+
+
+def test_a_rod_that_does_more_than_keep_a_distance_is_refused():
+    """On a hinge across the plane of its loop, a rod holds its other end sideways too."""
+    model = pin.Model()
+    arm = model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "arm")
+    rod = model.addJoint(0, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([1.0, 0, 0])), "rod")
+    for joint, x in ((arm, 0.4), (rod, -0.3)):
+        tip = pin.SE3(np.eye(3), np.array([2 * x, 0.0, 0.0]))
+        inertia = pin.Inertia(1.0, np.array([x, 0.0, 0.0]), 0.1 * np.eye(3))
+        model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+        model.addFrame(pin.Frame(f"tip{joint}", joint, 0, tip, pin.FrameType.OP_FRAME))
+    z = np.sin(0.2)
+    posture = np.array([0.0, 0.0, z, np.sqrt(1 - z * z), 0.4])
+    two = cp.Robot("two", model, postures={"met": posture})
+    scene = cp.Scene(two, [cp.Loop("tip1", "tip2")])
+    with pytest.raises(cp.InvalidConstraint, match="do more than keep a distance"):
+        scene.rods_as_distances(["rod"])

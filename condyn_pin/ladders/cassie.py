@@ -1,10 +1,10 @@
-"""Cassie on both feet: springs locked, plantar rods off, achilles rods as distances, then a gear."""
+"""Cassie on both feet: springs locked, feet driven directly, rods as distances, then a gear."""
 
 from __future__ import annotations
 
 from condyn_pin.constraints import Coupling
 from condyn_pin.equations import Equations
-from condyn_pin.ladder import Ladder, Rung
+from condyn_pin.climbing import Ladder, Rung
 from condyn_pin.load import load_robot
 from condyn_pin.merging import merge_points
 from condyn_pin.reduction import reduced

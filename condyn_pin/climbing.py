@@ -145,8 +145,11 @@ def climb(chosen: Ladder, *, effort: LadderEffort = FULL) -> LadderTable:
     first = next(iter(scenes))
     reasons = {chosen.label: "the whole machine"} | {r.label: r.why for r in chosen.rungs}
     rows = []
+    above = first
     for label, scene in scenes.items():
         errors = compare(scenes[first], found[first], found[label])
+        step = compare(scenes[first], found[above], found[label])
+        above = label
         solver, spent = times[label]
         rows.append(
             LadderRow(
@@ -163,6 +166,8 @@ def climb(chosen: Ladder, *, effort: LadderEffort = FULL) -> LadderTable:
                 a_median=errors.a_median,
                 force_worst=errors.force_worst,
                 force_median=errors.force_median,
+                a_step=step.a_worst,
+                force_step=step.force_worst,
             )
         )
     return LadderTable(chosen.name, tuple(rows), effort.states, machine())
