@@ -19,9 +19,9 @@ from condyn_pin.errors import UnsupportedConstraint, unknown_name
 from condyn_pin.ladder_table import LadderRow, LadderTable
 from condyn_pin.machine import machine
 from condyn_pin.price import answers, compare
-from condyn_pin.reduction import free_flyers
 from condyn_pin.same_motion import same_motion, standing_torque
 from condyn_pin.scene import Scene
+from condyn_pin.smaller_robot import free_flyers
 from condyn_pin.smaller_tree import indices
 from condyn_pin.solvers.base import Solver
 from condyn_pin.solvers.dense_kkt import DenseKKT

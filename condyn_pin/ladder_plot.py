@@ -49,7 +49,7 @@ def draw_ladder(table: LadderTable, ax: Any = None) -> Any:
     ax.set(ylabel="worst error of a, 0 drawn at 1e-6", ylim=(_FLOOR / 3, 10.0))
     ax.set_xlim(0.0, 1.15 * max(speed for speed, _ in points))
     ax.grid(visible=True, which="major", color="0.9")
-    ax.legend(fontsize=6, frameon=False, loc="upper left")
+    ax.legend(fontsize=6, frameon=False, loc="best")
     return ax
 
 

@@ -25,10 +25,11 @@ from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.equations import Equations
 from condyn_pin.errors import InvalidArgument, InvalidConstraint
-from condyn_pin.reduction import ReducedScene, checked, free_flyers, listed, reduced
+from condyn_pin.names import checked, listed
+from condyn_pin.reduction import ReducedScene, reduced
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
-from condyn_pin.smaller_robot import sifted, smaller_robot
+from condyn_pin.smaller_robot import free_flyers, sifted, smaller_robot
 from condyn_pin.smaller_tree import Indices, indices
 
 

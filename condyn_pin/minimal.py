@@ -21,9 +21,10 @@ from condyn_pin.arrays import Array, finite
 from condyn_pin.catalogue import motor_torque
 from condyn_pin.errors import CondynError, InvalidArgument, UnsupportedConstraint
 from condyn_pin.price import Errors, answers, compare, watched_joints
-from condyn_pin.reduction import ReducedScene, free_flyers, reduced
+from condyn_pin.reduction import ReducedScene, reduced
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
+from condyn_pin.smaller_robot import free_flyers
 from condyn_pin.smaller_tree import indices
 from condyn_pin.solvers.base import Solver
 from condyn_pin.solvers.proximal import Proximal

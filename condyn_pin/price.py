@@ -19,8 +19,9 @@ import numpy as np
 
 from condyn_pin.arrays import Array
 from condyn_pin.equations import Equations
-from condyn_pin.reduction import checked, free_flyers
+from condyn_pin.names import checked
 from condyn_pin.scene import Scene
+from condyn_pin.smaller_robot import free_flyers
 from condyn_pin.smaller_tree import indices
 from condyn_pin.solvers.reference import Reference
 from condyn_pin.timing import State

@@ -11,7 +11,7 @@ changes the robot; `Scene.minimal` measures by how much.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -26,14 +26,13 @@ from condyn_pin.arrays import Array, finite
 from condyn_pin.bound import Bound
 from condyn_pin.constraints import Coupling
 from condyn_pin.equations import Equations
-from condyn_pin.errors import InvalidArgument, NotAssembled, unknown_name
+from condyn_pin.errors import InvalidArgument, NotAssembled
+from condyn_pin.names import checked, listed
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
-from condyn_pin.smaller_robot import sides, sifted, smaller_robot
+from condyn_pin.smaller_robot import free_flyers, sides, sifted, smaller_robot
 from condyn_pin.smaller_tree import Indices, indices
 from condyn_pin.summary import Summary
-
-_NAMES_SHOWN = 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -236,36 +235,6 @@ def closures(scene: Scene) -> Scene:
         if not isinstance(bound, Bound) or bound.anchored
     ]
     return Scene(scene.robot, kept)
-
-
-def free_flyers(robot: Robot) -> tuple[str, ...]:
-    """Return the joints by which the robot floats in the world."""
-    model = robot.model
-    return tuple(
-        str(name)
-        for name, joint, parent in zip(model.names, model.joints, model.parents, strict=True)
-        if parent == 0 and joint.shortname() == "JointModelFreeFlyer"
-    )
-
-
-def checked(argument: str, names: Any, known: Sequence[str], what: str) -> tuple[str, ...]:
-    """Return a list of names without repetition, each of which exists."""
-    if isinstance(names, str) or not isinstance(names, Iterable):
-        raise InvalidArgument(f"{argument} = {names!r}: a list of names is needed")
-    found = []
-    for name in names:
-        if not isinstance(name, str):
-            raise InvalidArgument(f"{argument}: {name!r} is not the name of a {what}")
-        if name not in known:
-            raise unknown_name(what, name, known)
-        found.append(name)
-    return tuple(dict.fromkeys(found))
-
-
-def listed(names: Sequence[str]) -> str:
-    """Return names for a sentence, the first few of many."""
-    more = len(names) - _NAMES_SHOWN
-    return ", ".join(names[:_NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")
 
 
 def _with_partners(scene: Scene, joints: Sequence[str]) -> tuple[tuple[str, ...], list[str]]:

@@ -22,7 +22,8 @@ from condyn_pin._pin import pin
 from condyn_pin.constraints import Constraint, Loop
 from condyn_pin.errors import InvalidArgument, InvalidConstraint
 from condyn_pin.linkages import check_passive
-from condyn_pin.reduction import ReducedScene, checked, listed, reduced
+from condyn_pin.names import checked, listed
+from condyn_pin.reduction import ReducedScene, reduced
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.smaller_robot import sides, smaller_robot

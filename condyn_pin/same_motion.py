@@ -20,8 +20,9 @@ from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.equations import Equations, Terms
 from condyn_pin.minimum_norm import factorise
-from condyn_pin.reduction import closures, free_flyers
+from condyn_pin.reduction import closures
 from condyn_pin.scene import Scene
+from condyn_pin.smaller_robot import free_flyers
 from condyn_pin.smaller_tree import Indices, indices
 from condyn_pin.solvers.reference import Reference
 from condyn_pin.spring import Spring

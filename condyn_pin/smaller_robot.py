@@ -84,3 +84,13 @@ def sides(robot: Robot, constraint: Constraint) -> tuple[int, int]:
     if isinstance(constraint, Loop):
         return robot.frame(constraint.frame_a)[0], robot.frame(constraint.frame_b)[0]
     return robot.frame(constraint.frame)[0], 0  # type: ignore[attr-defined]
+
+
+def free_flyers(robot: Robot) -> tuple[str, ...]:
+    """Return the joints by which the robot floats in the world."""
+    model = robot.model
+    return tuple(
+        str(name)
+        for name, joint, parent in zip(model.names, model.joints, model.parents, strict=True)
+        if parent == 0 and joint.shortname() == "JointModelFreeFlyer"
+    )

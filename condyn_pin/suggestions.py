@@ -15,10 +15,11 @@ from condyn_pin.constraints import Loop
 from condyn_pin.linkages import follows
 from condyn_pin.merging import merge_points
 from condyn_pin.minimum_norm import factorise
+from condyn_pin.names import listed
 from condyn_pin.planar import as_planar
-from condyn_pin.reduction import ReducedScene, free_flyers, listed
+from condyn_pin.reduction import ReducedScene
 from condyn_pin.rods import is_rod
-from condyn_pin.smaller_robot import sides
+from condyn_pin.smaller_robot import free_flyers, sides
 
 
 @dataclass(frozen=True)

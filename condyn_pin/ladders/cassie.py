@@ -1,10 +1,10 @@
-"""Cassie on both feet: springs locked, feet driven directly, rods as distances, then a gear."""
+"""Cassie on both feet: feet driven directly, springs locked, rods as distances, then a gear."""
 
 from __future__ import annotations
 
+from condyn_pin.climbing import Ladder, Rung
 from condyn_pin.constraints import Coupling
 from condyn_pin.equations import Equations
-from condyn_pin.climbing import Ladder, Rung
 from condyn_pin.load import load_robot
 from condyn_pin.merging import merge_points
 from condyn_pin.reduction import reduced
@@ -20,17 +20,17 @@ def _whole() -> Scene:
     return Scene(cassie, [*cassie.loops, *cassie.contacts])
 
 
-def _springs_locked(scene: Scene) -> Scene:
-    """Lock the springs where they carry the robot while it stands."""
-    return scene.lock([spring.joint for spring in scene.robot.springs], loaded(scene))
-
-
 def _feet_driven_directly(scene: Scene) -> Scene:
     links = ("tarsus-crank-joint", "crank-rod-joint")
     return scene.without_linkage(
         [f"{side}-plantar-foot-joint" for side in _SIDES],
         [f"{side}-{link}" for side in _SIDES for link in links],
     )
+
+
+def _springs_locked(scene: Scene) -> Scene:
+    """Lock the springs where they carry the robot while it stands."""
+    return scene.lock([spring.joint for spring in scene.robot.springs], loaded(scene))
 
 
 def _rods_as_distances(scene: Scene) -> Scene:
@@ -64,14 +64,14 @@ LADDER = Ladder(
     label="springs free",
     rungs=(
         Rung(
-            "springs locked",
-            "at what they are bent by standing; compared where free springs carry their load",
-            _springs_locked,
-        ),
-        Rung(
             "feet driven directly",
             "cranks and plantar rods are reflected inertia, and their loops dropped",
             _feet_driven_directly,
+        ),
+        Rung(
+            "springs locked",
+            "at what they are bent by standing; compared where free springs carry their load",
+            _springs_locked,
         ),
         Rung(
             "achilles rods as distances",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from condyn_pin.contacts import SurfaceContact
 from condyn_pin.climbing import Ladder, Rung
+from condyn_pin.contacts import SurfaceContact
 from condyn_pin.load import load_robot
 from condyn_pin.scene import Scene
 
