@@ -20,6 +20,7 @@ from condyn_pin.planar import as_planar
 from condyn_pin.reduction import ReducedScene
 from condyn_pin.rods import is_rod
 from condyn_pin.smaller_robot import free_flyers, sides
+from condyn_pin.smaller_tree import indices
 
 
 @dataclass(frozen=True)
@@ -48,8 +49,10 @@ def suggestions(
     """
     still = [n for n in scene.robot.joints if n not in moving and n not in asked]
     if still and len(still) < len(scene.robot.joints):
+        index, _ = indices(scene.full.robot.model, scene.robot.joints)
+        q = np.array(scene.held)[index]
         yield Suggestion(
-            f"joints that do not move locked: {listed(still)}", lambda s: s.lock(still, None)
+            f"joints that do not move locked: {listed(still)}", lambda s: s.lock(still, q)
         )
     if merge_points(scene, edges=exact_rows).rows < scene.rows:
         yield Suggestion(
