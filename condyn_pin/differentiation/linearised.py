@@ -26,7 +26,7 @@ from condyn_pin.differentiation.partials import End, Partials, of_contact, of_po
 class Linearised(NamedTuple):
     """The partial derivatives at one (q, v, a, lam)."""
 
-    M: Array  # (nv, nv), upper triangle
+    M_inv: Array  # (nv, nv), the inverse of the mass matrix
     J: Array  # (m, nv)
     r_q: Array  # (nv, nv)
     r_v: Array
@@ -81,7 +81,12 @@ class Linearisation:
         r_q = np.array(data.dtau_dq)
         for force in turning:
             r_q -= force
-        return Linearised(np.array(data.M), J, r_q, np.array(data.dtau_dv), s_q, s_v)
+        M_inv = np.array(pin.computeMinverse(model, data, q))
+        return Linearised(M_inv, J, r_q, np.array(data.dtau_dv), s_q, s_v)
+
+    def mass_matrix(self, q: Array) -> Array:
+        """Return M (nv, nv)."""
+        return np.array(pin.crba(self._model, self._data, q))
 
     def _partials(self, b: Bound, lam: Array, duals: tuple[Array, Array]) -> Partials:
         """Return the partials of one constraint, and apply its force."""
