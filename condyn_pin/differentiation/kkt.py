@@ -74,13 +74,13 @@ class KktDerivatives(Derivatives):
 
     def _form(self) -> tuple[Array, Array]:
         of, n, m = self._of, self._n, self._m
-        da, dlam = np.empty((n, 3 * n)), np.empty((m, 3 * n))
-        x, y = -np.hstack([of.r_q, of.r_v]), -np.hstack([of.s_q, of.s_v])
-        da[:, : 2 * n], dlam[:, : 2 * n] = self._factors.solve(x, y)
+        x, y = np.concatenate([of.r_q, of.r_v], axis=1), np.concatenate([of.s_q, of.s_v], axis=1)
+        by_state = self._factors.solve(x, y)
         if isinstance(self._factors, Inverse):
-            da[:, 2 * n :], dlam[:, 2 * n :] = self._factors.A, -self._factors.B.T
+            by_tau = self._factors.A, -self._factors.B.T
         else:
-            da[:, 2 * n :], dlam[:, 2 * n :] = self._factors.solve(np.eye(n), np.zeros((m, n)))
+            by_tau = self._factors.solve(np.eye(n), np.zeros((m, n)))
+        da, dlam = (np.concatenate([-a, b], axis=1) for a, b in zip(by_state, by_tau, strict=True))
         if self._null is not None:
             dlam[:, :n] += self._null
         return da, dlam
@@ -105,7 +105,7 @@ class KktDerivatives(Derivatives):
 def _invert(of: Linearised) -> Inverse | None:
     """Return the inverse; None if the rows are not independent."""
     # imported here: scipy.linalg takes as long to import as Pinocchio
-    from scipy.linalg.lapack import dpotrf, dpotri
+    from scipy.linalg.lapack import dpotrf, dpotrs
 
     m, n = of.J.shape
     if m == 0:
@@ -115,7 +115,5 @@ def _invert(of: Linearised) -> Inverse | None:
     pivots = C.diagonal()
     if info or not pivots.min() > tolerances.RANK * pivots.max():
         return None
-    G_inv = dpotri(C)[0]
-    G_inv = G_inv + np.triu(G_inv, 1).T
-    B = Y @ G_inv
-    return Inverse(of.M_inv - B @ Y.T, B, G_inv)
+    BT = dpotrs(C, Y.T)[0]
+    return Inverse(of.M_inv - Y @ BT, BT.T, dpotrs(C, np.eye(m))[0])
