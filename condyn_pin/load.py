@@ -7,6 +7,7 @@ leave out: loops, contacts, motors, postures, the licence.
     actuated = ["joint", ...]
     [description]  file (in example-robot-data, or beside the toml), srdf, root_joint
                    ("free_flyer" or "fixed"), rotors = true; for SDF also root, kinds, drop
+    [[frames]]     name, parent, translation, rotation: more frames, see `Robot.with_frame`
     [[loops]]      kind and the fields of `Loop`; or kind = "coupling" and those of `Coupling`
                    (an SDF brings its own)
     [[contacts]]   kind = "point", "surface", "line" or "planar", and the fields of that class
@@ -36,7 +37,8 @@ from condyn_pin.robot import Robot
 from condyn_pin.spring import Spring
 
 _CARD = (
-    "name", "source", "licence", "actuated", "description", "loops", "contacts", "postures",
+    "name", "source", "licence", "actuated", "description", "frames", "loops", "contacts",
+    "postures",
 )  # fmt: skip
 _DESCRIPTION = ("file", "srdf", "root_joint", "rotors", "root", "kinds", "drop")
 _CONTACTS: dict[str, type[Constraint]] = {
@@ -158,7 +160,7 @@ def _from_card(card: Mapping[str, Any], folder: Path) -> Robot:
     postures = _srdf_postures(model, description, folder)
     postures |= {n: _posture(model, values) for n, values in card.get("postures", {}).items()}
     loops += tuple(_loop(table) for table in card.get("loops", ()))
-    return Robot(
+    robot = Robot(
         card["name"],
         model,
         postures=postures,
@@ -170,6 +172,9 @@ def _from_card(card: Mapping[str, Any], folder: Path) -> Robot:
         source=card["source"],
         licence=card["licence"],
     )
+    for table in card.get("frames", ()):
+        robot = robot.with_frame(**table)
+    return robot
 
 
 def _only_known(where: str, table: Mapping[str, Any], known: tuple[str, ...]) -> None:
