@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from condyn_pin.errors import StaleModel as StaleModel
     from condyn_pin.errors import UnknownName as UnknownName
     from condyn_pin.errors import UnsupportedBackend as UnsupportedBackend
+    from condyn_pin.errors import UnsupportedConstraint as UnsupportedConstraint
     from condyn_pin.load import available_robots as available_robots
     from condyn_pin.load import load_robot as load_robot
     from condyn_pin.mechanisms.chain import chain as chain
@@ -76,6 +77,7 @@ _HOME = {
         "StaleModel",
         "UnknownName",
         "UnsupportedBackend",
+        "UnsupportedConstraint",
     ),
     "load": ("available_robots", "load_robot"),
     "mechanisms.chain": ("chain",),
