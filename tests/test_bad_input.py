@@ -254,7 +254,7 @@ def test_load_robot_refuses_what_is_not_a_name(name):
 NAMES = {
     "cassi": "no robot named 'cassi'; did you mean 'cassie'",
     "Talos": "'talos'",
-    "nobody": "no robot named 'nobody'; known: cassie, ",
+    "nobody": "no robot named 'nobody'; known: andrews, ",
     "/nowhere/arm.urdf": r"/nowhere/arm\.urdf: no such file",
     "/nowhere/arm.sdf": "a .urdf file or a folder with a robot.toml is needed",
     "/nowhere/arm.xacro": "a .urdf file or a folder with a robot.toml is needed",

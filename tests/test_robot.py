@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import pickle
 
 import numpy as np
 import pytest
@@ -11,43 +10,6 @@ from shared import robot
 
 import condyn_pin as cp
 from condyn_pin._pin import pin
-
-# size of q, of v, mass [kg], number of loops
-FIGURES = {
-    "talos": (39, 38, 90.2722, 0),
-    "solo12": (19, 18, 2.5, 0),
-    "cassie": (35, 32, 32.94, 4),
-    "four_bar": (3, 3, 4.25, 1),
-    "pendulum": (1, 1, 1.0, 0),
-}
-
-
-def test_every_robot_has_figures_here():
-    assert set(FIGURES) == set(cp.available_robots())
-
-
-@pytest.mark.parametrize("name", FIGURES)
-def test_size_mass_and_card(name):
-    loaded = robot(name)
-    nq, nv, mass, loops = FIGURES[name]
-    assert (loaded.nq, loaded.nv, len(loaded.loops)) == (nq, nv, loops)
-    assert loaded.mass == pytest.approx(mass, abs=5e-5)
-    assert loaded.source
-    assert loaded.licence
-    assert loaded.name == name
-    assert set(loaded.actuated) <= set(loaded.joints)
-    for contact in loaded.contacts:
-        assert contact.frame in loaded.frames
-
-
-@pytest.mark.parametrize("name", FIGURES)
-def test_robots_pickle_and_compare(name):
-    loaded = robot(name)
-    copy = pickle.loads(pickle.dumps(loaded))
-    assert copy == loaded
-    assert hash(copy) == hash(loaded)
-    assert copy != robot("talos" if name != "talos" else "solo12")
-    assert copy != "talos"
 
 
 def test_postures_cannot_be_written():
