@@ -97,6 +97,27 @@ def test_a_folder_is_a_robot(tmp_path):
     assert any("friction (left)" in text for text in swing.unused)
 
 
+def test_frames_of_a_card_carry_contacts(tmp_path):
+    (tmp_path / "swing.urdf").write_text(SWING)
+    tool = '[[frames]]\nname = "tool"\nparent = "a"\ntranslation = [0.1, 0.0, -0.2]\n'
+    held = '[[contacts]]\nkind = "point"\nframe = "tool"\n'
+    (tmp_path / "robot.toml").write_text(CARD + tool + held)
+    swing = cp.load_robot(tmp_path)
+    joint, placement = swing.frame("tool")
+    assert swing.model.names[joint] == "left"
+    assert placement.translation.tolist() == [0.1, 0.0, -0.2]
+    assert cp.Scene(swing, swing.contacts).rows == 3
+
+
+def test_the_mass_is_what_moves(tmp_path):
+    """A beam that is fixed to the world counts when it can fall."""
+    heavy = SWING.replace('<link name="beam"/>', rod("beam"))
+    (tmp_path / "swing.urdf").write_text(heavy)
+    assert cp.load_robot(tmp_path / "swing.urdf").mass == pytest.approx(3.0)
+    floating = cp.load_robot(tmp_path / "swing.urdf", root_joint="free_flyer")
+    assert floating.mass == pytest.approx(4.0)
+
+
 def test_a_urdf_alone_is_a_robot(tmp_path):
     path = tmp_path / "swing.urdf"
     path.write_text(SWING)

@@ -164,8 +164,7 @@ def test_a_readme_names_source_and_licence(folder):
     text = (folder / "README.md").read_text(encoding="utf-8")
     loaded = robot(folder.name)
     assert loaded.licence.split(" (")[0] in text
-    file = loaded.source.split(": ")[-1].split(",")[0]
-    assert Path(file).name in text
+    assert Path(loaded.source).name in text
     assert "## Choices" in text
 
 
