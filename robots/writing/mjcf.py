@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from math import cos, sin
 from typing import Any, NamedTuple
 
@@ -99,8 +99,8 @@ class Solid(NamedTuple):
     """A mass, its centre in the axes of the body, and its principal moments along them."""
 
     mass: float
-    centre: Sequence[float]
-    moments: Sequence[float]
+    centre: ArrayLike
+    moments: ArrayLike
 
 
 def rod(length: float, mass: float, radius: float) -> Solid:
@@ -115,7 +115,7 @@ def square_rod(length: float, mass: float, side: float) -> Solid:
     return Solid(mass, (length / 2, 0, 0), (mass * side**2 / 6, across, across))
 
 
-def disc(radius: float, height: float, mass: float, centre: Sequence[float]) -> Solid:
+def disc(radius: float, height: float, mass: float, centre: ArrayLike) -> Solid:
     """Return a disc across z."""
     across = mass * (3 * radius**2 + height**2) / 12
     return Solid(mass, centre, (across, across, mass * radius**2 / 2))

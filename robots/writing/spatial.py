@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import acos, asin, atan2, cos, hypot, pi, sin
 
 import numpy as np
+from numpy.typing import ArrayLike
 from writing.mjcf import (
     Mjcf,
     X,
@@ -38,7 +39,7 @@ def stewart(
     """
     made = Mjcf("stewart")
     centre = height * Z
-    lifted = {}
+    lifted: dict[str, ArrayLike] = {}
     for i in range(6):
         third, side = 2 * pi / 3 * (i // 2), (-1) ** (i + 1)
         foot = base * _on_circle(third + side * half_gap)
@@ -88,7 +89,7 @@ def delta(
     made = Mjcf("delta")
     beta = slope(0.0)
     pitch = slope(lowered) - beta
-    low = {}
+    low: dict[str, ArrayLike] = {}
     for k in (1, 2, 3):
         e, t = (_on_circle(2 * pi / 3 * (k - 1) + a) for a in (0, pi / 2))
         elbow = (base + arm) * e
