@@ -105,8 +105,8 @@ class Robot:
 
     @property
     def mass(self) -> float:
-        """Mass of all that moves [kg]; what is fixed to the world is not in it."""
-        return float(sum(inertia.mass for inertia in self.model.inertias[1:]))
+        """Total mass [kg], with what is fixed to the world."""
+        return float(sum(inertia.mass for inertia in self.model.inertias))
 
     @property
     def frames(self) -> tuple[str, ...]:

@@ -109,15 +109,6 @@ def test_frames_of_a_card_carry_contacts(tmp_path):
     assert cp.Scene(swing, swing.contacts).rows == 3
 
 
-def test_the_mass_is_what_moves(tmp_path):
-    """A beam that is fixed to the world counts when it can fall."""
-    heavy = SWING.replace('<link name="beam"/>', rod("beam"))
-    (tmp_path / "swing.urdf").write_text(heavy)
-    assert cp.load_robot(tmp_path / "swing.urdf").mass == pytest.approx(3.0)
-    floating = cp.load_robot(tmp_path / "swing.urdf", root_joint="free_flyer")
-    assert floating.mass == pytest.approx(4.0)
-
-
 def test_a_urdf_alone_is_a_robot(tmp_path):
     path = tmp_path / "swing.urdf"
     path.write_text(SWING)
