@@ -154,6 +154,23 @@ def test_five_bar_reaches_where_its_readme_says():
         assert np.allclose(tip, [0, 0, height], atol=1e-7)
 
 
+@pytest.mark.parametrize(
+    ("name", "axis"), [("five_bar", "y"), ("parallelogram", "y"), ("andrews", "z")]
+)
+def test_planar_pins_close_the_same_loops_without_redundant_rows(name, axis):
+    loaded = robot(name)
+    balls = loops_of(loaded)
+    pins = cp.Scene(
+        loaded, [cp.Loop(loop.frame_a, loop.frame_b, "planar", axis=axis) for loop in loaded.loops]
+    )
+    assert (pins.rows, pins.audit.rank) == (2 * len(loaded.loops), balls.audit.rank)
+    assert not pins.audit.redundant
+    for seed in range(3):
+        q, v = balls.sample(np.random.default_rng(seed))
+        one, two = (cp.solve(s, q, v, 0 * v, solver=cp.Reference()).a for s in (balls, pins))
+        assert relative(one, two) < 1e-11
+
+
 # Stewart and Delta: the platform keeps level, as drawn
 
 
@@ -207,6 +224,25 @@ def test_bricard_has_the_inertia_of_the_benchmark(a, inertia):
 def test_bricard_is_redundant_everywhere(a):
     b = np.arcsin(-np.sin(a) / (1 + np.sin(a)))
     assert rank(loops_of(robot("bricard")), np.array([a, b, a, b, a])) == 4
+
+
+def test_bricard_with_a_hinge_moves_as_with_two_points():
+    """5 rows of rank 4, the same rows as the 6 of two points."""
+    bricard = robot("bricard")
+    two_points = loops_of(bricard)
+    joint, _ = bricard.frame("rod5")
+    data = bricard.model.createData()
+    pin.forwardKinematics(bricard.model, data, bricard.postures["home"])
+    end = data.oMi[joint] * pin.SE3(np.eye(3), np.array([1.0, 0.0, 0.0]))
+    hinged = bricard.with_frame("end", "rod5", [1.0, 0.0, 0.0])
+    hinged = hinged.with_frame("ground", "base", end.translation, end.rotation)
+    hinge = cp.Scene(hinged, [cp.Loop("end", "ground", "hinge", axis="z")])
+    assert (hinge.rows, hinge.audit.rank, hinge.audit.mobility) == (5, 4, 1)
+    for seed in range(3):
+        q, v = two_points.sample(np.random.default_rng(seed))
+        tau = np.array([3.0, 0, 0, 0, 0])
+        wanted = cp.solve(two_points, q, v, tau, solver=cp.Reference()).a
+        assert relative(cp.solve(hinge, q, v, tau, solver=cp.Reference()).a, wanted) < 1e-10
 
 
 # Andrews' mechanism, IFToMM A03: order beta, theta, gamma, phi, delta, omega, epsilon

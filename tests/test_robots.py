@@ -163,6 +163,17 @@ def test_every_joint_but_the_base_has_a_motor(name):
     assert passive == PASSIVE.get(name, 0)
 
 
+def test_fingers_of_the_panda_can_be_coupled():
+    panda = robot("panda")
+    fingers = cp.Coupling("panda_finger_joint2", "panda_finger_joint1")
+    scene = cp.Scene(panda, [fingers, *panda.contacts])
+    q, v = scene.state()
+    assert scene.audit.mobility == 2
+    a = cp.solve(scene, q, v, np.r_[np.zeros(7), 1.0, 0.0], solver=cp.DenseKKT()).a
+    assert a[-1] == pytest.approx(a[-2], rel=1e-12)
+    assert a[-1] > 1
+
+
 def test_g1_stands_over_its_feet():
     g1 = robot("g1")
     q = g1.postures["standing"]
