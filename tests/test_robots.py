@@ -104,10 +104,13 @@ def test_loops_close_at_the_first_posture(name):
 
 @each_robot
 def test_loads_in_less_than_half_a_second(name):
-    cp.load_robot(name)  # imports
-    start = time.perf_counter()
-    cp.load_robot(name)
-    assert time.perf_counter() - start < 0.5
+    """The best of three: the first one imports, and the machine may be busy."""
+    times = []
+    for _ in range(3):
+        start = time.perf_counter()
+        cp.load_robot(name)
+        times.append(time.perf_counter() - start)
+    assert min(times) < 0.5
 
 
 @each_robot
