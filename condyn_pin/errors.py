@@ -30,6 +30,9 @@ class UnsupportedBackend(CondynError):
 class MissingExtra(CondynError, ImportError):
     """An optional dependency is not installed."""
 
+    def __str__(self) -> str:  # ImportError keeps its first text, whatever is added to args
+        return str(self.args[0])
+
 
 class InvalidArgument(CondynError, ValueError):
     """An argument has a wrong size, a wrong type or a value that cannot be used."""

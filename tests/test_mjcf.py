@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import mujoco
@@ -10,6 +11,8 @@ import pytest
 
 import condyn_pin as cp
 from condyn_pin._pin import pin
+from condyn_pin.io.mjcf_build import build
+from condyn_pin.io.mjcf_compiled import read_compiled
 
 AGREES = 1e-12
 INERTIAL = '<inertial pos="0.1 0.02 -0.03" mass="2" diaginertia="0.02 0.03 0.04"/>'
@@ -201,3 +204,85 @@ def test_a_joint_equality_is_a_coupling(read):
     q[a] = coupling.ratio * q[b] + coupling.offset
     original.place(q, np.zeros(robot.nv))
     assert np.abs(original.data.efc_pos).max() < AGREES
+
+
+# The two routes ---------------------------------------------------------------------------------
+
+ALL_EQUALITIES = """
+<connect name="one" body1="c" body2="b" anchor="0.1 0.2 0.3" solref="0.01 1"/>
+<weld name="two" body1="c" body2="b" relpose="1 2 3 2 0.1 0 1" anchor=".1 .2 .3"/>
+<weld name="three" site1="sa" site2="sb"/>
+<weld name="four" body1="a"/>
+<connect name="off" site1="sa" site2="sb" active="false"/>
+<joint name="gear" joint1="ja" joint2="jb" polycoef="0.1 2"/>
+<joint name="held" joint1="ja"/><joint name="bent" joint1="ja" joint2="jb" polycoef="0 1 2"/>
+</equality><actuator><motor name="m" joint="jb"/><motor site="sa" gear="1 0 0 0 0 0"/></actuator>
+<keyframe><key name="home" qpos="0.1 2 0 0 0 0.3"/><key/></keyframe><equality>
+"""
+
+
+@pytest.mark.parametrize("text", [EVERYTHING, TWO_ARMS.replace("EQUALITY", ALL_EQUALITIES)])
+def test_both_routes_read_the_same(read, tmp_path, text):
+    plain = read(text)
+    compiled = build(read_compiled(tmp_path / "robot.xml", "this test"))
+    assert plain.joints == tuple(compiled.model.names)[1:]
+    assert plain.loops == compiled.loops
+    assert plain.springs == compiled.springs
+    assert plain.actuated == compiled.actuated
+    assert [f.name for f in plain.model.frames] == [f.name for f in compiled.model.frames]
+    for mine, theirs in zip(plain.model.frames, compiled.model.frames, strict=True):
+        assert mine.parentJoint == theirs.parentJoint
+        assert np.abs(mine.placement.homogeneous - theirs.placement.homogeneous).max() < AGREES
+    for mine, theirs in zip(plain.model.inertias, compiled.model.inertias, strict=True):
+        assert np.abs(mine.matrix() - theirs.matrix()).max() < 1e-8  # MuJoCo's principal axes
+    for key in ("armature", "damping", "lowerPositionLimit", "upperPositionLimit"):
+        assert np.allclose(getattr(plain.model, key), getattr(compiled.model, key), rtol=1e-15)
+    assert np.allclose(plain.model.gravity.linear, compiled.model.gravity.linear)
+    for name, q in compiled.postures.items():
+        if name != "key1":  # without qpos: MuJoCo fills in its own
+            assert np.abs(plain.postures[name] - q).max() < AGREES
+
+
+NEEDS_MUJOCO = """<mujoco><worldbody><body name="ball"><freejoint/><geom size="0.1" density="500"/>
+</body><body name="rod"><joint name="swing" axis="0 1 0" pos="0 0 0.5"/>
+<geom type="capsule" fromto="0 0 0 0 0 0.5" size="0.02"/></body></worldbody></mujoco>"""
+
+
+def test_inertia_of_geoms_is_read_by_mujoco(read):
+    robot = read(NEEDS_MUJOCO)
+    assert robot.joints == ("ball_joint", "swing")
+    original = Original(NEEDS_MUJOCO, robot)
+    for seed in range(3):
+        q, v = random_state(robot, seed)
+        for mine, theirs in zip(pinocchio_terms(robot, q, v), original.terms(q, v), strict=True):
+            assert relative(mine, theirs) < AGREES
+    assert robot.mass == pytest.approx(original.mj.body_mass.sum(), rel=1e-14)
+    assert any("2 geoms" in text for text in robot.unused)
+
+
+@pytest.mark.parametrize(
+    ("text", "element"),
+    [
+        (NEEDS_MUJOCO, "the inertia of body 'ball' follows from its geoms"),
+        ('<mujoco><include file="other.xml"/></mujoco>', "<include>"),
+        ('<mujoco><compiler settotalmass="3"/></mujoco>', "settotalmass"),
+        (
+            '<mujoco><worldbody><body name="b"><replicate count="2"/></body></worldbody></mujoco>',
+            "<replicate> is in body 'b'",
+        ),
+    ],
+)
+def test_without_mujoco_the_error_names_the_element(read, monkeypatch, text, element):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(cp.MissingExtra, match=r"pip install 'condyn_pin\[mjcf\]'") as caught:
+        read(text)
+    assert element in str(caught.value)
+    assert "robot.xml" in str(caught.value)
+
+
+def test_a_mesh_that_is_missing_is_named(read):
+    with pytest.raises(cp.InvalidModel, match=r"MuJoCo refuses it.*nowhere\.stl"):
+        read(
+            '<mujoco><asset><mesh name="m" file="nowhere.stl"/></asset><worldbody><body>'
+            '<freejoint/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
+        )

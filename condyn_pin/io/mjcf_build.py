@@ -179,7 +179,10 @@ class _Tree:
         for end, oMx, suffix in zip(ends, (oMa, oMb), "ab", strict=True):
             frames.append(self._site_frames.get(end.site) or f"{closure.name}_{suffix}")
             if not end.site:
-                self._mark(frames[-1], end.body, self.drawn[end.body].actInv(oMx))
+                bMx = self.drawn[end.body].actInv(oMx)
+                if closure.kind == "ball":  # a point has the axes of its body
+                    bMx.rotation = np.eye(3)
+                self._mark(frames[-1], end.body, bMx)
         aMb = oMa.actInv(oMb)
         apart = aMb.translation if closure.kind == "ball" else np.array(pin.log6(aMb))
         loop = Loop(frames[0], frames[1], closure.kind, name=closure.name)  # type: ignore[arg-type]
