@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from condyn_pin.errors import StaleModel as StaleModel
     from condyn_pin.errors import UnknownName as UnknownName
     from condyn_pin.errors import UnsupportedBackend as UnsupportedBackend
+    from condyn_pin.errors import UnsupportedConstraint as UnsupportedConstraint
     from condyn_pin.load import available_robots as available_robots
     from condyn_pin.load import load_robot as load_robot
     from condyn_pin.mechanisms import four_bar as four_bar
@@ -74,6 +75,7 @@ _HOME = {
         "StaleModel",
         "UnknownName",
         "UnsupportedBackend",
+        "UnsupportedConstraint",
     ),
     "load": ("available_robots", "load_robot"),
     "mechanisms": ("four_bar", "pendulum"),

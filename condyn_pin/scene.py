@@ -16,11 +16,13 @@ from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
 from condyn_pin.assembly import assemble
 from condyn_pin.audit import Audit, audit
-from condyn_pin.binding import Bound, bind
+from condyn_pin.binding import bind
+from condyn_pin.bound import Bound, Coupled
 from condyn_pin.constraints import Constraint
 from condyn_pin.equations import Equations
 from condyn_pin.errors import InvalidArgument, NotAssembled, unknown_name
 from condyn_pin.minimum_norm import factorise
+from condyn_pin.native import Natives, natives
 from condyn_pin.robot import Robot
 from condyn_pin.summary import Summary, summarise
 
@@ -64,8 +66,8 @@ class Scene:
         object.__setattr__(self, "_bounds", bind(self.robot, self.constraints))
 
     @property
-    def bounds(self) -> tuple[Bound, ...]:
-        """The constraints bound to joints and placements."""
+    def bounds(self) -> tuple[Bound | Coupled, ...]:
+        """The constraints bound to joints, placements and columns."""
         return self._bounds  # type: ignore[attr-defined, no-any-return]
 
     @property
@@ -82,6 +84,11 @@ class Scene:
     def rows(self) -> int:
         """Number of rows, m."""
         return sum(bound.size for bound in self.bounds)
+
+    @cached_property
+    def natives(self) -> Natives:
+        """The constraints as Pinocchio's own methods take them."""
+        return natives(self.bounds)
 
     @cached_property
     def audit(self) -> Audit:
