@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
+from referee import MujocoReferee
+from shared import robot as shared_robot
 
 import condyn_pin as cp
 from condyn_pin._pin import pin
@@ -28,56 +30,6 @@ def read(tmp_path: Path):
         return cp.load_robot(path)
 
     return read_text
-
-
-class Original:
-    """MuJoCo's own reading of a file, in Pinocchio's coordinates."""
-
-    def __init__(self, text: str, robot: cp.Robot):
-        self.mj = mujoco.MjModel.from_xml_string(text)
-        self.data = mujoco.MjData(self.mj)
-        self.model = robot.model
-
-    def place(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Put MuJoCo in a state; return X and Xdot v of v_mj = X v."""
-        X, Xdot_v = np.eye(self.model.nv), np.zeros(self.model.nv)
-        for k in range(self.mj.njnt):
-            joint = self.model.joints[k + 1]
-            x = q[joint.idx_q : joint.idx_q + joint.nq].copy()
-            if joint.nq in (4, 7):
-                x[-4:] = np.roll(x[-4:], 1)
-            if joint.nq == 7:
-                R = np.array(pin.XYZQUATToSE3(q[joint.idx_q : joint.idx_q + 7]).rotation)
-                linear = slice(joint.idx_v, joint.idx_v + 3)
-                angular = slice(joint.idx_v + 3, joint.idx_v + 6)
-                X[linear, linear] = R
-                Xdot_v[linear] = R @ np.cross(v[angular], v[linear])
-            start = self.mj.jnt_qposadr[k]
-            self.data.qpos[start : start + joint.nq] = x
-        self.data.qvel[:] = X @ v
-        mujoco.mj_forward(self.mj, self.data)
-        return X, Xdot_v
-
-    def terms(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return M and h."""
-        X, Xdot_v = self.place(q, v)
-        M = np.zeros((self.mj.nv, self.mj.nv))
-        if int(mujoco.__version__.split(".")[0]) >= 4:
-            mujoco.mj_fullM(self.mj, self.data, M)
-        else:
-            mujoco.mj_fullM(self.mj, M, self.data.qM)
-        return X.T @ M @ X, X.T @ (self.data.qfrc_bias + M @ Xdot_v)
-
-    def loop_rows(self, q: np.ndarray) -> np.ndarray:
-        """Return the Jacobian of MuJoCo's equalities."""
-        X, _ = self.place(q, np.zeros(self.model.nv))
-        J = np.zeros((self.data.nefc, self.mj.nv))
-        if mujoco.mj_isSparse(self.mj):
-            d = self.data
-            mujoco.mju_sparse2dense(J, d.efc_J, d.efc_J_rownnz, d.efc_J_rowadr, d.efc_J_colind)
-        else:
-            J = self.data.efc_J.reshape(-1, self.mj.nv).copy()
-        return J[: self.data.ne] @ X
 
 
 def relative(x: np.ndarray, reference: np.ndarray) -> float:
@@ -119,31 +71,33 @@ EVERYTHING = f"""<mujoco model="everything"><compiler eulerseq="xYz"/>
 </worldbody></mujoco>"""
 
 
+BODIES = ("world", "base", "arm", "plate", "wrist", "post", "door")
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_every_joint_moves_as_in_mujoco(read, seed):
     robot = read(EVERYTHING)
-    original = Original(EVERYTHING, robot)
+    original = MujocoReferee(robot, EVERYTHING)
     q, v = random_state(robot, seed)
     M, h = pinocchio_terms(robot, q, v)
-    M_mj, h_mj = original.terms(q, v)
     # MuJoCo keeps principal axes of a full inertia, found to 1e-7
-    assert relative(M, M_mj) < 1e-7
-    assert relative(h, h_mj) < 1e-7
+    assert relative(M, original.mass_matrix(q)) < 1e-7
+    assert relative(h, original.bias(q, v)) < 1e-7
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, q)
-    for kind, objects in (("body", original.mj.nbody), ("site", original.mj.nsite)):
-        for k in range(objects):
+    for kind, names in (("body", BODIES), ("site", ("ceiling", "hand"))):
+        for k in names:
             at = getattr(original.data, kind)(k)
             joint, placement = robot.frame(at.name)
             oMf = data.oMi[joint] * placement
-            where = (at.xpos, at.xmat)
-            assert np.abs(oMf.translation - where[0]).max() < AGREES
-            assert np.abs(np.array(oMf.rotation).ravel() - where[1]).max() < AGREES
+            assert np.abs(oMf.translation - at.xpos).max() < AGREES
+            assert np.abs(np.array(oMf.rotation).ravel() - at.xmat).max() < AGREES
 
 
 # Loops --------------------------------------------------------------------------------------------
 
 TWO_ARMS = f"""<mujoco><compiler angle="radian"/><worldbody><site name="wall" pos="0.3 0.4 0.5"/>
+<body pos="1 0 0" euler="0.3 0 0"><site name="at_sa" pos="0.1 0.2 0.3" euler="0.3 0.2 0.1"/></body>
 <body name="a" pos="1 0 0" euler="0.3 0 0">{INERTIAL}<joint name="ja" ref="0.5" pos="0.1 0.2 0.3"/>
   <site name="sa" pos="0.1 0.2 0.3" euler="0.3 0.2 0.1"/>
   <body name="c" pos="0 0 1"><joint name="jc" type="ball"/>{INERTIAL}</body></body>
@@ -164,6 +118,8 @@ TWO_ARMS = f"""<mujoco><compiler angle="radian"/><worldbody><site name="wall" po
         ('<weld body1="c" body2="b" relpose="0.1 0.2 0.3 0.9 0.1 0 0"/>', "weld", 6),
         ('<weld body1="c" body2="b" relpose="1 2 3 2 0.1 0 1" anchor=".1 .2 .3"/>', "weld", 6),
         ('<weld site1="sa" site2="sb"/>', "weld", 6),
+        ('<connect site1="sa" site2="at_sa"/>', "ball", 3),
+        ('<weld site1="sa" site2="at_sa"/>', "weld", 6),
         ('<weld site1="sa" site2="sb" torquescale="0"/>', "ball", 3),
     ],
 )
@@ -172,22 +128,21 @@ def test_loops_hold_what_mujoco_holds(read, equality, kind, rows):
     robot = read(text)
     (loop,) = robot.loops
     assert (loop.kind, loop.rows) == (kind, rows)
-    original = Original(text, robot)
+    original = MujocoReferee(robot, text)
     drawn = robot.postures["qpos0"]
     for q in (drawn, *(random_state(robot, seed)[0] for seed in range(3))):
-        original.place(q, np.zeros(robot.nv))
+        gap, _ = original.equality(q)
         data = robot.model.createData()
         pin.forwardKinematics(robot.model, data, q)
         ends = (robot.frame(name) for name in (loop.frame_a, loop.frame_b))
         oMa, oMb = (data.oMi[joint] * placement for joint, placement in ends)
-        gap = original.data.efc_pos
         assert np.abs(oMa.translation - oMb.translation - gap[:3]).max() < AGREES
         if kind == "weld":
             angle = np.linalg.norm(pin.log3((oMa.inverse() * oMb).rotation))
             assert np.linalg.norm(gap[3:]) == pytest.approx(np.sin(angle / 2), abs=AGREES)
-    original.place(drawn, np.zeros(robot.nv))
-    is_open = np.abs(original.data.efc_pos).max() > 1e-6
-    assert any("open by" in text for text in robot.unused) == is_open
+    size = np.abs(original.equality(drawn)[0]).max()
+    said = [text for text in robot.unused if "open by" in text]
+    assert len(said) == (size > 1e-6)
 
 
 def test_a_joint_equality_is_a_coupling(read):
@@ -197,13 +152,12 @@ def test_a_joint_equality_is_a_coupling(read):
     (coupling,) = robot.loops
     assert isinstance(coupling, cp.Coupling)
     assert (coupling.joint_a, coupling.joint_b, coupling.ratio) == ("ja", "jb", 2.0)
-    original = Original(text, robot)
+    original = MujocoReferee(robot, text)
     q = robot.postures["qpos0"].copy()
     q[-1] += 0.3
     a, b = (robot.model.joints[robot.model.getJointId(n)].idx_q for n in ("ja", "jb"))
     q[a] = coupling.ratio * q[b] + coupling.offset
-    original.place(q, np.zeros(robot.nv))
-    assert np.abs(original.data.efc_pos).max() < AGREES
+    assert np.abs(original.equality(q)[0]).max() < AGREES
 
 
 # The two routes ---------------------------------------------------------------------------------
@@ -251,12 +205,14 @@ NEEDS_MUJOCO = """<mujoco><worldbody><body name="ball"><freejoint/><geom size="0
 def test_inertia_of_geoms_is_read_by_mujoco(read):
     robot = read(NEEDS_MUJOCO)
     assert robot.joints == ("ball_joint", "swing")
-    original = Original(NEEDS_MUJOCO, robot)
+    original = MujocoReferee(robot, NEEDS_MUJOCO)
     for seed in range(3):
         q, v = random_state(robot, seed)
-        for mine, theirs in zip(pinocchio_terms(robot, q, v), original.terms(q, v), strict=True):
-            assert relative(mine, theirs) < AGREES
-    assert robot.mass == pytest.approx(original.mj.body_mass.sum(), rel=1e-14)
+        M, h = pinocchio_terms(robot, q, v)
+        assert relative(M, original.mass_matrix(q)) < AGREES
+        assert relative(h, original.bias(q, v)) < AGREES
+    ball, rod = 500 * 4 / 3 * np.pi * 0.1**3, 1000 * np.pi * 0.02**2 * (0.5 + 4 / 3 * 0.02)
+    assert robot.mass == pytest.approx(ball + rod, rel=1e-12)
     assert any("2 geoms" in text for text in robot.unused)
 
 
@@ -286,3 +242,117 @@ def test_a_mesh_that_is_missing_is_named(read):
             '<mujoco><asset><mesh name="m" file="nowhere.stl"/></asset><worldbody><body>'
             '<freejoint/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
         )
+
+
+# The writer ---------------------------------------------------------------------------------------
+
+
+def assert_same(one: cp.Robot, two: cp.Robot) -> None:
+    """Two robots have the same M, h and loops at random states, and the same settings."""
+    assert one.joints == two.joints
+    assert set(one.frames) <= set(two.frames)
+    assert (one.loops, one.actuated, one.springs) == (two.loops, two.actuated, two.springs)
+    rng = np.random.default_rng(0)
+    first = next(iter(one.postures.values()), pin.neutral(one.model))
+    for _ in range(3):
+        q = pin.integrate(one.model, first, rng.normal(size=one.nv))
+        v = rng.normal(size=one.nv)
+        pairs = zip(pinocchio_terms(one, q, v), pinocchio_terms(two, q, v), strict=True)
+        assert all(relative(mine, theirs) < AGREES for mine, theirs in pairs)
+        if one.loops:
+            J, gamma = (
+                [getattr(cp.Workspace(cp.Scene(r, r.loops)).terms(q, v), key) for r in (one, two)]
+                for key in ("J", "gamma")
+            )
+            assert np.abs(J[0] - J[1]).max() < AGREES
+            assert np.abs(gamma[0] - gamma[1]).max() < AGREES * max(1, np.abs(gamma[0]).max())
+    for name, q in one.postures.items():
+        assert np.abs(two.postures[name] - q).max() < AGREES
+    for key in ("armature", "damping", "lowerPositionLimit", "upperPositionLimit"):
+        assert np.allclose(getattr(one.model, key), getattr(two.model, key), rtol=1e-15)
+
+
+@pytest.mark.parametrize("name", ["talos", "cassie", "solo12", "four_bar"])
+def test_what_is_written_reads_back(read, name):
+    one = shared_robot(name)
+    two = read(one.to_mjcf())
+    assert_same(one, two)
+    again = read(two.to_mjcf())
+    assert_same(two, again)
+    assert again.frames == two.frames
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        EVERYTHING,
+        TWO_ARMS.replace("EQUALITY", ALL_EQUALITIES),
+        # sites that share a name with a body, bodies without a name
+        f"""<mujoco><worldbody><body><joint name="j" axis="0 1 0"/>{INERTIAL}<site name="b"/>
+        <body name="b" pos="0 0 1"><joint name="k"/><joint name="l" axis="1 0 0"/>{INERTIAL}</body>
+        </body></worldbody><equality><connect name="b" body1="b" anchor="0 0 1"/></equality>
+        </mujoco>""",
+    ],
+)
+def test_what_is_read_is_written_and_reads_back(read, text):
+    one = read(text)
+    assert_same(one, read(one.to_mjcf()))
+
+
+def spun(robot: cp.Robot) -> cp.Robot:
+    """Return a robot with a frame on each side of the four-bar's pin, z along it."""
+    R = pin.rpy.rpyToMatrix(np.pi / 2, 0, 0)
+    for name in ("coupler", "rocker"):
+        robot = robot.with_frame(f"{name}_pin", f"{name}_tip", [0, 0, 0], R)
+    return robot
+
+
+def test_a_hinge_is_two_points_of_its_axis(read):
+    bar = spun(shared_robot("four_bar"))
+    one = replace(bar, loops=[cp.Loop("coupler_pin", "rocker_pin", "hinge", name="pin")])
+    two = read(one.to_mjcf())
+    assert [(loop.kind, loop.name) for loop in two.loops] == [("ball", "pin"), ("ball", "pin_axis")]
+    scenes = [cp.Scene(robot, robot.loops) for robot in (one, two)]
+    q, v = scenes[0].sample(np.random.default_rng(0))
+    J = [cp.Workspace(scene).jacobian(q) for scene in scenes]
+    assert [scene.audit.rank for scene in scenes] == [2, 2]
+    assert np.linalg.matrix_rank(np.vstack(J), tol=1e-9) == 2
+    a = [cp.solve(scene, q, v, np.zeros(3)).a for scene in scenes]
+    assert np.abs(a[0] - a[1]).max() < 1e-10
+
+
+def test_a_coupling_is_a_joint_equality(read):
+    loops = [cp.Coupling("crank", "rocker", ratio=-2.0, offset=0.3, name="gear")]
+    one = replace(shared_robot("four_bar"), loops=loops)
+    assert_same(one, read(one.to_mjcf()))
+    gap, J = MujocoReferee(one).equality(np.array([0.1, 0.2, 0.4]))
+    assert gap == pytest.approx([0.1 + 2 * 0.4 - 0.3])
+    assert J.ravel() == pytest.approx([1.0, 0.0, 2.0])
+
+
+@pytest.mark.parametrize("kind", ["slider", "planar", "rod"])
+def test_kinds_that_mujoco_has_not_are_refused_or_left_out(kind):
+    length = 0.5 if kind == "rod" else None
+    loops = [cp.Loop("coupler_tip", "rocker_tip", kind, length=length, name="odd")]
+    bar = replace(shared_robot("four_bar"), loops=loops)
+    with pytest.raises(cp.InvalidModel, match=f"'odd' is a {kind}.*without="):
+        bar.to_mjcf()
+    assert "equality" not in bar.to_mjcf(without=["odd"])
+    with pytest.raises(cp.UnknownName, match="no loop named 'od'"):
+        bar.to_mjcf(without=["od"])
+    with pytest.raises(cp.InvalidArgument, match="without = 'odd'"):
+        bar.to_mjcf(without="odd")
+
+
+def test_what_mujoco_has_not_is_refused_by_name():
+    with pytest.raises(cp.InvalidModel, match="'pivot' carries 1 kg with the principal moments 0"):
+        shared_robot("pendulum").to_mjcf()
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "table")
+    model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
+    with pytest.raises(cp.InvalidModel, match="'table' is a JointModelPlanar"):
+        cp.Robot("puck", model).to_mjcf()
+    model = pin.Model(shared_robot("solo12").model)
+    model.armature[:6] = 0.1
+    with pytest.raises(cp.InvalidModel, match="'root_joint': armature"):
+        replace(shared_robot("solo12"), model=model).to_mjcf()

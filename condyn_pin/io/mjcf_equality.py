@@ -19,7 +19,7 @@ from condyn_pin.io.mjcf_xml import Attributes
 
 
 def read_equality(
-    said: Attributes, tag: str, name: str, sites: Mapping[str, str]
+    said: Attributes, tag: str, name: str, sites: Mapping[str, End]
 ) -> Closure | Gear | str:
     """Return a closure, a gear, or the sentence that says why there is none.
 
@@ -29,8 +29,7 @@ def read_equality(
     tag : {"connect", "weld", "joint"}
     name : str
         Name of the constraint.
-    sites : mapping of str to str
-        The body of each site.
+    sites : mapping of str to End
     """
     if tag == "joint":
         return _gear(said, name)
@@ -55,11 +54,11 @@ def _body(said: Attributes) -> str:
     return said.text("body1")
 
 
-def _site(said: Attributes, key: str, sites: Mapping[str, str]) -> End:
+def _site(said: Attributes, key: str, sites: Mapping[str, End]) -> End:
     name = said.text(key)
     if name not in sites:
         raise InvalidModel(f"{said.label}: {key}: {unknown_name('site', name, sites)}")
-    return End(sites[name], pin.SE3.Identity(), name)
+    return sites[name]
 
 
 def _weld(said: Attributes) -> tuple[End, End]:

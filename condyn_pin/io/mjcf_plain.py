@@ -21,7 +21,16 @@ from condyn_pin.errors import InvalidModel
 from condyn_pin.io.mjcf_defaults import Defaults
 from condyn_pin.io.mjcf_equality import read_equality
 from condyn_pin.io.mjcf_pose import Settings, direction, pose
-from condyn_pin.io.mjcf_types import COORDINATES, WORLD, Body, Closure, Description, Gear, Joint
+from condyn_pin.io.mjcf_types import (
+    COORDINATES,
+    WORLD,
+    Body,
+    Closure,
+    Description,
+    End,
+    Gear,
+    Joint,
+)
 from condyn_pin.io.mjcf_words import (
     EQUALITIES,
     ORIENTATIONS,
@@ -242,7 +251,11 @@ class _Reader:
                 yield said.text("name"), pose(said, self.settings)
 
     def _equalities(self, hold: bool) -> Iterator[Closure | Gear]:
-        sites = {name: body.name for body in self.bodies for name in body.sites}
+        sites = {
+            name: End(body.name, bMs, name)
+            for body in self.bodies
+            for name, bMs in body.sites.items()
+        }
         for section in self.root.findall("equality"):
             for number, element in enumerate(section):
                 if element.tag not in ("connect", "weld", "joint"):
