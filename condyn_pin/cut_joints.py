@@ -28,6 +28,8 @@ from condyn_pin.bound import Bound
 from condyn_pin.ends import Ends
 from condyn_pin.frames import FrameJacobian, rows_of
 
+_YZX, _ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
+
 _SMALLEST = 1e-300  # keeps 0/0 out of a direction that does not exist
 
 
@@ -52,7 +54,7 @@ class CutJoints:
         self._hinges = np.array([i for i, b in enumerate(bounds) if b.is_hinge], dtype=np.int_)
         self._axes = np.eye(3)[[bounds[i].axis for i in self._hinges]]
         self._sliders = [i for i, b in enumerate(bounds) if b.size == 5 and not b.is_hinge]
-        self._anchored = np.array([[float(b.anchored)] for b in bounds])
+        self._anchored = np.array([[[float(b.anchored)]] for b in bounds])
         self._R, self._r = np.zeros((k, 3, 3)), np.zeros((k, 3))
         self._n = np.zeros((len(self._rods), 3))
 
@@ -61,25 +63,24 @@ class CutJoints:
         R, r = self._R, self._r = self._ends.apart()
         (v1, v2), (a1, a2) = self._ends.linear()
         (w1, w2), (alpha1, alpha2) = self._ends.angular()
-        w2 = turned(R, w2)
-        slip = np.stack([v1 + np.cross(w1, r) - turned(R, v2), w1 - w2])
-        moving = np.cross(w1, np.cross(w1, r) - 2 * slip[0])
-        slip_dot = np.stack(
-            [
-                a1 - turned(R, a2) + np.cross(alpha1, r) + moving,
-                alpha1 - turned(R, alpha2) + np.cross(w1, w2),
-            ]
-        )
-        off = np.stack([-r, self._turn_off()]) * self._anchored
-        for six, out in ((off, c), (slip, velocity), (slip_dot, acceleration)):
-            out[self._rows] = six.transpose(1, 0, 2).ravel()[self._chosen]
+        v2, w2, a2, alpha2 = (R @ np.stack([v2, w2, a2, alpha2])[..., None])[..., 0]
+        w1_r, alpha1_r, w1_w2 = cross(np.stack([w1, alpha1, w1]), np.stack([r, r, w2]))
+        s, s_dot, off = np.empty((3, len(r), 2, 3))  # linear and angular part of each loop
+        s[:, 0] = v1 + w1_r - v2
+        s[:, 1] = w1 - w2
+        s_dot[:, 0] = a1 - a2 + alpha1_r + cross(w1, w1_r - 2 * s[:, 0])
+        s_dot[:, 1] = alpha1 - alpha2 + w1_w2
+        off[:, 0], off[:, 1] = -r, self._turn_off()
+        off *= self._anchored
+        for six, out in ((off, c), (s, velocity), (s_dot, acceleration)):
+            out[self._rows] = six.reshape(-1)[self._chosen]
         if len(self._rods):
-            s, s_dot, distance = slip[0, self._rods], slip_dot[0, self._rods], self._point()
-            along = dot(self._n, s)
+            distance, ends, ends_dot = self._point(), s[self._rods, 0], s_dot[self._rods, 0]
+            along = dot(self._n, ends)
             c[self._rod_rows] = self._lengths - distance
             velocity[self._rod_rows] = along
-            across = (dot(s, s) - along**2) / np.maximum(distance, _SMALLEST)
-            acceleration[self._rod_rows] = dot(self._n, s_dot) - across
+            across = (dot(ends, ends) - along**2) / np.maximum(distance, _SMALLEST)
+            acceleration[self._rod_rows] = dot(self._n, ends_dot) - across
 
     def stack(self, lam: Array, f1: Array, f2: Array) -> None:
         """Write the forces and moments (6 k) at the origins of c1 and c2, each in its axes."""
@@ -87,7 +88,7 @@ class CutJoints:
         six.reshape(-1)[self._chosen] = lam[self._rows]
         six[self._rods, 0] = lam[self._rod_rows, None] * self._n
         force, moment = six[:, 0], six[:, 1]
-        f1.reshape(-1, 2, 3)[:] = np.stack([force, moment + np.cross(self._r, force)], axis=1)
+        f1.reshape(-1, 2, 3)[:] = np.stack([force, moment + cross(self._r, force)], axis=1)
         f2.reshape(-1, 2, 3)[:] = six @ self._R  # R^T f, R^T m
 
     def jacobian(self, J: Array, of_frame: FrameJacobian) -> None:
@@ -114,10 +115,12 @@ class CutJoints:
         off = np.zeros_like(self._r)
         for i in self._sliders:
             off[i] = -pin.log3(self._R[i])
+        if not len(self._hinges):
+            return off
         e = self._axes
-        across = np.cross(turned(self._R[self._hinges], e), e)
-        sine = np.linalg.norm(across, axis=1)
-        cosine = dot(turned(self._R[self._hinges], e), e)
+        turned = (self._R[self._hinges] @ e[:, :, None])[:, :, 0]
+        across, cosine = cross(turned, e), dot(turned, e)
+        sine = np.sqrt(dot(across, across))
         # an axis that points backwards is half a turn off, about any axis across
         across = np.where(
             sine[:, None] > 0, across, np.where(cosine[:, None] < 0, np.roll(e, 1), 0)
@@ -127,9 +130,9 @@ class CutJoints:
         return off
 
 
-def turned(R: Array, x: Array) -> Array:
-    """Return R x for each of many (k, 3, 3) and (k, 3)."""
-    return np.asarray((R @ x[:, :, None])[:, :, 0])
+def cross(x: Array, y: Array) -> Array:
+    """Return x x y for each of many (..., 3): a tenth of the time of `np.cross`."""
+    return np.asarray(x[..., _YZX] * y[..., _ZXY] - x[..., _ZXY] * y[..., _YZX])
 
 
 def dot(x: Array, y: Array) -> Array:

@@ -26,8 +26,8 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.constraints import Constraint, Coupling, Loop
-from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
+from condyn_pin.constraints import Coupling, Loop
+from condyn_pin.contacts import CONTACTS, Contact
 from condyn_pin.errors import CondynError, InvalidArgument, InvalidModel, MissingExtra, unknown_name
 from condyn_pin.io.mjcf import read_mjcf
 from condyn_pin.io.sdf import read_sdf
@@ -40,12 +40,6 @@ _CARD = (
     "name", "source", "licence", "actuated", "description", "loops", "contacts", "postures",
 )  # fmt: skip
 _DESCRIPTION = ("file", "srdf", "root_joint", "rotors", "root", "kinds", "drop")
-_CONTACTS: dict[str, type[Constraint]] = {
-    "point": PointContact,
-    "surface": SurfaceContact,
-    "line": LineContact,
-    "planar": PlanarContact,
-}
 
 
 def robots_folder() -> Path:
@@ -239,9 +233,9 @@ def _loop(table: Mapping[str, Any]) -> Loop | Coupling:
     return Loop(**fields)
 
 
-def _contact(table: Mapping[str, Any]) -> Constraint:
+def _contact(table: Mapping[str, Any]) -> Contact:
     fields = dict(table)
     kind = fields.pop("kind")
-    if kind not in _CONTACTS:
-        raise unknown_name("kind of contact", kind, _CONTACTS)
-    return _CONTACTS[kind](**fields)
+    if kind not in CONTACTS:
+        raise unknown_name("kind of contact", kind, CONTACTS)
+    return CONTACTS[kind](**fields)
