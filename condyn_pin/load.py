@@ -89,8 +89,7 @@ def load_robot(name: str | Path, *, root_joint: str | None = None) -> Robot:
     known = available_robots()
     path = Path(name).expanduser()
     if str(name) not in known and path.suffix == ".urdf" and not path.is_dir():
-        model, unused = read_urdf(path, root_joint or "fixed")
-        return Robot(path.stem, model, unused=unused, source=str(path))
+        return Robot(path.stem, source=str(path), **vars(read_urdf(path, root_joint or "fixed")))
     if path.suffix == ".xml" and root_joint is None and not path.is_dir():
         mjcf = read_mjcf(path)
         return Robot(path.stem, source=str(path), **vars(mjcf))
@@ -102,6 +101,8 @@ def load_robot(name: str | Path, *, root_joint: str | None = None) -> Robot:
         return known[str(name)]()
     if (path / "robot.toml").is_file():
         return _from_folder(path)
+    if path.name == "robot.toml" and path.is_file():
+        return _from_folder(path.parent)
     if path.suffix or path.exists():
         raise InvalidModel(
             f"{path}: a .urdf file or a folder with a robot.toml is needed; "
@@ -158,10 +159,11 @@ def _from_card(card: Mapping[str, Any], folder: Path) -> Robot:
         loops = tuple(Loop(c.frame_a, c.frame_b, c.kind, name=c.name) for c in sdf.closures)  # type: ignore[arg-type]
         springs = tuple(Spring(joint, k, ref) for joint, (k, ref) in sdf.springs.items())
     else:
-        model, unused = read_urdf(file, root_joint)
+        urdf = read_urdf(file, root_joint)
+        model, unused, loops = urdf.model, urdf.unused, urdf.loops
     postures = _srdf_postures(model, description, folder)
     postures |= {n: _posture(model, values) for n, values in card.get("postures", {}).items()}
-    loops += tuple(_loop(table) for table in card.get("loops", ()))
+    loops = _with_own(loops, [_loop(table) for table in card.get("loops", ())])
     return Robot(
         card["name"],
         model,
@@ -223,6 +225,20 @@ def _posture(model: Any, values: Mapping[str, Any]) -> Array:
         joint = model.joints[model.getJointId(name)]
         q[joint.idx_q : joint.idx_q + joint.nq] = value
     return q
+
+
+def _with_own(
+    loops: tuple[Loop | Coupling, ...], own: list[Loop | Coupling]
+) -> tuple[Loop | Coupling, ...]:
+    """Return loops of the description and those of the card, which may say the kind of one."""
+    said = {_ends(loop) for loop in own}
+    return (*(loop for loop in loops if _ends(loop) not in said), *own)
+
+
+def _ends(loop: Loop | Coupling) -> frozenset[str]:
+    if isinstance(loop, Coupling):
+        return frozenset({loop.joint_a, loop.joint_b, "joints"})
+    return frozenset({loop.frame_a, loop.frame_b})
 
 
 def _loop(table: Mapping[str, Any]) -> Loop | Coupling:
