@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from fuzz import survive
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from referee import MujocoReferee
 from shared import robot as shared_robot
 
@@ -356,3 +360,93 @@ def test_what_mujoco_has_not_is_refused_by_name():
     model.armature[:6] = 0.1
     with pytest.raises(cp.InvalidModel, match="'root_joint': armature"):
         replace(shared_robot("solo12"), model=model).to_mjcf()
+
+
+# What is wrong with a file ------------------------------------------------------------------------
+
+
+def body(inside: str, joint: str = '<joint name="j"/>') -> str:
+    return f'<worldbody><body name="b">{joint}{inside}</body></worldbody>'
+
+
+def site_pair(equality: str) -> str:
+    return f'<worldbody><site name="s"/></worldbody>{body(INERTIAL)}<equality>{equality}</equality>'
+
+
+WRONG = {
+    "<inertial> has no pos": body('<inertial mass="1" diaginertia="1 1 1"/>'),
+    "<inertial>: no mass": body('<inertial pos="0 0 0" diaginertia="1 1 1"/>'),
+    "<inertial>: no diaginertia": body('<inertial pos="0 0 0" mass="1"/>'),
+    "<inertial> is there 2 times": body(2 * INERTIAL),
+    "mass is '-1'": body('<inertial pos="0 0 0" mass="-1" diaginertia="1 1 1"/>'),
+    "mass is 'nan'": body('<inertial pos="0 0 0" mass="nan" diaginertia="1 1 1"/>'),
+    "principal moments are 1, 1 and 3": body(
+        '<inertial pos="0 0 0" mass="1" diaginertia="3 1 1"/>'
+    ),
+    "principal moments are -1": body('<inertial pos="0 0 0" mass="1" diaginertia="-1 1 1"/>'),
+    "excludes diaginertia": body(
+        '<inertial pos="0 0 0" mass="1" fullinertia="1 1 1 0 0 0" quat="1 0 0 0"/>'
+    ),
+    "no inertia moves with j": body(""),
+    "type is 'cyl'": body(INERTIAL, '<joint name="j" type="cyl"/>'),
+    "axis is '0 0 0'; zero has no direction": body(INERTIAL, '<joint axis="0 0 0"/>'),
+    "axis is '0 1'; 3 number(s)": body(INERTIAL, '<joint axis="0 1"/>'),
+    "range is '1 -1'; exchange": body(INERTIAL, '<joint range="1 -1"/>'),
+    "no range": body(INERTIAL, '<joint limited="true"/>'),
+    "armature is '-1'": body(INERTIAL, '<joint armature="-1"/>'),
+    "a free joint has to be the only one": body(INERTIAL, '<joint/><freejoint name="f"/>'),
+    "two joints are named 'j'": body(INERTIAL, '<joint name="j"/><joint name="j" axis="0 1 0"/>'),
+    "two frames would be named 'b'": body(INERTIAL + f'<body name="b">{INERTIAL}</body>'),
+    "the name 'world' is the world's": body(INERTIAL + '<site name="world"/>'),
+    "quat is '0 0 0 0'": body(INERTIAL + '<site name="s" quat="0 0 0 0"/>'),
+    "quat is there as well": body(INERTIAL + '<site name="s" quat="1 0 0 0" euler="1 0 0"/>'),
+    "two axes that are not parallel": body(INERTIAL + '<site name="s" xyaxes="1 0 0 2 0 0"/>'),
+    "no default class named 'x'": body(INERTIAL, '<joint class="x"/>'),
+    "the world does not move": "<worldbody><joint/></worldbody>",
+    "eulerseq is 'abc'": f'<compiler eulerseq="abc"/>{body(INERTIAL)}',
+    "angle is 'grad'": f'<compiler angle="grad"/>{body(INERTIAL)}',
+    "gravity is '0 0'": f'<option gravity="0 0"/>{body(INERTIAL)}',
+    "no body1 and no site1": site_pair('<weld body2="b"/>'),
+    "no anchor": site_pair('<connect body1="b"/>'),
+    "no body named 'c'": site_pair('<connect body1="c" anchor="0 0 0"/>'),
+    "no site named 't'": site_pair('<connect site1="s" site2="t"/>'),
+    "both sides are on 'world'": site_pair('<connect site1="s" site2="s"/>'),
+    "bodies or sites, not both": site_pair('<connect site1="s" body2="b"/>'),
+    "no joint1": site_pair('<joint joint2="j"/>'),
+    "no joint named 'k'": site_pair('<joint joint1="j" joint2="k"/>'),
+    "polycoef is '0 1 x'": site_pair('<joint joint1="j" joint2="j" polycoef="0 1 x"/>'),
+    "an actuator: no joint named 'k'": f'{body(INERTIAL)}<actuator><motor joint="k"/></actuator>',
+    "qpos has 2 numbers; 1 are": f'{body(INERTIAL)}<keyframe><key qpos="1 2"/></keyframe>',
+    "the quaternion of 'j' is 0": body(INERTIAL, '<joint name="j" type="ball"/>')
+    + '<keyframe><key qpos="0 0 0 0"/></keyframe>',
+    "no degree of freedom": "",
+}
+
+
+@pytest.mark.parametrize("sentence", WRONG)
+def test_what_is_wrong_is_said(read, sentence):
+    with pytest.raises(cp.InvalidModel, match=re.escape(sentence)):
+        read(f"<mujoco>{WRONG[sentence]}</mujoco>")
+
+
+@pytest.mark.parametrize("text", ["", "words", "<mujoco>", "<robot/>", "<mujoco>\x00</mujoco>"])
+def test_what_is_no_mjcf_is_refused(read, text):
+    with pytest.raises(cp.InvalidModel, match=r"robot\.xml: "):
+        read(text)
+
+
+def test_bodies_without_end_are_refused(read):
+    with pytest.raises(cp.InvalidModel, match="nested too deeply"):
+        read(f"<mujoco><worldbody>{'<body>' * 5000}{'</body>' * 5000}</worldbody></mujoco>")
+
+
+def test_there_is_no_such_file():
+    with pytest.raises(cp.InvalidModel, match=r"nowhere\.xml: cannot be read"):
+        cp.load_robot("nowhere.xml")
+
+
+@given(seed=st.integers(0, 2**32))
+@settings(max_examples=3, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_spoilt_mjcf_is_refused_or_read(tmp_path, seed):
+    assert survive(tmp_path, "robot.xml", TWO_ARMS.replace("EQUALITY", ALL_EQUALITIES), seed) > 0
+    assert survive(tmp_path, "robot.xml", EVERYTHING, seed) > 0
