@@ -1,4 +1,4 @@
-"""The command line: condyn robots, show, solve, bench, doctor."""
+"""The command line: condyn robots, show, solve, export, bench, doctor."""
 
 from __future__ import annotations
 
@@ -147,6 +147,22 @@ def solve(
     if not solution.status.ok:
         typer.echo(str(solution.status), err=True)
         raise typer.Exit(1)
+
+
+@app.command()
+def export(
+    robot: RobotName,
+    mjcf: Annotated[Path, typer.Option(help="Write the robot with its loops here, for MuJoCo.")],
+    without: Annotated[str, typer.Option(help="Comma-separated: loops to leave out.")] = "",
+) -> None:
+    """Write a robot in another format."""
+    from condyn_pin.load import load_robot
+
+    text = load_robot(robot).to_mjcf(without=[name for name in without.split(",") if name])
+    try:
+        mjcf.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InvalidArgument(f"{mjcf}: cannot be written: {error.strerror}") from error
 
 
 @app.command()

@@ -1,4 +1,4 @@
-"""load_robot: a robot by name, from a URDF, or from a folder with a robot.toml.
+"""load_robot: a robot by name, from a URDF or MJCF, or from a folder with a robot.toml.
 
 A folder is a robot. Its `robot.toml` says which description to read and adds what descriptions
 leave out: loops, contacts, motors, postures, the licence.
@@ -8,7 +8,8 @@ leave out: loops, contacts, motors, postures, the licence.
     [description]  file (in example-robot-data, or beside the toml), srdf, root_joint
                    ("free_flyer" or "fixed"), rotors = true; for SDF also root, kinds, drop
     [[loops]]      kind and the fields of `Loop`; or kind = "coupling" and those of `Coupling`
-                   (an SDF brings its own)
+                   (an SDF and an MJCF bring their own, a URDF mimic joints and links named
+                   closing_X_1, closing_X_2; an entry with the same two ends replaces theirs)
     [[contacts]]   kind = "point", "surface", "line" or "planar", and the fields of that class
     [postures.X]   joint = value or list of values; joints left out stay at neutral
 """
@@ -61,8 +62,8 @@ def load_robot(name: str | Path, *, root_joint: str | None = None) -> Robot:
     Parameters
     ----------
     name : str or Path
-        A name that `condyn robots` lists, the path of a URDF, or the path of a folder with a
-        robot.toml.
+        A name that `condyn robots` lists, or a path: of a URDF, of an MJCF (.xml), of a folder
+        with a robot.toml, or of that file.
     root_joint : {"fixed", "free_flyer"}, optional
         For a URDF only: how its root link is attached to the world, fixed by default. Named robots
         and folders say it themselves.
@@ -105,7 +106,7 @@ def load_robot(name: str | Path, *, root_joint: str | None = None) -> Robot:
         return _from_folder(path.parent)
     if path.suffix or path.exists():
         raise InvalidModel(
-            f"{path}: a .urdf file or a folder with a robot.toml is needed; "
+            f"{path}: a .urdf file or a folder with a robot.toml is needed, or an MJCF in a .xml; "
             "an SDF or a URDF with loops goes into such a folder"
         )
     raise unknown_name("robot", str(name), known)
