@@ -138,6 +138,8 @@ def _from_card(card: Mapping[str, Any], folder: Path) -> Robot:
             if key in description:
                 raise InvalidModel(f"the entry description.{key} is for an SDF, not for a URDF")
     file = _description_file(description["file"], folder)
+    if file.suffix == ".xml" and "root_joint" in description:
+        raise InvalidModel("the entry description.root_joint is for others: an MJCF says it itself")
     root_joint = description.get("root_joint", "fixed")
     check_root_joint(root_joint)
     loops: tuple[Loop | Coupling, ...] = ()

@@ -224,7 +224,7 @@ def test_inertia_of_geoms_is_read_by_mujoco(read):
     ("text", "element"),
     [
         (NEEDS_MUJOCO, "the inertia of body 'ball' follows from its geoms"),
-        ('<mujoco><include file="other.xml"/></mujoco>', "<include>"),
+        ("<mujoco><deformable/></mujoco>", "<deformable> is there"),
         ('<mujoco><compiler settotalmass="3"/></mujoco>', "settotalmass"),
         (
             '<mujoco><worldbody><body name="b"><replicate count="2"/></body></worldbody></mujoco>',
@@ -246,6 +246,61 @@ def test_a_mesh_that_is_missing_is_named(read):
             '<mujoco><asset><mesh name="m" file="nowhere.stl"/></asset><worldbody><body>'
             '<freejoint/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
         )
+
+
+def test_files_are_included(read, tmp_path):
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "arm.xml").write_text(
+        f"""<mujocoinclude><body name="a"><joint name="j" class="stiff" axis="0 1 0"/>{INERTIAL}
+        <include file="parts/hand.xml"/></body></mujocoinclude>"""
+    )
+    (tmp_path / "parts" / "hand.xml").write_text('<x><site name="hand" pos="0 0 1"/></x>')
+    (tmp_path / "classes.xml").write_text(
+        """<mujoco><default><default class="stiff"><joint stiffness="3"/></default></default>
+        <option gravity="0 0 -1"/></mujoco>"""
+    )
+    text = """<mujoco><include file="classes.xml"/><worldbody><include file="parts/arm.xml"/>
+    </worldbody></mujoco>"""
+    robot = read(text)
+    assert robot.springs == (cp.Spring("j", 3.0),)
+    assert robot.frame("hand")[1].translation.tolist() == [0.0, 0.0, 1.0]
+    compiled = build(read_compiled(tmp_path / "robot.xml", "this test"))
+    assert robot.model == compiled.model
+    with pytest.raises(
+        cp.InvalidModel, match=r"robot\.xml: <include>: .*classes\.xml is included twice"
+    ):
+        read(text.replace("<worldbody>", '<include file="classes.xml"/><worldbody>'))
+    with pytest.raises(cp.InvalidModel, match=r"robot\.xml: .*nowhere\.xml: cannot be read"):
+        read('<mujoco><include file="nowhere.xml"/></mujoco>')
+
+
+CARD = """
+name = "two arms"
+source = "this test"
+licence = "none"
+[description]
+file = "robot.xml"
+"""
+
+
+def test_a_folder_may_hold_an_mjcf(read, tmp_path):
+    alone = read(TWO_ARMS.replace("EQUALITY", ALL_EQUALITIES))
+    card = tmp_path / "robot.toml"
+    card.write_text(CARD)
+    robot = cp.load_robot(tmp_path)
+    assert (robot.name, robot.licence) == ("two arms", "none")
+    assert (robot.loops, robot.actuated) == (alone.loops, alone.actuated)
+    assert list(robot.postures) == ["home", "qpos0"]
+    card.write_text(f'actuated = ["ja"]\n{CARD}[postures.bent]\nja = 0.3\n')
+    robot = cp.load_robot(tmp_path)
+    assert robot.actuated == ("ja",)
+    assert list(robot.postures) == ["bent", "home", "qpos0"]
+    card.write_text(f'{CARD}root_joint = "fixed"\n')
+    with pytest.raises(cp.InvalidModel, match=r"robot\.toml: .*root_joint is for others"):
+        cp.load_robot(tmp_path)
+    card.write_text(f"{CARD}drop = []\n")
+    with pytest.raises(cp.InvalidModel, match=r"description\.drop is for an SDF"):
+        cp.load_robot(tmp_path)
 
 
 # The writer ---------------------------------------------------------------------------------------
@@ -402,6 +457,9 @@ WRONG = {
     "quat is there as well": body(INERTIAL + '<site name="s" quat="1 0 0 0" euler="1 0 0"/>'),
     "two axes that are not parallel": body(INERTIAL + '<site name="s" xyaxes="1 0 0 2 0 0"/>'),
     "no default class named 'x'": body(INERTIAL, '<joint class="x"/>'),
+    "the outermost <default> is of class 'x'": f'<default class="x"/>{body(INERTIAL)}',
+    "a <default> in class 'main' has no class": f"<default><default/></default>{body(INERTIAL)}",
+    "two default classes are named 'x'": "<default>" + 2 * '<default class="x"/>' + "</default>",
     "the world does not move": "<worldbody><joint/></worldbody>",
     "eulerseq is 'abc'": f'<compiler eulerseq="abc"/>{body(INERTIAL)}',
     "angle is 'grad'": f'<compiler angle="grad"/>{body(INERTIAL)}',
@@ -419,6 +477,12 @@ WRONG = {
     "qpos has 2 numbers; 1 are": f'{body(INERTIAL)}<keyframe><key qpos="1 2"/></keyframe>',
     "the quaternion of 'j' is 0": body(INERTIAL, '<joint name="j" type="ball"/>')
     + '<keyframe><key qpos="0 0 0 0"/></keyframe>',
+    "two keyframes are named 'k'": body(INERTIAL)
+    + "<keyframe>"
+    + 2 * '<key name="k" qpos="1"/>'
+    + "</keyframe>",
+    "two sites are named 's'": body(INERTIAL + 2 * '<site name="s"/>'),
+    "two equalities are named 'e'": site_pair(2 * '<connect name="e" body1="b" anchor="0 0 0"/>'),
     "no degree of freedom": "",
 }
 

@@ -137,7 +137,7 @@ def _doubts(robot: ET.Element, copy: ET.Element) -> Iterator[str]:
     joints = _mimicking(robot)
     if joints:
         names = few([joint.attrib["name"] for joint in joints])
-        yield f"mimic ({names}) but in scenes that have these couplings of Robot.loops"
+        yield f"mimic ({names}): couplings of Robot.loops, which hold in scenes that contain them"
     closings = [loop.name for loop in _closings(robot)]
     if closings:
         yield (
