@@ -30,9 +30,9 @@ from condyn_pin.arrays import Array
 from condyn_pin.constraints import Coupling, Loop
 from condyn_pin.contacts import CONTACTS, Contact
 from condyn_pin.errors import CondynError, InvalidArgument, InvalidModel, MissingExtra, unknown_name
-from condyn_pin.io.mjcf import read_mjcf
+from condyn_pin.io.mjcf import MjcfRobot, read_mjcf
 from condyn_pin.io.sdf import read_sdf
-from condyn_pin.io.urdf import check_root_joint, read_urdf
+from condyn_pin.io.urdf import UrdfRobot, check_root_joint, read_urdf
 from condyn_pin.mechanisms import MECHANISMS
 from condyn_pin.robot import Robot
 from condyn_pin.spring import Spring
@@ -90,10 +90,9 @@ def load_robot(name: str | Path, *, root_joint: str | None = None) -> Robot:
     known = available_robots()
     path = Path(name).expanduser()
     if str(name) not in known and path.suffix == ".urdf" and not path.is_dir():
-        return Robot(path.stem, source=str(path), **vars(read_urdf(path, root_joint or "fixed")))
+        return _alone(path, read_urdf(path, root_joint or "fixed"))
     if path.suffix == ".xml" and root_joint is None and not path.is_dir():
-        mjcf = read_mjcf(path)
-        return Robot(path.stem, source=str(path), **vars(mjcf))
+        return _alone(path, read_mjcf(path))
     if root_joint is not None:
         raise InvalidArgument(
             f"root_joint = {root_joint!r}: only a URDF takes it; {str(name)!r} says it itself"
@@ -110,6 +109,15 @@ def load_robot(name: str | Path, *, root_joint: str | None = None) -> Robot:
             "an SDF or a URDF with loops goes into such a folder"
         )
     raise unknown_name("robot", str(name), known)
+
+
+def _alone(path: Path, read: UrdfRobot | MjcfRobot) -> Robot:
+    """Return the robot of a file that no robot.toml describes."""
+    try:
+        return Robot(path.stem, source=str(path), **vars(read))
+    except CondynError as error:
+        error.args = (f"{path}: {error}", *error.args[1:])
+        raise
 
 
 def _from_folder(folder: Path) -> Robot:

@@ -241,11 +241,24 @@ def test_without_mujoco_the_error_names_the_element(read, monkeypatch, text, ele
 
 
 def test_a_mesh_that_is_missing_is_named(read):
-    with pytest.raises(cp.InvalidModel, match=r"MuJoCo refuses it.*nowhere\.stl"):
+    said = r"robot\.xml: the inertia of body 'body1' .*MuJoCo .* refuses: .*nowhere\.stl"
+    with pytest.raises(cp.InvalidModel, match=said):
         read(
             '<mujoco><asset><mesh name="m" file="nowhere.stl"/></asset><worldbody><body>'
             '<freejoint/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
         )
+
+
+def test_quaternions_of_keyframes_are_normalised_as_mujoco_does(read, tmp_path):
+    text = """<mujoco><worldbody><body><joint name="j" type="ball"/><inertial pos="0 0 0" mass="1"
+    diaginertia="1 1 1"/></body></worldbody><keyframe><key name="zero" qpos="0 0 0 0"/>
+    <key name="long" qpos="0 0 3 4"/></keyframe></mujoco>"""
+    robot = read(text)
+    assert robot.postures["zero"].tolist() == [0.0, 0.0, 0.0, 1.0]
+    assert robot.postures["long"] == pytest.approx([0.0, 0.6, 0.8, 0.0])
+    compiled = build(read_compiled(tmp_path / "robot.xml", "this test"))
+    for name, q in robot.postures.items():
+        assert np.abs(compiled.postures[name] - q).max() < AGREES
 
 
 def test_files_are_included(read, tmp_path):
@@ -475,8 +488,6 @@ WRONG = {
     "polycoef is '0 1 x'": site_pair('<joint joint1="j" joint2="j" polycoef="0 1 x"/>'),
     "an actuator: no joint named 'k'": f'{body(INERTIAL)}<actuator><motor joint="k"/></actuator>',
     "qpos has 2 numbers; 1 are": f'{body(INERTIAL)}<keyframe><key qpos="1 2"/></keyframe>',
-    "the quaternion of 'j' is 0": body(INERTIAL, '<joint name="j" type="ball"/>')
-    + '<keyframe><key qpos="0 0 0 0"/></keyframe>',
     "two keyframes are named 'k'": body(INERTIAL)
     + "<keyframe>"
     + 2 * '<key name="k" qpos="1"/>'

@@ -51,7 +51,9 @@ def read_compiled(path: str | PathLike[str], reason: str) -> Description:
     try:
         mj = mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, mujoco.FatalError) as error:
-        raise InvalidModel(f"MuJoCo refuses it: {' '.join(str(error).split())}") from error
+        raise InvalidModel(
+            f"{reason}, so MuJoCo has to read it, and refuses: {' '.join(str(error).split())}"
+        ) from error
     finally:
         mujoco.set_mju_user_warning(handler)
     if any("NaN" in warning for warning in warnings):

@@ -44,8 +44,8 @@ def _configuration(joints: Collection[Joint], name: str, qpos: Array) -> Array:
         if joint.kind in ("free", "ball"):
             wxyz = q[stop - 4 : stop]
             norm = np.linalg.norm(wxyz)
-            if not norm > 0:
-                raise InvalidModel(f"keyframe {name!r}: the quaternion of {joint.name!r} is 0")
-            q[stop - 4 : stop] = np.roll(wxyz, -1) / norm
+            # zero is no rotation: MuJoCo reads it as 1 0 0 0, and files count on that
+            xyzw = np.roll(wxyz, -1) / norm if norm > 0 else np.array([0.0, 0.0, 0.0, 1.0])
+            q[stop - 4 : stop] = xyzw
         start = stop
     return q
