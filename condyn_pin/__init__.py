@@ -15,6 +15,8 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from condyn_pin.audit import Audit as Audit
+    from condyn_pin.climbing import Ladder as Ladder
+    from condyn_pin.climbing import ladder as ladder
     from condyn_pin.constraints import Constraint as Constraint
     from condyn_pin.constraints import Coupling as Coupling
     from condyn_pin.constraints import Loop as Loop
@@ -35,11 +37,15 @@ if TYPE_CHECKING:
     from condyn_pin.errors import UnknownName as UnknownName
     from condyn_pin.errors import UnsupportedBackend as UnsupportedBackend
     from condyn_pin.errors import UnsupportedConstraint as UnsupportedConstraint
+    from condyn_pin.ladder_table import LadderTable as LadderTable
+    from condyn_pin.ladders import LADDERS as LADDERS
     from condyn_pin.load import available_robots as available_robots
     from condyn_pin.load import load_robot as load_robot
     from condyn_pin.mechanisms import four_bar as four_bar
     from condyn_pin.mechanisms import pendulum as pendulum
+    from condyn_pin.minimal import Minimal as Minimal
     from condyn_pin.proof import Proof as Proof
+    from condyn_pin.reduction import ReducedScene as ReducedScene
     from condyn_pin.robot import Robot as Robot
     from condyn_pin.scene import Scene as Scene
     from condyn_pin.solution import Solution as Solution
@@ -60,6 +66,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "audit": ("Audit",),
+    "climbing": ("Ladder", "ladder"),
     "constraints": ("Constraint", "Coupling", "Loop"),
     "contacts": ("LineContact", "PlanarContact", "PointContact", "SurfaceContact"),
     "equations": ("Terms",),
@@ -77,9 +84,13 @@ _HOME = {
         "UnsupportedBackend",
         "UnsupportedConstraint",
     ),
+    "ladder_table": ("LadderTable",),
+    "ladders": ("LADDERS",),
     "load": ("available_robots", "load_robot"),
     "mechanisms": ("four_bar", "pendulum"),
+    "minimal": ("Minimal",),
     "proof": ("Proof",),
+    "reduction": ("ReducedScene",),
     "robot": ("Robot",),
     "scene": ("Scene",),
     "solution": ("Solution", "StateError", "Status"),

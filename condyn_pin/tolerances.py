@@ -39,3 +39,7 @@ SINGULAR: Final = 1e-13
 
 # M is refused when a joint feels less inertia than this share of the largest.
 MASSLESS: Final = 1e-14
+
+# Sine of the angle between two axes of a description that are meant to be the same. Files write
+# angles with four digits, and 1.57 for a right angle, which is off by 8e-4.
+PARALLEL: Final = 1e-3
