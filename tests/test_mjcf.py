@@ -416,6 +416,21 @@ def test_kinds_that_mujoco_has_not_are_refused_or_left_out(kind):
         bar.to_mjcf(without="odd")
 
 
+def test_flat_bodies_are_written_as_mujoco_takes_them():
+    """Of a disc A + B = C, but for rounding, and MuJoCo compares to the last bit."""
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        model = pin.Model()
+        joint = model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "j")
+        A, B = rng.uniform(0.1, 1.0, 2)
+        R = pin.exp3(rng.normal(size=3))
+        disc = pin.Inertia(1.0, rng.normal(size=3), R @ np.diag([A, B, A + B]) @ R.T)
+        model.appendBodyToJoint(joint, disc, pin.SE3.Identity())
+        robot = cp.Robot("disc", model)
+        M, _ = pinocchio_terms(robot, np.zeros(1), np.zeros(1))
+        assert relative(MujocoReferee(robot).mass_matrix(np.zeros(1)), M) < AGREES
+
+
 def test_what_mujoco_has_not_is_refused_by_name():
     with pytest.raises(cp.InvalidModel, match="'pivot' carries 1 kg with the principal moments 0"):
         shared_robot("pendulum").to_mjcf()
@@ -424,6 +439,12 @@ def test_what_mujoco_has_not_is_refused_by_name():
     model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
     with pytest.raises(cp.InvalidModel, match="'table' is a JointModelPlanar"):
         cp.Robot("puck", model).to_mjcf()
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "odd")
+    odd = pin.Inertia(1.0, np.zeros(3), np.diag([1.0, 1.0, 2.1]))
+    model.appendBodyToJoint(joint, odd, pin.SE3.Identity())
+    with pytest.raises(cp.InvalidModel, match=r"'odd' carries .* moments 1, 1 and 2\.1"):
+        cp.Robot("odd", model).to_mjcf()
     model = pin.Model(shared_robot("solo12").model)
     model.armature[:6] = 0.1
     with pytest.raises(cp.InvalidModel, match="'root_joint': armature"):

@@ -16,6 +16,7 @@ from condyn_pin.robot import Robot
 from condyn_pin.spring import Spring
 
 _FAR = 1e10  # [rad or m] the side of a limit that does not exist: MuJoCo needs both
+_FLAT = 1e-12  # rounding of A + B = C in the principal moments of a flat body, relative to C
 _LEAST = 1e-15  # [kg, kg m^2] below this MuJoCo refuses a body that moves
 
 
@@ -45,6 +46,13 @@ def write_inertia(model: Any, i: int) -> dict[str, str]:
             f"joint {model.names[i]!r} carries {inertia.mass:g} kg with the principal moments "
             f"{', '.join(f'{m:g}' for m in moments)} kg m^2; MuJoCo needs all of them positive"
         )
+    A, B, C = moments  # in ascending order
+    if A + B < C * (1 - _FLAT):
+        raise InvalidModel(
+            f"joint {model.names[i]!r} carries a body with the principal moments {A:g}, {B:g} and "
+            f"{C:g} kg m^2; MuJoCo needs that two of them add up to the third or more"
+        )
+    moments[2] = min(C, A + B)  # MuJoCo compares without a tolerance
     right_handed = axes * np.sign(np.linalg.det(axes))
     placed = pin.SE3(right_handed, inertia.lever)
     return {"mass": numbers(inertia.mass), "diaginertia": numbers(moments)} | write_pose(placed)

@@ -48,7 +48,8 @@ def checked(robot: Element, *, floating: bool) -> Element:
     root = _root(links, joints)
     for name in (*links, *joints):
         if name in WORLD and (name != root or floating):
-            raise InvalidModel(f"the name {name!r} is the world's; rename it")
+            advice = "rename it, or take the root joint 'fixed'" if name == root else "rename it"
+            raise InvalidModel(f"the name {name!r} is the world's: {advice}")
     mimicking = set(_mimicking(joints))
     copy = Element("robot", name=robot.attrib["name"])
     for link in links.values():
