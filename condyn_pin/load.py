@@ -7,7 +7,9 @@ leave out: loops, contacts, motors, postures, the licence.
     actuated = ["joint", ...]
     [description]  file (in example-robot-data, or beside the toml), srdf, root_joint
                    ("free_flyer" or "fixed"), rotors = true, lock = ["joint", ...];
+                   for URDF also mimic = false, for joints that then move on their own;
                    for SDF also root, kinds, drop, cut, as_file: see `io.sdf.read_sdf`
+    [[frames]]     name, parent, translation, rotation: more frames, see `Robot.with_frame`
     [[loops]]      kind and the fields of `Loop`; or kind = "coupling" and those of `Coupling`
                    (an SDF and an MJCF bring their own, a URDF mimic joints and links named
                    closing_X_1, closing_X_2; an entry with the same two ends replaces theirs)
@@ -41,10 +43,11 @@ from condyn_pin.spring import Spring
 from condyn_pin.variants import check_variant, chosen_card
 
 _CARD = (
-    "name", "source", "licence", "actuated", "description", "loops", "contacts", "postures",
+    "name", "source", "licence", "actuated", "description", "frames", "loops", "contacts",
+    "postures",
 )  # fmt: skip
 _FOR_SDF = ("root", "kinds", "drop", "cut", "as_file")
-_DESCRIPTION = ("file", "srdf", "root_joint", "rotors", "lock", *_FOR_SDF)
+_DESCRIPTION = ("file", "srdf", "root_joint", "rotors", "lock", "mimic", *_FOR_SDF)
 
 
 def robots_folder() -> Path:
@@ -168,6 +171,12 @@ def _from_card(card: Mapping[str, Any], folder: Path) -> Robot:
             if key in description:
                 raise InvalidModel(f"the entry description.{key} is for an SDF, not for a URDF")
     file = _description_file(description["file"], folder)
+    if "mimic" in description and file.suffix != ".urdf":
+        raise InvalidModel("the entry description.mimic is for a URDF")
+    if not isinstance(description.get("mimic", True), bool):
+        raise InvalidModel(
+            f"the entry description.mimic = {description['mimic']!r}: true or false is needed"
+        )
     if file.suffix == ".xml" and "root_joint" in description:
         raise InvalidModel("the entry description.root_joint is for others: an MJCF says it itself")
     root_joint = description.get("root_joint", "fixed")
@@ -189,6 +198,8 @@ def _from_card(card: Mapping[str, Any], folder: Path) -> Robot:
     if "actuated" in card:
         fields["actuated"] = tuple(card["actuated"])
     robot = Robot(card["name"], source=card["source"], licence=card["licence"], **fields)
+    for table in card.get("frames", ()):
+        robot = robot.with_frame(**table)
     return lock_joints(robot, description.get("lock", ()))
 
 
@@ -199,7 +210,8 @@ def _read(
     if file.suffix == ".xml":
         return dict(vars(read_mjcf(file))), ()
     if file.suffix != ".sdf":
-        return dict(vars(read_urdf(file, root_joint))), ()
+        mimic = description.get("mimic", True)
+        return dict(vars(read_urdf(file, root_joint, mimic=mimic))), ()
     options = {key: description[key] for key in _FOR_SDF if key in description}
     if root_joint == "free_flyer":
         options["root_joint"] = pin.JointModelFreeFlyer()

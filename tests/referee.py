@@ -69,12 +69,13 @@ class MujocoReferee:
         In world axes, each frame at its own origin: the two coincide in a closed loop.
         """
         X, _ = self._place(q)
-        return self._loop_rows(self._site_jacobian) @ X
+        return self._loop_rows(self._site_jacobian, self._coupling_row) @ X
 
     def loop_acceleration_drift(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """γ = J̇_mj v_mj + J_mj Ẋv, (m,), in the rows of `loop_jacobian`."""
         X, Xdot_v = self._place(q, v)
-        J, Jdot = self._loop_rows(self._site_jacobian), self._loop_rows(self._site_jacobian_rate)
+        J = self._loop_rows(self._site_jacobian, self._coupling_row)
+        Jdot = self._loop_rows(self._site_jacobian_rate, lambda _: np.zeros((1, self._mj.nv)))
         return Jdot @ X @ v + J @ Xdot_v
 
     def equality(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -129,13 +130,26 @@ class MujocoReferee:
             mujoco.mj_fullM(self._mj, M, self.data.qM)
         return M
 
-    def _loop_rows(self, rows_of_site: Callable[[int], np.ndarray]) -> np.ndarray:
+    def _loop_rows(
+        self,
+        rows_of_site: Callable[[int], np.ndarray],
+        coupling_row: Callable[[cp.Coupling], np.ndarray],
+    ) -> np.ndarray:
         blocks = [np.zeros((0, self._mj.nv))]
         for loop in self.loops:
+            if isinstance(loop, cp.Coupling):
+                blocks.append(coupling_row(loop))
+                continue
             k = self._mj.equality(loop.name).id
             one, two = self._mj.eq_obj1id[k], self._mj.eq_obj2id[k]
             blocks.append((rows_of_site(one) - rows_of_site(two))[: loop.rows])
         return np.vstack(blocks)
+
+    def _coupling_row(self, coupling: cp.Coupling) -> np.ndarray:
+        row = np.zeros((1, self._mj.nv))
+        row[0, self._mj.joint(coupling.joint_a).dofadr[0]] = 1.0
+        row[0, self._mj.joint(coupling.joint_b).dofadr[0]] = -coupling.ratio
+        return row
 
     def _site_jacobian(self, site: int) -> np.ndarray:
         J = np.zeros((6, self._mj.nv))

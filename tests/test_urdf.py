@@ -119,6 +119,21 @@ def test_mimic_is_a_coupling(read, kind):
     assert a[right.idx_v] == pytest.approx(-2 * a[left.idx_v], rel=1e-9)
 
 
+def test_robot_toml_may_leave_mimic_joints_alone(tmp_path):
+    right = joint("right", "beam", "b", MIMIC)
+    text = "".join([*SWING[:5], right, SWING[6]])
+    (tmp_path / "swing.urdf").write_text(f'<robot name="swing">{text}</robot>')
+    card = 'name = "s"\nsource = "t"\nlicence = "n"\n[description]\nfile = "swing.urdf"\nmimic = '
+    (tmp_path / "robot.toml").write_text(card + "false")
+    robot = cp.load_robot(tmp_path)
+    assert robot.loops == ()
+    assert robot.nq == 6  # continuous, as cos and sin
+    assert any("mimic (right): these joints move on their own" in text for text in robot.unused)
+    (tmp_path / "robot.toml").write_text(card + '"no"')
+    with pytest.raises(cp.InvalidModel, match=r"description\.mimic = 'no': true or false"):
+        cp.load_robot(tmp_path)
+
+
 def test_the_gripper_of_talos_is_coupled():
     folder = example_robot_data() / "talos_data" / "robots"
     robot = cp.load_robot(folder / "talos_full_v2.urdf", root_joint="free_flyer")

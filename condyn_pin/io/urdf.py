@@ -39,7 +39,7 @@ class UrdfRobot:
     unused: tuple[str, ...]
 
 
-def read_urdf(path: Path, root_joint: str = "fixed") -> UrdfRobot:
+def read_urdf(path: Path, root_joint: str = "fixed", *, mimic: bool = True) -> UrdfRobot:
     """Read a URDF.
 
     Parameters
@@ -48,6 +48,8 @@ def read_urdf(path: Path, root_joint: str = "fixed") -> UrdfRobot:
         The file. Meshes are not needed.
     root_joint : {"fixed", "free_flyer"}
         How the root link is attached to the world.
+    mimic : bool
+        Whether <mimic> makes couplings; else such joints move on their own.
 
     Returns
     -------
@@ -69,10 +71,13 @@ def read_urdf(path: Path, root_joint: str = "fixed") -> UrdfRobot:
     try:
         if robot.tag != "robot":
             raise InvalidModel(f"its root element is <{robot.tag}>, a URDF has <robot>")
-        copy = checked(robot, floating=root_joint == "free_flyer")
-        loops: tuple[Loop | Coupling, ...] = (*_couplings(robot), *_closings(robot))
+        copy = checked(robot, floating=root_joint == "free_flyer", mimic=mimic)
+        loops: tuple[Loop | Coupling, ...] = (
+            *(_couplings(robot) if mimic else ()),
+            *_closings(robot),
+        )
         model = _model(ET.tostring(copy, encoding="unicode"), root_joint)
-        return UrdfRobot(model, loops, (*_unused(robot), *_doubts(robot, copy)))
+        return UrdfRobot(model, loops, (*_unused(robot), *_doubts(robot, copy, mimic)))
     except InvalidModel as error:
         error.args = (f"{path}: {error}",)
         raise
@@ -132,12 +137,13 @@ def _unused(robot: ET.Element) -> Iterator[str]:
             yield f"<{tag}> ({count} elements)"
 
 
-def _doubts(robot: ET.Element, copy: ET.Element) -> Iterator[str]:
+def _doubts(robot: ET.Element, copy: ET.Element, mimic: bool) -> Iterator[str]:
     """Say what the reader made of a file that leaves it open, a sentence each."""
     joints = _mimicking(robot)
     if joints:
         names = few([joint.attrib["name"] for joint in joints])
-        yield f"mimic ({names}): couplings of Robot.loops, which hold in scenes that contain them"
+        coupled = "couplings of Robot.loops, which hold in scenes that contain them"
+        yield f"mimic ({names}): {coupled if mimic else 'these joints move on their own'}"
     closings = [loop.name for loop in _closings(robot)]
     if closings:
         yield (

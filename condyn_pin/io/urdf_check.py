@@ -25,7 +25,7 @@ _MOMENTS: Final = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _ROUNDING: Final = 1e-6  # of a principal moment that is zero but for the digits of the file
 
 
-def checked(robot: Element, *, floating: bool) -> Element:
+def checked(robot: Element, *, floating: bool, mimic: bool) -> Element:
     """Return a copy of a URDF with what Pinocchio reads, after a look at all of it.
 
     Parameters
@@ -34,6 +34,8 @@ def checked(robot: Element, *, floating: bool) -> Element:
         The root of the file.
     floating : bool
         Whether the root link moves.
+    mimic : bool
+        Whether <mimic> is read.
 
     Raises
     ------
@@ -50,7 +52,7 @@ def checked(robot: Element, *, floating: bool) -> Element:
         if name in WORLD and (name != root or floating):
             advice = "rename it, or take the root joint 'fixed'" if name == root else "rename it"
             raise InvalidModel(f"the name {name!r} is the world's: {advice}")
-    mimicking = set(_mimicking(joints))
+    mimicking = set(_mimicking(joints)) if mimic else set()
     copy = Element("robot", name=robot.attrib["name"])
     for link in links.values():
         _copy_link(copy, link)
