@@ -14,7 +14,11 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from condyn_pin.assembly import Assembly as Assembly
+    from condyn_pin.assembly import AssemblyStatus as AssemblyStatus
     from condyn_pin.audit import Audit as Audit
+    from condyn_pin.check import Check as Check
+    from condyn_pin.completion import CompleteState as CompleteState
     from condyn_pin.constraints import Constraint as Constraint
     from condyn_pin.constraints import Coupling as Coupling
     from condyn_pin.constraints import Loop as Loop
@@ -23,6 +27,7 @@ if TYPE_CHECKING:
     from condyn_pin.contacts import PointContact as PointContact
     from condyn_pin.contacts import SurfaceContact as SurfaceContact
     from condyn_pin.equations import Terms as Terms
+    from condyn_pin.errors import BranchChanged as BranchChanged
     from condyn_pin.errors import BrokenPinocchio as BrokenPinocchio
     from condyn_pin.errors import CondynError as CondynError
     from condyn_pin.errors import InvalidArgument as InvalidArgument
@@ -34,11 +39,13 @@ if TYPE_CHECKING:
     from condyn_pin.errors import StaleModel as StaleModel
     from condyn_pin.errors import UnknownName as UnknownName
     from condyn_pin.errors import UnsupportedBackend as UnsupportedBackend
+    from condyn_pin.gaps import Gap as Gap
     from condyn_pin.load import available_robots as available_robots
     from condyn_pin.load import load_robot as load_robot
     from condyn_pin.mechanisms import four_bar as four_bar
     from condyn_pin.mechanisms import pendulum as pendulum
     from condyn_pin.proof import Proof as Proof
+    from condyn_pin.rank import Rank as Rank
     from condyn_pin.robot import Robot as Robot
     from condyn_pin.scene import Scene as Scene
     from condyn_pin.solution import Solution as Solution
@@ -58,11 +65,15 @@ if TYPE_CHECKING:
     from condyn_pin.workspace import Workspace as Workspace
 
 _HOME = {
+    "assembly": ("Assembly", "AssemblyStatus"),
     "audit": ("Audit",),
+    "check": ("Check",),
+    "completion": ("CompleteState",),
     "constraints": ("Constraint", "Coupling", "Loop"),
     "contacts": ("LineContact", "PlanarContact", "PointContact", "SurfaceContact"),
     "equations": ("Terms",),
     "errors": (
+        "BranchChanged",
         "BrokenPinocchio",
         "CondynError",
         "InvalidArgument",
@@ -75,9 +86,11 @@ _HOME = {
         "UnknownName",
         "UnsupportedBackend",
     ),
+    "gaps": ("Gap",),
     "load": ("available_robots", "load_robot"),
     "mechanisms": ("four_bar", "pendulum"),
     "proof": ("Proof",),
+    "rank": ("Rank",),
     "robot": ("Robot",),
     "scene": ("Scene",),
     "solution": ("Solution", "StateError", "Status"),
