@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from condyn_pin.errors import StaleModel as StaleModel
     from condyn_pin.errors import UnknownName as UnknownName
     from condyn_pin.errors import UnsupportedBackend as UnsupportedBackend
+    from condyn_pin.errors import UnsupportedConstraint as UnsupportedConstraint
     from condyn_pin.gaps import Gap as Gap
     from condyn_pin.load import available_robots as available_robots
     from condyn_pin.load import load_robot as load_robot
@@ -85,6 +86,7 @@ _HOME = {
         "StaleModel",
         "UnknownName",
         "UnsupportedBackend",
+        "UnsupportedConstraint",
     ),
     "gaps": ("Gap",),
     "load": ("available_robots", "load_robot"),

@@ -1,13 +1,12 @@
 """Assembly: a configuration near a guess that closes the loops, and what is known of it.
 
-Three runs are tried, one after the other, until the loops are closed on the branch of the start:
-damped Gauss-Newton; the gap closed in small shares (`condyn_pin.closing` has both); and damped
-Gauss-Newton from a start moved a little, which leaves a guess where the bars are in line.
+`condyn_pin.closing` has the runs that are tried, one after the other, until the loops are closed on
+the branch of the start; `condyn_pin.chains` says what a branch is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
@@ -28,8 +27,6 @@ if TYPE_CHECKING:
     from condyn_pin.chains import Chains
     from condyn_pin.robot import Robot
     from condyn_pin.scene import Scene
-
-_NUDGE = 0.1  # [rad, m]
 
 
 class AssemblyStatus(Enum):
@@ -145,6 +142,15 @@ def assemble(
     return assembly
 
 
+def assemble_posture(scene: Scene, guess: Array) -> Assembly:
+    """Close a posture: within the joint limits if it starts there and that can be, or without."""
+    if not scene.chains.limits.beyond(guess):
+        found = assemble(scene, guess, throw=False)
+        if found.status.ok:
+            return found
+    return assemble(scene, guess, within_limits=False)
+
+
 def assemble_from(
     scene: Scene,
     start: Array,
@@ -167,7 +173,7 @@ def assemble_from(
     S = np.linalg.svd(J[chains.rows], compute_uv=False)
     return Assembly(
         q=end.q,
-        gap=gaps(scene.bounds, equations.violation(end.q)),
+        gap=gaps(scene, equations.violation(end.q)),
         iterations=iterations,
         rank=int(np.count_nonzero(tolerances.RANK * S.max(initial=0.0) < S)),
         smallest_singular_value=chains.smallest(J),
@@ -189,7 +195,7 @@ def _best(
     wanted = side(start) if branch is None else branch
     best: Closing | None = None
     iterations = 0
-    for end in _ends(closer, start):
+    for end in closer.ends(start):
         iterations += end.iterations
         if end.size <= tolerances.CLOSED:
             flipped = _across(wanted, side(end.q))
@@ -203,19 +209,6 @@ def _best(
         return best, iterations, AssemblyStatus.BRANCH_CHANGED, _across(wanted, side(best.q))
     status = AssemblyStatus.UNREACHABLE if best.stationary else AssemblyStatus.STALLED
     return best, iterations, status, ()
-
-
-def _ends(closer: Closer, start: Array) -> Iterator[Closing]:
-    """Try one run after the other."""
-    q = start.copy()
-    closer.limits.clip(q)
-    yield closer.close(q)
-    yield closer.follow(q)
-    rng = np.random.default_rng(0)
-    nudge = np.where(closer.moving, _NUDGE * rng.normal(size=len(closer.moving)), 0.0)
-    q = np.array(pin.integrate(closer.equations.model, q, nudge))
-    closer.limits.clip(q)
-    yield closer.close(q)
 
 
 def _across(one: Mapping[str, int], other: Mapping[str, int]) -> tuple[str, ...]:

@@ -1,75 +1,27 @@
-"""Constraints bound to a model: joints and placements in place of names.
+"""From the constraints of a user to bound ones.
 
-Every constraint is solved in the LOCAL frame with a moving joint first and the other body, or the
-world, second: the one combination in which none of Pinocchio's algorithms is wrong.
+Where Pinocchio takes part, every constraint is solved in the LOCAL frame with a moving joint first
+and the other body, or the world, second: the one combination in which none of its algorithms is
+wrong.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from math import nan
 from typing import Any
 
 import numpy as np
 
-from condyn_pin._pin import LOCAL, pin
-from condyn_pin.constraints import Constraint, Loop
-from condyn_pin.contacts import PointContact, SurfaceContact
-from condyn_pin.errors import InvalidConstraint
+from condyn_pin._pin import pin
+from condyn_pin.bound import FRAME, POINT, Bound, Coupled
+from condyn_pin.constraints import Constraint, Coupling, Loop
+from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
+from condyn_pin.errors import InvalidConstraint, unknown_name
 from condyn_pin.robot import Robot
 
-_AXES = ("x", "y", "z", "rx", "ry", "rz")
 
-
-@dataclass(frozen=True)
-class Bound:
-    """One constraint, bound.
-
-    Attributes
-    ----------
-    name : str
-    rows : slice
-        Its rows among those of the scene.
-    joint1, joint2 : int
-        The moving joint, and the other one (0 is the world).
-    placement1, placement2 : pin.SE3
-        Frame c1 on joint 1, frame c2 on joint 2.
-    anchored : bool
-        False for a contact that belongs wherever it is: it has no position error.
-    sign : float
-        +1 if the force on the first-named body is the one on joint 1, else -1.
-    """
-
-    name: str
-    rows: slice
-    joint1: int
-    placement1: Any
-    joint2: int
-    placement2: Any
-    anchored: bool
-    sign: float
-
-    @property
-    def size(self) -> int:
-        """Number of rows: 3 or 6."""
-        return int(self.rows.stop - self.rows.start)
-
-    @property
-    def row_names(self) -> tuple[str, ...]:
-        """A name for each row: the constraint's and the axis."""
-        return tuple(f"{self.name}.{axis}" for axis in _AXES[: self.size])
-
-    def to_pinocchio(self, model: Any) -> Any:
-        """Return the RigidConstraintModel of this constraint."""
-        kind = pin.ContactType.CONTACT_3D if self.size == 3 else pin.ContactType.CONTACT_6D
-        made = pin.RigidConstraintModel(
-            kind, model, self.joint1, self.placement1, self.joint2, self.placement2, LOCAL
-        )
-        made.name = self.name
-        return made
-
-
-def bind(robot: Robot, constraints: Sequence[Constraint]) -> tuple[Bound, ...]:
+def bind(robot: Robot, constraints: Sequence[Constraint]) -> tuple[Bound | Coupled, ...]:
     """Bind constraints to a robot, rows in the order given.
 
     Raises
@@ -77,51 +29,137 @@ def bind(robot: Robot, constraints: Sequence[Constraint]) -> tuple[Bound, ...]:
     InvalidConstraint
         If two constraints share a name, or one of them cannot constrain any motion.
     UnknownName
-        If a frame does not exist.
+        If a frame or a joint does not exist.
     """
-    bound: list[Bound] = []
+    bound: list[Bound | Coupled] = []
     start = 0
     for constraint in constraints:
         if not isinstance(constraint, Constraint):
-            raise InvalidConstraint(
-                f"{constraint!r}: a PointContact, a SurfaceContact or a Loop is needed"
-            )
+            raise _unknown(constraint)
         if any(constraint.name == other.name for other in bound):
             raise InvalidConstraint(
                 f"two constraints are named {constraint.name!r}; give one of them a name=..."
             )
         rows = slice(start, start + constraint.rows)
-        bound.append(_bind(robot, constraint, rows))
+        if isinstance(constraint, Coupling):
+            bound.append(_couple(robot, constraint, rows))
+        else:
+            bound.append(_bind(robot, constraint, rows))
         start = rows.stop
     return tuple(bound)
 
 
 def _bind(robot: Robot, constraint: Constraint, rows: slice) -> Bound:
-    joint1, placement1, joint2, placement2, anchored = _ends(robot, constraint)
-    if joint1 == joint2:
-        where = "the world" if joint1 == 0 else f"joint {robot.model.names[joint1]!r}"
+    if isinstance(constraint, Loop):
+        bound = _bind_loop(robot, constraint, rows)
+    elif isinstance(constraint, PointContact | SurfaceContact | LineContact):
+        bound = _bind_contact(robot, constraint, rows)
+    elif isinstance(constraint, PlanarContact):
+        bound = _bind_plane(robot, constraint, rows)
+    else:
+        raise _unknown(constraint)
+    if bound.joint1 == bound.joint2:
+        joint = bound.joint1
+        where = "the world" if joint == 0 else f"joint {robot.model.names[joint]!r}"
         raise InvalidConstraint(
             f"{constraint.name}: both sides belong to {where}, so it constrains nothing; "
             "name frames on two bodies that move against each other"
         )
-    sign = 1.0
-    if joint1 == 0:  # the world first: exchange, and report the force with the other sign
-        joint1, placement1, joint2, placement2, sign = joint2, placement2, joint1, placement1, -1.0
-    return Bound(constraint.name, rows, joint1, placement1, joint2, placement2, anchored, sign)
+    return bound
 
 
-def _ends(robot: Robot, constraint: Constraint) -> tuple[int, Any, int, Any, bool]:
-    if isinstance(constraint, Loop):
-        return *robot.frame(constraint.frame_a), *robot.frame(constraint.frame_b), True
-    if isinstance(constraint, PointContact):
-        joint, placement = robot.frame(constraint.frame)
-        placement = placement * pin.SE3(np.eye(3), np.array(constraint.offset))
-        anchor = constraint.anchor
-        target = pin.SE3(np.eye(3), np.array(anchor)) if anchor else pin.SE3.Identity()
-        return joint, placement, 0, target, anchor is not None
-    if isinstance(constraint, SurfaceContact):
-        joint, placement = robot.frame(constraint.frame)
-        pose = constraint.anchor
-        target = pin.XYZQUATToSE3(np.array(pose)) if pose else pin.SE3.Identity()
-        return joint, placement, 0, target, pose is not None
-    raise InvalidConstraint(f"{constraint!r}: a PointContact, a SurfaceContact or a Loop is needed")
+def _bind_loop(robot: Robot, loop: Loop, rows: slice) -> Bound:
+    one, two, sign = robot.frame(loop.frame_a), robot.frame(loop.frame_b), 1.0
+    if one[0] == 0 and loop.kind in ("ball", "weld", "hinge"):
+        # the world first: exchange, and report the force with the other sign
+        one, two, sign = two, one, -1.0
+    axis = "xyz".index(loop.axis)
+    selection = {
+        "ball": POINT,
+        "weld": FRAME,
+        "hinge": tuple(i for i in FRAME if i != 3 + axis),
+        "slider": tuple(i for i in FRAME if i != axis),
+        "planar": tuple(i for i in POINT if i != axis),
+        "rod": (),
+    }[loop.kind]
+    length = nan if loop.length is None else loop.length
+    return Bound(
+        loop.name, rows, *one, *two, selection,
+        sign=sign, axis=axis, length=length, lever=_lever(robot, one[1], two[1]),
+    )  # fmt: skip
+
+
+def _bind_contact(
+    robot: Robot, contact: PointContact | SurfaceContact | LineContact, rows: slice
+) -> Bound:
+    joint, placement = robot.frame(contact.frame)
+    anchor = contact.anchor
+    selection, axis, lever = FRAME, 2, nan
+    if isinstance(contact, PointContact):
+        selection = POINT
+        placement = placement * pin.SE3(np.eye(3), np.array(contact.offset))
+        anchor = (*contact.anchor, 0.0, 0.0, 0.0, 1.0) if contact.anchor else None
+    elif isinstance(contact, LineContact):
+        axis = "xyz".index(contact.axis)
+        selection = tuple(i for i in FRAME if i != 3 + axis)
+        lever = contact.half_length or _lever(robot, placement)
+    target = pin.XYZQUATToSE3(np.array(anchor)) if anchor else pin.SE3.Identity()
+    return Bound(
+        contact.name, rows, joint, placement, 0, target, selection,
+        anchored=anchor is not None, axis=axis, lever=lever,
+    )  # fmt: skip
+
+
+def _bind_plane(robot: Robot, contact: PlanarContact, rows: slice) -> Bound:
+    """Bind the plane as c1, z along its normal, and the robot's point as c2."""
+    joint, placement = robot.frame(contact.frame)
+    point = placement * pin.SE3(np.eye(3), np.array(contact.offset))
+    normal = np.array(contact.normal)
+    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), normal)
+    plane = pin.SE3(turn.matrix(), (contact.height or 0.0) * normal)
+    anchored = contact.height is not None
+    return Bound(contact.name, rows, 0, plane, joint, point, (2,), anchored=anchored, sign=-1.0)
+
+
+def _lever(robot: Robot, *placements: Any) -> float:
+    """Return the size of the bodies that meet: the two points of a hinge are to be that far apart.
+
+    A short lever turns rounding of the points into moments: 1/lever^2 enters the condition.
+    """
+    own = [float(np.linalg.norm(p.translation)) for p in placements]
+    all_joints = [float(np.linalg.norm(p.translation)) for p in robot.model.jointPlacements]
+    return max(own) or max(all_joints) or 1.0
+
+
+def _couple(robot: Robot, coupling: Coupling, rows: slice) -> Coupled:
+    model = robot.model
+    if coupling.joint_a == coupling.joint_b:
+        raise InvalidConstraint(f"{coupling.name}: both joints are {coupling.joint_a!r}")
+    joints = []
+    for name in (coupling.joint_a, coupling.joint_b):
+        if not model.existJointName(name):
+            raise unknown_name("joint", name, robot.joints)
+        joint = model.joints[model.getJointId(name)]
+        if joint.nq != 1 or joint.nv != 1:
+            raise InvalidConstraint(
+                f"{coupling.name}: joint {name!r} has nq {joint.nq}, nv {joint.nv}; joints with "
+                "one number are needed (a continuous joint counts as cos and sin: read it as "
+                "revolute)"
+            )
+        joints.append(joint)
+    a, b = joints
+    return Coupled(
+        coupling.name,
+        rows,
+        (int(a.idx_q), int(b.idx_q)),
+        (int(a.idx_v), int(b.idx_v)),
+        coupling.ratio,
+        coupling.offset,
+    )
+
+
+def _unknown(constraint: object) -> InvalidConstraint:
+    return InvalidConstraint(
+        f"{constraint!r}: a contact (PointContact, SurfaceContact, LineContact, PlanarContact), "
+        "a Loop or a Coupling is needed"
+    )

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.closing import Closer, Limits
+from condyn_pin.closing import NO_LIMITS, Closer, Limits
 from condyn_pin.equations import Equations
 from condyn_pin.minimum_norm import factorise
 
@@ -128,7 +128,8 @@ def chains(scene: Scene) -> Chains:
     sprung = _columns(scene, [spring.joint for spring in robot.springs])
     passive = np.setdiff1d(np.arange(robot.nv), actuated)
     passive_classes = (np.setdiff1d(passive, sprung), np.intersect1d(passive, sprung))
-    closed, tries = _nearby(equations, rows, scene.guess())
+    limits = Limits.of(robot.model)
+    closed, tries = _nearby(equations, rows, limits, scene.guess())
     found = []
     for q in tries:
         terms = equations.terms(q, np.zeros(robot.nv))
@@ -143,7 +144,7 @@ def chains(scene: Scene) -> Chains:
         clusters = tuple(_clusters(scene, J, rows, columns))
     return Chains(
         rows=rows,
-        limits=Limits.of(robot.model),
+        limits=limits,
         actuated=actuated,
         dependent=dependent,
         clusters=clusters,
@@ -159,12 +160,19 @@ def positioned(scene: Scene) -> Indices:
     return np.array([row for span in spans for row in span], dtype=np.int_)
 
 
-def _nearby(equations: Equations, rows: Indices, guess: Array) -> tuple[bool, list[Array]]:
+def _nearby(
+    equations: Equations, rows: Indices, limits: Limits, guess: Array
+) -> tuple[bool, list[Array]]:
     """Return whether the guess can be closed, and closed configurations at it and near it."""
     model = equations.model
-    closer = Closer(equations, rows, np.ones(model.nv, dtype=bool))
-    first = closer.close(guess)
-    if first.size > tolerances.CLOSED:
+    everything = np.ones(model.nv, dtype=bool)
+    for limited in (limits, NO_LIMITS):
+        closer = Closer(equations, rows, everything, limited)
+        ends = closer.ends(guess) if not limited.beyond(guess) else ()
+        first = next((end for end in ends if end.size <= tolerances.CLOSED), None)
+        if first is not None:
+            break
+    else:
         return False, [guess]
     found, rng = [first.q], np.random.default_rng(0)
     for _ in range(_LOOKS):

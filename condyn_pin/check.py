@@ -14,7 +14,7 @@ from condyn_pin.arguments import normalised
 from condyn_pin.arrays import finite
 from condyn_pin.equations import Equations
 from condyn_pin.errors import NotAssembled
-from condyn_pin.gaps import Gap, gaps, sizes
+from condyn_pin.gaps import Gap, gaps, slips
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
@@ -110,7 +110,7 @@ def check(scene: Scene, q: ArrayLike, v: ArrayLike | None) -> Check:
     slip, speed = {}, 1.0
     if v is not None:
         v_ = finite("v", v, model.nv)
-        slip = sizes(scene.bounds, equations.jacobian(q_) @ v_)
+        slip = slips(scene, equations.jacobian(q_) @ v_)
         speed = max(1.0, float(np.abs(v_).max(initial=0.0)))
     c = equations.violation(q_)
-    return Check(gaps(scene.bounds, c), slip, speed, scene.chains.limits.beyond(q_))
+    return Check(gaps(scene, c), slip, speed, scene.chains.limits.beyond(q_))

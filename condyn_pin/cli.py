@@ -34,7 +34,8 @@ RobotName = Annotated[str, typer.Argument(help="A name of `condyn robots`, or a 
 Contacts = Annotated[
     str,
     typer.Option(
-        help="Comma-separated: names of ready-made contacts, or FRAME:point, FRAME:surface."
+        help="Comma-separated: names of ready-made contacts, or FRAME:KIND with the kind "
+        "point, surface, line or planar."
     ),
 ]
 Loops = Annotated[bool, typer.Option(help="Include the loops of the robot.")]

@@ -6,7 +6,7 @@ from dataclasses import fields
 from typing import Any
 
 from condyn_pin.constraints import Constraint
-from condyn_pin.contacts import PointContact, SurfaceContact
+from condyn_pin.contacts import CONTACTS
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.load import load_robot
 from condyn_pin.robot import Robot
@@ -26,11 +26,10 @@ def _contact(robot: Robot, text: str) -> Constraint:
     if text in ready:
         return ready[text]
     frame, _, kind = text.rpartition(":")
-    if frame and kind == "point":
-        return PointContact(frame)
-    if frame and kind == "surface":
-        return SurfaceContact(frame)
-    raise unknown_name("ready-made contact (or FRAME:point, FRAME:surface)", text, ready)
+    if frame and kind in CONTACTS:
+        return CONTACTS[kind](frame=frame)
+    wanted = ", ".join(f"FRAME:{kind}" for kind in CONTACTS)
+    raise unknown_name(f"ready-made contact (or {wanted})", text, ready)
 
 
 def solver_of(name: str, knobs: dict[str, Any]) -> Solver:

@@ -8,9 +8,12 @@ With c(q) the gap and J its Jacobian, Levenberg-Marquardt on the manifold,
 are redundant. nu grows when a step does not close the gap, and falls when it does; a joint at a
 limit that the step would push through is left out of the step.
 
-Where this ends with a gap, or somewhere else than it should, the gap is closed in small shares:
+Where this ends with a gap, or somewhere else than it should, the gap is closed in small shares,
 
-    c(q) = (1 - s) c(q0),     s from 0 to 1.
+    c(q) = (1 - s) c(q0),     s from 0 to 1,
+
+and if that does not help either, from starts moved at random, further and further: a guess with the
+bars in line, or with joints at their limits, can only be left sideways.
 
 References
 ----------
@@ -20,6 +23,7 @@ Suppl. 15, 2001.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -37,6 +41,8 @@ _STATIONARY = 1e-8  # |J^T c| relative to |J| |c|
 _LONGEST_MOVE = 0.5  # of any joint in one iteration [rad, m]
 _LONGEST_SHARE_MOVE = 0.3  # of any joint while one share is closed [rad, m]
 _SMALLEST_SHARE = 1 / 256  # of the gap
+_NUDGES = (0.1, 0.2, 0.3, 0.4, 0.5)  # standard deviation of each joint [rad, m]
+_LAST_STEPS = 400  # to where the gap is stationary
 _REJECTIONS = 15  # in a row, each with ten times the damping
 
 
@@ -141,7 +147,26 @@ class Closer:
         c: Array = self.equations.violation(q)[self.rows]
         return c
 
-    def close(self, q: Array, *, target: Array | float = 0.0, most: int = 200) -> Closing:
+    def ends(self, start: Array) -> Iterator[Closing]:
+        """Try one run after the other: plain, in shares, from starts nearby, on from the best."""
+        q = start.copy()
+        self.limits.clip(q)
+        found = [self.close(q)]
+        yield found[-1]
+        found.append(self.follow(q))
+        yield found[-1]
+        rng = np.random.default_rng(0)
+        for nudge in _NUDGES:
+            away = np.where(self.moving, nudge * rng.normal(size=len(self.moving)), 0.0)
+            near = np.array(pin.integrate(self.equations.model, q, away))
+            self.limits.clip(near)
+            found.append(self.close(near))
+            yield found[-1]
+        best = min(found, key=lambda end: end.size)
+        if best.size > tolerances.CLOSED and not best.stationary:
+            yield self.close(best.q, most=_LAST_STEPS)
+
+    def close(self, q: Array, *, target: Array | float = 0.0, most: int = 60) -> Closing:
         """Return the end of one run from q towards c = target, in at most `most` steps."""
         nu, iterations = 1.0, 0
         c = self.gap(q) - target

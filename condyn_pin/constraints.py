@@ -123,7 +123,7 @@ class Loop(Constraint):
     def __post_init__(self) -> None:
         text("frame_a", self.frame_a)
         text("frame_b", self.frame_b)
-        if self.kind not in _ROWS:
+        if self.kind not in get_args(LoopKind):
             raise InvalidArgument(
                 f"kind = {self.kind!r}: known kinds of loops are {', '.join(_ROWS)}"
             )

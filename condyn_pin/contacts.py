@@ -219,6 +219,17 @@ class PlanarContact(Constraint):
         return 1
 
 
+Contact = PointContact | SurfaceContact | LineContact | PlanarContact
+
+# As files and the command line write them.
+CONTACTS: dict[str, type[Contact]] = {
+    "point": PointContact,
+    "surface": SurfaceContact,
+    "line": LineContact,
+    "planar": PlanarContact,
+}
+
+
 def _placement(argument: str, value: object) -> Placement | None:
     """Return a placement in the world with a unit quaternion, or raise InvalidArgument."""
     if value is None:

@@ -10,16 +10,17 @@ answer's a.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from condyn_pin._pin import LOCAL, pin
 from condyn_pin.arrays import Array
-from condyn_pin.binding import Bound
+from condyn_pin.bound import FRAME, POINT, Bound, Coupled
+from condyn_pin.couplings import Couplings
+from condyn_pin.cut_joints import CutJoints
 from condyn_pin.frames import WorldContacts, Wrenches
 from condyn_pin.loops import Balls, Weld
 
@@ -60,33 +61,21 @@ class Equations:
     Parameters
     ----------
     model : pin.Model
-    bounds : sequence of Bound
+    bounds : sequence of Bound or Coupled
     """
 
-    def __init__(self, model: Any, bounds: Sequence[Bound]) -> None:
+    def __init__(self, model: Any, bounds: Sequence[Bound | Coupled]) -> None:
         self.model = model
         self.data = model.createData()
         self.bounds = tuple(bounds)
         self.m = sum(bound.size for bound in bounds)
-        self.sign = np.concatenate([np.full(b.size, b.sign) for b in bounds] or [np.zeros(0)])
-        self._flipped = any(b.sign < 0 for b in bounds)
+        pairs = [b for b in bounds if isinstance(b, Bound)]
+        self.sign = np.ones(self.m)
+        for b in pairs:
+            self.sign[b.rows] = b.sign
+        self._flipped = bool((self.sign < 0).any())
         self._still = np.zeros(model.nv)
-        contacts = [b for b in bounds if not (b.joint2 or b.anchored)]
-        balls = [b for b in bounds if b.size == 3 and (b.joint2 or b.anchored)]
-        welds = [b for b in bounds if b.size == 6 and (b.joint2 or b.anchored)]
-        self._contacts = WorldContacts(self.data, contacts, self.m + 1) if contacts else None
-        self._loops: list[Balls | Weld] = []
-        self._action: dict[str, Callable[[], Array]] = {}  # R or X of a loop, after `motion`
-        if balls:
-            together = Balls(self.data, balls)
-            self._loops.append(together)
-            self._action |= {b.name: partial(together.action, k) for k, b in enumerate(balls)}
-        for b in welds:
-            weld = Weld(model, self.data, b)
-            self._loops.append(weld)
-            self._action[b.name] = weld.action
-        self._wrenches = Wrenches(model, bounds)
-        self._lam2 = np.zeros(self.m)
+        self._sort(pairs, [b for b in bounds if isinstance(b, Coupled)])
         # |dynamics|, |a|, |c|, |J v| and |J a + gamma| share one array, so that one call finds the
         # largest of each; the last three end with a zero, so that none is empty.
         n, width = model.nv, self.m + 1
@@ -97,6 +86,26 @@ class Equations:
             for start, size in zip(self._starts, (n, n, self.m, self.m, self.m), strict=True)
         )
         self._motion = self._all[2 * n + width :].reshape(2, width)
+
+    def _sort(self, pairs: Sequence[Bound], coupled: Sequence[Coupled]) -> None:
+        """Sort the constraints by the way in which their rows are evaluated."""
+        held = [b for b in pairs if not (b.joint1 == 0 or b.joint2 or b.anchored)]
+        loops = [b for b in pairs if b not in held]
+        balls = [b for b in loops if b.selection == POINT]
+        cut = [b for b in loops if not b.is_plain]
+        data = self.data
+        self._contacts = WorldContacts(data, held, self.m + 1) if held else None
+        self._loops: list[Balls | Weld] = [Balls(data, balls)] if balls else []
+        self._loops += [Weld(self.model, data, b) for b in loops if b.selection == FRAME]
+        self._cut = CutJoints(data, cut) if cut else None
+        self._couplings = Couplings(coupled, self.model.nv) if coupled else None
+        # Stacked forces: lam itself, and behind it force and moment of each cut joint.
+        places = [(b, b.rows, b.selection) for b in pairs if b not in cut]
+        starts = [self.m + 6 * i for i in range(len(cut))]
+        places += [(b, slice(at, at + 6), FRAME) for b, at in zip(cut, starts, strict=True)]
+        size = self.m + 6 * len(cut)
+        self._wrenches = Wrenches(self.model, places, size)
+        self._f1, self._f2 = np.zeros((2, size))
 
     def terms(self, q: Array, v: Array) -> Terms:
         """Return M, h, J, gamma and a_ref; they are owned by the caller."""
@@ -116,10 +125,16 @@ class Equations:
         self.motion(q, self._still, self._still)
         return self._c.copy()
 
-    def placements(self, q: Array) -> list[Any]:
-        """Return the placement of each frame c1 in the world."""
+    def placements(self, q: Array) -> list[tuple[Any, Any] | None]:
+        """Return the placements of the frames c1 and c2 in the world; None for a coupling."""
         pin.forwardKinematics(self.model, self.data, q)
-        return [self.data.oMi[b.joint1] * b.placement1 for b in self.bounds]
+        oMi = self.data.oMi
+        return [
+            (oMi[b.joint1] * b.placement1, oMi[b.joint2] * b.placement2)
+            if isinstance(b, Bound)
+            else None
+            for b in self.bounds
+        ]
 
     def errors(
         self, q: Array, v: Array, tau: Array, a: Array, lam: Array
@@ -134,11 +149,17 @@ class Equations:
             The largest of |M a + h - tau - J^T lam|, |a|, |c|, |J v| and |J a + gamma - a_ref|.
         """
         self.motion(q, v, a)
-        lam1 = lam * self.sign if self._flipped else lam
+        f1 = lam * self.sign if self._flipped else lam
         for loops in self._loops:
-            loops.turn(lam1, self._lam2)
-        wrenches = self._wrenches.of(lam1, self._lam2)
+            loops.turn(f1, self._f2)
+        if self._cut:
+            m, lam1, f1 = self.m, f1, self._f1
+            f1[:m] = lam1
+            self._cut.stack(lam1, f1[m:], self._f2[m:])
+        wrenches = self._wrenches.of(f1, self._f2)
         np.subtract(_rnea(self.model, self.data, q, v, a, wrenches), tau, out=self._dynamics)
+        if self._couplings:
+            self._dynamics -= self._couplings.torque(lam)
         self._a[:] = a
         everything = self._all
         np.abs(everything, out=everything)
@@ -147,23 +168,34 @@ class Equations:
     def motion(self, q: Array, v: Array, a: Array) -> None:
         """Evaluate c(q), J v and J a + gamma into the memory of this object."""
         _forward_kinematics(self.model, self.data, q, v, a)
+        rows = self._c, self._velocity, self._acceleration
         if self._contacts:
             self._contacts.evaluate(self._motion)
         for loops in self._loops:
-            loops.evaluate(self._c, self._velocity, self._acceleration)
+            loops.evaluate(*rows)
+        if self._cut:
+            self._cut.evaluate(*rows)
+        if self._couplings:
+            self._couplings.evaluate(q, v, a, rows)
         if self._flipped:
-            for rows in (self._c, self._velocity, self._acceleration):
-                rows *= self.sign
+            for part in rows:
+                part *= self.sign
 
     def _jacobian(self, q: Array) -> Array:
         """Return J, right after `motion` at the same q."""
         model, data = self.model, self.data
         pin.computeJointJacobians(model, data, q)
-        J = np.empty((self.m, model.nv))
-        for b in self.bounds:
-            Jb = pin.getFrameJacobian(model, data, b.joint1, b.placement1, LOCAL)[: b.size]
-            if b.joint2:
-                J2 = pin.getFrameJacobian(model, data, b.joint2, b.placement2, LOCAL)[: b.size]
-                Jb = Jb - self._action[b.name]() @ J2
-            J[b.rows] = Jb
+        J = np.zeros((self.m, model.nv))
+        nothing = np.zeros((6, model.nv))
+
+        def of_frame(joint: int, placement: Any) -> Array:
+            if joint == 0:
+                return nothing
+            return pin.getFrameJacobian(model, data, joint, placement, LOCAL)  # type: ignore[no-any-return]
+
+        for group in (self._contacts, *self._loops, self._cut):
+            if group:
+                group.jacobian(J, of_frame)
+        if self._couplings:
+            self._couplings.jacobian(J)
         return self.sign[:, None] * J if self._flipped else J

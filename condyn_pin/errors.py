@@ -51,6 +51,10 @@ class InvalidConstraint(CondynError, ValueError):
     """A constraint does not fit the robot, or two constraints share a name."""
 
 
+class UnsupportedConstraint(CondynError):
+    """A solver cannot take a kind of constraint; the text says which one can."""
+
+
 class StaleModel(CondynError):
     """A model, or the raw objects of a workspace, were edited behind the library's back."""
 

@@ -10,7 +10,7 @@ classical one, linear(a_c) + omega_c x linear(v_c).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,10 @@ from numpy.typing import NDArray
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.binding import Bound
+from condyn_pin.bound import POINT, Bound
+
+# (joint, placement) to the Jacobian (6, nv) of that frame, in its own axes.
+FrameJacobian = Callable[[int, Any], Array]
 
 
 class Joints:
@@ -84,6 +87,8 @@ class WorldContacts:
         J v         = X v_joints
         J a + gamma = X a_joints  (+ omega x v for points)
 
+    Their rows are a choice of the six of the frame; the frame itself turns with the robot.
+
     Parameters
     ----------
     data : pin.Data
@@ -97,13 +102,14 @@ class WorldContacts:
         X = np.zeros((width, self._joints.size))
         for b in bounds:
             six = b.placement1.toActionMatrixInverse()
-            X[b.rows, self._joints.place[b.joint1]] = six[: b.size]
+            X[b.rows, self._joints.place[b.joint1]] = six[list(b.selection)]
         self._XT = np.ascontiguousarray(X.T)
-        points = [b for b in bounds if b.size == 3]
+        points = [b for b in bounds if b.selection == POINT]
         self._centripetal = Centripetal(
             *self._joints.maps([(b.joint1, b.placement1) for b in points])
         )
         self._points, self._has_points = rows_of(points), bool(points)
+        self._bounds = tuple(bounds)
 
     def evaluate(self, out: Array) -> None:
         """Write J v and J a + gamma into the two rows of `out` (2, width); other columns are 0."""
@@ -111,6 +117,11 @@ class WorldContacts:
         np.dot(motion, self._XT, out=out)
         if self._has_points:
             out[1, self._points] += self._centripetal.of(motion[0])
+
+    def jacobian(self, J: Array, of_frame: FrameJacobian) -> None:
+        """Write the rows of these contacts into J (m, nv)."""
+        for b in self._bounds:
+            J[b.rows] = of_frame(b.joint1, b.placement1)[list(b.selection)]
 
 
 def rows_of(bounds: Sequence[Bound]) -> NDArray[np.int_]:
@@ -120,19 +131,31 @@ def rows_of(bounds: Sequence[Bound]) -> NDArray[np.int_]:
 
 
 class Wrenches:
-    """The constraint forces as wrenches on the joints: lam on joint 1, its opposite on joint 2."""
+    """The constraint forces as wrenches on the joints: f on joint 1, its opposite on joint 2.
 
-    def __init__(self, model: Any, bounds: Sequence[Bound]) -> None:
-        joints = sorted({j for b in bounds for j in (b.joint1, b.joint2) if j})
+    Parameters
+    ----------
+    model : pin.Model
+    places : sequence of (Bound, slice, tuple of int)
+        Where the stacked force of a constraint is found, and which of the six components it has.
+    size : int
+        Of the stacked forces.
+    """
+
+    def __init__(
+        self, model: Any, places: Sequence[tuple[Bound, slice, tuple[int, ...]]], size: int
+    ) -> None:
+        joints = sorted({j for b, _, _ in places for j in (b.joint1, b.joint2) if j})
         place = {joint: slice(6 * i, 6 * i + 6) for i, joint in enumerate(joints)}
-        m = sum(b.size for b in bounds)
-        self._on_joint1, self._on_joint2 = np.zeros((2, 6 * len(joints), m))
-        for b in bounds:
-            dual1, dual2 = b.placement1.toDualActionMatrix(), b.placement2.toDualActionMatrix()
-            self._on_joint1[place[b.joint1], b.rows] = dual1[:, : b.size]
+        self._on_joint1, self._on_joint2 = np.zeros((2, 6 * len(joints), size))
+        for b, at, components in places:
+            if b.joint1:
+                dual = b.placement1.toDualActionMatrix()
+                self._on_joint1[place[b.joint1], at] = dual[:, list(components)]
             if b.joint2:
-                self._on_joint2[place[b.joint2], b.rows] = dual2[:, : b.size]
-        self._has_loops = any(b.joint2 for b in bounds)
+                dual = b.placement2.toDualActionMatrix()
+                self._on_joint2[place[b.joint2], at] = dual[:, list(components)]
+        self._has_loops = bool(self._on_joint2.any())
         self._wrenches = pin.StdVec_Force()
         for _ in range(model.njoints):
             self._wrenches.append(pin.Force.Zero())
@@ -140,17 +163,18 @@ class Wrenches:
         # views into the memory of the wrenches, and what goes there
         self._targets = [(self._wrenches[j].vector, self._stacked[place[j]]) for j in joints]
 
-    def of(self, lam1: Array, lam2: Array) -> Any:
+    def of(self, f1: Array, f2: Array) -> Any:
         """Return the wrench on each joint, in its axes, in memory of this object.
 
         Parameters
         ----------
-        lam1, lam2 : (m,) array
-            lam in the axes of c1, and the same forces in the axes and at the origin of c2.
+        f1, f2 : (size,) array
+            The stacked forces in the axes and at the origin of c1, and the same ones in the axes
+            and at the origin of c2.
         """
-        np.dot(self._on_joint1, lam1, out=self._stacked)
+        np.dot(self._on_joint1, f1, out=self._stacked)
         if self._has_loops:
-            self._stacked -= self._on_joint2.dot(lam2)
+            self._stacked -= self._on_joint2.dot(f2)
         for wrench, force in self._targets:
             wrench[:] = force
         return self._wrenches

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from condyn_pin.arrays import Array
-from condyn_pin.binding import Bound
+from condyn_pin.bound import Bound, Coupled
+
+if TYPE_CHECKING:
+    from condyn_pin.scene import Scene
 
 
 class Gap(NamedTuple):
@@ -36,16 +38,28 @@ class Gap(NamedTuple):
         return self.text()
 
 
-def gaps(bounds: Iterable[Bound], c: Array) -> dict[str, Gap]:
+def gaps(scene: Scene, c: Array) -> dict[str, Gap]:
     """Return how far each constraint that has a position is open, from c (m,)."""
-    return sizes([bound for bound in bounds if bound.anchored], c)
+    return {b.name: _gap(scene, b, c[b.rows]) for b in scene.bounds if b.anchored}
 
 
-def sizes(bounds: Iterable[Bound], rows: Array) -> dict[str, Gap]:
-    """Return the norms of the linear and of the angular rows of each constraint."""
-    return {bound.name: _gap(bound, rows[bound.rows]) for bound in bounds}
+def slips(scene: Scene, velocity: Array) -> dict[str, Gap]:
+    """Return how fast the sides of each constraint move apart, from J v (m,)."""
+    return {b.name: _gap(scene, b, velocity[b.rows]) for b in scene.bounds}
 
 
-def _gap(bound: Bound, rows: Array) -> Gap:
-    angular = np.array([name.rsplit(".", 1)[-1].startswith("r") for name in bound.row_names])
+def _gap(scene: Scene, bound: Bound | Coupled, rows: Array) -> Gap:
+    """Return the norms of the linear and of the angular rows of one constraint."""
+    if isinstance(bound, Coupled):
+        angular = np.array([not _slides(scene.robot.model, bound.velocity[0])])
+    else:
+        angular = np.array([row > 2 for row in bound.selection] or [False])
     return Gap(float(np.linalg.norm(rows[~angular])), float(np.linalg.norm(rows[angular])))
+
+
+def _slides(model: Any, iv: int) -> bool:
+    """Whether the joint at a velocity index is a slider."""
+    kinds = [joint.shortname() for joint in model.joints if joint.idx_v == iv and joint.nv == 1]
+    return str(kinds[0]).startswith(
+        ("JointModelPX", "JointModelPY", "JointModelPZ", "JointModelPr")
+    )

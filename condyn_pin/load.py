@@ -26,9 +26,10 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.constraints import Constraint, Coupling, Loop
-from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
+from condyn_pin.constraints import Coupling, Loop
+from condyn_pin.contacts import CONTACTS, Contact
 from condyn_pin.errors import CondynError, InvalidArgument, InvalidModel, MissingExtra, unknown_name
+from condyn_pin.io.mjcf import read_mjcf
 from condyn_pin.io.sdf import read_sdf
 from condyn_pin.io.urdf import check_root_joint, read_urdf
 from condyn_pin.mechanisms import MECHANISMS
@@ -39,12 +40,6 @@ _CARD = (
     "name", "source", "licence", "actuated", "description", "loops", "contacts", "postures",
 )  # fmt: skip
 _DESCRIPTION = ("file", "srdf", "root_joint", "rotors", "root", "kinds", "drop")
-_CONTACTS: dict[str, type[Constraint]] = {
-    "point": PointContact,
-    "surface": SurfaceContact,
-    "line": LineContact,
-    "planar": PlanarContact,
-}
 
 
 def robots_folder() -> Path:
@@ -96,6 +91,9 @@ def load_robot(name: str | Path, *, root_joint: str | None = None) -> Robot:
     if str(name) not in known and path.suffix == ".urdf" and not path.is_dir():
         model, unused = read_urdf(path, root_joint or "fixed")
         return Robot(path.stem, model, unused=unused, source=str(path))
+    if path.suffix == ".xml" and root_joint is None and not path.is_dir():
+        mjcf = read_mjcf(path)
+        return Robot(path.stem, source=str(path), **vars(mjcf))
     if root_joint is not None:
         raise InvalidArgument(
             f"root_joint = {root_joint!r}: only a URDF takes it; {str(name)!r} says it itself"
@@ -142,7 +140,13 @@ def _from_card(card: Mapping[str, Any], folder: Path) -> Robot:
     check_root_joint(root_joint)
     loops: tuple[Loop | Coupling, ...] = ()
     springs: tuple[Spring, ...] = ()
-    if file.suffix == ".sdf":
+    actuated: tuple[str, ...] = ()
+    drawn: Mapping[str, Array] = {}
+    if file.suffix == ".xml":
+        mjcf = read_mjcf(file)
+        model, unused, loops, springs = mjcf.model, mjcf.unused, mjcf.loops, mjcf.springs
+        actuated, drawn = mjcf.actuated, mjcf.postures
+    elif file.suffix == ".sdf":
         sdf = read_sdf(
             file,
             root=description.get("root"),
@@ -161,10 +165,10 @@ def _from_card(card: Mapping[str, Any], folder: Path) -> Robot:
     return Robot(
         card["name"],
         model,
-        postures=postures,
+        postures={**postures, **{n: q for n, q in drawn.items() if n not in postures}},
         loops=loops,
         contacts=tuple(_contact(table) for table in card.get("contacts", ())),
-        actuated=tuple(card.get("actuated", ())),
+        actuated=tuple(card.get("actuated", actuated)),
         springs=springs,
         unused=unused,
         source=card["source"],
@@ -229,9 +233,9 @@ def _loop(table: Mapping[str, Any]) -> Loop | Coupling:
     return Loop(**fields)
 
 
-def _contact(table: Mapping[str, Any]) -> Constraint:
+def _contact(table: Mapping[str, Any]) -> Contact:
     fields = dict(table)
     kind = fields.pop("kind")
-    if kind not in _CONTACTS:
-        raise unknown_name("kind of contact", kind, _CONTACTS)
-    return _CONTACTS[kind](**fields)
+    if kind not in CONTACTS:
+        raise unknown_name("kind of contact", kind, CONTACTS)
+    return CONTACTS[kind](**fields)

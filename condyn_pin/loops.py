@@ -1,4 +1,4 @@
-"""Loops between bodies, and contacts with an anchor: what has a position error.
+"""Loops that Pinocchio has itself: balls and welds, and contacts with an anchor.
 
 With E1, E2 the frames c1, c2 in the world, R = R1^T R2, and every velocity and acceleration in the
 axes of its own frame,
@@ -19,8 +19,9 @@ import numpy as np
 
 from condyn_pin._pin import LOCAL, pin
 from condyn_pin.arrays import Array
-from condyn_pin.binding import Bound
-from condyn_pin.frames import Centripetal, Joints, rows_of
+from condyn_pin.bound import Bound
+from condyn_pin.ends import Ends
+from condyn_pin.frames import FrameJacobian, rows_of
 
 
 class Balls:
@@ -34,48 +35,29 @@ class Balls:
     """
 
     def __init__(self, data: Any, bounds: Sequence[Bound]) -> None:
-        k = len(bounds)
+        self._bounds, self._ends = tuple(bounds), Ends(data, bounds)
         self._rows = rows_of(bounds)
-        self._joints = Joints(data, {j for b in bounds for j in (b.joint1, b.joint2)})
-        numbers = self._joints.numbers
-        self._placements = np.zeros((len(numbers), 4, 4))
-        self._sources = [(data.oMi[j], self._placements[i]) for i, j in enumerate(numbers)]
-        # first the ends c1 of all loops, then the ends c2
-        ends = [(b.joint1, b.placement1) for b in bounds] + [
-            (b.joint2, b.placement2) for b in bounds
-        ]
-        self._end_joints = np.array([numbers.index(joint) for joint, _ in ends], dtype=np.int_)
-        self._in_joints = np.array([p.homogeneous for _, p in ends]).reshape(2 * k, 4, 4)
-        linear, angular = self._joints.maps(ends)
-        self._linearT = np.ascontiguousarray(linear.T)
-        self._centripetal = Centripetal(linear, angular)
-        self._rotation = np.zeros((k, 3, 3))
+        self._R = np.zeros((len(bounds), 3, 3))
 
     def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
         """Write the rows of these loops into the three vectors of all rows."""
-        k, rows = len(self._rotation), self._rows
-        for placement, place in self._sources:
-            place[:] = placement.homogeneous
-        E = self._placements[self._end_joints] @ self._in_joints
-        R1T = E[:k, :3, :3].transpose(0, 2, 1)
-        self._rotation = R1T @ E[k:, :3, :3]
-        c[rows] = (R1T @ (E[:k, :3, 3:] - E[k:, :3, 3:])).ravel()
-        motion = self._joints.read()
-        both = motion.dot(self._linearT)
-        both[1] += self._centripetal.of(motion[0])
-        ends = both.reshape(2, 2, k, 3, 1)  # velocity or acceleration; end; loop
-        relative = ends[:, 0] - self._rotation @ ends[:, 1]
+        rows = self._rows
+        self._R, r = self._ends.apart()
+        c[rows] = -r.ravel()
+        ends = self._ends.linear()[..., None]
+        relative = ends[:, 0] - self._R @ ends[:, 1]
         velocity[rows], acceleration[rows] = relative.reshape(2, -1)
 
     def turn(self, lam: Array, out: Array) -> None:
         """Write R^T lam, the forces in the axes of c2, for the rows of these loops."""
         forces = lam[self._rows].reshape(-1, 3, 1)
-        out[self._rows] = (self._rotation.transpose(0, 2, 1) @ forces).ravel()
+        out[self._rows] = (self._R.transpose(0, 2, 1) @ forces).ravel()
 
-    def action(self, k: int) -> Array:
-        """Return R of loop k, at the last evaluation."""
-        R: Array = self._rotation[k]
-        return R
+    def jacobian(self, J: Array, of_frame: FrameJacobian) -> None:
+        """Write the rows of these loops into J (m, nv), at the last evaluation."""
+        for b, R in zip(self._bounds, self._R, strict=True):
+            J1, J2 = of_frame(b.joint1, b.placement1), of_frame(b.joint2, b.placement2)
+            J[b.rows] = J1[:3] - R @ J2[:3]
 
 
 class Weld:
@@ -102,9 +84,10 @@ class Weld:
     def turn(self, lam: Array, out: Array) -> None:
         """Write X^T lam, the wrench in the axes and at the origin of c2."""
         rows = self._bound.rows
-        out[rows] = self.action().T @ lam[rows]
+        out[rows] = self._c1Mc2.toActionMatrix().T @ lam[rows]
 
-    def action(self) -> Array:
-        """Return X, at the last evaluation."""
-        X: Array = self._c1Mc2.toActionMatrix()
-        return X
+    def jacobian(self, J: Array, of_frame: FrameJacobian) -> None:
+        """Write the rows of this loop into J (m, nv), at the last evaluation."""
+        b = self._bound
+        J2 = of_frame(b.joint2, b.placement2)
+        J[b.rows] = of_frame(b.joint1, b.placement1) - self._c1Mc2.toActionMatrix() @ J2

@@ -130,7 +130,7 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
     S, r = factors.S, factors.rank
     return Rank(
         q=q_.copy(),
-        gap=gaps(scene.bounds, equations.violation(q_)),
+        gap=gaps(scene, equations.violation(q_)),
         rows=scene.rows,
         rank=r,
         generic_rank=scene.chains.rank,

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from condyn_pin._pin import pin
-from condyn_pin.binding import Bound
 from condyn_pin.errors import StaleModel
+from condyn_pin.native import Native
 
 
 def _refuse(*_: Any) -> NoReturn:
@@ -34,12 +34,12 @@ class ConstraintDatas(pin.StdVec_RigidConstraintData):  # type: ignore[misc]
 
 
 def raw_constraints(
-    model: Any, bounds: Sequence[Bound]
+    model: Any, constraints: Sequence[Native]
 ) -> tuple[ConstraintModels, ConstraintDatas]:
-    """Return Pinocchio's objects of the bound constraints."""
+    """Return Pinocchio's objects of the constraints."""
     models, datas = ConstraintModels(), ConstraintDatas()
-    for bound in bounds:
-        made = bound.to_pinocchio(model)
+    for constraint in constraints:
+        made = constraint.to_pinocchio(model)
         pin.StdVec_RigidConstraintModel.append(models, made)
         pin.StdVec_RigidConstraintData.append(datas, made.createData())
     return models, datas

@@ -28,10 +28,11 @@ def sample(
         if not finite(name, value, ()) >= 0:
             raise InvalidArgument(f"{name} = {value!r}: a number >= 0 is needed")
     scene.robot.check_unedited()
-    model, nv = scene.robot.model, scene.robot.nv
+    model, nv, home = scene.robot.model, scene.robot.nv, scene.audit.q
+    inside = not scene.chains.limits.beyond(home)
     for _ in range(_TRIES):
-        guess = np.array(pin.integrate(model, scene.audit.q, spread * rng.normal(size=nv)))
-        found = assemble(scene, guess, branch=scene.chains.home, throw=False)
+        guess = np.array(pin.integrate(model, home, spread * rng.normal(size=nv)))
+        found = assemble(scene, guess, within_limits=inside, branch=scene.chains.home, throw=False)
         if found.status.ok:
             v = project_velocity(scene, found.q, speed * rng.normal(size=nv), "mass")
             return found.q, v

@@ -12,14 +12,16 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.assembly import Assembly, assemble
+from condyn_pin.assembly import Assembly, assemble, assemble_posture
 from condyn_pin.audit import Audit, audit
-from condyn_pin.binding import Bound, bind
+from condyn_pin.binding import bind
+from condyn_pin.bound import Bound, Coupled
 from condyn_pin.chains import Chains, chains
 from condyn_pin.check import Check, check
 from condyn_pin.completion import CompleteState, complete_state
 from condyn_pin.constraints import Constraint
 from condyn_pin.errors import InvalidArgument, unknown_name
+from condyn_pin.native import Natives, natives
 from condyn_pin.projection import Metric, project_acceleration, project_velocity
 from condyn_pin.rank import Rank, rank
 from condyn_pin.robot import Robot
@@ -66,8 +68,8 @@ class Scene:
         object.__setattr__(self, "_bounds", bind(self.robot, self.constraints))
 
     @property
-    def bounds(self) -> tuple[Bound, ...]:
-        """The constraints bound to joints and placements."""
+    def bounds(self) -> tuple[Bound | Coupled, ...]:
+        """The constraints bound to joints, placements and columns."""
         return self._bounds  # type: ignore[attr-defined, no-any-return]
 
     @property
@@ -89,6 +91,11 @@ class Scene:
     def chains(self) -> Chains:
         """Which joints the loops determine, and where their dead points are; found on first use."""
         return chains(self)
+
+    @cached_property
+    def natives(self) -> Natives:
+        """The constraints as Pinocchio's own methods take them."""
+        return natives(self.bounds)
 
     @cached_property
     def audit(self) -> Audit:
@@ -125,7 +132,8 @@ class Scene:
         Returns
         -------
         q : (nq,) array
-            The posture, moved as closing the loops needs, whatever the joint limits.
+            The posture, moved as closing the loops needs; within the joint limits, if it is within
+            them already and can be closed there.
         v : (nv,) array
             Zero.
 
@@ -136,7 +144,8 @@ class Scene:
         NotAssembled
             If the loops cannot be closed from there; the text says which one is open, and how far.
         """
-        q = self.assemble(self.guess(posture), within_limits=False).q
+        self.robot.check_unedited()
+        q = assemble_posture(self, self.guess(posture)).q
         return q, np.zeros(self.robot.nv)
 
     def assemble(
@@ -183,7 +192,7 @@ class Scene:
     ) -> tuple[Array, Array]:
         """Return a random (q, v) that satisfies the constraints.
 
-        It is on the branch of the first posture, and within the joint limits.
+        It is on the branch of the first posture, and within the joint limits if that is.
 
         Parameters
         ----------

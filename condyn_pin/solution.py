@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, NamedTuple
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from condyn_pin.arrays import Array
+from condyn_pin.bound import Bound, Coupled
 from condyn_pin.equations import Equations
 from condyn_pin.proof import Proof
 
@@ -140,19 +142,38 @@ class Solution:
     def forces(self) -> dict[str, Array]:
         """Force on the first-named body by constraint, in the axes of the constraint.
 
-        (3,) [N] for 3 rows; (6,) [N, N m], linear part first, for 6.
+        (3,) [N], or (6,) [N, N m], linear part first, for kinds that transmit moments; what a kind
+        does not transmit is zero. (1,) for a coupling: the force along joint a [N m, N].
         """
-        return {bound.name: self.lam[bound.rows].copy() for bound in self.scene.bounds}
+        return {bound.name: self._force(i, bound) for i, bound in enumerate(self.scene.bounds)}
 
     @property
     def world_forces(self) -> dict[str, Array]:
-        """The same forces in the axes of the world, still at the origin of the constraint."""
-        scene = self.scene
-        placements = Equations(scene.robot.model, scene.bounds).placements(self.q)
+        """The same forces in the axes of the world, still at the origin of the constraint.
+
+        A coupling has no axes: it is left out.
+        """
+        forces = self.forces
         return {
-            bound.name: (self.lam[bound.rows].reshape(-1, 3) @ oMc1.rotation.T).ravel()
-            for bound, oMc1 in zip(scene.bounds, placements, strict=True)
+            bound.name: (forces[bound.name].reshape(-1, 3) @ ends[0].rotation.T).ravel()
+            for bound, ends in zip(self.scene.bounds, self._placements, strict=True)
+            if ends is not None
         }
+
+    def _force(self, i: int, bound: Bound | Coupled) -> Array:
+        lam = self.lam[bound.rows]
+        if isinstance(bound, Coupled):
+            return lam.copy()
+        if not bound.is_rod:
+            return bound.whole(lam)
+        oMc1, oMc2 = self._placements[i]
+        along: Array = oMc1.actInv(oMc2).translation
+        return np.asarray(lam[0] * along / np.linalg.norm(along))
+
+    @cached_property
+    def _placements(self) -> list[Any]:
+        scene = self.scene
+        return Equations(scene.robot.model, scene.bounds).placements(self.q)
 
     def __repr__(self) -> str:
         return (

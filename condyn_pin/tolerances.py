@@ -20,6 +20,10 @@ QUATERNION: Final = 1e-6
 # robot; a state written to a file with twelve digits is still accepted.
 CLOSED: Final = 1e-10
 
+# Gap of a loop where a file draws its model [m, rad]: files are written with six digits. A larger
+# one is told to the user, for the file may mean another place.
+DRAWN: Final = 1e-6
+
 # Rank of the whitened constraint Jacobian, relative to its largest singular value. Redundant rows
 # of an assembled loop are at 1e-15, those of a loop open by CLOSED at 1e-10; the smallest useful
 # ones met in robots are at 1e-3.

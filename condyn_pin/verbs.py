@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 from condyn_pin.scene import Scene
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.base import Solver
-from condyn_pin.solvers.proximal import Proximal
 from condyn_pin.tolerances import SOLVED
 from condyn_pin.workspace import Workspace
 
@@ -41,7 +40,8 @@ def solve(
     tau : (nv,) array_like
         Joint torques [N, N m]; zero in the rows of a free-flyer.
     solver : Solver, optional
-        `Proximal()` by default.
+        `Proximal()` by default; for kinds of constraints that it cannot take, `DenseKKT()`, and
+        `Reference()` if there are redundant rows besides.
     accuracy : float
         Error of a that is good enough, relative to the larger of |a|_inf and gravity: what the
         status is judged by. It changes no number of the answer.
@@ -61,17 +61,18 @@ def solve(
         If the status is not ok; its `solution` has everything that was computed.
     StaleModel
         If the robot's model was edited since it was loaded.
+    UnsupportedConstraint
+        If the solver cannot take a kind of constraint of the scene.
 
     Notes
     -----
     The first call with a scene builds a `Workspace`, which takes as long as dozens of solves; calls
     after it with the same scene and solver, in the same thread, use it again.
     """
-    solver = Proximal() if solver is None else solver
     workspace: Workspace | None = getattr(_last, "workspace", None)
-    if workspace is None or workspace.scene is not scene or workspace.solver != solver:
+    if workspace is None or workspace.scene is not scene or _last.solver != solver:
         workspace = Workspace(scene, solver)
-        _last.workspace = workspace
+        _last.workspace, _last.solver = workspace, solver
     else:
         scene.robot.check_unedited()
     return workspace.solve(q, v, tau, accuracy=accuracy, throw=throw)

@@ -14,7 +14,8 @@ from condyn_pin import _pin
 from condyn_pin._pin import pin
 from condyn_pin.arguments import FLOAT, HIGH, LOW, Arguments, unpack_quaternion
 from condyn_pin.arrays import Array
-from condyn_pin.binding import Bound
+from condyn_pin.bound import Bound, Coupled
+from condyn_pin.choice import check_kinds, default_solver
 from condyn_pin.equations import Equations, Terms
 from condyn_pin.errors import InvalidArgument, SolveFailed
 from condyn_pin.judge import Judge, check_accuracy_of_a
@@ -22,7 +23,6 @@ from condyn_pin.raw import raw_constraints
 from condyn_pin.scene import Scene
 from condyn_pin.solution import Solution, Status
 from condyn_pin.solvers.base import Singular, Solver
-from condyn_pin.solvers.proximal import Proximal
 from condyn_pin.tolerances import SOLVED
 
 # No acceleration of a machine: what is larger is looked at entry by entry.
@@ -39,7 +39,7 @@ class Workspace:
     ----------
     scene : Scene
     solver : Solver, optional
-        `Proximal()` by default.
+        What `default_solver` says by default: `Proximal()`, where it takes all constraints.
 
     Attributes
     ----------
@@ -63,12 +63,12 @@ class Workspace:
     def __init__(self, scene: Scene, solver: Solver | None = None) -> None:
         if not isinstance(scene, Scene):
             raise InvalidArgument(f"scene = {type(scene).__name__}: a Scene is needed")
-        self.solver = Proximal() if solver is None else solver
-        if not isinstance(self.solver, Solver):
+        if not isinstance(solver, Solver | None):
             raise InvalidArgument(
                 f"solver = {solver!r}: a solver object is needed, such as Proximal() or LCABA()"
             )
         scene.robot.check_unedited()
+        self.solver = default_solver(scene) if solver is None else solver
         self.model = pin.Model(scene.robot.model)
         self.data = self.model.createData()
         self._arguments = Arguments(self.model)
@@ -92,16 +92,17 @@ class Workspace:
                 f"scene: its robot {scene.robot.name!r} has another model; make a new Workspace"
             )
         self.scene = scene
-        self.bounds: tuple[Bound, ...] = scene.bounds
-        self.constraint_models, self.constraint_datas = raw_constraints(self.model, self.bounds)
+        self.bounds: tuple[Bound | Coupled, ...] = scene.bounds
+        self.natives = scene.natives
+        check_kinds(scene, self.solver)
+        self.constraint_models, self.constraint_datas = raw_constraints(
+            self.model, self.natives.constraints
+        )
         _pin.init_constraint_dynamics(
             self.model, self.data, self.constraint_models, self.constraint_datas
         )
         self.proximal_settings: Any = None
         self.__dict__.pop("equations", None)
-        self._signs: Array | None = None
-        if any(bound.sign < 0 for bound in self.bounds):
-            self._signs = np.concatenate([np.full(b.size, b.sign) for b in self.bounds])
         method = self.solver.start(self)
         self._run = method.acceleration
         self._judge = Judge(self, method)
@@ -111,11 +112,10 @@ class Workspace:
         found = f", mu {settings.mu:.3g} 1/kg" if settings else ""
         return f"Workspace({self.scene.robot.name}, {self.scene.rows} rows: {self.solver!r}{found})"
 
-    def scene_signs(self, lam: Array) -> Array:
-        """Turn, in place, Pinocchio's forces into the scene's where the world was named first."""
-        if self._signs is not None:
-            lam *= self._signs
-        return lam
+    def scene_forces(self, lam: Array) -> Array:
+        """Return the scene's forces from those of Pinocchio's constraints."""
+        to_scene = self.natives.to_scene
+        return lam if to_scene is None else to_scene.dot(lam)
 
     @cached_property
     def equations(self) -> Equations:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import condyn_pin as cp
-from condyn_pin._pin import HAS_LCABA
+from condyn_pin._pin import HAS_LCABA, pin
 from condyn_pin.catalogue import motor_torque, standard_scenes
 
 
@@ -39,9 +39,60 @@ def all_scenes() -> dict[str, cp.Scene]:
     scenes["talos foot held twice"] = cp.Scene(
         talos, [left, cp.SurfaceContact("left_sole_link", name="again"), right]
     )
+    scenes |= scenes_of_every_kind()
     scenes["four_bar backwards"] = cp.Scene(bar, [cp.Loop("rocker_tip", "coupler_tip")])
     scenes["solo12 alone"] = cp.Scene(robot("solo12"))
     return scenes
+
+
+def scenes_of_every_kind() -> dict[str, cp.Scene]:
+    """Loops and contacts with other rows than 3 and 6."""
+    talos, cassie, bar = robot("talos"), robot("cassie"), robot("four_bar")
+    left, right = talos.contacts
+    hands = ("gripper_left_base_link", "gripper_right_base_link")
+    tips = ("coupler_tip", "rocker_tip")
+    edge = pin.SE3(np.eye(3), np.array([0.1, -0.2, 0.3]))
+    tilted = talos.with_frame("beam", "world", (0.4, 0.1, 1.0), pin.rpy.rpyToMatrix(0.3, 0.2, 0.1))
+    return {
+        "four_bar hinge": cp.Scene(bar, [cp.Loop(*tips, "hinge", axis="y")]),
+        "four_bar planar": cp.Scene(bar, [cp.Loop(*tips, "planar", axis="y")]),
+        "four_bar rod": cp.Scene(bar, [cp.Loop("crank_tip", "rocker_tip", "rod", length=0.8)]),
+        "four_bar geared": cp.Scene(bar, [cp.Coupling("rocker", "crank", -0.5, 0.7)]),
+        "talos hands hinged": cp.Scene(talos, [left, cp.Loop(*hands, "hinge", axis="x")]),
+        "talos hands on a rod": cp.Scene(
+            talos, [left, right, cp.Loop(*hands, "rod", length=0.5, name="rod")]
+        ),
+        "talos hands on a slider": cp.Scene(talos, [right, cp.Loop(*hands, "slider", axis="y")]),
+        "talos hand on a beam": cp.Scene(
+            tilted,
+            [
+                cp.Loop("world", hands[1], "hinge", axis="x", name="bar"),
+                cp.Loop("beam", hands[0], "slider", axis="x"),
+                cp.Loop("right_sole_link", "beam", "planar", axis="y"),
+            ],
+        ),
+        "talos on edges and planes": cp.Scene(
+            talos,
+            [
+                cp.LineContact("left_sole_link", "y", half_length=0.06),
+                cp.LineContact("right_sole_link", "x", 0.09, edge, name="edge"),
+                cp.PlanarContact(hands[0], (0.0, 0.0, 0.1), (1.0, 0.0, 2.0), name="wall"),
+                cp.PlanarContact(hands[1], normal=(0.0, 1.0, 0.0), height=-0.4, name="side"),
+            ],
+        ),
+        "talos arms geared": cp.Scene(
+            talos,
+            [
+                left,
+                cp.Coupling("arm_left_4_joint", "arm_right_4_joint"),
+                cp.Coupling("leg_left_4_joint", "leg_right_4_joint", -2.0, 1.5),
+            ],
+        ),
+        "cassie on lines": cp.Scene(
+            cassie,
+            [*cassie.loops, *(cp.LineContact(f"{side}-foot") for side in ("left", "right"))],
+        ),
+    }
 
 
 SOLVERS = {

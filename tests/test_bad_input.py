@@ -108,7 +108,7 @@ CONSTRAINTS: dict[str, Case] = {
     "no corners": (lambda: cp.SurfaceContact("a").corners(), "half_length=..., half_width=..."),
     **{
         f"kind {kind!r}": (functools.partial(cp.Loop, "a", "b", kind=kind), "kind = .*ball, weld")
-        for kind in ("hinge", "Ball", "", 3, None, ["ball"])
+        for kind in ("screw", "Ball", "", 3, None, ["ball"])
     },
 }
 
@@ -380,7 +380,7 @@ CARDS = {
     "a loop is a number": CARD + "loops = [3]\n" + ARM,
     "unknown key of a loop": CARD + ARM + '[[loops]]\nframe_a = "a"\nframe_c = "b"',
     "unknown kind of loop": CARD + ARM + '[[loops]]\nframe_a = "a"\nframe_b = "b"\nkind = "rope"',
-    "unknown contact": CARD + ARM + '[[contacts]]\nkind = "line"\nframe = "b"',
+    "unknown contact": CARD + ARM + '[[contacts]]\nkind = "wheel"\nframe = "b"',
     "contact without kind": CARD + ARM + '[[contacts]]\nframe = "b"',
     "contact of kind 3": CARD + ARM + '[[contacts]]\nkind = 3\nframe = "b"',
     "offset is a word": CARD + ARM + '[[contacts]]\nkind = "point"\nframe = "b"\noffset = "x"',
@@ -474,7 +474,7 @@ SCENES: dict[str, Case] = {
     **{
         f"a constraint {value!r}": (
             lambda value=value: cp.Scene(robot("talos"), [value]),
-            "a PointContact, a SurfaceContact or a Loop is needed",
+            "a Loop or a Coupling is needed",
         )
         for value in (3, None, "left_sole_link", cp.PointContact)
     },

@@ -8,6 +8,7 @@ from shared import all_scenes, each_scene, relative, states
 import condyn_pin as cp
 from condyn_pin import _pin
 from condyn_pin._pin import pin
+from condyn_pin.bound import Bound, Coupled
 from condyn_pin.equations import Equations
 
 
@@ -32,7 +33,7 @@ def central(f, model, q, h=1e-6):
 def test_jacobian_is_the_derivative_of_the_violation(label):
     """At a closed state, for every row that has a position error."""
     scene = all_scenes()[label]
-    anchored = [b for b in scene.bounds if b.anchored]
+    anchored = [b for b in scene.bounds if isinstance(b, Coupled) or b.anchored]
     if not anchored:
         return
     eq, q = equations(label), states(label)[0][0]
@@ -44,8 +45,10 @@ def test_jacobian_is_the_derivative_of_the_violation(label):
 @each_scene
 def test_jacobian_equals_pinocchios(label):
     scene = all_scenes()[label]
-    workspace = cp.Workspace(scene)
+    workspace = cp.Workspace(scene, cp.Reference())
     q = states(label)[0][0]
+    if not all(isinstance(b, Bound) and b.is_plain for b in scene.bounds):
+        return  # rows that Pinocchio does not have
     if not scene.rows:
         assert workspace.jacobian(q).shape == (0, scene.robot.nv)
         return

@@ -142,7 +142,8 @@ def test_cassies_postures_from_file_and_figures():
     scene = all_scenes()["cassie loops + contacts"]
     q, _ = scene.state("standing")
     assert np.abs(q - cassie.postures["standing"]).max() < 1e-9
-    heights = [M.translation[2] for M in Equations(cassie.model, scene.bounds).placements(q)[4:]]
+    placements = Equations(cassie.model, scene.bounds).placements(q)[4:]
+    heights = [oMc1.translation[2] for oMc1, _ in placements]
     assert np.allclose(heights, 0.02, atol=1e-9)
     com = pin.centerOfMass(cassie.model, cassie.model.createData(), q)
     assert np.allclose(com, (-0.0176, 0.0001, 0.8803), atol=1e-4)

@@ -10,30 +10,61 @@ from shared import all_scenes, each_scene, each_solver, relative, robot, states,
 
 import condyn_pin as cp
 from condyn_pin._pin import pin
+from condyn_pin.bound import Coupled
+from condyn_pin.equations import Equations
+
+
+def c1_c2(scene: cp.Scene, q: np.ndarray) -> list:
+    return Equations(scene.robot.model, scene.bounds).placements(q)
 
 
 @each_scene
 def test_forces_are_the_rows_of_lam_by_name(label):
+    """All of them, and zero where a kind transmits nothing."""
     scene = all_scenes()[label]
     solution = cp.solve(scene, *states(label)[0])
-    stacked = [solution.forces[name] for name in scene.names]
-    assert np.array_equal(np.concatenate([*stacked, np.zeros(0)]), solution.lam)
-    for constraint in scene.constraints:
-        assert solution.forces[constraint.name].shape == (constraint.rows,)
+    assert list(solution.forces) == list(scene.names)
+    for bound in scene.bounds:
+        force, lam = solution.forces[bound.name], solution.lam[bound.rows]
+        if isinstance(bound, Coupled):
+            assert np.array_equal(force, lam)
+        elif bound.is_rod:
+            assert abs(abs(lam[0]) - np.linalg.norm(force)) <= 1e-14 * abs(lam[0])
+        else:
+            chosen = list(bound.selection)
+            assert np.array_equal(force[chosen], lam)
+            assert not np.delete(force, chosen).any()
+            assert force.size == (6 if max(chosen) > 2 else 3)
 
 
 @each_scene
-def test_world_forces_are_the_same_turned(label):
+def test_world_forces_do_the_work_of_lam(label):
+    """J^T lam, once more: from each force on its first body, and its opposite on the other."""
     scene = all_scenes()[label]
     q, v, tau = states(label)[0]
     solution = cp.solve(scene, q, v, tau)
-    data = scene.robot.model.createData()
-    pin.forwardKinematics(scene.robot.model, data, q)
-    for bound in scene.bounds:
-        R = (data.oMi[bound.joint1] * bound.placement1).rotation
-        local, world = solution.forces[bound.name], solution.world_forces[bound.name]
-        assert np.allclose(world[:3], R @ local[:3], atol=1e-12 * (1 + np.abs(local).max()))
-        assert np.allclose(world[3:], (R @ local[3:] if len(local) == 6 else []), atol=1e-9)
+    model, data = scene.robot.model, scene.robot.model.createData()
+    pin.computeJointJacobians(model, data, q)
+    generalised = np.zeros(model.nv)
+    for bound, ends in zip(scene.bounds, c1_c2(scene, q), strict=True):
+        if isinstance(bound, Coupled):
+            a, b = bound.velocity
+            force = solution.forces[bound.name][0]
+            generalised[[a, b]] += force, -bound.ratio * force
+            continue
+        F = np.zeros(6)
+        world = solution.world_forces[bound.name]
+        F[: world.size] = world
+        # at c1 where Pinocchio has the rows or nothing says where c2 is, else at c2
+        at_c1 = bound.is_plain or (bound.joint2 == 0 and not bound.anchored)
+        point = pin.SE3(np.eye(3), ends[0 if at_c1 else 1].translation)
+        for joint, sign in ((bound.joint1, bound.sign), (bound.joint2, -bound.sign)):
+            if joint:
+                at = data.oMi[joint].inverse() * point
+                J = pin.getFrameJacobian(model, data, joint, at, pin.LOCAL)
+                generalised += sign * J.T @ F
+    wanted = cp.Workspace(scene).jacobian(q).T @ solution.lam
+    assert relative(generalised, wanted, floor=scene.audit.weight) < 1e-9
 
 
 def held_still(scene: cp.Scene) -> cp.Solution:

@@ -78,7 +78,7 @@ def bare(of: cp.Scene):
     """Return Pinocchio's own objects for the constraints of a scene, initialised."""
     model, data = of.robot.model, of.robot.model.createData()
     models, datas = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
-    for bound in of.bounds:
+    for bound in of.natives.constraints:
         models.append(bound.to_pinocchio(model))
         datas.append(models[len(models) - 1].createData())
     _pin.init_constraint_dynamics(model, data, models, datas)
@@ -427,7 +427,7 @@ def test_trap_11_a_contact_without_anchor_belongs_where_it_is():
     workspace = cp.Workspace(solo)
     foot = cp.Scene(solo.robot, solo.constraints[:1])
     terms = cp.Workspace(foot).terms(far, still)
-    to_origin = -cp.Workspace(foot).equations.placements(far)[0].translation
+    to_origin = -cp.Workspace(foot).equations.placements(far)[0][0].translation
     assert np.abs(terms.J @ pulled).max() > 0.5 * 100.0 * np.linalg.norm(to_origin) / np.sqrt(3)
 
     here, there = workspace.solve(q, v, tau), workspace.solve(far, v, tau)
@@ -440,7 +440,7 @@ def test_trap_11_an_anchored_contact_reports_its_distance():
     """Pinocchio: the desired_contact_placement of a model is read by nothing."""
     solo = robot("solo12")
     q, v = scene("solo").state()
-    at = cp.Workspace(scene("solo")).equations.placements(q)[0]
+    at = cp.Workspace(scene("solo")).equations.placements(q)[0][0]
     anchor = at.translation + np.array([0.03, 0.0, -0.04])
     anchored = cp.Scene(solo, [cp.PointContact("FL_FOOT", anchor=anchor)])
     solution = cp.solve(anchored, q, v, v)
@@ -458,7 +458,7 @@ def test_trap_11_an_anchored_contact_reports_its_distance():
 def test_trap_11_an_anchored_surface_reports_position_and_turn():
     """Pinocchio: there is no call that says how far a contact is from where it belongs."""
     q, _ = scene("talos").state()
-    at = cp.Workspace(scene("talos")).equations.placements(q)[0]
+    at = cp.Workspace(scene("talos")).equations.placements(q)[0][0]
     turned = at * pin.SE3(pin.exp3(np.array([0.0, 0.0, 0.1])), np.zeros(3))
     foot = cp.SurfaceContact("left_sole_link", anchor=turned)
     c = cp.Workspace(cp.Scene(robot("talos"), [foot])).violation(q)
@@ -475,7 +475,7 @@ def anchored(name: str) -> tuple[cp.Scene, np.ndarray]:
         return scene(name), moving(name)[0][0]
     talos = robot("talos")
     q = moving("talos")[0][0]
-    left, right = cp.Workspace(scene("talos")).equations.placements(q)
+    (left, _), (right, _) = cp.Workspace(scene("talos")).equations.placements(q)
     point = tuple(right.act(np.array([0.05, 0.02, 0.0])))
     constraints = [
         cp.SurfaceContact("left_sole_link", anchor=left),
@@ -674,7 +674,11 @@ def test_trap_18_a_joint_that_cannot_be_checked_is_refused():
 @pytest.mark.parametrize("name", ["solo", "talos"])
 def test_trap_19_setting_gains_does_not_resize_them(name):
     """Pinocchio 3: assigning six gains to a constraint with three rows is accepted."""
-    made = scene(name).bounds[0].to_pinocchio(robot("talos" if name == "talos" else "solo12").model)
+    made = (
+        scene(name)
+        .natives.constraints[0]
+        .to_pinocchio(robot("talos" if name == "talos" else "solo12").model)
+    )
     _pin.set_baumgarte(made, 3.0, 4.0)
     gains = made.m_baumgarte_parameters if IS_4 else made.corrector
     size = () if IS_4 else (scene(name).bounds[0].size,)
@@ -1104,7 +1108,7 @@ def test_at_rest_the_contacts_carry_the_weight(name, weight):
         force, moment = np.zeros(3), np.zeros(3)
         corners = []
         for contact in standing.robot.contacts:
-            at, F = places[contact.name], solution.world_forces[contact.name]
+            (at, _), F = places[contact.name], solution.world_forces[contact.name]
             force += F[:3]
             moment += np.cross(at.translation, F[:3]) + (F[3:] if F.size == 6 else 0.0)
             tips = contact.corners() if F.size == 6 else [cp.PointContact(contact.frame)]

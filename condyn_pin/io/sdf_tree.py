@@ -24,10 +24,9 @@ from condyn_pin._pin import pin
 from condyn_pin.errors import InvalidModel
 from condyn_pin.io.sdf_span import chosen_joints, quote, span
 from condyn_pin.io.sdf_types import WORLD, Closure, Description, Joint, SdfRobot
+from condyn_pin.io.tree import NO_LIMIT, one_coordinate, orthonormal
 
 _CLOSURE_KINDS: Final[Mapping[str, str]] = {"ball": "ball", "fixed": "weld"}
-# Pinocchio's own way to say that there is no limit; 3.9 cannot unpickle a model that has infinity.
-_NO_LIMIT: Final = float(np.finfo(float).max)
 
 
 def build(
@@ -116,16 +115,20 @@ class _Tree:
         return on_link.parentJoint, on_link.placement * self.poses[link].actInv(oMx)
 
     def _add_joint(self, joint: Joint, carrier: int, iMj: Any) -> int:
-        iMj = _orthonormal(iMj)
+        iMj = orthonormal(iMj)
         if joint.kind == "ball":
             i = self.model.addJoint(carrier, pin.JointModelSpherical(), iMj, joint.name)
         else:
             lower, upper = joint.lower, joint.upper
             if joint.kind == "continuous":
                 lower, upper = -inf, inf
-            limits = np.clip([joint.effort, joint.velocity, lower, upper], -_NO_LIMIT, _NO_LIMIT)
+            limits = np.clip([joint.effort, joint.velocity, lower, upper], -NO_LIMIT, NO_LIMIT)
             i = self.model.addJoint(
-                carrier, _one_coordinate(joint), iMj, joint.name, *limits.reshape(4, 1)
+                carrier,
+                one_coordinate(joint.axis, hinge=joint.kind != "prismatic"),
+                iMj,
+                joint.name,
+                *limits.reshape(4, 1),
             )
         added = self.model.joints[i]
         damping = self.model.damping.copy()
@@ -148,27 +151,8 @@ class _Tree:
             raise InvalidModel(f"two things of the model would be named {name!r}; rename one")
         inertia = pin.Inertia.Zero() if inertia is None else inertia
         frame_type = getattr(pin.FrameType, kind)
-        frame = pin.Frame(name, carrier, before, _orthonormal(iMf), frame_type, inertia)
+        frame = pin.Frame(name, carrier, before, orthonormal(iMf), frame_type, inertia)
         return int(self.model.addFrame(frame))  # adds the inertia to the joint as well
-
-
-def _orthonormal(M: Any) -> Any:
-    """Return a pose with the nearest rotation: R + R (1 - RᵀR) / 2, a step of Newton's method.
-
-    This ends at 4e-16 off orthonormal; the normalised quaternion and the SVD end at 2e-15.
-    """
-    R = M.rotation
-    return pin.SE3(R + 0.5 * R @ (np.eye(3) - R.T @ R), M.translation)
-
-
-def _one_coordinate(joint: Joint) -> Any:
-    """Return Pinocchio's hinge or slider along the joint's axis."""
-    x, y, z = np.asarray(joint.axis)
-    along = {(1.0, 0.0, 0.0): "X", (0.0, 1.0, 0.0): "Y", (0.0, 0.0, 1.0): "Z"}.get((x, y, z))
-    hinge = joint.kind != "prismatic"
-    if along is not None:  # Pinocchio computes faster along these
-        return getattr(pin, f"JointModel{'R' if hinge else 'P'}{along}")()
-    return (pin.JointModelRevoluteUnaligned if hinge else pin.JointModelPrismaticUnaligned)(x, y, z)
 
 
 def _unused_parts(

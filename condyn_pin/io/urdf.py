@@ -9,6 +9,7 @@ from typing import Any
 
 from condyn_pin._pin import pin
 from condyn_pin.errors import InvalidArgument, InvalidModel
+from condyn_pin.io.words import few
 
 ROOT_JOINTS = ("fixed", "free_flyer")
 
@@ -84,13 +85,13 @@ def unused_elements(robot: ET.Element) -> tuple[str, ...]:
         names = [joint.get("name", "?") for joint in joints if _dynamics(joint, attribute)]
         if names:
             advice = ": add Robot.passive_torque to tau" if attribute == "damping" else ""
-            found.append(f"joint {attribute} ({_few(names)}){advice}")
+            found.append(f"joint {attribute} ({few(names)}){advice}")
     limited = [joint.get("name", "?") for joint in joints if joint.find("limit") is not None]
     if limited:
         found.append(f"limits of position, velocity and effort ({len(limited)} joints)")
     mimic = [joint.get("name", "?") for joint in joints if joint.find("mimic") is not None]
     if mimic:
-        found.append(f"mimic ({_few(mimic)}): these joints move on their own")
+        found.append(f"mimic ({few(mimic)}): these joints move on their own")
     for tag in ("transmission", "gazebo"):
         count = len(robot.findall(tag))
         if count:
@@ -101,7 +102,3 @@ def unused_elements(robot: ET.Element) -> tuple[str, ...]:
 def _dynamics(joint: ET.Element, attribute: str) -> float:
     element = joint.find("dynamics")
     return 0.0 if element is None else float(element.get(attribute) or 0)
-
-
-def _few(names: list[str]) -> str:
-    return ", ".join(names) if len(names) <= 4 else f"{len(names)} joints"

@@ -11,10 +11,12 @@
    `Singular` rather than return numbers that mean nothing; NaN may come out, the workspace
    catches it.
 5. `lam()` returns an owned array: the forces of the last call, with M a + h = tau + J^T lam for the
-   J of the scene. Pinocchio's own lam has the other sign in rows where the user named the world
-   first: `workspace.scene_signs` turns it.
+   J of the scene. Pinocchio's own lam is that of `workspace.natives`; `workspace.scene_forces`
+   turns it into the scene's.
 6. A solver sees rows, not kinds: `workspace.equations` has M, h, J and gamma of whatever the scene
-   contains; `workspace.constraint_models` has the same rows as Pinocchio's objects.
+   contains. `workspace.constraint_models` has Pinocchio's objects, of 3 and 6 rows only: a solver
+   that uses them sets `takes_every_kind = False` and is never started on kinds without such an
+   equivalent.
 7. Sources: cite the paper in the docstring.
 """
 
@@ -53,6 +55,7 @@ class Solver(ABC):
     title: ClassVar[str]
     cost: ClassVar[str]
     takes_redundant: ClassVar[bool]  # whether redundant rows are no trouble
+    takes_every_kind: ClassVar[bool] = True  # or only kinds that Pinocchio has, or can imitate
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

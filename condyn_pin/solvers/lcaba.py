@@ -65,6 +65,7 @@ class LCABA(Solver):
     title: ClassVar[str] = "LCABA"
     cost: ClassVar[str] = "O(n + m) for contacts with the world; loops add cross terms"
     takes_redundant: ClassVar[bool] = True
+    takes_every_kind: ClassVar[bool] = False
 
     mu: float | None = None  # [1/kg]
     max_iterations: int = 200
@@ -78,7 +79,7 @@ class LCABA(Solver):
     def start(self, workspace: Workspace) -> Method:
         """Return the cured `pin.lcaba` bound to the memory of `workspace`."""
         solve = _pin.lcaba()
-        model, data, bounds = workspace.model, workspace.data, workspace.bounds
+        model, data, bounds = workspace.model, workspace.data, workspace.natives.constraints
         models, datas = workspace.constraint_models, workspace.constraint_datas
         _pin.order_joints_for_lcaba(model, data, models)
         # only 6 rows read `oa` before it is written
@@ -96,11 +97,11 @@ class LCABA(Solver):
         # views into the memory of the datas: to fetch an entry of the list costs a microsecond
         held = [datas[k].contact_force for k in range(len(bounds))]
         views = [f.vector[: b.size] for f, b in zip(held, bounds, strict=True)] or [np.zeros(0)]
-        scene_signs = workspace.scene_signs
+        scene_forces = workspace.scene_forces
 
         def lam() -> Array:
             forces = np.concatenate(views)
-            return scene_signs(np.negative(forces, out=forces))
+            return scene_forces(np.negative(forces, out=forces))
 
         audit, mu = workspace.scene.audit, self.mu
         if mu is None and (mu := audit.measured.get(self)) is None:

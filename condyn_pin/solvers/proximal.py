@@ -60,6 +60,7 @@ class Proximal(Solver):
     title: ClassVar[str] = "Proximal"
     cost: ClassVar[str] = "O(n d^2 + m^2 d), d the depth of the tree"
     takes_redundant: ClassVar[bool] = True
+    takes_every_kind: ClassVar[bool] = False
 
     mu: float | None = None  # [1/kg]
     max_iterations: int = 20
@@ -87,7 +88,7 @@ class Proximal(Solver):
             return solve(model, data, q, v, tau, models, datas, settings)  # type: ignore[no-any-return]
 
         def lam() -> Array:
-            return workspace.scene_signs(np.array(data.lambda_c))
+            return workspace.scene_forces(np.array(data.lambda_c))
 
         return Method(acceleration, lam, lambda: int(settings.iter))
 

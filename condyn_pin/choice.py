@@ -1,0 +1,36 @@
+"""Which solver takes which scene."""
+
+from __future__ import annotations
+
+from condyn_pin.errors import UnsupportedConstraint
+from condyn_pin.scene import Scene
+from condyn_pin.solvers import SOLVERS
+from condyn_pin.solvers.base import Solver
+from condyn_pin.solvers.dense_kkt import DenseKKT
+from condyn_pin.solvers.proximal import Proximal
+from condyn_pin.solvers.reference import Reference
+
+
+def default_solver(scene: Scene) -> Solver:
+    """Return the solver for those who name none.
+
+    `Proximal`; for kinds of constraints that it cannot take, `DenseKKT`, and `Reference` if there
+    are redundant rows besides.
+    """
+    if not scene.natives.missing:
+        return Proximal()
+    return Reference() if scene.audit.redundant else DenseKKT()
+
+
+def check_kinds(scene: Scene, solver: Solver) -> None:
+    """Raise `UnsupportedConstraint` if a solver cannot take a kind of constraint of the scene."""
+    missing = scene.natives.missing
+    if missing and not solver.takes_every_kind:
+        able = " or ".join(
+            f"{kind.__name__}()" for kind in SOLVERS.values() if kind.takes_every_kind
+        )
+        raise UnsupportedConstraint(
+            f"{type(solver).__name__} takes points, welds, hinges and edges: Pinocchio has "
+            f"constraints of 3 and of 6 rows, and {', '.join(missing)} cannot be made of those; "
+            f"use {able}"
+        )
