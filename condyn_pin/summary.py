@@ -79,12 +79,12 @@ class Summary:
             "redundant rows": redundant,
             "singular values": "{:.3g} ... {:.3g} 1/sqrt(kg)".format(*self.singular_values),
             "condition of M": f"{self.condition:.1e}",
-            "of J M^-1 J^T": f"{self.delassus_condition:.1e}, without its zeros",
+            "Delassus matrix": f"condition {self.delassus_condition:.1e}, zeros left out",
             "source": self.source or "unknown",
             "licence": self.licence or "unknown",
         }
         if not self.rows:
-            del facts["singular values"], facts["of J M^-1 J^T"]
+            del facts["singular values"], facts["Delassus matrix"]
         return facts
 
     def __str__(self) -> str:
