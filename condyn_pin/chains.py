@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -60,18 +61,21 @@ class Cluster:
     basis: Array
     sign: float
 
+    @cached_property
+    def block(self) -> tuple[Indices, ...]:
+        """Where J holds J_D."""
+        return np.ix_(self.rows, self.columns)
+
     def singular_values(self, J: Array) -> Array:
         """Return those of J_D."""
-        block = J[np.ix_(self.rows, self.columns)]
-        return np.asarray(np.linalg.svd(block, compute_uv=False), dtype=np.float64)
+        return np.asarray(np.linalg.svd(J[self.block], compute_uv=False), dtype=np.float64)
 
     def side(self, J: Array) -> int:
         """Return +1 on the side of the reference, -1 across a dead point, 0 in one."""
         S = self.singular_values(J)
         if S[-1] <= tolerances.DEAD_POINT * S[0]:
             return 0
-        block = J[np.ix_(self.rows, self.columns)]
-        return int(self.sign * np.linalg.slogdet(self.basis.T @ block)[0])
+        return int(self.sign * np.linalg.slogdet(self.basis.T @ J[self.block])[0])
 
 
 @dataclass(frozen=True, eq=False)
