@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 Indices = NDArray[np.int_]
 
 _NEARBY = 0.1  # where to look for a configuration that is not singular by accident [rad, m]
-_LOOKS = 4
+_LOOKS = 2
 
 
 @dataclass(frozen=True, eq=False)

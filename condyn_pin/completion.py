@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from condyn_pin.scene import Scene
 
 _STRIDE = 0.1  # of a motor, between two closings on the way [rad, m]
+_FARTHEST = 100.0  # that a motor is followed [rad, m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +106,11 @@ def _drive(scene: Scene, start: Array, q_actuated: ArrayLike) -> Assembly:
     moving = np.zeros(model.nv, dtype=bool)
     moving[chains.dependent] = True
     farthest = float(np.abs(pin.difference(model, start, target)).max())
+    if not farthest <= _FARTHEST:
+        raise InvalidArgument(
+            f"q_actuated: a motor is {farthest:.3g} rad or m from where it is in `near`; "
+            f"at most {_FARTHEST:g} are followed"
+        )
     q = start
     for share in np.linspace(0.0, 1.0, 2 + int(farthest / _STRIDE))[1:]:
         there = np.array(pin.interpolate(model, start, target, float(share)))

@@ -105,8 +105,8 @@ class Rank:
             )
         if self.singular:
             yield (
-                f"singular configuration: rank {self.rank} here, {self.generic_rank} nearby; the "
-                "motion that this seems to free is not one that the loops allow for long"
+                f"singular configuration: rank {self.rank} here, {self.generic_rank} nearby; J "
+                "says less than the loops ask for, and accelerations can be wrong"
             )
         elif self.rank and self.singular_values[self.rank - 1] < (
             _NEARLY_SINGULAR * self.singular_values[0]

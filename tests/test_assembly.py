@@ -523,6 +523,7 @@ def case(text, call):
         case("q has shape", lambda s: s.project_acceleration(np.ones(2), np.ones(3), np.ones(3))),
         case("q_actuated has shape", lambda s: s.complete_state([1.0, 2.0])),
         case(r"q_actuated\[0\] = inf", lambda s: s.complete_state([np.inf])),
+        case("999 rad or m from where it is", lambda s: s.complete_state([1000.0])),
         case("v_actuated has shape", lambda s: s.complete_state([1.0], [1.0, 2.0])),
         case("near has shape", lambda s: s.complete_state([1.0], near=[1.0])),
         case("no actuated joints", lambda s: bar_scene(actuated=()).complete_state([])),
