@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from condyn_pin.assembly import AssemblyStatus as AssemblyStatus
     from condyn_pin.audit import Audit as Audit
     from condyn_pin.check import Check as Check
+    from condyn_pin.climbing import Ladder as Ladder
+    from condyn_pin.climbing import ladder as ladder
     from condyn_pin.completion import CompleteState as CompleteState
     from condyn_pin.constraints import Constraint as Constraint
     from condyn_pin.constraints import Coupling as Coupling
@@ -41,12 +43,16 @@ if TYPE_CHECKING:
     from condyn_pin.errors import UnsupportedBackend as UnsupportedBackend
     from condyn_pin.errors import UnsupportedConstraint as UnsupportedConstraint
     from condyn_pin.gaps import Gap as Gap
+    from condyn_pin.ladder_table import LadderTable as LadderTable
+    from condyn_pin.ladders import LADDERS as LADDERS
     from condyn_pin.load import available_robots as available_robots
     from condyn_pin.load import load_robot as load_robot
     from condyn_pin.mechanisms import four_bar as four_bar
     from condyn_pin.mechanisms import pendulum as pendulum
+    from condyn_pin.minimal import Minimal as Minimal
     from condyn_pin.proof import Proof as Proof
     from condyn_pin.rank import Rank as Rank
+    from condyn_pin.reduction import ReducedScene as ReducedScene
     from condyn_pin.robot import Robot as Robot
     from condyn_pin.scene import Scene as Scene
     from condyn_pin.solution import Solution as Solution
@@ -70,6 +76,7 @@ _HOME = {
     "audit": ("Audit",),
     "check": ("Check",),
     "completion": ("CompleteState",),
+    "climbing": ("Ladder", "ladder"),
     "constraints": ("Constraint", "Coupling", "Loop"),
     "contacts": ("LineContact", "PlanarContact", "PointContact", "SurfaceContact"),
     "equations": ("Terms",),
@@ -89,10 +96,14 @@ _HOME = {
         "UnsupportedConstraint",
     ),
     "gaps": ("Gap",),
+    "ladder_table": ("LadderTable",),
+    "ladders": ("LADDERS",),
     "load": ("available_robots", "load_robot"),
     "mechanisms": ("four_bar", "pendulum"),
+    "minimal": ("Minimal",),
     "proof": ("Proof",),
     "rank": ("Rank",),
+    "reduction": ("ReducedScene",),
     "robot": ("Robot",),
     "scene": ("Scene",),
     "solution": ("Solution", "StateError", "Status"),

@@ -47,6 +47,22 @@ _IS_4 = VERSION >= (4, 0)
 LOCAL = pin.ReferenceFrame.LOCAL
 HAS_LCABA = hasattr(pin, "lcaba")
 
+# What a model knows of each joint, by its place in q and in v. 4.x has more, and the older names.
+NUMBERS_OF_Q = tuple(
+    name
+    for name in ("lowerPositionLimit", "upperPositionLimit", "positionLimitMargin")
+    if hasattr(pin.Model, name)
+)
+NUMBERS_OF_V = tuple(
+    name
+    for name in (
+        "armature", "rotorInertia", "rotorGearRatio", "damping", "friction",
+        "lowerDryFrictionLimit", "upperDryFrictionLimit", "effortLimit", "lowerEffortLimit",
+        "upperEffortLimit", "velocityLimit", "lowerVelocityLimit", "upperVelocityLimit",
+    )
+    if hasattr(pin.Model, name)
+)  # fmt: skip
+
 
 def init_constraint_dynamics(model: Any, data: Any, models: Any, datas: Any) -> None:
     """Size the constraint part of `data` for exactly these constraints."""

@@ -85,8 +85,20 @@ def show(
     loops: Loops = True,
     posture: Posture = None,
     frames: Annotated[bool, typer.Option(help="List the frames that constraints can use.")] = False,
+    ladder: Annotated[
+        bool, typer.Option("--ladder", help="Show smaller scenes instead, with their price.")
+    ] = False,
+    plot: Annotated[Path | None, typer.Option(help="Draw the ladder (png, svg, pdf).")] = None,
 ) -> None:
     """Show what a scene contains, what is redundant, and what is not used."""
+    if ladder:
+        from condyn_pin.ladder_print import show_ladder
+
+        _check_before_the_run(None, None, plot, None)
+        show_ladder(robot, plot, console)
+        return
+    if plot:
+        raise InvalidArgument("--plot draws a ladder; add --ladder")
     from condyn_pin.cli_words import scene_of
 
     scene = scene_of(robot, contacts, loops)

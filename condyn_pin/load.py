@@ -6,40 +6,44 @@ leave out: loops, contacts, motors, postures, the licence.
     name = "..."           source = "..."           licence = "..."
     actuated = ["joint", ...]
     [description]  file (in example-robot-data, or beside the toml), srdf, root_joint
-                   ("free_flyer" or "fixed"), rotors = true; for SDF also root, kinds, drop
+                   ("free_flyer" or "fixed"), rotors = true, lock = ["joint", ...];
+                   for SDF also root, kinds, drop, cut, as_file: see `io.sdf.read_sdf`
     [[loops]]      kind and the fields of `Loop`; or kind = "coupling" and those of `Coupling`
                    (an SDF brings its own)
     [[contacts]]   kind = "point", "surface", "line" or "planar", and the fields of that class
     [postures.X]   joint = value or list of values; joints left out stay at neutral
+    [variants.OPTION.VALUE]  pieces of the card that are merged over it: see `variants`
 """
 
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib import metadata
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-
 from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
 from condyn_pin.constraints import Coupling, Loop
 from condyn_pin.contacts import CONTACTS, Contact
 from condyn_pin.errors import CondynError, InvalidArgument, InvalidModel, MissingExtra, unknown_name
 from condyn_pin.io.mjcf import read_mjcf
 from condyn_pin.io.sdf import read_sdf
 from condyn_pin.io.urdf import check_root_joint, read_urdf
+from condyn_pin.lock import lock_joints
 from condyn_pin.mechanisms import MECHANISMS
+from condyn_pin.postures import posture, srdf_postures
 from condyn_pin.robot import Robot
 from condyn_pin.spring import Spring
+from condyn_pin.variants import check_variant, chosen_card
 
 _CARD = (
     "name", "source", "licence", "actuated", "description", "loops", "contacts", "postures",
 )  # fmt: skip
-_DESCRIPTION = ("file", "srdf", "root_joint", "rotors", "root", "kinds", "drop")
+_FOR_SDF = ("root", "kinds", "drop", "cut", "as_file")
+_DESCRIPTION = ("file", "srdf", "root_joint", "rotors", "lock", *_FOR_SDF)
 
 
 def robots_folder() -> Path:
@@ -55,7 +59,12 @@ def available_robots() -> dict[str, Callable[[], Robot]]:
     return {folder.name: partial(_from_folder, folder) for folder in folders} | MECHANISMS
 
 
-def load_robot(name: str | Path, *, root_joint: str | None = None) -> Robot:
+def load_robot(
+    name: str | Path,
+    *,
+    root_joint: str | None = None,
+    variant: Mapping[str, str] | None = None,
+) -> Robot:
     """Load a robot.
 
     Parameters
@@ -66,6 +75,9 @@ def load_robot(name: str | Path, *, root_joint: str | None = None) -> Robot:
     root_joint : {"fixed", "free_flyer"}, optional
         For a URDF only: how its root link is attached to the world, fixed by default. Named robots
         and folders say it themselves.
+    variant : mapping of str to str, optional
+        Option to value, such as ``{"springs": "locked"}``, for a robot whose robot.toml has
+        variants; each option that is left out has its default.
 
     Returns
     -------
@@ -74,7 +86,7 @@ def load_robot(name: str | Path, *, root_joint: str | None = None) -> Robot:
     Raises
     ------
     UnknownName
-        If there is no such robot; the text lists the nearest names.
+        If there is no such robot or variant; the text lists the nearest names.
     InvalidArgument
         If `root_joint` is unknown, or given for what is not a URDF.
     MissingExtra
@@ -88,20 +100,25 @@ def load_robot(name: str | Path, *, root_joint: str | None = None) -> Robot:
         check_root_joint(root_joint)
     known = available_robots()
     path = Path(name).expanduser()
+    folder = robots_folder() / str(name) if str(name) in known else path
+    chosen = {} if variant is None else variant
     if str(name) not in known and path.suffix == ".urdf" and not path.is_dir():
+        check_variant(chosen, {})
         model, unused = read_urdf(path, root_joint or "fixed")
         return Robot(path.stem, model, unused=unused, source=str(path))
     if path.suffix == ".xml" and root_joint is None and not path.is_dir():
+        check_variant(chosen, {})
         mjcf = read_mjcf(path)
         return Robot(path.stem, source=str(path), **vars(mjcf))
     if root_joint is not None:
         raise InvalidArgument(
             f"root_joint = {root_joint!r}: only a URDF takes it; {str(name)!r} says it itself"
         )
-    if str(name) in known:
-        return known[str(name)]()
-    if (path / "robot.toml").is_file():
-        return _from_folder(path)
+    if str(name) in MECHANISMS:
+        check_variant(chosen, {})
+        return MECHANISMS[str(name)]()
+    if (folder / "robot.toml").is_file():
+        return _from_folder(folder, chosen)
     if path.suffix or path.exists():
         raise InvalidModel(
             f"{path}: a .urdf file or a folder with a robot.toml is needed; "
@@ -110,14 +127,14 @@ def load_robot(name: str | Path, *, root_joint: str | None = None) -> Robot:
     raise unknown_name("robot", str(name), known)
 
 
-def _from_folder(folder: Path) -> Robot:
+def _from_folder(folder: Path, variant: Mapping[str, str] = MappingProxyType({})) -> Robot:
     path = folder / "robot.toml"
     try:
         card = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InvalidModel(f"{path}: {error}") from error
     try:
-        return _from_card(card, folder)
+        return _from_card(chosen_card(card, variant), folder)
     except CondynError as error:
         error.args = (f"{path}: {error}", *error.args[1:])
         raise
@@ -131,49 +148,57 @@ def _from_card(card: Mapping[str, Any], folder: Path) -> Robot:
     description = card["description"]
     _only_known("", card, _CARD)
     _only_known("description.", description, _DESCRIPTION)
+    for key in ("drop", "cut", "lock"):
+        if not isinstance(description.get(key, []), list):
+            raise InvalidModel(
+                f"the entry description.{key} = {description[key]!r}: a list of joints is needed"
+            )
     if not str(description["file"]).endswith(".sdf"):
-        for key in ("root", "kinds", "drop"):
+        for key in _FOR_SDF:
             if key in description:
                 raise InvalidModel(f"the entry description.{key} is for an SDF, not for a URDF")
     file = _description_file(description["file"], folder)
     root_joint = description.get("root_joint", "fixed")
     check_root_joint(root_joint)
-    loops: tuple[Loop | Coupling, ...] = ()
-    springs: tuple[Spring, ...] = ()
-    actuated: tuple[str, ...] = ()
-    drawn: Mapping[str, Array] = {}
+    fields, inverted = _read(file, description, root_joint, card.get("actuated", ()))
+    postures = {}
+    if "srdf" in description:
+        srdf = _description_file(description["srdf"], folder)
+        rotors = description.get("rotors", False)
+        postures = srdf_postures(fields["model"], srdf, rotors, inverted)
+    for name, values in card.get("postures", {}).items():
+        postures[name] = posture(fields["model"], values)
+    drawn = fields.get("postures", {})  # by an MJCF; they come last, and the card's own win
+    fields["postures"] = {**postures, **drawn, **postures}
+    fields["loops"] = (*fields.get("loops", ()), *map(_loop, card.get("loops", ())))
+    fields["contacts"] = tuple(map(_contact, card.get("contacts", ())))
+    if "actuated" in card:
+        fields["actuated"] = tuple(card["actuated"])
+    robot = Robot(card["name"], source=card["source"], licence=card["licence"], **fields)
+    return lock_joints(robot, description.get("lock", ()))
+
+
+def _read(
+    file: Path, description: Mapping[str, Any], root_joint: str, actuated: Sequence[str]
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return what a file says, as fields of a Robot, and the joints that it has reversed."""
     if file.suffix == ".xml":
-        mjcf = read_mjcf(file)
-        model, unused, loops, springs = mjcf.model, mjcf.unused, mjcf.loops, mjcf.springs
-        actuated, drawn = mjcf.actuated, mjcf.postures
-    elif file.suffix == ".sdf":
-        sdf = read_sdf(
-            file,
-            root=description.get("root"),
-            root_joint=pin.JointModelFreeFlyer() if root_joint == "free_flyer" else None,
-            kinds=description.get("kinds", {}),
-            drop=description.get("drop", ()),
-        )
-        model, unused = sdf.model, sdf.unused
-        loops = tuple(Loop(c.frame_a, c.frame_b, c.kind, name=c.name) for c in sdf.closures)  # type: ignore[arg-type]
-        springs = tuple(Spring(joint, k, ref) for joint, (k, ref) in sdf.springs.items())
-    else:
+        return dict(vars(read_mjcf(file))), ()
+    if file.suffix != ".sdf":
         model, unused = read_urdf(file, root_joint)
-    postures = _srdf_postures(model, description, folder)
-    postures |= {n: _posture(model, values) for n, values in card.get("postures", {}).items()}
-    loops += tuple(_loop(table) for table in card.get("loops", ()))
-    return Robot(
-        card["name"],
-        model,
-        postures={**postures, **{n: q for n, q in drawn.items() if n not in postures}},
-        loops=loops,
-        contacts=tuple(_contact(table) for table in card.get("contacts", ())),
-        actuated=tuple(card.get("actuated", actuated)),
-        springs=springs,
-        unused=unused,
-        source=card["source"],
-        licence=card["licence"],
-    )
+        return {"model": model, "unused": unused}, ()
+    options = {key: description[key] for key in _FOR_SDF if key in description}
+    if root_joint == "free_flyer":
+        options["root_joint"] = pin.JointModelFreeFlyer()
+    sdf = read_sdf(file, actuated=actuated, **options)
+    closures = [Loop(c.frame_a, c.frame_b, c.kind, name=c.name) for c in sdf.closures]  # type: ignore[arg-type]
+    fields = {
+        "model": sdf.model,
+        "loops": (*closures, *sdf.couplings),
+        "springs": tuple(Spring(joint, k, ref) for joint, (k, ref) in sdf.springs.items()),
+        "unused": sdf.unused,
+    }
+    return fields, sdf.reversed
 
 
 def _only_known(where: str, table: Mapping[str, Any], known: tuple[str, ...]) -> None:
@@ -196,33 +221,6 @@ def example_robot_data() -> Path:
             "the robot descriptions are missing: python -m pip install example-robot-data"
         ) from error
     return Path(str(package.locate_file("cmeel.prefix/share/example-robot-data/robots")))
-
-
-def _srdf_postures(model: Any, description: Mapping[str, Any], folder: Path) -> dict[str, Array]:
-    if "srdf" not in description:
-        return {}
-    srdf = _description_file(description["srdf"], folder)
-    if not srdf.is_file():
-        raise InvalidModel(f"{srdf}: no such file")
-    try:
-        pin.loadReferenceConfigurations(model, str(srdf), False)
-    except (ValueError, RuntimeError) as error:
-        raise InvalidModel(f"{srdf}: Pinocchio cannot read it: {error}") from error
-    if description.get("rotors"):
-        # reflected inertia of a geared rotor: n^2 I
-        pin.loadRotorParameters(model, str(srdf), False)
-        model.armature = np.array(model.rotorInertia) * np.array(model.rotorGearRatio) ** 2
-    return {entry.key(): np.array(entry.data()) for entry in model.referenceConfigurations}
-
-
-def _posture(model: Any, values: Mapping[str, Any]) -> Array:
-    q = np.array(pin.neutral(model))
-    for name, value in values.items():
-        if not model.existJointName(name):
-            raise unknown_name("joint", name, tuple(model.names)[1:])
-        joint = model.joints[model.getJointId(name)]
-        q[joint.idx_q : joint.idx_q + joint.nq] = value
-    return q
 
 
 def _loop(table: Mapping[str, Any]) -> Loop | Coupling:

@@ -53,3 +53,7 @@ REACH: Final = 1.0
 # |J v| of a velocity that is consistent, relative to |v| or 1, whichever is larger [m/s, rad/s].
 # Projection ends at 1e-15; a velocity written to a file with twelve digits is still accepted.
 CONSISTENT: Final = 1e-10
+
+# Sine of the angle between two axes of a description that are meant to be the same. Files write
+# angles with four digits, and 1.57 for a right angle, which is off by 8e-4.
+PARALLEL: Final = 1e-3

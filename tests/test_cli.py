@@ -40,6 +40,14 @@ def test_show_without_loops_says_what_is_left_out():
     assert "coupler_rocker" in output
 
 
+def test_show_prints_and_draws_a_ladder(tmp_path):
+    result = run("show", "talos", "--ladder", "--plot", str(tmp_path / "l.png"))
+    assert result.exit_code == 0, result.output
+    for said in ("eight corners", "legs alone", "LCABA" if "lcaba" in SOLVERS else "Proximal"):
+        assert said in result.output
+    assert (tmp_path / "l.png").read_bytes().startswith(b"\x89PNG")
+
+
 @pytest.mark.parametrize("solver", list(SOLVERS))
 def test_solve_prints_json_that_equals_the_library(solver):
     words = ("solve", "talos", "--contacts", "left_sole_link,right_sole_link", "--json")
@@ -91,6 +99,9 @@ def test_bench_writes_table_and_picture(tmp_path):
     ("words", "said"),
     [
         (("show", "talo"), "did you mean 'talos'"),
+        (("show", "talos", "--plot", "l.png"), "add --ladder"),
+        (("show", "solo12", "--ladder"), "no ladder named 'solo12'"),
+        (("show", "talos", "--ladder", "--plot", "l.foo"), ".png, .svg, .pdf"),
         (("solve", "talos", "--solver", "proximall"), "did you mean 'proximal'"),
         (("solve", "talos", "--contacts", "left_sole"), "left_sole_link"),
         (("solve", "talos", "--posture", "sitting"), "half_sitting"),

@@ -1,20 +1,25 @@
 """Read a robot from an SDF file (1.5 and later): a tree, and the joints that close its loops.
 
-With oMx the pose of a part x in the model frame o (`sdf_graph`), the axis a of a joint j and the
-inertia I of a link are, however the file writes them,
+The other files of the reader, in the order in which a file passes through them:
 
-    a in the joint's axes:  oRjᵀ · oRx · a           x = `expressed_in`, else the joint itself
-    I in the link's axes:   linkRc · I · linkRcᵀ     c = frame of the `inertial` pose
+    sdf_xml      finds elements and reads their words and numbers
+    sdf_graph    where each link, joint and frame is drawn: oMx in the model frame o
+    sdf_joint    axes, limits, springs, gears
+    sdf_types    the values that all of them hand on
+    sdf_build    the way from the file's joints to a model, which takes these steps:
+    sdf_kinds    the types of joints; a universal joint becomes two hinges
+    sdf_gears    a gearbox becomes a coupling of two hinges
+    sdf_copies   loops as Pinocchio's C++ parser opens them, if asked for
+    sdf_span     which joints make the tree, and which are cut
+    sdf_tree     the Pinocchio model, and frames for what was cut
+    sdf_unused   what is not in the model
 
-The other files of the reader: `sdf_xml` finds elements and reads their numbers, `sdf_types` has the
-values that are handed on, `sdf_span` chooses the joints of the tree, `sdf_tree` builds the model.
 The format: http://sdformat.org/spec
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import copysign, inf
 from os import PathLike
 from types import MappingProxyType
 from typing import Any, Final
@@ -22,14 +27,14 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
 
 from condyn_pin._pin import pin
-from condyn_pin.errors import InvalidModel, unknown_name
-from condyn_pin.io.sdf_graph import MODEL, links_of, model_poses, parts_of, pose_in, pose_of
-from condyn_pin.io.sdf_tree import build
-from condyn_pin.io.sdf_types import WORLD, Closure, Description, Joint, Link, SdfRobot
-from condyn_pin.io.sdf_xml import UNLIMITED, find, floats, label, number, unread, word
+from condyn_pin.errors import InvalidModel
+from condyn_pin.io.sdf_build import Choices, build
+from condyn_pin.io.sdf_graph import links_of, model_poses, parts_of, pose_in, pose_of
+from condyn_pin.io.sdf_joint import joint_of
+from condyn_pin.io.sdf_types import WORLD, Closure, Description, Link, SdfRobot
+from condyn_pin.io.sdf_xml import find, label, number, unread
 
 __all__ = ["Closure", "SdfRobot", "read_sdf"]
 
@@ -44,6 +49,9 @@ def read_sdf(
     root_joint: Any | None = None,
     kinds: Mapping[str, str] = MappingProxyType({}),
     drop: Sequence[str] = (),
+    cut: Sequence[str] = (),
+    actuated: Sequence[str] = (),
+    as_file: bool = False,
 ) -> SdfRobot:
     """Read an SDF file into a Pinocchio model and the closures of its loops.
 
@@ -58,33 +66,60 @@ def read_sdf(
         configuration replaces the root link's pose of the file. By default the root link is
         fixed where the file puts it.
     kinds : mapping of str to str
-        Joint name to the type that replaces the file's: fixed, revolute, continuous, prismatic
-        or ball.
+        Joint name to the type that replaces the file's: fixed, revolute, continuous, prismatic,
+        ball, universal or revolute2.
     drop : sequence of str
         Joints to leave out.
+    cut : sequence of str
+        Joints to cut, each in a loop. By default the reader chooses.
+    actuated : sequence of str
+        Joints with a motor, which are never cut: a motor needs a coordinate.
+    as_file : bool
+        Open loops as Pinocchio's C++ parser does: every joint is in the tree, and the links with n
+        parent joints are there n times, each with m/n and I/n, and welded. A gearbox is a hinge
+        without its ratio.
 
     Returns
     -------
     SdfRobot
-        The model, its closures, its springs, and what the file has and the model does not use.
+        The model, its closures and couplings, its springs, and what the file has and the model
+        does not use.
 
     Raises
     ------
     InvalidModel
         The file cannot be read, or what it says cannot be made a model.
     UnknownName
-        `root`, `kinds` or `drop` has a name that the file or the reader does not know.
+        `root`, `kinds`, `drop`, `cut` or `actuated` has a name that the file or the reader does
+        not know.
+    InvalidArgument
+        Both `cut` and `as_file` are given.
 
     Notes
     -----
-    A joint whose child link already hangs on the tree closes a loop: it is cut and becomes a
-    closure. Of several parent joints of a link, the first in the file makes the tree, unless the
-    root does not lead to it. Only ball and fixed joints can be cut. The file draws the model at
-    ``pin.neutral(model)``, where therefore every loop is closed. A continuous joint is one angle
-    without limits.
+    A loop is cut at its joint of most freedom: a ball before a hinge or slider, those before a
+    fixed joint; among equals at one without spring, then at the last of the file. A universal
+    joint is two hinges, ``name_axis`` and ``name_axis2``, which are not cut, and neither are the
+    hinges of a gearbox.
+
+    Where the tree runs from child to parent, the joint is reversed: about the opposite axis, so
+    that the coordinate of a hinge or slider, its limits, its spring and its damping stay what the
+    file says. The quaternion of a reversed ball is the inverse of the file's.
+
+    The file draws the model at ``pin.neutral(model)``, where therefore every loop is closed. A
+    continuous joint is one angle without limits.
     """
+    choices = Choices(
+        root=root,
+        root_joint=root_joint,
+        kinds=kinds,
+        drop=drop,
+        cut=cut,
+        actuated=actuated,
+        as_file=as_file,
+    )
     try:
-        return build(_parse(path), root, root_joint, kinds, drop)
+        return build(_parse(path), choices)
     except InvalidModel as error:
         error.args = (f"{path}: {error}",)
         raise
@@ -93,7 +128,10 @@ def read_sdf(
 def _parse(path: str | PathLike[str]) -> Description:
     try:
         sdf = ElementTree.parse(path).getroot()
-    except (ElementTree.ParseError, OSError, ValueError, LookupError) as error:
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InvalidModel(f"cannot be opened: {reason}; give the path of an SDF file") from error
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise InvalidModel(f"cannot be read as XML: {error}") from error
     model = _only_model(sdf)
     parts = parts_of(model)
@@ -110,7 +148,7 @@ def _parse(path: str | PathLike[str]) -> Description:
         name=model.get("name", ""),
         pose=wMo,
         links=tuple(Link(n, poses[n], _inertia(e, n, poses)) for n, e in tagged("link")),
-        joints=tuple(_joint(e, n, poses, link_of) for n, e in tagged("joint")),
+        joints=tuple(joint_of(e, n, poses, link_of) for n, e in tagged("joint")),
         frames={n: (link_of[n], poses[n]) for n, _ in tagged("frame")},
         unread=unread(sdf),
     )
@@ -126,14 +164,30 @@ def _only_model(sdf: Element) -> Element:
         raise InvalidModel(f"<sdf> has version {version!r}; 1.5 or later is needed")
     models = [*sdf.findall("model"), *sdf.findall("world/model")]
     if len(models) != 1:
-        names = ", ".join(repr(m.get("name")) for m in models) or "no <model>"
-        raise InvalidModel(f"the file has {names}; exactly one <model> is needed")
+        found = ", ".join(repr(m.get("name")) for m in models) or "no <model>"
+        included = _includes([*sdf.findall("include"), *sdf.findall("world/include")])
+        found += f", but{included}" if included else ""
+        raise InvalidModel(f"the file has {found}; exactly one <model> is needed")
     if models[0].get("placement_frame"):
         raise InvalidModel("<model> has a placement_frame, which is not supported; write its pose")
-    for tag in ("model", "include"):
-        if models[0].find(tag) is not None:
-            raise InvalidModel(f"{label(models[0])}: <{tag}> in it is not followed; write it out")
+    nested = models[0].find("model")
+    if nested is not None:
+        raise InvalidModel(
+            f"{label(models[0])}: {label(nested)} in it is not followed; write its links and "
+            "joints out in the model around it"
+        )
+    included = _includes(models[0].findall("include"))
+    if included:
+        raise InvalidModel(
+            f"{label(models[0])} has{included}, which is not followed; write out what is included"
+        )
     return models[0]
+
+
+def _includes(elements: Sequence[Element]) -> str:
+    """Return how errors list what a file includes."""
+    uris = [repr((element.findtext("uri") or "").strip()) for element in elements]
+    return f" <include> {', '.join(uris)}" if uris else ""
 
 
 def _inertia(element: Element, name: str, poses: Mapping[str, Any]) -> Any | None:
@@ -157,64 +211,3 @@ def _inertia(element: Element, name: str, poses: Mapping[str, Any]) -> Any | Non
         linkMc = poses[name].actInv(pose_of(base, poses, element) * linkMc)
     R = linkMc.rotation
     return pin.Inertia(mass, linkMc.translation, R @ tensor @ R.T)
-
-
-def _joint(
-    element: Element, name: str, poses: Mapping[str, Any], link_of: Mapping[str, str]
-) -> Joint:
-    ends = [word(element, end) for end in ("parent", "child")]
-    for end in ends:
-        if end not in link_of:
-            raise InvalidModel(f"{label(element)}: {unknown_name('link', end, link_of)}")
-    parent, child = (link_of[end] for end in ends)
-    if child in (WORLD, parent):
-        raise InvalidModel(f"{label(element)}: joins {parent!r} to {child!r}; name another child")
-    joint = Joint(
-        name=name,
-        kind=element.get("type", ""),
-        parent=parent,
-        child=child,
-        pose=poses[name],
-        axis=_axis(element, name, poses),
-        lower=_limit(element, "lower", -inf),
-        upper=_limit(element, "upper", inf),
-        effort=_limit(element, "effort", inf),
-        velocity=_limit(element, "velocity", inf),
-        damping=number(element, "axis/dynamics/damping", 0.0),
-        friction=number(element, "axis/dynamics/friction", 0.0),
-        stiffness=number(element, "axis/dynamics/spring_stiffness", 0.0),
-        reference=number(element, "axis/dynamics/spring_reference", 0.0),
-    )
-    if joint.lower > joint.upper:
-        raise InvalidModel(
-            f"{label(element)}: limits {joint.lower:g} to {joint.upper:g}; exchange them"
-        )
-    return joint
-
-
-def _axis(element: Element, name: str, poses: Mapping[str, Any]) -> NDArray[np.float64] | None:
-    xyz = find(element, "axis/xyz")
-    if xyz is None:
-        return None
-    axis = floats(xyz.text, 3, f"{label(element)}: <axis/xyz>")
-    if not axis.any():
-        raise InvalidModel(f"{label(element)}: <axis/xyz> is zero; give it a direction")
-    flag = find(element, "axis/use_parent_model_frame")
-    in_model = "0" if flag is None else (flag.text or "").strip()
-    if in_model not in ("0", "1", "false", "true"):
-        raise InvalidModel(
-            f"{label(element)}: <axis/use_parent_model_frame> is {in_model!r}; write 0 or 1"
-        )
-    frame = xyz.get("expressed_in") or (MODEL if in_model in ("1", "true") else name)
-    if frame != name:
-        oRx = pose_of(frame, poses, element).rotation
-        axis = poses[name].rotation.T @ (oRx @ axis)
-    axis = axis / np.abs(axis).max()  # first, so that the squares cannot overflow or vanish
-    return np.asarray(axis / np.linalg.norm(axis))
-
-
-def _limit(element: Element, limit: str, unlimited: float) -> float:
-    value = number(element, f"axis/limit/{limit}", unlimited, infinite=True)
-    if value < 0 and limit in ("effort", "velocity"):
-        return inf  # the format's way to say that it is not enforced
-    return copysign(inf, value) if abs(value) >= UNLIMITED else value

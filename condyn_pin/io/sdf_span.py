@@ -1,73 +1,60 @@
 """Which joints of an SDF file make the tree, in which order, and which ones are cut.
 
-The links are the nodes of a graph and the joints its edges, from parent to child. A spanning tree
-is grown from the root; each joint outside of it closes a loop.
+The links are the nodes of a graph and the joints its edges. Joints are taken one by one, those with
+the least freedom first, and put into the tree unless they close a loop: Kruskal's spanning tree.
+So each joint that is cut has the most freedom of its loop, and costs the fewest rows. Direction
+does not matter: a joint that leads from the tree to its parent is reversed.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
-from typing import Final, NamedTuple
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 from condyn_pin.errors import InvalidModel, unknown_name
+from condyn_pin.io.sdf_kinds import FREEDOM
 from condyn_pin.io.sdf_types import WORLD, Description, Joint
-
-KINDS: Final = ("fixed", "revolute", "continuous", "prismatic", "ball")
 
 
 class Span(NamedTuple):
     """A spanning tree."""
 
     start: str  # the link on which it stands, or the world
-    tree: tuple[Joint, ...]  # depth-first
+    tree: tuple[Joint, ...]  # depth-first, each from the root on
     cut: tuple[Joint, ...]  # in the order of the file
+    reversed: tuple[str, ...]  # of the tree
 
 
-def chosen_joints(
-    sdf: Description, kinds: Mapping[str, str], drop: Sequence[str]
-) -> tuple[Joint, ...]:
-    """Return the joints that are kept, each with its type."""
-    names = [joint.name for joint in sdf.joints]
-    for name in (*kinds, *drop):
-        if name not in names:
-            raise unknown_name("joint", name, names)
-    for kind in kinds.values():
-        if kind not in KINDS:
-            raise unknown_name("joint type", kind, KINDS)
-    joints = tuple(
-        replace(joint, kind=kinds.get(joint.name, joint.kind))
-        for joint in sdf.joints
-        if joint.name not in drop
-    )
-    for joint in joints:
-        if joint.kind not in KINDS:
-            raise InvalidModel(
-                f"joint {joint.name!r} has the type {joint.kind!r}, which is not supported: read "
-                f"it as {', '.join(KINDS[:-1])} or {KINDS[-1]} with kinds={{{joint.name!r}: ...}}, "
-                f"or leave it out with drop=[{joint.name!r}]"
-            )
-        if joint.has_axis and joint.axis is None:
-            raise InvalidModel(
-                f"joint {joint.name!r} is {joint.kind} and has no <axis/xyz>; give it one"
-            )
-    return joints
+def span(
+    sdf: Description,
+    joints: Sequence[Joint],
+    root: str | None,
+    *,
+    floating: bool,
+    kept: Mapping[str, str],
+    cut: Sequence[str],
+) -> Span:
+    """Return the tree that these joints make from the root to every link of the file.
 
-
-def span(sdf: Description, joints: Sequence[Joint], root: str | None, floating: bool) -> Span:
-    """Return the tree that these joints make from the root to every link of the file."""
+    `kept` has the joints that must not be cut, each with the reason; `cut` those that must be.
+    """
+    for name in cut:
+        if name not in [joint.name for joint in joints]:
+            raise unknown_name("joint", name, [joint.name for joint in joints])
     start = _start(sdf, joints, root, floating)
-    leads_to = _leading_joints(joints, start)
-    lost = [link.name for link in sdf.links if link.name not in leads_to and link.name != start]
+    names = _spanning(joints, kept, cut)
+    tree, backwards = _depth_first([joint for joint in joints if joint.name in names], start)
+    reached = {start, *(joint.child for joint in tree)}
+    lost = [link.name for link in sdf.links if link.name not in reached]
     if lost:
         raise InvalidModel(
-            f"no joint leads from {start!r} to the links {quote(lost)}; joints are followed from "
-            "parent to child: add a joint, or exchange the parent and the child of one"
+            f"no joint leads from {start!r} to the links {quote(lost)}: add a joint that connects "
+            "them, or leave them out of the file"
         )
-    tree = [joint for joint in joints if leads_to.get(joint.child) is joint]
-    cut = [joint for joint in joints if leads_to.get(joint.child) is not joint]
-    return Span(start, tuple(_depth_first(tree, start)), tuple(cut))
+    opened = tuple(joint for joint in joints if joint.name not in names)
+    _check_cuts(names, opened, kept, cut)
+    return Span(start, tree, opened, backwards)
 
 
 def _start(sdf: Description, joints: Sequence[Joint], root: str | None, floating: bool) -> str:
@@ -95,38 +82,75 @@ def _start(sdf: Description, joints: Sequence[Joint], root: str | None, floating
         found = f"no joint has the links {quote(roots)} as child" if roots else "every link is one"
         raise InvalidModel(
             f"the tree needs one root, a link that is no joint's child, and {found}: "
-            + ("connect them by joints" if roots else "name one by root=")
+            + ("connect them by joints, or " if roots else "")
+            + "name one by root="
         )
     return roots[0]
 
 
-def _leading_joints(joints: Sequence[Joint], start: str) -> dict[str, Joint]:
-    """Return for each link that can be reached from the start the joint that leads to it."""
-    first: dict[str, Joint] = {}
+def _spanning(
+    joints: Sequence[Joint], kept: Mapping[str, str], cut: Collection[str]
+) -> frozenset[str]:
+    """Return the names of the joints that span the graph with the least freedom."""
+
+    def order(joint: Joint) -> tuple[bool, bool, int, bool]:
+        # A spring acts on a coordinate, which a joint that is cut has not.
+        sprung = joint.axis.stiffness != 0
+        return joint.name in cut, joint.name not in kept, FREEDOM[joint.kind], not sprung
+
+    island: dict[str, str] = {}
+
+    def home(link: str) -> str:
+        while link in island:
+            above = island[link]
+            island[link] = above = island.get(above, above)  # shorten the way for the next one
+            link = above
+        return link
+
+    names = []
+    for joint in sorted(joints, key=order):  # stable: the order of the file decides a tie
+        parent, child = home(joint.parent), home(joint.child)
+        if parent != child:
+            island[child] = parent
+            names.append(joint.name)
+    return frozenset(names)
+
+
+def _depth_first(joints: Iterable[Joint], start: str) -> tuple[tuple[Joint, ...], tuple[str, ...]]:
+    """Return the joints of a tree depth-first, as crba needs them, and which ones are reversed."""
+    at: dict[str, list[Joint]] = defaultdict(list)
     for joint in joints:
-        first.setdefault(joint.child, joint)
-    leads_to: dict[str, Joint] = {}
-    reached = {start}
-    while True:
-        edges = [j for j in joints if j.parent in reached and j.child not in reached]
-        if not edges:
-            return leads_to
-        # A link's first joint may hang below the link itself; then any joint that leads to it.
-        joint = next((j for j in edges if first[j.child] is j), edges[0])
-        leads_to[joint.child] = joint
-        reached.add(joint.child)
-
-
-def _depth_first(tree: Iterable[Joint], start: str) -> Iterator[Joint]:
-    """Yield the joints of a tree depth-first: in another order crba is silently wrong."""
-    below: dict[str, list[Joint]] = defaultdict(list)
-    for joint in tree:
-        below[joint.parent].append(joint)
-    waiting = below[start][::-1]
+        at[joint.parent].append(joint)
+        at[joint.child].append(joint)
+    tree: list[Joint] = []
+    backwards: list[str] = []
+    waiting = [(joint, start) for joint in reversed(at[start])]
     while waiting:
-        joint = waiting.pop()
-        yield joint
-        waiting.extend(reversed(below[joint.child]))
+        joint, before = waiting.pop()
+        if joint.parent != before:
+            backwards.append(joint.name)
+            joint = joint.reversed()
+        tree.append(joint)
+        waiting.extend(
+            (other, joint.child) for other in reversed(at[joint.child]) if other.name != joint.name
+        )
+    return tuple(tree), tuple(backwards)
+
+
+def _check_cuts(
+    tree: Collection[str], opened: Sequence[Joint], kept: Mapping[str, str], cut: Sequence[str]
+) -> None:
+    for name in cut:
+        if name in tree or name in kept:
+            reason = kept.get(name, "is in no loop, or in one that is open already")
+            raise InvalidModel(f"joint {name!r} cannot be cut: it {reason}; leave it in")
+    for joint in opened:
+        if joint.name in kept:
+            raise InvalidModel(
+                f"joint {joint.name!r} {kept[joint.name]}, and its loop has no other joint that "
+                "could be cut: read a passive joint there as another type with kinds, or leave "
+                "one out with drop"
+            )
 
 
 def quote(names: Iterable[str]) -> str:

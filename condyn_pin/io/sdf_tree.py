@@ -1,4 +1,4 @@
-"""From the graph of an SDF file to a Pinocchio tree and the joints that close its loops.
+"""A Pinocchio tree, joint by joint, and the frames of what closes its loops.
 
 With o the model frame, j a joint between the links p (parent) and c (child), and i the Pinocchio
 joint that carries a link, the placements are
@@ -6,7 +6,8 @@ joint that carries a link, the placements are
     pMj = oMp⁻¹ · oMj        jMc = oMj⁻¹ · oMc
     joint j in the tree:  placed in p's Pinocchio joint at  iMp · pMj;  it carries c at  jMc
     fixed joint:          c is carried by p's Pinocchio joint at  iMp · pMj · jMc
-    cut joint:            frame_a at  iMp · pMj  and  frame_b at  iMc · jMc⁻¹  must coincide
+    cut joint:            frame_a at  iMp · pMj  and  frame_b at  iMc · jMc⁻¹  must coincide,
+                          both turned so that z is the axis of a hinge or slider
 
 and at the configuration in which the file draws the model, they do. Each factor of these products
 adds a rounding to the rotation; what goes into the model is made orthonormal once more.
@@ -14,7 +15,7 @@ adds a rounding to the rotation; what goes into the model is made orthonormal on
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from math import inf
 from typing import Any, Final
 
@@ -22,41 +23,19 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.errors import InvalidModel
-from condyn_pin.io.sdf_span import chosen_joints, quote, span
-from condyn_pin.io.sdf_types import WORLD, Closure, Description, Joint, SdfRobot
+from condyn_pin.io.sdf_types import WORLD, Closure, Description, Joint
 from condyn_pin.io.tree import NO_LIMIT, one_coordinate, orthonormal
 
-_CLOSURE_KINDS: Final[Mapping[str, str]] = {"ball": "ball", "fixed": "weld"}
+_CLOSURE_KINDS: Final[Mapping[str, str]] = {
+    "ball": "ball",
+    "fixed": "weld",
+    "revolute": "hinge",
+    "continuous": "hinge",
+    "prismatic": "slider",
+}
 
 
-def build(
-    sdf: Description,
-    root: str | None,
-    root_joint: Any | None,
-    kinds: Mapping[str, str],
-    drop: Sequence[str],
-) -> SdfRobot:
-    """Return the model and the closures of a description; `read_sdf` says what the others mean."""
-    joints = chosen_joints(sdf, kinds, drop)
-    start, tree, cut = span(sdf, joints, root, floating=root_joint is not None)
-    grown = _Tree(sdf)
-    grown.plant(start, root_joint)
-    for joint in tree:
-        grown.attach(joint)
-    closures = tuple(grown.close(joint) for joint in cut)
-    for name, (link, oMf) in sdf.frames.items():
-        grown.mark(name, link, oMf)
-    springs = {
-        joint.name: (joint.stiffness, joint.reference)
-        for joint in joints
-        if joint.stiffness != 0 and joint.has_axis and joint not in cut
-    }
-    root_pose = None if root_joint is None else grown.poses[start]
-    unused = (*_unused_parts(sdf, kinds, drop, root_pose), *_unused_settings(joints, cut))
-    return SdfRobot(grown.model, closures, springs, unused)
-
-
-class _Tree:
+class Tree:
     """A Pinocchio model while it grows: where each link is drawn, and its frame in the model."""
 
     def __init__(self, sdf: Description) -> None:
@@ -91,17 +70,20 @@ class _Tree:
         jMc = joint.pose.actInv(self.poses[joint.child])
         self._carry(joint.child, carrier, frame, iMj * jMc)
 
+    def parts(self, joint: Joint) -> bool:
+        """Whether the two links of a joint can move against each other."""
+        first, second = (self.frames[link] for link in (joint.parent, joint.child))
+        frames = self.model.frames
+        return bool(frames[first].parentJoint != frames[second].parentJoint)
+
     def close(self, joint: Joint) -> Closure:
         """Add the two frames of a cut joint."""
-        if joint.kind not in _CLOSURE_KINDS:
-            raise InvalidModel(
-                f"joint {joint.name!r} closes a loop and is {joint.kind}; only ball and fixed "
-                f"joints can be cut: read it as a ball with kinds={{{joint.name!r}: 'ball'}}, or "
-                "cut the loop elsewhere by moving this joint forward in the file"
-            )
+        oMj = joint.pose
+        if joint.has_axis:
+            oMj = oMj * pin.SE3(_z_along(joint.axis.direction), np.zeros(3))
         ends = f"{joint.name}_a", f"{joint.name}_b"
         for name, link in zip(ends, (joint.parent, joint.child), strict=True):
-            self.mark(name, link, joint.pose)
+            self.mark(name, link, oMj)
         return Closure(joint.name, _CLOSURE_KINDS[joint.kind], *ends)
 
     def mark(self, name: str, link: str, oMx: Any) -> None:
@@ -119,26 +101,27 @@ class _Tree:
         if joint.kind == "ball":
             i = self.model.addJoint(carrier, pin.JointModelSpherical(), iMj, joint.name)
         else:
-            lower, upper = joint.lower, joint.upper
+            axis = joint.axis
+            lower, upper = axis.lower, axis.upper
             if joint.kind == "continuous":
                 lower, upper = -inf, inf
-            limits = np.clip([joint.effort, joint.velocity, lower, upper], -NO_LIMIT, NO_LIMIT)
+            limits = np.clip([axis.effort, axis.velocity, lower, upper], -NO_LIMIT, NO_LIMIT)
             i = self.model.addJoint(
                 carrier,
-                one_coordinate(joint.axis, hinge=joint.kind != "prismatic"),
+                one_coordinate(joint.axis.direction, hinge=joint.kind != "prismatic"),
                 iMj,
                 joint.name,
                 *limits.reshape(4, 1),
             )
         added = self.model.joints[i]
         damping = self.model.damping.copy()
-        damping[added.idx_v : added.idx_v + added.nv] = joint.damping
+        damping[added.idx_v : added.idx_v + added.nv] = joint.axis.damping
         self.model.damping = damping
         return int(i)
 
     def _carry(self, link: str, carrier: int, before: int, iMlink: Any) -> None:
-        inertia = self.links[link].inertia
-        if carrier and (inertia is None or inertia.mass <= 0):
+        inertia, massless = self.links[link].inertia, self.links[link].massless
+        if carrier and not massless and (inertia is None or inertia.mass <= 0):
             has = "no <inertial>" if inertia is None else f"the mass {inertia.mass:g} kg"
             raise InvalidModel(f"link {link!r} moves and has {has}; give it a mass > 0")
         self.frames[link] = self._frame(link, carrier, before, iMlink, "BODY", inertia)
@@ -155,42 +138,6 @@ class _Tree:
         return int(self.model.addFrame(frame))  # adds the inertia to the joint as well
 
 
-def _unused_parts(
-    sdf: Description, kinds: Mapping[str, str], drop: Sequence[str], root_pose: Any | None
-) -> Iterator[str]:
-    """Say which parts of the file are not in the model."""
-    if sdf.unread:
-        counted = ", ".join(f"{n} <{tag}>" for tag, n in sorted(sdf.unread.items()))
-        yield f"elements that are not read: {counted}"
-    if drop:
-        yield f"joints left out: {quote(drop)}"
-    changed = [
-        f"{joint.name!r} ({joint.kind} as {kinds[joint.name]})"
-        for joint in sdf.joints
-        if joint.name not in drop and kinds.get(joint.name, joint.kind) != joint.kind
-    ]
-    if changed:
-        yield f"joint types of the file: {', '.join(changed)}"
-    if root_pose is not None and not root_pose.isIdentity():
-        yield "pose of the root link in the file: the root joint's configuration replaces it"
-
-
-def _unused_settings(joints: Iterable[Joint], cut: Sequence[Joint]) -> Iterator[str]:
-    """Say which settings of the joints that are kept are not in the model."""
-    lost: dict[str, list[str]] = {"friction": [], "damping": [], "spring": [], "limits": []}
-    for joint in joints:
-        hanging = joint not in cut
-        uses_axis = hanging and joint.has_axis
-        limited = joint.lower > -inf or joint.upper < inf
-        is_lost = {
-            "friction": joint.friction != 0,
-            "damping": joint.damping != 0 and (not hanging or joint.kind == "fixed"),
-            "spring": joint.stiffness != 0 and not uses_axis,
-            "limits": limited and (not uses_axis or joint.kind == "continuous"),
-        }
-        for setting, names in lost.items():
-            if is_lost[setting]:
-                names.append(joint.name)
-    for setting, names in lost.items():
-        if names:
-            yield f"joint {setting}: {quote(names)}"
+def _z_along(direction: Any) -> Any:
+    """Return the smallest rotation that takes z to a direction."""
+    return pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), direction).toRotationMatrix()

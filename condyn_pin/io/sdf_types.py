@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import inf
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from condyn_pin.constraints import Coupling
 
 WORLD: Final = "world"
 
@@ -25,11 +28,54 @@ class Link:
         oMlink.
     inertia : pin.Inertia or None
         In the link's frame; None if the file gives none.
+    massless : bool
+        Whether it is the cross of a universal joint, which the file does not have.
     """
 
     name: str
     pose: Any
     inertia: Any | None
+    massless: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """An axis of a joint.
+
+    Attributes
+    ----------
+    direction : (3,) array or None
+        Unit vector in the joint's axes; None if the file gives none.
+    lower, upper : float
+        [rad or m], infinite if there is none.
+    effort, velocity : float
+        [N m or N], [rad/s or m/s], infinite if there is none.
+    damping, friction : float
+        [N m s/rad or N s/m], [N m or N].
+    stiffness, reference : float
+        Of its spring: [N m/rad or N/m], [rad or m].
+    """
+
+    direction: NDArray[np.float64] | None = None
+    lower: float = -inf
+    upper: float = inf
+    effort: float = inf
+    velocity: float = inf
+    damping: float = 0.0
+    friction: float = 0.0
+    stiffness: float = 0.0
+    reference: float = 0.0
+
+
+NO_AXIS: Final = Axis()
+
+
+@dataclass(frozen=True)
+class Gear:
+    """What a gearbox says: theta_child = -ratio theta_parent, both seen from the reference link."""
+
+    ratio: float
+    reference: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,16 +88,10 @@ class Joint:
         Its name, its type as the file writes it, and the two links.
     pose : pin.SE3
         oMj.
-    axis : (3,) array or None
-        Unit vector in the joint's axes; None if the file gives none.
-    lower, upper : float
-        [rad or m], infinite if there is none.
-    effort, velocity : float
-        [N m or N], [rad/s or m/s], infinite if there is none.
-    damping, friction : float
-        [N m s/rad or N s/m], [N m or N].
-    stiffness, reference : float
-        Of its spring: [N m/rad or N/m], [rad or m].
+    axis, axis2 : Axis
+        The second one belongs to a universal joint or a gearbox.
+    gear : Gear or None
+        Of a gearbox.
     """
 
     name: str
@@ -59,20 +99,25 @@ class Joint:
     parent: str
     child: str
     pose: Any
-    axis: NDArray[np.float64] | None
-    lower: float
-    upper: float
-    effort: float
-    velocity: float
-    damping: float
-    friction: float
-    stiffness: float
-    reference: float
+    axis: Axis
+    axis2: Axis
+    gear: Gear | None
 
     @property
     def has_axis(self) -> bool:
         """Whether it is a hinge or a slider: one coordinate, about or along the axis."""
         return self.kind in ("revolute", "continuous", "prismatic")
+
+    def reversed(self) -> Joint:
+        """Return the same joint from child to parent.
+
+        R(-a, q) = R(a, q)⁻¹: a hinge or a slider about the opposite axis keeps its coordinate q,
+        and with it limits, spring and damping. The quaternion of a ball becomes its inverse.
+        """
+        axis = self.axis
+        if axis.direction is not None:
+            axis = replace(axis, direction=-axis.direction)
+        return replace(self, parent=self.child, child=self.parent, axis=axis)
 
 
 @dataclass(frozen=True)
@@ -112,9 +157,10 @@ class Closure:
     name : str
         The joint's name in the file.
     kind : str
-        "ball" (from a ball joint, 3 rows) or "weld" (from a fixed joint, 6 rows).
+        The kind of `Loop`: "ball", "weld" (from a fixed joint), "hinge" (revolute, continuous) or
+        "slider" (prismatic).
     frame_a : str
-        Operational frame of the model at the joint, on its parent link.
+        Frame of the model at the joint, on its parent link; z along the axis of a hinge or slider.
     frame_b : str
         The same on its child link.
     """
@@ -136,13 +182,19 @@ class SdfRobot:
         one), each frame of the file and each end of a closure an OP_FRAME.
     closures : tuple of Closure
         The joints that close loops, in the order of the file.
+    couplings : tuple of Coupling
+        The gearboxes, in the order of the file.
     springs : mapping of str to (float, float)
         Joint name to stiffness [N m/rad or N/m] and reference [rad or m].
+    reversed : tuple of str
+        Joints that the tree holds from child to parent.
     unused : tuple of str
         What the file has and the model does not use, one sentence for each kind of thing.
     """
 
     model: Any
     closures: tuple[Closure, ...]
+    couplings: tuple[Coupling, ...]
     springs: Mapping[str, tuple[float, float]]
+    reversed: tuple[str, ...]
     unused: tuple[str, ...]

@@ -23,12 +23,15 @@ _READ: Final[Mapping[str, Container[str]]] = {
     "link": ("pose", "inertial"),
     "inertial": ("pose", "mass", "inertia"),
     "inertia": ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"),
-    "joint": ("pose", "parent", "child", "axis"),
+    "joint": (
+        "pose", "parent", "child", "axis", "axis2", "gearbox_ratio", "gearbox_reference_body",
+    ),
     "axis": ("xyz", "limit", "dynamics", "use_parent_model_frame"),
+    "axis2": ("xyz", "limit", "dynamics", "use_parent_model_frame"),
     "limit": ("lower", "upper", "effort", "velocity"),
     "dynamics": ("damping", "friction", "spring_stiffness", "spring_reference"),
     "frame": ("pose",),
-}
+}  # fmt: skip
 
 
 def label(element: Element) -> str:
@@ -49,11 +52,11 @@ def find(element: Element, path: str) -> Element | None:
 
 
 def word(element: Element, tag: str) -> str:
-    """Return the link that the element's parent or child names."""
+    """Return the name that an element of a joint holds."""
     found = find(element, tag)
     name = "" if found is None else (found.text or "").strip()
     if not name:
-        raise InvalidModel(f"{label(element)}: no <{tag}>; name its {tag} link")
+        raise InvalidModel(f"{label(element)}: no <{tag}>; write the name of a link there")
     return name
 
 

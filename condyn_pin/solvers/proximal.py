@@ -13,6 +13,7 @@ from condyn_pin.errors import InvalidArgument
 from condyn_pin.solvers.base import Method, Solver
 
 if TYPE_CHECKING:
+    from condyn_pin.audit import Audit
     from condyn_pin.workspace import Workspace
 
 
@@ -34,7 +35,9 @@ class Proximal(Solver):
         Proximal weight [1/kg]. Larger: more iterations, less noise in lam along redundant rows
         (it is about 1e-16 |a| / mu). Zero is a plain solve and gives NaN on redundant rows. By
         default 1e-6 of the largest eigenvalue of G at the nominal state of the scene, so that it
-        means the same on a hand and on an excavator: three iterations on Talos and on Cassie.
+        means the same on a hand and on an excavator: three iterations on Talos and on Cassie. A
+        hundredth of the smallest nonzero eigenvalue if that is less, as it is for hinges that are
+        closed by two points, and never less than 1e-10 of the largest.
     max_iterations : int
         Upper limit. It is met without harm where lam keeps a little noise; convergence is judged
         by the errors of the `Solution`, never by this.
@@ -76,7 +79,7 @@ class Proximal(Solver):
     def start(self, workspace: Workspace) -> Method:
         """Return `pin.constraintDynamics` bound to the memory of `workspace`."""
         audit = workspace.scene.audit
-        mu = 1e-6 * audit.delassus_norm if self.mu is None else self.mu
+        mu = default_mu(audit) if self.mu is None else self.mu
         accuracy = 1e-9 * audit.weight if self.relative_accuracy is None else self.relative_accuracy
         settings = pin.ProximalSettings(self.absolute_accuracy, accuracy, mu, self.max_iterations)
         workspace.proximal_settings = settings
@@ -91,6 +94,13 @@ class Proximal(Solver):
             return workspace.scene_forces(np.array(data.lambda_c))
 
         return Method(acceleration, lam, lambda: int(settings.iter))
+
+
+def default_mu(audit: Audit) -> float:
+    """Return a proximal weight with which every part of lam converges in a few iterations."""
+    largest = audit.delassus_norm
+    smallest = float(audit.singular_values[audit.rank - 1]) ** 2 if audit.rank else largest
+    return max(min(1e-6 * largest, 1e-2 * smallest), 1e-10 * largest)
 
 
 _MOST_ITERATIONS = 2**31 - 1  # Pinocchio counts in a C int

@@ -1,0 +1,140 @@
+"""LadderTable: the rungs of a ladder with their speed and their price."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+_EXACT = 1e-9  # errors below this are those of the solver
+
+
+@dataclass(frozen=True)
+class LadderRow:
+    """One rung; NaN where no solver said ok at every state.
+
+    Attributes
+    ----------
+    label, why : str
+    nv, rows, rank, mobility : int
+    solver : str
+        The fastest that says ok at every state.
+    us : float
+        `Workspace.acceleration` with it, median [us].
+    speedup : float
+        Times faster than the first rung, median of ratios within a round.
+    a_worst, a_median : float
+        Error of the accelerations of floating base and motors against the first rung, relative to
+        the larger of |a| and gravity.
+    force_worst, force_median : float
+        Error of the wrench of all contacts, relative to the larger of it and the weight.
+    a_step, force_step : float
+        The worst errors against the rung above: the price of this step alone.
+    """
+
+    label: str
+    why: str
+    nv: int
+    rows: int
+    rank: int
+    mobility: int
+    solver: str
+    us: float
+    speedup: float
+    a_worst: float
+    a_median: float
+    force_worst: float
+    force_median: float
+    a_step: float
+    force_step: float
+
+
+@dataclass(frozen=True)
+class LadderTable:
+    """The rungs of one ladder, the states that they were compared at, and the machine."""
+
+    name: str
+    rows: tuple[LadderRow, ...]
+    states: int
+    machine: dict[str, str]
+
+    def fastest(self, error: float) -> LadderRow:
+        """Return the fastest rung whose errors all stay below `error`."""
+        good = [r for r in self.rows if max(r.a_worst, r.force_worst) <= error]
+        return max(good, key=lambda row: row.speedup if math.isfinite(row.speedup) else 0.0)
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the rows, after comment lines with the machine."""
+        write_csv([self], path)
+
+    def to_json(self, path: str | Path) -> None:
+        """Write name, machine and rows; what was not measured is null."""
+        Path(path).write_text(json.dumps(self.as_dict(), indent=1) + "\n", encoding="utf-8")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the table as plain values."""
+        rows = [{k: _plain(x) for k, x in asdict(row).items()} for row in self.rows]
+        return {"ladder": self.name, "states": self.states, "machine": self.machine, "rows": rows}
+
+    def markdown(self) -> str:
+        """Return the table for a README."""
+        lines = [
+            "| " + " | ".join((self.name, *COLUMNS[1:])) + " |",
+            "|" + "---|" * len(COLUMNS),
+            *("| " + " | ".join(cells) + " |" for cells in self.cells()),
+        ]
+        return "\n".join(lines)
+
+    def cells(self) -> list[tuple[str, ...]]:
+        """Return the table as text, the columns being `COLUMNS`."""
+        return [
+            (
+                row.label,
+                str(row.nv),
+                f"{row.rows}, rank {row.rank}",
+                row.solver,
+                f"{row.us:.1f}",
+                f"{row.speedup:.2f}",
+                f"{_text(row.a_worst)} / {_text(row.a_step)}",
+                f"{_text(row.force_worst)} / {_text(row.force_step)}",
+            )
+            for row in self.rows
+        ]
+
+    def __str__(self) -> str:
+        rows = [COLUMNS, *self.cells()]
+        widths = [max(len(row[i]) for row in rows) for i in range(len(COLUMNS))]
+        lines = [
+            "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+            for row in rows
+        ]
+        return "\n".join(lines)
+
+
+COLUMNS = (
+    "rung", "nv", "rows", "solver", "a [us]", "x faster",
+    "error of a: all / this step", "of contact wrench: all / this step",
+)  # fmt: skip
+
+
+def write_csv(tables: Sequence[LadderTable], path: str | Path) -> None:
+    """Write the rows of ladders that were measured together, after lines with the machine."""
+    with Path(path).open("w", newline="", encoding="utf-8") as file:
+        for key, value in tables[0].machine.items():
+            file.write(f"# {key}: {value}\n")
+        writer = csv.DictWriter(file, ["ladder", *(f.name for f in fields(LadderRow))])
+        writer.writeheader()
+        for table in tables:
+            writer.writerows({"ladder": table.name} | asdict(row) for row in table.rows)
+
+
+def _text(error: float) -> str:
+    return f"{100 * error:.2g} %" if error >= _EXACT else "0"
+
+
+def _plain(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,58 @@
+"""Postures: configurations by name, from a robot.toml and from an SRDF."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from condyn_pin._pin import pin
+from condyn_pin.arrays import Array
+from condyn_pin.errors import InvalidModel, unknown_name
+
+
+def posture(model: Any, values: Mapping[str, Any]) -> Array:
+    """Return the configuration with these values by joint, and neutral otherwise."""
+    q = np.array(pin.neutral(model))
+    for name, value in values.items():
+        if not model.existJointName(name):
+            raise unknown_name("joint", name, tuple(model.names)[1:])
+        joint = model.joints[model.getJointId(name)]
+        q[joint.idx_q : joint.idx_q + joint.nq] = value
+    return q
+
+
+def srdf_postures(
+    model: Any, srdf: Path, rotors: bool = False, inverted: Sequence[str] = ()
+) -> dict[str, Array]:
+    """Return the postures of an SRDF; joints that the model has not are left out.
+
+    Parameters
+    ----------
+    model : pin.Model
+        It gets the armature of the motors, if there are rotors.
+    srdf : Path
+    rotors : bool
+        Whether the SRDF has rotors to read.
+    inverted : sequence of str
+        Joints that the tree holds from child to parent.
+    """
+    if not srdf.is_file():
+        raise InvalidModel(f"{srdf}: no such file")
+    try:
+        pin.loadReferenceConfigurations(model, str(srdf), False)
+    except (ValueError, RuntimeError) as error:
+        raise InvalidModel(f"{srdf}: Pinocchio cannot read it: {error}") from error
+    if rotors:
+        # reflected inertia of a geared rotor: n^2 I
+        pin.loadRotorParameters(model, str(srdf), False)
+        model.armature = np.array(model.rotorInertia) * np.array(model.rotorGearRatio) ** 2
+    postures = {entry.key(): np.array(entry.data()) for entry in model.referenceConfigurations}
+    for name in inverted:
+        joint = model.joints[model.getJointId(name)] if model.existJointName(name) else None
+        if joint is not None and joint.nq == 4:  # the quaternion of a ball, x y z w
+            for q in postures.values():
+                q[joint.idx_q : joint.idx_q + 3] *= -1.0
+    return postures

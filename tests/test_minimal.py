@@ -1,0 +1,234 @@
+"""Minimal scenes and ladders: what is dropped is measured, and said."""
+
+from __future__ import annotations
+
+import csv
+import functools
+import json
+import math
+import pickle
+
+import numpy as np
+import pytest
+from shared import all_scenes, relative, robot
+
+import condyn_pin as cp
+from condyn_pin.catalogue import motor_torque
+from condyn_pin.climbing import Ladder, LadderEffort, Rung, climb
+from condyn_pin.ladder_plot import draw_ladder, save_ladders
+from condyn_pin.same_motion import loaded, same_motion, standing_torque
+
+FEW = LadderEffort(states=2, rounds=5, repeats=2)
+
+
+@functools.cache
+def cassie(error: float, solver: cp.Solver) -> cp.Minimal:
+    return all_scenes()["cassie loops + contacts"].minimal(error=error, solver=solver)
+
+
+def test_minimal_cassie_lets_its_plantar_linkages_follow():
+    found = cassie(0.05, cp.Proximal())
+    assert found.nv == (32, 28)
+    assert found.rows == (24, 18)
+    assert found.errors.worst <= 0.05
+    assert all(us > 1 for us in found.us)
+    text = str(found)
+    for said in ("nv 32 -> 28", "0.05 allowed", "kept: loop left-plantar-foot-joint left out"):
+        assert said in text
+    assert "left-crank-rod-joint" in str(found.scene.summary())
+
+
+def test_a_tighter_limit_keeps_more():
+    tight = cassie(1e-9, cp.Proximal())
+    assert tight.nv == (32, 32)
+    assert tight.errors.worst <= 1e-9
+    assert any("1e-09 is allowed" in str(step) for step in tight.steps)
+
+
+def test_a_solver_of_exact_rows_gets_rods_pins_and_edges():
+    found = cassie(0.1, cp.DenseKKT())
+    assert found.nv == (32, 22)
+    assert not found.scene.audit.redundant
+    assert math.isnan(found.us[0])  # singular before
+    assert found.us[1] > 1
+    kinds = {getattr(c, "kind", type(c).__name__) for c in found.scene.constraints}
+    assert kinds == {"rod", "LineContact"}
+
+
+def test_the_errors_are_those_of_the_smaller_scene():
+    """Solved again from outside, at the same kind of states."""
+    found = cassie(0.05, cp.Proximal())
+    scene = all_scenes()["cassie loops + contacts"]
+    rng = np.random.default_rng(0)
+    errors = []
+    for _ in range(found.states):
+        q, v = scene.sample(rng)
+        tau = motor_torque(scene.robot, rng)
+        a = cp.solve(scene, q, v, tau).a
+        b = cp.solve(found.scene, *found.scene.reduce_state(q, v), found.scene.reduce_torque(tau)).a
+        where = [
+            [
+                i
+                for name in found.watch
+                for j in [s.robot.model.joints[s.robot.model.getJointId(name)]]
+                for i in range(j.idx_v, j.idx_v + j.nv)
+            ]
+            for s in (scene, found.scene)
+        ]
+        errors.append(relative(b[where[1]], a[where[0]]))
+    assert max(errors) == pytest.approx(found.errors.a_worst, rel=1e-3)
+    assert np.median(errors) == pytest.approx(found.errors.a_median, rel=1e-3)
+
+
+def test_joints_that_the_motion_leaves_alone_are_locked():
+    """If the torques hold them still: then the lock is exact."""
+    scene = all_scenes()["talos corners"]
+    arms = [name for name in scene.robot.joints if name.startswith(("arm", "gripper", "head"))]
+    raised = scene.state()[0]
+    raised[scene.robot.model.joints[scene.robot.model.getJointId(arms[0])].idx_q] += 0.3
+    small = scene.lock(arms, raised)
+    rng = np.random.default_rng(1)
+    motion = []
+    for _ in range(3):
+        q, v = small.sample(rng)
+        a = cp.solve(small, q, v, np.zeros(small.robot.nv)).a
+        q_full, v_full = small.expand_state(q, v)
+        _, a_full = small.expand_state(q, a)
+        # what holds the arms: inverse dynamics with the accelerations of the locked scene
+        terms = cp.Workspace(scene).terms(q_full, v_full)
+        tau = terms.M @ a_full + terms.h
+        held = [scene.robot.model.joints[scene.robot.model.getJointId(n)].idx_v for n in arms]
+        only = np.zeros(scene.robot.nv)
+        only[held] = tau[held]
+        motion.append((q_full, v_full, only))
+    found = scene.minimal(error=1e-8, motion=motion)
+    assert found.scene.robot.joints == small.robot.joints
+    assert found.rows == (24, 12)
+    assert "joints that do not move locked" in str(found)
+
+
+def test_watch_chooses_what_counts():
+    found = all_scenes()["four_bar loops"].minimal(error=0.9, watch=["rocker"])
+    assert found.watch == ("rocker",)
+
+
+def test_minimal_pickles():
+    found = cassie(0.05, cp.Proximal())
+    copy = pickle.loads(pickle.dumps(found))
+    assert copy == found
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "said"),
+    [
+        ({"error": 0.0}, cp.InvalidArgument, "between 0 and 1"),
+        ({"error": math.nan}, cp.InvalidArgument, "error"),
+        ({"error": 0.1, "motion": []}, cp.InvalidArgument, "empty"),
+        ({"error": 0.1, "motion": "walk"}, cp.InvalidArgument, "list of"),
+        ({"error": 0.1, "motion": [3]}, cp.InvalidArgument, r"motion\[0\]"),
+        ({"error": 0.1, "motion": [(np.zeros(3),) * 2]}, cp.InvalidArgument, r"motion\[0\]"),
+        ({"error": 0.1, "motion": [(np.zeros(4),) * 3]}, cp.InvalidArgument, "shape"),
+        ({"error": 0.1, "watch": ["crnk"]}, cp.UnknownName, "did you mean 'crank'"),
+        ({"error": 0.1, "solver": "proximal"}, cp.InvalidArgument, "solver object"),
+    ],
+)
+def test_mistakes_are_named(arguments, error, said):
+    with pytest.raises(error, match=said):
+        all_scenes()["four_bar loops"].minimal(**arguments)
+
+
+@functools.cache
+def table(name: str) -> cp.LadderTable:
+    return cp.ladder(name, effort=FEW)
+
+
+def test_cassies_ladder():
+    rows = {row.label: row for row in table("cassie").rows}
+    assert next(iter(rows)) == "springs free"
+    sizes = [(row.nv, row.rows) for row in rows.values()]
+    assert sizes == [(32, 24), (28, 18), (24, 18), (18, 12), (18, 12)]
+    assert rows["springs free"].a_worst == 0.0
+    assert 0 < rows["feet driven directly"].a_worst < 0.01
+    assert 1e-3 < rows["springs locked"].a_worst < 0.2
+    assert rows["achilles rods as distances"].a_step < 0.01
+    assert all(row.solver != "none says ok" and row.us > 1 for row in rows.values())
+
+
+def test_taloss_ladder():
+    rows = {row.label: row for row in table("talos").rows}
+    assert [row.nv for row in rows.values()] == [38, 38, 20, 18]
+    assert rows["two surfaces"].a_worst < 1e-9
+    assert rows["two surfaces"].force_worst < 1e-9
+    assert 0 < rows["arms and head locked"].a_worst < rows["legs alone"].a_worst
+    assert table("talos").fastest(1e-6).label in ("eight corners", "two surfaces")
+
+
+@pytest.mark.parametrize("name", list(cp.LADDERS))
+def test_the_same_motion_is_closed_in_every_rung(name):
+    chosen = cp.LADDERS[name]
+    scenes = chosen.scenes()
+    source = scenes[chosen.sampled]
+    joints = ("root_joint", *list(scenes.values())[-1].robot.actuated)
+    q, v = source.sample(np.random.default_rng(3))
+    state = (q, v, standing_torque(source, q))
+    for scene in scenes.values():
+        q_, v_, tau_ = same_motion(source, scene, state, joints)
+        workspace = cp.Workspace(scene, cp.Reference())
+        assert np.abs(workspace.violation(q_)).max(initial=0.0) <= 1e-10
+        assert np.abs(workspace.jacobian(q_) @ v_).max() < 1e-9
+        assert np.allclose(q_[:7], q[:7], atol=1e-12)
+        assert np.isfinite(tau_).all()
+
+
+def test_springs_are_bent_until_they_carry_the_load():
+    """Standing, with the free springs bent and acting, nothing accelerates."""
+    scene = all_scenes()["cassie loops + contacts"]
+    model, springs = scene.robot.model, scene.robot.springs
+    q = loaded(scene)
+    bent = [q[model.joints[model.getJointId(spring.joint)].idx_q] for spring in springs]
+    assert all(1e-3 < abs(angle) < 0.1 for angle in bent)
+    rigid = scene.lock([spring.joint for spring in springs])
+    source = (*rigid.state(), standing_torque(rigid, rigid.state()[0]))
+    state = same_motion(rigid, scene, source, ("root_joint", *rigid.robot.actuated))
+    assert np.abs(state[0] - q).max() < 1e-12
+    a = cp.solve(scene, *state, solver=cp.Reference()).a
+    moved = [model.joints[model.getJointId(spring.joint)].idx_v for spring in springs]
+    assert np.abs(a[moved]).max() < 1e-6  # 1e-12 rad times stiffness over inertia, 1e5 / s^2
+    unbent = cp.solve(scene, *scene.state(), state[2], solver=cp.Reference()).a
+    assert np.abs(unbent[moved]).max() > 1.0
+
+
+def test_tables_travel(tmp_path):
+    found = table("talos")
+    found.to_csv(tmp_path / "l.csv")
+    found.to_json(tmp_path / "l.json")
+    lines = [x for x in (tmp_path / "l.csv").read_text().splitlines() if not x.startswith("#")]
+    assert [row["label"] for row in csv.DictReader(lines)] == [row.label for row in found.rows]
+    saved = json.loads((tmp_path / "l.json").read_text())
+    assert saved["machine"]["pinocchio"]
+    assert saved["rows"][2]["nv"] == 20
+    assert found.markdown().count("\n") == len(found.rows) + 1
+    assert "eight corners" in str(found)
+    assert pickle.loads(pickle.dumps(found)) == found
+    save_ladders([found, found], tmp_path / "l.png")
+    assert (tmp_path / "l.png").read_bytes().startswith(b"\x89PNG")
+    assert draw_ladder(found).get_title() == "talos"
+
+
+def test_an_unknown_ladder_is_named():
+    with pytest.raises(cp.UnknownName, match="did you mean 'cassie'"):
+        cp.ladder("casie")
+
+
+def test_a_ladder_of_ones_own():
+    bar = robot("four_bar")
+    mine = Ladder(
+        "mine",
+        lambda: cp.Scene(bar, bar.loops),
+        "whole",
+        (Rung("rod", "the coupler is light", lambda s: s.rods_as_distances(["coupler"])),),
+        "rod",
+    )
+    found = climb(mine, effort=FEW)
+    assert [(row.nv, row.rows) for row in found.rows] == [(3, 3), (2, 1)]
+    assert 0 < found.rows[1].a_worst < 1

@@ -1,0 +1,238 @@
+"""The SDF reader: what it says about a wrong file or argument."""
+
+from __future__ import annotations
+
+import re
+
+import pinocchio as pin
+import pytest
+from sdf_texts import (
+    AB,
+    AXIS,
+    INERTIAL,
+    LOOP,
+    axis,
+    joint,
+    link,
+    pose,
+)
+
+from condyn_pin.errors import InvalidModel, UnknownName
+from condyn_pin.io.sdf import read_sdf
+
+
+def moving(inside: str) -> str:
+    return link("a") + link("b", inside) + joint("j", "a", "b")
+
+
+WRONG = {
+    "a pose that is relative to itself": (
+        link("a", pose("", relative_to="b")) + link("b", pose("", relative_to="a")),
+        "circle",
+    ),
+    "a frame attached to itself": (link("a") + '<frame name="f" attached_to="f"/>', "circle"),
+    "a pose relative to nothing known": (link("arm", pose("", relative_to="amr")), "'amr'"),
+    "an axis in an unknown frame": (
+        AB + joint("j", "a", "b", inside='<axis><xyz expressed_in="k">0 0 1</xyz></axis>'),
+        "<joint> 'j'.*'k'",
+    ),
+    "an inertial pose in an unknown frame": (
+        moving(INERTIAL.replace("<mass>", pose("", relative_to="k") + "<mass>")),
+        "<link> 'b'.*'k'",
+    ),
+    "a model placed in an unknown frame": (pose("", relative_to="k") + AB, "'k'"),
+    "two links of one name": (link("a") * 2, "rename"),
+    "a link and a joint of one name": (AB + joint("a", "a", "b"), "rename"),
+    "a link without a name": ('<link name=""/>', "name"),
+    "a link called world": (link("world"), "'world'"),
+    "a link named as a closure's frame": (
+        LOOP + joint("cut", "b", "c", "ball") + '<frame name="cut_a"/>',
+        "'cut_a'",
+    ),
+    "a link named as Pinocchio's universe": (link("universe"), "'universe'"),
+    "a joint without a parent": (
+        AB + '<joint name="j" type="ball"><child>b</child></joint>',
+        "'j': no <parent>",
+    ),
+    "a joint without a child": (
+        AB + '<joint name="j" type="ball"><parent>b</parent></joint>',
+        "'j': no <child>",
+    ),
+    "a joint with two children": (
+        AB + joint("j", "a", "b", inside="<child>a</child>" + AXIS),
+        "<child> is there 2 times",
+    ),
+    "a joint with an unknown parent": (AB + joint("j", "aa", "b"), "'j'.*'aa'"),
+    "a joint with an unknown child": (AB + joint("j", "a", "bb"), "'j'.*'bb'"),
+    "a joint of a link with itself": (AB + joint("j", "a", "a"), "'j'.*another child"),
+    "a joint whose child is the world": (AB + joint("j", "a", "world"), "'j'.*another child"),
+    "a moving link without inertial": (moving(""), "'b' moves and has no <inertial>"),
+    "a moving link without mass": (
+        moving(INERTIAL.replace("<mass>2</mass>", "")),
+        "'b': no <inertial/mass>",
+    ),
+    "a moving link of mass zero": (moving(INERTIAL.replace(">2<", ">0<")), "'b' moves.*0 kg"),
+    "a moving link of negative mass": (moving(INERTIAL.replace(">2<", ">-2<")), "-2 kg"),
+    "a moving link without inertia": (
+        moving("<inertial><mass>2</mass></inertial>"),
+        "'b': no <inertial/inertia/ixx>",
+    ),
+    "an inertia that is not positive": (
+        moving(INERTIAL.replace("<ixx>0.1", "<ixx>-0.1")),
+        "principal moment -0.1",
+    ),
+    "a mass that others compute": (
+        moving('<inertial auto="true"/>'),
+        "<inertial auto>",
+    ),
+    "a mass that is no number": (moving(INERTIAL.replace(">2<", ">two<")), "'b'.*'two'"),
+    "a mass that is empty": (moving(INERTIAL.replace(">2<", "><")), "'b'.*mass.*1 number"),
+    "a number as only Python reads it": (moving(INERTIAL.replace(">2<", ">1_0<")), "1_0"),
+    "a mass that is infinite": (moving(INERTIAL.replace(">2<", ">inf<")), "finite"),
+    "a pose that is not a number": (link("a", pose("0 0 nan 0 0 0")), "finite"),
+    "a limit that is not a number": (
+        AB + joint("j", "a", "b", inside=axis("<lower>nan</lower>")),
+        "finite",
+    ),
+    "a pose of five numbers": (link("a", pose("0 0 0 0 0")), "'a'.*6 number"),
+    "a pose in degrees": (link("a", pose("0 0 0 0 0 90", degrees="true")), "'a'.*rad"),
+    "a pose with a quaternion": (
+        link("a", pose("0 0 0 0 0 0 1", rotation_format="quat_xyzw")),
+        "'a'.*roll",
+    ),
+    "an axis of two numbers": (
+        AB + joint("j", "a", "b", inside="<axis><xyz>0 1</xyz></axis>"),
+        "'j'.*3 number",
+    ),
+    "an axis of length zero": (
+        AB + joint("j", "a", "b", inside="<axis><xyz>0 0 0</xyz></axis>"),
+        "'j'.*direction",
+    ),
+    "a hinge without axis": (AB + joint("j", "a", "b", inside=""), "'j'.*<axis/xyz>"),
+    "a flag that is no flag": (
+        AB
+        + joint(
+            "j",
+            "a",
+            "b",
+            inside="<axis><xyz>0 0 1</xyz>"
+            "<use_parent_model_frame>yes</use_parent_model_frame></axis>",
+        ),
+        "'yes'",
+    ),
+    "limits the wrong way round": (
+        AB + joint("j", "a", "b", inside=axis("<lower>1</lower><upper>-1</upper>")),
+        "'j'.*exchange",
+    ),
+    "links that no joint connects": (AB, "one root.*'a', 'b'"),
+    "a link that two trees would share": (
+        link("a") + link("b") + link("c") + joint("ac", "a", "c") + joint("bc", "b", "c", "ball"),
+        "one root.*'a', 'b'",
+    ),
+    "an island of links": (
+        LOOP + link("d") + link("e") + joint("de", "d", "e", "ball") + joint("ed", "e", "d"),
+        "no joint leads from 'a' to the links 'd', 'e'",
+    ),
+    "a ring without a root": (AB + joint("ab", "a", "b") + joint("ba", "b", "a"), "root="),
+    "a link beside one fixed to the world": (
+        AB + joint("wa", "world", "a", "fixed"),
+        "no joint leads from 'world' to the links 'b'",
+    ),
+    "a model without links": ("", "no <link>"),
+    "a model inside the model": (link("a") + '<model name="m"/>', "<model> 'm' in it.*write its"),
+    "an include inside the model": (
+        link("a") + "<include><uri>model://arm</uri></include>",
+        "<model> 'robot' has <include> 'model://arm'.*write out",
+    ),
+    "a joint without a type": (AB + joint("j", "a", "b", ""), "'j' has the type ''"),
+}
+
+
+@pytest.mark.parametrize(("body", "says"), WRONG.values(), ids=WRONG)
+def test_a_wrong_model_is_refused_with_the_reason(read, body, says):
+    with pytest.raises(InvalidModel, match=rf"robot\.sdf: .*{says}"):
+        read(body)
+
+
+@pytest.mark.parametrize("kind", ["screw", "spring", "floating", "Revolute"])
+def test_a_joint_of_an_unsupported_type_is_named_with_what_would_do(read, kind):
+    with pytest.raises(InvalidModel, match=f"'j' has the type '{kind}'.*kinds.*drop"):
+        read(AB + joint("j", "a", "b", kind))
+    assert read(AB + joint("j", "a", "b", kind), kinds={"j": "revolute"}).model.nv == 1
+
+
+def test_a_joint_that_is_left_out_may_be_of_any_type(read):
+    robot = read(LOOP + joint("bc", "b", "c", "screw", ""), drop=["bc"])
+    assert robot.closures == ()
+    assert robot.unused == ("joints left out: 'bc'",)
+
+
+def test_two_things_named_like_the_root_joint_are_refused(read):
+    body = AB + joint("root_joint", "a", "b")
+    with pytest.raises(InvalidModel, match="'root_joint'"):
+        read(body, root_joint=pin.JointModelFreeFlyer())
+    assert read(body).model.nv == 1
+
+
+def test_a_root_that_is_not_the_one_on_the_world_is_refused(read):
+    with pytest.raises(InvalidModel, match="root 'b' is not"):
+        read(AB + joint("wa", "world", "a") + joint("ab", "a", "b"), root="b")
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"root": "aa"}, "no link named 'aa'"),
+        ({"drop": ["jj"]}, "no joint named 'jj'; did you mean 'j'"),
+        ({"kinds": {"jj": "ball"}}, "no joint named 'jj'; did you mean 'j'"),
+        ({"kinds": {"j": "bal"}}, "no joint type named 'bal'; did you mean 'ball'"),
+        ({"actuated": ["jj"]}, "no joint named 'jj'; did you mean 'j'"),
+        ({"cut": ["jj"]}, "no joint named 'jj'; did you mean 'j'"),
+    ],
+)
+def test_an_unknown_name_in_an_argument_is_answered_with_the_known_ones(read, options, says):
+    with pytest.raises(UnknownName, match=re.escape(says)):
+        read(AB + joint("j", "a", "b"), **options)
+
+
+FILES = {
+    "no XML": ("this is no XML", "read as XML"),
+    "an empty file": ("", "read as XML"),
+    "a tag that is not closed": ('<sdf version="1.7"><model name="m">', "read as XML"),
+    "another format": ('<robot name="r"/>', "<robot>"),
+    "no version": ('<sdf><model name="m"><link name="a"/></model></sdf>', "version ''"),
+    "an old version": ('<sdf version="1.4"/>', "'1.4'; 1.5 or later"),
+    "a version that is none": ('<sdf version="new"/>', "'new'; 1.5 or later"),
+    "only what is included": (
+        '<sdf version="1.7"><world name="w"><include><uri>model://arm</uri></include></world></sdf>',
+        "no <model>, but <include> 'model://arm'; exactly one",
+    ),
+    "no model": ('<sdf version="1.7"><world name="w"/></sdf>', "no <model>"),
+    "two models": ('<sdf version="1.7"><model name="m"/><model name="n"/></sdf>', "'m', 'n'"),
+}
+
+
+@pytest.mark.parametrize(("text", "says"), FILES.values(), ids=FILES)
+def test_a_file_that_is_not_one_sdf_model_is_refused_with_the_reason(tmp_path, text, says):
+    path = tmp_path / "robot.sdf"
+    path.write_text(text)
+    with pytest.raises(InvalidModel, match=rf"robot\.sdf: .*{says}"):
+        read_sdf(path)
+
+
+def test_a_file_that_does_not_exist_is_refused_by_name(tmp_path):
+    with pytest.raises(InvalidModel, match=r"nowhere\.sdf: cannot be opened: No such file"):
+        read_sdf(tmp_path / "nowhere.sdf")
+    with pytest.raises(InvalidModel, match="cannot be opened: Is a directory"):
+        read_sdf(tmp_path)
+
+
+def test_a_model_inside_a_world_of_version_1_10_is_read(tmp_path):
+    path = tmp_path / "robot.sdf"
+    path.write_text(
+        '<sdf version="1.10"><world name="w"><light/>'
+        f'<model name="m">{link("a")}</model></world></sdf>'
+    )
+    robot = read_sdf(path)
+    assert robot.model.name == "m"
+    assert robot.unused == ("elements that are not read: 1 <light>",)

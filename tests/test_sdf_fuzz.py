@@ -1,0 +1,139 @@
+"""The SDF reader: any file at all gives a model or a CondynError."""
+
+from __future__ import annotations
+
+import re
+from copy import deepcopy
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sdf_texts import (
+    ARM,
+    INERTIAL,
+    frame_poses,
+    joint,
+    link,
+)
+
+from condyn_pin.errors import CondynError
+from condyn_pin.io.sdf import SdfRobot, read_sdf
+
+GEARS = (
+    "<gearbox_ratio>0.1</gearbox_ratio><gearbox_reference_body>finger</gearbox_reference_body>"
+    "<axis><xyz>0 0 1</xyz></axis><axis2><xyz>0 0 -1</xyz></axis2>"
+)
+UPRIGHT = '<axis><xyz expressed_in="__model__">0 0 1</xyz></axis>'
+CROSS = "<axis><xyz>0 0 1</xyz></axis><axis2><xyz>1 0 0</xyz></axis2>"
+VALID = (
+    '<sdf version="1.9"><model name="m">'
+    + ARM.replace("</link>", INERTIAL + "</link>", 1)  # the base may move here
+    + joint("loop", "base", "finger", "ball")
+    + link("rotor")
+    + joint("rotor_in", "finger", "rotor")
+    + link("wheel")
+    + joint(
+        "wheel_out",
+        "wheel",
+        "finger",
+        "revolute",
+        '<axis><xyz expressed_in="__model__">0 0 1</xyz></axis>',
+    )
+    + joint("gears", "rotor", "wheel", "gearbox", GEARS)
+    + joint("hooke", "upper", "rotor", "universal", CROSS)
+    + "</model></sdf>"
+)
+# Ways to read it; the root is needed, for only the wheel is no joint's child.
+WAYS = (
+    {"root": "base"},
+    {"root": "base", "as_file": True},
+    {"root": "wheel", "actuated": ["shoulder", "rail"]},
+    {"root": "finger", "cut": ["shoulder"]},
+)
+# Cut so that every second piece is a value: a text or an attribute. XML stays well-formed.
+PIECES = re.split(r'(?<=[>"])([^<>"=]+)(?=[<"])', VALID)
+VALUES = PIECES[1::2]
+WORDS = ("", "nan", "-inf", "1e999", "1e-320", "1e300", "-1", "0", "\x00", "<", "&x;")
+NAMES = ("world", "universe", "__model__", "base", "link", "joint", "model", "fixed", "universal")
+STRANGE = st.one_of(st.sampled_from(WORDS + NAMES), st.sampled_from(VALUES), st.text(max_size=5))
+
+
+def only_a_model_or_a_condyn_error(path: Path, content: bytes) -> None:
+    path.write_bytes(content)
+    for options in WAYS:
+        try:
+            robot = read_sdf(path, **options)
+        except CondynError:
+            continue
+        check_model(robot)
+
+
+def check_model(robot: SdfRobot) -> None:
+    for coupling in robot.couplings:
+        for name in (coupling.joint_a, coupling.joint_b):
+            assert robot.model.joints[robot.model.getJointId(name)].nv == 1
+    at = frame_poses(robot.model, pin.neutral(robot.model))
+    for placement in at.values():
+        assert np.isfinite(placement).all()
+    for closure in robot.closures:
+        np.testing.assert_allclose(at[closure.frame_a], at[closure.frame_b], rtol=1e-12, atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def fuzz_file(tmp_path_factory):
+    return tmp_path_factory.mktemp("fuzz") / "fuzz.sdf"
+
+
+def test_the_file_that_is_mutated_below_is_a_valid_one(fuzz_file):
+    fuzz_file.write_text(VALID)
+    whole, split, back, cut = (read_sdf(fuzz_file, **options) for options in WAYS)
+    assert [c.name for c in whole.closures] == ["socket", "loop"]
+    assert len(whole.couplings) == len(back.couplings) == len(cut.couplings) == 1
+    assert [c.kind for c in split.closures] == ["weld"] * 3
+    assert [c.name for c in cut.closures] == ["shoulder", "socket"]
+
+
+@settings(max_examples=50, deadline=None)
+@given(end=st.integers(0, len(VALID) - 1), closed=st.booleans())
+def test_a_truncated_file_gives_a_condyn_error(fuzz_file, end, closed):
+    tail = "</model></sdf>" if closed else ""
+    only_a_model_or_a_condyn_error(fuzz_file, (VALID[:end] + tail).encode())
+
+
+@settings(max_examples=300, deadline=None)
+@given(edits=st.lists(st.tuples(st.integers(0, len(VALUES) - 1), STRANGE), min_size=1, max_size=3))
+def test_a_file_with_strange_values_gives_a_model_or_a_condyn_error(fuzz_file, edits):
+    pieces = list(PIECES)
+    for at, value in edits:
+        pieces[2 * at + 1] = value
+    text = "".join(pieces)
+    only_a_model_or_a_condyn_error(fuzz_file, text.encode("utf-8", "surrogatepass"))
+
+
+@settings(max_examples=300, deadline=None)
+@given(data=st.data())
+def test_a_file_with_elements_lost_or_moved_gives_a_model_or_a_condyn_error(fuzz_file, data):
+    sdf = ElementTree.fromstring(VALID)
+    for _ in range(data.draw(st.integers(1, 3))):
+        places = [(owner, element) for owner in sdf.iter() for element in owner]
+        if not places:
+            break
+        owner, element = data.draw(st.sampled_from(places))
+        if data.draw(st.booleans(), label="keep the element"):
+            to = data.draw(st.sampled_from([sdf, *(place[1] for place in places)]))
+            to.append(deepcopy(element))
+        else:
+            owner.remove(element)
+    only_a_model_or_a_condyn_error(fuzz_file, ElementTree.tostring(sdf))
+
+
+@settings(max_examples=50, deadline=None)
+@given(at=st.integers(0, len(VALID) - 1), byte=st.integers(0, 255))
+def test_a_file_with_a_wrong_byte_gives_a_model_or_a_condyn_error(fuzz_file, at, byte):
+    content = bytearray(VALID.encode())
+    content[at] = byte
+    only_a_model_or_a_condyn_error(fuzz_file, bytes(content))

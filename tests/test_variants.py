@@ -1,0 +1,311 @@
+"""Variants of a robot: pieces of a card merged over it; and joints that are locked."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from sdf_texts import joint, link, pose
+from shared import robot
+
+import condyn_pin as cp
+from condyn_pin._pin import HAS_LCABA, pin
+from condyn_pin.lock import lock_joints
+from condyn_pin.variants import chosen_card
+
+FREE, LOCKED = {"springs": "free"}, {"springs": "locked"}
+BALL, HINGE = {"achilles": "ball"}, {"achilles": "as_file"}
+SPRINGS = [
+    f"{s}-{name}" for s in ("left", "right") for name in ("knee-shin-joint", "tarsus-spring-joint")
+]
+
+# nv, rows, rank, mobility; the first and the third were measured with other programs as well
+CASSIES = {
+    "free ball": (FREE | BALL, (32, 12, 10, 22)),
+    "locked ball": (LOCKED | BALL, (28, 12, 10, 18)),
+    "free hinge": (FREE | HINGE, (32, 16, 14, 18)),
+    "locked hinge": (LOCKED | HINGE, (28, 16, 14, 14)),
+}
+
+
+@pytest.fixture(scope="module")
+def cassies() -> dict[str, cp.Robot]:
+    return {label: cp.load_robot("cassie", variant=v) for label, (v, _) in CASSIES.items()}
+
+
+@pytest.mark.parametrize("label", CASSIES)
+def test_cassies_variants_have_the_freedoms_of_their_joints(cassies, label):
+    cassie = cassies[label]
+    scene = cp.Scene(cassie, cassie.loops)
+    rank = scene.audit.rank
+    assert (cassie.nv, scene.rows, rank, cassie.nv - rank) == CASSIES[label][1]
+    assert cassie.mass == pytest.approx(32.94, abs=5e-5)
+
+
+@pytest.mark.parametrize("label", CASSIES)
+def test_cassies_variants_stand_with_their_loops_closed(cassies, label):
+    cassie = cassies[label]
+    scene = cp.Scene(cassie, cassie.loops)
+    q, v = scene.state("standing")
+    moved = np.abs(q - cassie.postures["standing"]).max()
+    assert moved < 1e-9 if "ball" in label else 0.01 < moved < 0.5
+    tau = cassie.passive_torque(q, v)
+    for solver in (cp.Reference(), *([cp.LCABA()] if HAS_LCABA else [])):
+        assert cp.solve(scene, q, v, tau, solver=solver).status.ok
+
+
+def test_the_default_variant_is_the_first_value_of_each_option():
+    cassie = robot("cassie")
+    assert cassie == cp.load_robot("cassie", variant={})
+    assert cassie == cp.load_robot("cassie", variant=FREE | BALL)
+    assert cassie.name == "cassie"
+    assert cp.load_robot("cassie", variant=LOCKED).name == "cassie, springs locked"
+
+
+def test_with_springs_locked_cassie_has_neither_springs_nor_their_coordinates(cassies):
+    free, locked = cassies["free ball"], cassies["locked ball"]
+    assert set(free.joints) - set(locked.joints) == set(SPRINGS)
+    assert locked.springs == ()
+    assert locked.actuated == free.actuated
+    assert locked.loops == free.loops
+    assert any("joints that are locked" in said and SPRINGS[0] in said for said in locked.unused)
+    at = {}
+    for cassie in (free, locked):
+        data = cassie.model.createData()
+        pin.framesForwardKinematics(cassie.model, data, cassie.postures["standing"])
+        at[cassie] = {f.name: data.oMf[i] for i, f in enumerate(cassie.model.frames)}
+    assert at[free].keys() == at[locked].keys()
+    for name, place in at[free].items():
+        np.testing.assert_allclose(place.homogeneous, at[locked][name].homogeneous, atol=1e-14)
+
+
+def test_the_mass_matrix_with_springs_locked_is_a_block_of_the_free_one(cassies):
+    free, locked = cassies["free ball"], cassies["locked ball"]
+    full, part = (
+        pin.crba(c.model, c.model.createData(), c.postures["standing"]) for c in (free, locked)
+    )
+    joints = [free.model.joints[free.model.getJointId(name)] for name in locked.joints]
+    rows = [i for joint in joints for i in range(joint.idx_v, joint.idx_v + joint.nv)]
+    np.testing.assert_allclose(np.triu(part), np.triu(full)[np.ix_(rows, rows)], atol=1e-13)
+
+
+def test_cassie_as_the_file_has_a_hinge_at_the_heel_spring(cassies):
+    kinds = {loop.name: loop.kind for loop in cassies["free hinge"].loops}
+    assert {n: k for n, k in kinds.items() if "achilles" in n} == {
+        f"{side}-achilles-spring-joint": "hinge" for side in ("left", "right")
+    }
+    assert {k for n, k in kinds.items() if "plantar" in n} == {"ball"}
+
+
+WRONG = {
+    "an unknown option": ({"spring": "free"}, "no variant named 'spring'; did you mean 'springs'"),
+    "an unknown value": (
+        {"springs": "lock"},
+        "robot.toml: no value of the variant 'springs' named 'lock'; did you mean 'locked'",
+    ),
+}
+
+
+@pytest.mark.parametrize(("variant", "says"), WRONG.values(), ids=WRONG)
+def test_an_unknown_variant_is_answered_with_the_near_ones(variant, says):
+    with pytest.raises(cp.UnknownName, match=says):
+        cp.load_robot("cassie", variant=variant)
+
+
+@pytest.mark.parametrize("variant", ["springs", {"springs": 3}, {1: "free"}, ["springs"], 3])
+def test_a_variant_that_is_no_mapping_of_names_is_refused(variant):
+    for name in ("cassie", "four_bar"):
+        with pytest.raises(cp.InvalidArgument, match="variant = "):
+            cp.load_robot(name, variant=variant)
+
+
+def test_robots_without_variants_say_so(tmp_path):
+    for name in ("four_bar", "talos"):
+        with pytest.raises(cp.UnknownName, match="no variant named 'springs'; known: none"):
+            cp.load_robot(name, variant=LOCKED)
+    (tmp_path / "arm.urdf").write_text("<robot name='arm'><link name='a'/></robot>")
+    with pytest.raises(cp.UnknownName, match="no variant named 'springs'"):
+        cp.load_robot(tmp_path / "arm.urdf", variant=LOCKED)
+    with pytest.raises(cp.UnknownName, match="no robot named 'cassi'"):
+        cp.load_robot("cassi", variant=LOCKED)
+
+
+# Cards ------------------------------------------------------------------------------------------
+
+
+def test_tables_are_merged_lists_grow_and_the_rest_is_replaced():
+    card = {
+        "name": "x",
+        "description": {"file": "a.sdf", "drop": ["j"], "kinds": {"j": "ball", "k": "ball"}},
+        "postures": {"home": {"j": 1.0, "base": [0.0, 0.0, 1.0]}},
+        "variants": {
+            "one": {"a": {}, "b": {"description": {"drop": ["k"], "kinds": {"k": "fixed"}}}},
+            "two": {
+                "c": {"licence": "l"},
+                "d": {"description": {"drop": ["m"], "file": "b.sdf"}},
+                "e": {"postures": {"home": {"base": [0.0, 0.0, 2.0]}}},
+            },
+        },
+    }
+    assert chosen_card(card, {}) == {
+        "name": "x",
+        "licence": "l",
+        "description": card["description"],
+        "postures": card["postures"],
+    }
+    both = chosen_card(card, {"one": "b", "two": "d"})
+    assert both["description"] == {
+        "file": "b.sdf", "drop": ["j", "k", "m"], "kinds": {"j": "ball", "k": "fixed"}
+    }  # fmt: skip
+    assert both["name"] == "x, one b, two d"
+    higher = chosen_card(card, {"two": "e"})["postures"]["home"]
+    assert higher == {"j": 1.0, "base": [0.0, 0.0, 2.0]}
+    assert card["description"]["drop"] == ["j"]  # the card itself stays as it is
+
+
+CARD = 'name = "x"\nsource = "s"\nlicence = "l"\n[description]\nfile = "arm.urdf"\n'
+CARDS = {
+    "variants is a number": ("variants = 3\n" + CARD, "the entry variants = 3"),
+    "an option is a number": (CARD + "[variants]\nspeed = 3", "variants.speed"),
+    "an option without values": (CARD + "[variants.speed]", "variants.speed"),
+    "a value is a number": (CARD + "[variants.speed]\nfast = 3", "variants.speed"),
+    "a table in place of a value": (
+        CARD + "[variants.speed.fast.description]\nfile = { a = 1 }",
+        r"variants.speed.fast.description.file = \{'a': 1\} does not fit",
+    ),
+    "a number in place of a table": (
+        CARD + "[variants.speed.fast]\ndescription = 3",
+        "variants.speed.fast.description = 3",
+    ),
+    "an unknown entry": (CARD + "[variants.speed.fast]\nweight = 3", "no entry named 'weight'"),
+    "a joint to lock that is not there": (CARD + 'lock = ["k"]', "no joint named 'k'"),
+    "a word in place of joints to lock": (CARD + 'lock = "j"', "lock = 'j': a list"),
+    "numbers to lock": (CARD + "lock = [1]", r"lock = \[1\]"),
+    "all joints to lock": (CARD + 'lock = ["j"]', "leave one that moves"),
+    "as_file for a URDF": (CARD + "as_file = true", "description.as_file is for an SDF"),
+}
+
+
+@pytest.mark.parametrize(("text", "says"), CARDS.values(), ids=CARDS)
+def test_a_wrong_card_is_refused_with_the_entry(tmp_path, text, says):
+    inertial = (
+        "<inertial><mass value='1'/><inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/>"
+        "</inertial>"
+    )
+    (tmp_path / "robot.toml").write_text(text)
+    (tmp_path / "arm.urdf").write_text(
+        f"<robot name='arm'><link name='a'/><link name='b'>{inertial}</link>"
+        "<joint name='j' type='continuous'><parent link='a'/><child link='b'/></joint></robot>"
+    )
+    with pytest.raises(cp.CondynError, match=rf"robot\.toml: .*{says}"):
+        cp.load_robot(tmp_path)
+
+
+# What a card says about an SDF -----------------------------------------------------------------
+
+
+def ring_card(folder, description: str = "") -> None:
+    """Write a robot whose three links are in a ring, the last joint from c to b."""
+    body = "".join(map(link, "abc")) + joint("ab", "a", "b") + joint("cb", "c", "b", "ball")
+    body += joint("ac", "a", "c")
+    (folder / "ring.sdf").write_text(f'<sdf version="1.9"><model name="m">{body}</model></sdf>')
+    (folder / "robot.toml").write_text(
+        'name = "ring"\nsource = "s"\nlicence = "l"\nactuated = ["ab"]\n'
+        f'[description]\nfile = "ring.sdf"\nsrdf = "ring.srdf"\n{description}'
+    )
+    (folder / "ring.srdf").write_text(
+        "<robot name='ring'><group_state name='home' group='all'><joint name='ab' value='0.5'/>"
+        f"<joint name='cb' value='{' '.join(map(str, QUATERNION))}'/></group_state></robot>"
+    )
+
+
+QUATERNION = [0.1, 0.7, -0.5, 0.5]  # x y z w, of norm 1
+
+
+def test_a_card_may_open_every_loop_as_pinocchio_s_parser_does(tmp_path):
+    ring_card(tmp_path, "as_file = true")
+    ring = cp.load_robot(tmp_path)
+    assert (ring.nv, [(loop.name, loop.kind) for loop in ring.loops]) == (5, [("cb", "weld")])
+    assert ring.mass == 6.0
+    ring_card(tmp_path, "as_file = 3")
+    with pytest.raises(cp.InvalidArgument, match=r"robot\.toml: as_file = 3"):
+        cp.load_robot(tmp_path)
+    ring_card(tmp_path, 'as_file = true\ncut = ["cb"]')
+    with pytest.raises(cp.InvalidArgument, match=r"robot\.toml: cut = \['cb'\]: with as_file"):
+        cp.load_robot(tmp_path)
+
+
+def test_a_card_may_name_the_joint_to_cut_and_motors_are_kept(tmp_path):
+    ring_card(tmp_path, 'cut = ["ac"]')
+    assert [loop.name for loop in cp.load_robot(tmp_path).loops] == ["ac"]
+    ring_card(tmp_path, 'cut = ["ab"]')
+    with pytest.raises(cp.InvalidModel, match="'ab' cannot be cut: it is actuated"):
+        cp.load_robot(tmp_path)
+
+
+def test_the_quaternion_of_a_ball_that_is_reversed_is_inverted_in_postures_of_an_srdf(tmp_path):
+    ring_card(tmp_path, 'root = "a"\ncut = ["ac"]')  # a, b, and c below b
+    q = cp.load_robot(tmp_path).postures["home"]
+    np.testing.assert_allclose(q, [0.5, -0.1, -0.7, 0.5, 0.5], atol=1e-15)
+    ring_card(tmp_path, 'root = "c"\ncut = ["ac"]')  # c, b, and a below b
+    q = cp.load_robot(tmp_path).postures["home"]
+    np.testing.assert_allclose(q, [*QUATERNION, 0.5], atol=1e-15)
+
+
+# Locked joints ----------------------------------------------------------------------------------
+
+
+def test_a_joint_is_locked_where_its_spring_rests():
+    cassie = robot("cassie")
+    spring = dataclasses.replace(cassie.springs[0], reference=0.3)
+    bent = dataclasses.replace(cassie, springs=[spring, *cassie.springs[1:]])
+    locked = lock_joints(bent, [spring.joint, "left-foot-op"])
+    q = pin.neutral(cassie.model)
+    q[cassie.model.joints[cassie.model.getJointId(spring.joint)].idx_q] = 0.3
+    for name in ("left-foot", "left-tarsus", "right-foot"):
+        at = []
+        for model, where in ((cassie.model, q), (locked.model, pin.neutral(locked.model))):
+            data = model.createData()
+            pin.framesForwardKinematics(model, data, where)
+            at.append(data.oMf[model.getFrameId(name)].homogeneous)
+        np.testing.assert_allclose(at[1], at[0], atol=1e-14)
+    assert "left-foot-op" not in locked.actuated
+    assert len(locked.springs) == 3
+
+
+def test_rotors_of_the_joints_that_are_left_stay():
+    talos = robot("talos")
+    locked = lock_joints(talos, ["arm_left_1_joint"])
+    joint = locked.model.joints[locked.model.getJointId("leg_left_4_joint")]
+    assert locked.model.armature[joint.idx_v] == pytest.approx(0.1)
+    assert locked.nv == talos.nv - 1
+
+
+def test_coupled_joints_are_locked_together():
+    talos = robot("talos")
+    arms = [f"arm_{side}_1_joint" for side in ("left", "right")]
+    coupled = dataclasses.replace(talos, loops=[cp.Coupling(*arms, name="both arms")])
+    with pytest.raises(cp.InvalidModel, match="'both arms'; lock both"):
+        lock_joints(coupled, arms[:1])
+    assert lock_joints(coupled, arms).loops == ()
+    assert lock_joints(coupled, ["torso_1_joint"]).loops == coupled.loops
+
+
+def test_a_loop_of_locked_joints_is_gone_if_closed_and_refused_if_open(read):
+    # a, b, c and d in a row, a ball from a to c one metre off the axes, and c held by the world
+    row = "".join(map(link, "abcd"))
+    row += joint("ab", "a", "b") + joint("bc", "b", "c") + joint("cd", "c", "d")
+    said = read(row + joint("ac", "a", "c", "ball", pose("1 0 0 0 0 0")))
+    loops = [cp.Loop("ac_a", "ac_b", name="ac"), cp.Loop("world", "c")]
+    whole = cp.Robot("row", said.model, loops=loops)
+    locked = lock_joints(whole, ["ab", "bc"])
+    assert (locked.joints, locked.loops) == (("cd",), ())
+    assert lock_joints(whole, ["ab"]).loops == whole.loops
+    bent = dataclasses.replace(whole, springs=[cp.Spring("ab", 1.0, 0.1)])
+    with pytest.raises(cp.InvalidModel, match=r"'ac' would be held open by 0\.0998 m"):
+        lock_joints(bent, ["ab", "bc"])
+
+
+def test_nothing_to_lock_is_the_same_robot():
+    assert lock_joints(robot("talos"), []) is robot("talos")
