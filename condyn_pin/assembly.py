@@ -202,7 +202,7 @@ def _best(
             moved = np.abs(pin.difference(closer.equations.model, start, end.q)).max()
             if not flipped or (branch is None and moved > tolerances.REACH):
                 return end, iterations, AssemblyStatus.CLOSED, ()
-        if best is None or end.size < min(best.size, tolerances.CLOSED):
+        if best is None or (best.size > tolerances.CLOSED and end.size <= best.size):
             best = end
     assert best is not None
     if best.size <= tolerances.CLOSED:

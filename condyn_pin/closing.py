@@ -5,8 +5,8 @@ With c(q) the gap and J its Jacobian, Levenberg-Marquardt on the manifold,
     dq = -J^T (J J^T + mu I)^-1 c,     q <- q (+) dq,     mu = nu |c|^2,
 
 (+) being `pin.integrate`. With mu in proportion to |c|^2 it converges quadratically also where rows
-are redundant. nu grows when a step does not close the gap, and falls when it does; a joint at a
-limit that the step would push through is left out of the step.
+are redundant. nu grows when a step closes less of the gap than the linear model promised, and falls
+when it keeps the promise; a joint at a limit that the step would push through is left out of it.
 
 Where this ends with a gap, or somewhere else than it should, the gap is closed in small shares,
 
@@ -38,11 +38,13 @@ from condyn_pin.equations import Equations
 _DONE = 1e-13  # |c|: rounding, for robots of some metres [m, rad]
 _FLOOR = 1e-15  # of mu, relative to the trace of J J^T: redundant rows leave it singular
 _STATIONARY = 1e-8  # |J^T c| relative to |J| |c|
+_STILL = 1e-10  # share of |c| that a step gains where nothing is to be gained any more
 _LONGEST_MOVE = 0.5  # of any joint in one iteration [rad, m]
 _LONGEST_SHARE_MOVE = 0.3  # of any joint while one share is closed [rad, m]
 _SMALLEST_SHARE = 1 / 256  # of the gap
 _NUDGES = (0.1, 0.2, 0.3, 0.4, 0.5)  # standard deviation of each joint [rad, m]
 _LAST_STEPS = 400  # to where the gap is stationary
+_TINY = 1e-300  # a gain is never divided by zero
 _REJECTIONS = 15  # in a row, each with ten times the damping
 
 
@@ -186,9 +188,14 @@ class Closer:
                 nu *= 10.0
             else:
                 return Closing(q, c, iterations, True)
-            nu = 0.1 * nu if size_nearer < 0.5 * size else nu
+            # what came of the step, relative to what the linear model promised
+            promised = size**2 - float(np.linalg.norm(c + J @ step)) ** 2
+            gain = (size**2 - size_nearer**2) / max(promised, _TINY)
+            nu *= 4.0 if gain < 0.25 else 0.1 if gain > 0.75 else 1.0
             q, c = nearer, c_nearer
             iterations += 1
+            if size - size_nearer < _STILL * size and size > tolerances.CLOSED:
+                return Closing(q, c, iterations, True)
         return Closing(q, c, iterations, size <= tolerances.CLOSED)
 
     def follow(self, q: Array) -> Closing:

@@ -163,6 +163,26 @@ def test_what_cannot_be_reached_ends_at_the_smallest_gap(rocker):
     assert np.array_equal(copy.assembly.q, assembly.q)
 
 
+def test_random_four_bars_reach_what_trigonometry_says():
+    """With the crank held, coupler and rocker meet, or end in line with the smallest gap."""
+    rng = np.random.default_rng(7)
+    reached = 0
+    for _ in range(60):
+        ground, crank, coupler, rocker = rng.uniform(0.3, 1.0, 4)
+        bar = cp.four_bar(ground=ground, crank=crank, coupler=coupler, rocker=rocker)
+        scene = cp.Scene(bar, bar.loops)
+        start = rng.uniform(-np.pi, np.pi, 3)
+        across = math.hypot(ground - crank * math.cos(start[0]), crank * math.sin(start[0]))
+        gap_there = max(across - coupler - rocker, abs(coupler - rocker) - across)
+        assembly = scene.assemble(start, fixed=["crank"], throw=False)
+        assert assembly.closed == (gap_there <= 0)
+        reached += assembly.closed
+        if gap_there > 0:
+            assert assembly.gap["coupler_rocker"].length == pytest.approx(gap_there, abs=1e-5)
+            assert assembly.status is cp.AssemblyStatus.UNREACHABLE
+    assert 20 < reached < 55
+
+
 def test_throw_false_returns_the_same_assembly():
     scene, start = bar_scene(), np.array([1.0, -0.5, 0.2])
     with pytest.raises(cp.NotAssembled) as error:
