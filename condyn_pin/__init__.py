@@ -47,8 +47,10 @@ if TYPE_CHECKING:
     from condyn_pin.ladders import LADDERS as LADDERS
     from condyn_pin.load import available_robots as available_robots
     from condyn_pin.load import load_robot as load_robot
-    from condyn_pin.mechanisms import four_bar as four_bar
-    from condyn_pin.mechanisms import pendulum as pendulum
+    from condyn_pin.mechanisms.chain import chain as chain
+    from condyn_pin.mechanisms.four_bar import four_bar as four_bar
+    from condyn_pin.mechanisms.n_four_bar import n_four_bar as n_four_bar
+    from condyn_pin.mechanisms.pendulum import pendulum as pendulum
     from condyn_pin.minimal import Minimal as Minimal
     from condyn_pin.proof import Proof as Proof
     from condyn_pin.rank import Rank as Rank
@@ -99,7 +101,10 @@ _HOME = {
     "ladder_table": ("LadderTable",),
     "ladders": ("LADDERS",),
     "load": ("available_robots", "load_robot"),
-    "mechanisms": ("four_bar", "pendulum"),
+    "mechanisms.chain": ("chain",),
+    "mechanisms.four_bar": ("four_bar",),
+    "mechanisms.n_four_bar": ("n_four_bar",),
+    "mechanisms.pendulum": ("pendulum",),
     "minimal": ("Minimal",),
     "proof": ("Proof",),
     "rank": ("Rank",),

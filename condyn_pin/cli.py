@@ -59,10 +59,13 @@ def options(
 
 @app.command()
 def robots() -> None:
-    """List what can be loaded."""
+    """List what can be loaded; `condyn show` has source and licence in full."""
     from condyn_pin.load import available_robots
 
-    table = Table("robot", "nq", "nv", "mass [kg]", "loops", "postures", "source", "licence")
+    table = Table("robot", "nq", "nv", "mass [kg]", "loops", "postures", "file", "licence")
+    for column in table.columns[1:5]:
+        column.justify = "right"
+    table.columns[6].overflow = "fold"  # a name that is cut helps nobody
     for load in available_robots().values():
         robot = load()
         table.add_row(
@@ -72,8 +75,8 @@ def robots() -> None:
             f"{robot.mass:.4f}",
             str(len(robot.loops)),
             ", ".join(robot.postures),
-            robot.source,
-            robot.licence,
+            Path(robot.source).name,
+            robot.licence.split(" (")[0],
         )
     console.print(table)
 

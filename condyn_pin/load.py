@@ -8,6 +8,7 @@ leave out: loops, contacts, motors, postures, the licence.
     [description]  file (in example-robot-data, or beside the toml), srdf, root_joint
                    ("free_flyer" or "fixed"), rotors = true, lock = ["joint", ...];
                    for SDF also root, kinds, drop, cut, as_file: see `io.sdf.read_sdf`
+    [[frames]]     name, parent, translation, rotation: more frames, see `Robot.with_frame`
     [[loops]]      kind and the fields of `Loop`; or kind = "coupling" and those of `Coupling`
                    (an SDF brings its own)
     [[contacts]]   kind = "point", "surface", "line" or "planar", and the fields of that class
@@ -40,7 +41,8 @@ from condyn_pin.spring import Spring
 from condyn_pin.variants import check_variant, chosen_card
 
 _CARD = (
-    "name", "source", "licence", "actuated", "description", "loops", "contacts", "postures",
+    "name", "source", "licence", "actuated", "description", "frames", "loops", "contacts",
+    "postures",
 )  # fmt: skip
 _FOR_SDF = ("root", "kinds", "drop", "cut", "as_file")
 _DESCRIPTION = ("file", "srdf", "root_joint", "rotors", "lock", *_FOR_SDF)
@@ -175,6 +177,8 @@ def _from_card(card: Mapping[str, Any], folder: Path) -> Robot:
     if "actuated" in card:
         fields["actuated"] = tuple(card["actuated"])
     robot = Robot(card["name"], source=card["source"], licence=card["licence"], **fields)
+    for table in card.get("frames", ()):
+        robot = robot.with_frame(**table)
     return lock_joints(robot, description.get("lock", ()))
 
 

@@ -105,7 +105,7 @@ class Robot:
 
     @property
     def mass(self) -> float:
-        """Total mass [kg]."""
+        """Total mass [kg], with what is fixed to the world."""
         return float(sum(inertia.mass for inertia in self.model.inertias))
 
     @property

@@ -25,6 +25,8 @@ def test_robots_lists_every_robot_with_its_licence():
         assert name in output
     assert "32.9400" in output
     assert "Apache-2.0" in output
+    assert "stewart.xml" in output
+    assert "…" not in output
 
 
 def test_show_names_the_redundant_rows():
