@@ -14,9 +14,13 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from condyn_pin.assembly import Assembly as Assembly
+    from condyn_pin.assembly import AssemblyStatus as AssemblyStatus
     from condyn_pin.audit import Audit as Audit
+    from condyn_pin.check import Check as Check
     from condyn_pin.climbing import Ladder as Ladder
     from condyn_pin.climbing import ladder as ladder
+    from condyn_pin.completion import CompleteState as CompleteState
     from condyn_pin.constraints import Constraint as Constraint
     from condyn_pin.constraints import Coupling as Coupling
     from condyn_pin.constraints import Loop as Loop
@@ -26,6 +30,7 @@ if TYPE_CHECKING:
     from condyn_pin.contacts import SurfaceContact as SurfaceContact
     from condyn_pin.differentiation.base import Derivatives as Derivatives
     from condyn_pin.equations import Terms as Terms
+    from condyn_pin.errors import BranchChanged as BranchChanged
     from condyn_pin.errors import BrokenPinocchio as BrokenPinocchio
     from condyn_pin.errors import CondynError as CondynError
     from condyn_pin.errors import DerivativesDisagree as DerivativesDisagree
@@ -39,6 +44,7 @@ if TYPE_CHECKING:
     from condyn_pin.errors import UnknownName as UnknownName
     from condyn_pin.errors import UnsupportedBackend as UnsupportedBackend
     from condyn_pin.errors import UnsupportedConstraint as UnsupportedConstraint
+    from condyn_pin.gaps import Gap as Gap
     from condyn_pin.ladder_table import LadderTable as LadderTable
     from condyn_pin.ladders import LADDERS as LADDERS
     from condyn_pin.load import available_robots as available_robots
@@ -49,6 +55,7 @@ if TYPE_CHECKING:
     from condyn_pin.mechanisms.pendulum import pendulum as pendulum
     from condyn_pin.minimal import Minimal as Minimal
     from condyn_pin.proof import Proof as Proof
+    from condyn_pin.rank import Rank as Rank
     from condyn_pin.reduction import ReducedScene as ReducedScene
     from condyn_pin.robot import Robot as Robot
     from condyn_pin.scene import Scene as Scene
@@ -70,13 +77,17 @@ if TYPE_CHECKING:
     from condyn_pin.workspace import Workspace as Workspace
 
 _HOME = {
+    "assembly": ("Assembly", "AssemblyStatus"),
     "audit": ("Audit",),
+    "check": ("Check",),
+    "completion": ("CompleteState",),
     "climbing": ("Ladder", "ladder"),
     "constraints": ("Constraint", "Coupling", "Loop"),
     "contacts": ("LineContact", "PlanarContact", "PointContact", "SurfaceContact"),
     "differentiation.base": ("Derivatives",),
     "equations": ("Terms",),
     "errors": (
+        "BranchChanged",
         "BrokenPinocchio",
         "CondynError",
         "DerivativesDisagree",
@@ -91,6 +102,7 @@ _HOME = {
         "UnsupportedBackend",
         "UnsupportedConstraint",
     ),
+    "gaps": ("Gap",),
     "ladder_table": ("LadderTable",),
     "ladders": ("LADDERS",),
     "load": ("available_robots", "load_robot"),
@@ -100,6 +112,7 @@ _HOME = {
     "mechanisms.pendulum": ("pendulum",),
     "minimal": ("Minimal",),
     "proof": ("Proof",),
+    "rank": ("Rank",),
     "reduction": ("ReducedScene",),
     "robot": ("Robot",),
     "scene": ("Scene",),

@@ -42,7 +42,8 @@ def test_python_blocks_run_in_one_session(capsys):
 
 
 @pytest.mark.parametrize("line", [line for line in commands() if line.startswith("condyn ")])
-def test_condyn_commands_run(line):
+def test_condyn_commands_run(line, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     result = CliRunner().invoke(app, shlex.split(line)[1:])
     assert result.exit_code == 0, result.output
 
