@@ -131,7 +131,7 @@ def test_nothing_moves_and_it_says_so():
 def test_a_joint_with_nothing_but_an_armature_is_named():
     model = pin.Model()
     arm = model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), "arm")
-    model.appendBodyToJoint(arm, pin.Inertia.Random(), pin.SE3.Identity())
+    model.appendBodyToJoint(arm, pin.Inertia.FromBox(1.0, 0.2, 0.3, 0.4), pin.SE3.Identity())
     model.addJoint(arm, pin.JointModelRZ(), pin.SE3.Identity(), "rotor")
     model.armature = np.array([0.0, 0.1])
     notes = cp.Scene(cp.Robot("arm", model)).summary().notes

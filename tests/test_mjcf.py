@@ -436,7 +436,7 @@ def test_what_mujoco_has_not_is_refused_by_name():
         shared_robot("pendulum").to_mjcf()
     model = pin.Model()
     joint = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "table")
-    model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
+    model.appendBodyToJoint(joint, pin.Inertia.FromBox(1.0, 0.2, 0.3, 0.4), pin.SE3.Identity())
     with pytest.raises(cp.InvalidModel, match="'table' is a JointModelPlanar"):
         cp.Robot("puck", model).to_mjcf()
     model = pin.Model()
