@@ -80,5 +80,13 @@ def test_table_is_the_one_of_the_committed_results(monkeypatch):
     assert results.with_table(README, table) == README
 
 
+def test_ladders_are_those_of_the_committed_results(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    import ladder
+
+    tables = ladder.load(ROOT / "benchmarks" / "results" / "ladder.json")
+    assert ladder.with_ladders(README, tables) == README
+
+
 def test_changelog_has_this_version():
     assert f"## [{cp.__version__}]" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
