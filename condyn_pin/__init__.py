@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from condyn_pin.contacts import PointContact as PointContact
     from condyn_pin.contacts import SurfaceContact as SurfaceContact
     from condyn_pin.differentiation.base import Derivatives as Derivatives
+    from condyn_pin.drift import Baumgarte as Baumgarte
     from condyn_pin.equations import Terms as Terms
     from condyn_pin.errors import BranchChanged as BranchChanged
     from condyn_pin.errors import BrokenPinocchio as BrokenPinocchio
@@ -85,6 +86,7 @@ _HOME = {
     "constraints": ("Constraint", "Coupling", "Loop"),
     "contacts": ("LineContact", "PlanarContact", "PointContact", "SurfaceContact"),
     "differentiation.base": ("Derivatives",),
+    "drift": ("Baumgarte",),
     "equations": ("Terms",),
     "errors": (
         "BranchChanged",

@@ -21,6 +21,7 @@ from condyn_pin.arrays import Array
 from condyn_pin.bound import FRAME, POINT, Bound, Coupled
 from condyn_pin.couplings import Couplings
 from condyn_pin.cut_joints import CutJoints
+from condyn_pin.drift import Baumgarte
 from condyn_pin.frames import WorldContacts, Wrenches
 from condyn_pin.loops import Balls, Weld
 
@@ -62,12 +63,15 @@ class Equations:
     ----------
     model : pin.Model
     bounds : sequence of Bound or Coupled
+    drift : Baumgarte, optional
     """
 
-    def __init__(self, model: Any, bounds: Sequence[Bound | Coupled]) -> None:
+    def __init__(
+        self, model: Any, bounds: Sequence[Bound | Coupled], drift: Baumgarte | None = None
+    ) -> None:
         self.model = model
         self.data = model.createData()
-        self.bounds = tuple(bounds)
+        self.bounds, self.drift = tuple(bounds), drift
         self.m = sum(bound.size for bound in bounds)
         pairs = [b for b in bounds if isinstance(b, Bound)]
         self.sign = np.ones(self.m)
@@ -113,7 +117,10 @@ class Equations:
         M = np.array(pin.crba(model, data, q))
         h = np.array(pin.nonLinearEffects(model, data, q, v))
         self.motion(q, v, self._still)
-        return Terms(M, h, self._jacobian(q), self._acceleration.copy(), np.zeros(self.m))
+        gamma, a_ref = self._acceleration.copy(), np.zeros(self.m)
+        if self.drift:
+            a_ref -= self.drift.Kd * self._velocity + self.drift.Kp * self._c
+        return Terms(M, h, self._jacobian(q), gamma, a_ref)
 
     def jacobian(self, q: Array) -> Array:
         """Return J (m, nv)."""
@@ -149,6 +156,8 @@ class Equations:
             The largest of |M a + h - tau - J^T lam|, |a|, |c|, |J v| and |J a + gamma - a_ref|.
         """
         self.motion(q, v, a)
+        if self.drift:
+            self._acceleration += self.drift.Kd * self._velocity + self.drift.Kp * self._c
         f1 = lam * self.sign if self._flipped else lam
         for loops in self._loops:
             loops.turn(f1, self._f2)

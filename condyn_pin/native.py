@@ -32,7 +32,7 @@ class Native:
     name : str
     size : int
         3 or 6.
-    joint1, placement1, joint2, placement2
+    joint1, placement1, joint2, placement2, anchored
         As in `Bound`.
     """
 
@@ -42,6 +42,7 @@ class Native:
     placement1: Any
     joint2: int
     placement2: Any
+    anchored: bool
 
     def to_pinocchio(self, model: Any) -> Any:
         """Return the RigidConstraintModel."""
@@ -103,6 +104,7 @@ def _native(bound: Bound, size: int, d: Array) -> Native:
         bound.placement1 * shift,
         bound.joint2,
         bound.placement2 * shift,
+        bound.anchored,
     )
 
 

@@ -68,7 +68,10 @@ class KktDerivatives(Derivatives):
             factors = factorise(linearisation.mass_matrix(q), of.J, tolerances.RANK)
             N = factors.U[:, factors.rank :]
             w = np.asarray(np.linalg.lstsq(of.J, lam, rcond=tolerances.RANK)[0], dtype=np.float64)
-            dJ_w = linearisation.at(q, np.zeros_like(w), w, np.zeros_like(lam)).s_q
+            still, no_force = np.zeros_like(w), np.zeros_like(lam)
+            dJ_w = linearisation.at(q, still, w, no_force).s_q
+            if workspace.drift:  # what it adds at rest is no part of J w
+                dJ_w = dJ_w - linearisation.at(q, still, still, no_force).s_q
             self._null = N @ (N.T @ dJ_w)
         self._factors = factors
 

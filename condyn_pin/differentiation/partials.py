@@ -72,9 +72,9 @@ def of_weld(one: End, two: End, c1Mc2: Any, lam: Array) -> Partials:
     X_J2 = X @ two.J
     J = one.J - X_J2
     v2, a2 = X @ two.v, X @ two.a
-    by_v2, by_slip = _cross(v2), _cross(one.v - v2)
+    by_v2, by_slip = spatial_cross(v2), spatial_cross(one.v - v2)
     v2_q = by_v2 @ J + X @ two.v_q
-    s_q = one.a_q - _cross(a2) @ J - X @ two.a_q
+    s_q = one.a_q - spatial_cross(a2) @ J - X @ two.a_q
     s_q += by_slip @ v2_q - by_v2 @ (one.v_q - v2_q)
     s_v = one.a_v - X @ two.a_v + by_slip @ X_J2 - by_v2 @ J
     F, T = _skew(lam[:3]), _skew(lam[3:])
@@ -168,7 +168,7 @@ def _of_rod(one: End, two: End, R: Array, r: Array, of: _Slip, lam: float) -> Pa
     return Partials((n @ of.J)[None], s_q[None], s_v[None], force)
 
 
-def _cross(x: Array) -> Array:
+def spatial_cross(x: Array) -> Array:
     """Return the matrix of the spatial cross product x times."""
     v, w = _skew(x[:3]), _skew(x[3:])
     return np.block([[w, v], [np.zeros((3, 3)), w]])
