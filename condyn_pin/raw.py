@@ -13,7 +13,7 @@ from condyn_pin import _pin
 from condyn_pin._pin import pin
 from condyn_pin.drift import Baumgarte
 from condyn_pin.errors import StaleModel
-from condyn_pin.native import Native
+from condyn_pin.rows.native import Native
 
 
 def _refuse(*_: Any) -> NoReturn:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from condyn_pin.arrays import Array
-from condyn_pin.bound import Bound, Coupled
-from condyn_pin.equations import Equations
 from condyn_pin.proof import Proof
+from condyn_pin.rows.bound import Bound, Coupled
+from condyn_pin.rows.equations import Equations
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene

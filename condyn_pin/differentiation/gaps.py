@@ -14,8 +14,8 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.bound import Bound
 from condyn_pin.differentiation.partials import End, spatial_cross
+from condyn_pin.rows.bound import Bound
 
 _skew = pin.skew
 

@@ -19,7 +19,6 @@ import numpy as np
 
 from condyn_pin._pin import LOCAL, pin
 from condyn_pin.arrays import Array
-from condyn_pin.bound import POINT, Bound, Coupled
 from condyn_pin.differentiation.gaps import gap_of
 from condyn_pin.differentiation.partials import (
     End,
@@ -30,6 +29,7 @@ from condyn_pin.differentiation.partials import (
     of_weld,
 )
 from condyn_pin.drift import Baumgarte
+from condyn_pin.rows.bound import POINT, Bound, Coupled
 
 
 class Linearised(NamedTuple):
