@@ -22,15 +22,25 @@ def default_solver(scene: Scene) -> Solver:
     return Reference() if scene.audit.redundant else DenseKKT()
 
 
+def untaken(scene: Scene, solver: Solver) -> tuple[str, ...]:
+    """Return the names of the constraints whose kind a solver cannot take."""
+    natives = scene.natives
+    if solver.takes_every_kind:
+        return ()
+    return natives.missing if solver.takes_imitated else natives.imitated + natives.missing
+
+
 def check_kinds(scene: Scene, solver: Solver) -> None:
     """Raise `UnsupportedConstraint` if a solver cannot take a kind of constraint of the scene."""
-    missing = scene.natives.missing
-    if missing and not solver.takes_every_kind:
+    names = untaken(scene, solver)
+    if names:
         able = " or ".join(
-            f"{kind.__name__}()" for kind in SOLVERS.values() if kind.takes_every_kind
+            f"{kind.__name__}()"
+            for kind in SOLVERS.values()
+            if kind.exact and (kind.takes_every_kind or not untaken(scene, kind()))
         )
+        takes = "points, welds, hinges and edges" if solver.takes_imitated else "points and welds"
         raise UnsupportedConstraint(
-            f"{type(solver).__name__} takes points, welds, hinges and edges: Pinocchio has "
-            f"constraints of 3 and of 6 rows, and {', '.join(missing)} cannot be made of those; "
-            f"use {able}"
+            f"{type(solver).__name__} takes {takes}: Pinocchio has constraints of 3 and of 6 rows, "
+            f"and {', '.join(names)} cannot be made of those; use {able}"
         )

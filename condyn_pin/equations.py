@@ -120,6 +120,11 @@ class Equations:
         self.motion(q, self._still, self._still)
         return self._jacobian(q)
 
+    def drift(self, q: Array, v: Array) -> Array:
+        """Return gamma = Jdot v (m,)."""
+        self.motion(q, v, self._still)
+        return self._acceleration.copy()
+
     def violation(self, q: Array) -> Array:
         """Return c(q) (m,)."""
         self.motion(q, self._still, self._still)
