@@ -34,13 +34,11 @@ def check_kinds(scene: Scene, solver: Solver) -> None:
     """Raise `UnsupportedConstraint` if a solver cannot take a kind of constraint of the scene."""
     names = untaken(scene, solver)
     if names:
-        able = " or ".join(
-            f"{kind.__name__}()"
-            for kind in SOLVERS.values()
-            if kind.exact and (kind.takes_every_kind or not untaken(scene, kind()))
-        )
+        able = ["Proximal()"]
+        if scene.natives.missing:
+            able = [f"{k.__name__}()" for k in SOLVERS.values() if k.takes_every_kind and k.exact]
         takes = "points, welds, hinges and edges" if solver.takes_imitated else "points and welds"
         raise UnsupportedConstraint(
             f"{type(solver).__name__} takes {takes}: Pinocchio has constraints of 3 and of 6 rows, "
-            f"and {', '.join(names)} cannot be made of those; use {able}"
+            f"and {', '.join(names)} cannot be made of those; use {' or '.join(able)}"
         )

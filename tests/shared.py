@@ -121,3 +121,8 @@ def relative(a: np.ndarray, b: np.ndarray, floor: float = 9.81) -> float:
 
 each_scene = pytest.mark.parametrize("label", list(all_scenes()))
 each_solver = pytest.mark.parametrize("solver", [s() for s in SOLVERS.values()], ids=list(SOLVERS))
+each_exact_solver = pytest.mark.parametrize(
+    "solver",
+    [s() for s in SOLVERS.values() if s.exact],
+    ids=[name for name, s in SOLVERS.items() if s.exact],
+)

@@ -52,14 +52,14 @@ def test_show_prints_and_draws_a_ladder(tmp_path):
 def test_solve_prints_json_that_equals_the_library(solver):
     words = ("solve", "talos", "--contacts", "left_sole_link,right_sole_link", "--json")
     result = run(*words, "--solver", solver)
-    assert result.exit_code == 0, result.output
-    answer = json.loads(result.output)
+    assert result.exit_code == (0 if SOLVERS[solver].exact else 1), result.output
+    answer = json.loads(result.stdout)
     talos = cp.load_robot("talos")
     scene = cp.Scene(talos, talos.contacts)
     q, v = scene.state()
-    solution = cp.solve(scene, q, v, 0 * v, solver=cp.SOLVERS[solver]())
+    solution = cp.solve(scene, q, v, 0 * v, solver=cp.SOLVERS[solver](), throw=False)
     assert answer["a"] == solution.a.tolist()
-    assert answer["status"] == "ok"
+    assert answer["status"] == ("ok" if SOLVERS[solver].exact else "inaccurate")
     assert answer["forces"]["left_sole_link"] == solution.forces["left_sole_link"].tolist()
 
 
