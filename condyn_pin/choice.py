@@ -22,6 +22,13 @@ def default_solver(scene: Scene) -> Solver:
     return Reference() if scene.audit.redundant else DenseKKT()
 
 
+def kinds_of(solver: type[Solver]) -> str:
+    """Return in words which kinds of constraints a solver takes."""
+    if solver.takes_every_kind:
+        return "every kind"
+    return "points, welds, hinges and edges" if solver.takes_imitated else "points and welds"
+
+
 def untaken(scene: Scene, solver: Solver) -> tuple[str, ...]:
     """Return the names of the constraints whose kind a solver cannot take."""
     natives = scene.natives
@@ -37,8 +44,8 @@ def check_kinds(scene: Scene, solver: Solver) -> None:
         able = ["Proximal()"]
         if scene.natives.missing:
             able = [f"{k.__name__}()" for k in SOLVERS.values() if k.takes_every_kind and k.exact]
-        takes = "points, welds, hinges and edges" if solver.takes_imitated else "points and welds"
         raise UnsupportedConstraint(
-            f"{type(solver).__name__} takes {takes}: Pinocchio has constraints of 3 and of 6 rows, "
-            f"and {', '.join(names)} cannot be made of those; use {' or '.join(able)}"
+            f"{type(solver).__name__} takes {kinds_of(type(solver))}: Pinocchio has constraints of "
+            f"3 and of 6 rows, and {', '.join(names)} cannot be made of those; "
+            f"use {' or '.join(able)}"
         )

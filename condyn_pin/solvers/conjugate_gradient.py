@@ -114,12 +114,12 @@ def conjugate_gradients(
     enough : float
     most : int
         Upper limit on the iterations. It also ends where m of them in a row have brought nothing,
-        as they do when what is left of b is rounding outside the range of A.
+        or lead far away, as they do when what is left of b is rounding outside the range of A.
     """
     x, r, p = np.zeros_like(b), b.copy(), np.zeros_like(b)
-    best, smallest, idle = x.copy(), np.abs(r).max(initial=0.0), 0
-    last, k = 1.0, 0
-    while smallest > enough and k < most and idle < len(b):
+    residual = smallest = np.abs(r).max(initial=0.0)
+    best, idle, last, k = x.copy(), 0, 1.0, 0
+    while smallest > enough and residual * RANK < smallest and idle < len(b) and k < most:
         z = P @ r
         size = float(r @ z)
         p = z + (size / last) * p

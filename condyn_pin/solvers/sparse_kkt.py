@@ -42,7 +42,8 @@ class SparseKKT(Solver):
     each row of J M^-1 J^T has that the rows after it do not; one that is nothing beside its row is
     a redundant row.
 
-    SciPy's sparse LU of the same matrix is ten times slower on robots of this size.
+    SciPy's sparse LU is left out: on Talos's matrix, a third of it filled, it takes four times as
+    long as LAPACK's dense factorisation, and eight times with the conversion.
 
     References
     ----------
