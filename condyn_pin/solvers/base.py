@@ -9,8 +9,8 @@
    returns a `Method`: three callables closed over what they need.
 4. `acceleration(q, v, tau)` is the hot loop. It returns an array that nobody else will write to,
    reads nothing that an earlier call left behind, and does not write to its arguments. It raises
-   `Singular` rather than return numbers that mean nothing; NaN may come out, the workspace
-   catches it.
+   `Singular` rather than return numbers that mean nothing, and ValueError for arguments of another
+   size (`free_force`); NaN may come out, the workspace catches it.
 5. `lam()` returns an owned array: the forces of the last call, with M a + h = tau + J^T lam for the
    J of the scene. Pinocchio's own lam is that of `workspace.natives`; `workspace.scene_forces`
    turns it into the scene's.
@@ -51,6 +51,13 @@ class Method:
     acceleration: Callable[[Array, Array, Array], Array]
     lam: Callable[[], Array]
     iterations: Callable[[], int]
+
+
+def free_force(tau: Array, h: Array) -> Array:
+    """Return tau - h; a tau of another shape is refused, as numpy would not."""
+    if tau.shape != h.shape:
+        raise ValueError
+    return tau - h
 
 
 class Solver(ABC):

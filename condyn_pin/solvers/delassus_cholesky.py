@@ -10,7 +10,7 @@ import numpy as np
 from condyn_pin.arrays import Array
 from condyn_pin.knobs import check_damping
 from condyn_pin.range_space import range_space
-from condyn_pin.solvers.base import Method, Singular, Solver
+from condyn_pin.solvers.base import Method, Singular, Solver, free_force
 
 if TYPE_CHECKING:
     from condyn_pin.workspace import Workspace
@@ -63,7 +63,7 @@ class DelassusCholesky(Solver):
             factors = range_space(terms.M, terms.J, mu)
             if factors is None:
                 raise Singular
-            a, latest[:] = factors.solve(tau - terms.h, terms.a_ref - terms.gamma)
+            a, latest[:] = factors.solve(free_force(tau, terms.h), terms.a_ref - terms.gamma)
             return a
 
         return Method(acceleration, latest.copy, lambda: 1)

@@ -12,7 +12,7 @@ from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidModel
 from condyn_pin.knobs import check_share
 from condyn_pin.minimum_norm import factorise
-from condyn_pin.solvers.base import Method, Singular, Solver
+from condyn_pin.solvers.base import Method, Singular, Solver, free_force
 
 if TYPE_CHECKING:
     from condyn_pin.workspace import Workspace
@@ -67,7 +67,7 @@ class GaussPrinciple(Solver):
                 factors = factorise(terms.M, terms.J, rank_tolerance)
             except InvalidModel as error:
                 raise Singular from error
-            a, latest[:] = factors.solve(tau - terms.h, terms.a_ref - terms.gamma)
+            a, latest[:] = factors.solve(free_force(tau, terms.h), terms.a_ref - terms.gamma)
             return a
 
         return Method(acceleration, latest.copy, lambda: 1)

@@ -10,7 +10,7 @@ import numpy as np
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.knobs import check_share
-from condyn_pin.solvers.base import Method, Singular, Solver
+from condyn_pin.solvers.base import Method, Singular, Solver, free_force
 
 if TYPE_CHECKING:
     from condyn_pin.equations import Terms
@@ -67,7 +67,7 @@ class NullSpace(Solver):
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             terms = equations.terms(q, v)
             split = _Split(terms, rank_tolerance)
-            x = tau - terms.h
+            x = free_force(tau, terms.h)
             a = split.acceleration(x, terms.a_ref - terms.gamma)
             latest[:] = [(split, terms.M @ a - x)]
             return a
@@ -125,5 +125,7 @@ class _Split:
         lam, r = np.zeros(self.m), self.rank
         if r:
             R = np.triu(self.R[:r])
-            lam[self.order] = lstsq(R, self.Y.T @ (self.D * missing), lapack_driver="gelsy")[0]
+            lam[self.order] = lstsq(
+                R, self.Y.T @ (self.D * missing), lapack_driver="gelsy", check_finite=False
+            )[0]
         return lam

@@ -12,7 +12,7 @@ from condyn_pin.arrays import Array, finite
 from condyn_pin.bound import Coupled
 from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.range_space import whiten
-from condyn_pin.solvers.base import Method, Singular, Solver
+from condyn_pin.solvers.base import Method, Singular, Solver, free_force
 
 if TYPE_CHECKING:
     from condyn_pin.workspace import Workspace
@@ -102,7 +102,7 @@ class Soft(Solver):
             if whitened is None:
                 raise Singular
             U, W, G = whitened
-            z = dtrtrs(U, tau - terms.h, trans=1)[0]
+            z = dtrtrs(U, free_force(tau, terms.h), trans=1)[0]
             if len(rows):
                 gaps = np.sqrt(np.add.reduceat(c * c, starts))
                 d = np.repeat(self.impedance(gaps), sizes)

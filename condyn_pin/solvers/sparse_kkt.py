@@ -12,7 +12,7 @@ from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.knobs import check_damping
 from condyn_pin.range_space import whiten
-from condyn_pin.solvers.base import Method, Singular, Solver
+from condyn_pin.solvers.base import Method, Singular, Solver, free_force
 
 if TYPE_CHECKING:
     from condyn_pin.audit import Audit
@@ -71,11 +71,12 @@ class SparseKKT(Solver):
         limits = np.full(m, -mu / 2) if mu else -(tolerances.RANK**2) * own(workspace.scene.audit)
         answer = np.zeros(m + model.nv)
 
+        @np.errstate(over="ignore", invalid="ignore")  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             factor = _pin.factorise_constraints(model, data, models, datas, q, mu)
             if not (factor.D[:m] < limits).all():
                 raise Singular
-            forces = tau - pin.nonLinearEffects(model, data, q, v)
+            forces = free_force(tau, pin.nonLinearEffects(model, data, q, v))
             answer[:] = factor.solve(np.concatenate([-sign * equations.drift(q, v), forces]))
             return answer[m:].copy()
 
