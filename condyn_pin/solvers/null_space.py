@@ -120,12 +120,11 @@ class _Split:
 
     def forces(self, missing: Array) -> Array:
         """Return the smallest lam with J^T lam = missing."""
-        from scipy.linalg import lstsq
+        from scipy.linalg.lapack import dgels
 
         lam, r = np.zeros(self.m), self.rank
         if r:
-            R = np.triu(self.R[:r])
-            lam[self.order] = lstsq(
-                R, self.Y.T @ (self.D * missing), lapack_driver="gelsy", check_finite=False
-            )[0]
+            wanted = np.zeros(self.m)
+            wanted[:r] = self.Y.T @ (self.D * missing)
+            lam[self.order] = dgels(np.triu(self.R[:r]), wanted)[1]
         return lam
