@@ -12,7 +12,7 @@ import argparse
 import csv
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
@@ -75,14 +75,25 @@ def agreements(label: str, scene: cp.Scene, count: int) -> list[Agreement]:
     truth = [reference.solve(*state) for state in states]
     forces = [reference.jacobian(state[0]).T for state in states]
     return [
-        _agreement(label, cp.Workspace(scene, solver), states, truth, forces)
-        for solver in solvers_of("all")
-        if not untaken(scene, solver)
+        _agreement(label, name, cp.Workspace(scene, solver), states, truth, forces)
+        for name, solver in _contenders(scene)
     ]
+
+
+def _contenders(scene: cp.Scene) -> Iterator[tuple[str, cp.Solver]]:
+    """Yield every solver that takes the scene, and damped those that need it."""
+    mu = float(f"{1e-11 * scene.audit.delassus_norm:.1e}")
+    for solver in solvers_of("all"):
+        if not untaken(scene, solver):
+            name = type(solver).__name__
+            yield name, solver
+            if scene.audit.redundant and not solver.takes_redundant:
+                yield f"{name}(mu={mu})", type(solver)(mu=mu)
 
 
 def _agreement(
     label: str,
+    name: str,
     workspace: cp.Workspace,
     states: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
     truth: Sequence[cp.Solution],
@@ -99,7 +110,7 @@ def _agreement(
     count = {status: sum(one.status is status for one in found) for status in cp.Status}
     return Agreement(
         label,
-        type(workspace.solver).__name__,
+        name,
         scene.rows,
         scene.audit.rank,
         len(states),

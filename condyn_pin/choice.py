@@ -7,19 +7,19 @@ from condyn_pin.scene import Scene
 from condyn_pin.solvers import SOLVERS
 from condyn_pin.solvers.base import Solver
 from condyn_pin.solvers.dense_kkt import DenseKKT
+from condyn_pin.solvers.null_space import NullSpace
 from condyn_pin.solvers.proximal import Proximal
-from condyn_pin.solvers.reference import Reference
 
 
 def default_solver(scene: Scene) -> Solver:
     """Return the solver for those who name none.
 
-    `Proximal`; for kinds of constraints that it cannot take, `DenseKKT`, and `Reference` if there
+    `Proximal`; for kinds of constraints that it cannot take, `DenseKKT`, and `NullSpace` if there
     are redundant rows besides.
     """
     if not scene.natives.missing:
         return Proximal()
-    return Reference() if scene.audit.redundant else DenseKKT()
+    return NullSpace() if scene.audit.redundant else DenseKKT()
 
 
 def kinds_of(solver: type[Solver]) -> str:

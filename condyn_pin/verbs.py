@@ -42,7 +42,7 @@ def solve(
         Joint torques [N, N m]; zero in the rows of a free-flyer.
     solver : Solver, optional
         `Proximal()` by default; for kinds of constraints that it cannot take, `DenseKKT()`, and
-        `Reference()` if there are redundant rows besides.
+        `NullSpace()` if there are redundant rows besides.
     accuracy : float
         Error of a that is good enough, relative to the larger of |a|_inf and gravity: what the
         status is judged by. It changes no number of the answer.

@@ -74,11 +74,13 @@ def test_a_machine_without_any_freedom_stands_still():
             assert np.abs(found.a).max() < SOLVED, name
 
 
-@settings(max_examples=40)
+@settings(max_examples=100)
 @given(st.integers(0, 10**6), st.integers(0, 6), st.booleans())
 def test_range_space_solves_or_says_that_it_cannot(seed, m, redundant):
+    """Whatever the units of the rows are."""
     rng = np.random.default_rng(seed)
-    root, J = rng.normal(size=(7, 7)), rng.normal(size=(m, 7)) * 10.0 ** rng.integers(-4, 5, (m, 1))
+    unit = 10.0 ** rng.integers(-4, 5, (m, 1))
+    root, J = rng.normal(size=(7, 7)), unit * rng.normal(size=(m, 7))
     M = root @ root.T + 0.1 * np.eye(7)
     if redundant and m > 2:
         J[-1] = 3 * J[0] - 2 * J[(m - 1) // 2]
@@ -87,10 +89,11 @@ def test_range_space_solves_or_says_that_it_cannot(seed, m, redundant):
         return
     factors = range_space(M, J)
     assert factors is not None
-    x, y = rng.normal(size=(7, 3)), rng.normal(size=(m, 3))
+    x, y = rng.normal(size=(7, 3)), unit * rng.normal(size=(m, 3))
     a, lam = factors.solve(x, y)
-    assert np.allclose(M @ a - J.T @ lam, x, atol=1e-8)
-    assert np.allclose(J @ a, y, atol=1e-8)
+    size = np.abs(M) @ np.abs(a) + np.abs(J.T) @ np.abs(lam)
+    assert (np.abs(M @ a - J.T @ lam - x) < 1e-9 * size).all()
+    assert np.abs((J @ a - y) / unit).max(initial=0.0) < 1e-7
 
 
 def test_a_mass_matrix_that_is_none_is_no_answer():
@@ -189,8 +192,12 @@ def test_every_ok_is_one(label):
     assert {row.solver for row in table} >= {"Proximal", "NullSpace", "ConjugateGradient"}
     for row in table:
         assert row.is_honest, row
-        takes = cp.SOLVERS[row.solver.lower()].takes_redundant or row.rows == row.rank
-        if not cp.SOLVERS[row.solver.lower()].exact:
+        name, _, damped = row.solver.partition("(")
+        kind = cp.SOLVERS[name.lower()]
+        takes = kind.takes_redundant or row.rows == row.rank
+        if damped:
+            assert row.ok + row.inaccurate == 10
+        elif not kind.exact:
             assert row.inaccurate == 10
         else:
             assert (row.ok if takes else row.singular) == 10, row
@@ -201,7 +208,7 @@ def test_the_committed_comparison_is_complete():
 
     lines = [line for line in RESULTS.read_text().splitlines() if not line.startswith("#")]
     table = list(csv.DictReader(lines))
-    assert {row["solver"] for row in table} == {
+    assert {row["solver"].split("(")[0] for row in table} == {
         kind.__name__ for kind in cp.SOLVERS.values() if kind is not cp.Reference
     }
     for row in table:

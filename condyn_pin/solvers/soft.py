@@ -48,7 +48,7 @@ class Soft(Solver):
     Cost as `DelassusCholesky`. It solves other equations than the other solvers: lam belongs to a,
     the dynamics hold to rounding, and the constraints do not. The status says inaccurate by as
     much, unless the `accuracy` asked for allows it, and derivatives are refused. Redundant rows
-    share the load.
+    share the load. gamma is part of it as in MuJoCo 4; MuJoCo 3.3 leaves it out.
 
     References
     ----------
