@@ -86,21 +86,21 @@ class _Split:
         # imported here: scipy.linalg takes as long to import as Pinocchio
         from scipy.linalg.lapack import dgeqp3, dormqr
 
-        n, self.m = len(terms.M), len(terms.J)
+        n, self.m = terms.J.shape[1], len(terms.J)
         diagonal = terms.M.diagonal()
         if not (diagonal > 0).all():
             raise Singular
         self.D = 1 / np.sqrt(diagonal)
         self.M = self.D[:, None] * terms.M * self.D
-        if not self.m:
-            self.order, self.R, self.rank, Q = np.zeros(0, int), np.zeros((n, 0)), 0, np.eye(n)
-        else:
-            self.R, order, tau, _, _ = dgeqp3((terms.J * self.D).T)
-            self.order = order - 1
+        self.order, self.R, self.rank = np.zeros(0, dtype=int), np.zeros((n, 0)), 0
+        Q = np.eye(n, order="F")
+        if self.m:
+            self.R, order, reflectors, _, _ = dgeqp3((terms.J * self.D).T)
+            self.order = order - 1  # LAPACK counts from one
             pivots = np.abs(self.R.diagonal())
             self.rank = int(np.count_nonzero(pivots > rank_tolerance * pivots[0]))
-            k = len(tau)
-            Q = dormqr("L", "N", self.R[:, :k], tau, np.eye(n, order="F"), max(64 * n, 1))[0]
+            columns = self.R[:, : len(reflectors)]
+            Q = dormqr("L", "N", columns, reflectors, Q, 64 * n, overwrite_c=1)[0]
         self.Y, self.Z = Q[:, : self.rank], Q[:, self.rank :]
 
     def acceleration(self, x: Array, b: Array) -> Array:

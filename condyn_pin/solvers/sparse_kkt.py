@@ -68,7 +68,9 @@ class SparseKKT(Solver):
         model, data, equations = workspace.model, workspace.data, workspace.equations
         models, datas = workspace.constraint_models, workspace.constraint_datas
         m, sign, mu = equations.m, equations.sign, self.mu
-        limits = np.full(m, -mu / 2) if mu else -(tolerances.RANK**2) * own(workspace.scene.audit)
+        # pivots of what is left of a row are squares of those of J L^-T
+        own = _delassus_diagonal(workspace.scene.audit)
+        limits = np.full(m, -mu / 2) if mu else -(tolerances.RANK**2) * own
         answer = np.zeros(m + model.nv)
 
         @np.errstate(over="ignore", invalid="ignore")  # the status says it
@@ -83,7 +85,7 @@ class SparseKKT(Solver):
         return Method(acceleration, lambda: -sign * answer[:m], lambda: 1)
 
 
-def own(audit: Audit) -> Array:
+def _delassus_diagonal(audit: Audit) -> Array:
     """Return the diagonal of J M^-1 J^T at the nominal state [1/kg]."""
     whitened = whiten(audit.terms.M, audit.terms.J)
     return np.zeros(0) if whitened is None else np.array(whitened[2].diagonal())
