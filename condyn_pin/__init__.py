@@ -61,10 +61,16 @@ if TYPE_CHECKING:
     from condyn_pin.solvers import Solver as Solver
     from condyn_pin.solvers.base import Method as Method
     from condyn_pin.solvers.base import Singular as Singular
+    from condyn_pin.solvers.conjugate_gradient import ConjugateGradient as ConjugateGradient
+    from condyn_pin.solvers.delassus_cholesky import DelassusCholesky as DelassusCholesky
     from condyn_pin.solvers.dense_kkt import DenseKKT as DenseKKT
+    from condyn_pin.solvers.gauss_principle import GaussPrinciple as GaussPrinciple
     from condyn_pin.solvers.lcaba import LCABA as LCABA
+    from condyn_pin.solvers.null_space import NullSpace as NullSpace
     from condyn_pin.solvers.proximal import Proximal as Proximal
     from condyn_pin.solvers.reference import Reference as Reference
+    from condyn_pin.solvers.soft import Soft as Soft
+    from condyn_pin.solvers.sparse_kkt import SparseKKT as SparseKKT
     from condyn_pin.spring import Spring as Spring
     from condyn_pin.states.assembly import Assembly as Assembly
     from condyn_pin.states.assembly import AssemblyStatus as AssemblyStatus
@@ -121,10 +127,16 @@ _HOME = {
     "solution": ("Solution", "StateError", "Status"),
     "solvers": ("SOLVERS", "Solver"),
     "solvers.base": ("Method", "Singular"),
+    "solvers.conjugate_gradient": ("ConjugateGradient",),
+    "solvers.delassus_cholesky": ("DelassusCholesky",),
     "solvers.dense_kkt": ("DenseKKT",),
+    "solvers.gauss_principle": ("GaussPrinciple",),
     "solvers.lcaba": ("LCABA",),
+    "solvers.null_space": ("NullSpace",),
     "solvers.proximal": ("Proximal",),
     "solvers.reference": ("Reference",),
+    "solvers.soft": ("Soft",),
+    "solvers.sparse_kkt": ("SparseKKT",),
     "spring": ("Spring",),
     "summary": ("Summary",),
     "verbs": ("derivatives", "solve"),

@@ -254,6 +254,11 @@ class Workspace:
         """Return how a and lam change with q, v and tau; `condyn_pin.derivatives` says how."""
         if method not in METHODS:
             raise unknown_name("method", str(method), METHODS)
+        if not self.solver.exact:
+            raise InvalidArgument(
+                f"solver = {self.solver!r}: derivatives are those of hard constraints, and it "
+                "solves others; use Proximal()"
+            )
         solution = self.solve(q, v, tau, accuracy=accuracy)
         _, v_, tau_ = self._arguments.check(q, v, tau)
         found = METHODS[method](self, solution, v_, tau_)

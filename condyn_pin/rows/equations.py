@@ -117,15 +117,18 @@ class Equations:
         M = np.array(pin.crba(model, data, q))
         h = np.array(pin.nonLinearEffects(model, data, q, v))
         self.motion(q, v, self._still)
-        gamma, a_ref = self._acceleration.copy(), np.zeros(self.m)
-        if self.drift:
-            a_ref -= self.drift.Kd * self._velocity + self.drift.Kp * self._c
+        gamma, a_ref = self._acceleration.copy(), self._a_ref()
         return Terms(M, h, self._jacobian(q), gamma, a_ref)
 
     def jacobian(self, q: Array) -> Array:
         """Return J (m, nv)."""
         self.motion(q, self._still, self._still)
         return self._jacobian(q)
+
+    def target(self, q: Array, v: Array) -> Array:
+        """Return a_ref - gamma (m,): what J a has to be."""
+        self.motion(q, v, self._still)
+        return self._a_ref() - self._acceleration
 
     def violation(self, q: Array) -> Array:
         """Return c(q) (m,)."""
@@ -189,6 +192,12 @@ class Equations:
         if self._flipped:
             for part in rows:
                 part *= self.sign
+
+    def _a_ref(self) -> Array:
+        """Return a_ref, right after `motion` at the same q and v."""
+        if self.drift is None:
+            return np.zeros(self.m)
+        return -self.drift.Kd * self._velocity - self.drift.Kp * self._c
 
     def _jacobian(self, q: Array) -> Array:
         """Return J, right after `motion` at the same q."""

@@ -12,8 +12,8 @@ from condyn_pin import _pin, tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.errors import UnsupportedConstraint
+from condyn_pin.knobs import check_accuracy, check_knobs
 from condyn_pin.solvers.base import Method, Solver
-from condyn_pin.solvers.proximal import check_accuracy, check_knobs
 
 if TYPE_CHECKING:
     from condyn_pin.audit import Audit
@@ -65,6 +65,7 @@ class LCABA(Solver):
 
     title: ClassVar[str] = "LCABA"
     cost: ClassVar[str] = "O(n + m) for contacts with the world; loops add cross terms"
+    use: ClassVar[str] = "the fastest for contacts with the world; needs Pinocchio 4"
     takes_redundant: ClassVar[bool] = True
     takes_every_kind: ClassVar[bool] = False
 
