@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from condyn_pin.actuation import Actuation as Actuation
     from condyn_pin.audit import Audit as Audit
     from condyn_pin.climbing import Ladder as Ladder
     from condyn_pin.climbing import ladder as ladder
@@ -39,6 +40,12 @@ if TYPE_CHECKING:
     from condyn_pin.errors import UnknownName as UnknownName
     from condyn_pin.errors import UnsupportedBackend as UnsupportedBackend
     from condyn_pin.errors import UnsupportedConstraint as UnsupportedConstraint
+    from condyn_pin.force import ConstraintForce as ConstraintForce
+    from condyn_pin.impacts import Impact as Impact
+    from condyn_pin.impacts import impact as impact
+    from condyn_pin.inverse import InverseDynamics as InverseDynamics
+    from condyn_pin.inverse import gravity_compensation as gravity_compensation
+    from condyn_pin.inverse import inverse_dynamics as inverse_dynamics
     from condyn_pin.ladder_table import LadderTable as LadderTable
     from condyn_pin.ladders import LADDERS as LADDERS
     from condyn_pin.load import available_robots as available_robots
@@ -46,6 +53,8 @@ if TYPE_CHECKING:
     from condyn_pin.mechanisms import four_bar as four_bar
     from condyn_pin.mechanisms import pendulum as pendulum
     from condyn_pin.minimal import Minimal as Minimal
+    from condyn_pin.operational import OperationalSpace as OperationalSpace
+    from condyn_pin.operational import operational_space as operational_space
     from condyn_pin.proof import Proof as Proof
     from condyn_pin.reduction import ReducedScene as ReducedScene
     from condyn_pin.robot import Robot as Robot
@@ -63,11 +72,16 @@ if TYPE_CHECKING:
     from condyn_pin.solvers.reference import Reference as Reference
     from condyn_pin.spring import Spring as Spring
     from condyn_pin.summary import Summary as Summary
+    from condyn_pin.switching import Switch as Switch
+    from condyn_pin.switching import switch as switch
+    from condyn_pin.transmissions import Transmission as Transmission
+    from condyn_pin.transmissions import transmission as transmission
     from condyn_pin.verbs import derivatives as derivatives
     from condyn_pin.verbs import solve as solve
     from condyn_pin.workspace import Workspace as Workspace
 
 _HOME = {
+    "actuation": ("Actuation",),
     "audit": ("Audit",),
     "climbing": ("Ladder", "ladder"),
     "constraints": ("Constraint", "Coupling", "Loop"),
@@ -89,11 +103,15 @@ _HOME = {
         "UnsupportedBackend",
         "UnsupportedConstraint",
     ),
+    "force": ("ConstraintForce",),
+    "impacts": ("Impact", "impact"),
+    "inverse": ("InverseDynamics", "gravity_compensation", "inverse_dynamics"),
     "ladder_table": ("LadderTable",),
     "ladders": ("LADDERS",),
     "load": ("available_robots", "load_robot"),
     "mechanisms": ("four_bar", "pendulum"),
     "minimal": ("Minimal",),
+    "operational": ("OperationalSpace", "operational_space"),
     "proof": ("Proof",),
     "reduction": ("ReducedScene",),
     "robot": ("Robot",),
@@ -107,6 +125,8 @@ _HOME = {
     "solvers.reference": ("Reference",),
     "spring": ("Spring",),
     "summary": ("Summary",),
+    "switching": ("Switch", "switch"),
+    "transmissions": ("Transmission", "transmission"),
     "verbs": ("derivatives", "solve"),
     "workspace": ("Workspace",),
 }

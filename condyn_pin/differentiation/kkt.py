@@ -48,7 +48,7 @@ class KktDerivatives(Derivatives):
         if factors is None:
             M = np.triu(of.M) + np.triu(of.M, 1).T
             factors = factorise(M, of.J, tolerances.RANK)
-            self._null = _turning_null_space(linearisation, q, lam, of, factors)
+            self._null = turning_null_space(linearisation, q, lam, of, factors)
         self._factors = factors
 
     def _form(self) -> tuple[Array, Array]:
@@ -81,7 +81,7 @@ class KktDerivatives(Derivatives):
         return by_q, y @ of.s_v - x @ of.r_v, x
 
 
-def _turning_null_space(
+def turning_null_space(
     linearisation: Linearisation, q: Array, lam: Array, of: Linearised, factors: MinimumNorm
 ) -> Array:
     """Return N N^T (dJ w) (m, nv): what keeps lam the smallest as the rows turn."""
