@@ -57,7 +57,8 @@ def frame_jacobian(scene: Scene, q: Array, frame: str) -> Array:
     model, data = equations.model, equations.data
     pin.computeJointJacobians(model, data, q)
     axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-    return np.array(pin.getFrameJacobian(model, data, joint, placement, axes))
+    J = np.array(pin.getFrameJacobian(model, data, joint, placement, axes))
+    return J.reshape(6, model.nv)  # a single column comes as a vector
 
 
 def equations_of(scene: Scene) -> Equations:

@@ -105,7 +105,8 @@ class Linearisation:
         if joint == 0:
             return self._world
         model, data = self._model, self._data
-        derivatives = pin.getFrameAccelerationDerivatives(model, data, joint, placement, LOCAL)
+        found = pin.getFrameAccelerationDerivatives(model, data, joint, placement, LOCAL)
+        derivatives = (part.reshape(6, -1) for part in found)  # a single column comes as a vector
         v, a = placement.actInv(data.v[joint]), placement.actInv(data.a[joint])
         return End(v.vector, a.vector, *derivatives)
 
