@@ -1,37 +1,92 @@
-"""Climb down every ladder and write benchmarks/results/ladder.{csv,json,png}.
+"""Climb down every ladder, write benchmarks/results/ladder.{csv,json,png} and the README's table.
 
-python benchmarks/ladder.py [--quick]
+    python benchmarks/ladder.py [--quick]
+
+With --from-json the README's table is made from the committed results, without running anything.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 from condyn_pin.climbing import FULL, QUICK, ladder
 from condyn_pin.ladder_plot import save_ladders
-from condyn_pin.ladder_table import write_csv
+from condyn_pin.ladder_table import LadderRow, LadderTable, write_csv
 from condyn_pin.ladders import LADDERS
 
-RESULTS = Path(__file__).resolve().parent / "results"
+ROOT = Path(__file__).resolve().parent.parent
+RESULTS = ROOT / "benchmarks" / "results"
+BEGIN, END = "<!-- ladder:begin -->", "<!-- ladder:end -->"
+GOOD = 0.01  # the error that the README names the fastest rung for
+
+
+def load(path: Path) -> list[LadderTable]:
+    """Return the tables that `main` wrote."""
+    return [
+        LadderTable(
+            saved["ladder"],
+            tuple(
+                LadderRow(**{k: math.nan if x is None else x for k, x in row.items()})
+                for row in saved["rows"]
+            ),
+            saved["states"],
+            saved["machine"],
+        )
+        for saved in json.loads(path.read_text(encoding="utf-8"))
+    ]
+
+
+def markdown(tables: Sequence[LadderTable]) -> str:
+    """Return the README's tables and the sentence about the fastest good rung."""
+    lines = []
+    for table in tables:
+        best = table.fastest(GOOD)
+        lines += [
+            f"The fastest rung of {table.name} with every error below {GOOD:.0%} is "
+            f"**{best.label}** (nv {best.nv}, {best.rows} rows, {best.solver}): "
+            f"{best.speedup:.2f} times as fast, a off by {best.a_worst:.2g}.",
+            "",
+            table.to_markdown(),
+            "",
+        ]
+    where = (
+        "`python benchmarks/ladder.py` on {processor} ({cores} cores, one thread), "
+        "{system}, Python {python}, Pinocchio {pinocchio}, {date}."
+    ).format(**tables[0].machine)
+    return "\n".join([*lines, f"{where} Errors: worst of {tables[0].states} motions."])
+
+
+def with_ladders(readme: str, tables: Sequence[LadderTable]) -> str:
+    """Return the README with the tables between their two marks."""
+    head, rest = readme.split(BEGIN)
+    return f"{head}{BEGIN}\n{markdown(tables)}\n{END}{rest.split(END)[1]}"
 
 
 def main() -> None:
-    """Run, write, print the tables for the README."""
+    """Run, write, and update the README."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="fewer states and rounds")
-    effort = QUICK if parser.parse_args().quick else FULL
-    tables = [ladder(name, effort=effort) for name in LADDERS]
-    write_csv(tables, RESULTS / "ladder.csv")
-    text = json.dumps([table.as_dict() for table in tables], indent=1)
-    (RESULTS / "ladder.json").write_text(text + "\n", encoding="utf-8")
-    save_ladders(tables, RESULTS / "ladder.png")
-    for table in tables:
-        print(table.markdown(), end="\n\n")
+    parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")
+    arguments = parser.parse_args()
+    if arguments.from_json:
+        tables = load(RESULTS / "ladder.json")
+    else:
+        tables = [ladder(name, effort=QUICK if arguments.quick else FULL) for name in LADDERS]
+        write_csv(tables, RESULTS / "ladder.csv")
+        text = json.dumps([table.as_dict() for table in tables], indent=1)
+        (RESULTS / "ladder.json").write_text(text + "\n", encoding="utf-8")
+        save_ladders(tables, RESULTS / "ladder.png")
+    readme = ROOT / "README.md"
+    text = with_ladders(readme.read_text(encoding="utf-8"), tables)
+    readme.write_text(text, encoding="utf-8")
+    print(markdown(tables))
 
 
 if __name__ == "__main__":

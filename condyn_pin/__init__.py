@@ -15,9 +15,13 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from condyn_pin.actuation import Actuation as Actuation
+    from condyn_pin.assembly import Assembly as Assembly
+    from condyn_pin.assembly import AssemblyStatus as AssemblyStatus
     from condyn_pin.audit import Audit as Audit
+    from condyn_pin.check import Check as Check
     from condyn_pin.climbing import Ladder as Ladder
     from condyn_pin.climbing import ladder as ladder
+    from condyn_pin.completion import CompleteState as CompleteState
     from condyn_pin.constraints import Constraint as Constraint
     from condyn_pin.constraints import Coupling as Coupling
     from condyn_pin.constraints import Loop as Loop
@@ -27,6 +31,7 @@ if TYPE_CHECKING:
     from condyn_pin.contacts import SurfaceContact as SurfaceContact
     from condyn_pin.differentiation.base import Derivatives as Derivatives
     from condyn_pin.equations import Terms as Terms
+    from condyn_pin.errors import BranchChanged as BranchChanged
     from condyn_pin.errors import BrokenPinocchio as BrokenPinocchio
     from condyn_pin.errors import CondynError as CondynError
     from condyn_pin.errors import DerivativesDisagree as DerivativesDisagree
@@ -41,6 +46,7 @@ if TYPE_CHECKING:
     from condyn_pin.errors import UnsupportedBackend as UnsupportedBackend
     from condyn_pin.errors import UnsupportedConstraint as UnsupportedConstraint
     from condyn_pin.force import ConstraintForce as ConstraintForce
+    from condyn_pin.gaps import Gap as Gap
     from condyn_pin.impacts import Impact as Impact
     from condyn_pin.impacts import impact as impact
     from condyn_pin.inverse import InverseDynamics as InverseDynamics
@@ -50,12 +56,15 @@ if TYPE_CHECKING:
     from condyn_pin.ladders import LADDERS as LADDERS
     from condyn_pin.load import available_robots as available_robots
     from condyn_pin.load import load_robot as load_robot
-    from condyn_pin.mechanisms import four_bar as four_bar
-    from condyn_pin.mechanisms import pendulum as pendulum
+    from condyn_pin.mechanisms.chain import chain as chain
+    from condyn_pin.mechanisms.four_bar import four_bar as four_bar
+    from condyn_pin.mechanisms.n_four_bar import n_four_bar as n_four_bar
+    from condyn_pin.mechanisms.pendulum import pendulum as pendulum
     from condyn_pin.minimal import Minimal as Minimal
     from condyn_pin.operational import OperationalSpace as OperationalSpace
     from condyn_pin.operational import operational_space as operational_space
     from condyn_pin.proof import Proof as Proof
+    from condyn_pin.rank import Rank as Rank
     from condyn_pin.reduction import ReducedScene as ReducedScene
     from condyn_pin.robot import Robot as Robot
     from condyn_pin.scene import Scene as Scene
@@ -82,13 +91,17 @@ if TYPE_CHECKING:
 
 _HOME = {
     "actuation": ("Actuation",),
+    "assembly": ("Assembly", "AssemblyStatus"),
     "audit": ("Audit",),
+    "check": ("Check",),
+    "completion": ("CompleteState",),
     "climbing": ("Ladder", "ladder"),
     "constraints": ("Constraint", "Coupling", "Loop"),
     "contacts": ("LineContact", "PlanarContact", "PointContact", "SurfaceContact"),
     "differentiation.base": ("Derivatives",),
     "equations": ("Terms",),
     "errors": (
+        "BranchChanged",
         "BrokenPinocchio",
         "CondynError",
         "DerivativesDisagree",
@@ -106,13 +119,18 @@ _HOME = {
     "force": ("ConstraintForce",),
     "impacts": ("Impact", "impact"),
     "inverse": ("InverseDynamics", "gravity_compensation", "inverse_dynamics"),
+    "gaps": ("Gap",),
     "ladder_table": ("LadderTable",),
     "ladders": ("LADDERS",),
     "load": ("available_robots", "load_robot"),
-    "mechanisms": ("four_bar", "pendulum"),
+    "mechanisms.chain": ("chain",),
+    "mechanisms.four_bar": ("four_bar",),
+    "mechanisms.n_four_bar": ("n_four_bar",),
+    "mechanisms.pendulum": ("pendulum",),
     "minimal": ("Minimal",),
     "operational": ("OperationalSpace", "operational_space"),
     "proof": ("Proof",),
+    "rank": ("Rank",),
     "reduction": ("ReducedScene",),
     "robot": ("Robot",),
     "scene": ("Scene",),

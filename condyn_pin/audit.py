@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -10,8 +9,9 @@ import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array
+from condyn_pin.chains import redundant_rows
 from condyn_pin.equations import Equations, Terms
-from condyn_pin.errors import NotAssembled
+from condyn_pin.errors import BranchChanged, NotAssembled
 from condyn_pin.minimum_norm import MinimumNorm, factorise
 from condyn_pin.proof import Yardstick
 from condyn_pin.solvers.reference import Reference
@@ -85,6 +85,8 @@ def audit(scene: Scene) -> Audit:
     closed = True
     try:
         q, _ = scene.state()
+    except BranchChanged as error:
+        q = error.assembly.q
     except NotAssembled:
         q, closed = scene.guess(), False
     terms = equations.terms(q, np.zeros(robot.nv))
@@ -106,22 +108,6 @@ def audit(scene: Scene) -> Audit:
         states=_nominal_states(equations, q, factors),
         terms=terms,
     )
-
-
-def redundant_rows(null_space: Array, names: Sequence[str]) -> tuple[str, ...]:
-    """Return rows that can go without lowering the rank.
-
-    A set of k rows can go if and only if its k x k block of the left null space N (m, k) is
-    regular: column-pivoted QR of N^T picks such a set, the best conditioned first. Among equals
-    the later rows go.
-    """
-    from scipy.linalg import qr
-
-    m, k = null_space.shape
-    if k == 0:
-        return ()
-    _, _, order = qr(null_space[::-1].T, mode="economic", pivoting=True)
-    return tuple(names[i] for i in sorted(m - 1 - order[:k]))
 
 
 def _nominal_states(

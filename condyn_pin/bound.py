@@ -123,3 +123,8 @@ class Coupled:
     def row_names(self) -> tuple[str, ...]:
         """The constraint's name."""
         return (f"{self.name}.ratio",)
+
+    @property
+    def anchored(self) -> bool:
+        """True: the two joints have a place to be in."""
+        return True

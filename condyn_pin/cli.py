@@ -1,4 +1,4 @@
-"""The command line: condyn robots, show, solve, bench, doctor."""
+"""The command line: condyn robots, show, assemble, solve, export, bench, doctor."""
 
 from __future__ import annotations
 
@@ -59,10 +59,13 @@ def options(
 
 @app.command()
 def robots() -> None:
-    """List what can be loaded."""
+    """List what can be loaded; `condyn show` has source and licence in full."""
     from condyn_pin.load import available_robots
 
-    table = Table("robot", "nq", "nv", "mass [kg]", "loops", "postures", "source", "licence")
+    table = Table("robot", "nq", "nv", "mass [kg]", "loops", "postures", "file", "licence")
+    for column in table.columns[1:5]:
+        column.justify = "right"
+    table.columns[6].overflow = "fold"  # a name that is cut helps nobody
     for load in available_robots().values():
         robot = load()
         table.add_row(
@@ -72,8 +75,8 @@ def robots() -> None:
             f"{robot.mass:.4f}",
             str(len(robot.loops)),
             ", ".join(robot.postures),
-            robot.source,
-            robot.licence,
+            Path(robot.source).name,
+            robot.licence.split(" (")[0],
         )
     console.print(table)
 
@@ -83,6 +86,8 @@ def show(
     robot: RobotName,
     contacts: Contacts = "",
     loops: Loops = True,
+    posture: Posture = None,
+    frames: Annotated[bool, typer.Option(help="List the frames that constraints can use.")] = False,
     ladder: Annotated[
         bool, typer.Option("--ladder", help="Show smaller scenes instead, with their price.")
     ] = False,
@@ -98,9 +103,9 @@ def show(
     if plot:
         raise InvalidArgument("--plot draws a ladder; add --ladder")
     from condyn_pin.cli_words import scene_of
-    from condyn_pin.load import load_robot
 
-    summary = scene_of(robot, contacts, loops).summary()
+    scene = scene_of(robot, contacts, loops)
+    summary = scene.summary(scene.state(posture)[0] if posture else None)
     table = Table("", summary.robot, show_header=True)
     for label, text in summary.facts().items():
         table.add_row(label, text)
@@ -110,10 +115,34 @@ def show(
         table.add_row("not used", text)
     for text in summary.notes:
         table.add_row("note", text)
-    loaded = load_robot(robot)
-    table.add_row("postures", ", ".join(loaded.postures) or "none")
-    table.add_row("ready contacts", ", ".join(c.name for c in loaded.contacts) or "none")
+    table.add_row("postures", ", ".join(scene.robot.postures) or "none")
+    table.add_row("ready contacts", ", ".join(c.name for c in scene.robot.contacts) or "none")
+    if frames:
+        table.add_row("frames", ", ".join(scene.robot.frames))
     console.print(table)
+
+
+@app.command()
+def assemble(
+    robot: RobotName,
+    loops: Loops = True,
+    posture: Posture = None,
+    fixed: Annotated[str, typer.Option(help="Comma-separated: joints that keep their value.")] = "",
+    limits: Annotated[bool, typer.Option(help="Keep the joints within their limits.")] = True,
+) -> None:
+    """Close the loops from a posture as it is described; exits with 1 if that cannot be."""
+    from condyn_pin.cli_words import scene_of
+
+    scene = scene_of(robot, "", loops)
+    held = [name.strip() for name in fixed.split(",") if name.strip()]
+    assembly = scene.assemble(scene.guess(posture), fixed=held, within_limits=limits, throw=False)
+    console.print(str(assembly))
+    for name in scene.robot.joints:
+        joint = scene.robot.model.joints[scene.robot.model.getJointId(name)]
+        values = assembly.q[joint.idx_q : joint.idx_q + joint.nq]
+        console.print(f"{name:<28} {' '.join(f'{value:.9g}' for value in values)}")
+    if not assembly.status.ok:
+        raise typer.Exit(1)
 
 
 @app.command()
@@ -163,6 +192,22 @@ def solve(
     if not solution.status.ok:
         typer.echo(str(solution.status), err=True)
         raise typer.Exit(1)
+
+
+@app.command()
+def export(
+    robot: RobotName,
+    mjcf: Annotated[Path, typer.Option(help="Write the robot with its loops here, for MuJoCo.")],
+    without: Annotated[str, typer.Option(help="Comma-separated: loops to leave out.")] = "",
+) -> None:
+    """Write a robot in another format."""
+    from condyn_pin.load import load_robot
+
+    text = load_robot(robot).to_mjcf(without=[name for name in without.split(",") if name])
+    try:
+        mjcf.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InvalidArgument(f"{mjcf}: cannot be written: {error.strerror}") from error
 
 
 @app.command()

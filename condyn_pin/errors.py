@@ -1,8 +1,8 @@
 """What can go wrong, each case with one name.
 
 Every error that the library raises is a `CondynError`. Its text names the argument or the file, the
-value that was found, and what would do instead. Errors that answer a failed solve carry the
-`Solution`, so nothing that was computed is lost.
+value that was found, and what would do instead. Errors that answer a failed solve or
+assembly carry the `Solution` or the `Assembly`, so nothing that was computed is lost.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from difflib import get_close_matches
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from condyn_pin.assembly import Assembly
     from condyn_pin.solution import Solution
 
 
@@ -29,6 +30,9 @@ class UnsupportedBackend(CondynError):
 
 class MissingExtra(CondynError, ImportError):
     """An optional dependency is not installed."""
+
+    def __str__(self) -> str:  # ImportError keeps its first text, whatever is added to args
+        return str(self.args[0])
 
 
 class InvalidArgument(CondynError, ValueError):
@@ -59,7 +63,37 @@ class StaleModel(CondynError):
 
 
 class NotAssembled(CondynError):
-    """A loop is open, and it could not be closed."""
+    """A loop is open, and it could not be closed, or was not meant to be.
+
+    Attributes
+    ----------
+    assembly : Assembly or None
+        The configuration with the smallest gap that was found, where one was looked for.
+    """
+
+    def __init__(self, message: str, assembly: Assembly | None = None) -> None:
+        super().__init__(message)
+        self.assembly = assembly
+
+    def __reduce__(self) -> tuple[type[NotAssembled], tuple[str, Assembly | None]]:
+        return NotAssembled, (str(self), self.assembly)
+
+
+class BranchChanged(CondynError):
+    """The loops were closed on the other side of a dead point.
+
+    Attributes
+    ----------
+    assembly : Assembly
+        The configuration, closed, on the other branch.
+    """
+
+    def __init__(self, message: str, assembly: Assembly) -> None:
+        super().__init__(message)
+        self.assembly = assembly
+
+    def __reduce__(self) -> tuple[type[BranchChanged], tuple[str, Assembly]]:
+        return BranchChanged, (str(self), self.assembly)
 
 
 class DerivativesDisagree(CondynError, ArithmeticError):

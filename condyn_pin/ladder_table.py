@@ -80,7 +80,7 @@ class LadderTable:
         rows = [{k: _plain(x) for k, x in asdict(row).items()} for row in self.rows]
         return {"ladder": self.name, "states": self.states, "machine": self.machine, "rows": rows}
 
-    def markdown(self) -> str:
+    def to_markdown(self) -> str:
         """Return the table for a README."""
         lines = [
             "| " + " | ".join((self.name, *COLUMNS[1:])) + " |",

@@ -1,4 +1,4 @@
-"""load_robot: a robot by name, from a URDF, or from a folder with a robot.toml.
+"""load_robot: a robot by name, from a URDF or MJCF, or from a folder with a robot.toml.
 
 A folder is a robot. Its `robot.toml` says which description to read and adds what descriptions
 leave out: loops, contacts, motors, postures, the licence.
@@ -7,9 +7,12 @@ leave out: loops, contacts, motors, postures, the licence.
     actuated = ["joint", ...]
     [description]  file (in example-robot-data, or beside the toml), srdf, root_joint
                    ("free_flyer" or "fixed"), rotors = true, lock = ["joint", ...];
+                   for URDF also mimic = false, for joints that then move on their own;
                    for SDF also root, kinds, drop, cut, as_file: see `io.sdf.read_sdf`
+    [[frames]]     name, parent, translation, rotation: more frames, see `Robot.with_frame`
     [[loops]]      kind and the fields of `Loop`; or kind = "coupling" and those of `Coupling`
-                   (an SDF brings its own)
+                   (an SDF and an MJCF bring their own, a URDF mimic joints and links named
+                   closing_X_1, closing_X_2; an entry with the same two ends replaces theirs)
     [[contacts]]   kind = "point", "surface", "line" or "planar", and the fields of that class
     [postures.X]   joint = value or list of values; joints left out stay at neutral
     [variants.OPTION.VALUE]  pieces of the card that are merged over it: see `variants`
@@ -29,9 +32,9 @@ from condyn_pin._pin import pin
 from condyn_pin.constraints import Coupling, Loop
 from condyn_pin.contacts import CONTACTS, Contact
 from condyn_pin.errors import CondynError, InvalidArgument, InvalidModel, MissingExtra, unknown_name
-from condyn_pin.io.mjcf import read_mjcf
+from condyn_pin.io.mjcf import MjcfRobot, read_mjcf
 from condyn_pin.io.sdf import read_sdf
-from condyn_pin.io.urdf import check_root_joint, read_urdf
+from condyn_pin.io.urdf import UrdfRobot, check_root_joint, read_urdf
 from condyn_pin.lock import lock_joints
 from condyn_pin.mechanisms import MECHANISMS
 from condyn_pin.postures import posture, srdf_postures
@@ -40,10 +43,11 @@ from condyn_pin.spring import Spring
 from condyn_pin.variants import check_variant, chosen_card
 
 _CARD = (
-    "name", "source", "licence", "actuated", "description", "loops", "contacts", "postures",
+    "name", "source", "licence", "actuated", "description", "frames", "loops", "contacts",
+    "postures",
 )  # fmt: skip
 _FOR_SDF = ("root", "kinds", "drop", "cut", "as_file")
-_DESCRIPTION = ("file", "srdf", "root_joint", "rotors", "lock", *_FOR_SDF)
+_DESCRIPTION = ("file", "srdf", "root_joint", "rotors", "lock", "mimic", *_FOR_SDF)
 
 
 def robots_folder() -> Path:
@@ -70,8 +74,8 @@ def load_robot(
     Parameters
     ----------
     name : str or Path
-        A name that `condyn robots` lists, the path of a URDF, or the path of a folder with a
-        robot.toml.
+        A name that `condyn robots` lists, or a path: of a URDF, of an MJCF (.xml), of a folder
+        with a robot.toml, or of that file.
     root_joint : {"fixed", "free_flyer"}, optional
         For a URDF only: how its root link is attached to the world, fixed by default. Named robots
         and folders say it themselves.
@@ -101,15 +105,15 @@ def load_robot(
     known = available_robots()
     path = Path(name).expanduser()
     folder = robots_folder() / str(name) if str(name) in known else path
+    if path.name == "robot.toml" and path.is_file():
+        folder = path.parent
     chosen = {} if variant is None else variant
     if str(name) not in known and path.suffix == ".urdf" and not path.is_dir():
         check_variant(chosen, {})
-        model, unused = read_urdf(path, root_joint or "fixed")
-        return Robot(path.stem, model, unused=unused, source=str(path))
+        return _alone(path, read_urdf(path, root_joint or "fixed"))
     if path.suffix == ".xml" and root_joint is None and not path.is_dir():
         check_variant(chosen, {})
-        mjcf = read_mjcf(path)
-        return Robot(path.stem, source=str(path), **vars(mjcf))
+        return _alone(path, read_mjcf(path))
     if root_joint is not None:
         raise InvalidArgument(
             f"root_joint = {root_joint!r}: only a URDF takes it; {str(name)!r} says it itself"
@@ -121,10 +125,19 @@ def load_robot(
         return _from_folder(folder, chosen)
     if path.suffix or path.exists():
         raise InvalidModel(
-            f"{path}: a .urdf file or a folder with a robot.toml is needed; "
+            f"{path}: a .urdf file or a folder with a robot.toml is needed, or an MJCF in a .xml; "
             "an SDF or a URDF with loops goes into such a folder"
         )
     raise unknown_name("robot", str(name), known)
+
+
+def _alone(path: Path, read: UrdfRobot | MjcfRobot) -> Robot:
+    """Return the robot of a file that no robot.toml describes."""
+    try:
+        return Robot(path.stem, source=str(path), **vars(read))
+    except CondynError as error:
+        error.args = (f"{path}: {error}", *error.args[1:])
+        raise
 
 
 def _from_folder(folder: Path, variant: Mapping[str, str] = MappingProxyType({})) -> Robot:
@@ -158,6 +171,14 @@ def _from_card(card: Mapping[str, Any], folder: Path) -> Robot:
             if key in description:
                 raise InvalidModel(f"the entry description.{key} is for an SDF, not for a URDF")
     file = _description_file(description["file"], folder)
+    if "mimic" in description and file.suffix != ".urdf":
+        raise InvalidModel("the entry description.mimic is for a URDF")
+    if not isinstance(description.get("mimic", True), bool):
+        raise InvalidModel(
+            f"the entry description.mimic = {description['mimic']!r}: true or false is needed"
+        )
+    if file.suffix == ".xml" and "root_joint" in description:
+        raise InvalidModel("the entry description.root_joint is for others: an MJCF says it itself")
     root_joint = description.get("root_joint", "fixed")
     check_root_joint(root_joint)
     fields, inverted = _read(file, description, root_joint, card.get("actuated", ()))
@@ -170,11 +191,15 @@ def _from_card(card: Mapping[str, Any], folder: Path) -> Robot:
         postures[name] = posture(fields["model"], values)
     drawn = fields.get("postures", {})  # by an MJCF; they come last, and the card's own win
     fields["postures"] = {**postures, **drawn, **postures}
-    fields["loops"] = (*fields.get("loops", ()), *map(_loop, card.get("loops", ())))
+    own = [_loop(table) for table in card.get("loops", ())]
+    said = {_ends(loop) for loop in own}
+    fields["loops"] = (*(loop for loop in fields["loops"] if _ends(loop) not in said), *own)
     fields["contacts"] = tuple(map(_contact, card.get("contacts", ())))
     if "actuated" in card:
         fields["actuated"] = tuple(card["actuated"])
     robot = Robot(card["name"], source=card["source"], licence=card["licence"], **fields)
+    for table in card.get("frames", ()):
+        robot = robot.with_frame(**table)
     return lock_joints(robot, description.get("lock", ()))
 
 
@@ -185,8 +210,8 @@ def _read(
     if file.suffix == ".xml":
         return dict(vars(read_mjcf(file))), ()
     if file.suffix != ".sdf":
-        model, unused = read_urdf(file, root_joint)
-        return {"model": model, "unused": unused}, ()
+        mimic = description.get("mimic", True)
+        return dict(vars(read_urdf(file, root_joint, mimic=mimic))), ()
     options = {key: description[key] for key in _FOR_SDF if key in description}
     if root_joint == "free_flyer":
         options["root_joint"] = pin.JointModelFreeFlyer()
@@ -221,6 +246,12 @@ def example_robot_data() -> Path:
             "the robot descriptions are missing: python -m pip install example-robot-data"
         ) from error
     return Path(str(package.locate_file("cmeel.prefix/share/example-robot-data/robots")))
+
+
+def _ends(loop: Loop | Coupling) -> frozenset[str]:
+    if isinstance(loop, Coupling):
+        return frozenset({loop.joint_a, loop.joint_b, "joints"})
+    return frozenset({loop.frame_a, loop.frame_b})
 
 
 def _loop(table: Mapping[str, Any]) -> Loop | Coupling:

@@ -101,9 +101,9 @@ class ReducedScene(Scene):
         """Return the torques of the joints that are left; those on locked joints do nothing."""
         return finite("tau", tau, self.full.robot.nv)[self._places[1]]
 
-    def summary(self) -> Summary:
+    def summary(self, q: ArrayLike | None = None) -> Summary:
         """Return the summary of the smaller scene; its notes say what was left out."""
-        summary = super().summary()
+        summary = super().summary(q)
         said = tuple(text for text in self.dropped if text not in summary.unused)
         return replace(summary, notes=(*said, *summary.notes))
 
@@ -113,18 +113,24 @@ class ReducedScene(Scene):
 
     def _find(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the state with the joints of cut-off bodies where their loops want them."""
-        full = self.full
-        numbers = {full.robot.model.getJointId(name) for name in self.found}
-        loops = [c for c in full.constraints if numbers & set(sides(full.robot, c))]
-        if not loops:
+        full, scene = self.full, self._cut_off
+        if not scene.constraints:
             return q, v
-        scene = Scene(full.robot, loops)
         known = [name for name in full.robot.joints if name not in self.found]
-        q = scene.assemble(q, fixed=known)
+        q = scene.assemble(q, fixed=known, within_limits=False).q
         _, index = indices(full.robot.model, self.found)
         J = Equations(full.robot.model, scene.bounds).jacobian(q)
         v[index] = -np.linalg.lstsq(J[:, index], J @ v, rcond=tolerances.RANK)[0]
         return q, v
+
+    @cached_property
+    def _cut_off(self) -> Scene:
+        """The full robot with the loops of the bodies that were cut off."""
+        full = self.full
+        numbers = {full.robot.model.getJointId(name) for name in self.found}
+        return Scene(
+            full.robot, [c for c in full.constraints if numbers & set(sides(full.robot, c))]
+        )
 
     def __reduce__(self) -> tuple[Any, ...]:
         rest = {key: getattr(self, key) for key in ("full", "held", "found", "dropped")}
@@ -140,9 +146,9 @@ def lock(scene: Scene, joints: Sequence[str], q: ArrayLike | None = None) -> Red
         raise InvalidArgument("joints: with all of them locked nothing moves; leave one at least")
     start = scene.state()[0] if q is None else normalised(scene.robot.model, "q", q)
     try:
-        closed = closures(scene).assemble(start, fixed=names)
+        closed = closures(scene).assemble(start, fixed=names, within_limits=False).q
     except NotAssembled as error:
-        raise NotAssembled(f"with {listed(names)} locked, {error}") from error
+        raise NotAssembled(f"with {listed(names)} locked, {error}", error.assembly) from error
     words = f"joints locked: {listed(names)}"
     robot = smaller_robot(scene.robot, names, closed, words)
     if q is not None:  # the other joints may have come to rest far from the first posture

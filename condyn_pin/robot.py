@@ -105,7 +105,7 @@ class Robot:
 
     @property
     def mass(self) -> float:
-        """Total mass [kg]."""
+        """Total mass [kg], with what is fixed to the world."""
         return float(sum(inertia.mass for inertia in self.model.inertias))
 
     @property
@@ -188,6 +188,29 @@ class Robot:
             joint = self._joint(spring.joint)
             tau[joint.idx_v] -= spring.stiffness * (q_[joint.idx_q] - spring.reference)
         return tau
+
+    def to_mjcf(self, *, without: Sequence[str] = ()) -> str:
+        """Return the robot with its loops as MJCF, for MuJoCo.
+
+        Joints with armature, damping, springs and limits, frames as sites, loops and couplings as
+        equalities, motors, and postures as keyframes. A hinge loop is two points of its axis, and
+        `load_robot` reads these as two balls. Contacts have no place in such a file.
+
+        Parameters
+        ----------
+        without : sequence of str
+            Names of loops to leave out, such as sliders, for which MuJoCo has no equality.
+
+        Raises
+        ------
+        InvalidModel
+            If MuJoCo has nothing like a joint or a loop of the robot; the text names it.
+        UnknownName
+            If `without` names no loop.
+        """
+        from condyn_pin.io.mjcf_write import to_mjcf
+
+        return to_mjcf(self, without=without)
 
     def _joint(self, name: str) -> Any:
         if not self.model.existJointName(name):

@@ -70,7 +70,7 @@ def same_motion(source: Scene, target: Scene, state: State, joints: Sequence[str
     _, of_springs = indices(robot.model, [spring.joint for spring in springs])
     known = np.concatenate([to_v, of_springs])
     for _ in range(_ROUNDS):
-        q_ = loops.assemble(guess, fixed=fixed)
+        q_ = loops.assemble(guess, fixed=fixed, within_limits=False).q
         v_ = _follow(equations, q_, wanted, known, of_springs)
         tau_ = motors + _hold(target, q_, joints) + robot.passive_torque(q_, v_)
         if not springs:

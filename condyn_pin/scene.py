@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
@@ -10,20 +10,22 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin import tolerances
 from condyn_pin._pin import pin
-from condyn_pin.arguments import normalised
-from condyn_pin.arrays import Array, finite
-from condyn_pin.assembly import assemble
+from condyn_pin.arrays import Array
+from condyn_pin.assembly import Assembly, assemble, assemble_posture
 from condyn_pin.audit import Audit, audit
 from condyn_pin.binding import bind
 from condyn_pin.bound import Bound, Coupled
+from condyn_pin.chains import Chains, chains
+from condyn_pin.check import Check, check
+from condyn_pin.completion import CompleteState, complete_state
 from condyn_pin.constraints import Constraint
-from condyn_pin.equations import Equations
-from condyn_pin.errors import InvalidArgument, NotAssembled, unknown_name
-from condyn_pin.minimum_norm import factorise
+from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.native import Natives, natives
+from condyn_pin.projection import Metric, project_acceleration, project_velocity
+from condyn_pin.rank import Rank, rank
 from condyn_pin.robot import Robot
+from condyn_pin.sampling import sample
 from condyn_pin.summary import Summary, summarise
 
 if TYPE_CHECKING:
@@ -91,6 +93,11 @@ class Scene:
         return sum(bound.size for bound in self.bounds)
 
     @cached_property
+    def chains(self) -> Chains:
+        """Which joints the loops determine, and where their dead points are; found on first use."""
+        return chains(self)
+
+    @cached_property
     def natives(self) -> Natives:
         """The constraints as Pinocchio's own methods take them."""
         return natives(self.bounds)
@@ -100,12 +107,12 @@ class Scene:
         """What the scene is at its nominal state; measured on first use."""
         return audit(self)
 
-    def summary(self) -> Summary:
+    def summary(self, q: ArrayLike | None = None) -> Summary:
         """Return rows, rank, redundant rows by name, mobility, and what is not used.
 
-        Everything is measured at the first posture with the loops closed.
+        Everything is measured at q, or at the first posture with the loops closed.
         """
-        return summarise(self)
+        return summarise(self, q)
 
     def guess(self, posture: str | None = None) -> Array:
         """Return a posture of the robot as it is in the description; neutral if it has none."""
@@ -130,7 +137,8 @@ class Scene:
         Returns
         -------
         q : (nq,) array
-            The posture, moved as little as closing the loops needs.
+            The posture, moved as closing the loops needs; within the joint limits, if it is within
+            them already and can be closed there.
         v : (nv,) array
             Zero.
 
@@ -141,40 +149,55 @@ class Scene:
         NotAssembled
             If the loops cannot be closed from there; the text says which one is open, and how far.
         """
-        q = self.assemble(self.guess(posture))
+        self.robot.check_unedited()
+        q = assemble_posture(self, self.guess(posture)).q
         return q, np.zeros(self.robot.nv)
 
-    def assemble(self, q: ArrayLike, *, fixed: Sequence[str] = ()) -> Array:
-        """Return a configuration near q that satisfies the constraints.
+    def assemble(
+        self,
+        q0: ArrayLike,
+        *,
+        fixed: Sequence[str] = (),
+        within_limits: bool = True,
+        branch: Mapping[str, int] | None = None,
+        throw: bool = True,
+    ) -> Assembly:
+        """Close the loops from a guess: ``scene.assemble(q0).q``.
 
         Parameters
         ----------
-        q : (nq,) array_like
+        q0 : (nq,) array_like
             The guess.
         fixed : sequence of str
             Joints that keep their value.
+        within_limits : bool
+            Keep the joints with finite limits inside them; a guess that is outside is moved to
+            its limits first.
+        branch : mapping of str to int, optional
+            The branch to end on, that of an `Assembly`. By default the guess's own, if no joint
+            has to move by more than 1 rad or m from there; that of a guess further away means
+            nothing.
+        throw : bool
+            Raise if the status is not CLOSED. With False the same Assembly comes back, whatever its
+            status.
 
         Raises
         ------
         NotAssembled
-            If it cannot be closed from there.
+            If the loops stay open; its `assembly` ends at the smallest gap that was found.
+        BranchChanged
+            If they are closed on the other side of a dead point; its `assembly` is there.
         """
-        self.robot.check_unedited()
-        model = self.robot.model
-        array = normalised(model, "q", q)
-        equations = Equations(model, self.bounds)
-        result = assemble(equations, array, moving=self._moving(fixed))
-        if not result.closed:
-            raise NotAssembled(
-                f"{self._worst_gap(equations.violation(result.q))} after {result.iterations} "
-                "iterations; start nearer to a closed configuration, or fix fewer joints"
-            )
-        return result.q
+        return assemble(
+            self, q0, fixed=fixed, within_limits=within_limits, branch=branch, throw=throw
+        )
 
     def sample(
         self, rng: np.random.Generator, *, spread: float = 0.2, speed: float = 1.0
     ) -> tuple[Array, Array]:
         """Return a random (q, v) that satisfies the constraints.
+
+        It is on the branch of the first posture, and within the joint limits if that is.
 
         Parameters
         ----------
@@ -190,25 +213,77 @@ class Scene:
         NotAssembled
             If none of 50 random guesses could be closed.
         """
-        if not isinstance(rng, np.random.Generator):
-            raise InvalidArgument(f"rng = {rng!r}: numpy.random.default_rng(seed) makes one")
-        for name, value in (("spread", spread), ("speed", speed)):
-            if not finite(name, value, ()) >= 0:
-                raise InvalidArgument(f"{name} = {value!r}: a number >= 0 is needed")
-        self.robot.check_unedited()
-        model, nv = self.robot.model, self.robot.nv
-        equations = Equations(model, self.bounds)
-        for _ in range(50):
-            guess = np.array(pin.integrate(model, self.audit.q, spread * rng.normal(size=nv)))
-            result = assemble(equations, guess)
-            if result.closed:
-                terms = equations.terms(result.q, np.zeros(nv))
-                factors = factorise(terms.M, terms.J, tolerances.RANK)
-                return result.q, factors.tangent(speed * rng.normal(size=nv))
-        raise NotAssembled(
-            f"none of 50 random configurations within {spread} of the nominal one could be closed; "
-            "use a smaller spread"
-        )
+        return sample(self, rng, spread, speed)
+
+    def project_velocity(self, q: ArrayLike, v: ArrayLike, *, metric: Metric = "mass") -> Array:
+        """Return the velocity nearest to v with J v = 0.
+
+        Parameters
+        ----------
+        q : (nq,) array_like
+            A closed configuration.
+        v : (nv,) array_like
+        metric : {"mass", "euclidean"}
+            What near means: kinetic energy of the difference, or its squares in rad/s and m/s.
+        """
+        return project_velocity(self, q, v, metric)
+
+    def project_acceleration(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, metric: Metric = "mass"
+    ) -> Array:
+        """Return the acceleration nearest to a with J a + gamma(q, v) = 0.
+
+        Parameters
+        ----------
+        q : (nq,) array_like
+            A closed configuration.
+        v : (nv,) array_like
+            A velocity with J v = 0.
+        a : (nv,) array_like
+        metric : {"mass", "euclidean"}
+            With "mass", and a the unconstrained acceleration, this is Gauss's principle.
+        """
+        return project_acceleration(self, q, v, a, metric)
+
+    def complete_state(
+        self,
+        q_actuated: ArrayLike,
+        v_actuated: ArrayLike | None = None,
+        *,
+        near: ArrayLike | None = None,
+    ) -> CompleteState:
+        """Return the whole state from that of the motors, as their encoders measure it.
+
+        Parameters
+        ----------
+        q_actuated : array_like
+            Positions of the actuated joints, in the order of ``robot.actuated``.
+        v_actuated : array_like, optional
+            Their velocities; at rest by default.
+        near : (nq,) array_like, optional
+            Where everything starts that the motors do not determine, and stays if the loops do not
+            either: a floating base, springs, the spin of a rod. The nominal state by default. Its
+            branch is kept: the motors move from there in strides of 0.1 rad.
+
+        Raises
+        ------
+        NotAssembled
+            If the loops cannot be closed with the motors there.
+        BranchChanged
+            If a dead point lies on the way.
+        """
+        return complete_state(self, q_actuated, v_actuated, near)
+
+    def rank(self, q: ArrayLike | None = None) -> Rank:
+        """Return rank, redundant rows, mobility and conditions at q; the nominal state by default.
+
+        q is taken as it is: `Rank.gap` says how far it is from being closed.
+        """
+        return rank(self, q)
+
+    def check(self, q: ArrayLike, v: ArrayLike | None = None) -> Check:
+        """Return how far each loop is open at q, and which constraints slip with v."""
+        return check(self, q, v)
 
     def lock(self, joints: Sequence[str], q: ArrayLike | None = None) -> ReducedScene:
         """Return the scene of the smaller robot in which some joints are held at q.
@@ -348,25 +423,6 @@ class Scene:
         from condyn_pin.minimal import minimal
 
         return minimal(self, error=error, motion=motion, watch=watch, solver=solver)
-
-    def _moving(self, fixed: Sequence[str]) -> list[int] | None:
-        model = self.robot.model
-        if isinstance(fixed, str) or not isinstance(fixed, Iterable):
-            raise InvalidArgument(f"fixed = {fixed!r}: a list of names of joints is needed")
-        held: set[int] = set()
-        for name in fixed:
-            if not isinstance(name, str):
-                raise InvalidArgument(f"fixed: {name!r} is not the name of a joint")
-            if not model.existJointName(name):
-                raise unknown_name("joint", name, self.robot.joints)
-            joint = model.joints[model.getJointId(name)]
-            held.update(range(joint.idx_v, joint.idx_v + joint.nv))
-        return [i for i in range(self.robot.nv) if i not in held] if held else None
-
-    def _worst_gap(self, c: Array) -> str:
-        gaps = {b.name: float(np.abs(c[b.rows]).max()) for b in self.bounds}
-        name = max(gaps, key=gaps.__getitem__)
-        return f"{name} is open by {gaps[name]:.3g} m or rad"
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Scene, (self.robot, self.constraints)

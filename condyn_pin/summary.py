@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from numpy.typing import ArrayLike
+
+from condyn_pin.rank import Rank
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
 
 _ROWS_SHOWN = 12
 _ILL_CONDITIONED = 1e12
+_OPEN = "the loops cannot be closed from the first posture: figures are of it, open"
 
 
 @dataclass(frozen=True)
@@ -25,12 +31,16 @@ class Summary:
     constraints : tuple of (name, kind, rows)
     rows, rank, mobility : int
         m; independent rows; nv - rank, the degrees of freedom left.
+    gruebler : int
+        nv - m: the mobility if every row counted.
     redundant : tuple of str
-        Rows that can go without changing the motion.
+        Rows that can go without changing the motion, here and at configurations nearby.
+    singular : bool
+        Whether the rank is lower here than nearby.
     singular_values : tuple of float
         Smallest and largest nonzero one of the constraint Jacobian in the metric of M.
-    condition : float
-        Condition number of the mass matrix.
+    condition, delassus_condition : float
+        Condition numbers of the mass matrix, and of the nonzero part of J M^-1 J^T.
     notes : tuple of str
         What deserves attention.
     unused : tuple of str
@@ -46,9 +56,12 @@ class Summary:
     rows: int
     rank: int
     mobility: int
+    gruebler: int
     redundant: tuple[str, ...]
+    singular: bool
     singular_values: tuple[float, float]
     condition: float
+    delassus_condition: float
     notes: tuple[str, ...]
     unused: tuple[str, ...]
     source: str
@@ -62,15 +75,17 @@ class Summary:
         facts = {
             "robot": f"{self.robot}: nq {self.nq}, nv {self.nv}, {self.mass:.6g} kg",
             "rows": f"{self.rows}, rank {self.rank}, mobility {self.mobility}",
+            "Gruebler's count": f"{self.gruebler}",
             "redundant rows": redundant,
             "singular values": "{:.3g} ... {:.3g} 1/sqrt(kg)".format(*self.singular_values),
             "condition of M": f"{self.condition:.1e}",
+            "Delassus matrix": f"condition {self.delassus_condition:.1e}, zeros left out",
             "source": self.source or "unknown",
             "licence": self.licence or "unknown",
         }
-        return {
-            label: text for label, text in facts.items() if self.rows or "singular" not in label
-        }
+        if not self.rows:
+            del facts["singular values"], facts["Delassus matrix"]
+        return facts
 
     def __str__(self) -> str:
         lines = [f"{label:<16} {text}" for label, text in self.facts().items()]
@@ -82,31 +97,30 @@ class Summary:
         return "\n".join(lines)
 
 
-def summarise(scene: Scene) -> Summary:
-    """Return the summary of a scene."""
-    robot, audit = scene.robot, scene.audit
-    S = audit.singular_values
-    unused = list(robot.unused)
-    if robot.springs:
-        joints = ", ".join(spring.joint for spring in robot.springs)
-        unused.append(f"springs ({joints}): add Robot.passive_torque to tau")
-    left_out = [loop.name for loop in robot.loops if loop not in scene.constraints]
-    if left_out:
-        unused.append(f"loops that are not in this scene ({', '.join(left_out)})")
+def summarise(scene: Scene, q: ArrayLike | None = None) -> Summary:
+    """Return the summary of a scene at q, the nominal state by default."""
+    robot, at = scene.robot, scene.rank(q)
+    notes = [*_notes(scene, at)]
+    if q is None and not scene.audit.closed:
+        notes.insert(0, _OPEN)
+    S = at.singular_values
     return Summary(
         robot=robot.name,
         nq=robot.nq,
         nv=robot.nv,
         mass=robot.mass,
         constraints=tuple((c.name, _kind(c), c.rows) for c in scene.constraints),
-        rows=scene.rows,
-        rank=audit.rank,
-        mobility=audit.mobility,
-        redundant=audit.redundant,
-        singular_values=(float(S[audit.rank - 1]), float(S[0])) if audit.rank else (0.0, 0.0),
-        condition=audit.condition,
-        notes=tuple(_notes(scene)),
-        unused=tuple(unused),
+        rows=at.rows,
+        rank=at.rank,
+        mobility=at.mobility,
+        gruebler=at.gruebler,
+        redundant=scene.chains.redundant if at.singular else at.redundant,
+        singular=at.singular,
+        singular_values=(float(S[at.rank - 1]), float(S[0])) if at.rank else (0.0, 0.0),
+        condition=at.condition,
+        delassus_condition=at.delassus_condition,
+        notes=tuple(notes),
+        unused=tuple(_unused(scene)),
         source=robot.source,
         licence=robot.licence,
     )
@@ -118,21 +132,47 @@ def _kind(constraint: object) -> str:
     return f"{name} ({kind})" if kind else name
 
 
-def _notes(scene: Scene) -> list[str]:
-    audit = scene.audit
-    notes = []
-    if not audit.closed:
-        notes.append("the loops cannot be closed from the first posture: figures are of it, open")
-    if audit.condition > _ILL_CONDITIONED:
-        notes.append(
-            f"M has a condition number of {audit.condition:.0e}: look for bodies of next to no "
+def _unused(scene: Scene) -> Iterator[str]:
+    robot = scene.robot
+    yield from robot.unused
+    if robot.springs:
+        joints = ", ".join(spring.joint for spring in robot.springs)
+        yield f"springs ({joints}): add Robot.passive_torque to tau"
+    left_out = [loop.name for loop in robot.loops if loop not in scene.constraints]
+    if left_out:
+        yield f"loops that are not in this scene ({', '.join(left_out)})"
+
+
+def _notes(scene: Scene, at: Rank) -> Iterator[str]:
+    yield from at.notes
+    if at.condition > _ILL_CONDITIONED:
+        yield (
+            f"M has a condition number of {at.condition:.0e}: look for bodies of next to no "
             "inertia; no method can be accurate on them"
         )
-    if audit.mobility == 0:
-        notes.append("mobility 0: nothing can move; a weld in place of a hinge does this")
-    if audit.redundant:
-        notes.append(
-            f"{len(audit.redundant)} redundant rows: a is unique, lam is the smallest of many; "
+    if massless := _massless(scene.robot.model):
+        yield (
+            f"nothing beyond {', '.join(massless)} has a mass: only an armature, or what the "
+            "loops hang on it, moves there"
+        )
+    if at.mobility == 0:
+        yield "mobility 0: nothing can move; a weld in place of a hinge does this"
+    if at.redundant:
+        yield (
+            f"{len(at.redundant)} redundant rows: a is unique, lam is the smallest of many; "
             "DenseKKT needs mu > 0"
         )
-    return notes
+    outside = scene.chains.limits.beyond(at.q)
+    if outside:
+        joints = ", ".join(f"{joint} by {by:.3g} rad or m" for joint, by in outside.items())
+        yield f"beyond joint limits, which the dynamics do not know: {joints}"
+
+
+def _massless(model: Any) -> list[str]:
+    """Return the joints whose whole subtree has no mass."""
+    masses = [inertia.mass for inertia in model.inertias]
+    return [
+        model.names[i]
+        for i in range(1, model.njoints)
+        if not any(masses[j] for j in model.subtrees[i])
+    ]

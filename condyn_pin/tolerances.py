@@ -44,6 +44,20 @@ DERIVATIVES: Final = 1e-6
 # M is refused when a joint feels less inertia than this share of the largest.
 MASSLESS: Final = 1e-14
 
+# A chain stands in a dead point when its smallest singular value is below this share of the
+# largest, and columns of J that differ by less count as dependent. A gap of CLOSED shifts a joint
+# beside a dead point by its square root, 1e-5.
+DEAD_POINT: Final = 1e-6
+
+# The branch of an open start means something if no joint moves further than this to close it
+# [rad, m]. Cassie's joints move by up to 0.6 from random starts of 0.2; beyond, the sign of a
+# determinant says nothing any more about where the loops will close.
+REACH: Final = 1.0
+
+# |J v| of a velocity that is consistent, relative to |v| or 1, whichever is larger [m/s, rad/s].
+# Projection ends at 1e-15; a velocity written to a file with twelve digits is still accepted.
+CONSISTENT: Final = 1e-10
+
 # Sine of the angle between two axes of a description that are meant to be the same. Files write
 # angles with four digits, and 1.57 for a right angle, which is off by 8e-4.
 PARALLEL: Final = 1e-3

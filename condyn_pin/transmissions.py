@@ -22,6 +22,7 @@ from condyn_pin import tolerances
 from condyn_pin.actuation import Actuation, motors_of
 from condyn_pin.arrays import Array, finite
 from condyn_pin.at_state import at_state, frame_jacobian
+from condyn_pin.chains import independent_columns
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.names import checked, listed
 from condyn_pin.robot import Robot
@@ -177,7 +178,7 @@ def driven_by(J: Array, motors: Indices, gears: Array, classes: Sequence[Indices
     """
     n, k = J.shape[1], len(motors)
     passive = np.sort(np.concatenate(classes))
-    least = tolerances.RANK * float(np.linalg.norm(J))
+    least = tolerances.DEAD_POINT * float(np.linalg.norm(J))
     U, S, Vt = np.linalg.svd(J[:, passive])
     rank = int(np.count_nonzero(least < S))
     free = np.zeros((n, len(passive) - rank))
@@ -187,27 +188,12 @@ def driven_by(J: Array, motors: Indices, gears: Array, classes: Sequence[Indices
     _, T, Wt = np.linalg.svd(U[:, rank:].T @ J_A)
     conflicting = int(np.count_nonzero(least / np.abs(gears).min() < T))
     fits = np.eye(k) - Wt[:conflicting].T @ Wt[:conflicting]
-    D = independent_columns(J, classes, least)
+    D = independent_columns(J, classes)
     G = np.zeros((n, k))
     G[motors] = fits / gears[:, None]
     if len(D):
-        G[D] = -np.linalg.lstsq(J[:, D], J_A @ fits, rcond=tolerances.RANK)[0]
+        G[D] = -np.linalg.lstsq(J[:, D], J_A @ fits, rcond=tolerances.DEAD_POINT)[0]
     return Driven(G, free, conflicting, D)
-
-
-def independent_columns(J: Array, classes: Sequence[Indices], least: float) -> Indices:
-    """Return as many independent columns of J as there are, those of the first classes first."""
-    from scipy.linalg import qr
-
-    left, chosen = J.copy(), [np.zeros(0, dtype=np.int_)]
-    for columns in classes:
-        if not (columns.size and J.size):
-            continue
-        Q, R, order = qr(left[:, columns], mode="economic", pivoting=True)
-        count = int(np.count_nonzero(np.abs(R.diagonal()) > least))
-        chosen.append(columns[order[:count]])
-        left -= Q[:, :count] @ (Q[:, :count].T @ left)
-    return np.sort(np.concatenate(chosen))
 
 
 def _classes(robot: Robot, motors: Indices) -> tuple[Indices, Indices]:

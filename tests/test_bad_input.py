@@ -254,7 +254,7 @@ def test_load_robot_refuses_what_is_not_a_name(name):
 NAMES = {
     "cassi": "no robot named 'cassi'; did you mean 'cassie'",
     "Talos": "'talos'",
-    "nobody": "no robot named 'nobody'; known: cassie, ",
+    "nobody": "no robot named 'nobody'; known: andrews, ",
     "/nowhere/arm.urdf": r"/nowhere/arm\.urdf: no such file",
     "/nowhere/arm.sdf": "a .urdf file or a folder with a robot.toml is needed",
     "/nowhere/arm.xacro": "a .urdf file or a folder with a robot.toml is needed",
@@ -343,6 +343,7 @@ URDFS = {
 
 CARD = 'name = "x"\nsource = "s"\nlicence = "l"\n'
 ARM = '[description]\nfile = "arm.urdf"\n'
+FRAME = '[[frames]]\nname = "tool"\nparent = "b"\ntranslation = [0, 0, 1]\n'
 CASSIE = '[description]\nfile = "cassie_description/robots/cassie_wo_gearbox_spring.sdf"\n'
 
 CARDS = {
@@ -384,6 +385,13 @@ CARDS = {
     "contact without kind": CARD + ARM + '[[contacts]]\nframe = "b"',
     "contact of kind 3": CARD + ARM + '[[contacts]]\nkind = 3\nframe = "b"',
     "offset is a word": CARD + ARM + '[[contacts]]\nkind = "point"\nframe = "b"\noffset = "x"',
+    "frames is a number": CARD + "frames = 3\n" + ARM,
+    "a frame is a number": CARD + "frames = [3]\n" + ARM,
+    "frame on nothing": CARD + ARM + FRAME.replace('"b"', '"c"'),
+    "frame without a place": CARD + ARM + '[[frames]]\nname = "tool"\nparent = "b"',
+    "frame of a known name": CARD + ARM + FRAME.replace('"tool"', '"b"'),
+    "frame with two numbers": CARD + ARM + FRAME.replace("0, 0, 1", "0, 1"),
+    "unknown key of a frame": CARD + ARM + FRAME + "rpy = [0, 0, 0]",
     "actuated is a number": CARD + "actuated = 3\n" + ARM,
     "motor of no joint": CARD + 'actuated = ["knee"]\n' + ARM,
     "no such SRDF": CARD + ARM + 'srdf = "nowhere.srdf"',

@@ -25,6 +25,8 @@ def test_robots_lists_every_robot_with_its_licence():
         assert name in output
     assert "32.9400" in output
     assert "Apache-2.0" in output
+    assert "stewart.xml" in output
+    assert "…" not in output
 
 
 def test_show_names_the_redundant_rows():
@@ -77,6 +79,15 @@ def test_frames_can_be_named_with_a_kind():
     assert "base_link" in result.output
 
 
+def test_export_writes_a_file_that_reads_back(tmp_path):
+    path = tmp_path / "bar.xml"
+    assert run("export", "four_bar", "--mjcf", str(path)).exit_code == 0
+    assert cp.load_robot(path).loops == cp.load_robot("four_bar").loops
+    words = ("export", "four_bar", "--mjcf", str(path), "--without", "coupler_rocker")
+    assert run(*words).exit_code == 0
+    assert cp.load_robot(path).loops == ()
+
+
 def test_bench_writes_table_and_picture(tmp_path):
     table, rows, picture = (tmp_path / name for name in ("b.json", "b.csv", "b.png"))
     words = ("--json", str(table), "--csv", str(rows), "--plot", str(picture))
@@ -107,6 +118,8 @@ def test_bench_writes_table_and_picture(tmp_path):
         (("solve", "talos", "--posture", "sitting"), "half_sitting"),
         (("solve", "talos", "--mu", "-1"), "mu = -1.0"),
         (("solve", "talos", "--solver", "reference", "--mu", "1"), "no such knob"),
+        (("export", "pendulum", "--mjcf", "p.xml"), "'pivot' carries 1 kg"),
+        (("export", "four_bar", "--mjcf", "no/such/b.xml"), "b.xml: cannot be written"),
         (("bench", "four_bar", "--quick", "--native", "no.json"), "make native"),
         (("bench", "four_bar", "--quick", "--plot", "b.foo"), ".png, .svg, .pdf"),
         (("bench", "four_bar", "--quick", "--csv", "no/such/b.csv"), "there is no folder no/such"),

@@ -150,7 +150,7 @@ def test_loops_stay_closed_while_feet_land():
     scene = all_scenes()["cassie loops + contacts"]
     cassie = scene.robot
     q, v = cp.Scene(cassie, cassie.loops).sample(np.random.default_rng(0))
-    q = scene.assemble(q)
+    q = scene.assemble(q).q
     v = cp.impact(cp.Scene(cassie, cassie.loops), q, v).v
     loops = slice(0, 12)
     J = cp.Workspace(scene).jacobian(q)

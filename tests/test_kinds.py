@@ -210,7 +210,7 @@ def test_an_axis_that_points_backwards_is_half_a_turn_off():
     for tilt in (1e-9, 1e-3, 1.0, 3.1):
         tilted = np.array([0, 0, 0, np.sin(tilt / 2), 0, 0, np.cos(tilt / 2)])
         assert np.linalg.norm(c(tilted)) == pytest.approx(tilt)
-        closed = scene.assemble(tilted)
+        closed = scene.assemble(tilted).q
         assert np.abs(c(closed)).max() < 1e-12
 
 

@@ -207,7 +207,7 @@ def test_tables_travel(tmp_path):
     saved = json.loads((tmp_path / "l.json").read_text())
     assert saved["machine"]["pinocchio"]
     assert saved["rows"][2]["nv"] == 20
-    assert found.markdown().count("\n") == len(found.rows) + 1
+    assert found.to_markdown().count("\n") == len(found.rows) + 1
     assert "eight corners" in str(found)
     assert pickle.loads(pickle.dumps(found)) == found
     save_ladders([found, found], tmp_path / "l.png")

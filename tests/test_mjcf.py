@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import re
+import sys
+from dataclasses import replace
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
+from fuzz import survive
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from referee import MujocoReferee
+from shared import robot as shared_robot
 
 import condyn_pin as cp
 from condyn_pin._pin import pin
+from condyn_pin.io.mjcf_build import build
+from condyn_pin.io.mjcf_compiled import read_compiled
 
 AGREES = 1e-12
 INERTIAL = '<inertial pos="0.1 0.02 -0.03" mass="2" diaginertia="0.02 0.03 0.04"/>'
@@ -25,56 +34,6 @@ def read(tmp_path: Path):
         return cp.load_robot(path)
 
     return read_text
-
-
-class Original:
-    """MuJoCo's own reading of a file, in Pinocchio's coordinates."""
-
-    def __init__(self, text: str, robot: cp.Robot):
-        self.mj = mujoco.MjModel.from_xml_string(text)
-        self.data = mujoco.MjData(self.mj)
-        self.model = robot.model
-
-    def place(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Put MuJoCo in a state; return X and Xdot v of v_mj = X v."""
-        X, Xdot_v = np.eye(self.model.nv), np.zeros(self.model.nv)
-        for k in range(self.mj.njnt):
-            joint = self.model.joints[k + 1]
-            x = q[joint.idx_q : joint.idx_q + joint.nq].copy()
-            if joint.nq in (4, 7):
-                x[-4:] = np.roll(x[-4:], 1)
-            if joint.nq == 7:
-                R = np.array(pin.XYZQUATToSE3(q[joint.idx_q : joint.idx_q + 7]).rotation)
-                linear = slice(joint.idx_v, joint.idx_v + 3)
-                angular = slice(joint.idx_v + 3, joint.idx_v + 6)
-                X[linear, linear] = R
-                Xdot_v[linear] = R @ np.cross(v[angular], v[linear])
-            start = self.mj.jnt_qposadr[k]
-            self.data.qpos[start : start + joint.nq] = x
-        self.data.qvel[:] = X @ v
-        mujoco.mj_forward(self.mj, self.data)
-        return X, Xdot_v
-
-    def terms(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return M and h."""
-        X, Xdot_v = self.place(q, v)
-        M = np.zeros((self.mj.nv, self.mj.nv))
-        if int(mujoco.__version__.split(".")[0]) >= 4:
-            mujoco.mj_fullM(self.mj, self.data, M)
-        else:
-            mujoco.mj_fullM(self.mj, M, self.data.qM)
-        return X.T @ M @ X, X.T @ (self.data.qfrc_bias + M @ Xdot_v)
-
-    def loop_rows(self, q: np.ndarray) -> np.ndarray:
-        """Return the Jacobian of MuJoCo's equalities."""
-        X, _ = self.place(q, np.zeros(self.model.nv))
-        J = np.zeros((self.data.nefc, self.mj.nv))
-        if mujoco.mj_isSparse(self.mj):
-            d = self.data
-            mujoco.mju_sparse2dense(J, d.efc_J, d.efc_J_rownnz, d.efc_J_rowadr, d.efc_J_colind)
-        else:
-            J = self.data.efc_J.reshape(-1, self.mj.nv).copy()
-        return J[: self.data.ne] @ X
 
 
 def relative(x: np.ndarray, reference: np.ndarray) -> float:
@@ -116,31 +75,33 @@ EVERYTHING = f"""<mujoco model="everything"><compiler eulerseq="xYz"/>
 </worldbody></mujoco>"""
 
 
+BODIES = ("world", "base", "arm", "plate", "wrist", "post", "door")
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_every_joint_moves_as_in_mujoco(read, seed):
     robot = read(EVERYTHING)
-    original = Original(EVERYTHING, robot)
+    original = MujocoReferee(robot, EVERYTHING)
     q, v = random_state(robot, seed)
     M, h = pinocchio_terms(robot, q, v)
-    M_mj, h_mj = original.terms(q, v)
     # MuJoCo keeps principal axes of a full inertia, found to 1e-7
-    assert relative(M, M_mj) < 1e-7
-    assert relative(h, h_mj) < 1e-7
+    assert relative(M, original.mass_matrix(q)) < 1e-7
+    assert relative(h, original.bias(q, v)) < 1e-7
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, q)
-    for kind, objects in (("body", original.mj.nbody), ("site", original.mj.nsite)):
-        for k in range(objects):
+    for kind, names in (("body", BODIES), ("site", ("ceiling", "hand"))):
+        for k in names:
             at = getattr(original.data, kind)(k)
             joint, placement = robot.frame(at.name)
             oMf = data.oMi[joint] * placement
-            where = (at.xpos, at.xmat)
-            assert np.abs(oMf.translation - where[0]).max() < AGREES
-            assert np.abs(np.array(oMf.rotation).ravel() - where[1]).max() < AGREES
+            assert np.abs(oMf.translation - at.xpos).max() < AGREES
+            assert np.abs(np.array(oMf.rotation).ravel() - at.xmat).max() < AGREES
 
 
 # Loops --------------------------------------------------------------------------------------------
 
 TWO_ARMS = f"""<mujoco><compiler angle="radian"/><worldbody><site name="wall" pos="0.3 0.4 0.5"/>
+<body pos="1 0 0" euler="0.3 0 0"><site name="at_sa" pos="0.1 0.2 0.3" euler="0.3 0.2 0.1"/></body>
 <body name="a" pos="1 0 0" euler="0.3 0 0">{INERTIAL}<joint name="ja" ref="0.5" pos="0.1 0.2 0.3"/>
   <site name="sa" pos="0.1 0.2 0.3" euler="0.3 0.2 0.1"/>
   <body name="c" pos="0 0 1"><joint name="jc" type="ball"/>{INERTIAL}</body></body>
@@ -161,6 +122,8 @@ TWO_ARMS = f"""<mujoco><compiler angle="radian"/><worldbody><site name="wall" po
         ('<weld body1="c" body2="b" relpose="0.1 0.2 0.3 0.9 0.1 0 0"/>', "weld", 6),
         ('<weld body1="c" body2="b" relpose="1 2 3 2 0.1 0 1" anchor=".1 .2 .3"/>', "weld", 6),
         ('<weld site1="sa" site2="sb"/>', "weld", 6),
+        ('<connect site1="sa" site2="at_sa"/>', "ball", 3),
+        ('<weld site1="sa" site2="at_sa"/>', "weld", 6),
         ('<weld site1="sa" site2="sb" torquescale="0"/>', "ball", 3),
     ],
 )
@@ -169,22 +132,21 @@ def test_loops_hold_what_mujoco_holds(read, equality, kind, rows):
     robot = read(text)
     (loop,) = robot.loops
     assert (loop.kind, loop.rows) == (kind, rows)
-    original = Original(text, robot)
+    original = MujocoReferee(robot, text)
     drawn = robot.postures["qpos0"]
     for q in (drawn, *(random_state(robot, seed)[0] for seed in range(3))):
-        original.place(q, np.zeros(robot.nv))
+        gap, _ = original.equality(q)
         data = robot.model.createData()
         pin.forwardKinematics(robot.model, data, q)
         ends = (robot.frame(name) for name in (loop.frame_a, loop.frame_b))
         oMa, oMb = (data.oMi[joint] * placement for joint, placement in ends)
-        gap = original.data.efc_pos
         assert np.abs(oMa.translation - oMb.translation - gap[:3]).max() < AGREES
         if kind == "weld":
             angle = np.linalg.norm(pin.log3((oMa.inverse() * oMb).rotation))
             assert np.linalg.norm(gap[3:]) == pytest.approx(np.sin(angle / 2), abs=AGREES)
-    original.place(drawn, np.zeros(robot.nv))
-    is_open = np.abs(original.data.efc_pos).max() > 1e-6
-    assert any("open by" in text for text in robot.unused) == is_open
+    size = np.abs(original.equality(drawn)[0]).max()
+    said = [text for text in robot.unused if "open by" in text]
+    assert len(said) == (size > 1e-6)
 
 
 def test_a_joint_equality_is_a_coupling(read):
@@ -194,10 +156,393 @@ def test_a_joint_equality_is_a_coupling(read):
     (coupling,) = robot.loops
     assert isinstance(coupling, cp.Coupling)
     assert (coupling.joint_a, coupling.joint_b, coupling.ratio) == ("ja", "jb", 2.0)
-    original = Original(text, robot)
+    original = MujocoReferee(robot, text)
     q = robot.postures["qpos0"].copy()
     q[-1] += 0.3
     a, b = (robot.model.joints[robot.model.getJointId(n)].idx_q for n in ("ja", "jb"))
     q[a] = coupling.ratio * q[b] + coupling.offset
-    original.place(q, np.zeros(robot.nv))
-    assert np.abs(original.data.efc_pos).max() < AGREES
+    assert np.abs(original.equality(q)[0]).max() < AGREES
+
+
+# The two routes ---------------------------------------------------------------------------------
+
+ALL_EQUALITIES = """
+<connect name="one" body1="c" body2="b" anchor="0.1 0.2 0.3" solref="0.01 1"/>
+<weld name="two" body1="c" body2="b" relpose="1 2 3 2 0.1 0 1" anchor=".1 .2 .3"/>
+<weld name="three" site1="sa" site2="sb"/>
+<weld name="four" body1="a"/>
+<connect name="off" site1="sa" site2="sb" active="false"/>
+<joint name="gear" joint1="ja" joint2="jb" polycoef="0.1 2"/>
+<joint name="held" joint1="ja"/><joint name="bent" joint1="ja" joint2="jb" polycoef="0 1 2"/>
+</equality><actuator><motor name="m" joint="jb"/><motor site="sa" gear="1 0 0 0 0 0"/></actuator>
+<keyframe><key name="home" qpos="0.1 2 0 0 0 0.3"/><key/></keyframe><equality>
+"""
+
+
+@pytest.mark.parametrize("text", [EVERYTHING, TWO_ARMS.replace("EQUALITY", ALL_EQUALITIES)])
+def test_both_routes_read_the_same(read, tmp_path, text):
+    plain = read(text)
+    compiled = build(read_compiled(tmp_path / "robot.xml", "this test"))
+    assert plain.joints == tuple(compiled.model.names)[1:]
+    assert plain.loops == compiled.loops
+    assert plain.springs == compiled.springs
+    assert plain.actuated == compiled.actuated
+    assert [f.name for f in plain.model.frames] == [f.name for f in compiled.model.frames]
+    for mine, theirs in zip(plain.model.frames, compiled.model.frames, strict=True):
+        assert mine.parentJoint == theirs.parentJoint
+        assert np.abs(mine.placement.homogeneous - theirs.placement.homogeneous).max() < AGREES
+    for mine, theirs in zip(plain.model.inertias, compiled.model.inertias, strict=True):
+        assert np.abs(mine.matrix() - theirs.matrix()).max() < 1e-8  # MuJoCo's principal axes
+    for key in ("armature", "damping", "lowerPositionLimit", "upperPositionLimit"):
+        assert np.allclose(getattr(plain.model, key), getattr(compiled.model, key), rtol=1e-15)
+    assert np.allclose(plain.model.gravity.linear, compiled.model.gravity.linear)
+    for name, q in compiled.postures.items():
+        if name != "key1":  # without qpos: MuJoCo fills in its own
+            assert np.abs(plain.postures[name] - q).max() < AGREES
+
+
+NEEDS_MUJOCO = """<mujoco><worldbody><body name="ball"><freejoint/><geom size="0.1" density="500"/>
+</body><body name="rod"><joint name="swing" axis="0 1 0" pos="0 0 0.5"/>
+<geom type="capsule" fromto="0 0 0 0 0 0.5" size="0.02"/></body></worldbody></mujoco>"""
+
+
+def test_inertia_of_geoms_is_read_by_mujoco(read):
+    robot = read(NEEDS_MUJOCO)
+    assert robot.joints == ("ball_joint", "swing")
+    original = MujocoReferee(robot, NEEDS_MUJOCO)
+    for seed in range(3):
+        q, v = random_state(robot, seed)
+        M, h = pinocchio_terms(robot, q, v)
+        assert relative(M, original.mass_matrix(q)) < AGREES
+        assert relative(h, original.bias(q, v)) < AGREES
+    ball, rod = 500 * 4 / 3 * np.pi * 0.1**3, 1000 * np.pi * 0.02**2 * (0.5 + 4 / 3 * 0.02)
+    assert robot.mass == pytest.approx(ball + rod, rel=1e-12)
+    assert any("2 geoms" in text for text in robot.unused)
+
+
+@pytest.mark.parametrize(
+    ("text", "element"),
+    [
+        (NEEDS_MUJOCO, "the inertia of body 'ball' follows from its geoms"),
+        ("<mujoco><deformable/></mujoco>", "<deformable> is there"),
+        ('<mujoco><compiler settotalmass="3"/></mujoco>', "settotalmass"),
+        (
+            '<mujoco><worldbody><body name="b"><replicate count="2"/></body></worldbody></mujoco>',
+            "<replicate> is in body 'b'",
+        ),
+    ],
+)
+def test_without_mujoco_the_error_names_the_element(read, monkeypatch, text, element):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(cp.MissingExtra, match=r"pip install 'condyn_pin\[mjcf\]'") as caught:
+        read(text)
+    assert element in str(caught.value)
+    assert "robot.xml" in str(caught.value)
+
+
+def test_a_mesh_that_is_missing_is_named(read):
+    said = r"robot\.xml: the inertia of body 'body1' .*MuJoCo .* refuses: .*nowhere\.stl"
+    with pytest.raises(cp.InvalidModel, match=said):
+        read(
+            '<mujoco><asset><mesh name="m" file="nowhere.stl"/></asset><worldbody><body>'
+            '<freejoint/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
+        )
+
+
+def test_quaternions_of_keyframes_are_normalised_as_mujoco_does(read, tmp_path):
+    text = """<mujoco><worldbody><body><joint name="j" type="ball"/><inertial pos="0 0 0" mass="1"
+    diaginertia="1 1 1"/></body></worldbody><keyframe><key name="zero" qpos="0 0 0 0"/>
+    <key name="long" qpos="0 0 3 4"/></keyframe></mujoco>"""
+    robot = read(text)
+    assert robot.postures["zero"].tolist() == [0.0, 0.0, 0.0, 1.0]
+    assert robot.postures["long"] == pytest.approx([0.0, 0.6, 0.8, 0.0])
+    compiled = build(read_compiled(tmp_path / "robot.xml", "this test"))
+    for name, q in robot.postures.items():
+        assert np.abs(compiled.postures[name] - q).max() < AGREES
+
+
+def test_files_are_included(read, tmp_path):
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "arm.xml").write_text(
+        f"""<mujocoinclude><body name="a"><joint name="j" class="stiff" axis="0 1 0"/>{INERTIAL}
+        <include file="parts/hand.xml"/></body></mujocoinclude>"""
+    )
+    (tmp_path / "parts" / "hand.xml").write_text('<x><site name="hand" pos="0 0 1"/></x>')
+    (tmp_path / "classes.xml").write_text(
+        """<mujoco><default><default class="stiff"><joint stiffness="3"/></default></default>
+        <option gravity="0 0 -1"/></mujoco>"""
+    )
+    text = """<mujoco><include file="classes.xml"/><worldbody><include file="parts/arm.xml"/>
+    </worldbody></mujoco>"""
+    robot = read(text)
+    assert robot.springs == (cp.Spring("j", 3.0),)
+    assert robot.frame("hand")[1].translation.tolist() == [0.0, 0.0, 1.0]
+    compiled = build(read_compiled(tmp_path / "robot.xml", "this test"))
+    assert robot.model == compiled.model
+    with pytest.raises(
+        cp.InvalidModel, match=r"robot\.xml: <include>: .*classes\.xml is included twice"
+    ):
+        read(text.replace("<worldbody>", '<include file="classes.xml"/><worldbody>'))
+    with pytest.raises(cp.InvalidModel, match=r"robot\.xml: .*nowhere\.xml: cannot be read"):
+        read('<mujoco><include file="nowhere.xml"/></mujoco>')
+
+
+CARD = """
+name = "two arms"
+source = "this test"
+licence = "none"
+[description]
+file = "robot.xml"
+"""
+
+
+def test_a_folder_may_hold_an_mjcf(read, tmp_path):
+    alone = read(TWO_ARMS.replace("EQUALITY", ALL_EQUALITIES))
+    card = tmp_path / "robot.toml"
+    card.write_text(CARD)
+    robot = cp.load_robot(tmp_path)
+    assert (robot.name, robot.licence) == ("two arms", "none")
+    assert (robot.loops, robot.actuated) == (alone.loops, alone.actuated)
+    assert list(robot.postures) == ["home", "qpos0"]
+    card.write_text(f'actuated = ["ja"]\n{CARD}[postures.bent]\nja = 0.3\n')
+    robot = cp.load_robot(tmp_path)
+    assert robot.actuated == ("ja",)
+    assert list(robot.postures) == ["bent", "home", "qpos0"]
+    card.write_text(f'{CARD}root_joint = "fixed"\n')
+    with pytest.raises(cp.InvalidModel, match=r"robot\.toml: .*root_joint is for others"):
+        cp.load_robot(tmp_path)
+    card.write_text(f"{CARD}drop = []\n")
+    with pytest.raises(cp.InvalidModel, match=r"description\.drop is for an SDF"):
+        cp.load_robot(tmp_path)
+
+
+# The writer ---------------------------------------------------------------------------------------
+
+
+def assert_same(one: cp.Robot, two: cp.Robot) -> None:
+    """Two robots have the same M, h and loops at random states, and the same settings."""
+    assert one.joints == two.joints
+    assert set(one.frames) <= set(two.frames)
+    assert (one.loops, one.actuated, one.springs) == (two.loops, two.actuated, two.springs)
+    rng = np.random.default_rng(0)
+    first = next(iter(one.postures.values()), pin.neutral(one.model))
+    for _ in range(3):
+        q = pin.integrate(one.model, first, rng.normal(size=one.nv))
+        v = rng.normal(size=one.nv)
+        pairs = zip(pinocchio_terms(one, q, v), pinocchio_terms(two, q, v), strict=True)
+        assert all(relative(mine, theirs) < AGREES for mine, theirs in pairs)
+        if one.loops:
+            J, gamma = (
+                [getattr(cp.Workspace(cp.Scene(r, r.loops)).terms(q, v), key) for r in (one, two)]
+                for key in ("J", "gamma")
+            )
+            assert np.abs(J[0] - J[1]).max() < AGREES
+            assert np.abs(gamma[0] - gamma[1]).max() < AGREES * max(1, np.abs(gamma[0]).max())
+    for name, q in one.postures.items():
+        assert np.abs(two.postures[name] - q).max() < AGREES
+    for key in ("armature", "damping", "lowerPositionLimit", "upperPositionLimit"):
+        assert np.allclose(getattr(one.model, key), getattr(two.model, key), rtol=1e-15)
+
+
+@pytest.mark.parametrize("name", ["talos", "cassie", "solo12", "four_bar"])
+def test_what_is_written_reads_back(read, name):
+    one = shared_robot(name)
+    two = read(one.to_mjcf())
+    assert_same(one, two)
+    again = read(two.to_mjcf())
+    assert_same(two, again)
+    assert again.frames == two.frames
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        EVERYTHING,
+        TWO_ARMS.replace("EQUALITY", ALL_EQUALITIES),
+        # sites that share a name with a body, bodies without a name
+        f"""<mujoco><worldbody><body><joint name="j" axis="0 1 0"/>{INERTIAL}<site name="b"/>
+        <body name="b" pos="0 0 1"><joint name="k"/><joint name="l" axis="1 0 0"/>{INERTIAL}</body>
+        </body></worldbody><equality><connect name="b" body1="b" anchor="0 0 1"/></equality>
+        </mujoco>""",
+    ],
+)
+def test_what_is_read_is_written_and_reads_back(read, text):
+    one = read(text)
+    assert_same(one, read(one.to_mjcf()))
+
+
+def spun(robot: cp.Robot) -> cp.Robot:
+    """Return a robot with a frame on each side of the four-bar's pin, z along it."""
+    R = pin.rpy.rpyToMatrix(np.pi / 2, 0, 0)
+    for name in ("coupler", "rocker"):
+        robot = robot.with_frame(f"{name}_pin", f"{name}_tip", [0, 0, 0], R)
+    return robot
+
+
+def test_a_hinge_is_two_points_of_its_axis(read):
+    bar = spun(shared_robot("four_bar"))
+    one = replace(bar, loops=[cp.Loop("coupler_pin", "rocker_pin", "hinge", name="pin")])
+    two = read(one.to_mjcf())
+    assert [(loop.kind, loop.name) for loop in two.loops] == [("ball", "pin"), ("ball", "pin_axis")]
+    scenes = [cp.Scene(robot, robot.loops) for robot in (one, two)]
+    q, v = scenes[0].sample(np.random.default_rng(0))
+    J = [cp.Workspace(scene).jacobian(q) for scene in scenes]
+    assert [scene.audit.rank for scene in scenes] == [2, 2]
+    assert np.linalg.matrix_rank(np.vstack(J), tol=1e-9) == 2
+    a = [cp.solve(scene, q, v, np.zeros(3)).a for scene in scenes]
+    assert np.abs(a[0] - a[1]).max() < 1e-10
+
+
+def test_a_coupling_is_a_joint_equality(read):
+    loops = [cp.Coupling("crank", "rocker", ratio=-2.0, offset=0.3, name="gear")]
+    one = replace(shared_robot("four_bar"), loops=loops)
+    assert_same(one, read(one.to_mjcf()))
+    gap, J = MujocoReferee(one).equality(np.array([0.1, 0.2, 0.4]))
+    assert gap == pytest.approx([0.1 + 2 * 0.4 - 0.3])
+    assert J.ravel() == pytest.approx([1.0, 0.0, 2.0])
+
+
+@pytest.mark.parametrize("kind", ["slider", "planar", "rod"])
+def test_kinds_that_mujoco_has_not_are_refused_or_left_out(kind):
+    length = 0.5 if kind == "rod" else None
+    loops = [cp.Loop("coupler_tip", "rocker_tip", kind, length=length, name="odd")]
+    bar = replace(shared_robot("four_bar"), loops=loops)
+    with pytest.raises(cp.InvalidModel, match=f"'odd' is a {kind}.*without="):
+        bar.to_mjcf()
+    assert "equality" not in bar.to_mjcf(without=["odd"])
+    with pytest.raises(cp.UnknownName, match="no loop named 'od'"):
+        bar.to_mjcf(without=["od"])
+    with pytest.raises(cp.InvalidArgument, match="without = 'odd'"):
+        bar.to_mjcf(without="odd")
+
+
+def test_flat_bodies_are_written_as_mujoco_takes_them():
+    """Of a disc A + B = C, but for rounding, and MuJoCo compares to the last bit."""
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        model = pin.Model()
+        joint = model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "j")
+        A, B = rng.uniform(0.1, 1.0, 2)
+        R = pin.exp3(rng.normal(size=3))
+        disc = pin.Inertia(1.0, rng.normal(size=3), R @ np.diag([A, B, A + B]) @ R.T)
+        model.appendBodyToJoint(joint, disc, pin.SE3.Identity())
+        robot = cp.Robot("disc", model)
+        M, _ = pinocchio_terms(robot, np.zeros(1), np.zeros(1))
+        assert relative(MujocoReferee(robot).mass_matrix(np.zeros(1)), M) < AGREES
+
+
+def test_what_mujoco_has_not_is_refused_by_name():
+    with pytest.raises(cp.InvalidModel, match="'pivot' carries 1 kg with the principal moments 0"):
+        shared_robot("pendulum").to_mjcf()
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "table")
+    model.appendBodyToJoint(joint, pin.Inertia.FromBox(1.0, 0.2, 0.3, 0.4), pin.SE3.Identity())
+    with pytest.raises(cp.InvalidModel, match="'table' is a JointModelPlanar"):
+        cp.Robot("puck", model).to_mjcf()
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "odd")
+    odd = pin.Inertia(1.0, np.zeros(3), np.diag([1.0, 1.0, 2.1]))
+    model.appendBodyToJoint(joint, odd, pin.SE3.Identity())
+    with pytest.raises(cp.InvalidModel, match=r"'odd' carries .* moments 1, 1 and 2\.1"):
+        cp.Robot("odd", model).to_mjcf()
+    model = pin.Model(shared_robot("solo12").model)
+    model.armature[:6] = 0.1
+    with pytest.raises(cp.InvalidModel, match="'root_joint': armature"):
+        replace(shared_robot("solo12"), model=model).to_mjcf()
+
+
+# What is wrong with a file ------------------------------------------------------------------------
+
+
+def body(inside: str, joint: str = '<joint name="j"/>') -> str:
+    return f'<worldbody><body name="b">{joint}{inside}</body></worldbody>'
+
+
+def site_pair(equality: str) -> str:
+    return f'<worldbody><site name="s"/></worldbody>{body(INERTIAL)}<equality>{equality}</equality>'
+
+
+WRONG = {
+    "<inertial> has no pos": body('<inertial mass="1" diaginertia="1 1 1"/>'),
+    "<inertial>: no mass": body('<inertial pos="0 0 0" diaginertia="1 1 1"/>'),
+    "<inertial>: no diaginertia": body('<inertial pos="0 0 0" mass="1"/>'),
+    "<inertial> is there 2 times": body(2 * INERTIAL),
+    "mass is '-1'": body('<inertial pos="0 0 0" mass="-1" diaginertia="1 1 1"/>'),
+    "mass is 'nan'": body('<inertial pos="0 0 0" mass="nan" diaginertia="1 1 1"/>'),
+    "principal moments are 1, 1 and 3": body(
+        '<inertial pos="0 0 0" mass="1" diaginertia="3 1 1"/>'
+    ),
+    "principal moments are -1": body('<inertial pos="0 0 0" mass="1" diaginertia="-1 1 1"/>'),
+    "excludes diaginertia": body(
+        '<inertial pos="0 0 0" mass="1" fullinertia="1 1 1 0 0 0" quat="1 0 0 0"/>'
+    ),
+    "no inertia moves with j": body(""),
+    "type is 'cyl'": body(INERTIAL, '<joint name="j" type="cyl"/>'),
+    "axis is '0 0 0'; zero has no direction": body(INERTIAL, '<joint axis="0 0 0"/>'),
+    "axis is '0 1'; 3 number(s)": body(INERTIAL, '<joint axis="0 1"/>'),
+    "range is '1 -1'; exchange": body(INERTIAL, '<joint range="1 -1"/>'),
+    "no range": body(INERTIAL, '<joint limited="true"/>'),
+    "armature is '-1'": body(INERTIAL, '<joint armature="-1"/>'),
+    "a free joint has to be the only one": body(INERTIAL, '<joint/><freejoint name="f"/>'),
+    "two joints are named 'j'": body(INERTIAL, '<joint name="j"/><joint name="j" axis="0 1 0"/>'),
+    "two frames would be named 'b'": body(INERTIAL + f'<body name="b">{INERTIAL}</body>'),
+    "the name 'world' is the world's": body(INERTIAL + '<site name="world"/>'),
+    "quat is '0 0 0 0'": body(INERTIAL + '<site name="s" quat="0 0 0 0"/>'),
+    "quat is there as well": body(INERTIAL + '<site name="s" quat="1 0 0 0" euler="1 0 0"/>'),
+    "two axes that are not parallel": body(INERTIAL + '<site name="s" xyaxes="1 0 0 2 0 0"/>'),
+    "no default class named 'x'": body(INERTIAL, '<joint class="x"/>'),
+    "the outermost <default> is of class 'x'": f'<default class="x"/>{body(INERTIAL)}',
+    "a <default> in class 'main' has no class": f"<default><default/></default>{body(INERTIAL)}",
+    "two default classes are named 'x'": "<default>" + 2 * '<default class="x"/>' + "</default>",
+    "the world does not move": "<worldbody><joint/></worldbody>",
+    "eulerseq is 'abc'": f'<compiler eulerseq="abc"/>{body(INERTIAL)}',
+    "angle is 'grad'": f'<compiler angle="grad"/>{body(INERTIAL)}',
+    "gravity is '0 0'": f'<option gravity="0 0"/>{body(INERTIAL)}',
+    "no body1 and no site1": site_pair('<weld body2="b"/>'),
+    "no anchor": site_pair('<connect body1="b"/>'),
+    "no body named 'c'": site_pair('<connect body1="c" anchor="0 0 0"/>'),
+    "no site named 't'": site_pair('<connect site1="s" site2="t"/>'),
+    "both sides are on 'world'": site_pair('<connect site1="s" site2="s"/>'),
+    "bodies or sites, not both": site_pair('<connect site1="s" body2="b"/>'),
+    "no joint1": site_pair('<joint joint2="j"/>'),
+    "no joint named 'k'": site_pair('<joint joint1="j" joint2="k"/>'),
+    "polycoef is '0 1 x'": site_pair('<joint joint1="j" joint2="j" polycoef="0 1 x"/>'),
+    "an actuator: no joint named 'k'": f'{body(INERTIAL)}<actuator><motor joint="k"/></actuator>',
+    "qpos has 2 numbers; 1 are": f'{body(INERTIAL)}<keyframe><key qpos="1 2"/></keyframe>',
+    "two keyframes are named 'k'": body(INERTIAL)
+    + "<keyframe>"
+    + 2 * '<key name="k" qpos="1"/>'
+    + "</keyframe>",
+    "two sites are named 's'": body(INERTIAL + 2 * '<site name="s"/>'),
+    "two equalities are named 'e'": site_pair(2 * '<connect name="e" body1="b" anchor="0 0 0"/>'),
+    "no degree of freedom": "",
+}
+
+
+@pytest.mark.parametrize("sentence", WRONG)
+def test_what_is_wrong_is_said(read, sentence):
+    with pytest.raises(cp.InvalidModel, match=re.escape(sentence)):
+        read(f"<mujoco>{WRONG[sentence]}</mujoco>")
+
+
+@pytest.mark.parametrize("text", ["", "words", "<mujoco>", "<robot/>", "<mujoco>\x00</mujoco>"])
+def test_what_is_no_mjcf_is_refused(read, text):
+    with pytest.raises(cp.InvalidModel, match=r"robot\.xml: "):
+        read(text)
+
+
+def test_bodies_without_end_are_refused(read):
+    with pytest.raises(cp.InvalidModel, match="nested too deeply"):
+        read(f"<mujoco><worldbody>{'<body>' * 5000}{'</body>' * 5000}</worldbody></mujoco>")
+
+
+def test_there_is_no_such_file():
+    with pytest.raises(cp.InvalidModel, match=r"nowhere\.xml: cannot be read"):
+        cp.load_robot("nowhere.xml")
+
+
+@given(seed=st.integers(0, 2**32))
+@settings(max_examples=3, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_spoilt_mjcf_is_refused_or_read(tmp_path, seed):
+    assert survive(tmp_path, "robot.xml", TWO_ARMS.replace("EQUALITY", ALL_EQUALITIES), seed) > 0
+    assert survive(tmp_path, "robot.xml", EVERYTHING, seed) > 0

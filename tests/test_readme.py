@@ -42,7 +42,8 @@ def test_python_blocks_run_in_one_session(capsys):
 
 
 @pytest.mark.parametrize("line", [line for line in commands() if line.startswith("condyn ")])
-def test_condyn_commands_run(line):
+def test_condyn_commands_run(line, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     result = CliRunner().invoke(app, shlex.split(line)[1:])
     assert result.exit_code == 0, result.output
 
@@ -77,6 +78,14 @@ def test_table_is_the_one_of_the_committed_results(monkeypatch):
 
     table = results.load(ROOT / "benchmarks" / "results" / "bench.json")
     assert results.with_table(README, table) == README
+
+
+def test_ladders_are_those_of_the_committed_results(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    import ladder
+
+    tables = ladder.load(ROOT / "benchmarks" / "results" / "ladder.json")
+    assert ladder.with_ladders(README, tables) == README
 
 
 def test_changelog_has_this_version():

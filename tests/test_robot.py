@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import pickle
 
 import numpy as np
 import pytest
@@ -11,43 +10,6 @@ from shared import robot
 
 import condyn_pin as cp
 from condyn_pin._pin import pin
-
-# size of q, of v, mass [kg], number of loops
-FIGURES = {
-    "talos": (39, 38, 90.2722, 0),
-    "solo12": (19, 18, 2.5, 0),
-    "cassie": (35, 32, 32.94, 4),
-    "four_bar": (3, 3, 4.25, 1),
-    "pendulum": (1, 1, 1.0, 0),
-}
-
-
-def test_every_robot_has_figures_here():
-    assert set(FIGURES) == set(cp.available_robots())
-
-
-@pytest.mark.parametrize("name", FIGURES)
-def test_size_mass_and_card(name):
-    loaded = robot(name)
-    nq, nv, mass, loops = FIGURES[name]
-    assert (loaded.nq, loaded.nv, len(loaded.loops)) == (nq, nv, loops)
-    assert loaded.mass == pytest.approx(mass, abs=5e-5)
-    assert loaded.source
-    assert loaded.licence
-    assert loaded.name == name
-    assert set(loaded.actuated) <= set(loaded.joints)
-    for contact in loaded.contacts:
-        assert contact.frame in loaded.frames
-
-
-@pytest.mark.parametrize("name", FIGURES)
-def test_robots_pickle_and_compare(name):
-    loaded = robot(name)
-    copy = pickle.loads(pickle.dumps(loaded))
-    assert copy == loaded
-    assert hash(copy) == hash(loaded)
-    assert copy != robot("talos" if name != "talos" else "solo12")
-    assert copy != "talos"
 
 
 def test_postures_cannot_be_written():
@@ -133,6 +95,18 @@ def test_a_folder_is_a_robot(tmp_path):
     assert cp.solve(scene, q, v, np.zeros(3)).status.ok
     assert any("damping (left)" in text for text in swing.unused)
     assert any("friction (left)" in text for text in swing.unused)
+
+
+def test_frames_of_a_card_carry_contacts(tmp_path):
+    (tmp_path / "swing.urdf").write_text(SWING)
+    tool = '[[frames]]\nname = "tool"\nparent = "a"\ntranslation = [0.1, 0.0, -0.2]\n'
+    held = '[[contacts]]\nkind = "point"\nframe = "tool"\n'
+    (tmp_path / "robot.toml").write_text(CARD + tool + held)
+    swing = cp.load_robot(tmp_path)
+    joint, placement = swing.frame("tool")
+    assert swing.model.names[joint] == "left"
+    assert placement.translation.tolist() == [0.1, 0.0, -0.2]
+    assert cp.Scene(swing, swing.contacts).rows == 3
 
 
 def test_a_urdf_alone_is_a_robot(tmp_path):

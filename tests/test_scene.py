@@ -136,33 +136,6 @@ def test_scenes_that_differ_are_not_equal():
     )
 
 
-def test_assemble_keeps_the_joints_that_are_named():
-    bar = robot("four_bar")
-    scene = cp.Scene(bar, bar.loops)
-    q = bar.postures["open"].copy()
-    q[0] += 0.3
-    closed = scene.assemble(q, fixed=["crank"])
-    assert closed[0] == q[0]
-    assert np.abs(cp.Workspace(scene).violation(closed)).max() <= CLOSED
-
-
-def test_assemble_from_far_away():
-    """From 0.2 rad in every joint, nine times in ten or better."""
-    rng = np.random.default_rng(0)
-    for label in ("cassie loops", "four_bar loops"):
-        scene = all_scenes()[label]
-        model = scene.robot.model
-        closed = 0
-        for _ in range(30):
-            guess = pin.integrate(model, scene.audit.q, 0.2 * rng.normal(size=model.nv))
-            try:
-                scene.assemble(guess)
-                closed += 1
-            except cp.NotAssembled:
-                pass
-        assert closed >= 27
-
-
 def test_cassies_postures_from_file_and_figures():
     """Standing: springs at rest, feet flat, the line of each foot 20 mm above the ground."""
     cassie = robot("cassie")

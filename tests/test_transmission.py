@@ -42,7 +42,7 @@ def test_a_four_bar_has_the_ratio_of_the_textbook(seed):
 
 def test_a_parallelogram_is_one_to_one():
     scene = four_bar(ground=0.7, crank=0.4, coupler=0.7, rocker=0.4)
-    q = scene.assemble([0.9, -0.9, 0.9])
+    q = scene.assemble([0.9, -0.9, 0.9]).q
     through = cp.transmission(scene, q, actuation=cp.Actuation(scene.robot, ratios=[20.0]))
     assert np.allclose(through.G[:, 0], np.array([1.0, -1.0, 1.0]) / 20.0, atol=1e-12)
     assert through.motor_torques([0.0, 0.0, 60.0])[0] == pytest.approx(3.0, rel=1e-12)
@@ -98,7 +98,7 @@ def test_the_map_is_the_derivative_of_the_closed_mechanism():
     scene = four_bar()
     q, _ = scene.sample(np.random.default_rng(2))
     h = 1e-4
-    ahead, behind = (scene.assemble(q + step * np.eye(3)[0], fixed=["crank"]) for step in (h, -h))
+    ahead, behind = (scene.assemble(q + step * np.eye(3)[0], fixed=["crank"]).q for step in (h, -h))
     through = cp.transmission(scene, q)
     assert np.allclose(through.G[:, 0], (ahead - behind) / (2 * h), atol=1e-6)
     model, data = scene.robot.model, scene.robot.model.createData()
@@ -147,6 +147,21 @@ def test_cassies_base_springs_and_rods_rest():
     torques = dict(zip(through.actuation.motors, through.motor_torques(tau), strict=True))
     assert -1.3 < torques["left-knee-op"] < -0.7
     assert abs(torques["right-knee-op"]) < 1e-12
+
+
+CLOSED = ["cassie loops", "delta loops", "four_bar loops", "parallelogram loops", "stewart loops"]
+
+
+@pytest.mark.parametrize("label", CLOSED)
+def test_it_is_how_complete_state_follows_the_motors(label):
+    scene, (q, _, _) = all_scenes()[label], states(label)[0]
+    model = scene.robot.model
+    motors = [model.joints[model.getJointId(name)].idx_q for name in scene.robot.actuated]
+    state = scene.complete_state(q[motors], near=q)
+    through = cp.transmission(scene, state.q)
+    assert np.abs(through.G - state.G).max() < 1e-9 * np.abs(state.G).max()
+    assert through.undetermined == state.undetermined
+    assert through.conflicting == state.conflicting == 0
 
 
 def test_two_feet_on_the_ground_tie_the_motors():

@@ -451,7 +451,7 @@ def test_trap_11_an_anchored_contact_reports_its_distance():
     # stated as the state's error, and never turned into an acceleration
     free = cp.solve(cp.Scene(solo, [cp.PointContact("FL_FOOT")]), q, v, v)
     assert difference(solution.a, free.a) < 1e-12
-    closed = anchored.assemble(q)
+    closed = anchored.assemble(q).q
     assert np.abs(cp.Workspace(anchored).violation(closed)).max() < 1e-10
 
 

@@ -4,16 +4,19 @@ Both residuals of `condyn_pin.differentiation.linearised` stay zero along an ans
 
     M da - J^T dlam = dtau - r_q dq - r_v dv,        J da = -s_q dq - s_v dv
 
-Independent rows take two Cholesky factorisations (`condyn_pin.range_space`). Where rows are
-redundant, the derivative is that of the smallest lam. With J = U S V^T L^T cut at its rank and N
-the rest of U, a basis of the left null space, that lam keeps N^T lam = 0: with lam = J w
+With independent rows, Y = M^-1 J^T, G = J Y and B = Y G^-1, an inverse of that matrix is
+
+    a = (M^-1 - Y B^T) x + B y,        lam = G^-1 y - B^T x.
+
+Where rows are redundant, the derivative is that of the smallest lam (`condyn_pin.minimum_norm`).
+With N a basis of the left null space of J, that lam keeps N^T lam = 0: with lam = J w
 
     N^T dlam = N^T (dJ w).
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -22,11 +25,22 @@ from condyn_pin.arrays import Array
 from condyn_pin.differentiation.base import Derivatives
 from condyn_pin.differentiation.linearised import Linearisation, Linearised
 from condyn_pin.minimum_norm import MinimumNorm, factorise
-from condyn_pin.range_space import RangeSpace, range_space
 from condyn_pin.solution import Solution
 
 if TYPE_CHECKING:
     from condyn_pin.workspace import Workspace
+
+
+class Inverse(NamedTuple):
+    """The inverse of the matrix, by blocks."""
+
+    A: Array  # (nv, nv), M^-1 - Y B^T
+    B: Array  # (nv, m)
+    G_inv: Array  # (m, m)
+
+    def solve(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Return (a, lam) for one or many right-hand sides x (nv, k), y (m, k)."""
+        return self.A @ x + self.B @ y, self.G_inv @ y - self.B.T @ x
 
 
 class KktDerivatives(Derivatives):
@@ -37,29 +51,33 @@ class KktDerivatives(Derivatives):
     workspace : Workspace
     solution : Solution
     v, tau : (nv,) array
+
+    Notes
+    -----
+    Cost O(n d + n^2 m) for n joints and a tree of depth d, most of it Newton-Euler's derivatives
+    and products of matrices.
     """
 
     def __init__(self, workspace: Workspace, solution: Solution, v: Array, tau: Array) -> None:
         super().__init__(solution)
         linearisation, q, lam = workspace.linearisation, solution.q, solution.lam
         self._of = of = linearisation.at(q, v, solution.a, lam)
-        self._null: Array | None = None
-        factors: RangeSpace | MinimumNorm | None = range_space(of.M, of.J)
+        self._null: Array | None = None  # (m, nv): what keeps lam the smallest as the rows turn
+        factors: Inverse | MinimumNorm | None = _invert(of)
         if factors is None:
-            M = np.triu(of.M) + np.triu(of.M, 1).T
-            factors = factorise(M, of.J, tolerances.RANK)
-            self._null = turning_null_space(linearisation, q, lam, of, factors)
+            factors = factorise(linearisation.mass_matrix(q), of.J, tolerances.RANK)
+            self._null = turning_null_space(linearisation, q, lam, of.J, factors)
         self._factors = factors
 
     def _form(self) -> tuple[Array, Array]:
         of, n, m = self._of, self._n, self._m
-        x, y = np.empty((n, 3 * n), order="F"), np.zeros((m, 3 * n), order="F")
-        np.negative(of.r_q, out=x[:, :n])
-        np.negative(of.r_v, out=x[:, n : 2 * n])
-        x[:, 2 * n :] = np.eye(n)
-        np.negative(of.s_q, out=y[:, :n])
-        np.negative(of.s_v, out=y[:, n : 2 * n])
-        da, dlam = self._factors.solve(x, y)
+        x, y = np.concatenate([of.r_q, of.r_v], axis=1), np.concatenate([of.s_q, of.s_v], axis=1)
+        by_state = self._factors.solve(x, y)
+        if isinstance(self._factors, Inverse):
+            by_tau = self._factors.A, -self._factors.B.T
+        else:
+            by_tau = self._factors.solve(np.eye(n), np.zeros((m, n)))
+        da, dlam = (np.concatenate([-a, b], axis=1) for a, b in zip(by_state, by_tau, strict=True))
         if self._null is not None:
             dlam[:, :n] += self._null
         return da, dlam
@@ -81,12 +99,28 @@ class KktDerivatives(Derivatives):
         return by_q, y @ of.s_v - x @ of.r_v, x
 
 
+def _invert(of: Linearised) -> Inverse | None:
+    """Return the inverse; None if the rows are not independent."""
+    # imported here: scipy.linalg takes as long to import as Pinocchio
+    from scipy.linalg.lapack import dpotrf, dpotrs
+
+    m, n = of.J.shape
+    if m == 0:
+        return Inverse(of.M_inv, np.zeros((n, 0)), np.zeros((0, 0)))
+    Y = of.M_inv @ of.J.T
+    C, info = dpotrf(of.J @ Y)
+    pivots = C.diagonal()
+    if info or not pivots.min() > tolerances.RANK * pivots.max():
+        return None
+    BT = dpotrs(C, Y.T)[0]
+    return Inverse(of.M_inv - Y @ BT, BT.T, dpotrs(C, np.eye(m))[0])
+
+
 def turning_null_space(
-    linearisation: Linearisation, q: Array, lam: Array, of: Linearised, factors: MinimumNorm
+    linearisation: Linearisation, q: Array, lam: Array, J: Array, factors: MinimumNorm
 ) -> Array:
     """Return N N^T (dJ w) (m, nv): what keeps lam the smallest as the rows turn."""
     N = factors.U[:, factors.rank :]
-    w: Array = np.asarray(np.linalg.lstsq(of.J, lam, rcond=tolerances.RANK)[0], dtype=np.float64)
-    still = np.zeros_like(w)
-    dJ_w = linearisation.at(q, still, w, np.zeros_like(lam)).s_q
+    w = np.asarray(np.linalg.lstsq(J, lam, rcond=tolerances.RANK)[0], dtype=np.float64)
+    dJ_w = linearisation.at(q, np.zeros_like(w), w, np.zeros_like(lam)).s_q
     return np.asarray(N @ (N.T @ dJ_w))

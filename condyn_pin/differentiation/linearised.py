@@ -19,14 +19,21 @@ import numpy as np
 
 from condyn_pin._pin import LOCAL, pin
 from condyn_pin.arrays import Array
-from condyn_pin.bound import Bound, Coupled
-from condyn_pin.differentiation.partials import End, Partials, of_contact, of_points, of_weld
+from condyn_pin.bound import POINT, Bound, Coupled
+from condyn_pin.differentiation.partials import (
+    End,
+    Partials,
+    of_frame,
+    of_point,
+    of_points,
+    of_weld,
+)
 
 
 class Linearised(NamedTuple):
     """The partial derivatives at one (q, v, a, lam)."""
 
-    M: Array  # (nv, nv), upper triangle
+    M_inv: Array  # (nv, nv), the inverse of the mass matrix
     J: Array  # (m, nv)
     r_q: Array  # (nv, nv)
     r_v: Array
@@ -58,6 +65,11 @@ class Linearisation:
             (b.placement1.toDualActionMatrix(), b.placement2.toDualActionMatrix())
             for b in self._pairs
         ]
+        # their force, and where it goes: constant in the axes of their joint
+        self._held = [_is_held(b) for b in self._pairs]
+        self._held_duals = [
+            on1[:, list(b.selection)] for b, (on1, _) in zip(self._pairs, self._duals, strict=True)
+        ]
 
     def at(self, q: Array, v: Array, a: Array, lam: Array) -> Linearised:
         """Return the partial derivatives at a state and an answer."""
@@ -67,8 +79,8 @@ class Linearisation:
         for wrench in self._on_joint.values():
             wrench[:] = 0.0
         turning: list[Array] = []
-        for b, duals in zip(self._pairs, self._duals, strict=True):
-            rows, of = b.rows, self._partials(b, b.sign * lam[b.rows], duals)
+        for k, b in enumerate(self._pairs):
+            rows, of = b.rows, self._partials(k, b.sign * lam[b.rows])
             J[rows], s_q[rows], s_v[rows] = of.J, of.s_q, of.s_v
             if b.sign < 0:
                 for part in (J, s_q, s_v):
@@ -81,14 +93,23 @@ class Linearisation:
         r_q = np.array(data.dtau_dq)
         for force in turning:
             r_q -= force
-        return Linearised(np.array(data.M), J, r_q, np.array(data.dtau_dv), s_q, s_v)
+        M_inv = np.array(pin.computeMinverse(model, data, q))
+        return Linearised(M_inv, J, r_q, np.array(data.dtau_dv), s_q, s_v)
 
-    def _partials(self, b: Bound, lam: Array, duals: tuple[Array, Array]) -> Partials:
+    def mass_matrix(self, q: Array) -> Array:
+        """Return M (nv, nv)."""
+        return np.array(pin.crba(self._model, self._data, q))
+
+    def _partials(self, k: int, lam: Array) -> Partials:
         """Return the partials of one constraint, and apply its force."""
+        b = self._pairs[k]
+        if self._held[k]:
+            self._on_joint[b.joint1] += self._held_duals[k].dot(lam)
+            if b.selection != POINT:
+                return of_frame(b, *self._derivatives(b.joint1, b.placement1))
+            return of_point(self._end(b.joint1, b.placement1))
+        duals = self._duals[k]
         one = self._end(b.joint1, b.placement1)
-        if b.joint2 == 0 and (b.is_plain or not b.anchored):
-            self._on_joint[b.joint1] += duals[0][:, list(b.selection)] @ lam
-            return of_contact(b, one)
         two = self._end(b.joint2, b.placement2)
         oMi = self._data.oMi
         c1Mc2 = (oMi[b.joint1] * b.placement1).actInv(oMi[b.joint2] * b.placement2)
@@ -104,11 +125,23 @@ class Linearisation:
     def _end(self, joint: int, placement: Any) -> End:
         if joint == 0:
             return self._world
-        model, data = self._model, self._data
-        found = pin.getFrameAccelerationDerivatives(model, data, joint, placement, LOCAL)
-        derivatives = (part.reshape(6, -1) for part in found)  # a single column comes as a vector
-        v, a = placement.actInv(data.v[joint]), placement.actInv(data.a[joint])
-        return End(v.vector, a.vector, *derivatives)
+        v, a = placement.actInv(self._data.v[joint]), placement.actInv(self._data.a[joint])
+        return End(v.vector, a.vector, *self._derivatives(joint, placement))
+
+    def _derivatives(self, joint: int, placement: Any) -> tuple[Array, Array, Array, Array]:
+        """Return v_q, a_q, a_v and J of a frame."""
+        found: tuple[Array, Array, Array, Array] = pin.getFrameAccelerationDerivatives(
+            self._model, self._data, joint, placement, LOCAL
+        )
+        if self._model.nv > 1:
+            return found
+        v_q, a_q, a_v, J = (part.reshape(6, 1) for part in found)  # Pinocchio gives vectors
+        return v_q, a_q, a_v, J
+
+
+def _is_held(b: Bound) -> bool:
+    """Whether the rows are those of a frame in its own axes: nothing of the world enters."""
+    return b.joint2 == 0 and (b.is_plain or not b.anchored)
 
 
 def wrenches(b: Bound, c1Mc2: Any, lam: Array) -> tuple[Array, Array]:

@@ -17,7 +17,7 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.bound import FRAME, POINT, Bound
+from condyn_pin.bound import FRAME, Bound
 
 _skew = pin.skew
 
@@ -52,15 +52,18 @@ class Partials(NamedTuple):
     force: Array | None  # (nv, nv), what J^T lam gains with q because the forces turn
 
 
-def of_contact(b: Bound, one: End) -> Partials:
-    """Return the partials of a constraint to the world that has Pinocchio's rows, or is an edge."""
+def of_frame(b: Bound, _v_q: Array, a_q: Array, a_v: Array, J: Array) -> Partials:
+    """Return the partials of a surface or an edge: rows of the frame's own velocity."""
     if b.selection == FRAME:
-        return Partials(one.J, one.a_q, one.a_v, None)
-    if b.selection == POINT:
-        _, a_q, a_v = one.classical()
-        return Partials(one.J[:3], a_q, a_v, None)
+        return Partials(J, a_q, a_v, None)
     chosen = list(b.selection)
-    return Partials(one.J[chosen], one.a_q[chosen], one.a_v[chosen], None)
+    return Partials(J[chosen], a_q[chosen], a_v[chosen], None)
+
+
+def of_point(one: End) -> Partials:
+    """Return the partials of a point on the world."""
+    _, a_q, a_v = one.classical()
+    return Partials(one.J[:3], a_q, a_v, None)
 
 
 def of_weld(one: End, two: End, c1Mc2: Any, lam: Array) -> Partials:

@@ -5,21 +5,22 @@ model of it (`mjcf_build`):
 
     plain      `mjcf_plain` reads the XML itself: bodies with an explicit <inertial>
     compiled   `mjcf_compiled` lets MuJoCo read the file, where its compiler is needed: inertia
-               that follows from geoms, includes, attached and replicated parts
+               that follows from geoms, attached and replicated parts
 
 The other files: `mjcf_words` has the words of the format, `mjcf_xml` and `mjcf_pose` read numbers
-and orientations, `mjcf_defaults` default classes, `mjcf_equality` loops. The format:
-https://mujoco.readthedocs.io/en/stable/XMLreference.html
+and orientations, `mjcf_include` and `mjcf_defaults` other files and default classes,
+`mjcf_equality` loops. The format: https://mujoco.readthedocs.io/en/stable/XMLreference.html
 """
 
 from __future__ import annotations
 
 from os import PathLike
-from xml.etree import ElementTree
+from pathlib import Path
 
 from condyn_pin.errors import CondynError, InvalidModel
 from condyn_pin.io.mjcf_build import build
 from condyn_pin.io.mjcf_compiled import read_compiled
+from condyn_pin.io.mjcf_include import insert_includes, parse
 from condyn_pin.io.mjcf_plain import read_plain
 from condyn_pin.io.mjcf_types import MjcfRobot
 from condyn_pin.io.mjcf_xml import NotPlain
@@ -53,13 +54,12 @@ def read_mjcf(path: str | PathLike[str]) -> MjcfRobot:
     body's, then the site's. A <connect> or <weld> without sites makes the frames ``NAME_a`` and
     ``NAME_b``. Loops are rigid here, whatever their solref and solimp.
     """
-    try:
-        root = ElementTree.parse(path).getroot()
-    except (ElementTree.ParseError, OSError, ValueError, LookupError) as error:
-        raise InvalidModel(f"{path}: cannot be read as XML: {error}") from error
+    path = Path(path)
+    root = parse(path)
     try:
         if root.tag != "mujoco":
             raise InvalidModel(f"its root element is <{root.tag}>, an MJCF has <mujoco>")
+        insert_includes(root, path.parent)
         try:
             said = read_plain(root)
         except NotPlain as reason:

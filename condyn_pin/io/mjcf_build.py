@@ -13,9 +13,9 @@ are in another order, w x y z in the file.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from math import inf
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.constraints import WORLD, Coupling, Loop
 from condyn_pin.errors import InvalidModel, unknown_name
+from condyn_pin.io.mjcf_posture import postures
 from condyn_pin.io.mjcf_types import (
     COORDINATES,
     Body,
@@ -38,8 +39,6 @@ from condyn_pin.io.tree import NO_LIMIT, one_coordinate, orthonormal
 from condyn_pin.io.words import few
 from condyn_pin.spring import Spring
 
-DRAWN_POSTURE: Final = "qpos0"
-
 
 def build(said: Description) -> MjcfRobot:
     """Return the model, the loops and the rest of a description."""
@@ -47,6 +46,8 @@ def build(said: Description) -> MjcfRobot:
     loops: list[Loop | Coupling] = []
     unused = [*said.unused, *grown.renamed, *_unused_settings(grown.joints.values())]
     for equality in said.equalities:
+        if equality.name in (loop.name for loop in loops):
+            raise InvalidModel(f"two equalities are named {equality.name!r}; rename one")
         loop, gap = grown.couple(equality) if isinstance(equality, Gear) else grown.close(equality)
         loops.append(loop)
         if gap > tolerances.DRAWN:
@@ -65,7 +66,7 @@ def build(said: Description) -> MjcfRobot:
             for joint in grown.joints.values()
             if joint.stiffness and joint.kind in ("slide", "hinge")
         ),
-        postures=grown.postures(said.keyframes),
+        postures=postures(grown.joints.values(), said.keyframes, grown.drawn_pose()),
         unused=tuple(unused),
     )
 
@@ -179,7 +180,10 @@ class _Tree:
         for end, oMx, suffix in zip(ends, (oMa, oMb), "ab", strict=True):
             frames.append(self._site_frames.get(end.site) or f"{closure.name}_{suffix}")
             if not end.site:
-                self._mark(frames[-1], end.body, self.drawn[end.body].actInv(oMx))
+                bMx = self.drawn[end.body].actInv(oMx)
+                if closure.kind == "ball":  # a point has the axes of its body
+                    bMx.rotation = np.eye(3)
+                self._mark(frames[-1], end.body, bMx)
         aMb = oMa.actInv(oMb)
         apart = aMb.translation if closure.kind == "ball" else np.array(pin.log6(aMb))
         loop = Loop(frames[0], frames[1], closure.kind, name=closure.name)  # type: ignore[arg-type]
@@ -210,38 +214,17 @@ class _Tree:
             raise InvalidModel(f"{who}: {unknown_name('joint', name, self.joints)}")
         return self.joints[name]
 
-    def postures(self, keyframes: Mapping[str, Array]) -> dict[str, Array]:
-        """Return the keyframes in Pinocchio's order, and last the pose of the file."""
-        size = sum(COORDINATES[joint.kind] for joint in self.joints.values())
-        found = {}
-        for name, numbers in keyframes.items():
-            if numbers.size != size:
-                raise InvalidModel(
-                    f"keyframe {name!r}: qpos has {numbers.size} numbers; {size} are needed"
-                )
-            found[name] = self._configuration(numbers, name)
-        drawn = [self._drawn_coordinates(name, joint) for name, joint in self.joints.items()]
-        found.setdefault(DRAWN_POSTURE, np.concatenate([np.empty(0), *drawn]))
-        return found
-
-    def _drawn_coordinates(self, name: str, joint: Joint) -> Array:
-        if joint.kind == "free":
-            body = next(b for b, (i, _) in self._on.items() if i == self.model.getJointId(name))
-            return np.array(pin.SE3ToXYZQUAT(self.drawn[body]))
-        return np.array([joint.reference]) if joint.kind != "ball" else np.array([0, 0, 0, 1.0])
-
-    def _configuration(self, numbers: Array, name: str) -> Array:
-        q = numbers.copy()
-        start = 0
-        for joint in self.joints.values():
-            stop = start + COORDINATES[joint.kind]
-            if joint.kind in ("free", "ball"):
-                wxyz = q[stop - 4 : stop]
-                norm = np.linalg.norm(wxyz)
-                if not norm > 0:
-                    raise InvalidModel(f"keyframe {name!r}: the quaternion of {joint.name!r} is 0")
-                q[stop - 4 : stop] = np.roll(wxyz, -1) / norm
-            start = stop
+    def drawn_pose(self) -> Array:
+        """Return the configuration in which the file draws the model."""
+        q = np.array(pin.neutral(self.model))
+        for name, joint in self.joints.items():
+            i = self.model.getJointId(name)
+            start = self.model.joints[i].idx_q
+            if joint.kind == "free":
+                body = next(b for b, (k, _) in self._on.items() if k == i)
+                q[start : start + 7] = pin.SE3ToXYZQUAT(self.drawn[body])
+            elif joint.kind != "ball":
+                q[start] = joint.reference
         return q
 
 

@@ -14,15 +14,18 @@ class Defaults:
     """The attributes of each class, by tag; a class has those of the class around it."""
 
     def __init__(self, root: Element) -> None:
-        self._main = MAIN
         self._classes: dict[str, dict[str, dict[str, str]]] = {MAIN: {}}
         for section in root.findall("default"):
-            self._main = section.get("class", MAIN)
-            self._read(section, self._main, self._classes.get(self._main, self._classes[MAIN]))
+            if section.get("class", MAIN) != MAIN:
+                raise InvalidModel(
+                    f"the outermost <default> is of class {section.get('class')!r}; it is "
+                    f"{MAIN!r}: put another one around it"
+                )
+            self._read(section, MAIN, self._classes[MAIN])
 
     def of(self, element: Element, tag: str, childclass: str) -> Mapping[str, str]:
         """Return the default attributes of an element of a body with this child class."""
-        name = element.get("class") or childclass or self._main
+        name = element.get("class") or childclass or MAIN
         if name not in self._classes:
             raise InvalidModel(
                 f"<{element.tag}> {element.get('name', '')!r}: "
@@ -37,6 +40,9 @@ class Defaults:
                 own[element.tag] = own.get(element.tag, {}) | element.attrib
         self._classes[name] = own
         for inner in section.findall("default"):
-            if not inner.get("class"):
+            inner_name = inner.get("class", "")
+            if not inner_name:
                 raise InvalidModel(f"a <default> in class {name!r} has no class; name it")
-            self._read(inner, inner.attrib["class"], own)
+            if inner_name in self._classes:
+                raise InvalidModel(f"two default classes are named {inner_name!r}; rename one")
+            self._read(inner, inner_name, own)

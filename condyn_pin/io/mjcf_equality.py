@@ -12,13 +12,14 @@ from collections.abc import Mapping
 import numpy as np
 
 from condyn_pin._pin import pin
+from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidModel, unknown_name
 from condyn_pin.io.mjcf_types import WORLD, Closure, End, Gear
 from condyn_pin.io.mjcf_xml import Attributes
 
 
 def read_equality(
-    said: Attributes, tag: str, name: str, sites: Mapping[str, str]
+    said: Attributes, tag: str, name: str, sites: Mapping[str, End]
 ) -> Closure | Gear | str:
     """Return a closure, a gear, or the sentence that says why there is none.
 
@@ -28,8 +29,7 @@ def read_equality(
     tag : {"connect", "weld", "joint"}
     name : str
         Name of the constraint.
-    sites : mapping of str to str
-        The body of each site.
+    sites : mapping of str to End
     """
     if tag == "joint":
         return _gear(said, name)
@@ -54,11 +54,11 @@ def _body(said: Attributes) -> str:
     return said.text("body1")
 
 
-def _site(said: Attributes, key: str, sites: Mapping[str, str]) -> End:
+def _site(said: Attributes, key: str, sites: Mapping[str, End]) -> End:
     name = said.text(key)
     if name not in sites:
         raise InvalidModel(f"{said.label}: {key}: {unknown_name('site', name, sites)}")
-    return End(sites[name], pin.SE3.Identity(), name)
+    return sites[name]
 
 
 def _weld(said: Attributes) -> tuple[End, End]:
@@ -83,11 +83,15 @@ def _gear(said: Attributes, name: str) -> Gear | str:
     c = np.array([0.0, 1.0, 0.0, 0.0, 0.0])
     given = said.floats("polycoef", said.count("polycoef"), np.empty(0))
     c[: given.size] = given
-    joints = said.text("joint1"), said.text("joint2")
-    if not joints[0]:
+    if not said.text("joint1"):
         raise InvalidModel(f"{said.label}: no joint1; name a joint")
-    if not joints[1]:
-        return f"equality {name!r}: it holds joint {joints[0]!r} still, which is not done here"
+    return read_polynomial(name, said.text("joint1"), said.text("joint2"), c)
+
+
+def read_polynomial(name: str, joint1: str, joint2: str, c: Array) -> Gear | str:
+    """Return a gear, or the sentence that says why the polynomial is none."""
+    if not joint2:
+        return f"equality {name!r}: it holds joint {joint1!r} still, which is not done here"
     if c[2:].any() or c[1] == 0:
         return f"equality {name!r}: polycoef is {c.tolist()}, and only a proportion is used"
-    return Gear(name, *joints, ratio=float(c[1]), shift=float(c[0]))
+    return Gear(name, joint1, joint2, ratio=float(c[1]), shift=float(c[0]))

@@ -1,0 +1,209 @@
+"""Write a robot with its loops as MJCF.
+
+A Pinocchio joint and what it carries become a body that stands where the joint does at q = 0. A
+joint that carries nothing and has one child, as in a universal joint, moves the same body as its
+child: with B the pose of the body in the joint, its point is that of B⁻¹ and its axis s becomes
+B⁻¹ s.
+
+Coordinates mean the same in both, but for
+
+    joint        Pinocchio                    MuJoCo
+    free-flyer   pose in its placement xyzw   pose in the world, wxyz
+    spherical    xyzw                         wxyz
+    unbounded    (cos α, sin α)               α
+
+Loops are given by sites, since an anchor would take its second point from where the file draws the
+model. MuJoCo has two equalities between bodies; a hinge is two points of its axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+
+from condyn_pin._pin import pin
+from condyn_pin.binding import bind
+from condyn_pin.bound import Bound
+from condyn_pin.constraints import WORLD, Coupling, Loop
+from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
+from condyn_pin.io.mjcf_write_joint import (
+    chains_of,
+    numbers,
+    write_configuration,
+    write_inertia,
+    write_joint,
+    write_pose,
+)
+from condyn_pin.robot import Robot
+
+_EQUALITIES = {"ball": "connect", "weld": "weld", "hinge": "connect"}
+
+
+def to_mjcf(robot: Robot, *, without: Iterable[str] = ()) -> str:
+    """Return a robot as MJCF; `Robot.to_mjcf` says what is written.
+
+    Parameters
+    ----------
+    robot : Robot
+    without : iterable of str
+        Names of loops to leave out.
+    """
+    robot.check_unedited()
+    return _Writer(robot).write(_kept(robot, without))
+
+
+def _kept(robot: Robot, without: Iterable[str]) -> tuple[Loop | Coupling, ...]:
+    """Return the loops to write, after a look at their kinds."""
+    if isinstance(without, str) or not isinstance(without, Iterable):
+        raise InvalidArgument(f"without = {without!r}: a list of names of loops is needed")
+    left_out = tuple(without)
+    names = [loop.name for loop in robot.loops]
+    for name in left_out:
+        if name not in names:
+            raise unknown_name("loop", str(name), names)
+    kept = tuple(loop for loop in robot.loops if loop.name not in left_out)
+    for loop in kept:
+        if isinstance(loop, Loop) and loop.kind not in _EQUALITIES:
+            raise InvalidModel(
+                f"loop {loop.name!r} is a {loop.kind}, for which MuJoCo has no equality; "
+                f"leave it out with to_mjcf(without=[{loop.name!r}])"
+            )
+    return kept
+
+
+class _Writer:
+    """A file while it grows."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot, self.model = robot, robot.model
+        self.root = Element("mujoco", model=robot.name)
+        self.on: dict[int, tuple[Element, Any]] = {}  # by joint: its body, and B⁻¹
+        self.bodies: set[str] = set()
+        self.sites: set[str] = set()
+
+    def write(self, loops: tuple[Loop | Coupling, ...]) -> str:
+        SubElement(self.root, "compiler", angle="radian", autolimits="true")
+        if np.any(self.model.gravity.angular):
+            raise InvalidModel("the model's gravity turns; MuJoCo has only a linear one")
+        SubElement(self.root, "option", gravity=numbers(self.model.gravity.linear))
+        self._add_bodies(SubElement(self.root, "worldbody"))
+        self._add_frames()
+        self._add_loops(loops)
+        self._add_motors()
+        self._add_postures()
+        ElementTree.indent(self.root)
+        return ElementTree.tostring(self.root, encoding="unicode") + "\n"
+
+    def _add_bodies(self, world: Element) -> None:
+        placements = self.model.jointPlacements
+        self.on[0] = world, pin.SE3.Identity()
+        for chain in chains_of(self.model):
+            parent, to_parent = self.on[self.model.parents[chain[0]]]
+            to_body = [pin.SE3.Identity()]  # from each joint to the last, where the body stands
+            for i in reversed(chain[1:]):
+                to_body.insert(0, placements[i] * to_body[0])
+            pose = to_parent * placements[chain[0]] * to_body[0]
+            name = self._body_name(chain[-1])
+            body = SubElement(parent, "body", {"name": name} | write_pose(pose))
+            SubElement(body, "inertial", write_inertia(self.model, chain[-1]))
+            for i, B in zip(chain, to_body, strict=True):
+                SubElement(body, "joint", write_joint(self.robot, i, B))
+                self.on[i] = body, B.inverse()
+
+    def _body_name(self, i: int) -> str:
+        """Return the name of the link that stands exactly in the joint, else the joint's."""
+        here = [
+            frame.name
+            for frame in self.model.frames
+            if frame.parentJoint == i
+            and frame.type == pin.FrameType.BODY
+            and frame.placement.isIdentity(0.0)
+        ]
+        elsewhere = {f.name for f in self.model.frames if f.type != pin.FrameType.JOINT}
+        joint = str(self.model.names[i])
+        spare = (f"{joint}_body{'_' * k}" for k in range(len(elsewhere) + self.model.njoints))
+        others = (name for name in (joint, *spare) if name not in elsewhere)
+        taken = self.bodies | set(WORLD)
+        name = next(str(name) for name in (*here, *others) if name not in taken)
+        self.bodies.add(name)
+        return name
+
+    def _add_frames(self) -> None:
+        """Make each frame a site, but for those that are bodies, joints or the world."""
+        for frame in self.model.frames:
+            taken = frame.name in (*self.bodies, *self.sites, *WORLD)
+            if not taken and frame.type != pin.FrameType.JOINT:
+                self._add_site(frame.name, frame.parentJoint, frame.placement)
+
+    def _add_site(self, name: str, i: int, placement: Any) -> str:
+        body, B_inverse = self.on[i]
+        SubElement(body, "site", {"name": name} | write_pose(B_inverse * placement))
+        self.sites.add(name)
+        return name
+
+    def _add_loops(self, loops: tuple[Loop | Coupling, ...]) -> None:
+        if not loops:
+            return
+        equality = SubElement(self.root, "equality")
+        for loop in loops:
+            if isinstance(loop, Coupling):
+                polynomial = numbers([loop.offset, loop.ratio, 0.0, 0.0, 0.0])
+                joints = {"joint1": loop.joint_a, "joint2": loop.joint_b}
+                said = {"name": loop.name, **joints, "polycoef": polynomial}
+                SubElement(equality, "joint", said)
+                continue
+            ends = (
+                self._site_of(loop.frame_a, f"{loop.name}_a"),
+                self._site_of(loop.frame_b, f"{loop.name}_b"),
+            )
+            _equate(equality, loop, loop.name, ends)
+            if loop.kind == "hinge":
+                _equate(equality, loop, f"{loop.name}_axis", self._along_axis(loop))
+
+    def _site_of(self, frame: str, new: str) -> str:
+        """Return the site of a frame; a body's or the world's own frame gets one."""
+        if frame in self.sites:
+            return frame
+        return self._add_site(self._spare(new), *self.robot.frame(frame))
+
+    def _spare(self, name: str) -> str:
+        while name in self.sites or name in self.bodies:
+            name += "_"
+        return name
+
+    def _along_axis(self, loop: Loop) -> tuple[str, str]:
+        """Add a second point of a hinge's axis to both bodies."""
+        (bound,) = bind(self.robot, [loop])
+        assert isinstance(bound, Bound)
+        along = pin.SE3(np.eye(3), bound.lever * np.eye(3)["xyz".index(loop.axis)])
+        sites = []
+        for frame, suffix in ((loop.frame_a, "a"), (loop.frame_b, "b")):
+            i, placement = self.robot.frame(frame)
+            name = self._spare(f"{loop.name}_axis_{suffix}")
+            sites.append(self._add_site(name, i, placement * along))
+        return sites[0], sites[1]
+
+    def _add_motors(self) -> None:
+        if not self.robot.actuated:
+            return
+        actuator = SubElement(self.root, "actuator")
+        for joint in self.robot.actuated:
+            nv = self.model.joints[self.model.getJointId(joint)].nv
+            for k in range(nv):
+                said = {"name": joint if nv == 1 else f"{joint}_{k}", "joint": joint}
+                SubElement(actuator, "motor", said | {"gear": numbers(np.eye(6)[k])})
+
+    def _add_postures(self) -> None:
+        if not self.robot.postures:
+            return
+        keyframes = SubElement(self.root, "keyframe")
+        for name, q in self.robot.postures.items():
+            SubElement(keyframes, "key", name=name, qpos=write_configuration(self.model, q))
+
+
+def _equate(equality: Element, loop: Loop, name: str, sites: tuple[str, str]) -> None:
+    SubElement(equality, _EQUALITIES[loop.kind], name=name, site1=sites[0], site2=sites[1])

@@ -1,0 +1,96 @@
+"""The registry of mechanisms, and the slender rods that most of them are made of."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from numbers import Real
+from typing import Any, Final, TypeVar
+
+import numpy as np
+
+from condyn_pin._pin import pin
+from condyn_pin.errors import InvalidArgument
+from condyn_pin.robot import Robot
+
+LICENCE: Final = "BSD-2-Clause (this project)"
+
+MECHANISMS: dict[str, Callable[[], Robot]] = {}
+
+Builder = TypeVar("Builder", bound=Callable[..., Robot])
+
+
+def mechanism(build: Builder) -> Builder:
+    """Enter a function into `MECHANISMS`; each of its parameters needs a default."""
+    name = build.__name__
+    if name in MECHANISMS:
+        raise InvalidArgument(f"a mechanism named {name} exists: choose another name")
+    MECHANISMS[name] = build
+    return build
+
+
+def source(name: str) -> str:
+    """Return the source of a mechanism, as its robot names it."""
+    return f"built in condyn_pin/mechanisms/{name}.py"
+
+
+def add_rod(model: Any, name: str, parent: int, at: float, length: float, mass: float) -> int:
+    """Add a slender rod that turns about -y, and a frame ``<name>_tip`` at its end.
+
+    Its angle counts from the x axis of the parent towards z.
+
+    Parameters
+    ----------
+    model : pin.Model
+        Written to.
+    name : str
+        Name of the joint.
+    parent : int
+        Joint that carries it; 0 for the world.
+    at : float
+        Its pivot, along x of the parent [m].
+    length : float
+        [m].
+    mass : float
+        [kg].
+
+    Returns
+    -------
+    int
+        The joint.
+    """
+    axis = np.array([0.0, -1.0, 0.0])
+    joint = int(model.addJoint(parent, pin.JointModelRevoluteUnaligned(axis), along_x(at), name))
+    model.appendBodyToJoint(joint, rod(length, mass), pin.SE3.Identity())
+    model.addFrame(pin.Frame(f"{name}_tip", joint, 0, along_x(length), pin.FrameType.OP_FRAME))
+    return joint
+
+
+def along_x(x: float) -> Any:
+    """Return the placement of a frame that is shifted along x [m]."""
+    return pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
+
+
+def rod(length: float, mass: float) -> Any:
+    """Return the inertia of a slender rod that lies along x from the origin: m L^2 / 12 across.
+
+    It is a thousandth of its length thick, so that no inertia is zero.
+    """
+    across = mass * length**2 / 12
+    return pin.Inertia(
+        mass, np.array([length / 2, 0.0, 0.0]), np.diag([1e-6 * across, across, across])
+    )
+
+
+def check_positive(**values: float) -> None:
+    """Refuse what is not a positive number."""
+    for name, value in values.items():
+        number = isinstance(value, Real) and not isinstance(value, bool)
+        if not (number and math.isfinite(value) and value > 0):
+            raise InvalidArgument(f"{name} = {value!r}: a positive number is needed")
+
+
+def check_count(name: str, value: int) -> None:
+    """Refuse what is not a whole number of at least one."""
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise InvalidArgument(f"{name} = {value!r}: a whole number of at least 1 is needed")

@@ -1,0 +1,558 @@
+"""Closed configurations: how they are reached, on which branch, and what is said otherwise."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from shared import all_scenes, each_scene, robot
+
+import condyn_pin as cp
+from condyn_pin._pin import pin
+from condyn_pin.equations import Equations
+from condyn_pin.tolerances import CLOSED, REACH
+
+CLOSED_CHAINS = [
+    n for n in ("cassie", "four_bar", "stewart", "delta") if n in cp.available_robots()
+]
+GROUND, CRANK, COUPLER, ROCKER = 0.7, 0.3, 0.8, 0.6  # of four_bar() [m]
+
+
+@functools.cache
+def loops_of(name: str) -> cp.Scene:
+    return cp.Scene(robot(name), robot(name).loops)
+
+
+def bar_scene(**changes) -> cp.Scene:
+    bar = dataclasses.replace(cp.four_bar(), **changes)
+    return cp.Scene(bar, bar.loops)
+
+
+def with_limits(scene: cp.Scene, **limits: tuple[float, float]) -> cp.Scene:
+    model = pin.Model(scene.robot.model)
+    lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
+    for joint, (low, high) in limits.items():
+        iq = model.joints[model.getJointId(joint)].idx_q
+        lower[iq], upper[iq] = low, high
+    model.lowerPositionLimit, model.upperPositionLimit = lower, upper
+    return cp.Scene(dataclasses.replace(scene.robot, model=model), scene.constraints)
+
+
+def gap(scene: cp.Scene, q: np.ndarray) -> float:
+    c = Equations(scene.robot.model, scene.bounds).violation(q)
+    return float(np.abs(c).max(initial=0.0))
+
+
+def elbow(q: np.ndarray) -> float:
+    """Sine of the angle between coupler and rocker: zero where they are in line."""
+    return math.sin(q[2] - q[0] - q[1])
+
+
+# --- how far it reaches
+
+
+@pytest.mark.parametrize("name", CLOSED_CHAINS)
+def test_it_closes_from_random_starts_and_on_the_branch_or_says_that_it_did_not(name):
+    """From normally distributed perturbations of 0.2 rad in every joint."""
+    scene, model = loops_of(name), robot(name).model
+    q, _ = scene.state()
+    branch = scene.assemble(q).branch
+    assert all(branch.values())
+    rng = np.random.default_rng(0)
+    found = [
+        scene.assemble(
+            pin.integrate(model, q, 0.2 * rng.normal(size=model.nv)), branch=branch, throw=False
+        )
+        for _ in range(100)
+    ]
+    closed = [assembly for assembly in found if assembly.status.ok]
+    assert len(closed) >= 95
+    assert np.median([assembly.iterations for assembly in found]) <= 8
+    for assembly in closed:
+        assert gap(scene, assembly.q) <= CLOSED
+        assert assembly.branch == branch
+        assert assembly.rank == scene.audit.rank
+    for assembly in found:
+        if not assembly.status.ok:
+            assert assembly.status is cp.AssemblyStatus.BRANCH_CHANGED or not assembly.closed
+
+
+@pytest.mark.parametrize("name", [name for name in CLOSED_CHAINS if name != "cassie"])
+def test_the_same_branch_can_be_driven_to(name):
+    """The motors alone, in small strides, lead from the posture to every configuration found."""
+    scene, model = loops_of(name), robot(name).model
+    q, _ = scene.state()
+    motors = [model.joints[model.getJointId(joint)].idx_q for joint in robot(name).actuated]
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        start = pin.integrate(model, q, 0.2 * rng.normal(size=model.nv))
+        end = scene.assemble(start, branch=scene.chains.home).q
+        driven = scene.complete_state(end[motors], near=q).q
+        data = [model.createData(), model.createData()]
+        for each, where in zip(data, (end, driven), strict=True):
+            pin.forwardKinematics(model, each, where)
+        for one, other in zip(data[0].oMi, data[1].oMi, strict=True):
+            assert np.abs(one.homogeneous - other.homogeneous).max() < 1e-8
+
+
+@each_scene
+def test_every_scene_is_closed_within_its_limits_or_is_not_called_ok(label):
+    scene = all_scenes()[label]
+    model = scene.robot.model
+    rng = np.random.default_rng(3)
+    for _ in range(5):
+        start = np.array(pin.integrate(model, scene.audit.q, 0.2 * rng.normal(size=model.nv)))
+        assembly = scene.assemble(start, throw=False)
+        assert assembly.closed == (gap(scene, assembly.q) <= CLOSED)
+        assert pin.isNormalized(model, assembly.q, 1e-9)
+        if assembly.status.ok:
+            assert assembly.closed
+            assert not assembly.beyond_limits
+            again = scene.assemble(assembly.q)
+            assert np.abs(again.q - assembly.q).max() < 1e-9
+
+
+def test_bars_in_line_are_left_sideways():
+    """All the gap is along the bars, where no joint moves anything at first."""
+    scene = bar_scene(postures={})
+    start = np.zeros(3)
+    J = Equations(scene.robot.model, scene.bounds).jacobian(start)
+    c = Equations(scene.robot.model, scene.bounds).violation(start)
+    assert np.abs(c).max() > 0.1
+    assert np.abs(J.T @ c).max() < 1e-12
+    assert scene.assemble(start).closed
+
+
+# --- fixed joints
+
+
+def test_fixed_joints_keep_their_value():
+    scene = loops_of("four_bar")
+    q = robot("four_bar").postures["open"].copy()
+    q[0] += 0.3
+    assembly = scene.assemble(q, fixed=["crank"])
+    assert assembly.q[0] == q[0]
+    assert gap(scene, assembly.q) <= CLOSED
+
+
+@pytest.mark.parametrize("rocker", [0.2, 0.3, 0.45])
+def test_what_cannot_be_reached_ends_at_the_smallest_gap(rocker):
+    """The rocker held where crank and coupler together are too short: they end in line."""
+    scene = bar_scene()
+    tip = np.array([GROUND + ROCKER * math.cos(rocker), ROCKER * math.sin(rocker)])
+    short = float(np.hypot(*tip)) - (CRANK + COUPLER)
+    assert short > 0
+    start = robot("four_bar").postures["open"].copy()
+    start[2] = rocker
+    with pytest.raises(cp.NotAssembled, match=r"coupler_rocker is open by .* mm") as error:
+        scene.assemble(start, fixed=["rocker"])
+    assembly = error.value.assembly
+    assert assembly.status is cp.AssemblyStatus.UNREACHABLE
+    assert not assembly.closed
+    assert assembly.q[2] == rocker
+    assert assembly.gap["coupler_rocker"].length == pytest.approx(short, rel=1e-6)
+    assert math.sin(assembly.q[1]) == pytest.approx(0.0, abs=1e-5)
+    copy = pickle.loads(pickle.dumps(error.value))
+    assert str(copy) == str(error.value)
+    assert np.array_equal(copy.assembly.q, assembly.q)
+
+
+def test_random_four_bars_reach_what_trigonometry_says():
+    """With the crank held, coupler and rocker meet, or end in line with the smallest gap."""
+    rng = np.random.default_rng(7)
+    reached = 0
+    for _ in range(60):
+        ground, crank, coupler, rocker = rng.uniform(0.3, 1.0, 4)
+        bar = cp.four_bar(ground=ground, crank=crank, coupler=coupler, rocker=rocker)
+        scene = cp.Scene(bar, bar.loops)
+        start = rng.uniform(-np.pi, np.pi, 3)
+        across = math.hypot(ground - crank * math.cos(start[0]), crank * math.sin(start[0]))
+        gap_there = max(across - coupler - rocker, abs(coupler - rocker) - across)
+        assembly = scene.assemble(start, fixed=["crank"], throw=False)
+        assert assembly.closed == (gap_there <= 0)
+        reached += assembly.closed
+        if gap_there > 0:
+            assert assembly.gap["coupler_rocker"].length == pytest.approx(gap_there, abs=1e-5)
+            assert assembly.status is cp.AssemblyStatus.UNREACHABLE
+    assert 20 < reached < 55
+
+
+def test_throw_false_returns_the_same_assembly():
+    scene, start = bar_scene(), np.array([1.0, -0.5, 0.2])
+    with pytest.raises(cp.NotAssembled) as error:
+        scene.assemble(start, fixed=["rocker"])
+    returned = scene.assemble(start, fixed=["rocker"], throw=False)
+    assert np.array_equal(returned.q, error.value.assembly.q)
+    assert returned.status is error.value.assembly.status
+    assert "unreachable" in str(returned)
+
+
+# --- dead points and branches
+
+
+def at_dead_point() -> np.ndarray:
+    """Crank and coupler in line: the rocker can drive no further."""
+    reach = CRANK + COUPLER
+    alpha = math.acos((GROUND**2 + reach**2 - ROCKER**2) / (2 * GROUND * reach))
+    tip = reach * np.array([math.cos(alpha), math.sin(alpha)])
+    return np.array([alpha, 0.0, math.atan2(tip[1], tip[0] - GROUND)])
+
+
+def test_a_dead_point_is_told_by_its_singular_value():
+    scene, q = bar_scene(actuated=("rocker",)), at_dead_point()
+    assembly = scene.assemble(q)
+    assert assembly.closed
+    assert assembly.smallest_singular_value < 1e-9
+    assert assembly.branch == {"coupler_rocker": 0}
+    assert assembly.rank == 2  # the linkage itself is not singular: the crank can still drive it
+    driven_by_crank = bar_scene().assemble(q)
+    assert driven_by_crank.smallest_singular_value > 0.1
+    assert abs(driven_by_crank.branch["coupler_rocker"]) == 1
+
+
+def test_the_sign_changes_across_a_dead_point_and_nowhere_else():
+    scene = bar_scene(actuated=("rocker",))
+    state = scene.complete_state([at_dead_point()[2] + 0.02])
+    signs, angles = [], []
+    for crank in at_dead_point()[0] + np.linspace(-0.8, 0.8, 33):
+        start = state.q.copy()
+        start[0] = crank
+        assembly = bar_scene(actuated=("rocker",)).assemble(start, fixed=["crank"], throw=False)
+        assert assembly.closed
+        signs.append(assembly.branch["coupler_rocker"])
+        angles.append(math.sin(assembly.q[1]))
+    assert {-1, 1} <= set(signs) <= {-1, 0, 1}
+    sides = {sign * np.sign(s) for sign, s in zip(signs, angles, strict=True) if abs(s) > 1e-3}
+    assert len(sides) == 1
+
+
+def mirrored(q: np.ndarray) -> np.ndarray:
+    """The other way to close a four-bar with this angle of the crank."""
+    crank = CRANK * np.array([math.cos(q[0]), math.sin(q[0])])
+    pivot = np.array([GROUND, 0.0])
+    tip = pivot + ROCKER * np.array([math.cos(q[2]), math.sin(q[2])])
+    axis = (pivot - crank) / np.linalg.norm(pivot - crank)
+    across = (tip - crank) - ((tip - crank) @ axis) * axis
+    other = tip - 2 * across
+    coupler, rocker = (math.atan2(*(other - end)[::-1]) for end in (crank, pivot))
+    return np.array([q[0], coupler - q[0], rocker])
+
+
+def test_the_mirror_image_is_another_branch():
+    scene = bar_scene()
+    q, _ = scene.state()
+    other = mirrored(q)
+    assert gap(scene, other) < 1e-12
+    assert scene.assemble(other).branch == {"coupler_rocker": -1}
+    assert scene.assemble(q).branch == {"coupler_rocker": 1}
+
+
+def test_a_flip_is_not_silent():
+    scene = bar_scene()
+    q, _ = scene.state()
+    home = scene.assemble(q).branch
+    with pytest.raises(cp.BranchChanged, match=r"coupler_rocker: .*dead point") as error:
+        scene.assemble(mirrored(q), fixed=["crank", "coupler", "rocker"], branch=home)
+    assembly = error.value.assembly
+    assert assembly.closed
+    assert assembly.flipped == ("coupler_rocker",)
+    assert np.array_equal(pickle.loads(pickle.dumps(error.value)).assembly.q, assembly.q)
+    assert isinstance(error.value, cp.CondynError)
+
+
+def test_what_is_called_closed_is_on_the_side_of_the_start():
+    """The angle between coupler and rocker, by trigonometry, keeps its sign."""
+    scene, statuses = bar_scene(), []
+    rng = np.random.default_rng(5)
+    for _ in range(300):
+        start = rng.uniform(-np.pi, np.pi, 3)
+        assembly = scene.assemble(start, fixed=["crank"], throw=False)
+        statuses.append(assembly.status)
+        near = np.abs(assembly.q - start).max() <= REACH
+        if assembly.status.ok and near and abs(elbow(start)) > 1e-3:
+            assert elbow(start) * elbow(assembly.q) > 0
+    assert statuses.count(cp.AssemblyStatus.CLOSED) > 200
+
+
+def test_cassies_legs_have_signs_of_their_own():
+    scene = loops_of("cassie")
+    q, _ = scene.state()
+    assembly = scene.assemble(q)
+    assert set(assembly.branch) == set(scene.names)
+    model = robot("cassie").model
+    flipped = q.copy()
+    free = ("left-tarsus-crank-joint", "left-crank-rod-joint")
+    crank, rod = (model.joints[model.getJointId(name)].idx_q for name in free)
+    # the plantar parallelogram of the left leg folded over: crank and rod mirrored
+    flipped[crank], flipped[rod] = -q[crank] - 1.0, -q[rod]
+    held = [name for name in robot("cassie").joints if name not in free]
+    other = scene.assemble(flipped, fixed=held, within_limits=False, throw=False)
+    assert other.closed
+    changed = [name for name in scene.names if other.branch[name] != assembly.branch[name]]
+    assert changed == ["left-plantar-foot-joint"]
+
+
+def test_without_motors_there_is_no_branch():
+    scene = bar_scene(actuated=())
+    assembly = scene.assemble(robot("four_bar").postures["open"])
+    assert assembly.branch == {}
+    assert assembly.smallest_singular_value == pytest.approx(
+        np.sort(np.linalg.svd(cp.Workspace(scene).jacobian(assembly.q), compute_uv=False))[1]
+    )
+
+
+# --- the flat parallelogram
+
+
+def parallelogram() -> cp.Scene:
+    bar = cp.four_bar(ground=0.6, crank=0.3, coupler=0.6, rocker=0.3)
+    bar = dataclasses.replace(bar, postures={"flat": np.zeros(3)})
+    return cp.Scene(bar, bar.loops)
+
+
+def test_a_flat_parallelogram_is_closed_and_in_a_dead_point():
+    assembly = parallelogram().assemble(np.zeros(3))
+    assert assembly.status.ok
+    assert assembly.rank == 1
+    assert assembly.smallest_singular_value < 1e-12
+    assert assembly.branch == {"coupler_rocker": 0}
+
+
+def test_from_the_flat_parallelogram_two_branches_start():
+    scene = parallelogram()
+    ends = [scene.assemble([0.3, -0.3 + fold, 0.3 - fold], fixed=["crank"]) for fold in (0.01, 0.7)]
+    signs = [end.branch["coupler_rocker"] for end in ends]
+    assert signs[0] * signs[1] == -1
+    assert np.abs(ends[0].q - [0.3, -0.3, 0.3]).max() < 1e-9
+    assert elbow(ends[1].q) * elbow(ends[0].q) < 0
+
+
+# --- limits
+
+
+def test_joints_stay_within_their_limits():
+    free = bar_scene()
+    q, _ = free.state()
+    scene = with_limits(free, crank=(q[0], 3.0), rocker=(-3.0, q[2] + 0.1))
+    start = q + np.array([-0.4, 0.0, 0.5])  # both outside
+    out = scene.assemble(start, within_limits=False)
+    assert out.closed
+    assert out.beyond_limits
+    assembly = scene.assemble(start)
+    assert assembly.closed
+    assert q[0] <= assembly.q[0] <= 3.0
+    assert assembly.q[2] <= q[2] + 0.1
+    assert not assembly.beyond_limits
+
+
+def test_a_closure_beyond_the_limits_is_named():
+    free = bar_scene()
+    q, _ = free.state()
+    both = (q, mirrored(q))
+    most = max(solution[2] for solution in both)
+    scene = with_limits(free, rocker=(most + 0.1, most + 0.5), coupler=(-2.0, 2.0))
+    start = q.copy()
+    start[2] = most + 0.2
+    with pytest.raises(cp.NotAssembled, match=r"rocker is .* rad or m beyond its limits") as error:
+        scene.assemble(start, fixed=["crank"])
+    assembly = error.value.assembly
+    assert assembly.status is cp.AssemblyStatus.BEYOND_LIMITS
+    assert most + 0.1 <= assembly.q[2] <= most + 0.5
+    assert not assembly.closed
+    beyond = [most + 0.1 - solution[2] for solution in both]
+    assert min(abs(assembly.beyond_limits["rocker"] - by) for by in beyond) < 1e-6
+    assert scene.assemble(start, fixed=["crank"], within_limits=False).closed
+
+
+def test_a_joint_held_beyond_its_limits_is_refused():
+    scene = with_limits(bar_scene(), crank=(0.0, 1.0))
+    with pytest.raises(cp.InvalidArgument, match=r"fixed: 'crank' is 0\.5 .*within_limits=False"):
+        scene.assemble([1.5, -0.9, 1.4], fixed=["crank"])
+    assert scene.assemble([1.5, -0.9, 1.4], fixed=["crank"], within_limits=False).closed
+
+
+def test_infinite_limits_are_none():
+    limits = bar_scene().chains.limits
+    assert limits.joints == ()
+    one_sided = with_limits(bar_scene(), crank=(-np.inf, 1.0)).chains.limits
+    assert one_sided.joints == ("crank",)
+    assert one_sided.beyond(np.array([1.5, 0, 0])) == {"crank": 0.5}
+    assert one_sided.beyond(np.array([-1e9, 0, 0])) == {}
+
+
+@pytest.mark.parametrize("name", CLOSED_CHAINS)
+def test_samples_are_within_limits_and_on_the_branch_of_the_posture(name):
+    scene = loops_of(name)
+    home = scene.assemble(scene.state()[0]).branch
+    rng = np.random.default_rng(2)
+    for _ in range(10):
+        q, v = scene.sample(rng)
+        assert scene.assemble(q).branch == home
+        assert scene.check(q, v).ok
+        assert not scene.check(q, v).beyond_limits
+
+
+# --- properties
+
+angles = st.floats(-4.0, 4.0)
+
+
+@given(st.tuples(angles, angles, angles), st.sampled_from([(), ("crank",), ("rocker",)]))
+def test_the_result_is_closed_or_it_raises_and_closing_again_changes_nothing(start, fixed):
+    scene = loops_of("four_bar")
+    assembly = scene.assemble(start, fixed=fixed, throw=False)
+    assert np.isfinite(assembly.q).all()
+    if not assembly.status.ok:
+        with pytest.raises((cp.NotAssembled, cp.BranchChanged)) as error:
+            scene.assemble(start, fixed=fixed)
+        assert np.array_equal(error.value.assembly.q, assembly.q)
+        return
+    assert gap(scene, assembly.q) <= CLOSED
+    again = scene.assemble(assembly.q, fixed=fixed)
+    assert np.abs(again.q - assembly.q).max() <= 1e-9
+    assert again.iterations <= 1
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.0, 1.0))
+def test_cassie_is_closed_or_it_raises(seed, spread):
+    scene, model = loops_of("cassie"), robot("cassie").model
+    rng = np.random.default_rng(seed)
+    start = pin.integrate(model, scene.audit.q, spread * rng.normal(size=model.nv))
+    assembly = scene.assemble(start, throw=False)
+    assert np.isfinite(assembly.q).all()
+    assert assembly.status.ok <= (gap(scene, assembly.q) <= CLOSED)
+    assert assembly.status is not cp.AssemblyStatus.CLOSED or not assembly.beyond_limits
+
+
+# --- projections
+
+
+@each_scene
+@pytest.mark.parametrize("metric", ["mass", "euclidean"])
+def test_projections_are_on_the_constraints_and_nearest(label, metric):
+    scene = all_scenes()[label]
+    rng = np.random.default_rng(4)
+    q, v = scene.sample(rng)
+    nv = scene.robot.nv
+    terms = cp.Workspace(scene).terms(q, v)
+    W = terms.M if metric == "mass" else np.eye(nv)
+    tangents = [scene.project_velocity(q, rng.normal(size=nv)) for _ in range(3)]
+    x = rng.normal(size=nv)
+    nearest = scene.project_velocity(q, x, metric=metric)
+    a = scene.project_acceleration(q, v, x, metric=metric)
+    assert np.abs(terms.J @ nearest).max(initial=0.0) < 1e-9
+    residual = terms.J @ a + terms.gamma
+    scale = max(1.0, np.abs(a).max(), np.abs(terms.gamma).max(initial=0.0))
+    assert np.abs(residual).max(initial=0.0) < 1e-9 * scale
+    for tangent in tangents:
+        size = np.linalg.norm(W @ tangent)
+        assert abs(tangent @ W @ (x - nearest)) < 1e-9 * size * np.linalg.norm(x)
+        assert abs(tangent @ W @ (x - a)) < 1e-9 * size * max(1.0, np.linalg.norm(a))
+
+
+def test_gauss_principle():
+    """The constrained acceleration is the free one, projected in the metric of M."""
+    scene = loops_of("cassie")
+    q, v = scene.sample(np.random.default_rng(6))
+    tau = robot("cassie").passive_torque(q, v)
+    free = cp.solve(cp.Scene(robot("cassie")), q, v, tau, solver=cp.Reference()).a
+    right = cp.solve(scene, q, v, tau, solver=cp.Reference()).a
+    error = np.abs(scene.project_acceleration(q, v, free) - right).max()
+    assert error < 1e-8 * np.abs(right).max()
+
+
+# --- the state from the motors
+
+
+@pytest.mark.parametrize("name", CLOSED_CHAINS)
+def test_the_motors_give_the_state_and_its_derivative(name):
+    scene, model = loops_of(name), robot(name).model
+    near, _ = scene.sample(np.random.default_rng(8))
+    motors = [model.joints[model.getJointId(joint)].idx_q for joint in robot(name).actuated]
+    rng = np.random.default_rng(9)
+    q_act = near[motors] + 0.1 * rng.normal(size=len(motors))
+    v_act = rng.normal(size=len(motors))
+    state = scene.complete_state(q_act, v_act, near=near)
+    assert np.array_equal(state.q[motors], q_act)
+    assert gap(scene, state.q) <= CLOSED
+    assert state.residual <= CLOSED
+    J = cp.Workspace(scene).jacobian(state.q)
+    assert np.abs(J @ state.v).max() < 1e-10
+    assert np.abs(J @ state.G).max() < 1e-12
+    assert state.conflicting == 0
+    assert state.undetermined == scene.audit.mobility - len(motors)
+    step = 1e-6
+    for column, move in zip(state.G.T, step * np.eye(len(motors)), strict=True):
+        ends = [scene.complete_state(q_act + s * move, near=state.q).q for s in (-1, 1)]
+        assert np.abs(pin.difference(model, *ends) / (2 * step) - column).max() < 1e-7
+
+
+def test_springs_and_base_stay_where_near_has_them():
+    scene, cassie = loops_of("cassie"), robot("cassie")
+    near, _ = scene.sample(np.random.default_rng(10))
+    motors = [cassie.model.joints[cassie.model.getJointId(j)].idx_q for j in cassie.actuated]
+    state = scene.complete_state(near[motors] + 0.05, near=near)
+    kept = [cassie.model.joints[cassie.model.getJointId(s.joint)].idx_q for s in cassie.springs]
+    assert np.array_equal(state.q[kept], near[kept])
+    assert np.array_equal(state.q[:7], near[:7])
+    assert state.undetermined == 12  # the base, and in each leg two springs and the spin of a rod
+
+
+def test_the_motors_do_not_jump_across_a_dead_point():
+    scene = bar_scene(actuated=("rocker",))
+    beyond = at_dead_point()[2] - 0.05
+    with pytest.raises((cp.NotAssembled, cp.BranchChanged)):
+        scene.complete_state([beyond])
+
+
+def test_more_motors_than_freedoms_are_in_conflict():
+    scene = bar_scene(actuated=("crank", "rocker"))
+    q, _ = scene.state()
+    state = scene.complete_state(q[[0, 2]])
+    assert (state.conflicting, state.undetermined) == (1, 0)
+    with pytest.raises(cp.NotAssembled):
+        scene.complete_state(q[[0, 2]] + [0.1, 0.0])
+
+
+# --- bad input
+
+
+def case(text, call):
+    return pytest.param(call, text, id=text)
+
+
+@pytest.mark.parametrize(
+    ("call", "text"),
+    [
+        case("branch = 'open'", lambda s: s.assemble(np.ones(3), branch="open")),
+        case("no cluster of loops named", lambda s: s.assemble(np.ones(3), branch={"a": 1})),
+        case(
+            r"branch\['coupler_rocker'\] = 2",
+            lambda s: s.assemble(np.ones(3), branch={"coupler_rocker": 2}),
+        ),
+        case("metric = 'mas'", lambda s: s.project_velocity(np.ones(3), np.ones(3), metric="mas")),
+        case("v has shape", lambda s: s.project_velocity(np.ones(3), np.ones(4))),
+        case(r"v\[0\] = nan", lambda s: s.project_velocity(np.ones(3), [np.nan, 0, 0])),
+        case("a has shape", lambda s: s.project_acceleration(np.ones(3), np.ones(3), np.ones(2))),
+        case("q has shape", lambda s: s.project_acceleration(np.ones(2), np.ones(3), np.ones(3))),
+        case("q_actuated has shape", lambda s: s.complete_state([1.0, 2.0])),
+        case(r"q_actuated\[0\] = inf", lambda s: s.complete_state([np.inf])),
+        case("999 rad or m from where it is", lambda s: s.complete_state([1000.0])),
+        case("v_actuated has shape", lambda s: s.complete_state([1.0], [1.0, 2.0])),
+        case("near has shape", lambda s: s.complete_state([1.0], near=[1.0])),
+        case("no actuated joints", lambda s: bar_scene(actuated=()).complete_state([])),
+        case(r"q\[1\] = nan", lambda s: s.check([0, np.nan, 0])),
+        case("v has shape", lambda s: s.check(np.ones(3), np.ones(2))),
+        case("q has shape", lambda s: s.rank(np.ones(2))),
+        case("q has shape", lambda s: s.summary(np.ones(2))),
+    ],
+)
+def test_bad_input_is_named(call, text):
+    with pytest.raises(cp.CondynError, match=text):
+        call(loops_of("four_bar"))

@@ -1,0 +1,262 @@
+"""What a scene says of itself: rank, redundant rows, what is open, what slips, what is not used."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from shared import all_scenes, each_scene, robot
+from test_assembly import loops_of, parallelogram, with_limits
+from typer.testing import CliRunner
+
+import condyn_pin as cp
+from condyn_pin._pin import pin
+from condyn_pin.cli import app
+from condyn_pin.load import robots_folder
+
+ROCKER = 0.6  # of four_bar() [m]
+
+
+def run(*words: str):
+    return CliRunner().invoke(app, list(words))
+
+
+# --- rank
+
+
+@each_scene
+def test_rank_and_conditions_by_another_route(label):
+    """From the Delassus matrix and its eigenvalues."""
+    scene = all_scenes()[label]
+    q, _ = scene.sample(np.random.default_rng(1))
+    terms = cp.Workspace(scene).terms(q, np.zeros(scene.robot.nv))
+    rank = scene.rank(q)
+    W = terms.J @ np.linalg.solve(terms.M, terms.J.T)
+    eigenvalues = np.linalg.eigvalsh(W)[::-1] if scene.rows else np.zeros(0)
+    count = int(np.sum(eigenvalues > 1e-10 * eigenvalues.max(initial=0.0)))
+    assert (rank.rows, rank.rank) == (scene.rows, count)
+    assert rank.mobility == scene.robot.nv - count
+    assert rank.gruebler == scene.robot.nv - scene.rows
+    assert rank.licq == (count == scene.rows)
+    assert rank.closed
+    assert len(rank.redundant) == scene.rows - count
+    kept = [name not in rank.redundant for name in scene.row_names]
+    if count:
+        assert np.linalg.matrix_rank(terms.J[kept], tol=1e-9) == count
+        ratio = eigenvalues[0] / eigenvalues[count - 1]
+        assert rank.delassus_condition == pytest.approx(ratio, rel=1e-4)
+    assert rank.condition == pytest.approx(np.linalg.cond(terms.M))
+    assert not rank.singular
+
+
+def test_grueblers_count_of_a_planar_loop_is_too_low():
+    rank = loops_of("four_bar").rank()
+    assert (rank.gruebler, rank.mobility) == (0, 1)
+    assert not rank.licq
+    bar = robot("four_bar")
+    planar = cp.Scene(bar, [cp.Loop("coupler_tip", "rocker_tip", "planar", axis="y")]).rank()
+    assert (planar.gruebler, planar.mobility) == (1, 1)
+    assert planar.licq
+
+
+def test_a_singular_posture_is_not_called_redundant():
+    """All four bars in line: two rows look redundant, and only the one across the plane is."""
+    scene = parallelogram()
+    summary = scene.summary()
+    assert (summary.rank, summary.mobility, summary.singular) == (1, 2, True)
+    assert summary.redundant == ("coupler_rocker.y",)
+    assert any("singular configuration: rank 1 here, 2 nearby" in note for note in summary.notes)
+    away = scene.summary(scene.assemble([0.4, -0.4, 0.4], fixed=["crank"]).q)
+    assert (away.rank, away.mobility, away.singular) == (2, 1, False)
+    assert away.redundant == ("coupler_rocker.y",)
+    assert not any("singular" in note for note in away.notes)
+
+
+def test_near_a_singular_configuration_it_says_so():
+    scene = parallelogram()
+    near = scene.rank(scene.assemble([1e-5, -1e-5, 1e-5], fixed=["crank"]).q)
+    assert near.rank == 2
+    assert any("nearly singular" in note for note in near.notes)
+
+
+def held_at_two_points() -> cp.Scene:
+    """Two points of one hand on two of the other: their distance is said twice, so rank 5 of 6."""
+    talos = robot("talos")
+    for hand in ("left", "right"):
+        for name, x in (("front", 0.1), ("back", -0.1)):
+            talos = talos.with_frame(f"{hand}_{name}", f"gripper_{hand}_base_link", [x, 0.0, 0.0])
+    loops = [cp.Loop(f"left_{n}", f"right_{n}", name=n) for n in ("front", "back")]
+    return cp.Scene(talos, loops)
+
+
+def test_an_open_loop_counts_its_gap_as_rank_and_says_so():
+    scene = held_at_two_points()
+    q, _ = scene.state()
+    closed = scene.rank(q)
+    assert (closed.rows, closed.rank) == (6, 5)
+    rng = np.random.default_rng(0)
+    opened = scene.rank(pin.integrate(scene.robot.model, q, 1e-3 * rng.normal(size=38)))
+    assert opened.rank == 6
+    assert 1e-5 < opened.singular_values[-1] / opened.singular_values[0] < 1e-2
+    assert not opened.closed
+    assert any("is open by" in note and "assemble it first" in note for note in opened.notes)
+    assert opened.generic_rank == 5
+    assert not closed.notes
+
+
+def test_a_projection_is_not_misled_by_a_loop_that_is_open():
+    """The row that only seems to count takes no motion away."""
+    scene = held_at_two_points()
+    q, _ = scene.state()
+    rng = np.random.default_rng(0)
+    opened = pin.integrate(scene.robot.model, q, 1e-4 * rng.normal(size=38))
+    x = rng.normal(size=38)
+    there, here = (scene.project_velocity(where, x) for where in (opened, q))
+    assert np.abs(there - here).max() < 1e-2 * np.abs(here).max()
+
+
+def test_nothing_moves_and_it_says_so():
+    bar = cp.four_bar()
+    q = loops_of("four_bar").state()[0]
+    turn = -q[0] - q[1] + q[2]
+    R = pin.rpy.rpyToMatrix(0.0, -turn, 0.0)
+    bar = bar.with_frame("turned", "coupler_tip", [0, 0, 0], R)
+    summary = cp.Scene(bar, [cp.Loop("turned", "rocker_tip", "weld")]).summary()
+    assert (summary.gruebler, summary.mobility) == (-3, 0)
+    assert any("mobility 0" in note for note in summary.notes)
+    assert not summary.singular
+
+
+def test_a_joint_with_nothing_but_an_armature_is_named():
+    model = pin.Model()
+    arm = model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), "arm")
+    model.appendBodyToJoint(arm, pin.Inertia.FromBox(1.0, 0.2, 0.3, 0.4), pin.SE3.Identity())
+    model.addJoint(arm, pin.JointModelRZ(), pin.SE3.Identity(), "rotor")
+    model.armature = np.array([0.0, 0.1])
+    notes = cp.Scene(cp.Robot("arm", model)).summary().notes
+    assert [note for note in notes if "nothing beyond rotor has a mass" in note]
+    assert not [note for note in loops_of("cassie").summary().notes if "mass" in note]
+
+
+def test_a_posture_beyond_its_limits_is_named():
+    scene = with_limits(loops_of("four_bar"), crank=(0.0, 1.0))
+    q, _ = scene.state()
+    assert q[0] > 1.0  # a posture is what its author says
+    notes = scene.summary().notes
+    assert any("beyond joint limits" in n and f"crank by {q[0] - 1.0:.3g}" in n for n in notes)
+
+
+def test_the_summary_of_another_configuration():
+    scene = loops_of("cassie")
+    q, _ = scene.sample(np.random.default_rng(0))
+    here, there = scene.summary(), scene.summary(q)
+    assert (here.rows, here.rank, here.redundant) == (there.rows, there.rank, there.redundant)
+    assert here.condition != there.condition
+    assert here.gruebler == 20
+    assert "Gruebler's count 20" in " ".join(str(here).split())
+
+
+# --- check
+
+
+def test_a_gap_is_told_in_millimetres():
+    scene = loops_of("four_bar")
+    q, v = scene.state()
+    q[2] += 0.01
+    gap = 2 * ROCKER * math.sin(0.005)
+    check = scene.check(q, v)
+    assert check.gap["coupler_rocker"].length == pytest.approx(gap, rel=1e-9)
+    assert not check.closed
+    assert check.consistent
+    assert str(check).startswith(f"coupler_rocker is open by {1e3 * gap:.3g} mm")
+    with pytest.raises(cp.NotAssembled, match=r"open by 6 mm; Scene\.assemble closes the loops$"):
+        check.raise_if_open()
+    check.raise_if_open(gap=0.01)
+
+
+def test_a_turn_is_told_in_degrees():
+    scene = all_scenes()["talos foot to foot, welded"]
+    model, (q, _) = scene.robot.model, scene.state()
+    joint = model.joints[model.getJointId("leg_left_6_joint")]
+    q[joint.idx_q] += math.radians(3.0)
+    gap = scene.check(q).gap["left_sole_link~right_sole_link"]
+    assert gap.angle == pytest.approx(math.radians(3.0), rel=1e-9)
+    assert "mm and 3 deg" in str(scene.check(q))
+    assert "left_sole_link" not in scene.check(q).gap  # it stands wherever it is
+
+
+def test_a_velocity_that_does_not_fit_is_named():
+    scene = loops_of("cassie")
+    q, v = scene.sample(np.random.default_rng(0))
+    scene.check(q, v).raise_if_open()
+    knee = scene.robot.model.joints[scene.robot.model.getJointId("left-knee-op")].idx_v
+    v[knee] += 1.0
+    check = scene.check(q, v)
+    assert check.closed
+    assert not check.consistent
+    wrong = cp.Workspace(scene).jacobian(q) @ v
+    rows = scene.names.index("left-achilles-spring-joint") * 3 + np.arange(3)
+    slip = check.slip["left-achilles-spring-joint"].length
+    assert slip == pytest.approx(np.linalg.norm(wrong[rows]))
+    with pytest.raises(cp.NotAssembled, match=r"^left-achilles-spring-joint slips at .* mm/s; "):
+        check.raise_if_open()
+    check.raise_if_open(slip=10.0)
+
+
+def test_couplings_are_told_in_their_own_unit():
+    bar = robot("four_bar")
+    scene = cp.Scene(bar, [cp.Coupling("rocker", "crank", -0.5, 0.7)])
+    q = scene.assemble(np.zeros(3)).q
+    q[2] += 0.2
+    assert scene.check(q).gap["rocker~crank"] == pytest.approx((0.0, 0.2))
+
+
+def test_a_check_without_velocity_looks_at_the_configuration_only():
+    scene = loops_of("four_bar")
+    q, _ = scene.state()
+    check = scene.check(q)
+    assert check.ok
+    assert check.slip == {}
+    assert str(check) == "every loop is closed"
+
+
+def test_limits_are_checked_and_do_not_open_a_loop():
+    scene = with_limits(loops_of("four_bar"), crank=(0.0, 1.0))
+    q, v = scene.state()
+    check = scene.check(q, v)
+    assert check.ok
+    assert check.beyond_limits == pytest.approx({"crank": q[0] - 1.0})
+    assert "crank is" in str(check)
+
+
+# --- the command line
+
+
+def test_show_prints_the_facts_of_a_posture():
+    result = run("show", "cassie", "--posture", "standing")
+    assert result.exit_code == 0, result.output
+    for said in ("12, rank 10, mobility 22", "Gruebler's count", "Delassus matrix"):
+        assert said in result.output
+    assert "left-tarsus-crank-joint" not in result.output
+    assert "left-tarsus-crank-joint" in run("show", "cassie", "--frames").output
+
+
+def test_assemble_prints_a_closed_configuration():
+    result = run("assemble", "cassie", "--posture", "standing", "--fixed", "left-knee-op")
+    assert result.exit_code == 0, result.output
+    assert "closed: every loop is closed" in result.output
+    assert "left-knee-op" in result.output
+    assert "-0.4143" in result.output
+
+
+def test_assemble_that_fails_prints_the_gap_and_exits_with_one(tmp_path):
+    card = (robots_folder() / "cassie" / "robot.toml").read_text(encoding="utf-8")
+    bent = card.replace("left-knee-op = -0.4143", "left-knee-op = -0.6")
+    assert bent != card
+    (tmp_path / "robot.toml").write_text(bent, encoding="utf-8")
+    result = run("assemble", str(tmp_path), "--fixed", ",".join(robot("cassie").joints))
+    assert result.exit_code == 1
+    assert "unreachable: " in result.output
+    assert run("assemble", str(tmp_path)).exit_code == 0
+    assert isinstance(run("assemble", "cassie", "--fixed", "knee").exception, cp.UnknownName)

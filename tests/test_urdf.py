@@ -1,0 +1,260 @@
+"""URDF: its loops, what is wrong with a file, and files spoilt at random."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from textwrap import dedent
+
+import numpy as np
+import pytest
+from fuzz import survive
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import condyn_pin as cp
+from condyn_pin._pin import pin
+from condyn_pin.io.urdf import read_urdf
+from condyn_pin.load import example_robot_data
+
+INERTIA = '<inertia ixx="0.02" iyy="0.02" izz="0.001" ixy="0" ixz="0" iyz="0"/>'
+
+
+def link(name: str, inside: str | None = None) -> str:
+    inertial = f'<inertial><origin xyz="0 0 -0.25"/><mass value="1"/>{INERTIA}</inertial>'
+    return f'<link name="{name}">{inertial if inside is None else inside}</link>'
+
+
+def joint(name: str, parent: str, child: str, inside: str = "", kind: str = "continuous") -> str:
+    inside = inside if "<axis" in inside else f'{inside}<axis xyz="0 1 0"/>'
+    ends = f'<parent link="{parent}"/><child link="{child}"/>'
+    return f'<joint name="{name}" type="{kind}">{ends}{inside}</joint>'
+
+
+def tip(name: str, parent: str, xyz: str) -> str:
+    """Return a link fixed to another one, as onshape-to-robot writes a frame."""
+    moments = " ".join(f'{key}="0"' for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
+    empty = f'<inertial><mass value="1e-9"/><inertia {moments}/></inertial>'
+    at = f'<origin xyz="{xyz}"/>'
+    return link(name, empty) + joint(f"{name}_frame", parent, name, at, "fixed")
+
+
+@pytest.fixture
+def read(tmp_path: Path):
+    def read_text(*parts: str) -> cp.Robot:
+        path = tmp_path / "robot.urdf"
+        path.write_text(f'<robot name="r">{"".join(parts)}</robot>')
+        return cp.load_robot(path)
+
+    return read_text
+
+
+SWING = (
+    link("beam", ""),
+    *(link(name) for name in "abc"),
+    joint("left", "beam", "a"),
+    joint("right", "beam", "b", '<origin xyz="0.5 0 0"/>'),
+    joint("bottom", "a", "c", '<origin xyz="0 0 -0.5"/>'),
+    tip("closing_bar_1", "c", "0.5 0 0"),
+    tip("closing_bar_2", "b", "0 0 -0.5"),
+)
+
+
+# Loops --------------------------------------------------------------------------------------------
+
+
+def test_closing_links_are_a_ball(read):
+    swing = read(*SWING)
+    assert swing.loops == (cp.Loop("closing_bar_1", "closing_bar_2", "ball", name="closing_bar"),)
+    assert any("joints cut at closing_bar: balls here" in text for text in swing.unused)
+    scene = cp.Scene(swing, swing.loops)
+    assert (scene.rows, scene.audit.rank, scene.audit.mobility) == (3, 2, 1)
+    q, v = scene.sample(np.random.default_rng(0))
+    assert cp.solve(scene, q, v, np.zeros(3)).status.ok
+
+
+def test_a_half_that_is_alone_closes_nothing(read):
+    swing = read(*SWING[:-1])
+    assert swing.loops == ()
+    assert any("'closing_bar_1': its other half is missing" in text for text in swing.unused)
+
+
+def test_robot_toml_says_the_kind_of_a_cut_joint(tmp_path):
+    (tmp_path / "swing.urdf").write_text(f'<robot name="swing">{"".join(SWING)}</robot>')
+    card = tmp_path / "robot.toml"
+    card.write_text(
+        dedent("""
+        name = "swing"
+        source = "this test"
+        licence = "none"
+        [description]
+        file = "swing.urdf"
+        [[loops]]
+        kind = "hinge"
+        axis = "y"
+        frame_a = "closing_bar_2"
+        frame_b = "closing_bar_1"
+        """)
+    )
+    (loop,) = cp.load_robot(tmp_path).loops
+    assert (loop.kind, loop.axis) == ("hinge", "y")
+    assert cp.load_robot(card) == cp.load_robot(tmp_path)
+    assert cp.load_robot(str(card)).name == "swing"
+
+
+MIMIC = '<mimic joint="left" multiplier="-2" offset="0.1"/>'
+
+
+@pytest.mark.parametrize("kind", ["continuous", "revolute", "prismatic"])
+def test_mimic_is_a_coupling(read, kind):
+    limit = '<limit lower="-1" upper="1" effort="1" velocity="1"/>' if kind != "continuous" else ""
+    robot = read(*SWING[:5], joint("right", "beam", "b", MIMIC + limit, kind), SWING[6])
+    assert robot.loops == (cp.Coupling("right", "left", ratio=-2.0, offset=0.1),)
+    assert any("mimic (right)" in text for text in robot.unused)
+    scene = cp.Scene(robot, robot.loops)
+    q, v = scene.sample(np.random.default_rng(0))
+    left, right = (robot.model.joints[robot.model.getJointId(n)] for n in ("left", "right"))
+    assert q[right.idx_q] == pytest.approx(-2 * q[left.idx_q] + 0.1, abs=1e-12)
+    a = cp.solve(scene, q, v, np.zeros(3)).a
+    assert a[right.idx_v] == pytest.approx(-2 * a[left.idx_v], rel=1e-9)
+
+
+def test_robot_toml_may_leave_mimic_joints_alone(tmp_path):
+    right = joint("right", "beam", "b", MIMIC)
+    text = "".join([*SWING[:5], right, SWING[6]])
+    (tmp_path / "swing.urdf").write_text(f'<robot name="swing">{text}</robot>')
+    card = 'name = "s"\nsource = "t"\nlicence = "n"\n[description]\nfile = "swing.urdf"\nmimic = '
+    (tmp_path / "robot.toml").write_text(card + "false")
+    robot = cp.load_robot(tmp_path)
+    assert robot.loops == ()
+    assert robot.nq == 6  # continuous, as cos and sin
+    assert any("mimic (right): these joints move on their own" in text for text in robot.unused)
+    (tmp_path / "robot.toml").write_text(card + '"no"')
+    with pytest.raises(cp.InvalidModel, match=r"description\.mimic = 'no': true or false"):
+        cp.load_robot(tmp_path)
+
+
+def test_the_gripper_of_talos_is_coupled():
+    folder = example_robot_data() / "talos_data" / "robots"
+    robot = cp.load_robot(folder / "talos_full_v2.urdf", root_joint="free_flyer")
+    assert len(robot.loops) == 12
+    assert {loop.joint_b for loop in robot.loops} == {"gripper_left_joint", "gripper_right_joint"}
+    scene = cp.Scene(robot, robot.loops)
+    assert scene.audit.mobility == robot.nv - 12
+
+
+# The copy that Pinocchio reads --------------------------------------------------------------------
+
+OTHERS = {"alex_psyonic_hands.urdf", "ur3.urdf"}  # an unknown joint is mimicked; no name
+
+
+def test_every_urdf_of_example_robot_data_is_read_as_pinocchio_reads_it():
+    paths = [p for p in example_robot_data().rglob("*.urdf") if p.name not in OTHERS]
+    assert len(paths) > 60
+    for path in paths:
+        assert read_urdf(path).model == pin.buildModelFromUrdf(str(path)), path
+
+
+def test_what_is_not_read_does_no_harm(read):
+    mesh = '<geometry><mesh filename="package://nowhere/x.stl" scale="nan 1"/></geometry>'
+    junk = f"<visual>{mesh}</visual><collision>{mesh}</collision>"
+    materials = '<material name="red"/><material name="red"><color rgba="x"/></material>'
+    robot = read(*SWING[:3], materials, link("c", SWING[3][15:-7] + junk), *SWING[4:])
+    assert robot.model == read(*SWING).model
+
+
+# What is wrong with a file ------------------------------------------------------------------------
+
+NAN = '<origin xyz="0 nan 0"/>'
+LIMIT = '<limit lower="1" upper="-1" effort="1" velocity="1"/>'
+WRONG = {
+    "no <link>": (),
+    "two <link> are named 'a'": (*SWING, link("a")),
+    "two <joint> are named 'left'": (*SWING, link("d"), joint("left", "c", "d")),
+    "a <link> has no name": (*SWING, link("")),
+    "'new': no joint type named 'wobbly'": (
+        *SWING, link("d"), joint("new", "c", "d", kind="wobbly"),
+    ),
+    "did you mean 'revolute'": (*SWING, link("d"), joint("new", "c", "d", kind="revolut")),
+    "<parent>: no link named 'q'": (*SWING, link("d"), joint("new", "q", "d")),
+    "<child>: no link named 'q'": (*SWING, joint("new", "a", "q")),
+    "no <child link=...>": (*SWING, joint("new", "a", "")),
+    "link 'c' has another parent joint": (*SWING, joint("new", "b", "c")),
+    "the links 'beam', 'd' have no parent joint": (*SWING, link("d")),
+    "no link has no parent joint": (link("a"), joint("j", "a", "a")),
+    "no joint leads from 'beam' to the links ['d', 'e']": (
+        *SWING, link("d"), link("e"), joint("x", "d", "e"), joint("y", "e", "d"),
+    ),
+    "<origin xyz> is '0 nan 0'": (*SWING, link("d"), joint("new", "a", "d", NAN)),
+    "<axis xyz> is zero": (*SWING, link("d"), joint("new", "a", "d", '<axis xyz="0 0 0"/>')),
+    "<axis xyz> is '0 1'": (*SWING, link("d"), joint("new", "a", "d", '<axis xyz="0 1"/>')),
+    "<axis xyz> is None": (*SWING, link("d"), joint("new", "a", "d", "<axis/>")),
+    "needs <limit": (*SWING, link("d"), joint("new", "a", "d", kind="revolute")),
+    "limits 1 to -1; exchange": (*SWING, link("d"), joint("new", "a", "d", LIMIT, "prismatic")),
+    "<dynamics damping> is 'much'": (
+        *SWING, link("d"), joint("new", "a", "d", '<dynamics damping="much"/>'),
+    ),
+    "<inertial> has no <mass>": (
+        *SWING, link("d", f"<inertial>{INERTIA}</inertial>"), joint("new", "a", "d"),
+    ),
+    "<inertial> has no <inertia>": (
+        *SWING, link("d", '<inertial><mass value="1"/></inertial>'), joint("new", "a", "d"),
+    ),
+    "<inertia iyz> is None": (
+        *SWING,
+        link("d", '<inertial><mass value="1"/><inertia ixx="1"/></inertial>'.replace(
+            "ixx=", 'ixx="1" ixy="0" ixz="0" iyy="1" izz=')),
+        joint("new", "a", "d"),
+    ),
+    "<mass value=-1>: it must not be negative": (
+        *SWING, link("d", f'<inertial><mass value="-1"/>{INERTIA}</inertial>'),
+        joint("new", "a", "d"),
+    ),
+    "no inertia moves with new": (*SWING, link("d", ""), joint("new", "a", "d")),
+    "<mimic>: no joint named 'lef'; did you mean 'left'": (
+        *SWING, link("d"), joint("new", "a", "d", '<mimic joint="lef"/>'),
+    ),
+    "<mimic>: joint 'closing_bar_1_frame' is fixed": (
+        *SWING, link("d"), joint("new", "a", "d", '<mimic joint="closing_bar_1_frame"/>'),
+    ),
+    "it mimics itself": (*SWING, link("d"), joint("new", "a", "d", '<mimic joint="new"/>')),
+    "<mimic multiplier=0> locks it": (
+        *SWING, link("d"), joint("new", "a", "d", '<mimic joint="left" multiplier="0"/>'),
+    ),
+    "<mimic offset> is 'x'": (
+        *SWING, link("d"), joint("new", "a", "d", '<mimic joint="left" offset="x"/>'),
+    ),
+    "the name 'universe' is the world's": (*SWING, link("universe"), joint("n", "a", "universe")),
+    "<origin> is there 2 times": (
+        *SWING, link("d"), joint("new", "a", "d", '<origin xyz="1 0 0"/><origin/>'),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("sentence", WRONG)
+def test_what_is_wrong_is_said(read, sentence):
+    with pytest.raises(cp.InvalidModel, match=re.escape(sentence)):
+        read(*WRONG[sentence])
+
+
+def test_a_root_link_named_world_stands_still_or_is_refused(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(f'<robot name="r">{link("world")}{link("a")}{joint("j", "world", "a")}</robot>')
+    assert cp.load_robot(path).frame("world")[0] == 0
+    with pytest.raises(cp.InvalidModel, match="the name 'world' is the world's"):
+        cp.load_robot(path, root_joint="free_flyer")
+
+
+def test_a_negative_moment_is_doubted(read):
+    odd = link("d").replace('"0.001"', '"-0.001"')
+    robot = read(*SWING, odd, joint("new", "a", "d", kind="fixed"))
+    assert any("doubts about the inertia of d" in text for text in robot.unused)
+
+
+# Files made at random -----------------------------------------------------------------------------
+
+
+@given(seed=st.integers(0, 2**32))
+@settings(max_examples=5, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_spoilt_urdf_is_refused_or_read(tmp_path, seed):
+    assert survive(tmp_path, "robot.urdf", f'<robot name="r">{"".join(SWING)}</robot>', seed) > 0
