@@ -2,16 +2,8 @@
 
     B u + J^T lam = M a + h - passive,      J a + gamma = 0
 
-With M = L L^T and V an orthonormal basis of what the constraints block, L^-1 J^T = V S U^T, the
-forces lam drop out of
-
-    (I - V V^T) L^-1 B u = (I - V V^T) L^-1 (M a + h - passive),
-
-which has many solutions where motors work against each other, and none where too few of them are
-there. Taken is, among all u that come nearest in the metric of M^-1, the smallest; lam follows from
-it, the smallest again where rows are redundant. What is then missing, r, leaves J M^-1 r = 0: the
-robot moves with a - M^-1 r, of all accelerations that the motors can give the nearest in the metric
-of M, and with the same lam.
+Where motors work against each other there are many u, and of them the smallest is taken; where they
+are too few, what comes nearest (`condyn_pin.drive`).
 """
 
 from __future__ import annotations
@@ -26,13 +18,9 @@ from condyn_pin import tolerances
 from condyn_pin.actuation import Actuation, motors_of
 from condyn_pin.arrays import Array, finite
 from condyn_pin.at_state import at_state
+from condyn_pin.drive import Drive
 from condyn_pin.force import ConstraintForce, Sites, pulling
-from condyn_pin.minimum_norm import MinimumNorm
 from condyn_pin.scene import Scene
-
-# Two rounds: the second takes out what rounding of the first left, which forces of 1e3 N that
-# cancel show on a rod of 1e-4 kg m^2.
-_ROUNDS = 2
 
 # Torques are large where motors drive a direction this much more weakly than their strongest.
 _WEAK = 1e-3
@@ -194,7 +182,7 @@ def inverse_dynamics(
     asked = finite("a", a, n)
     extra = np.zeros(n) if passive is None else finite("passive", passive, n)
     wanted, _ = factors.solve(terms.M @ asked, -terms.gamma)
-    drive = _Drive(factors, terms.J, actuation.B)
+    drive = Drive(factors, terms.J, actuation.B)
     u, lam, residual = drive.share(terms.M @ wanted + terms.h - extra)
     reached = wanted - factors.solve_mass(residual)
     return InverseDynamics(
@@ -229,55 +217,3 @@ def gravity_compensation(
     actuation = motors_of(scene, actuation)  # which looks at the scene too
     still = np.zeros(scene.robot.nv)
     return inverse_dynamics(scene, q, still, still, actuation=actuation, passive=passive)
-
-
-class _Drive:
-    """What motors and constraints can give together: the factors of [B J^T].
-
-    Attributes
-    ----------
-    rank : int
-        Of (I - V V^T) L^-1 B, relative to the size of L^-1 B.
-    weakest : float
-        Its smallest singular value within that rank, relative to the same size.
-    """
-
-    def __init__(self, factors: MinimumNorm, J: Array, B: Array) -> None:
-        from scipy.linalg import solve_triangular
-
-        self._of, self._J, self._B = factors, J, B
-        self._Bw = solve_triangular(factors.L, B, lower=True)
-        V = factors.V
-        self._X, self._S, Yt = np.linalg.svd(self._Bw - V @ (V.T @ self._Bw))
-        strengths = self._S / float(np.linalg.norm(self._Bw, 2))
-        self.rank = int(np.count_nonzero(strengths > tolerances.RANK))
-        self.weakest = float(strengths[self.rank - 1]) if self.rank else 1.0
-        self._Y = Yt.T
-
-    def share(self, required: Array) -> tuple[Array, Array, Array]:
-        """Return u, lam, and what is missing of a generalised force (nv,)."""
-        from scipy.linalg import solve_triangular
-
-        X, S, Y = self._X[:, : self.rank], self._S[: self.rank], self._Y[:, : self.rank]
-        u, lam = np.zeros(self._B.shape[1]), np.zeros(len(self._J))
-        missing = required
-        for _ in range(_ROUNDS):
-            y = solve_triangular(self._of.L, missing, lower=True)
-            du = Y @ ((X.T @ y) / S)
-            u += du
-            lam += self._through(y - self._Bw @ du)
-            missing = required - self._B @ u - self._J.T @ lam
-        return u, lam, missing
-
-    def null_space(self) -> Array:
-        """Return a basis (k + m, d) of the (u, lam) with B u + J^T lam = 0."""
-        N = self._Y[:, self.rank :]
-        redundant = self._of.U[:, self._of.rank :]
-        zero = np.zeros((len(N), redundant.shape[1]))
-        return np.block([[N, zero], [-self._through(self._Bw @ N), redundant]])
-
-    def _through(self, y: Array) -> Array:
-        """Return the smallest lam with V V^T y = L^-1 J^T lam, for one or many y."""
-        of = self._of
-        U, S = of.U[:, : of.rank], of.S[: of.rank]
-        return np.asarray(U @ ((of.V.T @ y).T / S).T)

@@ -3,9 +3,9 @@
 With M = L L^T, V an orthonormal basis of what the constraints block (L^-1 J^T = V S U^T), and
 
     W = L^-T (I - V V^T) L^-1          the inverse of M along the constraints,
-    Delassus = J_t W J_t^T,            Lambda = Delassus^+,        J_bar = W J_t^T Lambda,
+    Lambda = (J_t W J_t^T)^+,          J_bar = W J_t^T Lambda,
 
-a force f at the frame gives J_t a = Delassus f more, and Lambda is the inertia that it meets there.
+a force f at the frame gives J_t a = Lambda^+ f more: Lambda is the inertia that it meets there.
 N = I - J_bar J_t keeps of a velocity what the task does not see; N^T keeps of joint torques what
 gives the task no acceleration.
 
@@ -41,27 +41,33 @@ class OperationalSpace:
     J : (r, nv) array
         Jacobian of the frame, r = 6 for a pose and 3 for a position: linear first, in the axes of
         the world.
-    delassus : (r, r) array
-        J W J^T [1/kg, 1/(kg m), 1/(kg m^2)].
     Lambda : (r, r) array
-        Its inverse [kg, kg m, kg m^2]; the pseudo-inverse where the constraints block directions
-        of the frame, zero there.
+        Inertia [kg, kg m, kg m^2]; zero in directions that the constraints or the joints block.
+    Lambda_inverse : (r, r) array
+        J W J^T [1/kg, 1/(kg m), 1/(kg m^2)], of which Lambda is the pseudo-inverse.
     J_bar : (nv, r) array
         The dynamically consistent inverse of J: the joint motion of least kinetic energy.
     N : (nv, nv) array
         Projector onto motions that the task does not see.
     rank : int
-        Directions of the frame that the constraints leave.
+        Directions of the frame that constraints and joints leave.
+    delassus : (m, m) array
+        G = J_c M^-1 J_c^T of the constraints themselves [1/kg], J_c their Jacobian.
+    delassus_inverse : (m, m) array
+        Its inverse, the pseudo-inverse where rows are redundant [kg]: the inertia that holds the
+        constraints against a push.
     scene : Scene
     frame : str
     """
 
     J: Array
-    delassus: Array
     Lambda: Array
+    Lambda_inverse: Array
     J_bar: Array
     N: Array
     rank: int
+    delassus: Array
+    delassus_inverse: Array
     scene: Scene
     frame: str
 
@@ -109,7 +115,9 @@ def operational_space(
     if task not in get_args(Task):
         raise InvalidArgument(f"task = {task!r}: one of {', '.join(get_args(Task))} is needed")
     state = at_state(scene, q)
-    L, V = state.factors.L, state.factors.V
+    factors = state.factors
+    L, V = factors.L, factors.V
+    U_c, S_c = factors.U[:, : factors.rank], factors.S[: factors.rank]
     J = frame_jacobian(scene, state.q, frame)[: 6 if task == "pose" else 3]
     Jw = solve_triangular(L, J.T, lower=True).T
     X, S, Yt = np.linalg.svd(Jw - (Jw @ V) @ V.T, full_matrices=False)
@@ -118,11 +126,13 @@ def operational_space(
     J_bar = solve_triangular(L, Y / S, lower=True, trans="T") @ kept.T
     return OperationalSpace(
         J=J,
-        delassus=(kept * S**2) @ kept.T,
         Lambda=(kept / S**2) @ kept.T,
+        Lambda_inverse=(kept * S**2) @ kept.T,
         J_bar=J_bar,
         N=np.eye(scene.robot.nv) - J_bar @ J,
         rank=rank,
+        delassus=(U_c * S_c**2) @ U_c.T,
+        delassus_inverse=(U_c / S_c**2) @ U_c.T,
         scene=scene,
         frame=frame,
     )

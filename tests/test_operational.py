@@ -30,7 +30,7 @@ def test_a_pendulum_by_hand():
     space = cp.operational_space(cp.Scene(pendulum), [0.4], "tip", task="position")
     across = np.array([-np.cos(0.4), 0.0, np.sin(0.4)])
     assert np.allclose(space.Lambda, 2.0 * np.outer(across, across), atol=1e-13)
-    assert np.allclose(space.delassus, 0.5 * np.outer(across, across), atol=1e-13)
+    assert np.allclose(space.Lambda_inverse, 0.5 * np.outer(across, across), atol=1e-13)
     assert space.rank == 1
     assert np.allclose(space.N, 0.0, atol=1e-13)
 
@@ -46,7 +46,7 @@ def test_a_free_box_off_its_centre():
     box = cp.Robot("box", model).with_frame("corner", "float", r)
     space = cp.operational_space(cp.Scene(box), pin.neutral(model), "corner", task="position")
     wanted = np.eye(3) / 2.0 - pin.skew(r) @ np.linalg.inv(inertia) @ pin.skew(r)
-    assert np.allclose(space.delassus, wanted, atol=1e-13)
+    assert np.allclose(space.Lambda_inverse, wanted, atol=1e-13)
     assert np.allclose(space.Lambda, np.linalg.inv(wanted), atol=1e-12)
     centre = cp.operational_space(cp.Scene(box), pin.neutral(model), "float")
     assert np.allclose(centre.Lambda, np.diag([2.0, 2.0, 2.0, 0.1, 0.2, 0.3]), atol=1e-12)
@@ -57,7 +57,7 @@ def test_held_fast_it_has_no_inertia_that_moves():
     stance = cp.Scene(talos, talos.contacts)
     space = cp.operational_space(stance, stance.state()[0], "left_sole_link")
     assert space.rank == 0
-    for nothing in (space.delassus, space.Lambda, space.J_bar):
+    for nothing in (space.Lambda_inverse, space.Lambda, space.J_bar):
         assert np.abs(nothing).max() == 0.0
     assert np.array_equal(space.N, np.eye(38))
 
@@ -73,7 +73,7 @@ def test_a_force_at_the_frame_accelerates_it_as_the_matrix_says(label, task):
     with_force = workspace.solve(q, v, tau + space.J.T @ f).a
     more = with_force - workspace.solve(q, v, tau).a
     size = max(np.abs(more).max(), np.abs(with_force).max() * 1e-3)
-    assert np.abs(space.J @ more - space.delassus @ f).max() < 1e-9 * size
+    assert np.abs(space.J @ more - space.Lambda_inverse @ f).max() < 1e-9 * size
     # the same motion of the frame from the least kinetic energy is the very same motion
     assert np.abs(space.J_bar @ (space.J @ more) - more).max() < 1e-8 * size
 
@@ -95,11 +95,26 @@ def test_the_null_space_is_not_seen(label, task):
     workspace = cp.Workspace(scene, cp.Reference())
     more = workspace.solve(q, v, tau + space.N.T @ x).a - workspace.solve(q, v, tau).a
     assert np.abs(space.J @ more).max() < 1e-9 * max(np.abs(more).max(), size, 1.0)
-    # Lambda is the pseudo-inverse of Delassus, and J_bar keeps the constraints
-    D, Lambda = space.delassus, space.Lambda
+    # Lambda is the pseudo-inverse, and J_bar keeps the constraints
+    D, Lambda = space.Lambda_inverse, space.Lambda
     assert np.abs(D @ Lambda @ D - D).max() < 1e-9 * np.abs(D).max()
     assert np.linalg.matrix_rank(D, tol=1e-9 * np.abs(D).max()) <= space.rank
     assert np.abs(J_c @ space.J_bar).max(initial=0.0) < 1e-9 * max(np.abs(space.J_bar).max(), 1.0)
+
+
+@pytest.mark.parametrize("label", list(FRAMES))
+def test_delassus_of_the_constraints_is_what_stops_them(label):
+    """J M^-1 J^T; its inverse gives the impulses that stop a velocity."""
+    scene, (q, _, _) = all_scenes()[label], states(label)[0]
+    space = cp.operational_space(scene, q, FRAMES[label])
+    terms = cp.Workspace(scene).terms(q, np.zeros(scene.robot.nv))
+    wanted = terms.J @ np.linalg.solve(terms.M, terms.J.T)
+    size = np.abs(wanted).max(initial=1.0)
+    assert np.abs(space.delassus - wanted).max(initial=0.0) < 1e-10 * size
+    v = np.random.default_rng(0).normal(size=scene.robot.nv)
+    met = cp.impact(scene, q, v)
+    stopping = -space.delassus_inverse @ (terms.J @ v)
+    assert np.abs(stopping - met.lam).max(initial=0.0) < 1e-8 * np.abs(met.lam).max(initial=1.0)
 
 
 def test_answers_pickle_and_refuse():
