@@ -16,10 +16,10 @@ from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-from condyn_pin.climbing import FULL, QUICK, ladder
-from condyn_pin.ladder_plot import save_ladders
-from condyn_pin.ladder_table import LadderRow, LadderTable, write_csv
 from condyn_pin.ladders import LADDERS
+from condyn_pin.smaller.climbing import FULL, QUICK, ladder
+from condyn_pin.smaller.ladder_plot import save_ladders
+from condyn_pin.smaller.ladder_table import LadderRow, LadderTable, write_csv
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"

@@ -14,14 +14,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from condyn_pin.actuation import Actuation as Actuation
-    from condyn_pin.assembly import Assembly as Assembly
-    from condyn_pin.assembly import AssemblyStatus as AssemblyStatus
     from condyn_pin.audit import Audit as Audit
-    from condyn_pin.check import Check as Check
-    from condyn_pin.climbing import Ladder as Ladder
-    from condyn_pin.climbing import ladder as ladder
-    from condyn_pin.completion import CompleteState as CompleteState
     from condyn_pin.constraints import Constraint as Constraint
     from condyn_pin.constraints import Coupling as Coupling
     from condyn_pin.constraints import Loop as Loop
@@ -30,7 +23,7 @@ if TYPE_CHECKING:
     from condyn_pin.contacts import PointContact as PointContact
     from condyn_pin.contacts import SurfaceContact as SurfaceContact
     from condyn_pin.differentiation.base import Derivatives as Derivatives
-    from condyn_pin.equations import Terms as Terms
+    from condyn_pin.drift import Baumgarte as Baumgarte
     from condyn_pin.errors import BranchChanged as BranchChanged
     from condyn_pin.errors import BrokenPinocchio as BrokenPinocchio
     from condyn_pin.errors import CondynError as CondynError
@@ -46,13 +39,8 @@ if TYPE_CHECKING:
     from condyn_pin.errors import UnsupportedBackend as UnsupportedBackend
     from condyn_pin.errors import UnsupportedConstraint as UnsupportedConstraint
     from condyn_pin.force import ConstraintForce as ConstraintForce
-    from condyn_pin.gaps import Gap as Gap
     from condyn_pin.impacts import Impact as Impact
     from condyn_pin.impacts import impact as impact
-    from condyn_pin.inverse import InverseDynamics as InverseDynamics
-    from condyn_pin.inverse import gravity_compensation as gravity_compensation
-    from condyn_pin.inverse import inverse_dynamics as inverse_dynamics
-    from condyn_pin.ladder_table import LadderTable as LadderTable
     from condyn_pin.ladders import LADDERS as LADDERS
     from condyn_pin.load import available_robots as available_robots
     from condyn_pin.load import load_robot as load_robot
@@ -60,14 +48,23 @@ if TYPE_CHECKING:
     from condyn_pin.mechanisms.four_bar import four_bar as four_bar
     from condyn_pin.mechanisms.n_four_bar import n_four_bar as n_four_bar
     from condyn_pin.mechanisms.pendulum import pendulum as pendulum
-    from condyn_pin.minimal import Minimal as Minimal
-    from condyn_pin.operational import OperationalSpace as OperationalSpace
-    from condyn_pin.operational import operational_space as operational_space
+    from condyn_pin.motors.actuation import Actuation as Actuation
+    from condyn_pin.motors.inverse import InverseDynamics as InverseDynamics
+    from condyn_pin.motors.inverse import gravity_compensation as gravity_compensation
+    from condyn_pin.motors.inverse import inverse_dynamics as inverse_dynamics
+    from condyn_pin.motors.operational import OperationalSpace as OperationalSpace
+    from condyn_pin.motors.operational import operational_space as operational_space
+    from condyn_pin.motors.transmissions import Transmission as Transmission
+    from condyn_pin.motors.transmissions import transmission as transmission
     from condyn_pin.proof import Proof as Proof
-    from condyn_pin.rank import Rank as Rank
-    from condyn_pin.reduction import ReducedScene as ReducedScene
     from condyn_pin.robot import Robot as Robot
+    from condyn_pin.rows.equations import Terms as Terms
     from condyn_pin.scene import Scene as Scene
+    from condyn_pin.smaller.climbing import Ladder as Ladder
+    from condyn_pin.smaller.climbing import ladder as ladder
+    from condyn_pin.smaller.ladder_table import LadderTable as LadderTable
+    from condyn_pin.smaller.minimal import Minimal as Minimal
+    from condyn_pin.smaller.reduction import ReducedScene as ReducedScene
     from condyn_pin.solution import Solution as Solution
     from condyn_pin.solution import StateError as StateError
     from condyn_pin.solution import Status as Status
@@ -80,26 +77,32 @@ if TYPE_CHECKING:
     from condyn_pin.solvers.proximal import Proximal as Proximal
     from condyn_pin.solvers.reference import Reference as Reference
     from condyn_pin.spring import Spring as Spring
+    from condyn_pin.states.assembly import Assembly as Assembly
+    from condyn_pin.states.assembly import AssemblyStatus as AssemblyStatus
+    from condyn_pin.states.check import Check as Check
+    from condyn_pin.states.completion import CompleteState as CompleteState
+    from condyn_pin.states.gaps import Gap as Gap
+    from condyn_pin.states.rank import Rank as Rank
     from condyn_pin.summary import Summary as Summary
     from condyn_pin.switching import Switch as Switch
     from condyn_pin.switching import switch as switch
-    from condyn_pin.transmissions import Transmission as Transmission
-    from condyn_pin.transmissions import transmission as transmission
     from condyn_pin.verbs import derivatives as derivatives
     from condyn_pin.verbs import solve as solve
     from condyn_pin.workspace import Workspace as Workspace
 
 _HOME = {
-    "actuation": ("Actuation",),
-    "assembly": ("Assembly", "AssemblyStatus"),
+    "states.assembly": ("Assembly", "AssemblyStatus"),
     "audit": ("Audit",),
-    "check": ("Check",),
-    "completion": ("CompleteState",),
-    "climbing": ("Ladder", "ladder"),
+    "states.check": ("Check",),
+    "states.completion": ("CompleteState",),
+    "smaller.climbing": ("Ladder", "ladder"),
     "constraints": ("Constraint", "Coupling", "Loop"),
     "contacts": ("LineContact", "PlanarContact", "PointContact", "SurfaceContact"),
     "differentiation.base": ("Derivatives",),
-    "equations": ("Terms",),
+    "drift": ("Baumgarte",),
+    "force": ("ConstraintForce",),
+    "impacts": ("Impact", "impact"),
+    "rows.equations": ("Terms",),
     "errors": (
         "BranchChanged",
         "BrokenPinocchio",
@@ -116,22 +119,22 @@ _HOME = {
         "UnsupportedBackend",
         "UnsupportedConstraint",
     ),
-    "force": ("ConstraintForce",),
-    "impacts": ("Impact", "impact"),
-    "inverse": ("InverseDynamics", "gravity_compensation", "inverse_dynamics"),
-    "gaps": ("Gap",),
-    "ladder_table": ("LadderTable",),
+    "states.gaps": ("Gap",),
+    "smaller.ladder_table": ("LadderTable",),
     "ladders": ("LADDERS",),
     "load": ("available_robots", "load_robot"),
     "mechanisms.chain": ("chain",),
     "mechanisms.four_bar": ("four_bar",),
     "mechanisms.n_four_bar": ("n_four_bar",),
     "mechanisms.pendulum": ("pendulum",),
-    "minimal": ("Minimal",),
-    "operational": ("OperationalSpace", "operational_space"),
+    "motors.actuation": ("Actuation",),
+    "motors.inverse": ("InverseDynamics", "gravity_compensation", "inverse_dynamics"),
+    "motors.operational": ("OperationalSpace", "operational_space"),
+    "motors.transmissions": ("Transmission", "transmission"),
+    "smaller.minimal": ("Minimal",),
     "proof": ("Proof",),
-    "rank": ("Rank",),
-    "reduction": ("ReducedScene",),
+    "states.rank": ("Rank",),
+    "smaller.reduction": ("ReducedScene",),
     "robot": ("Robot",),
     "scene": ("Scene",),
     "solution": ("Solution", "StateError", "Status"),
@@ -144,7 +147,6 @@ _HOME = {
     "spring": ("Spring",),
     "summary": ("Summary",),
     "switching": ("Switch", "switch"),
-    "transmissions": ("Transmission", "transmission"),
     "verbs": ("derivatives", "solve"),
     "workspace": ("Workspace",),
 }

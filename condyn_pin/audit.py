@@ -9,12 +9,12 @@ import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array
-from condyn_pin.chains import redundant_rows
-from condyn_pin.equations import Equations, Terms
 from condyn_pin.errors import BranchChanged, NotAssembled
 from condyn_pin.minimum_norm import MinimumNorm, factorise
 from condyn_pin.proof import Yardstick
+from condyn_pin.rows.equations import Equations, Terms
 from condyn_pin.solvers.reference import Reference
+from condyn_pin.states.chains import redundant_rows
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene

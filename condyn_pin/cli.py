@@ -95,7 +95,7 @@ def show(
 ) -> None:
     """Show what a scene contains, what is redundant, and what is not used."""
     if ladder:
-        from condyn_pin.ladder_print import show_ladder
+        from condyn_pin.smaller.ladder_print import show_ladder
 
         _check_before_the_run(None, None, plot, None)
         show_ladder(robot, plot, console)

@@ -12,8 +12,8 @@ from difflib import get_close_matches
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from condyn_pin.assembly import Assembly
     from condyn_pin.solution import Solution
+    from condyn_pin.states.assembly import Assembly
 
 
 class CondynError(Exception):

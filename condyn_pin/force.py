@@ -15,11 +15,11 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array
-from condyn_pin.bound import POINT, Bound, Coupled
 from condyn_pin.constraints import Constraint, Coupling, Loop
 from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
-from condyn_pin.equations import Equations
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.rows.bound import POINT, Bound, Coupled
+from condyn_pin.rows.equations import Equations
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene

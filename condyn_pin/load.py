@@ -35,10 +35,10 @@ from condyn_pin.errors import CondynError, InvalidArgument, InvalidModel, Missin
 from condyn_pin.io.mjcf import MjcfRobot, read_mjcf
 from condyn_pin.io.sdf import read_sdf
 from condyn_pin.io.urdf import UrdfRobot, check_root_joint, read_urdf
-from condyn_pin.lock import lock_joints
 from condyn_pin.mechanisms import MECHANISMS
 from condyn_pin.postures import posture, srdf_postures
 from condyn_pin.robot import Robot
+from condyn_pin.smaller.lock import lock_joints
 from condyn_pin.spring import Spring
 from condyn_pin.variants import check_variant, chosen_card
 

@@ -9,9 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
+from condyn_pin import _pin
 from condyn_pin._pin import pin
+from condyn_pin.drift import Baumgarte
 from condyn_pin.errors import StaleModel
-from condyn_pin.native import Native
+from condyn_pin.rows.native import Native
 
 
 def _refuse(*_: Any) -> NoReturn:
@@ -34,12 +36,14 @@ class ConstraintDatas(pin.StdVec_RigidConstraintData):  # type: ignore[misc]
 
 
 def raw_constraints(
-    model: Any, constraints: Sequence[Native]
+    model: Any, constraints: Sequence[Native], drift: Baumgarte | None
 ) -> tuple[ConstraintModels, ConstraintDatas]:
     """Return Pinocchio's objects of the constraints."""
     models, datas = ConstraintModels(), ConstraintDatas()
     for constraint in constraints:
         made = constraint.to_pinocchio(model)
+        if drift:
+            _pin.set_baumgarte(made, drift.Kp if constraint.anchored else 0.0, drift.Kd)
         pin.StdVec_RigidConstraintModel.append(models, made)
         pin.StdVec_RigidConstraintData.append(datas, made.createData())
     return models, datas

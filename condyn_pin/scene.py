@@ -12,25 +12,25 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.assembly import Assembly, assemble, assemble_posture
 from condyn_pin.audit import Audit, audit
-from condyn_pin.binding import bind
-from condyn_pin.bound import Bound, Coupled
-from condyn_pin.chains import Chains, chains
-from condyn_pin.check import Check, check
-from condyn_pin.completion import CompleteState, complete_state
 from condyn_pin.constraints import Constraint
 from condyn_pin.errors import InvalidArgument, unknown_name
-from condyn_pin.native import Natives, natives
-from condyn_pin.projection import Metric, project_acceleration, project_velocity
-from condyn_pin.rank import Rank, rank
 from condyn_pin.robot import Robot
-from condyn_pin.sampling import sample
+from condyn_pin.rows.binding import bind
+from condyn_pin.rows.bound import Bound, Coupled
+from condyn_pin.rows.native import Natives, natives
+from condyn_pin.states.assembly import Assembly, assemble, assemble_posture
+from condyn_pin.states.chains import Chains, chains
+from condyn_pin.states.check import Check, check
+from condyn_pin.states.completion import CompleteState, complete_state
+from condyn_pin.states.projection import Metric, project_acceleration, project_velocity
+from condyn_pin.states.rank import Rank, rank
+from condyn_pin.states.sampling import sample
 from condyn_pin.summary import Summary, summarise
 
 if TYPE_CHECKING:
-    from condyn_pin.minimal import Minimal
-    from condyn_pin.reduction import ReducedScene
+    from condyn_pin.smaller.minimal import Minimal
+    from condyn_pin.smaller.reduction import ReducedScene
     from condyn_pin.solvers.base import Solver
 
 
@@ -309,7 +309,7 @@ class Scene:
         NotAssembled
             If the loops cannot be closed with the joints there.
         """
-        from condyn_pin.reduction import lock
+        from condyn_pin.smaller.reduction import lock
 
         return lock(self, joints, q)
 
@@ -318,13 +318,13 @@ class Scene:
 
         A free-flyer is kept without being named; `lock` holds it.
         """
-        from condyn_pin.reduction import keep
+        from condyn_pin.smaller.reduction import keep
 
         return keep(self, joints, q)
 
     def without(self, names: Sequence[str]) -> ReducedScene:
         """Return the scene without some of its constraints."""
-        from condyn_pin.reduction import without
+        from condyn_pin.smaller.reduction import without
 
         return without(self, names)
 
@@ -333,7 +333,7 @@ class Scene:
 
         What hangs on these bodies goes with them, and the constraints that are fixed to them.
         """
-        from condyn_pin.reduction import without_bodies
+        from condyn_pin.smaller.reduction import without_bodies
 
         return without_bodies(self, joints)
 
@@ -358,7 +358,7 @@ class Scene:
         InvalidConstraint
             If a rod does more than keep a distance: without it the mobility is another.
         """
-        from condyn_pin.rods import rods_as_distances
+        from condyn_pin.smaller.rods import rods_as_distances
 
         return rods_as_distances(self, joints, mass=mass)
 
@@ -382,7 +382,7 @@ class Scene:
         InvalidConstraint
             If the loops also hold other joints than these.
         """
-        from condyn_pin.linkages import without_linkage
+        from condyn_pin.smaller.linkages import without_linkage
 
         return without_linkage(self, loops, joints)
 
@@ -405,7 +405,7 @@ class Scene:
         ----------
         error : float
             Largest relative error of accelerations and contact wrench that is allowed
-            (`condyn_pin.price`).
+            (`condyn_pin.smaller.price`).
         motion : sequence of (q, v, tau), optional
             Closed states that matter; random ones by default, in which every joint moves.
         watch : sequence of str, optional
@@ -420,7 +420,7 @@ class Scene:
         Minimal
             The scene, sizes and times before and after, the errors, and every step in words.
         """
-        from condyn_pin.minimal import minimal
+        from condyn_pin.smaller.minimal import minimal
 
         return minimal(self, error=error, motion=motion, watch=watch, solver=solver)
 

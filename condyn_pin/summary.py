@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
-from condyn_pin.rank import Rank
+from condyn_pin.states.rank import Rank
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene

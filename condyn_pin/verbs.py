@@ -7,6 +7,7 @@ import threading
 from numpy.typing import ArrayLike
 
 from condyn_pin.differentiation import Derivatives
+from condyn_pin.drift import Baumgarte
 from condyn_pin.scene import Scene
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.base import Solver
@@ -24,6 +25,7 @@ def solve(
     tau: ArrayLike,
     *,
     solver: Solver | None = None,
+    drift: Baumgarte | None = None,
     accuracy: float = SOLVED,
     throw: bool = True,
 ) -> Solution:
@@ -43,6 +45,8 @@ def solve(
     solver : Solver, optional
         `Proximal()` by default; for kinds of constraints that it cannot take, `DenseKKT()`, and
         `Reference()` if there are redundant rows besides.
+    drift : Baumgarte, optional
+        What a_ref is; zero by default.
     accuracy : float
         Error of a that is good enough, relative to the larger of |a|_inf and gravity: what the
         status is judged by. It changes no number of the answer.
@@ -70,7 +74,7 @@ def solve(
     The first call with a scene builds a `Workspace`, which takes as long as dozens of solves; calls
     after it with the same scene and solver, in the same thread, use it again.
     """
-    return _workspace(scene, solver).solve(q, v, tau, accuracy=accuracy, throw=throw)
+    return _workspace(scene, solver, drift).solve(q, v, tau, accuracy=accuracy, throw=throw)
 
 
 def derivatives(
@@ -80,6 +84,7 @@ def derivatives(
     tau: ArrayLike,
     *,
     solver: Solver | None = None,
+    drift: Baumgarte | None = None,
     method: str = "kkt",
     check: bool = False,
     accuracy: float = SOLVED,
@@ -94,6 +99,8 @@ def derivatives(
     q, v, tau : (nq,), (nv,), (nv,) array_like
     solver : Solver, optional
         Of the answer that is differentiated; as in `solve`.
+    drift : Baumgarte, optional
+        As in `solve`.
     method : {"kkt", "pinocchio", "differences"}
         ``kkt`` is exact for every kind of constraint, on the constraints and off them, and gives
         the derivative of the smallest lam where rows are redundant. ``pinocchio`` is Pinocchio's
@@ -122,16 +129,16 @@ def derivatives(
     ----------
     Carpentier, Mansard. Analytical derivatives of rigid body dynamics algorithms. RSS, 2018.
     """
-    workspace = _workspace(scene, solver)
+    workspace = _workspace(scene, solver, drift)
     return workspace.derivatives(q, v, tau, method=method, check=check, accuracy=accuracy)
 
 
-def _workspace(scene: Scene, solver: Solver | None) -> Workspace:
+def _workspace(scene: Scene, solver: Solver | None, drift: Baumgarte | None) -> Workspace:
     """Return this thread's workspace for a scene: the last one, or a new one."""
     workspace: Workspace | None = getattr(_last, "workspace", None)
-    if workspace is None or workspace.scene is not scene or _last.solver != solver:
-        workspace = Workspace(scene, solver)
-        _last.workspace, _last.solver = workspace, solver
+    if workspace is None or workspace.scene is not scene or _last.asked != (solver, drift):
+        workspace = Workspace(scene, solver, drift=drift)
+        _last.workspace, _last.asked = workspace, (solver, drift)
     else:
         scene.robot.check_unedited()
     return workspace

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from functools import cached_property
+from functools import cached_property, partial
 from time import perf_counter
 from typing import Any, Final
 
@@ -14,16 +14,17 @@ from condyn_pin import _pin
 from condyn_pin._pin import pin
 from condyn_pin.arguments import FLOAT, HIGH, LOW, Arguments, unpack_quaternion
 from condyn_pin.arrays import Array
-from condyn_pin.bound import Bound, Coupled
 from condyn_pin.choice import check_kinds, default_solver
 from condyn_pin.differentiation import METHODS, Derivatives
 from condyn_pin.differentiation.check import check_derivatives
 from condyn_pin.differentiation.differences import DifferenceDerivatives
 from condyn_pin.differentiation.linearised import Linearisation
-from condyn_pin.equations import Equations, Terms
+from condyn_pin.drift import Baumgarte
 from condyn_pin.errors import InvalidArgument, SolveFailed, unknown_name
 from condyn_pin.judge import Judge, check_accuracy_of_a
 from condyn_pin.raw import raw_constraints
+from condyn_pin.rows.bound import Bound, Coupled
+from condyn_pin.rows.equations import Equations, Terms
 from condyn_pin.scene import Scene
 from condyn_pin.solution import Solution, Status
 from condyn_pin.solvers.base import Singular, Solver
@@ -44,6 +45,8 @@ class Workspace:
     scene : Scene
     solver : Solver, optional
         What `default_solver` says by default: `Proximal()`, where it takes all constraints.
+    drift : Baumgarte, optional
+        What a_ref is; zero by default.
 
     Attributes
     ----------
@@ -64,14 +67,19 @@ class Workspace:
     processes do.
     """
 
-    def __init__(self, scene: Scene, solver: Solver | None = None) -> None:
+    def __init__(
+        self, scene: Scene, solver: Solver | None = None, *, drift: Baumgarte | None = None
+    ) -> None:
         if not isinstance(scene, Scene):
             raise InvalidArgument(f"scene = {type(scene).__name__}: a Scene is needed")
         if not isinstance(solver, Solver | None):
             raise InvalidArgument(
                 f"solver = {solver!r}: a solver object is needed, such as Proximal() or LCABA()"
             )
+        if not isinstance(drift, Baumgarte | None):
+            raise InvalidArgument(f"drift = {drift!r}: Baumgarte(alpha, beta) or None is needed")
         scene.robot.check_unedited()
+        self.drift = drift
         self.solver = default_solver(scene) if solver is None else solver
         self.model = pin.Model(scene.robot.model)
         self.data = self.model.createData()
@@ -100,7 +108,7 @@ class Workspace:
         self.natives = scene.natives
         check_kinds(scene, self.solver)
         self.constraint_models, self.constraint_datas = raw_constraints(
-            self.model, self.natives.constraints
+            self.model, self.natives.constraints, self.drift
         )
         _pin.init_constraint_dynamics(
             self.model, self.data, self.constraint_models, self.constraint_datas
@@ -125,7 +133,7 @@ class Workspace:
     @cached_property
     def equations(self) -> Equations:
         """The equations of the scene, in memory of their own that no solver writes to."""
-        return Equations(self.model, self.bounds)
+        return Equations(self.model, self.bounds, self.drift)
 
     def acceleration(self, q: Array, v: Array, tau: Array) -> Array:
         """Return a, nothing else: the hot loop.
@@ -256,11 +264,11 @@ class Workspace:
     @cached_property
     def linearisation(self) -> Linearisation:
         """The linearised equations, in memory of their own."""
-        return Linearisation(self.model, self.bounds)
+        return Linearisation(self.model, self.bounds, self.drift)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # a copy has memory of its own: Pinocchio 4 crashes on a copied Data
-        return Workspace, (self.scene, self.solver)
+        return partial(Workspace, drift=self.drift), (self.scene, self.solver)
 
     def _failure(self, solution: Solution) -> SolveFailed:
         return SolveFailed(

@@ -62,11 +62,23 @@ def two_arms(root: str) -> cp.Robot:
     return made.with_frame("place", "world", (0.3, 0.2, 0.4), pin.rpy.rpyToMatrix(0.1, 0.2, 0.3))
 
 
-@pytest.mark.parametrize("moving", [True, False])
-@pytest.mark.parametrize("closed", [True, False])
+PULLED = cp.Baumgarte(3.0, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("closed", "moving", "drift"),
+    [
+        (True, True, None),
+        (True, False, None),
+        (False, True, None),
+        (False, False, None),
+        (False, True, PULLED),
+        (True, True, PULLED),
+    ],
+)
 @pytest.mark.parametrize("kind", list(CONSTRAINTS))
 @pytest.mark.parametrize("root", list(ROOTS))
-def test_every_block_of_every_kind(root, kind, closed, moving):
+def test_every_block_of_every_kind(root, kind, closed, moving, drift):
     """To 1e-8 of the largest entry, on the constraints and off them."""
     scene = cp.Scene(two_arms(root), [CONSTRAINTS[kind]])
     rng = np.random.default_rng(1)
@@ -76,7 +88,7 @@ def test_every_block_of_every_kind(root, kind, closed, moving):
         q = pin.integrate(scene.robot.model, scene.guess(), rng.normal(size=scene.robot.nv))
         v = rng.normal(size=scene.robot.nv)
     v, tau = moving * v, rng.normal(size=scene.robot.nv)
-    workspace = cp.Workspace(scene, cp.Reference(refinements=0))
+    workspace = cp.Workspace(scene, cp.Reference(refinements=0), drift=drift)
     found = workspace.derivatives(q, v, tau)
     model, zero = scene.robot.model, np.zeros(scene.robot.nv)
 
@@ -107,6 +119,15 @@ def central(f, step, h):
 def test_scenes_agree_with_differences(label):
     """With redundant rows too: along the constraints."""
     cp.derivatives(all_scenes()[label], *states(label)[0], check=True)
+
+
+@pytest.mark.parametrize("label", ["talos contacts", "cassie loops", "four_bar loops"])
+def test_drift_control_is_differentiated_too(label):
+    scene, state = all_scenes()[label], states(label)[0]
+    for method in ("kkt", "pinocchio"):
+        cp.derivatives(scene, *state, drift=PULLED, method=method, check=not scene.audit.redundant)
+    if scene.audit.redundant:
+        cp.derivatives(scene, *state, drift=PULLED, check=True)
 
 
 def takes_pinocchio(scene: cp.Scene) -> bool:

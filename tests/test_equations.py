@@ -8,8 +8,8 @@ from shared import all_scenes, each_scene, relative, states
 import condyn_pin as cp
 from condyn_pin import _pin
 from condyn_pin._pin import pin
-from condyn_pin.bound import Bound, Coupled
-from condyn_pin.equations import Equations
+from condyn_pin.rows.bound import Bound, Coupled
+from condyn_pin.rows.equations import Equations
 
 
 def equations(label: str) -> Equations:

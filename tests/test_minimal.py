@@ -14,9 +14,9 @@ from shared import all_scenes, relative, robot
 
 import condyn_pin as cp
 from condyn_pin.catalogue import motor_torque
-from condyn_pin.climbing import Ladder, LadderEffort, Rung, climb
-from condyn_pin.ladder_plot import draw_ladder, save_ladders
-from condyn_pin.same_motion import loaded, same_motion, standing_torque
+from condyn_pin.smaller.climbing import Ladder, LadderEffort, Rung, climb
+from condyn_pin.smaller.ladder_plot import draw_ladder, save_ladders
+from condyn_pin.smaller.same_motion import loaded, same_motion, standing_torque
 
 FEW = LadderEffort(states=2, rounds=5, repeats=2)
 

@@ -13,8 +13,8 @@ from shared import robot
 
 import condyn_pin as cp
 from condyn_pin._pin import pin
-from condyn_pin.equations import Equations
 from condyn_pin.load import example_robot_data, robots_folder
+from condyn_pin.rows.equations import Equations
 from condyn_pin.tolerances import CLOSED
 
 

@@ -10,7 +10,7 @@ from shared import all_scenes, each_scene, robot
 
 import condyn_pin as cp
 from condyn_pin._pin import pin
-from condyn_pin.equations import Equations
+from condyn_pin.rows.equations import Equations
 from condyn_pin.tolerances import CLOSED
 
 # rows, rank, mobility: counted by hand or taken from an independent engine

@@ -12,10 +12,10 @@ from shared import all_scenes, relative, robot
 import condyn_pin as cp
 from condyn_pin._pin import pin
 from condyn_pin.catalogue import motor_torque
-from condyn_pin.equations import Equations, Terms
-from condyn_pin.merging import merge_points
-from condyn_pin.planar import as_planar
-from condyn_pin.smaller_tree import smaller_tree
+from condyn_pin.rows.equations import Equations, Terms
+from condyn_pin.smaller.merging import merge_points
+from condyn_pin.smaller.planar import as_planar
+from condyn_pin.smaller.smaller_tree import smaller_tree
 from condyn_pin.tolerances import CLOSED
 
 ARMS = tuple(f"arm_{side}_{i}_joint" for side in ("left", "right") for i in range(1, 8))

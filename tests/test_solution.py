@@ -10,8 +10,8 @@ from shared import all_scenes, each_scene, each_solver, relative, robot, states,
 
 import condyn_pin as cp
 from condyn_pin._pin import pin
-from condyn_pin.bound import Coupled
-from condyn_pin.equations import Equations
+from condyn_pin.rows.bound import Coupled
+from condyn_pin.rows.equations import Equations
 
 
 def c1_c2(scene: cp.Scene, q: np.ndarray) -> list:

@@ -11,7 +11,7 @@ from shared import robot
 
 import condyn_pin as cp
 from condyn_pin._pin import HAS_LCABA, pin
-from condyn_pin.lock import lock_joints
+from condyn_pin.smaller.lock import lock_joints
 from condyn_pin.variants import chosen_card
 
 FREE, LOCKED = {"springs": "free"}, {"springs": "locked"}

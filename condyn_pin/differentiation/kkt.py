@@ -66,7 +66,9 @@ class KktDerivatives(Derivatives):
         factors: Inverse | MinimumNorm | None = _invert(of)
         if factors is None:
             factors = factorise(linearisation.mass_matrix(q), of.J, tolerances.RANK)
-            self._null = turning_null_space(linearisation, q, lam, of.J, factors)
+            self._null = turning_null_space(
+                linearisation, q, lam, of.J, factors, drift=workspace.drift is not None
+            )
         self._factors = factors
 
     def _form(self) -> tuple[Array, Array]:
@@ -117,10 +119,19 @@ def _invert(of: Linearised) -> Inverse | None:
 
 
 def turning_null_space(
-    linearisation: Linearisation, q: Array, lam: Array, J: Array, factors: MinimumNorm
+    linearisation: Linearisation,
+    q: Array,
+    lam: Array,
+    J: Array,
+    factors: MinimumNorm,
+    *,
+    drift: bool = False,
 ) -> Array:
     """Return N N^T (dJ w) (m, nv): what keeps lam the smallest as the rows turn."""
     N = factors.U[:, factors.rank :]
     w = np.asarray(np.linalg.lstsq(J, lam, rcond=tolerances.RANK)[0], dtype=np.float64)
-    dJ_w = linearisation.at(q, np.zeros_like(w), w, np.zeros_like(lam)).s_q
+    still, no_force = np.zeros_like(w), np.zeros_like(lam)
+    dJ_w = linearisation.at(q, still, w, no_force).s_q
+    if drift:  # what it adds at rest is no part of J w
+        dJ_w = dJ_w - linearisation.at(q, still, still, no_force).s_q
     return np.asarray(N @ (N.T @ dJ_w))

@@ -1,6 +1,6 @@
 """The two equations, linearised: how their residuals change with q and v at fixed a and lam.
 
-    r = M a + h - tau - J^T lam,        s = J a + gamma
+    r = M a + h - tau - J^T lam,        s = J a + gamma - a_ref
 
 Newton-Euler's derivatives give those of r with the constraint forces fixed in the axes of their
 bodies; `condyn_pin.differentiation.partials` adds what turns, and has those of s.
@@ -19,7 +19,7 @@ import numpy as np
 
 from condyn_pin._pin import LOCAL, pin
 from condyn_pin.arrays import Array
-from condyn_pin.bound import POINT, Bound, Coupled
+from condyn_pin.differentiation.gaps import gap_of
 from condyn_pin.differentiation.partials import (
     End,
     Partials,
@@ -28,6 +28,8 @@ from condyn_pin.differentiation.partials import (
     of_points,
     of_weld,
 )
+from condyn_pin.drift import Baumgarte
+from condyn_pin.rows.bound import POINT, Bound, Coupled
 
 
 class Linearised(NamedTuple):
@@ -48,12 +50,16 @@ class Linearisation:
     ----------
     model : pin.Model
     bounds : sequence of Bound or Coupled
+    drift : Baumgarte, optional
     """
 
-    def __init__(self, model: Any, bounds: Sequence[Bound | Coupled]) -> None:
+    def __init__(
+        self, model: Any, bounds: Sequence[Bound | Coupled], drift: Baumgarte | None = None
+    ) -> None:
         self._model, self._data = model, model.createData()
         self._pairs = [b for b in bounds if isinstance(b, Bound)]
         self._couplings = [b for b in bounds if isinstance(b, Coupled)]
+        self._drift = drift
         self._m = sum(b.size for b in bounds)
         self._world = End(*np.zeros((2, 6)), *np.zeros((4, 6, model.nv)))
         self._wrenches = pin.StdVec_Force()
@@ -87,8 +93,15 @@ class Linearisation:
                     part[rows] *= -1.0
             if of.force is not None:
                 turning.append(of.force)
+            if self._drift:
+                gap = gap_of(b, *self._both_ends(b))
+                s_q[rows] += b.sign * (self._drift.Kp * gap.c_q + self._drift.Kd * gap.v_q)
         for coupled in self._couplings:
             J[coupled.rows, list(coupled.velocity)] = 1.0, -coupled.ratio
+            if self._drift:
+                s_q[coupled.rows] += self._drift.Kp * J[coupled.rows]
+        if self._drift:
+            s_v += self._drift.Kd * J
         pin.computeRNEADerivatives(model, data, q, v, a, self._wrenches)
         r_q = np.array(data.dtau_dq)
         for force in turning:
@@ -109,10 +122,7 @@ class Linearisation:
                 return of_frame(b, *self._derivatives(b.joint1, b.placement1))
             return of_point(self._end(b.joint1, b.placement1))
         duals = self._duals[k]
-        one = self._end(b.joint1, b.placement1)
-        two = self._end(b.joint2, b.placement2)
-        oMi = self._data.oMi
-        c1Mc2 = (oMi[b.joint1] * b.placement1).actInv(oMi[b.joint2] * b.placement2)
+        one, two, c1Mc2 = self._both_ends(b)
         on1, on2 = wrenches(b, c1Mc2, lam)
         if b.joint1:
             self._on_joint[b.joint1] += duals[0] @ on1
@@ -121,6 +131,11 @@ class Linearisation:
         if b.is_plain and b.size == 6:
             return of_weld(one, two, c1Mc2, lam)
         return of_points(b, one, two, c1Mc2, lam)
+
+    def _both_ends(self, b: Bound) -> tuple[End, End, Any]:
+        oMi = self._data.oMi
+        c1Mc2 = (oMi[b.joint1] * b.placement1).actInv(oMi[b.joint2] * b.placement2)
+        return self._end(b.joint1, b.placement1), self._end(b.joint2, b.placement2), c1Mc2
 
     def _end(self, joint: int, placement: Any) -> End:
         if joint == 0:

@@ -4,9 +4,9 @@ With delta = J_s dq the slip of c1 past c2 that a step dq makes,
 
     d(R x) = -delta_ang x (R x) + R dx,    dr = -delta_lin,    d(X y) = -delta x (X y) + X dy,
 
-the last cross product that of spatial motions. The rows themselves are in `condyn_pin.loops` and
-`condyn_pin.cut_joints`; their partials follow by the product rule. A force that is fixed in c1
-turns in c2, so that its wrench w2 on body 2 changes too, and that on body 1 where its lever does.
+the last cross product that of spatial motions. The rows themselves are in `condyn_pin.rows.loops`
+and `condyn_pin.rows.cut_joints`; their partials follow by the product rule. A force that is fixed
+in c1 turns in c2: its wrench on body 2 changes too, and that on body 1 where its lever does.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.bound import FRAME, Bound
+from condyn_pin.rows.bound import FRAME, Bound
 
 _skew = pin.skew
 
@@ -72,9 +72,9 @@ def of_weld(one: End, two: End, c1Mc2: Any, lam: Array) -> Partials:
     X_J2 = X @ two.J
     J = one.J - X_J2
     v2, a2 = X @ two.v, X @ two.a
-    by_v2, by_slip = _cross(v2), _cross(one.v - v2)
+    by_v2, by_slip = spatial_cross(v2), spatial_cross(one.v - v2)
     v2_q = by_v2 @ J + X @ two.v_q
-    s_q = one.a_q - _cross(a2) @ J - X @ two.a_q
+    s_q = one.a_q - spatial_cross(a2) @ J - X @ two.a_q
     s_q += by_slip @ v2_q - by_v2 @ (one.v_q - v2_q)
     s_v = one.a_v - X @ two.a_v + by_slip @ X_J2 - by_v2 @ J
     F, T = _skew(lam[:3]), _skew(lam[3:])
@@ -168,7 +168,7 @@ def _of_rod(one: End, two: End, R: Array, r: Array, of: _Slip, lam: float) -> Pa
     return Partials((n @ of.J)[None], s_q[None], s_v[None], force)
 
 
-def _cross(x: Array) -> Array:
+def spatial_cross(x: Array) -> Array:
     """Return the matrix of the spatial cross product x times."""
     v, w = _skew(x[:3]), _skew(x[3:])
     return np.block([[w, v], [np.zeros((3, 3)), w]])

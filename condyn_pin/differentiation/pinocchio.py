@@ -15,10 +15,10 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.bound import POINT, Bound
 from condyn_pin.differentiation.base import Derivatives
 from condyn_pin.differentiation.kkt import KktDerivatives
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
+from condyn_pin.rows.bound import POINT, Bound
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.proximal import Proximal
 

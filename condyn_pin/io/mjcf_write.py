@@ -26,8 +26,6 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from condyn_pin._pin import pin
-from condyn_pin.binding import bind
-from condyn_pin.bound import Bound
 from condyn_pin.constraints import WORLD, Coupling, Loop
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
 from condyn_pin.io.mjcf_write_joint import (
@@ -39,6 +37,8 @@ from condyn_pin.io.mjcf_write_joint import (
     write_pose,
 )
 from condyn_pin.robot import Robot
+from condyn_pin.rows.binding import bind
+from condyn_pin.rows.bound import Bound
 
 _EQUALITIES = {"ball": "connect", "weld": "weld", "hinge": "connect"}
 

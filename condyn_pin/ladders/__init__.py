@@ -3,7 +3,7 @@
 from importlib import import_module
 from pkgutil import iter_modules
 
-from condyn_pin.climbing import Ladder
+from condyn_pin.smaller.climbing import Ladder
 
 LADDERS: dict[str, Ladder] = {}
 

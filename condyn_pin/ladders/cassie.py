@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from condyn_pin.climbing import Ladder, Rung
 from condyn_pin.constraints import Coupling
-from condyn_pin.equations import Equations
 from condyn_pin.load import load_robot
-from condyn_pin.merging import merge_points
-from condyn_pin.reduction import reduced
-from condyn_pin.same_motion import loaded
+from condyn_pin.rows.equations import Equations
 from condyn_pin.scene import Scene
-from condyn_pin.smaller_tree import indices
+from condyn_pin.smaller.climbing import Ladder, Rung
+from condyn_pin.smaller.merging import merge_points
+from condyn_pin.smaller.reduction import reduced
+from condyn_pin.smaller.same_motion import loaded
+from condyn_pin.smaller.smaller_tree import indices
 
 _SIDES = ("left", "right")
 

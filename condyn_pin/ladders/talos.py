@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from condyn_pin.climbing import Ladder, Rung
 from condyn_pin.contacts import SurfaceContact
 from condyn_pin.load import load_robot
 from condyn_pin.scene import Scene
+from condyn_pin.smaller.climbing import Ladder, Rung
 
 
 def _corners() -> Scene:

@@ -13,7 +13,7 @@ from condyn_pin.errors import InvalidArgument
 from condyn_pin.solvers.base import Method, Singular, Solver
 
 if TYPE_CHECKING:
-    from condyn_pin.equations import Terms
+    from condyn_pin.rows.equations import Terms
     from condyn_pin.workspace import Workspace
 
 

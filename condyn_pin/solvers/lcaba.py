@@ -11,6 +11,7 @@ import numpy as np
 from condyn_pin import _pin, tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
+from condyn_pin.errors import UnsupportedConstraint
 from condyn_pin.solvers.base import Method, Solver
 from condyn_pin.solvers.proximal import check_accuracy, check_knobs
 
@@ -78,6 +79,11 @@ class LCABA(Solver):
 
     def start(self, workspace: Workspace) -> Method:
         """Return the cured `pin.lcaba` bound to the memory of `workspace`."""
+        if workspace.drift:
+            raise UnsupportedConstraint(
+                "LCABA: Pinocchio's lcaba ignores drift control on constraints of 3 rows; "
+                "use Proximal() with drift"
+            )
         solve = _pin.lcaba()
         model, data, bounds = workspace.model, workspace.data, workspace.natives.constraints
         models, datas = workspace.constraint_models, workspace.constraint_datas

@@ -1,0 +1,64 @@
+"""The two ends of many loops at once: where the frames c1 and c2 are, and how they move.
+
+E1, E2 are their placements in the world, R = R1^T R2, r = R1^T (p2 - p1), and every velocity and
+acceleration is in the axes of its own frame; accelerations of origins are the classical ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from condyn_pin.arrays import Array
+from condyn_pin.rows.bound import Bound
+from condyn_pin.rows.frames import Centripetal, Joints
+
+
+class Ends:
+    """The ends of k loops.
+
+    Parameters
+    ----------
+    data : pin.Data
+        Holds `oMi`, `v` and `a` after forward kinematics.
+    bounds : sequence of Bound
+    """
+
+    def __init__(self, data: Any, bounds: Sequence[Bound]) -> None:
+        self.k = len(bounds)
+        self._joints = Joints(data, {j for b in bounds for j in (b.joint1, b.joint2)})
+        numbers = self._joints.numbers
+        self._placements = np.zeros((len(numbers), 4, 4))
+        self._sources = [(data.oMi[j], self._placements[i]) for i, j in enumerate(numbers)]
+        # first the ends c1 of all loops, then the ends c2
+        ends = [(b.joint1, b.placement1) for b in bounds]
+        ends += [(b.joint2, b.placement2) for b in bounds]
+        self._end_joints = np.array([numbers.index(joint) for joint, _ in ends], dtype=np.int_)
+        self._in_joints = np.array([p.homogeneous for _, p in ends]).reshape(-1, 4, 4)
+        linear, angular = self._joints.maps(ends)
+        self._linearT = np.ascontiguousarray(linear.T)
+        self._angularT = np.ascontiguousarray(angular.T)
+        self._centripetal = Centripetal(linear, angular)
+        self._motion = np.zeros((2, self._joints.size))
+
+    def apart(self) -> tuple[Array, Array]:
+        """Return R (k, 3, 3) and r (k, 3)."""
+        for placement, place in self._sources:
+            place[:] = placement.homogeneous
+        E = self._placements[self._end_joints] @ self._in_joints
+        R1T = E[: self.k, :3, :3].transpose(0, 2, 1)
+        r = R1T @ (E[self.k :, :3, 3:] - E[: self.k, :3, 3:])
+        return R1T @ E[self.k :, :3, :3], r[:, :, 0]
+
+    def linear(self) -> Array:
+        """Return (2, 2, k, 3): velocity or acceleration, end, loop, component."""
+        self._motion = self._joints.read()
+        both = self._motion.dot(self._linearT)
+        both[1] += self._centripetal.of(self._motion[0])
+        return np.asarray(both.reshape(2, 2, self.k, 3))
+
+    def angular(self) -> Array:
+        """Return the same of the turning, right after `linear`."""
+        return np.asarray(self._motion.dot(self._angularT).reshape(2, 2, self.k, 3))

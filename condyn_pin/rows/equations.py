@@ -1,0 +1,211 @@
+"""The equations of a scene at a state, from Pinocchio's primitives.
+
+    M(q) a + h(q, v) = tau + J(q)^T lam,        J a + gamma = a_ref
+
+M comes from the composite rigid body algorithm, h from recursive Newton-Euler, J from joint
+Jacobians, gamma = Jdot v from forward kinematics with a = 0. The errors of an answer use
+neither M, h nor J: Newton-Euler with lam as external forces, and forward kinematics with the
+answer's a.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from condyn_pin._pin import LOCAL, pin
+from condyn_pin.arrays import Array
+from condyn_pin.drift import Baumgarte
+from condyn_pin.rows.bound import FRAME, POINT, Bound, Coupled
+from condyn_pin.rows.couplings import Couplings
+from condyn_pin.rows.cut_joints import CutJoints
+from condyn_pin.rows.frames import WorldContacts, Wrenches
+from condyn_pin.rows.loops import Balls, Weld
+
+# bound once: these are called in every proof, which is to cost little more than they do
+_rnea = pin.rnea
+_forward_kinematics = pin.forwardKinematics
+_largest = np.maximum.reduceat
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """The terms of the two equations at one state.
+
+    Attributes
+    ----------
+    M : (nv, nv) array
+        Mass matrix, armature included, both triangles.
+    h : (nv,) array
+        Coriolis, centrifugal and gravity torque.
+    J : (m, nv) array
+        Constraint Jacobian, rows in the order of the scene, in the axes of each constraint.
+    gamma : (m,) array
+        Jdot v.
+    a_ref : (m,) array
+        Wanted acceleration of the constraints; zero without drift control.
+    """
+
+    M: Array
+    h: Array
+    J: Array
+    gamma: Array
+    a_ref: Array
+
+
+class Equations:
+    """The equations of one model with its bound constraints, and the memory to evaluate them.
+
+    Parameters
+    ----------
+    model : pin.Model
+    bounds : sequence of Bound or Coupled
+    drift : Baumgarte, optional
+    """
+
+    def __init__(
+        self, model: Any, bounds: Sequence[Bound | Coupled], drift: Baumgarte | None = None
+    ) -> None:
+        self.model = model
+        self.data = model.createData()
+        self.bounds, self.drift = tuple(bounds), drift
+        self.m = sum(bound.size for bound in bounds)
+        pairs = [b for b in bounds if isinstance(b, Bound)]
+        self.sign = np.ones(self.m)
+        for b in pairs:
+            self.sign[b.rows] = b.sign
+        self._flipped = bool((self.sign < 0).any())
+        self._still = np.zeros(model.nv)
+        self._sort(pairs, [b for b in bounds if isinstance(b, Coupled)])
+        # |dynamics|, |a|, |c|, |J v| and |J a + gamma| share one array, so that one call finds the
+        # largest of each; the last three end with a zero, so that none is empty.
+        n, width = model.nv, self.m + 1
+        self._all = np.zeros(2 * n + 3 * width)
+        self._starts = np.array([0, n, 2 * n, 2 * n + width, 2 * n + 2 * width])
+        self._dynamics, self._a, self._c, self._velocity, self._acceleration = (
+            self._all[start : start + size]
+            for start, size in zip(self._starts, (n, n, self.m, self.m, self.m), strict=True)
+        )
+        self._motion = self._all[2 * n + width :].reshape(2, width)
+
+    def _sort(self, pairs: Sequence[Bound], coupled: Sequence[Coupled]) -> None:
+        """Sort the constraints by the way in which their rows are evaluated."""
+        held = [b for b in pairs if not (b.joint1 == 0 or b.joint2 or b.anchored)]
+        loops = [b for b in pairs if b not in held]
+        balls = [b for b in loops if b.selection == POINT]
+        cut = [b for b in loops if not b.is_plain]
+        data = self.data
+        self._contacts = WorldContacts(data, held, self.m + 1) if held else None
+        self._loops: list[Balls | Weld] = [Balls(data, balls)] if balls else []
+        self._loops += [Weld(self.model, data, b) for b in loops if b.selection == FRAME]
+        self._cut = CutJoints(data, cut) if cut else None
+        self._couplings = Couplings(coupled, self.model.nv) if coupled else None
+        # Stacked forces: lam itself, and behind it force and moment of each cut joint.
+        places = [(b, b.rows, b.selection) for b in pairs if b not in cut]
+        starts = [self.m + 6 * i for i in range(len(cut))]
+        places += [(b, slice(at, at + 6), FRAME) for b, at in zip(cut, starts, strict=True)]
+        size = self.m + 6 * len(cut)
+        self._wrenches = Wrenches(self.model, places, size)
+        self._f1, self._f2 = np.zeros((2, size))
+
+    def terms(self, q: Array, v: Array) -> Terms:
+        """Return M, h, J, gamma and a_ref; they are owned by the caller."""
+        model, data = self.model, self.data
+        M = np.array(pin.crba(model, data, q))
+        h = np.array(pin.nonLinearEffects(model, data, q, v))
+        self.motion(q, v, self._still)
+        gamma, a_ref = self._acceleration.copy(), np.zeros(self.m)
+        if self.drift:
+            a_ref -= self.drift.Kd * self._velocity + self.drift.Kp * self._c
+        return Terms(M, h, self._jacobian(q), gamma, a_ref)
+
+    def jacobian(self, q: Array) -> Array:
+        """Return J (m, nv)."""
+        self.motion(q, self._still, self._still)
+        return self._jacobian(q)
+
+    def violation(self, q: Array) -> Array:
+        """Return c(q) (m,)."""
+        self.motion(q, self._still, self._still)
+        return self._c.copy()
+
+    def placements(self, q: Array) -> list[tuple[Any, Any] | None]:
+        """Return the placements of the frames c1 and c2 in the world; None for a coupling."""
+        pin.forwardKinematics(self.model, self.data, q)
+        oMi = self.data.oMi
+        return [
+            (oMi[b.joint1] * b.placement1, oMi[b.joint2] * b.placement2)
+            if isinstance(b, Bound)
+            else None
+            for b in self.bounds
+        ]
+
+    def errors(
+        self, q: Array, v: Array, tau: Array, a: Array, lam: Array
+    ) -> tuple[Array, list[float]]:
+        """Return the residuals of an answer (a, lam) to (q, v, tau).
+
+        Returns
+        -------
+        dynamics : (nv,) array
+            |M a + h - tau - J^T lam|, elementwise; overwritten by the next call.
+        largest : list of float
+            The largest of |M a + h - tau - J^T lam|, |a|, |c|, |J v| and |J a + gamma - a_ref|.
+        """
+        self.motion(q, v, a)
+        if self.drift:
+            self._acceleration += self.drift.Kd * self._velocity + self.drift.Kp * self._c
+        f1 = lam * self.sign if self._flipped else lam
+        for loops in self._loops:
+            loops.turn(f1, self._f2)
+        if self._cut:
+            m, lam1, f1 = self.m, f1, self._f1
+            f1[:m] = lam1
+            self._cut.stack(lam1, f1[m:], self._f2[m:])
+        wrenches = self._wrenches.of(f1, self._f2)
+        np.subtract(_rnea(self.model, self.data, q, v, a, wrenches), tau, out=self._dynamics)
+        if self._couplings:
+            self._dynamics -= self._couplings.torque(lam)
+        self._a[:] = a
+        everything = self._all
+        np.abs(everything, out=everything)
+        return self._dynamics, _largest(everything, self._starts).tolist()
+
+    def motion(self, q: Array, v: Array, a: Array) -> None:
+        """Evaluate c(q), J v and J a + gamma into the memory of this object."""
+        _forward_kinematics(self.model, self.data, q, v, a)
+        rows = self._c, self._velocity, self._acceleration
+        if self._contacts:
+            self._contacts.evaluate(self._motion)
+        for loops in self._loops:
+            loops.evaluate(*rows)
+        if self._cut:
+            self._cut.evaluate(*rows)
+        if self._couplings:
+            self._couplings.evaluate(q, v, a, rows)
+        if self._flipped:
+            for part in rows:
+                part *= self.sign
+
+    def _jacobian(self, q: Array) -> Array:
+        """Return J, right after `motion` at the same q."""
+        model, data = self.model, self.data
+        pin.computeJointJacobians(model, data, q)
+        J = np.zeros((self.m, model.nv))
+        nothing = np.zeros((6, model.nv))
+
+        def of_frame(joint: int, placement: Any) -> Array:
+            if joint == 0:
+                return nothing
+            # a single column comes as a vector
+            return np.reshape(pin.getFrameJacobian(model, data, joint, placement, LOCAL), (6, -1))
+
+        for group in (self._contacts, *self._loops, self._cut):
+            if group:
+                group.jacobian(J, of_frame)
+        if self._couplings:
+            self._couplings.jacobian(J)
+        return self.sign[:, None] * J if self._flipped else J

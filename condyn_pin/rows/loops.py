@@ -1,0 +1,93 @@
+"""Loops that Pinocchio has itself: balls and welds, and contacts with an anchor.
+
+With E1, E2 the frames c1, c2 in the world, R = R1^T R2, and every velocity and acceleration in the
+axes of its own frame,
+
+    3 rows:  c = -R1^T (p2 - p1)    J v = v1 - R v2            J a + gamma = a1 - R a2
+    6 rows:  c = -log6(E1^-1 E2)    J v = v1 - X v2 =: slip    J a + gamma = a1 - X a2 + slip x X v2
+
+with the classical acceleration of the points in the first line, spatial ones in the second, and
+X the action of E1^-1 E2. The last term is the turning of c1's axes, in which v2 is written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from condyn_pin._pin import LOCAL, pin
+from condyn_pin.arrays import Array
+from condyn_pin.rows.bound import Bound
+from condyn_pin.rows.ends import Ends
+from condyn_pin.rows.frames import FrameJacobian, rows_of
+
+
+class Balls:
+    """All 3-row loops at once.
+
+    Parameters
+    ----------
+    data : pin.Data
+    bounds : sequence of Bound
+
+    """
+
+    def __init__(self, data: Any, bounds: Sequence[Bound]) -> None:
+        self._bounds, self._ends = tuple(bounds), Ends(data, bounds)
+        self._rows = rows_of(bounds)
+        self._R = np.zeros((len(bounds), 3, 3))
+
+    def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
+        """Write the rows of these loops into the three vectors of all rows."""
+        rows = self._rows
+        self._R, r = self._ends.apart()
+        c[rows] = -r.ravel()
+        ends = self._ends.linear()[..., None]
+        relative = ends[:, 0] - self._R @ ends[:, 1]
+        velocity[rows], acceleration[rows] = relative.reshape(2, -1)
+
+    def turn(self, lam: Array, out: Array) -> None:
+        """Write R^T lam, the forces in the axes of c2, for the rows of these loops."""
+        forces = lam[self._rows].reshape(-1, 3, 1)
+        out[self._rows] = (self._R.transpose(0, 2, 1) @ forces).ravel()
+
+    def jacobian(self, J: Array, of_frame: FrameJacobian) -> None:
+        """Write the rows of these loops into J (m, nv), at the last evaluation."""
+        for b, R in zip(self._bounds, self._R, strict=True):
+            J1, J2 = of_frame(b.joint1, b.placement1), of_frame(b.joint2, b.placement2)
+            J[b.rows] = J1[:3] - R @ J2[:3]
+
+
+class Weld:
+    """One 6-row loop."""
+
+    def __init__(self, model: Any, data: Any, bound: Bound) -> None:
+        self._model, self._data, self._bound = model, data, bound
+        self._oMi1, self._oMi2 = data.oMi[bound.joint1], data.oMi[bound.joint2]
+        self._c1Mc2 = pin.SE3.Identity()  # of the last evaluation
+
+    def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
+        """Write the rows of this loop into the three vectors of all rows."""
+        model, data, b = self._model, self._data, self._bound
+        self._c1Mc2 = (self._oMi1 * b.placement1).actInv(self._oMi2 * b.placement2)
+        c[b.rows] = -pin.log6(self._c1Mc2).vector
+        one = (model, data, b.joint1, b.placement1, LOCAL)
+        two = (model, data, b.joint2, b.placement2, LOCAL)
+        v2 = self._c1Mc2.act(pin.getFrameVelocity(*two))
+        a2 = self._c1Mc2.act(pin.getFrameAcceleration(*two))
+        slip = pin.getFrameVelocity(*one) - v2
+        velocity[b.rows] = slip.vector
+        acceleration[b.rows] = (pin.getFrameAcceleration(*one) - a2 + slip.cross(v2)).vector
+
+    def turn(self, lam: Array, out: Array) -> None:
+        """Write X^T lam, the wrench in the axes and at the origin of c2."""
+        rows = self._bound.rows
+        out[rows] = self._c1Mc2.toActionMatrix().T @ lam[rows]
+
+    def jacobian(self, J: Array, of_frame: FrameJacobian) -> None:
+        """Write the rows of this loop into J (m, nv), at the last evaluation."""
+        b = self._bound
+        J2 = of_frame(b.joint2, b.placement2)
+        J[b.rows] = of_frame(b.joint1, b.placement1) - self._c1Mc2.toActionMatrix() @ J2

@@ -1,0 +1,1 @@
+"""Smaller scenes: what may be left out, and what it costs."""

@@ -1,0 +1,66 @@
+"""A picture of a ladder: speed against error, one labelled point a rung."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+from condyn_pin.plots import require_matplotlib
+from condyn_pin.smaller.ladder_table import LadderTable
+
+_FLOOR = 1e-6  # where exact rungs are drawn
+_STYLE = {
+    "LCABA": ("#D55E00", "o"),
+    "Proximal": ("#0072B2", "s"),
+    "Dense KKT": ("#009E73", "^"),
+}
+_OTHER = ("#CC79A7", "d")
+
+
+def draw_ladder(table: LadderTable, ax: Any = None) -> Any:
+    """Draw the worst error of a against the speed of every rung: down and to the right is better.
+
+    Parameters
+    ----------
+    table : LadderTable
+    ax : matplotlib axes, optional
+        A new figure by default.
+
+    Returns
+    -------
+    matplotlib axes
+    """
+    if ax is None:
+        require_matplotlib()
+        from matplotlib import pyplot
+
+        ax = pyplot.subplots()[1]
+    rows = [row for row in table.rows if math.isfinite(row.speedup)]
+    points = [(row.speedup, max(row.a_worst, _FLOOR)) for row in rows]
+    ax.plot(*zip(*points, strict=True), color="0.8", lw=0.8, zorder=0)
+    for number, (row, point) in enumerate(zip(rows, points, strict=True), start=1):
+        colour, marker = _STYLE.get(row.solver, _OTHER)
+        ax.plot(*point, marker, color=colour, ms=7)
+        ax.annotate(str(number), point, textcoords="offset points", xytext=(5, 5), fontsize=8)
+        label = f"{number}: {row.label} (nv {row.nv}, {row.rows} rows, {row.solver})"
+        ax.plot([], [], marker, color=colour, label=label)
+    ax.set(title=table.name, xlabel="times faster than the first rung", yscale="log")
+    ax.set(ylabel="worst error of a, 0 drawn at 1e-6", ylim=(_FLOOR / 3, 10.0))
+    ax.set_xlim(0.0, 1.15 * max(speed for speed, _ in points))
+    ax.grid(visible=True, which="major", color="0.9")
+    ax.legend(fontsize=6, frameon=False, loc="best")
+    return ax
+
+
+def save_ladders(tables: list[LadderTable], path: str | Path) -> None:
+    """Draw ladders side by side into a file; the ending of `path` says which format."""
+    require_matplotlib()
+    from matplotlib.figure import Figure  # a figure of its own leaves the user's backend alone
+
+    figure = Figure(figsize=(4.8 * len(tables), 4.0), layout="constrained")
+    for table, ax in zip(tables, figure.subplots(1, len(tables), squeeze=False)[0], strict=True):
+        draw_ladder(table, ax)
+    note = "{processor}, Pinocchio {pinocchio}"
+    figure.suptitle(note.format(**tables[0].machine), fontsize=8)
+    figure.savefig(path, dpi=150)

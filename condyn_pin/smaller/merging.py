@@ -1,0 +1,84 @@
+"""Point contacts of one body as the edge or the surface that they span: fewer rows, same motion.
+
+The velocities of points that do not lie on a line leave a body no freedom, as a surface does
+(6 rows); those of points on a line leave the turn about it, as an edge does (5 rows).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from condyn_pin.arrays import Array
+from condyn_pin.constraints import Constraint
+from condyn_pin.contacts import LineContact, PointContact, SurfaceContact
+from condyn_pin.robot import Robot
+from condyn_pin.scene import Scene
+from condyn_pin.smaller.reduction import ReducedScene, reduced
+
+_FLAT = 1e-6  # singular values of the points' spread below this, relative to the largest, are zero
+
+
+def merge_points(scene: Scene, *, edges: bool = True) -> ReducedScene:
+    """Return the scene with the points on each frame merged into an edge or a surface: exact.
+
+    Only points without an anchor: they say nothing about where the body is, so nothing is lost.
+    The merged contact has the name of the frame, or ``frame/edge``.
+
+    Parameters
+    ----------
+    scene : Scene
+    edges : bool
+        Merge points on a line too. Solvers that know no edges make two points of it again.
+    """
+    robot, constraints, dropped = scene.robot, list(scene.constraints), []
+    for frame, points in _groups(constraints).items():
+        if not edges and _on_a_line(points):
+            continue
+        robot, merged = _merge(robot, frame, points)
+        at = constraints.index(points[0])
+        constraints = [c for c in constraints if c not in points]
+        constraints.insert(at, merged)
+        rows = sum(p.rows for p in points)
+        dropped.append(f"contacts on {frame}: {rows} rows of points as {merged.rows} of one")
+    return reduced(scene, robot, constraints, scene.guess(), dropped)
+
+
+def _groups(constraints: Sequence[Constraint]) -> dict[str, list[PointContact]]:
+    found: dict[str, list[PointContact]] = {}
+    for constraint in constraints:
+        if isinstance(constraint, PointContact) and constraint.anchor is None:
+            found.setdefault(constraint.frame, []).append(constraint)
+    taken = {c.name for c in constraints}
+    return {
+        frame: points
+        for frame, points in found.items()
+        if _spread(points)[1][0] > 0 and not {frame, f"{frame}/edge"} & taken
+    }
+
+
+def _spread(points: Sequence[PointContact]) -> tuple[Array, Array, Array]:
+    """Return the middle of the points, the singular values of their spread, and the directions."""
+    offsets = np.array([point.offset for point in points])
+    middle = offsets.mean(axis=0)
+    _, S, directions = np.linalg.svd(offsets - middle)
+    return middle, np.pad(S, (0, 3 - len(S))), directions
+
+
+def _on_a_line(points: Sequence[PointContact]) -> bool:
+    _, S, _ = _spread(points)
+    return bool(S[1] <= _FLAT * S[0])
+
+
+def _merge(robot: Robot, frame: str, points: Sequence[PointContact]) -> tuple[Robot, Constraint]:
+    if not _on_a_line(points):
+        return robot, SurfaceContact(frame)
+    middle, _, directions = _spread(points)
+    name = f"{frame}/edge"
+    x, y = directions[0], directions[1]
+    R = np.column_stack([x, y, np.cross(x, y)])
+    if name not in robot.frames:
+        robot = robot.with_frame(name, frame, middle, R)
+    half = max(abs(float((np.array(p.offset) - middle) @ x)) for p in points)
+    return robot, LineContact(name, axis="x", half_length=half)

@@ -1,0 +1,1 @@
+"""States that satisfy the constraints: closing loops, and what is known of them."""

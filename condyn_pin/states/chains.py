@@ -1,0 +1,253 @@
+"""Chains: which joints the loops determine, and on which side of their dead points they stand.
+
+Of the joints, as many depend on the others as there are independent rows: r of them, with J_D the
+columns that belong to them. They are chosen once for a scene, those without motor or spring first.
+Motors held, the loops determine them wherever J_D has rank r. Where it has not is a dead point; on
+its two sides
+
+    sign det(Q^T J_D),     Q an orthonormal basis of the rows that J_D can move, at the reference,
+
+differs. So the sign tells the two ways to assemble a four-bar for one angle of its crank. It is
+taken for every cluster of loops that share dependent joints. Two configurations of different
+sign are on different branches; of the same sign, they are on the same one unless an even number of
+dead points lies between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin import tolerances
+from condyn_pin._pin import pin
+from condyn_pin.arrays import Array
+from condyn_pin.minimum_norm import factorise
+from condyn_pin.rows.equations import Equations
+from condyn_pin.states.closing import NO_LIMITS, Closer, Limits
+
+if TYPE_CHECKING:
+    from condyn_pin.scene import Scene
+
+Indices = NDArray[np.int_]
+
+_NEARBY = 0.1  # where to look for a configuration that is not singular by accident [rad, m]
+_LOOKS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Cluster:
+    """Loops that share dependent joints.
+
+    Attributes
+    ----------
+    name : str
+        Names of the loops.
+    rows, columns : int array
+        Their rows, and the velocity indices of the joints that depend on them.
+    basis : (rows, columns) array
+        Q.
+    sign : float
+        Of det(Q^T J_D) at the reference.
+    """
+
+    name: str
+    rows: Indices
+    columns: Indices
+    basis: Array
+    sign: float
+
+    @cached_property
+    def block(self) -> tuple[Indices, ...]:
+        """Where J holds J_D."""
+        return np.ix_(self.rows, self.columns)
+
+    def singular_values(self, J: Array) -> Array:
+        """Return those of J_D."""
+        return np.asarray(np.linalg.svd(J[self.block], compute_uv=False), dtype=np.float64)
+
+    def side(self, J: Array) -> int:
+        """Return +1 on the side of the reference, -1 across a dead point, 0 in one."""
+        S = self.singular_values(J)
+        if S[-1] <= tolerances.DEAD_POINT * S[0]:
+            return 0
+        return int(self.sign * np.linalg.slogdet(self.basis.T @ J[self.block])[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Chains:
+    """The closed chains of a scene.
+
+    Attributes
+    ----------
+    rows : int array
+        Rows that have a position error.
+    limits : Limits
+        Of the joints.
+    actuated, dependent : int array
+        Velocity indices of the motors, and of the joints without motor that the loops determine.
+    clusters : tuple of Cluster
+        Empty if the robot has no motor, or no closed configuration was found: then there is
+        nothing to tell branches by.
+    home : dict of str to int
+        The branch of the first posture.
+    rank : int
+        Of all rows of the scene, at configurations that are not singular by accident.
+    redundant : tuple of str
+        Rows that can go at such configurations without changing the motion.
+    """
+
+    rows: Indices
+    limits: Limits
+    actuated: Indices
+    dependent: Indices
+    clusters: tuple[Cluster, ...]
+    home: Mapping[str, int]
+    rank: int
+    redundant: tuple[str, ...]
+
+    def branch(self, J: Array) -> dict[str, int]:
+        """Return the side of every cluster, from the Jacobian (m, nv) of the scene."""
+        return {cluster.name: cluster.side(J) for cluster in self.clusters}
+
+    def smallest(self, J: Array) -> float:
+        """Return the smallest singular value of the dependent joints, or of all without motors."""
+        if self.clusters:
+            return min(float(c.singular_values(J)[-1]) for c in self.clusters)
+        S = np.linalg.svd(J[self.rows], compute_uv=False)
+        kept = S[tolerances.RANK * S.max(initial=0.0) < S]
+        return float(kept[-1]) if kept.size else 0.0
+
+
+def chains(scene: Scene) -> Chains:
+    """Find the closed chains of a scene, near its first posture."""
+    robot = scene.robot
+    equations = Equations(robot.model, scene.bounds)
+    rows = positioned(scene)
+    actuated = _columns(scene, robot.actuated)
+    sprung = _columns(scene, [spring.joint for spring in robot.springs])
+    passive = np.setdiff1d(np.arange(robot.nv), actuated)
+    passive_classes = (np.setdiff1d(passive, sprung), np.intersect1d(passive, sprung))
+    limits = Limits.of(robot.model)
+    closed, tries = _nearby(equations, rows, limits, scene.guess())
+    found = []
+    for q in tries:
+        terms = equations.terms(q, np.zeros(robot.nv))
+        factors = factorise(terms.M, terms.J, tolerances.RANK)
+        dependent = independent_columns(terms.J[rows], passive_classes)
+        found.append((factors, terms.J, dependent))
+    # the first of those with the largest ranks: the first posture, unless that is singular
+    factors, J, dependent = max(found, key=lambda each: (each[0].rank, len(each[2])))
+    clusters: tuple[Cluster, ...] = ()
+    if closed and actuated.size:
+        columns = independent_columns(J[rows], (*passive_classes, actuated))
+        clusters = tuple(_clusters(scene, J, rows, columns))
+    return Chains(
+        rows=rows,
+        limits=limits,
+        actuated=actuated,
+        dependent=dependent,
+        clusters=clusters,
+        home={cluster.name: cluster.side(found[0][1]) for cluster in clusters},
+        rank=factors.rank,
+        redundant=redundant_rows(factors.U[:, factors.rank :], scene.row_names),
+    )
+
+
+def positioned(scene: Scene) -> Indices:
+    """Return the rows that have a position error."""
+    spans = [range(b.rows.start, b.rows.stop) for b in scene.bounds if b.anchored]
+    return np.array([row for span in spans for row in span], dtype=np.int_)
+
+
+def _nearby(
+    equations: Equations, rows: Indices, limits: Limits, guess: Array
+) -> tuple[bool, list[Array]]:
+    """Return whether the guess can be closed, and closed configurations at it and near it."""
+    model = equations.model
+    everything = np.ones(model.nv, dtype=bool)
+    for limited in (limits, NO_LIMITS):
+        closer = Closer(equations, rows, everything, limited)
+        ends = closer.ends(guess) if not limited.beyond(guess) else ()
+        first = next((end for end in ends if end.size <= tolerances.CLOSED), None)
+        if first is not None:
+            break
+    else:
+        return False, [guess]
+    found, rng = [first.q], np.random.default_rng(0)
+    for _ in range(_LOOKS):
+        near = np.array(pin.integrate(model, first.q, _NEARBY * rng.normal(size=model.nv)))
+        end = closer.close(near)
+        if end.size <= tolerances.CLOSED:
+            found.append(end.q)
+    return True, found
+
+
+def _columns(scene: Scene, joints: Sequence[str]) -> Indices:
+    """Return the velocity indices of some joints."""
+    model = scene.robot.model
+    found = [model.joints[model.getJointId(name)] for name in joints]
+    return np.array([j.idx_v + k for j in found for k in range(j.nv)], dtype=np.int_)
+
+
+def independent_columns(J: Array, classes: Sequence[Indices]) -> Indices:
+    """Return as many independent columns of J as there are, those of the first classes first."""
+    from scipy.linalg import qr
+
+    left = J.copy()
+    least = tolerances.DEAD_POINT * np.linalg.norm(J)
+    chosen: list[int] = []
+    for columns in classes:
+        if not (columns.size and J.size):
+            continue
+        Q, R, order = qr(left[:, columns], mode="economic", pivoting=True)
+        count = int(np.count_nonzero(np.abs(R.diagonal()) > least))
+        chosen.extend(columns[order[:count]].tolist())
+        left -= Q[:, :count] @ (Q[:, :count].T @ left)
+    return np.array(sorted(chosen), dtype=np.int_)
+
+
+def _clusters(scene: Scene, J: Array, rows: Indices, columns: Indices) -> Iterator[Cluster]:
+    """Group the loops that share dependent joints: the blocks of J_D."""
+    groups: list[tuple[set[str], set[int]]] = []
+    scale = np.abs(J[rows]).max(initial=0.0)
+    for bound in scene.bounds:
+        if not bound.anchored:
+            continue
+        size = np.abs(J[bound.rows][:, columns]).max(axis=0, initial=0.0)
+        names, touched = {bound.name}, set(columns[size > tolerances.DEAD_POINT * scale].tolist())
+        apart = [group for group in groups if not group[1] & touched]
+        for group in groups:
+            if group[1] & touched:
+                names, touched = names | group[0], touched | group[1]
+        groups = [*apart, (names, touched)]
+    for names, touched in groups:
+        if not touched:
+            continue
+        bounds = [b for b in scene.bounds if b.name in names]
+        own = np.array([i for b in bounds for i in range(b.rows.start, b.rows.stop)], dtype=np.int_)
+        moved = np.array(sorted(touched), dtype=np.int_)
+        block = J[np.ix_(own, moved)]
+        basis = np.linalg.qr(block)[0]
+        sign = float(np.linalg.slogdet(basis.T @ block)[0])
+        yield Cluster(" + ".join(b.name for b in bounds), own, moved, basis, sign)
+
+
+def redundant_rows(null_space: Array, names: Sequence[str]) -> tuple[str, ...]:
+    """Return rows that can go without lowering the rank.
+
+    A set of k rows can go if and only if its k x k block of the left null space N (m, k) is
+    regular: column-pivoted QR of N^T picks such a set, the best conditioned first. Among equals
+    the later rows go.
+    """
+    from scipy.linalg import qr
+
+    m, k = null_space.shape
+    if k == 0:
+        return ()
+    _, _, order = qr(null_space[::-1].T, mode="economic", pivoting=True)
+    return tuple(names[i] for i in sorted(m - 1 - order[:k]))

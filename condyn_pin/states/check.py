@@ -1,0 +1,116 @@
+"""Check: which loop is open and by how much, and which velocity does not fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin import tolerances
+from condyn_pin.arguments import normalised
+from condyn_pin.arrays import finite
+from condyn_pin.errors import NotAssembled
+from condyn_pin.rows.equations import Equations
+from condyn_pin.states.gaps import Gap, gaps, slips
+
+if TYPE_CHECKING:
+    from condyn_pin.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Check:
+    """What a state leaves open.
+
+    Attributes
+    ----------
+    gap : dict of str to Gap
+        How far each loop and each anchored contact is open [m, rad].
+    slip : dict of str to Gap
+        How fast the two sides of each constraint move apart, |J v| [m/s, rad/s].
+    speed : float
+        max abs(v), or 1, whichever is larger: what a slip is small in comparison to.
+    beyond_limits : dict of str to float
+        Joints outside their limits, and how far [rad, m]. The dynamics know no limits.
+    """
+
+    gap: Mapping[str, Gap]
+    slip: Mapping[str, Gap]
+    speed: float  # [rad/s, m/s]
+    beyond_limits: Mapping[str, float]  # [rad, m]
+
+    @property
+    def closed(self) -> bool:
+        """Whether every gap is within 1e-10."""
+        return not self._open(tolerances.CLOSED)
+
+    @property
+    def consistent(self) -> bool:
+        """Whether J v = 0 to 1e-10, relative to `speed`."""
+        return not self._slipping(tolerances.CONSISTENT)
+
+    @property
+    def ok(self) -> bool:
+        """Whether the state satisfies the constraints."""
+        return self.closed and self.consistent
+
+    def raise_if_open(
+        self, *, gap: float = tolerances.CLOSED, slip: float = tolerances.CONSISTENT
+    ) -> None:
+        """Raise if the state does not satisfy the constraints.
+
+        Parameters
+        ----------
+        gap : float
+            The largest gap that will do [m, rad].
+        slip : float
+            The largest |J v| that will do, relative to `speed`.
+
+        Raises
+        ------
+        NotAssembled
+            The text names every loop that is open, and every constraint that slips.
+        """
+        wrong = self._open(gap)
+        advice = ["Scene.assemble closes the loops"] if wrong else []
+        if slipping := self._slipping(slip):
+            wrong += slipping
+            advice.append("Scene.project_velocity makes v fit")
+        if wrong:
+            raise NotAssembled(f"{', '.join(wrong)}; {'; '.join(advice)}")
+
+    def __str__(self) -> str:
+        lines = self._open(tolerances.CLOSED) or ["every loop is closed"]
+        lines += self._slipping(tolerances.CONSISTENT) or (["J v = 0"] if self.slip else [])
+        lines += [
+            f"{joint} is {by:.3g} rad or m beyond its limits"
+            for joint, by in self.beyond_limits.items()
+        ]
+        return "\n".join(lines)
+
+    def _open(self, most: float) -> list[str]:
+        return [f"{name} is open by {gap}" for name, gap in self.gap.items() if gap.size > most]
+
+    def _slipping(self, most: float) -> list[str]:
+        return [
+            f"{name} slips at {slip.text('/s')}"
+            for name, slip in self.slip.items()
+            if slip.size > most * self.speed
+        ]
+
+
+def check(scene: Scene, q: ArrayLike, v: ArrayLike | None) -> Check:
+    """Return what a state leaves open; see `Scene.check`."""
+    scene.robot.check_unedited()
+    model = scene.robot.model
+    equations = Equations(model, scene.bounds)
+    q_ = normalised(model, "q", q)
+    slip, speed = {}, 1.0
+    if v is not None:
+        v_ = finite("v", v, model.nv)
+        slip = slips(scene, equations.jacobian(q_) @ v_)
+        speed = max(1.0, float(np.abs(v_).max(initial=0.0)))
+    c = equations.violation(q_)
+    return Check(gaps(scene, c), slip, speed, scene.chains.limits.beyond(q_))

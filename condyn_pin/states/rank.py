@@ -1,0 +1,143 @@
+"""Rank: what the rows of a scene ask for at one configuration.
+
+With M = L L^T and the whitened Jacobian J L^-T, whose squared singular values are the eigenvalues
+of the Delassus matrix J M^-1 J^T,
+
+    mobility = nv - rank J,          Gruebler's count = nv - m,
+
+and the two differ by the redundant rows. A row can be redundant at every configuration, as the one
+across the plane of a planar loop, or at this one only: then it is singular.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin import tolerances
+from condyn_pin.arguments import normalised
+from condyn_pin.arrays import Array
+from condyn_pin.minimum_norm import factorise
+from condyn_pin.rows.equations import Equations
+from condyn_pin.states.chains import redundant_rows
+from condyn_pin.states.gaps import Gap, gaps
+
+if TYPE_CHECKING:
+    from condyn_pin.scene import Scene
+
+_NEARLY_SINGULAR = 1e-4  # of the singular values
+
+
+@dataclass(frozen=True, eq=False)
+class Rank:
+    """Rank, mobility and conditions at one configuration.
+
+    Attributes
+    ----------
+    q : (nq,) array
+    gap : dict of str to Gap
+        How far each loop is open at q [m, rad].
+    rows, rank, generic_rank : int
+        m; independent rows at q; independent rows at configurations near the first posture that
+        are not singular by accident.
+    mobility, gruebler : int
+        nv - rank, the degrees of freedom left; nv - m, as if every row counted.
+    redundant : tuple of str
+        Rows that can go at q without changing the motion, as ``constraint.axis``.
+    singular_values : (min(m, nv),) array
+        Of J L^-T [1/sqrt(kg)].
+    condition, delassus_condition : float
+        Condition numbers of M, and of the nonzero part of J M^-1 J^T.
+    """
+
+    q: Array
+    gap: Mapping[str, Gap]
+    rows: int
+    rank: int
+    generic_rank: int
+    mobility: int
+    gruebler: int
+    redundant: tuple[str, ...]
+    singular_values: Array  # [1/sqrt(kg)]
+    condition: float
+    delassus_condition: float
+
+    @property
+    def licq(self) -> bool:
+        """Whether every row counts: linear independence constraint qualification."""
+        return self.rank == self.rows
+
+    @property
+    def closed(self) -> bool:
+        """Whether every loop is closed to 1e-10."""
+        return all(gap.size <= tolerances.CLOSED for gap in self.gap.values())
+
+    @property
+    def singular(self) -> bool:
+        """Whether the rank is lower than at configurations nearby."""
+        return self.rank < self.generic_rank
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What deserves attention, a sentence each."""
+        return tuple(self._notes())
+
+    def __str__(self) -> str:
+        lines = [
+            f"{self.rows} rows, rank {self.rank}, mobility {self.mobility} "
+            f"(Gruebler's count {self.gruebler})",
+            f"redundant rows: {', '.join(self.redundant) or 'none'}",
+            f"condition of M {self.condition:.1e}, of the Delassus matrix "
+            f"{self.delassus_condition:.1e}",
+        ]
+        return "\n".join([*lines, *self.notes])
+
+    def _notes(self) -> Iterator[str]:
+        if not self.closed:
+            name, gap = max(self.gap.items(), key=lambda item: item[1].size)
+            yield (
+                f"{name} is open by {gap}: redundant rows of an open loop have singular values of "
+                "that size and can be counted as independent; assemble it first"
+            )
+        if self.singular:
+            yield (
+                f"singular configuration: rank {self.rank} here, {self.generic_rank} nearby; J "
+                "says less than the loops ask for, and accelerations can be wrong"
+            )
+        elif self.rank and self.singular_values[self.rank - 1] < (
+            _NEARLY_SINGULAR * self.singular_values[0]
+        ):
+            yield "nearly singular: constraint forces are large and badly determined here"
+        if self.closed and self.rank > self.generic_rank:
+            yield (
+                f"rank {self.rank} here, {self.generic_rank} near the first posture, which is "
+                "singular in its neighbourhood too, or on another branch"
+            )
+
+
+def rank(scene: Scene, q: ArrayLike | None) -> Rank:
+    """Return the rank of a scene at q; see `Scene.rank`."""
+    robot, model = scene.robot, scene.robot.model
+    robot.check_unedited()
+    q_ = scene.audit.q if q is None else normalised(model, "q", q)
+    equations = Equations(model, scene.bounds)
+    terms = equations.terms(q_, np.zeros(model.nv))
+    factors = factorise(terms.M, terms.J, tolerances.RANK)
+    S, r = factors.S, factors.rank
+    return Rank(
+        q=q_.copy(),
+        gap=gaps(scene, equations.violation(q_)),
+        rows=scene.rows,
+        rank=r,
+        generic_rank=scene.chains.rank,
+        mobility=robot.nv - r,
+        gruebler=robot.nv - scene.rows,
+        redundant=redundant_rows(factors.U[:, r:], scene.row_names),
+        singular_values=S,
+        condition=float(np.linalg.cond(terms.M)),
+        delassus_condition=float((S[0] / S[r - 1]) ** 2) if r else 1.0,
+    )
