@@ -189,6 +189,8 @@ def solve(
     else:
         console.print(f"{scene.robot.name}, {chosen!r}")
         console.print(str(solution))
+        for note in scene.rank(q).notes:
+            console.print(f"note: {note}")
     if not solution.status.ok:
         typer.echo(str(solution.status), err=True)
         raise typer.Exit(1)

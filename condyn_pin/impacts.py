@@ -230,12 +230,12 @@ def _derivatives(found: Impact) -> tuple[Array, Array]:
     scene, q, e, n = found.scene, found.q, found.restitution[:, None], found.scene.robot.nv
     linearisation = Linearisation(_weightless(scene.robot.model), scene.bounds)
     still, no_force = np.zeros(n), np.zeros_like(found.lam)
-    of = linearisation.at(q, still, found.v - found.v_before, found.lam)
+    r_q = linearisation.at(q, still, found.v - found.v_before, found.lam).by_state[:n, :n]
     s_q = linearisation.at(q, still, found.v, no_force).s_q
-    s_q += e * linearisation.at(q, still, found.v_before, no_force).s_q
+    s_q = s_q + e * linearisation.at(q, still, found.v_before, no_force).s_q
     state = at_state(scene, q)
     M, J, factors = state.terms.M, state.terms.J, state.factors
-    dv, dlam = factors.solve(np.hstack([-of.r_q, M]), np.hstack([-s_q, -e * J]))
+    dv, dlam = factors.solve(np.hstack([-r_q, M]), np.hstack([-s_q, -e * J]))
     dlam[:, :n] += turning_null_space(linearisation, q, found.lam, J, factors)
     return dv, dlam
 

@@ -21,13 +21,15 @@ class Status(Enum):
     """How a solve ended; the value is advice."""
 
     OK = (
-        "both equations hold at the state given, and a is right to the accuracy asked for; "
-        "state_error says how far that state itself is from the constraints"
+        "both equations hold at the state given, and a solves them to the accuracy asked for; "
+        "state_error says how far that state itself is from the constraints, and Scene.rank "
+        "whether it is singular, where the equations do not determine the motion"
     )
     INACCURATE = (
         "the two equations do not hold well enough for the accuracy asked for: allow more "
         "iterations, try another mu, or solve with Reference(); if state_error is large, the state "
-        "does not satisfy the constraints and no answer can"
+        "does not satisfy the constraints and no answer can: Scene.assemble and "
+        "Scene.project_velocity mend it"
     )
     SINGULAR = (
         "the matrix of this method is singular: some rows are redundant or the configuration is "

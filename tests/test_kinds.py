@@ -214,6 +214,22 @@ def test_an_axis_that_points_backwards_is_half_a_turn_off():
         assert np.abs(c(closed)).max() < 1e-12
 
 
+@pytest.mark.parametrize("other", ["x", "y", "z"])
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+def test_a_backward_axis_shows_beside_another_hinge(axis, other):
+    _, free = loose(pin.JointModelRZ(), pin.SE3.Identity(), pin.SE3.Identity())
+    hinges = [
+        cp.Loop("on_body", "on_world", "hinge", a, name=n) for n, a in (("1", axis), ("2", other))
+    ]
+    c = Equations(free.model, cp.Scene(free, hinges).bounds).violation
+    for flip in np.eye(3):
+        q = np.array([0, 0, 0, *flip, 0.0])
+        for k, a in enumerate((axis, other)):
+            turned = "xyz"[int(np.argmax(flip))] != a
+            size = np.linalg.norm(c(q)[5 * k : 5 * k + 5])
+            assert size == pytest.approx(np.pi if turned else 0.0, abs=1e-12)
+
+
 BAD = {
     "a rod without length": lambda: cp.Loop("a", "b", "rod"),
     "a ball with a length": lambda: cp.Loop("a", "b", length=1.0),
@@ -268,8 +284,11 @@ def test_the_default_solver_takes_the_scene():
     with pytest.raises(cp.UnsupportedConstraint, match=r"crank_tip~rocker_tip.*DenseKKT\(\)"):
         cp.Workspace(cp.Scene(bar, [rod]), cp.Proximal())
     workspace = cp.Workspace(cp.Scene(talos, talos.contacts))
+    before = workspace.scene
     with pytest.raises(cp.UnsupportedConstraint, match="gear"):
         workspace.use(cp.Scene(talos, [cp.Coupling("torso_1_joint", "torso_2_joint", name="gear")]))
+    assert workspace.scene is before  # a refused switch leaves everything as it was
+    assert workspace.solve(*workspace.scene.state(), np.zeros(talos.nv)).status.ok
 
 
 @pytest.mark.parametrize(

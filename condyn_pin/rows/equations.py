@@ -3,9 +3,9 @@
     M(q) a + h(q, v) = tau + J(q)^T lam,        J a + gamma = a_ref
 
 M comes from the composite rigid body algorithm, h from recursive Newton-Euler, J from joint
-Jacobians, gamma = Jdot v from forward kinematics with a = 0. The errors of an answer use
-neither M, h nor J: Newton-Euler with lam as external forces, and forward kinematics with the
-answer's a.
+Jacobians, gamma from forward kinematics with a = 0: it is Jdot v where J v = 0, and for points and
+balls Pinocchio's classical acceleration elsewhere. The errors of an answer use neither M, h nor J:
+Newton-Euler with lam as external forces, and forward kinematics with the answer's a.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Terms:
     J : (m, nv) array
         Constraint Jacobian, rows in the order of the scene, in the axes of each constraint.
     gamma : (m,) array
-        Jdot v.
+        Jdot v where J v = 0; for points and balls the classical acceleration elsewhere.
     a_ref : (m,) array
         Wanted acceleration of the constraints; zero without drift control.
     """

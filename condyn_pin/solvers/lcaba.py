@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Acceleration = Callable[[Array, Array, Array], Array]
 
 # What `mu` is chosen from, times the largest eigenvalue of G.
-_LADDER = (1e-2, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
+_WEIGHT_SHARES = (1e-2, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 
 # Error of a, relative, at the nominal states: a wide margin for all other states.
 _ACCURATE = tolerances.SOLVED / 1000
@@ -141,4 +141,4 @@ class LCABA(Solver):
                 return 2, worst
             return (0, iterations) if worst < _ACCURATE else (1, worst * iterations)
 
-        return min((share * audit.delassus_norm for share in _LADDER), key=measure)
+        return min((share * audit.delassus_norm for share in _WEIGHT_SHARES), key=measure)
