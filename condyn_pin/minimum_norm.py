@@ -53,6 +53,12 @@ class MinimumNorm:
         z = ((U.T @ s).T / S).T - self.V.T @ y
         return dtrtrs(self.L.T, y + self.V @ z)[0], U @ (z.T / S).T
 
+    def solve_mass(self, r: Array) -> Array:
+        """Return M^-1 r for one or many right-hand sides (nv, k)."""
+        from scipy.linalg import cho_solve
+
+        return np.asarray(cho_solve((self.L, True), r, check_finite=False))
+
     def tangent(self, v: Array) -> Array:
         """Return the nearest velocity, in the metric of M, with J v = 0."""
         from scipy.linalg import solve_triangular

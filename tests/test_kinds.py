@@ -289,3 +289,30 @@ def test_the_default_solver_takes_the_scene():
         workspace.use(cp.Scene(talos, [cp.Coupling("torso_1_joint", "torso_2_joint", name="gear")]))
     assert workspace.scene is before  # a refused switch leaves everything as it was
     assert workspace.solve(*workspace.scene.state(), np.zeros(talos.nv)).status.ok
+
+
+@pytest.mark.parametrize(
+    "constraint",
+    [
+        cp.PointContact("tip"),
+        cp.SurfaceContact("tip"),
+        cp.LineContact("tip", "x"),
+        cp.PlanarContact("tip", normal=(1.0, 0.0, 0.0)),
+        cp.Loop("tip", "beside"),
+        cp.Loop("tip", "beside", "weld"),
+        cp.Loop("tip", "beside", "slider", axis="x"),
+        cp.Loop("tip", "beside", "rod", length=0.8),
+    ],
+    ids=lambda constraint: getattr(constraint, "kind", type(constraint).__name__),
+)
+def test_a_robot_of_a_single_joint_takes_every_kind(constraint):
+    """Pinocchio gives Jacobians of a single column as vectors."""
+    pendulum = cp.pendulum().with_frame("beside", "world", (0.6, 0.0, -0.4))
+    scene = cp.Scene(pendulum, [constraint])
+    q = np.array([0.3])
+    solution = cp.solve(scene, q, [0.0], [0.2], solver=cp.Reference())
+    derivatives = cp.derivatives(scene, q, [0.0], [0.2], solver=cp.Reference())
+    assert abs(solution.a[0]) < 1e-10  # the one joint is blocked
+    assert derivatives.da_dq.shape == (1, 1)
+    assert derivatives.dlam_dtau.shape == (scene.rows, 1)
+    assert abs(cp.impact(scene, q, [1.0]).v[0]) < 1e-12

@@ -24,7 +24,7 @@ import numpy as np
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.base import Derivatives
-from condyn_pin.differentiation.linearised import Linearised
+from condyn_pin.differentiation.linearised import Linearisation, Linearised
 from condyn_pin.minimum_norm import MinimumNorm, factorise
 from condyn_pin.solution import Solution
 
@@ -56,13 +56,9 @@ class KktDerivatives(Derivatives):
         if inverse is None:
             factors = factorise(linearisation.mass_matrix(q), of.J, tolerances.RANK)
             inverse = _pseudo_inverse(factors)
-            N = factors.U[:, factors.rank :]
-            w = np.asarray(np.linalg.lstsq(of.J, lam, rcond=tolerances.RANK)[0], dtype=np.float64)
-            still, no_force = np.zeros_like(w), np.zeros_like(lam)
-            dJ_w = linearisation.at(q, still, w, no_force).s_q
-            if workspace.drift:  # what it adds at rest is no part of J w
-                dJ_w = dJ_w - linearisation.at(q, still, still, no_force).s_q
-            self._null = N @ (N.T @ dJ_w)
+            self._null = turning_null_space(
+                linearisation, q, lam, of.J, factors, drift=workspace.drift is not None
+            )
         self._inverse = inverse
 
     def _form(self) -> tuple[Array, Array]:
@@ -117,3 +113,22 @@ def _pseudo_inverse(factors: MinimumNorm) -> Array:
     (m, _), n = factors.U.shape, len(factors.L)
     right = np.eye(n + m)
     return np.vstack(factors.solve(right[:n], right[n:]))
+
+
+def turning_null_space(
+    linearisation: Linearisation,
+    q: Array,
+    lam: Array,
+    J: Array,
+    factors: MinimumNorm,
+    *,
+    drift: bool = False,
+) -> Array:
+    """Return N N^T (dJ w) (m, nv): what keeps lam the smallest as the rows turn."""
+    N = factors.U[:, factors.rank :]
+    w = np.asarray(np.linalg.lstsq(J, lam, rcond=tolerances.RANK)[0], dtype=np.float64)
+    still, no_force = np.zeros_like(w), np.zeros_like(lam)
+    dJ_w = linearisation.at(q, still, w, no_force).s_q
+    if drift:  # what it adds at rest is no part of J w
+        dJ_w = dJ_w - linearisation.at(q, still, still, no_force).s_q
+    return np.asarray(N @ (N.T @ dJ_w))

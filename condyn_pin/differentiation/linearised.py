@@ -148,9 +148,13 @@ class Linearisation:
 
     def _derivatives(self, joint: int, placement: Any) -> tuple[Array, Array, Array, Array]:
         """Return v_q, a_q, a_v and J of a frame."""
-        return pin.getFrameAccelerationDerivatives(  # type: ignore[no-any-return]
+        found: tuple[Array, Array, Array, Array] = pin.getFrameAccelerationDerivatives(
             self._model, self._data, joint, placement, LOCAL
         )
+        if self._model.nv > 1:
+            return found
+        v_q, a_q, a_v, J = (part.reshape(6, 1) for part in found)  # Pinocchio gives vectors
+        return v_q, a_q, a_v, J
 
 
 def _is_held(b: Bound) -> bool:

@@ -209,7 +209,8 @@ class Equations:
         def of_frame(joint: int, placement: Any) -> Array:
             if joint == 0:
                 return nothing
-            return pin.getFrameJacobian(model, data, joint, placement, LOCAL)  # type: ignore[no-any-return]
+            # a single column comes as a vector
+            return np.reshape(pin.getFrameJacobian(model, data, joint, placement, LOCAL), (6, -1))
 
         for group in (self._contacts, *self._loops, self._cut):
             if group:
