@@ -25,6 +25,11 @@ from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.base import Derivatives
 from condyn_pin.differentiation.linearised import Linearisation, Linearised
+from condyn_pin.differentiation.parameters import (
+    gravity_regressor,
+    inertia_regressor,
+    placement_partials,
+)
 from condyn_pin.minimum_norm import MinimumNorm, factorise
 from condyn_pin.solution import Solution
 
@@ -59,7 +64,44 @@ class KktDerivatives(Derivatives):
             self._null = turning_null_space(
                 linearisation, q, lam, of.J, factors, drift=workspace.drift is not None
             )
-        self._inverse = inverse
+        self._inverse, self._workspace, self._v = inverse, workspace, v
+
+    def by_gravity(self) -> tuple[Array, Array]:
+        """Return the derivatives of a (nv, 3) and lam (m, 3) by the vector of gravity [m/s^2]."""
+        return self._by(gravity_regressor(self._workspace.model, self.solution.q))
+
+    def by_inertias(self) -> tuple[Array, Array]:
+        """Return the derivatives of a and lam by the inertial parameters of the bodies.
+
+        Ten columns a joint, as `pin.Inertia.toDynamicParameters`: mass, mass times centre of mass,
+        and the inertia about the joint's origin xx xy yy xz yz zz. Armature is not among them.
+        """
+        model, of = self._workspace.model, self.solution
+        return self._by(inertia_regressor(model, of.q, self._v, of.a))
+
+    def by_placement(self, name: str, frame: str = "first") -> tuple[Array, Array]:
+        """Return the derivatives of a (nv, 6) and lam (m, 6) by where a constraint is on a body.
+
+        Parameters
+        ----------
+        name : str
+            Of the constraint.
+        frame : {"first", "second"}
+            The first-named frame moves on its body, or the other one, by a small twist in its own
+            axes, linear part first. Where rows are redundant, only a and J^T lam are unique.
+        """
+        of = self.solution
+        return self._by(
+            *placement_partials(self._workspace, name, frame, of.q, self._v, of.a, of.lam)
+        )
+
+    def _by(self, r: Array, s: Array | None = None) -> tuple[Array, Array]:
+        """Return the derivatives by a parameter, from the partials of the two residuals."""
+        n = self._n
+        answer = -(self._inverse[:, :n] @ r)
+        if s is not None:
+            answer -= self._inverse[:, n:] @ s
+        return answer[:n], answer[n:]
 
     def _form(self) -> tuple[Array, Array]:
         n = self._n
