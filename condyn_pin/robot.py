@@ -15,7 +15,7 @@ from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
 from condyn_pin.constraints import WORLD, Constraint, Coupling, Loop
 from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
-from condyn_pin.soundness import check_model
+from condyn_pin.soundness import check_model, rotation_fault
 from condyn_pin.spring import Spring
 
 
@@ -167,9 +167,11 @@ class Robot:
         joint, placement = self.frame(parent)
         p = finite("translation", translation, (3,))
         R = finite("rotation", np.eye(3) if rotation is None else rotation, (3, 3))
-        if not np.allclose(R @ R.T, np.eye(3), atol=1e-9) or np.linalg.det(R) < 0:
+        fault = rotation_fault(R)
+        if fault:
             raise InvalidArgument(
-                f"rotation = {R.tolist()}: an orthonormal matrix with determinant 1 is needed"
+                f"rotation = {R.tolist()}: {fault}; an orthonormal matrix with determinant 1 is "
+                "needed"
             )
         model = pin.Model(self.model)
         model.addFrame(pin.Frame(name, joint, 0, placement * pin.SE3(R, p), pin.FrameType.OP_FRAME))

@@ -77,6 +77,67 @@ def test_surface_contact_refuses_what_is_not_a_placement(value):
         cp.SurfaceContact("foot", anchor=value)
 
 
+SHEARED = np.eye(3) + 0.1 * np.eye(3, k=1)
+MIRRORED = np.diag([1.0, 1.0, -1.0])
+NO_ROTATIONS = {"not orthonormal": SHEARED, "left-handed": MIRRORED}
+
+
+@pytest.mark.parametrize(("text", "R"), NO_ROTATIONS.items(), ids=NO_ROTATIONS)
+def test_placements_that_are_no_rotation_are_refused(text, R):
+    placement = pin.SE3(R, np.zeros(3))
+    for contact in (cp.SurfaceContact, cp.LineContact):
+        with pytest.raises(cp.InvalidArgument, match=f"^anchor: its rotation .*{text}"):
+            contact("foot", anchor=placement)
+    model = pin.Model(robot("four_bar").model)
+    model.jointPlacements[2] = placement
+    with pytest.raises(cp.InvalidModel, match=f"placement of joint 'coupler' .*{text}"):
+        cp.Robot("a", model)
+    model = pin.Model(robot("four_bar").model)
+    model.addFrame(pin.Frame("tool", 1, 0, placement, pin.FrameType.OP_FRAME))
+    with pytest.raises(cp.InvalidModel, match=f"placement of frame 'tool' .*{text}"):
+        cp.Robot("a", model)
+
+
+def one_body(inertia: pin.Inertia) -> pin.Model:
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "j")
+    model.appendBodyToJoint(1, inertia, pin.SE3.Identity())
+    return model
+
+
+def test_bodies_that_no_solid_is_are_refused():
+    for moments, mass, text in (
+        ([1.0, -1.0, 1.0], 1.0, "'j' has the principal moment -1 kg m.2, which is negative"),
+        ([-1.0, 1.0, 1.0], 1.0, "'j' has the principal moment -1 kg m.2, which is negative"),
+        ([1.0, 1.0, 1.0], 0.0, "'j' has a moment of inertia, 1 kg m.2, and no mass"),
+        ([1.0, 1.0, 1.0], -1.0, "the mass on j is negative, -1 kg"),
+    ):
+        inertia = pin.Inertia.Identity()  # the constructor refuses some of these, a URDF does not
+        inertia.mass, inertia.inertia = mass, np.diag(moments)
+        with pytest.raises(cp.InvalidModel, match=text):
+            cp.Robot("a", one_body(inertia))
+    rounding = pin.Inertia.Identity()
+    rounding.inertia = np.diag([1.0, 1.0, -1e-9])
+    assert cp.Robot("a", one_body(rounding)).nv == 1
+
+
+def test_a_chain_whose_data_does_not_fit_is_refused_with_its_size(monkeypatch):
+    def no_memory(model: pin.Model) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(pin.Model, "createData", no_memory)
+    model = one_body(pin.Inertia.Random())
+    with pytest.raises(cp.InvalidModel, match=r"1 degrees of freedom.* GB, more than this machine"):
+        cp.Robot("a", model)
+
+
+def test_a_robot_costs_one_data(monkeypatch):
+    made, create = [], pin.Model.createData
+    monkeypatch.setattr(pin.Model, "createData", lambda m: made.append(m) or create(m))
+    cp.Robot("a", one_body(pin.Inertia.Identity()))
+    assert len(made) == 1
+
+
 @pytest.mark.parametrize("value", NOT_NAMES, ids=repr)
 def test_a_frame_has_to_be_a_name(value):
     for call in (

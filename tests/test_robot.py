@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
@@ -18,6 +19,19 @@ def test_postures_cannot_be_written():
         posture[0] = 1.0
     with pytest.raises(TypeError):
         robot("talos").postures["new"] = posture
+
+
+@pytest.mark.parametrize("name", ["talos", "cassie"])
+def test_postures_keep_their_last_digits(name):
+    """Normalising a unit quaternion again would move them, and a copy would not be equal."""
+    q = next(iter(robot(name).postures.values())).copy()
+    q[3:7] = [0.1, 0.2, 0.3, 0.5]
+    once = dataclasses.replace(robot(name), postures={"home": q})
+    for _ in range(5):
+        copy = pickle.loads(pickle.dumps(once))
+        assert copy == once
+        once = copy
+    assert np.linalg.norm(once.postures["home"][3:7]) == pytest.approx(1.0, abs=1e-15)
 
 
 def test_talos_carries_rotor_inertia():
