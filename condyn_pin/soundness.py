@@ -76,6 +76,8 @@ def _check_bodies(model: Any) -> None:
             raise InvalidModel(f"what moves with joint {name!r} has a mass or inertia that is NaN")
         if Y.mass < 0:
             raise InvalidModel(f"the mass on {name} is negative, {Y.mass:g} kg: it must be >= 0")
+        if name == model.names[0]:  # what is fixed to the world moves nothing
+            continue
         least, _, most = np.linalg.eigvalsh(Y.inertia)
         if least < -max(tolerances.MOMENT * most, tolerances.MASSLESS * largest):
             raise InvalidModel(

@@ -197,6 +197,10 @@ ROBOTS: dict[str, Case] = {
         for key in ("loops", "contacts", "actuated", "springs", "unused", "postures")
         for value in (3, None, "abc", [3])
     },
+    "motor named twice": (
+        lambda: cp.Robot("a", robot("talos").model, actuated=["torso_1_joint"] * 2),
+        "^actuated: 'torso_1_joint' is there twice",
+    ),
     "motor of no joint": (
         lambda: cp.Robot("a", robot("talos").model, actuated=["leg_left_7_joint"]),
         "no joint named 'leg_left_7_joint'; did you mean .*leg_left_6_joint",
@@ -317,10 +321,10 @@ NAMES = {
     "Talos": "'talos'",
     "nobody": "no robot named 'nobody'; known: andrews, ",
     "/nowhere/arm.urdf": r"/nowhere/arm\.urdf: no such file",
-    "/nowhere/arm.sdf": "a .urdf file or a folder with a robot.toml is needed",
-    "/nowhere/arm.xacro": "a .urdf file or a folder with a robot.toml is needed",
+    "/nowhere/arm.sdf": r"/nowhere/arm\.sdf: cannot be opened: No such file",
+    "/nowhere/arm.xacro": "a .urdf, an .sdf or an .xml with an MJCF is needed",
     "/nowhere/arm": "no robot named '/nowhere/arm'",
-    "": "a .urdf file or a folder with a robot.toml is needed",
+    "": "a .urdf, an .sdf or an .xml with an MJCF is needed",
 }
 
 
@@ -331,7 +335,7 @@ def test_load_robot_refuses_names_and_paths(name, text):
 
 @pytest.mark.parametrize("root_joint", ["fixed", "free_flyer"])
 def test_load_robot_refuses_a_root_joint_for_what_says_it_itself(root_joint):
-    check(lambda: cp.load_robot("talos", root_joint=root_joint), "only a URDF takes it")
+    check(lambda: cp.load_robot("talos", root_joint=root_joint), "only a URDF and an SDF take it")
 
 
 @pytest.mark.parametrize("root_joint", ["flying", "", 3], ids=repr)
@@ -458,6 +462,54 @@ CARDS = {
     "no such SRDF": CARD + ARM + 'srdf = "nowhere.srdf"',
     "empty SRDF": CARD + ARM + 'srdf = "empty.srdf"',
 }
+
+
+LOOP = '[[loops]]\nframe_a = "a"\nframe_b = "b"\n'
+POINT = '[[contacts]]\nkind = "point"\nframe = "b"\n'
+SAID = {
+    "framea": (ARM + LOOP.replace("_a", "a"), r"loops\[0\]: no entry named 'framea'; did you mean"),
+    "no frame_b": (ARM + '[[loops]]\nframe_a = "a"', r"loops\[0\]: the entry 'frame_b' is missing"),
+    "loop on no frame": (
+        ARM + LOOP + LOOP.replace('"b"', '"tool"'), r"loops\[1\]: no frame named 'tool'",
+    ),
+    "loop on one body": (ARM + LOOP.replace('"a"', '"b"'), r"loops\[0\]: b~b: both sides belong"),
+    "loop twice": (ARM + LOOP + LOOP, r"loops\[1\]: two constraints are named 'a~b'"),
+    "a rod without length": (ARM + LOOP + 'kind = "rod"', r"loops\[0\]: length = None for a rod"),
+    "coupling of no joint": (
+        ARM + '[[loops]]\nkind = "coupling"\njoint_a = "j"\njoint_b = "knee"',
+        r"loops\[0\]: no joint named 'knee'",
+    ),
+    "contact on no frame": (
+        ARM + POINT.replace('"b"', '"sole"'), r"contacts\[0\]: no frame named 'sole'",
+    ),
+    "contact twice": (ARM + POINT + POINT, r"contacts\[1\]: two constraints are named 'b'"),
+    "ofset": (ARM + POINT + "ofset = 1", r"contacts\[0\]: no entry named 'ofset'"),
+    "motors in one text": ('actuated = "j"\n' + ARM, "entry actuated = 'j': a list of texts"),
+    "motor twice": ('actuated = ["j", "j"]\n' + ARM, "actuated: 'j' is there twice"),
+    "description in one text": ('description = "arm.urdf"', "description = 'arm.urdf': a table"),
+    "posture in one number": (ARM + "[postures]\nup = 3", r"postures\.up = 3: a table is needed"),
+    "posture of two values": (ARM + "[postures.up]\nj = [1, 2]", r"postures\.up: j has shape \(2,"),
+    "one value for a free joint": (
+        ARM + 'root_joint = "free_flyer"\n[postures.up]\nroot_joint = 1.0',
+        r"postures\.up: root_joint = 1.0 has shape|postures\.up: root_joint has shape",
+    ),
+    "frame": (ARM + FRAME.replace('"b"', '"c"'), r"frames\[0\]: no frame named 'c'"),
+    "file": (ARM.replace("arm.", "leg."), "no file 'leg.urdf': neither .*leg.urdf nor .*leg.urdf"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("card", "text"), SAID.values(), ids=SAID)
+def test_a_wrong_card_is_refused_in_the_words_of_the_file(tmp_path, card, text):
+    (tmp_path / "arm.urdf").write_text(f"<robot name='arm'>{A}{B}{J}</robot>")
+    (tmp_path / "robot.toml").write_text('name = "x"\n' + card)
+    check(lambda: cp.load_robot(tmp_path), rf"robot\.toml: .*{text}")
+
+
+def test_a_card_needs_a_name_and_a_file_and_no_more(tmp_path):
+    (tmp_path / "arm.urdf").write_text(f"<robot name='arm'>{A}{B}{J}</robot>")
+    (tmp_path / "robot.toml").write_text('name = "x"\n' + ARM)
+    arm = cp.load_robot(tmp_path)
+    assert (arm.source, arm.licence) == ("unknown", "unknown")
 
 
 @pytest.fixture(scope="module")

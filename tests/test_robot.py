@@ -131,6 +131,33 @@ def test_a_urdf_alone_is_a_robot(tmp_path):
     assert (floating.nq, floating.nv) == (7 + 3 * 2, 6 + 3)
 
 
+def test_postures_of_continuous_joints_are_angles_or_cos_and_sin(tmp_path):
+    (tmp_path / "swing.urdf").write_text(SWING)
+    (tmp_path / "robot.toml").write_text(
+        'name = "s"\n[description]\nfile = "swing.urdf"\n'
+        "[postures.a]\nleft = 0.5\n[postures.b]\nleft = [0.6, 0.8]\n"
+    )
+    postures = cp.load_robot(tmp_path).postures
+    np.testing.assert_allclose(postures["a"][:2], [np.cos(0.5), np.sin(0.5)], atol=1e-15)
+    np.testing.assert_allclose(postures["b"][:2], [0.6, 0.8], atol=1e-15)
+
+
+def test_a_loop_that_is_open_where_a_posture_puts_it_is_told(tmp_path):
+    (tmp_path / "swing.urdf").write_text(SWING)
+    (tmp_path / "robot.toml").write_text(CARD)
+    assert not any("is open by" in text for text in cp.load_robot(tmp_path).unused)
+    bent = CARD.replace("[postures.hanging]", "[postures.bent]\nleft = 0.1\n[postures.hanging]")
+    (tmp_path / "robot.toml").write_text(bent)
+    assert any(
+        "'close' is open by 0.0" in t and "'bent'" in t for t in cp.load_robot(tmp_path).unused
+    )
+    as_file = cp.load_robot("cassie", variant={"achilles": "as_file"})
+    told = [text for text in as_file.unused if "is open by 0.0172 m or rad" in text]
+    assert told
+    assert all("at the posture 'standing'" in text for text in told)
+    assert not any("is open by" in text for text in robot("cassie").unused)
+
+
 def rod(name: str, rpy: str = "0 0 0") -> str:
     return f"""<link name="{name}"><inertial><origin xyz="0 0 -0.25" rpy="{rpy}"/><mass value="1"/>
     <inertia ixx="0.02" iyy="0.02" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial></link>"""

@@ -229,7 +229,7 @@ def test_a_card_may_open_every_loop_as_pinocchio_s_parser_does(tmp_path):
     assert (ring.nv, [(loop.name, loop.kind) for loop in ring.loops]) == (5, [("cb", "weld")])
     assert ring.mass == 6.0
     ring_card(tmp_path, "as_file = 3")
-    with pytest.raises(cp.InvalidArgument, match=r"robot\.toml: as_file = 3"):
+    with pytest.raises(cp.InvalidModel, match=r"description\.as_file = 3: true or false"):
         cp.load_robot(tmp_path)
     ring_card(tmp_path, 'as_file = true\ncut = ["cb"]')
     with pytest.raises(cp.InvalidArgument, match=r"robot\.toml: cut = \['cb'\]: with as_file"):

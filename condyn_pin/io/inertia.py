@@ -18,13 +18,11 @@ from condyn_pin.arrays import Array
 Body = tuple[str, float, Array]
 
 
-def fault(mass: float, inertia: Array) -> str:
-    """Return why no solid has this mass and inertia; nothing if one has.
+def fault(inertia: Array) -> str:
+    """Return why no solid has these moments of inertia; nothing if one has.
 
     Parameters
     ----------
-    mass : float
-        [kg].
     inertia : (3, 3) array
         About the centre of mass [kg m^2]. Of a solid, 0 <= A <= B <= C <= A + B.
     """
@@ -34,7 +32,7 @@ def fault(mass: float, inertia: Array) -> str:
         return f"the principal moment {A:.3g} kg m^2 is negative"
     if A + B + zero < C:
         return f"the principal moments {A:.3g} and {B:.3g} add up to less than {C:.3g} kg m^2"
-    return f"there is a moment of {C:.3g} kg m^2 and no mass" if mass == 0 and C > 0 else ""
+    return ""
 
 
 def inertia_in(mass: float, linkMc: Any, inertia: Array) -> Any:
@@ -59,8 +57,16 @@ def inertia_in(mass: float, linkMc: Any, inertia: Array) -> Any:
 
 
 def doubts(bodies: Iterable[Body]) -> Iterator[str]:
-    """Yield a sentence on each body, by name, mass and inertia, that no solid is."""
+    """Yield a sentence on the bodies, by name, mass and inertia, that no solids are."""
+    reasons: dict[str, list[str]] = {}
     for name, mass, inertia in bodies:
-        reason = fault(mass, inertia)
+        reason = fault(inertia)
+        if not reason and mass == 0 and inertia.any():
+            reason = "there is a moment of inertia and no mass"
         if reason:
-            yield f"doubts about the inertia of {name}: {reason}, as in no solid; used as written"
+            reasons.setdefault(reason, []).append(name)
+    for reason, names in reasons.items():
+        yield (
+            f"doubts about the inertia of {', '.join(names)}: {reason}, as in no solid; used as "
+            "written"
+        )

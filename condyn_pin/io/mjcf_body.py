@@ -92,7 +92,7 @@ class _Reader:
         else:
             tensor = np.diag(said.floats("diaginertia", 3))
         mass = said.positive("mass")
-        reason = fault(mass, tensor)
+        reason = fault(tensor)
         if reason:
             raise InvalidModel(f"body {name!r}: {reason}, as in no solid; MuJoCo refuses it too")
         return inertia_in(mass, placed, tensor)
