@@ -11,6 +11,7 @@ from shared import robot
 
 import condyn_pin as cp
 from condyn_pin._pin import pin
+from condyn_pin.load import example_robot_data
 
 
 def test_postures_cannot_be_written():
@@ -156,6 +157,16 @@ def test_a_loop_that_is_open_where_a_posture_puts_it_is_told(tmp_path):
     assert told
     assert all("at the posture 'standing'" in text for text in told)
     assert not any("is open by" in text for text in robot("cassie").unused)
+
+
+def test_an_sdf_alone_is_a_robot():
+    path = example_robot_data() / "cassie_description/robots/cassie_wo_gearbox_spring.sdf"
+    cassie = cp.load_robot(path)
+    assert (cassie.nv, len(cassie.loops)) == (23, 4)
+    scene = cp.Scene(cassie, cassie.loops)
+    assert scene.check(scene.guess()).ok
+    with pytest.raises(cp.InvalidModel, match="'static' attach the model to the world"):
+        cp.load_robot(path, root_joint="free_flyer")
 
 
 def rod(name: str, rpy: str = "0 0 0") -> str:
