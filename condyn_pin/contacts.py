@@ -193,8 +193,8 @@ class PlanarContact(Constraint):
 
     Notes
     -----
-    The force is the one on the robot along the normal, in the axes of the world [N]. The contact
-    is bilateral.
+    The force is the one on the robot [N], in the axes of the plane: z is the normal, x and y are
+    zero. The contact is bilateral.
     """
 
     frame: str

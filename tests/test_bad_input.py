@@ -753,7 +753,7 @@ def test_states_that_are_no_numbers_are_refused_by_name(place, value):
             workspace.terms(*state[:2])
 
 
-SOLVERS = [cp.Proximal(), cp.DenseKKT(), cp.Reference(), *([cp.LCABA()] if HAS_LCABA else [])]
+SOLVERS = [s() for n, s in cp.SOLVERS.items() if s.exact and (n != "lcaba" or HAS_LCABA)]
 each_solver = pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: s.title)
 
 

@@ -37,10 +37,13 @@ class Linearised(NamedTuple):
 
     M_inv: Array  # (nv, nv), the inverse of the mass matrix
     J: Array  # (m, nv)
-    r_q: Array  # (nv, nv)
-    r_v: Array
-    s_q: Array  # (m, nv)
-    s_v: Array
+    by_state: Array  # (nv + m, 2 nv), [[r_q, r_v], [s_q, s_v]]
+
+    @property
+    def s_q(self) -> Array:
+        """(m, nv)."""
+        n = len(self.M_inv)
+        return self.by_state[n:, :n]
 
 
 class Linearisation:
@@ -81,7 +84,8 @@ class Linearisation:
         """Return the partial derivatives at a state and an answer."""
         model, data, n, m = self._model, self._data, self._model.nv, self._m
         pin.computeForwardKinematicsDerivatives(model, data, q, v, a)
-        J, s_q, s_v = np.zeros((3, m, n))
+        by_state, J = np.zeros((n + m, 2 * n)), np.zeros((m, n))
+        (r_q, r_v), (s_q, s_v) = np.hsplit(by_state[:n], 2), np.hsplit(by_state[n:], 2)
         for wrench in self._on_joint.values():
             wrench[:] = 0.0
         turning: list[Array] = []
@@ -103,11 +107,10 @@ class Linearisation:
         if self._drift:
             s_v += self._drift.Kd * J
         pin.computeRNEADerivatives(model, data, q, v, a, self._wrenches)
-        r_q = np.array(data.dtau_dq)
+        r_q[:], r_v[:] = data.dtau_dq, data.dtau_dv
         for force in turning:
             r_q -= force
-        M_inv = np.array(pin.computeMinverse(model, data, q))
-        return Linearised(M_inv, J, r_q, np.array(data.dtau_dv), s_q, s_v)
+        return Linearised(np.array(pin.computeMinverse(model, data, q)), J, by_state)
 
     def mass_matrix(self, q: Array) -> Array:
         """Return M (nv, nv)."""
@@ -145,9 +148,13 @@ class Linearisation:
 
     def _derivatives(self, joint: int, placement: Any) -> tuple[Array, Array, Array, Array]:
         """Return v_q, a_q, a_v and J of a frame."""
-        return pin.getFrameAccelerationDerivatives(  # type: ignore[no-any-return]
+        found: tuple[Array, Array, Array, Array] = pin.getFrameAccelerationDerivatives(
             self._model, self._data, joint, placement, LOCAL
         )
+        if self._model.nv > 1:
+            return found
+        v_q, a_q, a_v, J = (part.reshape(6, 1) for part in found)  # Pinocchio gives vectors
+        return v_q, a_q, a_v, J
 
 
 def _is_held(b: Bound) -> bool:

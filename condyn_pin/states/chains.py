@@ -138,13 +138,13 @@ def chains(scene: Scene) -> Chains:
     for q in tries:
         terms = equations.terms(q, np.zeros(robot.nv))
         factors = factorise(terms.M, terms.J, tolerances.RANK)
-        dependent = _independent(terms.J[rows], passive_classes)
+        dependent = independent_columns(terms.J[rows], passive_classes)
         found.append((factors, terms.J, dependent))
     # the first of those with the largest ranks: the first posture, unless that is singular
     factors, J, dependent = max(found, key=lambda each: (each[0].rank, len(each[2])))
     clusters: tuple[Cluster, ...] = ()
     if closed and actuated.size:
-        columns = _independent(J[rows], (*passive_classes, actuated))
+        columns = independent_columns(J[rows], (*passive_classes, actuated))
         clusters = tuple(_clusters(scene, J, rows, columns))
     return Chains(
         rows=rows,
@@ -194,7 +194,7 @@ def _columns(scene: Scene, joints: Sequence[str]) -> Indices:
     return np.array([j.idx_v + k for j in found for k in range(j.nv)], dtype=np.int_)
 
 
-def _independent(J: Array, classes: Sequence[Indices]) -> Indices:
+def independent_columns(J: Array, classes: Sequence[Indices]) -> Indices:
     """Return as many independent columns of J as there are, those of the first classes first."""
     from scipy.linalg import qr
 
