@@ -403,6 +403,39 @@ def test_points_are_merged_exactly():
     assert kept.constraints == all_scenes()["cassie loops + contacts"].constraints
 
 
+def pair_of_points(along: tuple[float, float, float], middle: tuple[float, float, float]):
+    """Two points of Solo's front left foot."""
+    ends = [tuple(np.add(middle, np.multiply(sign, along))) for sign in (1, -1)]
+    return [cp.PointContact("FL_FOOT", end, name=f"p{i}") for i, end in enumerate(ends)]
+
+
+def test_an_edge_is_where_its_own_points_are():
+    """A frame that an earlier merge has left is used again only if it is the same one."""
+    first = cp.Scene(robot("solo12"), pair_of_points((0.1, 0, 0), (0, 0, 0)))
+    merged = merge_points(first)
+    again = merge_points(cp.Scene(merged.robot, first.constraints))
+    assert again.constraints == merged.constraints
+    assert again.robot == merged.robot
+    other = cp.Scene(merged.robot, pair_of_points((0, 0.1, 0), (0, 0, 0.3)))
+    small = merge_points(other)
+    assert small.names == ("FL_FOOT/edge 2",)
+    q, v = other.sample(np.random.default_rng(0))
+    tau = motor_torque(other.robot, np.random.default_rng(0))
+    a, b = (cp.solve(s, q, v, tau, solver=cp.Reference()).a for s in (other, small))
+    assert relative(b, a) < 1e-10
+
+
+def test_a_merged_contact_takes_a_name_that_is_free():
+    points = pair_of_points((0.1, 0, 0), (0, 0, 0))
+    other = cp.PointContact("HR_FOOT", name="FL_FOOT/edge")
+    small = merge_points(cp.Scene(robot("solo12"), [*points, other]))
+    assert small.names == ("FL_FOOT/edge 2", "FL_FOOT/edge")
+    points.append(cp.PointContact("FL_FOOT", (0.0, 0.1, 0.0), name="p2"))
+    other = cp.PointContact("HR_FOOT", name="FL_FOOT")
+    small = merge_points(cp.Scene(robot("solo12"), [*points, other]))
+    assert small.names == ("FL_FOOT 2", "FL_FOOT")
+
+
 def test_points_with_an_anchor_are_not_merged():
     solo = robot("solo12")
     points = [
