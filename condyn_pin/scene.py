@@ -293,10 +293,12 @@ class Scene:
         Parameters
         ----------
         joints : sequence of str
-            A free-flyer may be among them. Joints coupled to them are locked too.
+            A free-flyer may be among them. Joints coupled to them are locked too, where the
+            couplings want them.
         q : (nq,) array_like, optional
             Where; the nominal state by default. The other joints move as closing the loops needs;
-            the closed configuration is the first posture of the smaller robot, ``locked``.
+            the closed configuration, without the locked joints, is the first posture of the smaller
+            robot, ``locked``.
 
         Returns
         -------

@@ -460,6 +460,77 @@ def test_a_ball_in_a_plane_becomes_a_planar_pin_with_full_rank(label):
         as_planar(small, name)
 
 
+@pytest.mark.parametrize("ends", [("coupler_tip", "ground"), ("ground", "coupler_tip")])
+def test_a_planar_pin_reports_the_force_of_the_ball_it_replaces(ends):
+    """On the body that is named first, the world among them, in the same axes of the world."""
+    bar = robot("four_bar")
+    data = bar.model.createData()
+    pin.framesForwardKinematics(bar.model, data, next(iter(bar.postures.values())))
+    at = data.oMf[bar.model.getFrameId("coupler_tip")].translation
+    pinned = bar.with_frame("ground", "world", at, pin.rpy.rpyToMatrix(0.3, 0.2, 0.1))
+    scene = cp.Scene(pinned, [cp.Loop(*ends, name="L")])
+    small = as_planar(scene, "L")
+    rng = np.random.default_rng(0)
+    q, v = scene.sample(rng)
+    tau = motor_torque(pinned, rng)
+    ball, planar = (
+        cp.solve(s, q, v, tau, solver=cp.Reference()).world_forces["L"] for s in (scene, small)
+    )
+    assert np.abs(ball).max() > 0.1
+    assert np.allclose(planar[:3], ball, atol=1e-9 * np.abs(ball).max())
+
+
+def two_hinges(axis: str) -> cp.Scene:
+    """A robot of two degrees of freedom, its tip held by a ball on the world."""
+    model = pin.Model()
+    joint, seat = 0, pin.SE3.Identity()
+    for name in ("a", "b"):
+        joint = model.addJoint(joint, getattr(pin, f"JointModelR{axis}")(), seat, name)
+        model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
+        seat = pin.SE3(np.eye(3), np.array([1.0, 0.0, 0.0]))
+    model.addFrame(pin.Frame("tip", joint, 0, seat, pin.FrameType.OP_FRAME))
+    post = pin.SE3(np.eye(3), np.array([1.0, 1.0, 0.0]))
+    model.addFrame(pin.Frame("post", 0, 0, post, pin.FrameType.OP_FRAME))
+    two = cp.Robot("two", model, postures={"met": np.array([0.0, np.pi / 2])})
+    return cp.Scene(two, [cp.Loop("tip", "post", name="L")])
+
+
+def test_a_ball_on_a_robot_of_two_joints_becomes_a_planar_pin():
+    scene = two_hinges("Z")
+    small = as_planar(scene, "L")
+    assert (small.rows, small.audit.rank) == (2, scene.audit.rank)
+
+
+def test_a_ball_of_rank_one_has_no_plane():
+    """The tip of a slider moves on a line, which lies in many planes."""
+    model = pin.Model()
+    for name in "ab":
+        joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), name)
+        model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
+    model.addFrame(pin.Frame("tip", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    scene = cp.Scene(cp.Robot("two", model), [cp.Loop("tip", "world", name="L")])
+    with pytest.raises(cp.InvalidConstraint, match="rank 1"):
+        as_planar(scene, "L")
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_distance_reports_the_force_of_the_loop_that_it_replaces(backwards):
+    """On the body that is named first, the nearer the lighter the rod is."""
+    whole = pantograph(1e-7)
+    (loop,) = whole.constraints
+    if backwards:
+        loop = cp.Loop(loop.frame_b, loop.frame_a, name=loop.name)
+        whole = cp.Scene(whole.robot, [loop])
+    small = whole.rods_as_distances(["coupler"], mass="drop")
+    q, v = whole.sample(np.random.default_rng(0))
+    tau = np.array([0.3, 0.0, 0.0])
+    ball = cp.solve(whole, q, v, tau, solver=cp.Reference()).world_forces[loop.name]
+    state = (*small.reduce_state(q, v), small.reduce_torque(tau))
+    rod = cp.solve(small, *state, solver=cp.Reference()).world_forces[loop.name]
+    assert np.abs(ball).max() > 0.1
+    assert np.allclose(rod, ball, atol=1e-4 * np.abs(ball).max())
+
+
 def test_locking_one_side_of_a_coupling_locks_the_other():
     bar = robot("four_bar")
     scene = cp.Scene(bar, [cp.Coupling("rocker", "crank", ratio=2.0, offset=0.1, name="gear")])
@@ -468,6 +539,27 @@ def test_locking_one_side_of_a_coupling_locks_the_other():
     assert any("rocker: locked with crank, by the coupling gear" in text for text in small.dropped)
     q, _ = small.expand_state(*small.state())
     assert q[2] == pytest.approx(2 * q[0] + 0.1, abs=1e-10)
+
+
+def test_a_coupled_joint_is_locked_where_the_coupling_wants_it():
+    """Not where it is in q: only the joints that were named are to stay."""
+    model = pin.Model()
+    for name in "abc":
+        joint = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), name)
+        model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
+    gear = cp.Coupling("a", "b", ratio=2.0)
+    small = cp.Scene(cp.Robot("geared", model), [gear]).lock(["a"], np.array([0.5, 0.0, 0.1]))
+    assert small.robot.joints == ("c",)
+    assert np.allclose(small.held, [0.5, 0.25, 0.1], atol=1e-10)
+
+
+def test_the_locked_posture_comes_first_with_and_without_q():
+    scene = all_scenes()["talos contacts"]
+    before = scene.robot.postures
+    for small in (scene.lock(ARMS), scene.lock(ARMS, scene.state()[0])):
+        assert tuple(small.robot.postures) == ("locked", *before)
+        assert np.array_equal(small.guess(), small.guess("locked"))
+        assert np.allclose(small.expand_state(*small.state())[0], scene.state()[0], atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,6 @@ from condyn_pin.constraints import Coupling
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.names import checked, listed
 from condyn_pin.robot import Robot
-from condyn_pin.rows.bound import Bound
 from condyn_pin.rows.equations import Equations
 from condyn_pin.scene import Scene
 from condyn_pin.smaller.smaller_robot import free_flyers, sides, sifted, smaller_robot
@@ -139,21 +138,23 @@ class ReducedScene(Scene):
 
 def lock(scene: Scene, joints: Sequence[str], q: ArrayLike | None = None) -> ReducedScene:
     """Return the scene with some joints held at their value in q; see `Scene.lock`."""
-    names, remarks = _with_partners(scene, checked("joints", joints, scene.robot.joints, "joint"))
+    named = checked("joints", joints, scene.robot.joints, "joint")
+    names, remarks = _with_partners(scene, named)
     if not names:
         return reduced(scene, scene.robot, scene.constraints, scene.guess(), ())
     if len(names) == len(scene.robot.joints):
         raise InvalidArgument("joints: with all of them locked nothing moves; leave one at least")
     start = scene.state()[0] if q is None else normalised(scene.robot.model, "q", q)
     try:
-        closed = closures(scene).assemble(start, fixed=names, within_limits=False).q
+        closed = scene.assemble(start, fixed=named, within_limits=False).q
     except NotAssembled as error:
-        raise NotAssembled(f"with {listed(names)} locked, {error}", error.assembly) from error
+        said = f"with {listed(named)} locked, {error}"
+        raise type(error)(said, error.assembly) from error
     words = f"joints locked: {listed(names)}"
     robot = smaller_robot(scene.robot, names, closed, words)
-    if q is not None:  # the other joints may have come to rest far from the first posture
-        rest, _ = indices(scene.robot.model, robot.joints)
-        robot = replace(robot, postures={"locked": closed[rest], **_without_locked(robot)})
+    rest, _ = indices(scene.robot.model, robot.joints)
+    others = {name: posture for name, posture in robot.postures.items() if name != "locked"}
+    robot = replace(robot, postures={"locked": closed[rest], **others})
     kept, idle = sifted(robot, scene.constraints)
     remarks += [f"constraint {c.name}: both of its sides are one body now" for c in idle]
     return reduced(scene, robot, kept, closed, (words, *remarks))
@@ -230,19 +231,6 @@ def reduced(
     )
 
 
-def closures(scene: Scene) -> Scene:
-    """Return the scene without contacts that belong wherever they are.
-
-    They have no gap to close, and while gaps are closed with some joints held, they must give way.
-    """
-    kept = [
-        constraint
-        for constraint, bound in zip(scene.constraints, scene.bounds, strict=True)
-        if not isinstance(bound, Bound) or bound.anchored
-    ]
-    return Scene(scene.robot, kept)
-
-
 def _with_partners(scene: Scene, joints: Sequence[str]) -> tuple[tuple[str, ...], list[str]]:
     """Return the joints with those that couplings hold when these are held, and a remark each."""
     held, remarks = dict.fromkeys(joints), []
@@ -254,7 +242,3 @@ def _with_partners(scene: Scene, joints: Sequence[str]) -> tuple[tuple[str, ...]
                     held[other] = None
                     remarks.append(f"joint {other}: locked with {one}, by the coupling {c.name}")
     return tuple(held), remarks
-
-
-def _without_locked(robot: Robot) -> dict[str, Array]:
-    return {name: q for name, q in robot.postures.items() if name != "locked"}

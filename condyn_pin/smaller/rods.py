@@ -49,8 +49,12 @@ class _Rod:
 
     @property
     def distance(self) -> Loop:
-        """The row that replaces the rod and its loop, under the loop's name."""
-        return Loop(self.near, self.far, "rod", length=self.length, name=self.loop.name)
+        """The row that replaces the rod and its loop, under the loop's name.
+
+        The end that takes the place of the loop's first frame comes first, as the force is on it.
+        """
+        ends = (self.near, self.far) if self.far == self.loop.frame_b else (self.far, self.near)
+        return Loop(*ends, "rod", length=self.length, name=self.loop.name)
 
 
 def rods_as_distances(
