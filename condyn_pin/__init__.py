@@ -52,8 +52,8 @@ if TYPE_CHECKING:
     from condyn_pin.smaller.climbing import Ladder as Ladder
     from condyn_pin.smaller.climbing import ladder as ladder
     from condyn_pin.smaller.ladder_table import LadderTable as LadderTable
-    from condyn_pin.smaller.minimal import Minimal as Minimal
-    from condyn_pin.smaller.reduction import ReducedScene as ReducedScene
+    from condyn_pin.smaller.minimal_report import Minimal as Minimal
+    from condyn_pin.smaller.reduced_scene import ReducedScene as ReducedScene
     from condyn_pin.solution import Solution as Solution
     from condyn_pin.solution import StateError as StateError
     from condyn_pin.solution import Status as Status
@@ -112,10 +112,10 @@ _HOME = {
     "mechanisms.four_bar": ("four_bar",),
     "mechanisms.n_four_bar": ("n_four_bar",),
     "mechanisms.pendulum": ("pendulum",),
-    "smaller.minimal": ("Minimal",),
+    "smaller.minimal_report": ("Minimal",),
     "proof": ("Proof",),
     "states.rank": ("Rank",),
-    "smaller.reduction": ("ReducedScene",),
+    "smaller.reduced_scene": ("ReducedScene",),
     "robot": ("Robot",),
     "scene": ("Scene",),
     "solution": ("Solution", "StateError", "Status"),

@@ -29,8 +29,8 @@ from condyn_pin.states.sampling import sample
 from condyn_pin.summary import Summary, summarise
 
 if TYPE_CHECKING:
-    from condyn_pin.smaller.minimal import Minimal
-    from condyn_pin.smaller.reduction import ReducedScene
+    from condyn_pin.smaller.minimal_report import Minimal
+    from condyn_pin.smaller.reduced_scene import ReducedScene
     from condyn_pin.solvers.base import Solver
 
 
@@ -407,20 +407,26 @@ class Scene:
         ----------
         error : float
             Largest relative error of accelerations and contact wrench that is allowed
-            (`condyn_pin.smaller.price`).
+            (`condyn_pin.smaller.price`). Zero allows only what is exact, to 1e-9.
         motion : sequence of (q, v, tau), optional
-            Closed states that matter; random ones by default, in which every joint moves.
+            Closed states that matter, by which everything is judged. By default random ones, in
+            which every joint moves: some to choose by, 50 others to judge by.
         watch : sequence of str, optional
             Joints whose accelerations are asked for; by default the floating base and the motors
             that the motion moves, or all that it moves if it moves neither.
         solver : Solver, optional
-            What has to take the smaller scene, and is timed; `Proximal()` by default, which takes
-            neither distances nor planar pins.
+            What has to take the smaller scene, and is timed; by default that of `solve`. Proximal()
+            takes neither distances nor planar pins, DenseKKT() does.
 
         Returns
         -------
         Minimal
             The scene, sizes and times before and after, the errors, and every step in words.
+
+        Raises
+        ------
+        NotAssembled
+            If a state of the motion is not on the constraints; the text says which.
         """
         from condyn_pin.smaller.minimal import minimal
 

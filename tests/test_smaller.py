@@ -180,6 +180,14 @@ def test_lock_holds_the_joints_where_it_is_told():
     assert np.abs(full - q).max() < 1e-9
 
 
+def test_a_smaller_scene_prints_what_it_leaves_out():
+    text = str(all_scenes()["cassie loops + contacts"].lock(SPRINGS).without(["left-foot/toe"]))
+    assert text.splitlines()[0] == "cassie: nv 32 -> 28, rows 24 -> 21"
+    assert "joints locked: left-knee-shin-joint, " in text
+    assert "constraint left-foot/toe: left out" in text
+    assert "array(" not in text
+
+
 def test_lock_twice_is_lock_once():
     scene = all_scenes()["talos contacts"]
     twice, once = scene.lock(ARMS[:7]).lock(ARMS[7:]), scene.lock(ARMS)

@@ -8,7 +8,7 @@ from condyn_pin.rows.equations import Equations
 from condyn_pin.scene import Scene
 from condyn_pin.smaller.climbing import Ladder, Rung
 from condyn_pin.smaller.merging import merge_points
-from condyn_pin.smaller.reduction import reduced
+from condyn_pin.smaller.reduced_scene import reduced
 from condyn_pin.smaller.same_motion import loaded
 from condyn_pin.smaller.smaller_tree import indices
 

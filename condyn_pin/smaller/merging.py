@@ -19,7 +19,7 @@ from condyn_pin.contacts import LineContact, PointContact, SurfaceContact
 from condyn_pin.errors import InvalidModel
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
-from condyn_pin.smaller.reduction import ReducedScene, reduced
+from condyn_pin.smaller.reduced_scene import ReducedScene, reduced
 
 _FLAT = 1e-6  # singular values of the points' spread below this, relative to the largest, are zero
 

@@ -13,7 +13,7 @@ from condyn_pin.errors import InvalidConstraint
 from condyn_pin.rows.bound import Bound
 from condyn_pin.rows.equations import Equations
 from condyn_pin.scene import Scene
-from condyn_pin.smaller.reduction import ReducedScene, reduced
+from condyn_pin.smaller.reduced_scene import ReducedScene, reduced
 
 
 def as_planar(scene: Scene, name: str) -> ReducedScene:

@@ -25,7 +25,7 @@ from condyn_pin.names import checked, listed
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.smaller.linkages import check_passive
-from condyn_pin.smaller.reduction import ReducedScene, reduced
+from condyn_pin.smaller.reduced_scene import ReducedScene, reduced
 from condyn_pin.smaller.smaller_robot import sides, smaller_robot
 
 RodMass = Literal["ends", "drop"]
