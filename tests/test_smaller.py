@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import pickle
 
@@ -603,6 +604,34 @@ def test_the_locked_posture_comes_first_with_and_without_q():
 def test_what_is_no_rod_and_no_linkage_is_refused(change, error, said):
     with pytest.raises(error, match=said):
         change(all_scenes()["cassie loops"])
+
+
+def test_what_goes_with_the_joint_of_a_rod_is_said():
+    scene = all_scenes()["four_bar loops"]
+    assert len(scene.rods_as_distances(["coupler"]).dropped) == 1
+    model = pin.Model(scene.robot.model)
+    joint = model.joints[model.getJointId("coupler")]
+    for said in ("damping", "friction", "armature"):
+        numbers = np.array(getattr(model, said))
+        numbers[joint.idx_v] = 0.1
+        setattr(model, said, numbers)
+        rough = cp.Scene(dataclasses.replace(scene.robot, model=model), scene.constraints)
+        small = rough.rods_as_distances(["coupler"])
+        assert any("joint coupler" in text and said in text for text in small.dropped)
+        assert said in str(small.summary())
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.1])
+def test_a_body_with_its_mass_beyond_its_ends_is_no_rod(share):
+    whole = pantograph(0.1)
+    model = pin.Model(whole.robot.model)
+    number = model.getJointId("coupler")
+    tip = whole.robot.frame("coupler_tip")[1].translation
+    inertia = model.inertias[number]
+    model.inertias[number] = pin.Inertia(inertia.mass, share * tip, inertia.inertia)
+    scene = cp.Scene(dataclasses.replace(whole.robot, model=model), whole.constraints)
+    with pytest.raises(cp.InvalidArgument, match=rf"centre of mass .* at {share:g} of its length"):
+        scene.rods_as_distances(["coupler"])
 
 
 def test_a_rod_that_does_more_than_keep_a_distance_is_refused():
