@@ -15,12 +15,12 @@ from shared import all_scenes, relative, robot
 import condyn_pin as cp
 from condyn_pin.catalogue import motor_torque
 from condyn_pin.smaller import climbing
-from condyn_pin.smaller.climbing import Ladder, LadderEffort, Rung, climb
+from condyn_pin.smaller.climbing import climb
 from condyn_pin.smaller.ladder_plot import draw_ladder, save_ladders
 from condyn_pin.smaller.same_motion import loaded, same_motion, standing_torque
 from condyn_pin.tolerances import EXACT
 
-FEW = LadderEffort(states=2, rounds=5, repeats=2)
+FEW = cp.LadderEffort(states=2, rounds=5, repeats=2)
 
 
 @functools.cache
@@ -121,6 +121,7 @@ def test_what_looks_good_at_a_few_states_only_is_undone():
         step for step in found.steps if "other states; 0.01 is allowed, so undone" in str(step)
     ]
     assert undone
+    assert all(isinstance(step, cp.Step) and isinstance(step.errors, cp.Errors) for step in undone)
     assert not any(step.kept for step in undone)
     assert all(step.errors.worst > 1e-2 for step in undone)
     assert found.rows == (3, 2)  # what the rod was in the way of: a planar pin
@@ -212,6 +213,7 @@ def table(name: str) -> cp.LadderTable:
 def test_cassies_ladder():
     rows = {row.label: row for row in table("cassie").rows}
     assert next(iter(rows)) == "springs free"
+    assert all(isinstance(row, cp.LadderRow) for row in rows.values())
     sizes = [(row.nv, row.rows) for row in rows.values()]
     assert sizes == [(32, 24), (28, 18), (24, 18), (18, 12), (18, 12)]
     assert rows["springs free"].a_worst == 0.0
@@ -296,18 +298,18 @@ def test_a_ladder_that_no_solver_takes_has_no_times(monkeypatch):
     monkeypatch.setattr(climbing, "_solvers", lambda: (cp.Proximal(),))
     bar = robot("four_bar")
     rod = cp.Scene(bar, [cp.Loop("crank_tip", "rocker_tip", "rod", length=0.8)])
-    (row,) = climb(Ladder("mine", lambda: rod, "rod", (), "rod"), effort=FEW).rows
+    (row,) = climb(cp.Ladder("mine", lambda: rod, "rod", (), "rod"), effort=FEW).rows
     assert (row.solver, row.slower_as) == ("none says ok", "")
     assert math.isnan(row.us)
 
 
 def test_a_ladder_of_ones_own():
     bar = robot("four_bar")
-    mine = Ladder(
+    mine = cp.Ladder(
         "mine",
         lambda: cp.Scene(bar, bar.loops),
         "whole",
-        (Rung("rod", "the coupler is light", lambda s: s.rods_as_distances(["coupler"])),),
+        (cp.Rung("rod", "the coupler is light", lambda s: s.rods_as_distances(["coupler"])),),
         "rod",
     )
     found = climb(mine, effort=FEW)

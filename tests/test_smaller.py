@@ -14,8 +14,6 @@ import condyn_pin as cp
 from condyn_pin._pin import pin
 from condyn_pin.catalogue import motor_torque
 from condyn_pin.rows.equations import Equations, Terms
-from condyn_pin.smaller.merging import merge_points
-from condyn_pin.smaller.planar import as_planar
 from condyn_pin.smaller.smaller_tree import smaller_tree
 from condyn_pin.tolerances import CLOSED
 
@@ -400,7 +398,7 @@ def test_points_are_merged_exactly():
         ("cassie loops + contacts", (*[cp.Loop] * 4, cp.LineContact, cp.LineContact)),
     ):
         scene = all_scenes()[label]
-        small = merge_points(scene)
+        small = scene.merge_points()
         assert tuple(map(type, small.constraints)) == kinds
         assert small.audit.rank == scene.audit.rank
         q, v = scene.sample(np.random.default_rng(0))
@@ -408,7 +406,7 @@ def test_points_are_merged_exactly():
         a = cp.solve(scene, q, v, tau, solver=cp.Reference()).a
         b = cp.solve(small, q, v, tau, solver=cp.Reference()).a
         assert relative(b, a) < 1e-10
-    kept = merge_points(all_scenes()["cassie loops + contacts"], edges=False)
+    kept = all_scenes()["cassie loops + contacts"].merge_points(edges=False)
     assert kept.constraints == all_scenes()["cassie loops + contacts"].constraints
 
 
@@ -421,12 +419,12 @@ def pair_of_points(along: tuple[float, float, float], middle: tuple[float, float
 def test_an_edge_is_where_its_own_points_are():
     """A frame that an earlier merge has left is used again only if it is the same one."""
     first = cp.Scene(robot("solo12"), pair_of_points((0.1, 0, 0), (0, 0, 0)))
-    merged = merge_points(first)
-    again = merge_points(cp.Scene(merged.robot, first.constraints))
+    merged = first.merge_points()
+    again = cp.Scene(merged.robot, first.constraints).merge_points()
     assert again.constraints == merged.constraints
     assert again.robot == merged.robot
     other = cp.Scene(merged.robot, pair_of_points((0, 0.1, 0), (0, 0, 0.3)))
-    small = merge_points(other)
+    small = other.merge_points()
     assert small.names == ("FL_FOOT/edge 2",)
     q, v = other.sample(np.random.default_rng(0))
     tau = motor_torque(other.robot, np.random.default_rng(0))
@@ -437,11 +435,11 @@ def test_an_edge_is_where_its_own_points_are():
 def test_a_merged_contact_takes_a_name_that_is_free():
     points = pair_of_points((0.1, 0, 0), (0, 0, 0))
     other = cp.PointContact("HR_FOOT", name="FL_FOOT/edge")
-    small = merge_points(cp.Scene(robot("solo12"), [*points, other]))
+    small = cp.Scene(robot("solo12"), [*points, other]).merge_points()
     assert small.names == ("FL_FOOT/edge 2", "FL_FOOT/edge")
     points.append(cp.PointContact("FL_FOOT", (0.0, 0.1, 0.0), name="p2"))
     other = cp.PointContact("HR_FOOT", name="FL_FOOT")
-    small = merge_points(cp.Scene(robot("solo12"), [*points, other]))
+    small = cp.Scene(robot("solo12"), [*points, other]).merge_points()
     assert small.names == ("FL_FOOT 2", "FL_FOOT")
 
 
@@ -451,14 +449,14 @@ def test_points_with_an_anchor_are_not_merged():
         cp.PointContact("FL_FOOT", (0.01 * i, 0, 0), anchor=(0.2, 0.1, 0.0), name=f"p{i}")
         for i in range(2)
     ]
-    assert merge_points(cp.Scene(solo, points)).constraints == tuple(points)
+    assert cp.Scene(solo, points).merge_points().constraints == tuple(points)
 
 
 @pytest.mark.parametrize("label", ["four_bar loops", "four_bar backwards", "cassie loops"])
 def test_a_ball_in_a_plane_becomes_a_planar_pin_with_full_rank(label):
     scene = all_scenes()[label]
     name = next(r for r in scene.audit.redundant).rsplit(".", 1)[0]
-    small = as_planar(scene, name)
+    small = scene.as_planar(name)
     assert small.rows == scene.rows - 1
     assert small.audit.rank == scene.audit.rank
     q, v = scene.sample(np.random.default_rng(0))
@@ -466,7 +464,7 @@ def test_a_ball_in_a_plane_becomes_a_planar_pin_with_full_rank(label):
     a, b = (cp.solve(s, q, v, tau, solver=cp.Reference()).a for s in (scene, small))
     assert relative(b, a) < 1e-10
     with pytest.raises(cp.InvalidConstraint, match="ball is needed"):
-        as_planar(small, name)
+        small.as_planar(name)
 
 
 @pytest.mark.parametrize("ends", [("coupler_tip", "ground"), ("ground", "coupler_tip")])
@@ -478,7 +476,7 @@ def test_a_planar_pin_reports_the_force_of_the_ball_it_replaces(ends):
     at = data.oMf[bar.model.getFrameId("coupler_tip")].translation
     pinned = bar.with_frame("ground", "world", at, pin.rpy.rpyToMatrix(0.3, 0.2, 0.1))
     scene = cp.Scene(pinned, [cp.Loop(*ends, name="L")])
-    small = as_planar(scene, "L")
+    small = scene.as_planar("L")
     rng = np.random.default_rng(0)
     q, v = scene.sample(rng)
     tau = motor_torque(pinned, rng)
@@ -506,7 +504,7 @@ def two_hinges(axis: str) -> cp.Scene:
 
 def test_a_ball_on_a_robot_of_two_joints_becomes_a_planar_pin():
     scene = two_hinges("Z")
-    small = as_planar(scene, "L")
+    small = scene.as_planar("L")
     assert (small.rows, small.audit.rank) == (2, scene.audit.rank)
 
 
@@ -519,7 +517,7 @@ def test_a_ball_of_rank_one_has_no_plane():
     model.addFrame(pin.Frame("tip", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
     scene = cp.Scene(cp.Robot("two", model), [cp.Loop("tip", "world", name="L")])
     with pytest.raises(cp.InvalidConstraint, match="rank 1"):
-        as_planar(scene, "L")
+        scene.as_planar("L")
 
 
 @pytest.mark.parametrize("backwards", [False, True])
@@ -593,9 +591,9 @@ def test_the_locked_posture_comes_first_with_and_without_q():
             "also hold other joints",
         ),
         (lambda s: s.without_linkage(["plantar"], CRANKS), cp.UnknownName, "plantar-foot-joint"),
-        (lambda s: as_planar(s, RODS[0]), cp.InvalidConstraint, "kind ball"),
+        (lambda s: s.as_planar("left-achilles"), cp.UnknownName, "left-achilles-spring-joint"),
         (
-            lambda s: as_planar(s, "left-achilles-spring-joint"),
+            lambda s: s.as_planar("left-achilles-spring-joint"),
             cp.InvalidConstraint,
             "independent",
         ),

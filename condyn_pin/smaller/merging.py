@@ -25,18 +25,7 @@ _FLAT = 1e-6  # singular values of the points' spread below this, relative to th
 
 
 def merge_points(scene: Scene, *, edges: bool = True) -> ReducedScene:
-    """Return the scene with the points on each frame merged into an edge or a surface: exact.
-
-    Only points without an anchor: they say nothing about where the body is, so nothing is lost.
-    The merged contact has the name of the frame, or ``frame/edge``, an edge being on a new frame;
-    with a number behind it if that name is another's.
-
-    Parameters
-    ----------
-    scene : Scene
-    edges : bool
-        Merge points on a line too. Solvers that know no edges make two points of it again.
-    """
+    """Return the scene with points merged by their frames; see `Scene.merge_points`."""
     robot, constraints, dropped = scene.robot, list(scene.constraints), []
     for frame, points in _groups(constraints).items():
         if not edges and _on_a_line(points):

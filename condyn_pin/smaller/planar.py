@@ -1,4 +1,10 @@
-"""A ball that closes a planar linkage as a planar pin: two independent rows in place of three."""
+"""A ball that closes a planar linkage as a planar pin: two independent rows in place of three.
+
+    J_ball = U S V^T,     S = (s1, s2, 0),     n = u3
+
+The third column of U is the direction in which the ball says nothing, the normal of the plane. It
+becomes the z axis of a new frame at `frame_a`, so that the force is still the one on that body.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +16,7 @@ from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.constraints import Loop
 from condyn_pin.errors import InvalidConstraint
+from condyn_pin.names import checked
 from condyn_pin.rows.bound import Bound
 from condyn_pin.rows.equations import Equations
 from condyn_pin.scene import Scene
@@ -17,18 +24,10 @@ from condyn_pin.smaller.reduced_scene import ReducedScene, reduced
 
 
 def as_planar(scene: Scene, name: str) -> ReducedScene:
-    """Return the scene in which a ball loop says nothing across the plane of its linkage.
-
-    The three rows of the ball have rank 2; the direction in which they say nothing is the normal of
-    the plane. It becomes the z axis of a new frame at `frame_a`, whose body still feels the force.
-
-    Raises
-    ------
-    InvalidConstraint
-        If the loop is no ball, or the rank is another.
-    """
-    loop = next((c for c in scene.constraints if c.name == name), None)
-    bound = next((b for b in scene.bounds if b.name == name), None)
+    """Return the scene with a ball loop as a planar pin; see `Scene.as_planar`."""
+    (chosen,) = checked("name", [name], scene.names, "constraint")
+    at = scene.names.index(chosen)
+    loop, bound = scene.constraints[at], scene.bounds[at]
     if not isinstance(loop, Loop) or loop.kind != "ball" or not isinstance(bound, Bound):
         raise InvalidConstraint(f"{name}: a loop of kind ball is needed")
     U, S, _ = np.linalg.svd(scene.audit.terms.J[bound.rows])
