@@ -188,8 +188,8 @@ def test_minimal_pickles():
 @pytest.mark.parametrize(
     ("arguments", "error", "said"),
     [
-        ({"error": -0.1}, cp.InvalidArgument, "0 or a number up to 1"),
-        ({"error": 1.0}, cp.InvalidArgument, "0 or a number up to 1"),
+        ({"error": -0.1}, cp.InvalidArgument, "from 0 to below 1"),
+        ({"error": 1.0}, cp.InvalidArgument, "from 0 to below 1"),
         ({"error": math.nan}, cp.InvalidArgument, "error"),
         ({"error": 0.1, "motion": []}, cp.InvalidArgument, "empty"),
         ({"error": 0.1, "motion": "walk"}, cp.InvalidArgument, "list of"),

@@ -52,7 +52,7 @@ def minimal(
 ) -> Minimal:
     """Return the smaller scene with its report; see `Scene.minimal`."""
     if not 0 <= finite("error", error, ()) < 1:
-        raise InvalidArgument(f"error = {error!r}: 0 or a number up to 1 is needed")
+        raise InvalidArgument(f"error = {error!r}: a number from 0 to below 1 is needed")
     limit = max(float(error), tolerances.EXACT)
     solver = default_solver(scene) if solver is None else solver
     if not isinstance(solver, Solver):
