@@ -61,10 +61,15 @@ if TYPE_CHECKING:
     from condyn_pin.rows.equations import Terms as Terms
     from condyn_pin.scene import Scene as Scene
     from condyn_pin.smaller.climbing import Ladder as Ladder
+    from condyn_pin.smaller.climbing import LadderEffort as LadderEffort
+    from condyn_pin.smaller.climbing import Rung as Rung
     from condyn_pin.smaller.climbing import ladder as ladder
+    from condyn_pin.smaller.ladder_table import LadderRow as LadderRow
     from condyn_pin.smaller.ladder_table import LadderTable as LadderTable
-    from condyn_pin.smaller.minimal import Minimal as Minimal
-    from condyn_pin.smaller.reduction import ReducedScene as ReducedScene
+    from condyn_pin.smaller.minimal_report import Minimal as Minimal
+    from condyn_pin.smaller.minimal_report import Step as Step
+    from condyn_pin.smaller.price import Errors as Errors
+    from condyn_pin.smaller.reduced_scene import ReducedScene as ReducedScene
     from condyn_pin.solution import Solution as Solution
     from condyn_pin.solution import StateError as StateError
     from condyn_pin.solution import Status as Status
@@ -101,7 +106,7 @@ _HOME = {
     "audit": ("Audit",),
     "states.check": ("Check",),
     "states.completion": ("CompleteState",),
-    "smaller.climbing": ("Ladder", "ladder"),
+    "smaller.climbing": ("Ladder", "LadderEffort", "Rung", "ladder"),
     "constraints": ("Constraint", "Coupling", "Loop"),
     "contacts": ("LineContact", "PlanarContact", "PointContact", "SurfaceContact"),
     "differentiation.base": ("Derivatives",),
@@ -126,7 +131,7 @@ _HOME = {
         "UnsupportedConstraint",
     ),
     "states.gaps": ("Gap",),
-    "smaller.ladder_table": ("LadderTable",),
+    "smaller.ladder_table": ("LadderRow", "LadderTable"),
     "ladders": ("LADDERS",),
     "load": ("available_robots", "load_robot"),
     "mechanisms.chain": ("chain",),
@@ -137,10 +142,11 @@ _HOME = {
     "motors.inverse": ("InverseDynamics", "gravity_compensation", "inverse_dynamics"),
     "motors.operational": ("OperationalSpace", "operational_space"),
     "motors.transmissions": ("Transmission", "transmission"),
-    "smaller.minimal": ("Minimal",),
+    "smaller.minimal_report": ("Minimal", "Step"),
+    "smaller.price": ("Errors",),
     "proof": ("Proof",),
     "states.rank": ("Rank",),
-    "smaller.reduction": ("ReducedScene",),
+    "smaller.reduced_scene": ("ReducedScene",),
     "robot": ("Robot",),
     "scene": ("Scene",),
     "solution": ("Solution", "StateError", "Status"),

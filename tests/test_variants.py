@@ -215,7 +215,7 @@ CARDS = {
     "an unknown entry": (CARD + "[variants.speed.fast]\nweight = 3", "no entry named 'weight'"),
     "a joint to lock that is not there": (CARD + 'lock = ["k"]', "no joint named 'k'"),
     "a word in place of joints to lock": (CARD + 'lock = "j"', "lock = 'j': a list"),
-    "numbers to lock": (CARD + "lock = [1]", r"lock = \[1\]"),
+    "numbers to lock": (CARD + "lock = [1]", "lock: 1 is not the name of a joint"),
     "all joints to lock": (CARD + 'lock = ["j"]', "leave one that moves"),
     "as_file for a URDF": (CARD + "as_file = true", "description.as_file is for an SDF"),
 }
@@ -339,6 +339,24 @@ def test_a_loop_of_locked_joints_is_gone_if_closed_and_refused_if_open(read):
     bent = dataclasses.replace(whole, springs=[cp.Spring("ab", 1.0, 0.1)])
     with pytest.raises(cp.InvalidModel, match=r"'ac' would be held open by 0\.0998 m"):
         lock_joints(bent, ["ab", "bc"])
+
+
+def test_a_model_without_frames_of_its_joints_is_locked_too():
+    model = pin.Model()
+    for name in "ab":
+        joint = model.addJoint(model.njoints - 1, pin.JointModelRY(), pin.SE3.Random(), name)
+        model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
+    locked = lock_joints(cp.Robot("bare", model), ["b"])
+    assert locked.joints == ("a",)
+    assert locked.mass == pytest.approx(sum(inertia.mass for inertia in model.inertias))
+
+
+def test_contacts_of_a_body_that_is_locked_to_the_world_are_gone():
+    talos = robot("talos")
+    leg = [name for name in talos.joints if name.startswith("leg_left_")]
+    locked = lock_joints(talos, ["root_joint", *leg])
+    assert locked.contacts == talos.contacts[1:]
+    assert cp.Scene(locked, locked.contacts).names == ("right_sole_link",)
 
 
 def test_nothing_to_lock_is_the_same_robot():
