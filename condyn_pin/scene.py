@@ -19,7 +19,8 @@ from condyn_pin.robot import Robot
 from condyn_pin.rows.binding import bind
 from condyn_pin.rows.bound import Bound, Coupled
 from condyn_pin.rows.native import Natives, natives
-from condyn_pin.states.assembly import Assembly, assemble, assemble_posture
+from condyn_pin.states.assembly import assemble, assemble_posture
+from condyn_pin.states.assembly_report import Assembly
 from condyn_pin.states.chains import Chains, chains
 from condyn_pin.states.check import Check, check
 from condyn_pin.states.completion import CompleteState, complete_state

@@ -6,9 +6,7 @@ closed on the branch of the start; `condyn_pin.states.chains` says what a branch
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from enum import Enum
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,104 +16,18 @@ from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array
-from condyn_pin.errors import BranchChanged, InvalidArgument, NotAssembled, unknown_name
+from condyn_pin.errors import InvalidArgument, unknown_name
+from condyn_pin.joints import indices
+from condyn_pin.names import checked
 from condyn_pin.rows.equations import Equations
+from condyn_pin.states.assembly_report import Assembly, AssemblyStatus
 from condyn_pin.states.closing import NO_LIMITS, Closer, Closing, Limits
-from condyn_pin.states.gaps import Gap, gaps
+from condyn_pin.states.gaps import gaps
 
 if TYPE_CHECKING:
     from condyn_pin.robot import Robot
     from condyn_pin.scene import Scene
     from condyn_pin.states.chains import Chains
-
-
-class AssemblyStatus(Enum):
-    """How an assembly ended; the value is advice."""
-
-    CLOSED = "every loop is closed"
-    BRANCH_CHANGED = (
-        "the loops are closed, but on the other side of a dead point; start nearer, or move there "
-        "in smaller steps"
-    )
-    BEYOND_LIMITS = (
-        "within the joint limits this is the smallest gap near the start; beyond them it closes: "
-        "start elsewhere, or pass within_limits=False"
-    )
-    UNREACHABLE = (
-        "this is the smallest gap near the start; start nearer to a closed configuration, or fix "
-        "fewer joints"
-    )
-    STALLED = "the gap was still getting smaller when the steps ran out; start from where it ended"
-
-    @property
-    def ok(self) -> bool:
-        """Whether the configuration can be used as it is."""
-        return self is AssemblyStatus.CLOSED
-
-    def __str__(self) -> str:
-        return f"{self.name.lower()}: {self.value}"
-
-
-@dataclass(frozen=True, eq=False)
-class Assembly:
-    """How an assembly ended.
-
-    Attributes
-    ----------
-    q : (nq,) array
-        The configuration with the smallest gap found.
-    gap : dict of str to Gap
-        How far each loop is open at q: a length [m] and an angle [rad].
-    iterations : int
-        Of all runs that were needed.
-    rank : int
-        Independent rows among those of the loops, at q.
-    smallest_singular_value : float
-        Of J_D, the columns of the joints that the others determine, in m and rad, not whitened:
-        zero in a dead point. Without motors, the smallest nonzero one of J.
-    branch : dict of str to int
-        For every cluster of loops that share such joints: +1 on the side of its dead points where
-        the first posture is, -1 across one, 0 in one; `condyn_pin.states.chains` defines them.
-        Empty for a robot without motors: what is not driven has no branches.
-    flipped : tuple of str
-        The clusters that changed sides, if the status is BRANCH_CHANGED.
-    beyond_limits : dict of str to float
-        Joints that the closure takes out of their limits, and how far [rad, m]. Of q; or, if the
-        status is BEYOND_LIMITS, of the closure that was not taken.
-    status : AssemblyStatus
-    """
-
-    q: Array
-    gap: Mapping[str, Gap]
-    iterations: int
-    rank: int
-    smallest_singular_value: float  # [m, rad]
-    branch: Mapping[str, int]
-    flipped: tuple[str, ...]
-    beyond_limits: Mapping[str, float]  # [rad, m]
-    status: AssemblyStatus
-
-    @property
-    def closed(self) -> bool:
-        """Whether every gap is within tolerance (1e-10)."""
-        return all(gap.size <= tolerances.CLOSED for gap in self.gap.values())
-
-    def error(self) -> NotAssembled | BranchChanged:
-        """Return what `assemble` raises if the status is not CLOSED."""
-        if self.status is AssemblyStatus.BRANCH_CHANGED:
-            return BranchChanged(f"{', '.join(self.flipped)}: {self.status.value}", self)
-        name, gap = max(self.gap.items(), key=lambda item: item[1].size)
-        text = f"{name} is open by {gap} after {self.iterations} iterations; "
-        text += "".join(f"{_out(*item)}; " for item in self.beyond_limits.items())
-        return NotAssembled(text + self.status.value, self)
-
-    def __str__(self) -> str:
-        lines = [str(self.status), f"{self.iterations} iterations, rank {self.rank}"]
-        lines[1] += f", smallest singular value {self.smallest_singular_value:.3g}"
-        lines += [f"{name:<28} open by {gap}" for name, gap in self.gap.items()]
-        lines += [f"branch of {name}: {side:+d}" for name, side in self.branch.items()]
-        lines += [_out(name, by) for name, by in self.beyond_limits.items()]
-        return "\n".join(lines)
 
 
 def assemble(
@@ -216,22 +128,9 @@ def _across(one: Mapping[str, int], other: Mapping[str, int]) -> tuple[str, ...]
     return tuple(name for name, side in one.items() if side * other.get(name, 0) < 0)
 
 
-def _out(joint: str, by: float) -> str:
-    return f"{joint} is {by:.3g} rad or m beyond its limits"
-
-
 def _moving(robot: Robot, fixed: Sequence[str]) -> NDArray[np.bool_]:
-    model = robot.model
-    if isinstance(fixed, str) or not isinstance(fixed, Iterable):
-        raise InvalidArgument(f"fixed = {fixed!r}: a list of names of joints is needed")
     moving = np.ones(robot.nv, dtype=bool)
-    for name in fixed:
-        if not isinstance(name, str):
-            raise InvalidArgument(f"fixed: {name!r} is not the name of a joint")
-        if not model.existJointName(name):
-            raise unknown_name("joint", name, robot.joints)
-        joint = model.joints[model.getJointId(name)]
-        moving[joint.idx_v : joint.idx_v + joint.nv] = False
+    moving[indices(robot.model, checked("fixed", fixed, robot.joints, "joint"))[1]] = False
     return moving
 
 

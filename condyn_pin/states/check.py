@@ -14,7 +14,7 @@ from condyn_pin.arguments import normalised
 from condyn_pin.arrays import finite
 from condyn_pin.errors import NotAssembled
 from condyn_pin.rows.equations import Equations
-from condyn_pin.states.gaps import Gap, gaps, slips
+from condyn_pin.states.gaps import Gap, closed, gaps, slips
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
@@ -44,7 +44,7 @@ class Check:
     @property
     def closed(self) -> bool:
         """Whether every gap is within 1e-10."""
-        return not self._open(tolerances.CLOSED)
+        return closed(self.gap)
 
     @property
     def consistent(self) -> bool:

@@ -22,7 +22,8 @@ from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.rows.equations import Equations
-from condyn_pin.states.assembly import Assembly, assemble_from
+from condyn_pin.states.assembly import assemble_from
+from condyn_pin.states.assembly_report import Assembly
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene

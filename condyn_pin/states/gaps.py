@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.rows.bound import Bound, Coupled
 
@@ -36,6 +38,16 @@ class Gap(NamedTuple):
 
     def __str__(self) -> str:
         return self.text()
+
+
+def closed(gap: Mapping[str, Gap]) -> bool:
+    """Whether every gap is within tolerance (1e-10)."""
+    return all(each.size <= tolerances.CLOSED for each in gap.values())
+
+
+def worst(gap: Mapping[str, Gap]) -> tuple[str, Gap]:
+    """Return the name and the gap of what is open furthest."""
+    return max(gap.items(), key=lambda item: item[1].size)
 
 
 def gaps(scene: Scene, c: Array) -> dict[str, Gap]:

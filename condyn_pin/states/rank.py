@@ -24,7 +24,7 @@ from condyn_pin.arrays import Array
 from condyn_pin.minimum_norm import factorise
 from condyn_pin.rows.equations import Equations
 from condyn_pin.states.chains import redundant_rows
-from condyn_pin.states.gaps import Gap, gaps
+from condyn_pin.states.gaps import Gap, closed, gaps, worst
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
@@ -74,7 +74,7 @@ class Rank:
     @property
     def closed(self) -> bool:
         """Whether every loop is closed to 1e-10."""
-        return all(gap.size <= tolerances.CLOSED for gap in self.gap.values())
+        return closed(self.gap)
 
     @property
     def singular(self) -> bool:
@@ -98,7 +98,7 @@ class Rank:
 
     def _notes(self) -> Iterator[str]:
         if not self.closed:
-            name, gap = max(self.gap.items(), key=lambda item: item[1].size)
+            name, gap = worst(self.gap)
             yield (
                 f"{name} is open by {gap}: redundant rows of an open loop have singular values of "
                 "that size and can be counted as independent; assemble it first"

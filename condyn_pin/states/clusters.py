@@ -1,0 +1,82 @@
+"""Clusters: loops that share dependent joints, and on which side of their dead points they are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from condyn_pin import tolerances
+from condyn_pin.arrays import Array
+from condyn_pin.joints import Indices
+
+if TYPE_CHECKING:
+    from condyn_pin.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Cluster:
+    """Loops that share dependent joints.
+
+    Attributes
+    ----------
+    name : str
+        Names of the loops.
+    rows, columns : int array
+        Their rows, and the velocity indices of the joints that depend on them.
+    basis : (rows, columns) array
+        Q.
+    sign : float
+        Of det(Q^T J_D) at the reference.
+    """
+
+    name: str
+    rows: Indices
+    columns: Indices
+    basis: Array
+    sign: float
+
+    @cached_property
+    def block(self) -> tuple[Indices, ...]:
+        """Where J holds J_D."""
+        return np.ix_(self.rows, self.columns)
+
+    def singular_values(self, J: Array) -> Array:
+        """Return those of J_D."""
+        return np.asarray(np.linalg.svd(J[self.block], compute_uv=False), dtype=np.float64)
+
+    def side(self, J: Array) -> int:
+        """Return +1 on the side of the reference, -1 across a dead point, 0 in one."""
+        S = self.singular_values(J)
+        if S[-1] <= tolerances.DEAD_POINT * S[0]:
+            return 0
+        return int(self.sign * np.linalg.slogdet(self.basis.T @ J[self.block])[0])
+
+
+def clusters(scene: Scene, J: Array, rows: Indices, columns: Indices) -> Iterator[Cluster]:
+    """Group the loops that share dependent joints: the blocks of J_D."""
+    groups: list[tuple[set[str], set[int]]] = []
+    scale = np.abs(J[rows]).max(initial=0.0)
+    for bound in scene.bounds:
+        if not bound.anchored:
+            continue
+        size = np.abs(J[bound.rows][:, columns]).max(axis=0, initial=0.0)
+        names, touched = {bound.name}, set(columns[size > tolerances.DEAD_POINT * scale].tolist())
+        apart = [group for group in groups if not group[1] & touched]
+        for group in groups:
+            if group[1] & touched:
+                names, touched = names | group[0], touched | group[1]
+        groups = [*apart, (names, touched)]
+    for names, touched in groups:
+        if not touched:
+            continue
+        bounds = [b for b in scene.bounds if b.name in names]
+        own = np.array([i for b in bounds for i in range(b.rows.start, b.rows.stop)], dtype=np.int_)
+        moved = np.array(sorted(touched), dtype=np.int_)
+        block = J[np.ix_(own, moved)]
+        basis = np.linalg.qr(block)[0]
+        sign = float(np.linalg.slogdet(basis.T @ block)[0])
+        yield Cluster(" + ".join(b.name for b in bounds), own, moved, basis, sign)
