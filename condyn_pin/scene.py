@@ -252,6 +252,7 @@ class Scene:
         v_actuated: ArrayLike | None = None,
         *,
         near: ArrayLike | None = None,
+        within_limits: bool = True,
     ) -> CompleteState:
         """Return the whole state from that of the motors, as their encoders measure it.
 
@@ -263,17 +264,22 @@ class Scene:
             Their velocities; at rest by default.
         near : (nq,) array_like, optional
             Where everything starts that the motors do not determine, and stays if the loops do not
-            either: a floating base, springs, the spin of a rod. The nominal state by default. Its
-            branch is kept: the motors move from there in strides of 0.1 rad.
+            either: a floating base, springs, the spin of a rod. The nominal state by default. The
+            motors are followed from there, in a straight line of their coordinates and in strides
+            of 0.1 rad or less, so that its branch is kept.
+        within_limits : bool
+            Refuse motors outside their limits, and those that take another joint out of its.
 
         Raises
         ------
+        InvalidArgument
+            If a motor is outside its limits, or the robot has none.
         NotAssembled
-            If the loops cannot be closed with the motors there.
+            If the loops cannot be closed with the motors there, or only beyond joint limits.
         BranchChanged
-            If a dead point lies on the way.
+            If a dead point lies on the way, whether or not the loops close beyond it.
         """
-        return complete_state(self, q_actuated, v_actuated, near)
+        return complete_state(self, q_actuated, v_actuated, near, within_limits)
 
     def rank(self, q: ArrayLike | None = None) -> Rank:
         """Return rank, redundant rows, mobility and conditions at q; the nominal state by default.

@@ -164,7 +164,7 @@ def _notes(scene: Scene, at: Rank) -> Iterator[str]:
         )
     outside = scene.chains.limits.beyond(at.q)
     if outside:
-        joints = ", ".join(f"{joint} by {by:.3g} rad or m" for joint, by in outside.items())
+        joints = ", ".join(f"{joint} by {by}" for joint, by in outside.items())
         yield f"beyond joint limits, which the dynamics do not know: {joints}"
 
 

@@ -144,7 +144,8 @@ def test_a_posture_beyond_its_limits_is_named():
     q, _ = scene.state()
     assert q[0] > 1.0  # a posture is what its author says
     notes = scene.summary().notes
-    assert any("beyond joint limits" in n and f"crank by {q[0] - 1.0:.3g}" in n for n in notes)
+    by = f"crank by {math.degrees(q[0] - 1.0):.3g} deg"
+    assert any("beyond joint limits" in n and by in n for n in notes)
 
 
 def test_the_summary_of_another_configuration():
@@ -173,6 +174,21 @@ def test_a_gap_is_told_in_millimetres():
     with pytest.raises(cp.NotAssembled, match=r"open by 6 mm; Scene\.assemble closes the loops$"):
         check.raise_if_open()
     check.raise_if_open(gap=0.01)
+
+
+def test_figures_have_digits_and_one_unit():
+    assert str(cp.Gap(1.9504, 0.0)) == "1950 mm"
+    assert str(cp.Gap(0.0123456, 0.0)) == "12.3 mm"
+    assert str(cp.Gap(2e-9, math.radians(123.4))) == "2e-06 mm and 123 deg"
+    slider = pin.JointModelComposite(pin.JointModelPX())
+    slider.addJoint(pin.JointModelRX())
+    model = pin.Model()
+    arm = model.addJoint(0, slider, pin.SE3.Identity(), "arm")
+    model.appendBodyToJoint(arm, pin.Inertia.Random(), pin.SE3.Identity())
+    model.lowerPositionLimit, model.upperPositionLimit = -np.ones(2), np.ones(2)
+    check = cp.Scene(cp.Robot("arm", model)).check([1.5, -1.25])
+    assert check.beyond_limits == {"arm": (0.5, 0.25)}
+    assert "arm is 500 mm and 14.3 deg beyond its limits" in str(check)
 
 
 def test_a_turn_is_told_in_degrees():
@@ -226,7 +242,7 @@ def test_limits_are_checked_and_do_not_open_a_loop():
     q, v = scene.state()
     check = scene.check(q, v)
     assert check.ok
-    assert check.beyond_limits == pytest.approx({"crank": q[0] - 1.0})
+    assert check.beyond_limits == {"crank": cp.Gap(0.0, q[0] - 1.0)}
     assert "crank is" in str(check)
 
 

@@ -17,7 +17,7 @@ from condyn_pin._pin import pin
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument, unknown_name
-from condyn_pin.joints import indices
+from condyn_pin.joints import Indices, indices
 from condyn_pin.names import checked
 from condyn_pin.rows.equations import Equations
 from condyn_pin.states.assembly_report import Assembly, AssemblyStatus
@@ -45,7 +45,7 @@ def assemble(
     start = normalised(robot.model, "q", q0)
     moving = _moving(robot, fixed)
     if within_limits:
-        _check_fixed(chains.limits, start, moving)
+        check_held("fixed", chains.limits, start, np.flatnonzero(~moving))
     if branch is not None:
         _check_branch(branch, chains.home)
     assembly = assemble_from(scene, start, moving, within_limits=within_limits, branch=branch)
@@ -134,13 +134,13 @@ def _moving(robot: Robot, fixed: Sequence[str]) -> NDArray[np.bool_]:
     return moving
 
 
-def _check_fixed(limits: Limits, q: Array, moving: NDArray[np.bool_]) -> None:
+def check_held(argument: str, limits: Limits, q: Array, held: Indices) -> None:
     """Refuse a joint that is to stay where its limits do not allow it."""
-    held = dict(zip(limits.joints, ~moving[limits.iv], strict=True))
+    kept = {joint for joint, iv in zip(limits.joints, limits.iv, strict=True) if iv in held}
     for joint, by in limits.beyond(q).items():
-        if held[joint]:
+        if joint in kept:
             raise InvalidArgument(
-                f"fixed: {joint!r} is {by:.3g} rad or m beyond its limits in q; "
+                f"{argument}: {joint!r} is {by} beyond its limits; "
                 "give it another value, or pass within_limits=False"
             )
 

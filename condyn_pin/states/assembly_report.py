@@ -8,7 +8,7 @@ from enum import Enum
 
 from condyn_pin.arrays import Array
 from condyn_pin.errors import BranchChanged, NotAssembled
-from condyn_pin.states.gaps import Gap, closed, worst
+from condyn_pin.states.gaps import Gap, beyond_text, closed, worst
 
 
 class AssemblyStatus(Enum):
@@ -20,8 +20,7 @@ class AssemblyStatus(Enum):
         "in smaller steps"
     )
     BEYOND_LIMITS = (
-        "within the joint limits this is the smallest gap near the start; beyond them it closes: "
-        "start elsewhere, or pass within_limits=False"
+        "the loops close only beyond the joint limits; start elsewhere, or pass within_limits=False"
     )
     UNREACHABLE = (
         "this is the smallest gap near the start; start nearer to a closed configuration, or fix "
@@ -61,7 +60,7 @@ class Assembly:
         Empty for a robot without motors: what is not driven has no branches.
     flipped : tuple of str
         The clusters that changed sides, if the status is BRANCH_CHANGED.
-    beyond_limits : dict of str to float
+    beyond_limits : dict of str to Gap
         Joints that the closure takes out of their limits, and how far [rad, m]. Of q; or, if the
         status is BEYOND_LIMITS, of the closure that was not taken.
     status : AssemblyStatus
@@ -74,7 +73,7 @@ class Assembly:
     smallest_singular_value: float  # [m, rad]
     branch: Mapping[str, int]
     flipped: tuple[str, ...]
-    beyond_limits: Mapping[str, float]  # [rad, m]
+    beyond_limits: Mapping[str, Gap]  # [rad, m]
     status: AssemblyStatus
 
     @property
@@ -88,17 +87,16 @@ class Assembly:
             return BranchChanged(f"{', '.join(self.flipped)}: {self.status.value}", self)
         name, gap = worst(self.gap)
         text = f"{name} is open by {gap} after {self.iterations} iterations; "
-        text += "".join(f"{_out(*item)}; " for item in self.beyond_limits.items())
+        text += f"{beyond_text(self.beyond_limits)}; " if self.beyond_limits else ""
         return NotAssembled(text + self.status.value, self)
 
     def __str__(self) -> str:
         lines = [str(self.status), f"{self.iterations} iterations, rank {self.rank}"]
         lines[1] += f", smallest singular value {self.smallest_singular_value:.3g}"
         lines += [f"{name:<28} open by {gap}" for name, gap in self.gap.items()]
-        lines += [f"branch of {name}: {side:+d}" for name, side in self.branch.items()]
-        lines += [_out(name, by) for name, by in self.beyond_limits.items()]
+        lines += [
+            f"branch of {name}: {f'{side:+d}' if side else 'in a dead point'}"
+            for name, side in self.branch.items()
+        ]
+        lines += [beyond_text(self.beyond_limits)] if self.beyond_limits else []
         return "\n".join(lines)
-
-
-def _out(joint: str, by: float) -> str:
-    return f"{joint} is {by:.3g} rad or m beyond its limits"

@@ -73,6 +73,11 @@ class Chains:
         """Return the side of every cluster, from the Jacobian (m, nv) of the scene."""
         return {cluster.name: cluster.side(J) for cluster in self.clusters}
 
+    def weakest(self, J: Array) -> str:
+        """Return the cluster that is nearest to a dead point."""
+        S = {cluster.name: cluster.singular_values(J) for cluster in self.clusters}
+        return min(S, key=lambda name: float(S[name][-1] / S[name][0]))
+
     def smallest(self, J: Array) -> float:
         """Return the smallest singular value of the dependent joints, or of all without motors."""
         if self.clusters:
