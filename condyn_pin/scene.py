@@ -139,7 +139,8 @@ class Scene:
         -------
         q : (nq,) array
             The posture, moved as closing the loops needs; within the joint limits, if it is within
-            them already and can be closed there.
+            them already and can be closed there; on its own side of the dead points, or else on
+            that of the first posture.
         v : (nv,) array
             Zero.
 
@@ -175,9 +176,8 @@ class Scene:
             Keep the joints with finite limits inside them; a guess that is outside is moved to
             its limits first.
         branch : mapping of str to int, optional
-            The branch to end on, that of an `Assembly`. By default the guess's own, if no joint
-            has to move by more than 1 rad or m from there; that of a guess further away means
-            nothing.
+            The branch to end on, that of an `Assembly`. By default the guess's own, also if the
+            guess is far away; with ``{}`` any.
         throw : bool
             Raise if the status is not CLOSED. With False the same Assembly comes back, whatever its
             status.

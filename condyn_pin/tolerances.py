@@ -49,11 +49,6 @@ MASSLESS: Final = 1e-14
 # beside a dead point by its square root, 1e-5.
 DEAD_POINT: Final = 1e-6
 
-# The branch of an open start means something if no joint moves further than this to close it
-# [rad, m]. Cassie's joints move by up to 0.6 from random starts of 0.2; beyond, the sign of a
-# determinant says nothing any more about where the loops will close.
-REACH: Final = 1.0
-
 # |J v| of a velocity that is consistent, relative to |v| or 1, whichever is larger [m/s, rad/s].
 # Projection ends at 1e-15; a velocity written to a file with twelve digits is still accepted.
 CONSISTENT: Final = 1e-10

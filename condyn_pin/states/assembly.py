@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin import tolerances
-from condyn_pin._pin import pin
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument, unknown_name
@@ -55,12 +54,20 @@ def assemble(
 
 
 def assemble_posture(scene: Scene, guess: Array) -> Assembly:
-    """Close a posture: within the joint limits if it starts there and that can be, or without."""
-    if not scene.chains.limits.beyond(guess):
-        found = assemble(scene, guess, throw=False)
+    """Close a posture: within the joint limits if it starts there and that can be, or without.
+
+    On the side of its dead points where it is; or else on that of the first posture, for what a
+    rough drawing is far from closed has no side.
+    """
+    inside = not scene.chains.limits.beyond(guess)
+    for within_limits in (True, False) if inside else (False,):
+        for branch in (None, scene.chains.home):
+            found = assemble(scene, guess, within_limits=within_limits, branch=branch, throw=False)
+            if found.status is not AssemblyStatus.BRANCH_CHANGED:
+                break
         if found.status.ok:
             return found
-    return assemble(scene, guess, within_limits=False)
+    raise found.error()
 
 
 def assemble_from(
@@ -109,11 +116,8 @@ def _best(
     iterations = 0
     for end in closer.ends(start):
         iterations += end.iterations
-        if end.size <= tolerances.CLOSED:
-            flipped = _across(wanted, side(end.q))
-            moved = np.abs(pin.difference(closer.equations.model, start, end.q)).max()
-            if not flipped or (branch is None and moved > tolerances.REACH):
-                return end, iterations, AssemblyStatus.CLOSED, ()
+        if end.size <= tolerances.CLOSED and not _across(wanted, side(end.q)):
+            return end, iterations, AssemblyStatus.CLOSED, ()
         if best is None or (best.size > tolerances.CLOSED and end.size <= best.size):
             best = end
     assert best is not None

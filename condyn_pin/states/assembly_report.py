@@ -57,7 +57,8 @@ class Assembly:
     branch : dict of str to int
         For every cluster of loops that share such joints: +1 on the side of its dead points where
         the first posture is, -1 across one, 0 in one; `condyn_pin.states.chains` defines them.
-        Empty for a robot without motors: what is not driven has no branches.
+        Empty for a robot without motors: what is not driven has no branches. Nor have loops in
+        space with redundant rows.
     flipped : tuple of str
         The clusters that changed sides, if the status is BRANCH_CHANGED.
     beyond_limits : dict of str to Gap

@@ -8,9 +8,11 @@ its two sides
     sign det(Q^T J_D),     Q an orthonormal basis of the rows that J_D can move, at the reference,
 
 differs. So the sign tells the two ways to assemble a four-bar for one angle of its crank. It is
-taken for every cluster of loops that share dependent joints. Two configurations of different
-sign are on different branches; of the same sign, they are on the same one unless an even number of
-dead points lies between them.
+taken for every cluster of loops that share dependent joints, if what J_D can move is the same at
+configurations nearby: so it is in planar loops and where no row is redundant. Redundant rows in
+space, such as those of Bricard's linkage, turn with the configuration; their loops have no side.
+Two configurations of different sign are on different branches; of the same sign, they are on the
+same one unless an even number of dead points lies between them.
 """
 
 from __future__ import annotations
@@ -70,8 +72,8 @@ class Chains:
     redundant: tuple[str, ...]
 
     def branch(self, J: Array) -> dict[str, int]:
-        """Return the side of every cluster, from the Jacobian (m, nv) of the scene."""
-        return {cluster.name: cluster.side(J) for cluster in self.clusters}
+        """Return the side of every cluster that has sides, from the Jacobian (m, nv)."""
+        return {cluster.name: cluster.side(J) for cluster in self.clusters if cluster.sided}
 
     def weakest(self, J: Array) -> str:
         """Return the cluster that is nearest to a dead point."""
@@ -109,14 +111,14 @@ def chains(scene: Scene) -> Chains:
     groups: tuple[Cluster, ...] = ()
     if closed and actuated.size:
         columns = _independent(J[rows], (*passive_classes, actuated))
-        groups = tuple(clusters(scene, J, rows, columns))
+        groups = tuple(clusters(scene, J, [each[1] for each in found], rows, columns))
     return Chains(
         rows=rows,
         limits=limits,
         actuated=actuated,
         dependent=dependent,
         clusters=groups,
-        home={cluster.name: cluster.side(found[0][1]) for cluster in groups},
+        home={each.name: each.side(found[0][1]) for each in groups if each.sided},
         rank=factors.rank,
         redundant=redundant_rows(factors.U[:, factors.rank :], scene.row_names),
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -31,6 +31,9 @@ class Cluster:
         Q.
     sign : float
         Of det(Q^T J_D) at the reference.
+    sided : bool
+        Whether Q spans what J_D can move also at configurations nearby. If not, the sign changes
+        where that turns orthogonal to Q too, and says nothing.
     """
 
     name: str
@@ -38,6 +41,7 @@ class Cluster:
     columns: Indices
     basis: Array
     sign: float
+    sided: bool
 
     @cached_property
     def block(self) -> tuple[Indices, ...]:
@@ -56,8 +60,31 @@ class Cluster:
         return int(self.sign * np.linalg.slogdet(self.basis.T @ J[self.block])[0])
 
 
-def clusters(scene: Scene, J: Array, rows: Indices, columns: Indices) -> Iterator[Cluster]:
-    """Group the loops that share dependent joints: the blocks of J_D."""
+def clusters(
+    scene: Scene, J: Array, nearby: Sequence[Array], rows: Indices, columns: Indices
+) -> Iterator[Cluster]:
+    """Group the loops that share dependent joints: the blocks of J_D, at a reference and nearby."""
+    for names, touched in _groups(scene, J, rows, columns):
+        bounds = [b for b in scene.bounds if b.name in names]
+        own = np.array([i for b in bounds for i in range(b.rows.start, b.rows.stop)], dtype=np.int_)
+        moved = np.array(sorted(touched), dtype=np.int_)
+        block = J[np.ix_(own, moved)]
+        Q = np.linalg.qr(block)[0]
+        sign = float(np.linalg.slogdet(Q.T @ block)[0])
+        sided = all(_spans(Q, other[np.ix_(own, moved)]) for other in nearby)
+        yield Cluster(" + ".join(b.name for b in bounds), own, moved, Q, sign, sided)
+
+
+def _spans(Q: Array, J_D: Array) -> bool:
+    """Whether the columns of J_D are combinations of those of Q."""
+    left = np.linalg.norm(J_D - Q @ (Q.T @ J_D))
+    return bool(left <= tolerances.DEAD_POINT * np.linalg.norm(J_D))
+
+
+def _groups(
+    scene: Scene, J: Array, rows: Indices, columns: Indices
+) -> list[tuple[set[str], set[int]]]:
+    """Return the names of loops and the velocity indices of each cluster."""
     groups: list[tuple[set[str], set[int]]] = []
     scale = np.abs(J[rows]).max(initial=0.0)
     for bound in scene.bounds:
@@ -70,13 +97,4 @@ def clusters(scene: Scene, J: Array, rows: Indices, columns: Indices) -> Iterato
             if group[1] & touched:
                 names, touched = names | group[0], touched | group[1]
         groups = [*apart, (names, touched)]
-    for names, touched in groups:
-        if not touched:
-            continue
-        bounds = [b for b in scene.bounds if b.name in names]
-        own = np.array([i for b in bounds for i in range(b.rows.start, b.rows.stop)], dtype=np.int_)
-        moved = np.array(sorted(touched), dtype=np.int_)
-        block = J[np.ix_(own, moved)]
-        basis = np.linalg.qr(block)[0]
-        sign = float(np.linalg.slogdet(basis.T @ block)[0])
-        yield Cluster(" + ".join(b.name for b in bounds), own, moved, basis, sign)
+    return [(names, touched) for names, touched in groups if touched]
