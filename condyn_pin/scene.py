@@ -212,7 +212,7 @@ class Scene:
         Raises
         ------
         NotAssembled
-            If none of 50 random guesses could be closed.
+            If the loops cannot be closed at the nominal state, or from none of 50 random guesses.
         """
         return sample(self, rng, spread, speed)
 
@@ -226,6 +226,12 @@ class Scene:
         v : (nv,) array_like
         metric : {"mass", "euclidean"}
             What near means: kinetic energy of the difference, or its squares in rad/s and m/s.
+
+        Raises
+        ------
+        NotAssembled
+            If a loop is open by more than 1e-4 m or rad, or by less but no velocity satisfies its
+            rows there; the text names it.
         """
         return project_velocity(self, q, v, metric)
 
@@ -243,6 +249,11 @@ class Scene:
         a : (nv,) array_like
         metric : {"mass", "euclidean"}
             With "mass", and a the unconstrained acceleration, this is Gauss's principle.
+
+        Raises
+        ------
+        NotAssembled
+            As `project_velocity`; also if v does not fit and no acceleration satisfies its rows.
         """
         return project_acceleration(self, q, v, a, metric)
 

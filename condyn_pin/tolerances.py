@@ -20,6 +20,10 @@ QUATERNION: Final = 1e-6
 # robot; a state written to a file with twelve digits is still accepted.
 CLOSED: Final = 1e-10
 
+# Gap of a loop at which a velocity is still projected [m, rad]: J of a loop open by g is off by
+# about g over a lever of 0.1 m or more, so velocities by per mille. Simulations are kept below.
+NEARLY_CLOSED: Final = 1e-4
+
 # Gap of a loop where a file draws its model [m, rad]: files are written with six digits. A larger
 # one is told to the user, for the file may mean another place.
 DRAWN: Final = 1e-6

@@ -105,15 +105,37 @@ def test_an_open_loop_counts_its_gap_as_rank_and_says_so():
     assert not closed.notes
 
 
-def test_a_projection_is_not_misled_by_a_loop_that_is_open():
-    """The row that only seems to count takes no motion away."""
+@pytest.mark.parametrize("spread", [1e-8, 1e-5, 1e-2])
+def test_a_projection_that_an_open_loop_makes_impossible_is_refused(spread):
+    """The distance of the two points is said twice; opened, no velocity satisfies both."""
     scene = held_at_two_points()
-    q, _ = scene.state()
+    q, v = scene.state()
     rng = np.random.default_rng(0)
-    opened = pin.integrate(scene.robot.model, q, 1e-4 * rng.normal(size=38))
+    opened = pin.integrate(scene.robot.model, q, spread * rng.normal(size=38))
     x = rng.normal(size=38)
-    there, here = (scene.project_velocity(where, x) for where in (opened, q))
-    assert np.abs(there - here).max() < 1e-2 * np.abs(here).max()
+    scene.project_velocity(q, x)
+    for project in (
+        lambda: scene.project_velocity(opened, x),
+        lambda: scene.project_acceleration(opened, v, x),
+    ):
+        with pytest.raises(cp.NotAssembled, match=r"(front|back) is open by .* mm"):
+            project()
+
+
+def test_a_projection_asks_for_loops_that_are_nearly_closed():
+    scene = loops_of("four_bar")
+    q, v = scene.state()
+    for crank, refused in ((1e-5, False), (1e-2, True)):
+        at = q + crank * np.eye(3)[0]
+        for project in (
+            lambda at=at: scene.project_velocity(at, np.ones(3)),
+            lambda at=at: scene.project_acceleration(at, v, np.ones(3)),
+        ):
+            if refused:
+                with pytest.raises(cp.NotAssembled, match=r"coupler_rocker is open by .* mm; "):
+                    project()
+            else:
+                assert np.abs(cp.Workspace(scene).jacobian(at) @ project()).max() < 1e-10
 
 
 def test_nothing_moves_and_it_says_so():
@@ -174,6 +196,22 @@ def test_a_gap_is_told_in_millimetres():
     with pytest.raises(cp.NotAssembled, match=r"open by 6 mm; Scene\.assemble closes the loops$"):
         check.raise_if_open()
     check.raise_if_open(gap=0.01)
+
+
+def test_a_state_from_the_motors_is_told():
+    scene = loops_of("four_bar")
+    text = str(scene.complete_state(scene.state()[0][:1], [1.0]))
+    for said in ("closed: ", "branch of coupler_rocker: +1", "0 directions", "q = [", "v = ["):
+        assert said in text
+    flat = str(parallelogram().assemble(np.zeros(3)))
+    assert "branch of coupler_rocker: in a dead point" in flat
+
+
+def test_a_loop_that_cannot_close_is_not_blamed_on_the_spread():
+    bar = robot("four_bar").with_frame("far", "world", [5.0, 0.0, 0.0])
+    scene = cp.Scene(bar, [cp.Loop("coupler_tip", "far", name="far")])
+    with pytest.raises(cp.NotAssembled, match=r"^far is open by 3900 mm .*smallest gap"):
+        scene.sample(np.random.default_rng(0))
 
 
 def test_figures_have_digits_and_one_unit():

@@ -64,6 +64,17 @@ class CompleteState:
     residual: float  # [m, rad]
     assembly: Assembly
 
+    def __str__(self) -> str:
+        lines = [str(self.assembly)]
+        lines.append(f"{self.undetermined} directions that neither motors nor loops determine")
+        if self.conflicting:
+            lines.append(f"{self.conflicting} conditions among the motors themselves")
+        lines += [
+            f"{label} = {np.array2string(x, precision=6, suppress_small=True)}"
+            for label, x in (("q", self.q), ("v", self.v))
+        ]
+        return "\n".join(lines)
+
 
 def complete_state(
     scene: Scene,
