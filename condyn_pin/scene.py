@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin.arrays import Array, read_only
 from condyn_pin.audit import Audit, audit
 from condyn_pin.constraints import Constraint
 from condyn_pin.errors import InvalidArgument, unknown_name
@@ -96,7 +96,7 @@ class Scene:
     @cached_property
     def chains(self) -> Chains:
         """Which joints the loops determine, and where their dead points are; found on first use."""
-        return chains(self)
+        return read_only(chains(self))
 
     @cached_property
     def natives(self) -> Natives:
@@ -106,7 +106,7 @@ class Scene:
     @cached_property
     def audit(self) -> Audit:
         """What the scene is at its nominal state; measured on first use."""
-        return audit(self)
+        return read_only(audit(self))
 
     def summary(self, q: ArrayLike | None = None) -> Summary:
         """Return rows, rank, redundant rows by name, mobility, and what is not used.

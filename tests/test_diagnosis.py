@@ -65,11 +65,17 @@ def test_a_singular_posture_is_not_called_redundant():
     scene = parallelogram()
     summary = scene.summary()
     assert (summary.rank, summary.mobility, summary.singular) == (1, 2, True)
-    assert summary.redundant == ("coupler_rocker.y",)
-    assert any("singular configuration: rank 1 here, 2 nearby" in note for note in summary.notes)
+    assert summary.redundant == scene.rank().redundant == ("coupler_rocker.x", "coupler_rocker.y")
+    assert summary.only_here == ("coupler_rocker.x",)
+    assert "coupler_rocker.x (only here), coupler_rocker.y" in str(summary)
+    (note,) = [note for note in summary.notes if "singular" in note]
+    assert "rank 1 here, 2 nearby; coupler_rocker.x redundant only here" in note
+    assert not any("a is unique" in note for note in summary.notes)
     away = scene.summary(scene.assemble([0.4, -0.4, 0.4], fixed=["crank"]).q)
     assert (away.rank, away.mobility, away.singular) == (2, 1, False)
     assert away.redundant == ("coupler_rocker.y",)
+    assert away.only_here == ()
+    assert any("a is unique" in note for note in away.notes)
     assert not any("singular" in note for note in away.notes)
 
 

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 _NEARBY = 0.1  # where to look for a configuration that is not singular by accident [rad, m]
 _LOOKS = 2
+_PREFERENCE = 1e3  # of redundant rows that are named before those that are not
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,17 +171,20 @@ def _independent(J: Array, classes: Sequence[Indices]) -> Indices:
     return np.array(sorted(chosen), dtype=np.int_)
 
 
-def redundant_rows(null_space: Array, names: Sequence[str]) -> tuple[str, ...]:
+def redundant_rows(
+    null_space: Array, names: Sequence[str], first: Sequence[str] = ()
+) -> tuple[str, ...]:
     """Return rows that can go without lowering the rank.
 
     A set of k rows can go if and only if its k x k block of the left null space N (m, k) is
-    regular: column-pivoted QR of N^T picks such a set, the best conditioned first. Among equals
-    the later rows go.
+    regular: column-pivoted QR of N^T picks such a set, the best conditioned first; those named in
+    `first` before others, if they can go. Among equals the later rows go.
     """
     from scipy.linalg import qr
 
     m, k = null_space.shape
     if k == 0:
         return ()
-    _, _, order = qr(null_space[::-1].T, mode="economic", pivoting=True)
+    weights = np.where(np.isin(names, first), _PREFERENCE, 1.0)[:, None]
+    _, _, order = qr((weights * null_space)[::-1].T, mode="economic", pivoting=True)
     return tuple(names[i] for i in sorted(m - 1 - order[:k]))

@@ -48,6 +48,8 @@ class Rank:
         nv - rank, the degrees of freedom left; nv - m, as if every row counted.
     redundant : tuple of str
         Rows that can go at q without changing the motion, as ``constraint.axis``.
+    generic_redundant : tuple of str
+        Rows that can go at configurations that are not singular by accident.
     singular_values : (min(m, nv),) array
         Of J L^-T [1/sqrt(kg)].
     condition, delassus_condition : float
@@ -62,6 +64,7 @@ class Rank:
     mobility: int
     gruebler: int
     redundant: tuple[str, ...]
+    generic_redundant: tuple[str, ...]
     singular_values: Array  # [1/sqrt(kg)]
     condition: float
     delassus_condition: float
@@ -80,6 +83,12 @@ class Rank:
     def singular(self) -> bool:
         """Whether the rank is lower than at configurations nearby."""
         return self.rank < self.generic_rank
+
+    @property
+    def only_here(self) -> tuple[str, ...]:
+        """The redundant rows of a singular configuration that count nearby."""
+        kept = [name for name in self.redundant if name not in self.generic_redundant]
+        return tuple(kept) if self.singular else ()
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -105,8 +114,9 @@ class Rank:
             )
         if self.singular:
             yield (
-                f"singular configuration: rank {self.rank} here, {self.generic_rank} nearby; J "
-                "says less than the loops ask for, and accelerations can be wrong"
+                f"singular configuration: rank {self.rank} here, {self.generic_rank} nearby; "
+                f"{', '.join(self.only_here)} redundant only here; J says less than the loops ask "
+                "for, and accelerations can be wrong"
             )
         elif self.rank and self.singular_values[self.rank - 1] < (
             _NEARLY_SINGULAR * self.singular_values[0]
@@ -136,7 +146,8 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
         generic_rank=scene.chains.rank,
         mobility=robot.nv - r,
         gruebler=robot.nv - scene.rows,
-        redundant=redundant_rows(factors.U[:, r:], scene.row_names),
+        redundant=redundant_rows(factors.U[:, r:], scene.row_names, scene.chains.redundant),
+        generic_redundant=scene.chains.redundant,
         singular_values=S,
         condition=float(np.linalg.cond(terms.M)),
         delassus_condition=float((S[0] / S[r - 1]) ** 2) if r else 1.0,
