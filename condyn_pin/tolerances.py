@@ -53,6 +53,11 @@ MASSLESS: Final = 1e-14
 # beside a dead point by its square root, 1e-5.
 DEAD_POINT: Final = 1e-6
 
+# Loops that close at one configuration only, such as bars that just reach, are found no nearer than
+# the square root of a gap: for one of CLOSED, 1e-5 [rad, m]. Joints that are this near to each
+# other are at the same place, and smaller singular values, relative to the largest, are zeros.
+ISOLATED: Final = 1e-4
+
 # |J v| of a velocity that is consistent, relative to |v| or 1, whichever is larger [m/s, rad/s].
 # Projection ends at 1e-15; a velocity written to a file with twelve digits is still accepted.
 CONSISTENT: Final = 1e-10

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -48,6 +49,7 @@ def test_rank_and_conditions_by_another_route(label):
         assert rank.delassus_condition == pytest.approx(ratio, rel=1e-4)
     assert rank.condition == pytest.approx(np.linalg.cond(terms.M))
     assert not rank.singular
+    assert not rank.isolated
 
 
 def test_grueblers_count_of_a_planar_loop_is_too_low():
@@ -84,6 +86,22 @@ def test_near_a_singular_configuration_it_says_so():
     near = scene.rank(scene.assemble([1e-5, -1e-5, 1e-5], fixed=["crank"]).q)
     assert near.rank == 2
     assert any("nearly singular" in note for note in near.notes)
+
+
+@pytest.mark.parametrize("start", [[0.0, 0.0, 1.0], [0.05, -0.1, 1.0], [-0.3, 0.7, 1.0]])
+def test_bars_that_just_reach_cannot_move_and_it_says_so(start):
+    """Crank and coupler, 1.1 m together, tied to a point 1.1 m away."""
+    bar = robot("four_bar").with_frame("far", "world", [1.1, 0.0, 0.0])
+    bar = dataclasses.replace(bar, postures={"first": np.array(start)})
+    summary = cp.Scene(bar, [cp.Loop("coupler_tip", "far", name="far")]).summary()
+    assert (summary.rank, summary.singular) == (1, True)
+    assert set(summary.redundant) == {"far.x", "far.y"}
+    assert any("far closes here and nowhere near: no motion" in note for note in summary.notes)
+    shorter = robot("four_bar").with_frame("near", "world", [1.09, 0.0, 0.0])
+    rank = cp.Scene(shorter, [cp.Loop("coupler_tip", "near")]).rank()
+    assert (rank.rank, rank.singular, rank.isolated) == (2, False, ())
+    stuck = with_limits(loops_of("four_bar"), crank=(1.3, 1.3))
+    assert stuck.rank().isolated == ()
 
 
 def held_at_two_points() -> cp.Scene:

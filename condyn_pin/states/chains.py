@@ -30,7 +30,7 @@ from condyn_pin.joints import Indices, indices
 from condyn_pin.minimum_norm import factorise
 from condyn_pin.rows.equations import Equations
 from condyn_pin.states.closing import NO_LIMITS, Closer, Limits
-from condyn_pin.states.clusters import Cluster, clusters
+from condyn_pin.states.clusters import Cluster, clusters, isolated
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
@@ -61,6 +61,8 @@ class Chains:
         Of all rows of the scene, at configurations that are not singular by accident.
     redundant : tuple of str
         Rows that can go at such configurations without changing the motion.
+    isolated : tuple of str
+        Loops that close at the first posture and nowhere near it.
     """
 
     rows: Indices
@@ -71,6 +73,7 @@ class Chains:
     home: Mapping[str, int]
     rank: int
     redundant: tuple[str, ...]
+    isolated: tuple[str, ...]
 
     def branch(self, J: Array) -> dict[str, int]:
         """Return the side of every cluster that has sides, from the Jacobian (m, nv)."""
@@ -107,12 +110,14 @@ def chains(scene: Scene) -> Chains:
         factors = factorise(terms.M, terms.J, tolerances.RANK)
         dependent = _independent(terms.J[rows], passive_classes)
         found.append((factors, terms.J, dependent))
+    jacobians = [each[1] for each in found]
     # the first of those with the largest ranks: the first posture, unless that is singular
     factors, J, dependent = max(found, key=lambda each: (each[0].rank, len(each[2])))
     groups: tuple[Cluster, ...] = ()
     if closed and actuated.size:
         columns = _independent(J[rows], (*passive_classes, actuated))
-        groups = tuple(clusters(scene, J, [each[1] for each in found], rows, columns))
+        groups = tuple(clusters(scene, J, jacobians, rows, columns))
+    moved = [np.abs(pin.difference(robot.model, tries[0], q)) for q in tries[1:]]
     return Chains(
         rows=rows,
         limits=limits,
@@ -122,6 +127,7 @@ def chains(scene: Scene) -> Chains:
         home={each.name: each.side(found[0][1]) for each in groups if each.sided},
         rank=factors.rank,
         redundant=redundant_rows(factors.U[:, factors.rank :], scene.row_names),
+        isolated=isolated(scene, np.max(moved, axis=0), jacobians, rows) if moved else (),
     )
 
 

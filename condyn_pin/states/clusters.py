@@ -12,6 +12,7 @@ import numpy as np
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.joints import Indices
+from condyn_pin.rows.bound import Bound, Coupled
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
@@ -65,14 +66,13 @@ def clusters(
 ) -> Iterator[Cluster]:
     """Group the loops that share dependent joints: the blocks of J_D, at a reference and nearby."""
     for names, touched in _groups(scene, J, rows, columns):
-        bounds = [b for b in scene.bounds if b.name in names]
-        own = np.array([i for b in bounds for i in range(b.rows.start, b.rows.stop)], dtype=np.int_)
+        own = np.concatenate([np.arange(b.rows.start, b.rows.stop) for b in _bounds(scene, names)])
         moved = np.array(sorted(touched), dtype=np.int_)
         block = J[np.ix_(own, moved)]
         Q = np.linalg.qr(block)[0]
         sign = float(np.linalg.slogdet(Q.T @ block)[0])
         sided = all(_spans(Q, other[np.ix_(own, moved)]) for other in nearby)
-        yield Cluster(" + ".join(b.name for b in bounds), own, moved, Q, sign, sided)
+        yield Cluster(_name(scene, names), own, moved, Q, sign, sided)
 
 
 def _spans(Q: Array, J_D: Array) -> bool:
@@ -98,3 +98,40 @@ def _groups(
                 names, touched = names | group[0], touched | group[1]
         groups = [*apart, (names, touched)]
     return [(names, touched) for names, touched in groups if touched]
+
+
+def isolated(
+    scene: Scene, moved: Array, jacobians: Sequence[Array], rows: Indices
+) -> tuple[str, ...]:
+    """Return the loops that close at one configuration only.
+
+    Whatever was closed nearby came back to it, and J is nearly singular there: to first order
+    there is a motion, and to second order there is none.
+
+    Parameters
+    ----------
+    moved : (nv,) array
+        How far the configurations that were closed nearby are from each other [rad, m].
+    jacobians : sequence of (m, nv) array
+        Theirs.
+    rows : int array
+        Rows that have a position error.
+    """
+    found = []
+    for names, touched in _groups(scene, jacobians[0], rows, np.arange(len(moved))):
+        own = np.concatenate([np.arange(b.rows.start, b.rows.stop) for b in _bounds(scene, names)])
+        for J in jacobians:
+            S = np.linalg.svd(J[own], compute_uv=False)
+            vanishing = (tolerances.REFERENCE_RANK * S[0] < S) & (tolerances.ISOLATED * S[0] > S)
+            if vanishing.any() and moved[list(touched)].max() < tolerances.ISOLATED:
+                found.append(_name(scene, names))
+                break
+    return tuple(found)
+
+
+def _bounds(scene: Scene, names: set[str]) -> list[Bound | Coupled]:
+    return [bound for bound in scene.bounds if bound.name in names]
+
+
+def _name(scene: Scene, names: set[str]) -> str:
+    return " + ".join(bound.name for bound in _bounds(scene, names))

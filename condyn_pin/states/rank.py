@@ -50,6 +50,9 @@ class Rank:
         Rows that can go at q without changing the motion, as ``constraint.axis``.
     generic_redundant : tuple of str
         Rows that can go at configurations that are not singular by accident.
+    isolated : tuple of str
+        Loops that close at the first posture and nowhere near it: bars that just reach. Then
+        singular values that such a gap hides count as zeros.
     singular_values : (min(m, nv),) array
         Of J L^-T [1/sqrt(kg)].
     condition, delassus_condition : float
@@ -65,6 +68,7 @@ class Rank:
     gruebler: int
     redundant: tuple[str, ...]
     generic_redundant: tuple[str, ...]
+    isolated: tuple[str, ...]
     singular_values: Array  # [1/sqrt(kg)]
     condition: float
     delassus_condition: float
@@ -118,6 +122,11 @@ class Rank:
                 f"{', '.join(self.only_here)} redundant only here; J says less than the loops ask "
                 "for, and accelerations can be wrong"
             )
+            if self.isolated:
+                yield (
+                    f"{', '.join(self.isolated)} closes here and nowhere near: no motion leads "
+                    "away, whatever J leaves free"
+                )
         elif self.rank and self.singular_values[self.rank - 1] < (
             _NEARLY_SINGULAR * self.singular_values[0]
         ):
@@ -136,7 +145,8 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
     q_ = scene.audit.q if q is None else normalised(model, "q", q)
     equations = Equations(model, scene.bounds)
     terms = equations.terms(q_, np.zeros(model.nv))
-    factors = factorise(terms.M, terms.J, tolerances.RANK)
+    isolated = scene.chains.isolated
+    factors = factorise(terms.M, terms.J, tolerances.ISOLATED if isolated else tolerances.RANK)
     S, r = factors.S, factors.rank
     return Rank(
         q=q_.copy(),
@@ -148,6 +158,7 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
         gruebler=robot.nv - scene.rows,
         redundant=redundant_rows(factors.U[:, r:], scene.row_names, scene.chains.redundant),
         generic_redundant=scene.chains.redundant,
+        isolated=isolated,
         singular_values=S,
         condition=float(np.linalg.cond(terms.M)),
         delassus_condition=float((S[0] / S[r - 1]) ** 2) if r else 1.0,
