@@ -88,8 +88,8 @@ if TYPE_CHECKING:
     from condyn_pin.solvers.soft import Soft as Soft
     from condyn_pin.solvers.sparse_kkt import SparseKKT as SparseKKT
     from condyn_pin.spring import Spring as Spring
-    from condyn_pin.states.assembly import Assembly as Assembly
-    from condyn_pin.states.assembly import AssemblyStatus as AssemblyStatus
+    from condyn_pin.states.assembly_report import Assembly as Assembly
+    from condyn_pin.states.assembly_report import AssemblyStatus as AssemblyStatus
     from condyn_pin.states.check import Check as Check
     from condyn_pin.states.completion import CompleteState as CompleteState
     from condyn_pin.states.gaps import Gap as Gap
@@ -102,7 +102,7 @@ if TYPE_CHECKING:
     from condyn_pin.workspace import Workspace as Workspace
 
 _HOME = {
-    "states.assembly": ("Assembly", "AssemblyStatus"),
+    "states.assembly_report": ("Assembly", "AssemblyStatus"),
     "audit": ("Audit",),
     "states.check": ("Check",),
     "states.completion": ("CompleteState",),

@@ -2,12 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import is_dataclass
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin.errors import InvalidArgument
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
+
+
+def read_only(value: T) -> T:
+    """Return a value that is kept and shared, every array in it made read-only."""
+    if isinstance(value, np.ndarray):
+        value.flags.writeable = False
+    elif isinstance(value, tuple):
+        for each in value:
+            read_only(each)
+    elif is_dataclass(value):
+        read_only(tuple(vars(value).values()))
+    return value
 
 
 def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Array:

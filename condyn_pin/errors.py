@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from condyn_pin.solution import Solution
-    from condyn_pin.states.assembly import Assembly
+    from condyn_pin.states.assembly_report import Assembly
 
 
 class CondynError(Exception):
@@ -75,12 +75,12 @@ class NotAssembled(CondynError):
         super().__init__(message)
         self.assembly = assembly
 
-    def __reduce__(self) -> tuple[type[NotAssembled], tuple[str, Assembly | None]]:
-        return NotAssembled, (str(self), self.assembly)
+    def __reduce__(self) -> tuple[type[NotAssembled], tuple[str, Any]]:
+        return type(self), (str(self), self.assembly)
 
 
-class BranchChanged(CondynError):
-    """The loops were closed on the other side of a dead point.
+class BranchChanged(NotAssembled):
+    """The loops were closed, but on the other side of a dead point.
 
     Attributes
     ----------
@@ -88,12 +88,10 @@ class BranchChanged(CondynError):
         The configuration, closed, on the other branch.
     """
 
-    def __init__(self, message: str, assembly: Assembly) -> None:
-        super().__init__(message)
-        self.assembly = assembly
+    assembly: Assembly
 
-    def __reduce__(self) -> tuple[type[BranchChanged], tuple[str, Assembly]]:
-        return BranchChanged, (str(self), self.assembly)
+    def __init__(self, message: str, assembly: Assembly) -> None:
+        super().__init__(message, assembly)
 
 
 class DerivativesDisagree(CondynError, ArithmeticError):

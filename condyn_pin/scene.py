@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin.arrays import Array, read_only
 from condyn_pin.audit import Audit, audit
 from condyn_pin.constraints import Constraint
 from condyn_pin.errors import InvalidArgument, unknown_name
@@ -20,7 +20,8 @@ from condyn_pin.rows.binding import bind
 from condyn_pin.rows.bound import Bound, Coupled
 from condyn_pin.rows.native import Natives, natives
 from condyn_pin.smaller.methods import Smaller
-from condyn_pin.states.assembly import Assembly, assemble, assemble_posture
+from condyn_pin.states.assembly import assemble, assemble_posture
+from condyn_pin.states.assembly_report import Assembly
 from condyn_pin.states.chains import Chains, chains
 from condyn_pin.states.check import Check, check
 from condyn_pin.states.completion import CompleteState, complete_state
@@ -91,7 +92,7 @@ class Scene(Smaller):
     @cached_property
     def chains(self) -> Chains:
         """Which joints the loops determine, and where their dead points are; found on first use."""
-        return chains(self)
+        return read_only(chains(self))
 
     @cached_property
     def natives(self) -> Natives:
@@ -101,7 +102,7 @@ class Scene(Smaller):
     @cached_property
     def audit(self) -> Audit:
         """What the scene is at its nominal state; measured on first use."""
-        return audit(self)
+        return read_only(audit(self))
 
     def summary(self, q: ArrayLike | None = None) -> Summary:
         """Return rows, rank, redundant rows by name, mobility, and what is not used.
@@ -134,7 +135,8 @@ class Scene(Smaller):
         -------
         q : (nq,) array
             The posture, moved as closing the loops needs; within the joint limits, if it is within
-            them already and can be closed there.
+            them already and can be closed there; on its own side of the dead points, or else on
+            that of the first posture.
         v : (nv,) array
             Zero.
 
@@ -170,9 +172,8 @@ class Scene(Smaller):
             Keep the joints with finite limits inside them; a guess that is outside is moved to
             its limits first.
         branch : mapping of str to int, optional
-            The branch to end on, that of an `Assembly`. By default the guess's own, if no joint
-            has to move by more than 1 rad or m from there; that of a guess further away means
-            nothing.
+            The branch to end on, that of an `Assembly`. By default the guess's own, also if the
+            guess is far away; with ``{}`` any.
         throw : bool
             Raise if the status is not CLOSED. With False the same Assembly comes back, whatever its
             status.
@@ -207,7 +208,7 @@ class Scene(Smaller):
         Raises
         ------
         NotAssembled
-            If none of 50 random guesses could be closed.
+            If the loops cannot be closed at the nominal state, or from none of 50 random guesses.
         """
         return sample(self, rng, spread, speed)
 
@@ -221,6 +222,12 @@ class Scene(Smaller):
         v : (nv,) array_like
         metric : {"mass", "euclidean"}
             What near means: kinetic energy of the difference, or its squares in rad/s and m/s.
+
+        Raises
+        ------
+        NotAssembled
+            If a loop is open by more than 1e-4 m or rad, or by less but no velocity satisfies its
+            rows there; the text names it.
         """
         return project_velocity(self, q, v, metric)
 
@@ -238,6 +245,11 @@ class Scene(Smaller):
         a : (nv,) array_like
         metric : {"mass", "euclidean"}
             With "mass", and a the unconstrained acceleration, this is Gauss's principle.
+
+        Raises
+        ------
+        NotAssembled
+            As `project_velocity`; also if v does not fit and no acceleration satisfies its rows.
         """
         return project_acceleration(self, q, v, a, metric)
 
@@ -247,6 +259,7 @@ class Scene(Smaller):
         v_actuated: ArrayLike | None = None,
         *,
         near: ArrayLike | None = None,
+        within_limits: bool = True,
     ) -> CompleteState:
         """Return the whole state from that of the motors, as their encoders measure it.
 
@@ -258,17 +271,22 @@ class Scene(Smaller):
             Their velocities; at rest by default.
         near : (nq,) array_like, optional
             Where everything starts that the motors do not determine, and stays if the loops do not
-            either: a floating base, springs, the spin of a rod. The nominal state by default. Its
-            branch is kept: the motors move from there in strides of 0.1 rad.
+            either: a floating base, springs, the spin of a rod. The nominal state by default. The
+            motors are followed from there, in a straight line of their coordinates and in strides
+            of 0.1 rad or less, so that its branch is kept.
+        within_limits : bool
+            Refuse motors outside their limits, and those that take another joint out of its.
 
         Raises
         ------
+        InvalidArgument
+            If a motor is outside its limits, or the robot has none.
         NotAssembled
-            If the loops cannot be closed with the motors there.
+            If the loops cannot be closed with the motors there, or only beyond joint limits.
         BranchChanged
-            If a dead point lies on the way.
+            If a dead point lies on the way, whether or not the loops close beyond it.
         """
-        return complete_state(self, q_actuated, v_actuated, near)
+        return complete_state(self, q_actuated, v_actuated, near, within_limits)
 
     def rank(self, q: ArrayLike | None = None) -> Rank:
         """Return rank, redundant rows, mobility and conditions at q; the nominal state by default.

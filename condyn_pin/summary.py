@@ -34,7 +34,9 @@ class Summary:
     gruebler : int
         nv - m: the mobility if every row counted.
     redundant : tuple of str
-        Rows that can go without changing the motion, here and at configurations nearby.
+        Rows that can go here without changing the motion.
+    only_here : tuple of str
+        Those of them that are redundant at this configuration and not nearby: it is singular.
     singular : bool
         Whether the rank is lower here than nearby.
     singular_values : tuple of float
@@ -58,6 +60,7 @@ class Summary:
     mobility: int
     gruebler: int
     redundant: tuple[str, ...]
+    only_here: tuple[str, ...]
     singular: bool
     singular_values: tuple[float, float]
     condition: float
@@ -69,7 +72,8 @@ class Summary:
 
     def facts(self) -> dict[str, str]:
         """Return the summary as label and text, for printing."""
-        redundant = ", ".join(self.redundant[:_ROWS_SHOWN]) or "none"
+        rows = [f"{n} (only here)" if n in self.only_here else n for n in self.redundant]
+        redundant = ", ".join(rows[:_ROWS_SHOWN]) or "none"
         if len(self.redundant) > _ROWS_SHOWN:
             redundant += f", and {len(self.redundant) - _ROWS_SHOWN} more"
         facts = {
@@ -114,7 +118,8 @@ def summarise(scene: Scene, q: ArrayLike | None = None) -> Summary:
         rank=at.rank,
         mobility=at.mobility,
         gruebler=at.gruebler,
-        redundant=scene.chains.redundant if at.singular else at.redundant,
+        redundant=at.redundant,
+        only_here=at.only_here,
         singular=at.singular,
         singular_values=(float(S[at.rank - 1]), float(S[0])) if at.rank else (0.0, 0.0),
         condition=at.condition,
@@ -157,14 +162,14 @@ def _notes(scene: Scene, at: Rank) -> Iterator[str]:
         )
     if at.mobility == 0:
         yield "mobility 0: nothing can move; a weld in place of a hinge does this"
-    if at.redundant:
+    if at.redundant and not at.singular:
         yield (
             f"{len(at.redundant)} redundant rows: a is unique, lam is the smallest of many; "
             "DenseKKT needs mu > 0"
         )
     outside = scene.chains.limits.beyond(at.q)
     if outside:
-        joints = ", ".join(f"{joint} by {by:.3g} rad or m" for joint, by in outside.items())
+        joints = ", ".join(f"{joint} by {by}" for joint, by in outside.items())
         yield f"beyond joint limits, which the dynamics do not know: {joints}"
 
 

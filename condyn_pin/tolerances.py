@@ -24,6 +24,10 @@ ROTATION: Final = 1e-9
 # robot; a state written to a file with twelve digits is still accepted.
 CLOSED: Final = 1e-10
 
+# Gap of a loop at which a velocity is still projected [m, rad]: J of a loop open by g is off by
+# about g over a lever of 0.1 m or more, so velocities by per mille. Simulations are kept below.
+NEARLY_CLOSED: Final = 1e-4
+
 # Gap of a loop where a file draws its model [m, rad]: files are written with six digits. A larger
 # one is told to the user, for the file may mean another place.
 DRAWN: Final = 1e-6
@@ -57,10 +61,10 @@ MOMENT: Final = 1e-6
 # beside a dead point by its square root, 1e-5.
 DEAD_POINT: Final = 1e-6
 
-# The branch of an open start means something if no joint moves further than this to close it
-# [rad, m]. Cassie's joints move by up to 0.6 from random starts of 0.2; beyond, the sign of a
-# determinant says nothing any more about where the loops will close.
-REACH: Final = 1.0
+# Loops that close at one configuration only, such as bars that just reach, are found no nearer than
+# the square root of a gap: for one of CLOSED, 1e-5 [rad, m]. Joints that are this near to each
+# other are at the same place, and smaller singular values, relative to the largest, are zeros.
+ISOLATED: Final = 1e-4
 
 # |J v| of a velocity that is consistent, relative to |v| or 1, whichever is larger [m/s, rad/s].
 # Projection ends at 1e-15; a velocity written to a file with twelve digits is still accepted.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -48,6 +49,7 @@ def test_rank_and_conditions_by_another_route(label):
         assert rank.delassus_condition == pytest.approx(ratio, rel=1e-4)
     assert rank.condition == pytest.approx(np.linalg.cond(terms.M))
     assert not rank.singular
+    assert not rank.isolated
 
 
 def test_grueblers_count_of_a_planar_loop_is_too_low():
@@ -65,11 +67,17 @@ def test_a_singular_posture_is_not_called_redundant():
     scene = parallelogram()
     summary = scene.summary()
     assert (summary.rank, summary.mobility, summary.singular) == (1, 2, True)
-    assert summary.redundant == ("coupler_rocker.y",)
-    assert any("singular configuration: rank 1 here, 2 nearby" in note for note in summary.notes)
+    assert summary.redundant == scene.rank().redundant == ("coupler_rocker.x", "coupler_rocker.y")
+    assert summary.only_here == ("coupler_rocker.x",)
+    assert "coupler_rocker.x (only here), coupler_rocker.y" in str(summary)
+    (note,) = [note for note in summary.notes if "singular" in note]
+    assert "rank 1 here, 2 nearby; coupler_rocker.x redundant only here" in note
+    assert not any("a is unique" in note for note in summary.notes)
     away = scene.summary(scene.assemble([0.4, -0.4, 0.4], fixed=["crank"]).q)
     assert (away.rank, away.mobility, away.singular) == (2, 1, False)
     assert away.redundant == ("coupler_rocker.y",)
+    assert away.only_here == ()
+    assert any("a is unique" in note for note in away.notes)
     assert not any("singular" in note for note in away.notes)
 
 
@@ -78,6 +86,22 @@ def test_near_a_singular_configuration_it_says_so():
     near = scene.rank(scene.assemble([1e-5, -1e-5, 1e-5], fixed=["crank"]).q)
     assert near.rank == 2
     assert any("nearly singular" in note for note in near.notes)
+
+
+@pytest.mark.parametrize("start", [[0.0, 0.0, 1.0], [0.05, -0.1, 1.0], [-0.3, 0.7, 1.0]])
+def test_bars_that_just_reach_cannot_move_and_it_says_so(start):
+    """Crank and coupler, 1.1 m together, tied to a point 1.1 m away."""
+    bar = robot("four_bar").with_frame("far", "world", [1.1, 0.0, 0.0])
+    bar = dataclasses.replace(bar, postures={"first": np.array(start)})
+    summary = cp.Scene(bar, [cp.Loop("coupler_tip", "far", name="far")]).summary()
+    assert (summary.rank, summary.singular) == (1, True)
+    assert set(summary.redundant) == {"far.x", "far.y"}
+    assert any("far closes here and nowhere near: no motion" in note for note in summary.notes)
+    shorter = robot("four_bar").with_frame("near", "world", [1.09, 0.0, 0.0])
+    rank = cp.Scene(shorter, [cp.Loop("coupler_tip", "near")]).rank()
+    assert (rank.rank, rank.singular, rank.isolated) == (2, False, ())
+    stuck = with_limits(loops_of("four_bar"), crank=(1.3, 1.3))
+    assert stuck.rank().isolated == ()
 
 
 def held_at_two_points() -> cp.Scene:
@@ -105,15 +129,37 @@ def test_an_open_loop_counts_its_gap_as_rank_and_says_so():
     assert not closed.notes
 
 
-def test_a_projection_is_not_misled_by_a_loop_that_is_open():
-    """The row that only seems to count takes no motion away."""
+@pytest.mark.parametrize("spread", [1e-8, 1e-5, 1e-2])
+def test_a_projection_that_an_open_loop_makes_impossible_is_refused(spread):
+    """The distance of the two points is said twice; opened, no velocity satisfies both."""
     scene = held_at_two_points()
-    q, _ = scene.state()
+    q, v = scene.state()
     rng = np.random.default_rng(0)
-    opened = pin.integrate(scene.robot.model, q, 1e-4 * rng.normal(size=38))
+    opened = pin.integrate(scene.robot.model, q, spread * rng.normal(size=38))
     x = rng.normal(size=38)
-    there, here = (scene.project_velocity(where, x) for where in (opened, q))
-    assert np.abs(there - here).max() < 1e-2 * np.abs(here).max()
+    scene.project_velocity(q, x)
+    for project in (
+        lambda: scene.project_velocity(opened, x),
+        lambda: scene.project_acceleration(opened, v, x),
+    ):
+        with pytest.raises(cp.NotAssembled, match=r"(front|back) is open by .* mm"):
+            project()
+
+
+def test_a_projection_asks_for_loops_that_are_nearly_closed():
+    scene = loops_of("four_bar")
+    q, v = scene.state()
+    for crank, refused in ((1e-5, False), (1e-2, True)):
+        at = q + crank * np.eye(3)[0]
+        for project in (
+            lambda at=at: scene.project_velocity(at, np.ones(3)),
+            lambda at=at: scene.project_acceleration(at, v, np.ones(3)),
+        ):
+            if refused:
+                with pytest.raises(cp.NotAssembled, match=r"coupler_rocker is open by .* mm; "):
+                    project()
+            else:
+                assert np.abs(cp.Workspace(scene).jacobian(at) @ project()).max() < 1e-10
 
 
 def test_nothing_moves_and_it_says_so():
@@ -144,7 +190,8 @@ def test_a_posture_beyond_its_limits_is_named():
     q, _ = scene.state()
     assert q[0] > 1.0  # a posture is what its author says
     notes = scene.summary().notes
-    assert any("beyond joint limits" in n and f"crank by {q[0] - 1.0:.3g}" in n for n in notes)
+    by = f"crank by {math.degrees(q[0] - 1.0):.3g} deg"
+    assert any("beyond joint limits" in n and by in n for n in notes)
 
 
 def test_the_summary_of_another_configuration():
@@ -173,6 +220,37 @@ def test_a_gap_is_told_in_millimetres():
     with pytest.raises(cp.NotAssembled, match=r"open by 6 mm; Scene\.assemble closes the loops$"):
         check.raise_if_open()
     check.raise_if_open(gap=0.01)
+
+
+def test_a_state_from_the_motors_is_told():
+    scene = loops_of("four_bar")
+    text = str(scene.complete_state(scene.state()[0][:1], [1.0]))
+    for said in ("closed: ", "branch of coupler_rocker: +1", "0 directions", "q = [", "v = ["):
+        assert said in text
+    flat = str(parallelogram().assemble(np.zeros(3)))
+    assert "branch of coupler_rocker: in a dead point" in flat
+
+
+def test_a_loop_that_cannot_close_is_not_blamed_on_the_spread():
+    bar = robot("four_bar").with_frame("far", "world", [5.0, 0.0, 0.0])
+    scene = cp.Scene(bar, [cp.Loop("coupler_tip", "far", name="far")])
+    with pytest.raises(cp.NotAssembled, match=r"^far is open by 3900 mm .*smallest gap"):
+        scene.sample(np.random.default_rng(0))
+
+
+def test_figures_have_digits_and_one_unit():
+    assert str(cp.Gap(1.9504, 0.0)) == "1950 mm"
+    assert str(cp.Gap(0.0123456, 0.0)) == "12.3 mm"
+    assert str(cp.Gap(2e-9, math.radians(123.4))) == "2e-06 mm and 123 deg"
+    slider = pin.JointModelComposite(pin.JointModelPX())
+    slider.addJoint(pin.JointModelRX())
+    model = pin.Model()
+    arm = model.addJoint(0, slider, pin.SE3.Identity(), "arm")
+    model.appendBodyToJoint(arm, pin.Inertia.Random(), pin.SE3.Identity())
+    model.lowerPositionLimit, model.upperPositionLimit = -np.ones(2), np.ones(2)
+    check = cp.Scene(cp.Robot("arm", model)).check([1.5, -1.25])
+    assert check.beyond_limits == {"arm": (0.5, 0.25)}
+    assert "arm is 500 mm and 14.3 deg beyond its limits" in str(check)
 
 
 def test_a_turn_is_told_in_degrees():
@@ -226,7 +304,7 @@ def test_limits_are_checked_and_do_not_open_a_loop():
     q, v = scene.state()
     check = scene.check(q, v)
     assert check.ok
-    assert check.beyond_limits == pytest.approx({"crank": q[0] - 1.0})
+    assert check.beyond_limits == {"crank": cp.Gap(0.0, q[0] - 1.0)}
     assert "crank is" in str(check)
 
 

@@ -147,3 +147,15 @@ def test_cassies_postures_from_file_and_figures():
     assert np.allclose(heights, 0.02, atol=1e-9)
     com = pin.centerOfMass(cassie.model, cassie.model.createData(), q)
     assert np.allclose(com, (-0.0176, 0.0001, 0.8803), atol=1e-4)
+
+
+def test_what_a_scene_keeps_cannot_be_written_to():
+    scene = cp.Scene(robot("cassie"), robot("cassie").loops)
+    audit, chains = scene.audit, scene.chains
+    kept = (audit.q, audit.terms.J, audit.states[1].v, chains.rows, chains.clusters[0].basis)
+    for array in (*kept, audit.singular_values, audit.yardstick.weights, chains.limits.upper):
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 0
+    for q in (scene.state()[0], scene.rank().q):
+        q[:] = 0.0  # what is handed out is the caller's own
+    cp.solve(scene, audit.q, audit.states[1].v, audit.states[1].tau, solver=cp.Reference())

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from condyn_pin import _pin
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
+from condyn_pin.joints import indices as indices
 
 Indices = NDArray[np.int_]
 
@@ -84,11 +85,3 @@ def _copy_numbers(model: Any, small: Any) -> None:
             setattr(small, name, np.array(getattr(model, name))[index])
     for entry in model.referenceConfigurations:
         small.referenceConfigurations[entry.key()] = np.array(entry.data())[index_q]
-
-
-def indices(model: Any, joints: Sequence[str]) -> tuple[Indices, Indices]:
-    """Return where q and where v hold some joints, in the order given."""
-    chosen = [model.joints[model.getJointId(name)] for name in joints]
-    index_q = [i for joint in chosen for i in range(joint.idx_q, joint.idx_q + joint.nq)]
-    index_v = [i for joint in chosen for i in range(joint.idx_v, joint.idx_v + joint.nv)]
-    return np.array(index_q, dtype=np.int_), np.array(index_v, dtype=np.int_)

@@ -8,74 +8,36 @@ its two sides
     sign det(Q^T J_D),     Q an orthonormal basis of the rows that J_D can move, at the reference,
 
 differs. So the sign tells the two ways to assemble a four-bar for one angle of its crank. It is
-taken for every cluster of loops that share dependent joints. Two configurations of different
-sign are on different branches; of the same sign, they are on the same one unless an even number of
-dead points lies between them.
+taken for every cluster of loops that share dependent joints, if what J_D can move is the same at
+configurations nearby: so it is in planar loops and where no row is redundant. Redundant rows in
+space, such as those of Bricard's linkage, turn with the configuration; their loops have no side.
+Two configurations of different sign are on different branches; of the same sign, they are on the
+same one unless an even number of dead points lies between them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
+from condyn_pin.joints import Indices, indices
 from condyn_pin.minimum_norm import factorise
 from condyn_pin.rows.equations import Equations
 from condyn_pin.states.closing import NO_LIMITS, Closer, Limits
+from condyn_pin.states.clusters import Cluster, clusters, isolated
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
 
-Indices = NDArray[np.int_]
-
 _NEARBY = 0.1  # where to look for a configuration that is not singular by accident [rad, m]
 _LOOKS = 2
-
-
-@dataclass(frozen=True, eq=False)
-class Cluster:
-    """Loops that share dependent joints.
-
-    Attributes
-    ----------
-    name : str
-        Names of the loops.
-    rows, columns : int array
-        Their rows, and the velocity indices of the joints that depend on them.
-    basis : (rows, columns) array
-        Q.
-    sign : float
-        Of det(Q^T J_D) at the reference.
-    """
-
-    name: str
-    rows: Indices
-    columns: Indices
-    basis: Array
-    sign: float
-
-    @cached_property
-    def block(self) -> tuple[Indices, ...]:
-        """Where J holds J_D."""
-        return np.ix_(self.rows, self.columns)
-
-    def singular_values(self, J: Array) -> Array:
-        """Return those of J_D."""
-        return np.asarray(np.linalg.svd(J[self.block], compute_uv=False), dtype=np.float64)
-
-    def side(self, J: Array) -> int:
-        """Return +1 on the side of the reference, -1 across a dead point, 0 in one."""
-        S = self.singular_values(J)
-        if S[-1] <= tolerances.DEAD_POINT * S[0]:
-            return 0
-        return int(self.sign * np.linalg.slogdet(self.basis.T @ J[self.block])[0])
+_PREFERENCE = 1e3  # of redundant rows that are named before those that are not
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +61,8 @@ class Chains:
         Of all rows of the scene, at configurations that are not singular by accident.
     redundant : tuple of str
         Rows that can go at such configurations without changing the motion.
+    isolated : tuple of str
+        Loops that close at the first posture and nowhere near it.
     """
 
     rows: Indices
@@ -109,10 +73,16 @@ class Chains:
     home: Mapping[str, int]
     rank: int
     redundant: tuple[str, ...]
+    isolated: tuple[str, ...]
 
     def branch(self, J: Array) -> dict[str, int]:
-        """Return the side of every cluster, from the Jacobian (m, nv) of the scene."""
-        return {cluster.name: cluster.side(J) for cluster in self.clusters}
+        """Return the side of every cluster that has sides, from the Jacobian (m, nv)."""
+        return {cluster.name: cluster.side(J) for cluster in self.clusters if cluster.sided}
+
+    def weakest(self, J: Array) -> str:
+        """Return the cluster that is nearest to a dead point."""
+        S = {cluster.name: cluster.singular_values(J) for cluster in self.clusters}
+        return min(S, key=lambda name: float(S[name][-1] / S[name][0]))
 
     def smallest(self, J: Array) -> float:
         """Return the smallest singular value of the dependent joints, or of all without motors."""
@@ -128,8 +98,8 @@ def chains(scene: Scene) -> Chains:
     robot = scene.robot
     equations = Equations(robot.model, scene.bounds)
     rows = positioned(scene)
-    actuated = _columns(scene, robot.actuated)
-    sprung = _columns(scene, [spring.joint for spring in robot.springs])
+    _, actuated = indices(robot.model, robot.actuated)
+    _, sprung = indices(robot.model, [spring.joint for spring in robot.springs])
     passive = np.setdiff1d(np.arange(robot.nv), actuated)
     passive_classes = (np.setdiff1d(passive, sprung), np.intersect1d(passive, sprung))
     limits = Limits.of(robot.model)
@@ -140,21 +110,24 @@ def chains(scene: Scene) -> Chains:
         factors = factorise(terms.M, terms.J, tolerances.RANK)
         dependent = independent_columns(terms.J[rows], passive_classes)
         found.append((factors, terms.J, dependent))
+    jacobians = [each[1] for each in found]
     # the first of those with the largest ranks: the first posture, unless that is singular
     factors, J, dependent = max(found, key=lambda each: (each[0].rank, len(each[2])))
-    clusters: tuple[Cluster, ...] = ()
+    groups: tuple[Cluster, ...] = ()
     if closed and actuated.size:
         columns = independent_columns(J[rows], (*passive_classes, actuated))
-        clusters = tuple(_clusters(scene, J, rows, columns))
+        groups = tuple(clusters(scene, J, jacobians, rows, columns))
+    moved = [np.abs(pin.difference(robot.model, tries[0], q)) for q in tries[1:]]
     return Chains(
         rows=rows,
         limits=limits,
         actuated=actuated,
         dependent=dependent,
-        clusters=clusters,
-        home={cluster.name: cluster.side(found[0][1]) for cluster in clusters},
+        clusters=groups,
+        home={each.name: each.side(found[0][1]) for each in groups if each.sided},
         rank=factors.rank,
         redundant=redundant_rows(factors.U[:, factors.rank :], scene.row_names),
+        isolated=isolated(scene, np.max(moved, axis=0), jacobians, rows) if moved else (),
     )
 
 
@@ -187,13 +160,6 @@ def _nearby(
     return True, found
 
 
-def _columns(scene: Scene, joints: Sequence[str]) -> Indices:
-    """Return the velocity indices of some joints."""
-    model = scene.robot.model
-    found = [model.joints[model.getJointId(name)] for name in joints]
-    return np.array([j.idx_v + k for j in found for k in range(j.nv)], dtype=np.int_)
-
-
 def independent_columns(J: Array, classes: Sequence[Indices]) -> Indices:
     """Return as many independent columns of J as there are, those of the first classes first."""
     from scipy.linalg import qr
@@ -211,43 +177,20 @@ def independent_columns(J: Array, classes: Sequence[Indices]) -> Indices:
     return np.array(sorted(chosen), dtype=np.int_)
 
 
-def _clusters(scene: Scene, J: Array, rows: Indices, columns: Indices) -> Iterator[Cluster]:
-    """Group the loops that share dependent joints: the blocks of J_D."""
-    groups: list[tuple[set[str], set[int]]] = []
-    scale = np.abs(J[rows]).max(initial=0.0)
-    for bound in scene.bounds:
-        if not bound.anchored:
-            continue
-        size = np.abs(J[bound.rows][:, columns]).max(axis=0, initial=0.0)
-        names, touched = {bound.name}, set(columns[size > tolerances.DEAD_POINT * scale].tolist())
-        apart = [group for group in groups if not group[1] & touched]
-        for group in groups:
-            if group[1] & touched:
-                names, touched = names | group[0], touched | group[1]
-        groups = [*apart, (names, touched)]
-    for names, touched in groups:
-        if not touched:
-            continue
-        bounds = [b for b in scene.bounds if b.name in names]
-        own = np.array([i for b in bounds for i in range(b.rows.start, b.rows.stop)], dtype=np.int_)
-        moved = np.array(sorted(touched), dtype=np.int_)
-        block = J[np.ix_(own, moved)]
-        basis = np.linalg.qr(block)[0]
-        sign = float(np.linalg.slogdet(basis.T @ block)[0])
-        yield Cluster(" + ".join(b.name for b in bounds), own, moved, basis, sign)
-
-
-def redundant_rows(null_space: Array, names: Sequence[str]) -> tuple[str, ...]:
+def redundant_rows(
+    null_space: Array, names: Sequence[str], first: Sequence[str] = ()
+) -> tuple[str, ...]:
     """Return rows that can go without lowering the rank.
 
     A set of k rows can go if and only if its k x k block of the left null space N (m, k) is
-    regular: column-pivoted QR of N^T picks such a set, the best conditioned first. Among equals
-    the later rows go.
+    regular: column-pivoted QR of N^T picks such a set, the best conditioned first; those named in
+    `first` before others, if they can go. Among equals the later rows go.
     """
     from scipy.linalg import qr
 
     m, k = null_space.shape
     if k == 0:
         return ()
-    _, _, order = qr(null_space[::-1].T, mode="economic", pivoting=True)
+    weights = np.where(np.isin(names, first), _PREFERENCE, 1.0)[:, None]
+    _, _, order = qr((weights * null_space)[::-1].T, mode="economic", pivoting=True)
     return tuple(names[i] for i in sorted(m - 1 - order[:k]))

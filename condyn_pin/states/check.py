@@ -14,7 +14,7 @@ from condyn_pin.arguments import normalised
 from condyn_pin.arrays import finite
 from condyn_pin.errors import NotAssembled
 from condyn_pin.rows.equations import Equations
-from condyn_pin.states.gaps import Gap, gaps, slips
+from condyn_pin.states.gaps import Gap, beyond_text, closed, gaps, slips
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
@@ -32,19 +32,19 @@ class Check:
         How fast the two sides of each constraint move apart, |J v| [m/s, rad/s].
     speed : float
         max abs(v), or 1, whichever is larger: what a slip is small in comparison to.
-    beyond_limits : dict of str to float
+    beyond_limits : dict of str to Gap
         Joints outside their limits, and how far [rad, m]. The dynamics know no limits.
     """
 
     gap: Mapping[str, Gap]
     slip: Mapping[str, Gap]
     speed: float  # [rad/s, m/s]
-    beyond_limits: Mapping[str, float]  # [rad, m]
+    beyond_limits: Mapping[str, Gap]  # [rad, m]
 
     @property
     def closed(self) -> bool:
         """Whether every gap is within 1e-10."""
-        return not self._open(tolerances.CLOSED)
+        return closed(self.gap)
 
     @property
     def consistent(self) -> bool:
@@ -84,10 +84,7 @@ class Check:
     def __str__(self) -> str:
         lines = self._open(tolerances.CLOSED) or ["every loop is closed"]
         lines += self._slipping(tolerances.CONSISTENT) or (["J v = 0"] if self.slip else [])
-        lines += [
-            f"{joint} is {by:.3g} rad or m beyond its limits"
-            for joint, by in self.beyond_limits.items()
-        ]
+        lines += [beyond_text(self.beyond_limits)] if self.beyond_limits else []
         return "\n".join(lines)
 
     def _open(self, most: float) -> list[str]:

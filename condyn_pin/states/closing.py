@@ -33,7 +33,9 @@ from numpy.typing import NDArray
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
+from condyn_pin.joints import lengths
 from condyn_pin.rows.equations import Equations
+from condyn_pin.states.gaps import Gap
 
 _DONE = 1e-13  # |c|: rounding, for robots of some metres [m, rad]
 _FLOOR = 1e-15  # of mu, relative to the trace of J J^T: redundant rows leave it singular
@@ -58,6 +60,8 @@ class Limits:
         Names, one for each limited coordinate.
     iv, iq : (k,) int array
         Where the coordinate is in v and in q.
+    length : (k,) bool array
+        Whether the coordinate is a length.
     lower, upper : (k,) array
         [rad, m]
     """
@@ -65,6 +69,7 @@ class Limits:
     joints: tuple[str, ...]
     iv: NDArray[np.int_]
     iq: NDArray[np.int_]
+    length: NDArray[np.bool_]
     lower: Array
     upper: Array
 
@@ -75,15 +80,17 @@ class Limits:
         largest = np.finfo(np.float64).max  # what Pinocchio writes for "no limit"
         found = []
         for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
-            plain = range(joint.nv) if joint.nq == joint.nv else ()
-            for iv, iq in ((joint.idx_v + k, joint.idx_q + k) for k in plain):
+            plain = lengths(joint) if joint.nq == joint.nv else ()
+            for k, length in enumerate(plain):
+                iv, iq = joint.idx_v + k, joint.idx_q + k
                 if lowest[iq] <= highest[iq] and (-largest < lowest[iq] or highest[iq] < largest):
-                    found.append((name, iv, iq))
-        iq_of = np.array([iq for *_, iq in found], dtype=np.int_)
+                    found.append((name, iv, iq, length))
+        iq_of = np.array([iq for _, _, iq, _ in found], dtype=np.int_)
         return cls(
             tuple(name for name, *_ in found),
-            np.array([iv for _, iv, _ in found], dtype=np.int_),
+            np.array([iv for _, iv, *_ in found], dtype=np.int_),
             iq_of,
+            np.array([length for *_, length in found], dtype=np.bool_),
             lowest[iq_of],
             highest[iq_of],
         )
@@ -92,11 +99,19 @@ class Limits:
         """Move every limited coordinate of q inside, in place."""
         q[self.iq] = np.minimum(np.maximum(q[self.iq], self.lower), self.upper)
 
-    def beyond(self, q: Array) -> dict[str, float]:
-        """Return the joints that are outside their limits, and how far [rad, m]."""
+    def beyond(self, q: Array) -> dict[str, Gap]:
+        """Return the joints that are outside their limits, and how far; the most of a joint."""
         x = q[self.iq]
         out = np.maximum(self.lower - x, x - self.upper)
-        return {self.joints[i]: float(out[i]) for i in np.flatnonzero(out > 0)}
+        found: dict[str, Gap] = {}
+        for i in np.flatnonzero(out > 0):
+            by, most = float(out[i]), found.get(self.joints[i], Gap(0.0, 0.0))
+            found[self.joints[i]] = (
+                Gap(max(by, most.length), most.angle)
+                if self.length[i]
+                else Gap(most.length, max(by, most.angle))
+            )
+        return found
 
     def pushed(self, q: Array, step: Array) -> NDArray[np.int_]:
         """Return the velocity indices at a limit that a step would push through."""
@@ -105,9 +120,8 @@ class Limits:
         return self.iv[through]
 
 
-NO_LIMITS = Limits(
-    (), np.zeros(0, dtype=np.int_), np.zeros(0, dtype=np.int_), np.zeros(0), np.zeros(0)
-)
+_NONE = np.zeros(0, dtype=np.int_)
+NO_LIMITS = Limits((), _NONE, _NONE, np.zeros(0, dtype=np.bool_), np.zeros(0), np.zeros(0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,12 +5,12 @@ With the columns of J split into motors A, dependent joints D and the rest,
     J_D dq_D + J_A dq_A = 0,     G = dq/dq_A = ( I on A,  -J_D^+ J_A on D,  0 on the rest ).
 
 The rest is what neither motors nor loops determine, such as a floating base, springs, or the spin
-of a rod: it stays where it is.
+of a rod: it stays where it is. `condyn_pin.states.following` moves the motors.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,14 +20,16 @@ from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
-from condyn_pin.errors import InvalidArgument
-from condyn_pin.rows.equations import Equations
-from condyn_pin.states.assembly import Assembly, assemble_from
+from condyn_pin.errors import BranchChanged, InvalidArgument, NotAssembled
+from condyn_pin.states.assembly import assemble_from, check_held
+from condyn_pin.states.assembly_report import Assembly, AssemblyStatus
+from condyn_pin.states.chains import Chains
+from condyn_pin.states.following import Follower
+from condyn_pin.states.gaps import beyond_text
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
 
-_STRIDE = 0.1  # of a motor, between two closings on the way [rad, m]
 _FARTHEST = 100.0  # that a motor is followed [rad, m]
 
 
@@ -62,26 +64,44 @@ class CompleteState:
     residual: float  # [m, rad]
     assembly: Assembly
 
+    def __str__(self) -> str:
+        lines = [str(self.assembly)]
+        lines.append(f"{self.undetermined} directions that neither motors nor loops determine")
+        if self.conflicting:
+            lines.append(f"{self.conflicting} conditions among the motors themselves")
+        lines += [
+            f"{label} = {np.array2string(x, precision=6, suppress_small=True)}"
+            for label, x in (("q", self.q), ("v", self.v))
+        ]
+        return "\n".join(lines)
+
 
 def complete_state(
-    scene: Scene, q_actuated: ArrayLike, v_actuated: ArrayLike | None, near: ArrayLike | None
+    scene: Scene,
+    q_actuated: ArrayLike,
+    v_actuated: ArrayLike | None,
+    near: ArrayLike | None,
+    within_limits: bool,
 ) -> CompleteState:
     """Return the whole state of a scene from its motors; see `Scene.complete_state`."""
     robot, model, chains = scene.robot, scene.robot.model, scene.chains
     robot.check_unedited()
-    A, D = chains.actuated, chains.dependent
+    A = chains.actuated
     if not A.size:
         raise InvalidArgument(
             f"{robot.name} has no actuated joints: dataclasses.replace(robot, actuated=[...])"
         )
     v_A = np.zeros(A.size) if v_actuated is None else finite("v_actuated", v_actuated, A.size)
     start = scene.audit.q if near is None else normalised(model, "near", near)
-    assembly = _drive(scene, start, q_actuated)
-    J = Equations(model, scene.bounds).jacobian(assembly.q)[chains.rows]
-    G = np.zeros((robot.nv, A.size))
-    G[A, np.arange(A.size)] = 1.0
-    if D.size:
-        G[D] = -np.linalg.lstsq(J[:, D], J[:, A], rcond=tolerances.DEAD_POINT)[0]
+    follower = Follower.of(scene)
+    target = _target(follower, start, q_actuated)
+    if within_limits:
+        check_held("q_actuated", chains.limits, target, A)
+    assembly = _drive(scene, follower, start, target)
+    if within_limits:
+        _check_dependent(chains, assembly)
+    J = follower.jacobian(assembly.q)
+    G = follower.G(J)
     passive = np.delete(J, A, axis=1)
     known = _rank(passive)
     return CompleteState(
@@ -95,32 +115,61 @@ def complete_state(
     )
 
 
-def _drive(scene: Scene, start: Array, q_actuated: ArrayLike) -> Assembly:
-    """Move the motors in small strides, the dependent joints following."""
-    model, chains = scene.robot.model, scene.chains
-    joints = [model.joints[model.getJointId(name)] for name in scene.robot.actuated]
-    iq = np.array([j.idx_q + k for j in joints for k in range(j.nq)], dtype=np.int_)
+def _target(follower: Follower, start: Array, q_actuated: ArrayLike) -> Array:
+    """Return the start with the motors where they are to be."""
+    model, motors = follower.closer.equations.model, follower.motors
     target = start.copy()
-    target[iq] = finite("q_actuated", q_actuated, iq.size)
+    target[motors] = finite("q_actuated", q_actuated, motors.size)
     target = normalised(model, "q_actuated", target)
-    moving = np.zeros(model.nv, dtype=bool)
-    moving[chains.dependent] = True
     farthest = float(np.abs(pin.difference(model, start, target)).max())
     if not farthest <= _FARTHEST:
         raise InvalidArgument(
             f"q_actuated: a motor is {farthest:.3g} rad or m from where it is in `near`; "
             f"at most {_FARTHEST:g} are followed"
         )
-    q = start
-    for share in np.linspace(0.0, 1.0, 2 + int(farthest / _STRIDE))[1:]:
-        there = np.array(pin.interpolate(model, start, target, float(share)))
-        q = q.copy()
-        q[iq] = there[iq] if share < 1.0 else target[iq]
-        assembly = assemble_from(scene, q, moving, within_limits=False)
-        if not assembly.status.ok:
-            raise assembly.error()
-        q = assembly.q
-    return assembly
+    return target
+
+
+def _drive(scene: Scene, follower: Follower, start: Array, target: Array) -> Assembly:
+    """Close the start, and move the motors from there."""
+    moving, motors = follower.closer.moving, follower.motors
+    first = assemble_from(scene, start, moving, within_limits=False)
+    if not first.status.ok:
+        error = first.error()
+        raise type(error)(f"where the motors start, {error}", first)
+    q, share = follower.follow(first.q, target)
+    there = q.copy()
+    there[motors] = target[motors]
+    last = assemble_from(scene, there, moving, within_limits=False)
+    if share == 1.0:
+        return last
+    way = f"the motors were followed for {share:.1%} of the way from `near`"
+    if not last.closed:
+        raise NotAssembled(f"{way}; {last.error()}", last)
+    J = follower.closer.equations.jacobian(q)
+    loops = scene.chains.weakest(J)
+    last = replace(last, status=AssemblyStatus.BRANCH_CHANGED, flipped=(loops,))
+    raise BranchChanged(
+        f"{loops}: {way}, up to a dead point; beyond, they lead to more than one configuration: "
+        "pass a `near` on the side that is meant",
+        last,
+    )
+
+
+def _check_dependent(chains: Chains, assembly: Assembly) -> None:
+    """Refuse a state in which the motors take a joint out of its limits."""
+    moved = {
+        joint
+        for joint, iv in zip(chains.limits.joints, chains.limits.iv, strict=True)
+        if iv in chains.dependent
+    }
+    out = {joint: by for joint, by in assembly.beyond_limits.items() if joint in moved}
+    if out:
+        raise NotAssembled(
+            f"with the motors there, {beyond_text(out)}; move them elsewhere, or pass "
+            "within_limits=False",
+            replace(assembly, status=AssemblyStatus.BEYOND_LIMITS),
+        )
 
 
 def _rank(J: Array) -> int:

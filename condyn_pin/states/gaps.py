@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from condyn_pin import tolerances
 from condyn_pin.arrays import Array
+from condyn_pin.joints import lengths
 from condyn_pin.rows.bound import Bound, Coupled
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
 
 
+_TINY = 1e-3  # [mm, deg]
+
+
 class Gap(NamedTuple):
-    """How far apart the two sides of a constraint are."""
+    """How far apart the two sides of a constraint are, or how far a joint is beyond its limits."""
 
     length: float  # [m], or [m/s] of a velocity
     angle: float  # [rad], or [rad/s]
@@ -29,13 +35,28 @@ class Gap(NamedTuple):
         """Return it in mm and degrees, with what follows the units, such as "/s"."""
         parts = []
         if self.length or not self.angle:
-            parts.append(f"{1e3 * self.length:.3g} mm{per}")
+            parts.append(f"{_digits(1e3 * self.length)} mm{per}")
         if self.angle:
-            parts.append(f"{math.degrees(self.angle):.3g} deg{per}")
+            parts.append(f"{_digits(math.degrees(self.angle))} deg{per}")
         return " and ".join(parts)
 
     def __str__(self) -> str:
         return self.text()
+
+
+def beyond_text(beyond: Mapping[str, Gap]) -> str:
+    """Return for a sentence which joints are beyond their limits, and how far."""
+    return ", ".join(f"{joint} is {by} beyond its limits" for joint, by in beyond.items())
+
+
+def closed(gap: Mapping[str, Gap]) -> bool:
+    """Whether every gap is within tolerance (1e-10)."""
+    return all(each.size <= tolerances.CLOSED for each in gap.values())
+
+
+def worst(gap: Mapping[str, Gap]) -> tuple[str, Gap]:
+    """Return the name and the gap of what is open furthest."""
+    return max(gap.items(), key=lambda item: item[1].size)
 
 
 def gaps(scene: Scene, c: Array) -> dict[str, Gap]:
@@ -58,8 +79,13 @@ def _gap(scene: Scene, bound: Bound | Coupled, rows: Array) -> Gap:
 
 
 def _slides(model: Any, iv: int) -> bool:
-    """Whether the joint at a velocity index is a slider."""
-    kinds = [joint.shortname() for joint in model.joints if joint.idx_v == iv and joint.nv == 1]
-    return str(kinds[0]).startswith(
-        ("JointModelPX", "JointModelPY", "JointModelPZ", "JointModelPr")
-    )
+    """Whether the coordinate at a velocity index is a length."""
+    joint = next(j for j in model.joints if j.idx_v <= iv < j.idx_v + j.nv)
+    return lengths(joint)[iv - int(joint.idx_v)]
+
+
+def _digits(x: float) -> str:
+    """Return three digits of a number, as a decimal fraction unless it is tiny."""
+    if not _TINY <= x < math.inf:
+        return f"{x:.3g}"
+    return np.format_float_positional(float(f"{x:.3g}"), trim="-")

@@ -16,9 +16,11 @@ from numpy.typing import ArrayLike
 from condyn_pin import tolerances
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.minimum_norm import MinimumNorm, factorise
 from condyn_pin.rows.equations import Equations, Terms
+from condyn_pin.states.check import check
+from condyn_pin.states.gaps import slips, worst
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
@@ -28,8 +30,12 @@ Metric = Literal["mass", "euclidean"]
 
 def project_velocity(scene: Scene, q: ArrayLike, v: ArrayLike, metric: Metric) -> Array:
     """Return the nearest velocity with J v = 0; see `Scene.project_velocity`."""
-    _, factors = _factors(scene, q, np.zeros(scene.robot.nv), metric)
-    return factors.tangent(finite("v", v, scene.robot.nv))
+    nv = scene.robot.nv
+    v_ = finite("v", v, nv)
+    q_, terms, factors = _factors(scene, q, np.zeros(nv), metric)
+    projected = factors.tangent(v_)
+    _check_rows(scene, q_, terms.J @ projected, float(np.abs(v_).max()), "/s")
+    return projected
 
 
 def project_acceleration(
@@ -37,19 +43,38 @@ def project_acceleration(
 ) -> Array:
     """Return the nearest acceleration with J a + gamma = 0; see `Scene.project_acceleration`."""
     nv = scene.robot.nv
-    terms, factors = _factors(scene, q, finite("v", v, nv), metric)
-    a_ = finite("a", a, nv)
-    return a_ + factors.solve(np.zeros(nv), -terms.gamma - terms.J @ a_)[0]
+    v_, a_ = finite("v", v, nv), finite("a", a, nv)
+    q_, terms, factors = _factors(scene, q, v_, metric)
+    missing = -terms.gamma - terms.J @ a_
+    projected = a_ + factors.solve(np.zeros(nv), missing)[0]
+    size = max(float(np.abs(x).max(initial=0.0)) for x in (a_, projected, terms.gamma))
+    _check_rows(scene, q_, terms.J @ projected + terms.gamma, size, "/s^2")
+    return projected
 
 
-def _factors(scene: Scene, q: ArrayLike, v: Array, metric: Metric) -> tuple[Terms, MinimumNorm]:
+def _factors(
+    scene: Scene, q: ArrayLike, v: Array, metric: Metric
+) -> tuple[Array, Terms, MinimumNorm]:
     if metric not in get_args(Metric):
         raise InvalidArgument(f"metric = {metric!r}: one of {', '.join(get_args(Metric))}")
-    scene.robot.check_unedited()
+    check(scene, q, None).raise_if_open(gap=tolerances.NEARLY_CLOSED)
     model = scene.robot.model
-    terms = Equations(model, scene.bounds).terms(normalised(model, "q", q), v)
+    q_ = normalised(model, "q", q)
+    terms = Equations(model, scene.bounds).terms(q_, v)
     W = terms.M if metric == "mass" else np.eye(model.nv)
     factors = factorise(W, terms.J, tolerances.RANK)
     # open loops make redundant rows look independent: they are the smallest, and are left out
     rank = min(factors.rank, scene.chains.rank)
-    return terms, replace(factors, V=factors.V[:, :rank], rank=rank)
+    return q_, terms, replace(factors, V=factors.V[:, :rank], rank=rank)
+
+
+def _check_rows(scene: Scene, q: Array, left: Array, size: float, per: str) -> None:
+    """Refuse a projection that leaves the constraints, because their rows contradict each other."""
+    slip = slips(scene, left)
+    if slip and worst(slip)[1].size > tolerances.CONSISTENT * max(1.0, size):
+        name, by = worst(slip)
+        open_by = check(scene, q, None)
+        raise NotAssembled(
+            f"{name} keeps {by.text(per)}: its rows cannot all be satisfied at this q "
+            f"({open_by}); Scene.assemble closes loops, Scene.rank tells about rows"
+        )

@@ -24,7 +24,7 @@ from condyn_pin.arrays import Array
 from condyn_pin.minimum_norm import factorise
 from condyn_pin.rows.equations import Equations
 from condyn_pin.states.chains import redundant_rows
-from condyn_pin.states.gaps import Gap, gaps
+from condyn_pin.states.gaps import Gap, closed, gaps, worst
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
@@ -48,6 +48,11 @@ class Rank:
         nv - rank, the degrees of freedom left; nv - m, as if every row counted.
     redundant : tuple of str
         Rows that can go at q without changing the motion, as ``constraint.axis``.
+    generic_redundant : tuple of str
+        Rows that can go at configurations that are not singular by accident.
+    isolated : tuple of str
+        Loops that close at the first posture and nowhere near it: bars that just reach. Then
+        singular values that such a gap hides count as zeros.
     singular_values : (min(m, nv),) array
         Of J L^-T [1/sqrt(kg)].
     condition, delassus_condition : float
@@ -62,6 +67,8 @@ class Rank:
     mobility: int
     gruebler: int
     redundant: tuple[str, ...]
+    generic_redundant: tuple[str, ...]
+    isolated: tuple[str, ...]
     singular_values: Array  # [1/sqrt(kg)]
     condition: float
     delassus_condition: float
@@ -74,12 +81,18 @@ class Rank:
     @property
     def closed(self) -> bool:
         """Whether every loop is closed to 1e-10."""
-        return all(gap.size <= tolerances.CLOSED for gap in self.gap.values())
+        return closed(self.gap)
 
     @property
     def singular(self) -> bool:
         """Whether the rank is lower than at configurations nearby."""
         return self.rank < self.generic_rank
+
+    @property
+    def only_here(self) -> tuple[str, ...]:
+        """The redundant rows of a singular configuration that count nearby."""
+        kept = [name for name in self.redundant if name not in self.generic_redundant]
+        return tuple(kept) if self.singular else ()
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -98,16 +111,22 @@ class Rank:
 
     def _notes(self) -> Iterator[str]:
         if not self.closed:
-            name, gap = max(self.gap.items(), key=lambda item: item[1].size)
+            name, gap = worst(self.gap)
             yield (
                 f"{name} is open by {gap}: redundant rows of an open loop have singular values of "
                 "that size and can be counted as independent; assemble it first"
             )
         if self.singular:
             yield (
-                f"singular configuration: rank {self.rank} here, {self.generic_rank} nearby; J "
-                "says less than the loops ask for, and accelerations can be wrong"
+                f"singular configuration: rank {self.rank} here, {self.generic_rank} nearby; "
+                f"{', '.join(self.only_here)} redundant only here; J says less than the loops ask "
+                "for, and accelerations can be wrong"
             )
+            if self.isolated:
+                yield (
+                    f"{', '.join(self.isolated)} closes here and nowhere near: no motion leads "
+                    "away, whatever J leaves free"
+                )
         elif self.rank and self.singular_values[self.rank - 1] < (
             _NEARLY_SINGULAR * self.singular_values[0]
         ):
@@ -126,7 +145,8 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
     q_ = scene.audit.q if q is None else normalised(model, "q", q)
     equations = Equations(model, scene.bounds)
     terms = equations.terms(q_, np.zeros(model.nv))
-    factors = factorise(terms.M, terms.J, tolerances.RANK)
+    isolated = scene.chains.isolated
+    factors = factorise(terms.M, terms.J, tolerances.ISOLATED if isolated else tolerances.RANK)
     S, r = factors.S, factors.rank
     return Rank(
         q=q_.copy(),
@@ -136,7 +156,9 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
         generic_rank=scene.chains.rank,
         mobility=robot.nv - r,
         gruebler=robot.nv - scene.rows,
-        redundant=redundant_rows(factors.U[:, r:], scene.row_names),
+        redundant=redundant_rows(factors.U[:, r:], scene.row_names, scene.chains.redundant),
+        generic_redundant=scene.chains.redundant,
+        isolated=isolated,
         singular_values=S,
         condition=float(np.linalg.cond(terms.M)),
         delassus_condition=float((S[0] / S[r - 1]) ** 2) if r else 1.0,

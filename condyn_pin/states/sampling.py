@@ -29,6 +29,8 @@ def sample(
             raise InvalidArgument(f"{name} = {value!r}: a number >= 0 is needed")
     scene.robot.check_unedited()
     model, nv, home = scene.robot.model, scene.robot.nv, scene.audit.q
+    if not scene.audit.closed:
+        scene.state()  # raises what is in the way
     inside = not scene.chains.limits.beyond(home)
     for _ in range(_TRIES):
         guess = np.array(pin.integrate(model, home, spread * rng.normal(size=nv)))
@@ -37,7 +39,7 @@ def sample(
             v = project_velocity(scene, found.q, speed * rng.normal(size=nv), "mass")
             return found.q, v
     raise NotAssembled(
-        f"none of {_TRIES} random configurations within {spread} of the nominal one could be "
-        "closed; use a smaller spread",
+        f"spread = {spread}: none of {_TRIES} random configurations about the nominal one could be "
+        f"closed; use a smaller spread. The last one: {found.error()}",
         found,
     )

@@ -85,9 +85,9 @@ def hinge(name: str, axis: np.ndarray, ref: float = 0.0) -> dict[str, Any]:
     return {"name": name, "type": "hinge", "axis": axis} | ({"ref": ref} if ref else {})
 
 
-def slide(name: str, axis: np.ndarray) -> dict[str, Any]:
-    """Return a slider."""
-    return {"name": name, "type": "slide", "axis": axis}
+def slide(name: str, axis: np.ndarray, stroke: tuple[float, float]) -> dict[str, Any]:
+    """Return a slider with the ends of its stroke [m]."""
+    return {"name": name, "type": "slide", "axis": axis, "range": stroke}
 
 
 def ball(name: str) -> dict[str, Any]:

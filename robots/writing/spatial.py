@@ -29,13 +29,15 @@ def stewart(
     height: float = 0.6,
     half_gap: float = 0.25,
     lift: float = 0.1,
+    stroke: float = 0.2,
 ) -> Mjcf:
     """Write a platform on six legs, each a universal joint, a slider and a ball: mobility 6.
 
     The legs stand in pairs, at +-half_gap [rad] about three directions 120 deg apart on the base;
     on the platform they meet in other pairs. All are r wide and h high, L = hypot(r, h). To lift
     the level platform by d, each leg gets longer by hypot(r, h + d) - L and steeper by
-    atan2(h + d, r) - atan2(h, r), about its first axis, which is level.
+    atan2(h + d, r) - atan2(h, r), about its first axis, which is level. They change
+    by up to +-stroke [m].
     """
     made = Mjcf("stewart")
     centre = height * Z
@@ -47,7 +49,8 @@ def stewart(
         leg = head - foot
         L, r, k = float(np.linalg.norm(leg)), hypot(*leg[:2]), i + 1
         R = along(leg, np.cross(Z, leg))
-        tilt, swing, motor = hinge(f"tilt{k}", Y), hinge(f"swing{k}", Z), slide(f"leg{k}", X)
+        tilt, swing = hinge(f"tilt{k}", Y), hinge(f"swing{k}", Z)
+        motor = slide(f"leg{k}", X, (-stroke, stroke))
         made.body(f"cross{k}", "base", foot, R, tilt, round_body(0.02, 0.05))
         made.body(f"cylinder{k}", f"cross{k}", foot, R, swing, rod(L / 2, 1.0, 0.03))
         made.body(f"piston{k}", f"cylinder{k}", (foot + head) / 2, R, motor, rod(L / 2, 0.5, 0.02))
