@@ -253,6 +253,15 @@ def test_figures_have_digits_and_one_unit():
     assert "arm is 500 mm and 14.3 deg beyond its limits" in str(check)
 
 
+def test_of_a_joint_with_several_limits_the_largest_excess_is_told():
+    model = pin.Model()
+    table = model.addJoint(0, pin.JointModelTranslation(), pin.SE3.Identity(), "table")
+    model.appendBodyToJoint(table, pin.Inertia.Random(), pin.SE3.Identity())
+    model.lowerPositionLimit, model.upperPositionLimit = -np.ones(3), np.ones(3)
+    check = cp.Scene(cp.Robot("table", model)).check([1.5, 0.0, -1.1])
+    assert check.beyond_limits == {"table": (0.5, 0.0)}
+
+
 def test_a_turn_is_told_in_degrees():
     scene = all_scenes()["talos foot to foot, welded"]
     model, (q, _) = scene.robot.model, scene.state()

@@ -20,8 +20,9 @@ from condyn_pin.joints import Indices, indices
 from condyn_pin.names import checked
 from condyn_pin.rows.equations import Equations
 from condyn_pin.states.assembly_report import Assembly, AssemblyStatus
-from condyn_pin.states.closing import NO_LIMITS, Closer, Closing, Limits
+from condyn_pin.states.closing import Closer, Closing
 from condyn_pin.states.gaps import gaps
+from condyn_pin.states.limits import NO_LIMITS, Limits
 
 if TYPE_CHECKING:
     from condyn_pin.robot import Robot

@@ -29,8 +29,9 @@ from condyn_pin.arrays import Array
 from condyn_pin.joints import Indices, indices
 from condyn_pin.minimum_norm import factorise
 from condyn_pin.rows.equations import Equations
-from condyn_pin.states.closing import NO_LIMITS, Closer, Limits
+from condyn_pin.states.closing import Closer
 from condyn_pin.states.clusters import Cluster, clusters, isolated
+from condyn_pin.states.limits import NO_LIMITS, Limits
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene

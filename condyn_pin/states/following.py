@@ -75,13 +75,19 @@ class Follower:
         J: Array = self.closer.equations.jacobian(q)[self.closer.rows]
         return J
 
+    def inverse(self, J: Array) -> Array:
+        """Return J_D^+."""
+        J_D = J[:, self.dependent]
+        if not J_D.size:
+            return np.zeros(J_D.shape[::-1])
+        return np.asarray(np.linalg.pinv(J_D, rcond=tolerances.DEAD_POINT), dtype=np.float64)
+
     def G(self, J: Array) -> Array:
         """Return dq/dq_A (nv, n_actuated) in tangent columns."""
-        A, D = self.actuated, self.dependent
+        A = self.actuated
         G = np.zeros((J.shape[1], A.size))
         G[A, np.arange(A.size)] = 1.0
-        if D.size:
-            G[D] = -np.linalg.pinv(J[:, D], rcond=tolerances.DEAD_POINT) @ J[:, A]
+        G[self.dependent] = -self.inverse(J) @ J[:, A]
         return G
 
     def follow(self, start: Array, target: Array) -> tuple[Array, float]:
@@ -118,19 +124,20 @@ class Follower:
     def _stride(self, q: Array, dq_A: Array, there: Array) -> Array | None:
         """Return the end of a stride, or None if it is too long."""
         J = self.jacobian(q)
-        predicted = np.array(pin.integrate(self.closer.equations.model, q, self.G(J) @ dq_A))
+        inverse = self.inverse(J)
+        dq = np.zeros(J.shape[1])
+        dq[self.actuated] = dq_A
+        dq[self.dependent] = -inverse @ (J[:, self.actuated] @ dq_A)
+        predicted = np.array(pin.integrate(self.closer.equations.model, q, dq))
         predicted[self.motors] = there[self.motors]
-        if self._change(J, predicted) > _CHANGE:
+        if self._change(inverse, predicted) > _CHANGE:
             return None
         end = self.closer.close(predicted, most=_CORRECTIONS)
-        if end.size > tolerances.CLOSED or self._change(J, end.q) > _CHANGE:
+        if end.size > tolerances.CLOSED or self._change(inverse, end.q) > _CHANGE:
             return None
         return end.q
 
-    def _change(self, J0: Array, q: Array) -> float:
+    def _change(self, inverse: Array, q: Array) -> float:
         """Return |J_D(q0)^+ J_D(q) - 1|; 1 or more if J_D(q0) is singular."""
-        D = self.dependent
-        if not D.size:
-            return 0.0
-        inverse = np.linalg.pinv(J0[:, D], rcond=tolerances.DEAD_POINT)
-        return float(np.linalg.norm(inverse @ self.jacobian(q)[:, D] - np.eye(D.size), 2))
+        change = inverse @ self.jacobian(q)[:, self.dependent] - np.eye(len(inverse))
+        return float(np.linalg.norm(change, 2)) if change.size else 0.0
