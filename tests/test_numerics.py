@@ -107,7 +107,7 @@ def test_reference_gains_digits_by_refinement():
     scale = np.abs(full).max()
     assert np.abs(full - more).max() <= 1e-15 * scale
     assert np.abs(once - full).max() <= 1e-13 * scale
-    assert 1e-15 * scale < np.abs(plain - full).max() < 1e-9 * scale
+    assert 1e-16 * scale < np.abs(plain - full).max() < 1e-9 * scale
 
 
 @each_scene
