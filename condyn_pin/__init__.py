@@ -38,6 +38,9 @@ if TYPE_CHECKING:
     from condyn_pin.errors import UnknownName as UnknownName
     from condyn_pin.errors import UnsupportedBackend as UnsupportedBackend
     from condyn_pin.errors import UnsupportedConstraint as UnsupportedConstraint
+    from condyn_pin.force import ConstraintForce as ConstraintForce
+    from condyn_pin.impacts import Impact as Impact
+    from condyn_pin.impacts import impact as impact
     from condyn_pin.ladders import LADDERS as LADDERS
     from condyn_pin.load import available_robots as available_robots
     from condyn_pin.load import load_robot as load_robot
@@ -45,15 +48,28 @@ if TYPE_CHECKING:
     from condyn_pin.mechanisms.four_bar import four_bar as four_bar
     from condyn_pin.mechanisms.n_four_bar import n_four_bar as n_four_bar
     from condyn_pin.mechanisms.pendulum import pendulum as pendulum
+    from condyn_pin.motors.actuation import Actuation as Actuation
+    from condyn_pin.motors.inverse import InverseDynamics as InverseDynamics
+    from condyn_pin.motors.inverse import gravity_compensation as gravity_compensation
+    from condyn_pin.motors.inverse import inverse_dynamics as inverse_dynamics
+    from condyn_pin.motors.operational import OperationalSpace as OperationalSpace
+    from condyn_pin.motors.operational import operational_space as operational_space
+    from condyn_pin.motors.transmissions import Transmission as Transmission
+    from condyn_pin.motors.transmissions import transmission as transmission
     from condyn_pin.proof import Proof as Proof
     from condyn_pin.robot import Robot as Robot
     from condyn_pin.rows.equations import Terms as Terms
     from condyn_pin.scene import Scene as Scene
     from condyn_pin.smaller.climbing import Ladder as Ladder
+    from condyn_pin.smaller.climbing import LadderEffort as LadderEffort
+    from condyn_pin.smaller.climbing import Rung as Rung
     from condyn_pin.smaller.climbing import ladder as ladder
+    from condyn_pin.smaller.ladder_table import LadderRow as LadderRow
     from condyn_pin.smaller.ladder_table import LadderTable as LadderTable
-    from condyn_pin.smaller.minimal import Minimal as Minimal
-    from condyn_pin.smaller.reduction import ReducedScene as ReducedScene
+    from condyn_pin.smaller.minimal_report import Minimal as Minimal
+    from condyn_pin.smaller.minimal_report import Step as Step
+    from condyn_pin.smaller.price import Errors as Errors
+    from condyn_pin.smaller.reduced_scene import ReducedScene as ReducedScene
     from condyn_pin.solution import Solution as Solution
     from condyn_pin.solution import StateError as StateError
     from condyn_pin.solution import Status as Status
@@ -61,10 +77,16 @@ if TYPE_CHECKING:
     from condyn_pin.solvers import Solver as Solver
     from condyn_pin.solvers.base import Method as Method
     from condyn_pin.solvers.base import Singular as Singular
+    from condyn_pin.solvers.conjugate_gradient import ConjugateGradient as ConjugateGradient
+    from condyn_pin.solvers.delassus_cholesky import DelassusCholesky as DelassusCholesky
     from condyn_pin.solvers.dense_kkt import DenseKKT as DenseKKT
+    from condyn_pin.solvers.gauss_principle import GaussPrinciple as GaussPrinciple
     from condyn_pin.solvers.lcaba import LCABA as LCABA
+    from condyn_pin.solvers.null_space import NullSpace as NullSpace
     from condyn_pin.solvers.proximal import Proximal as Proximal
     from condyn_pin.solvers.reference import Reference as Reference
+    from condyn_pin.solvers.soft import Soft as Soft
+    from condyn_pin.solvers.sparse_kkt import SparseKKT as SparseKKT
     from condyn_pin.spring import Spring as Spring
     from condyn_pin.states.assembly_report import Assembly as Assembly
     from condyn_pin.states.assembly_report import AssemblyStatus as AssemblyStatus
@@ -73,6 +95,8 @@ if TYPE_CHECKING:
     from condyn_pin.states.gaps import Gap as Gap
     from condyn_pin.states.rank import Rank as Rank
     from condyn_pin.summary import Summary as Summary
+    from condyn_pin.switching import Switch as Switch
+    from condyn_pin.switching import switch as switch
     from condyn_pin.verbs import derivatives as derivatives
     from condyn_pin.verbs import solve as solve
     from condyn_pin.workspace import Workspace as Workspace
@@ -82,11 +106,13 @@ _HOME = {
     "audit": ("Audit",),
     "states.check": ("Check",),
     "states.completion": ("CompleteState",),
-    "smaller.climbing": ("Ladder", "ladder"),
+    "smaller.climbing": ("Ladder", "LadderEffort", "Rung", "ladder"),
     "constraints": ("Constraint", "Coupling", "Loop"),
     "contacts": ("LineContact", "PlanarContact", "PointContact", "SurfaceContact"),
     "differentiation.base": ("Derivatives",),
     "drift": ("Baumgarte",),
+    "force": ("ConstraintForce",),
+    "impacts": ("Impact", "impact"),
     "rows.equations": ("Terms",),
     "errors": (
         "BranchChanged",
@@ -105,28 +131,40 @@ _HOME = {
         "UnsupportedConstraint",
     ),
     "states.gaps": ("Gap",),
-    "smaller.ladder_table": ("LadderTable",),
+    "smaller.ladder_table": ("LadderRow", "LadderTable"),
     "ladders": ("LADDERS",),
     "load": ("available_robots", "load_robot"),
     "mechanisms.chain": ("chain",),
     "mechanisms.four_bar": ("four_bar",),
     "mechanisms.n_four_bar": ("n_four_bar",),
     "mechanisms.pendulum": ("pendulum",),
-    "smaller.minimal": ("Minimal",),
+    "motors.actuation": ("Actuation",),
+    "motors.inverse": ("InverseDynamics", "gravity_compensation", "inverse_dynamics"),
+    "motors.operational": ("OperationalSpace", "operational_space"),
+    "motors.transmissions": ("Transmission", "transmission"),
+    "smaller.minimal_report": ("Minimal", "Step"),
+    "smaller.price": ("Errors",),
     "proof": ("Proof",),
     "states.rank": ("Rank",),
-    "smaller.reduction": ("ReducedScene",),
+    "smaller.reduced_scene": ("ReducedScene",),
     "robot": ("Robot",),
     "scene": ("Scene",),
     "solution": ("Solution", "StateError", "Status"),
     "solvers": ("SOLVERS", "Solver"),
     "solvers.base": ("Method", "Singular"),
+    "solvers.conjugate_gradient": ("ConjugateGradient",),
+    "solvers.delassus_cholesky": ("DelassusCholesky",),
     "solvers.dense_kkt": ("DenseKKT",),
+    "solvers.gauss_principle": ("GaussPrinciple",),
     "solvers.lcaba": ("LCABA",),
+    "solvers.null_space": ("NullSpace",),
     "solvers.proximal": ("Proximal",),
     "solvers.reference": ("Reference",),
+    "solvers.soft": ("Soft",),
+    "solvers.sparse_kkt": ("SparseKKT",),
     "spring": ("Spring",),
     "summary": ("Summary",),
+    "switching": ("Switch", "switch"),
     "verbs": ("derivatives", "solve"),
     "workspace": ("Workspace",),
 }

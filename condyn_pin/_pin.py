@@ -104,6 +104,19 @@ def constraints_jacobian(
     return np.array(pin.getConstraintsJacobian(model, data, models, datas))
 
 
+def factorise_constraints(
+    model: Any, data: Any, models: Any, datas: Any, q: NDArray[np.float64], mu: float
+) -> Any:
+    """Return Pinocchio's Cholesky factor at q: what it reads from `data` is computed first."""
+    pin.crba(model, data, q, pin.Convention.WORLD)
+    if _IS_4:
+        for constraint_model, constraint_data in zip(models, datas, strict=True):
+            constraint_model.calc(model, data, constraint_data)
+    cholesky = constraint_cholesky(data)
+    cholesky.compute(model, data, models, datas, mu)
+    return cholesky
+
+
 def order_joints_for_lcaba(model: Any, data: Any, models: Any) -> None:
     """Compute the elimination order that `lcaba` reads from `data`."""
     _lcaba_or_refuse()

@@ -19,6 +19,9 @@ from condyn_pin.errors import InvalidArgument, InvalidModel
 LOW: Final = 1.0 - 2 * tolerances.QUATERNION
 HIGH: Final = 1.0 + 2 * tolerances.QUATERNION
 
+# | |quaternion| - 1 | that normalising a quaternion leaves.
+_NORMALISED: Final = 4 * float(np.finfo(float).eps)
+
 # The one dtype that goes to Pinocchio as it is: 64 bits in the byte order of this machine.
 FLOAT: Final = np.dtype(np.float64)
 
@@ -109,8 +112,15 @@ class Arguments:
 
 
 def normalised(model: Any, name: str, q: ArrayLike) -> Array:
-    """Return a configuration that a user handed in, its quaternions normalised."""
-    array = np.array(pin.normalize(model, finite(name, q, model.nq)))
+    """Return a configuration that a user handed in, its quaternions normalised.
+
+    One that is normalised already is returned as it is, digit by digit: pin.normalize would move
+    the last bits of it again and again.
+    """
+    array = np.array(finite(name, q, model.nq))
+    if pin.isNormalized(model, array, _NORMALISED):
+        return array
+    array = np.array(pin.normalize(model, array))
     if not pin.isNormalized(model, array, tolerances.QUATERNION):
         raise InvalidArgument(f"{name}: a quaternion of it is zero; use 0 0 0 1")
     return array

@@ -38,7 +38,10 @@ def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Array:
         array = np.asarray(value)
         if array.dtype.kind == "c":
             raise TypeError("they are complex")
+        is_text = array.dtype.kind in "SU"
         array = array.astype(np.float64, copy=False)
+        if is_text:
+            raise TypeError("numbers, not text")
     except (TypeError, ValueError) as error:
         raise InvalidArgument(f"{found}: {needed} is needed ({error})") from error
     if array.shape != wanted:

@@ -17,6 +17,7 @@ from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.bench_table import BenchRow, BenchTable
 from condyn_pin.catalogue import motor_torque, standard_scenes
+from condyn_pin.choice import untaken
 from condyn_pin.load import load_robot
 from condyn_pin.machine import machine
 from condyn_pin.scene import Scene
@@ -59,14 +60,20 @@ QUICK = Effort(states=3, rounds=30, repeats=5)
 
 
 def bench(
-    robots: Sequence[str] = ROBOTS, *, effort: Effort = FULL, progress: Progress = silent
+    robots: Sequence[str] = ROBOTS,
+    *,
+    solvers: Sequence[Solver] = (),
+    effort: Effort = FULL,
+    progress: Progress = silent,
 ) -> BenchTable:
-    """Time every method on the standard scenes of some robots.
+    """Time some methods on the standard scenes of some robots.
 
     Parameters
     ----------
     robots : sequence of str
         Names that `load_robot` takes.
+    solvers : sequence of Solver
+        By default LCABA, proximal and dense KKT. On each scene those are timed that take it.
     effort : Effort
     progress : callable
         Called with (scene, round, rounds).
@@ -78,21 +85,27 @@ def bench(
     rows: list[BenchRow] = []
     for name in robots:
         for label, scene in standard_scenes(load_robot(name)).items():
-            rows += bench_scene(label, scene, effort=effort, progress=progress)
+            rows += bench_scene(label, scene, solvers=solvers, effort=effort, progress=progress)
     return BenchTable(tuple(rows), machine())
 
 
 def bench_scene(
-    label: str, scene: Scene, *, effort: Effort = FULL, progress: Progress = silent
+    label: str,
+    scene: Scene,
+    *,
+    solvers: Sequence[Solver] = (),
+    effort: Effort = FULL,
+    progress: Progress = silent,
 ) -> list[BenchRow]:
-    """Time every method on one scene."""
+    """Time some methods on one scene."""
     rng = np.random.default_rng(0)
     states: list[State] = [
         (*scene.sample(rng), motor_torque(scene.robot, rng)) for _ in range(effort.states)
     ]
     reference = Workspace(scene, Reference())
     truth = [reference.solve(*state, throw=False).a for state in states]
-    candidates = [_Candidate(scene, solver, states, truth) for solver in _solvers(scene)]
+    chosen = [s for s in solvers if not untaken(scene, s)] if solvers else _solvers(scene)
+    candidates = [_Candidate(scene, solver, states, truth) for solver in chosen]
     model, data = pin.Model(scene.robot.model), scene.robot.model.createData()
     calls: dict[str, Call] = {"ABA": lambda q, v, tau: pin.aba(model, data, q, v, tau)}
     for candidate in candidates:
@@ -156,7 +169,7 @@ class _Candidate:
             f"{key} acceleration": workspace.acceleration,
             f"{key} solve": workspace.solve if self.all_ok else _unthrown(workspace),
         }
-        if not self.is_dense:
+        if isinstance(self.solver, LCABA | Proximal):
             bare = _pin.lcaba() if isinstance(self.solver, LCABA) else pin.constraintDynamics
             model, data = workspace.model, workspace.data
             models, datas = workspace.constraint_models, workspace.constraint_datas

@@ -7,30 +7,45 @@ from condyn_pin.scene import Scene
 from condyn_pin.solvers import SOLVERS
 from condyn_pin.solvers.base import Solver
 from condyn_pin.solvers.dense_kkt import DenseKKT
+from condyn_pin.solvers.null_space import NullSpace
 from condyn_pin.solvers.proximal import Proximal
-from condyn_pin.solvers.reference import Reference
 
 
 def default_solver(scene: Scene) -> Solver:
     """Return the solver for those who name none.
 
-    `Proximal`; for kinds of constraints that it cannot take, `DenseKKT`, and `Reference` if there
+    `Proximal`; for kinds of constraints that it cannot take, `DenseKKT`, and `NullSpace` if there
     are redundant rows besides.
     """
     if not scene.natives.missing:
         return Proximal()
-    return Reference() if scene.audit.redundant else DenseKKT()
+    return NullSpace() if scene.audit.redundant else DenseKKT()
+
+
+def kinds_of(solver: type[Solver]) -> str:
+    """Return in words which kinds of constraints a solver takes."""
+    if solver.takes_every_kind:
+        return "every kind"
+    return "points, welds, hinges and edges" if solver.takes_imitated else "points and welds"
+
+
+def untaken(scene: Scene, solver: Solver) -> tuple[str, ...]:
+    """Return the names of the constraints whose kind a solver cannot take."""
+    natives = scene.natives
+    if solver.takes_every_kind:
+        return ()
+    return natives.missing if solver.takes_imitated else natives.imitated + natives.missing
 
 
 def check_kinds(scene: Scene, solver: Solver) -> None:
     """Raise `UnsupportedConstraint` if a solver cannot take a kind of constraint of the scene."""
-    missing = scene.natives.missing
-    if missing and not solver.takes_every_kind:
-        able = " or ".join(
-            f"{kind.__name__}()" for kind in SOLVERS.values() if kind.takes_every_kind
-        )
+    names = untaken(scene, solver)
+    if names:
+        able = ["Proximal()"]
+        if scene.natives.missing:
+            able = [f"{k.__name__}()" for k in SOLVERS.values() if k.takes_every_kind and k.exact]
         raise UnsupportedConstraint(
-            f"{type(solver).__name__} takes points, welds, hinges and edges: Pinocchio has "
-            f"constraints of 3 and of 6 rows, and {', '.join(missing)} cannot be made of those; "
-            f"use {able}"
+            f"{type(solver).__name__} takes {kinds_of(type(solver))}: Pinocchio has constraints of "
+            f"3 and of 6 rows, and {', '.join(names)} cannot be made of those; "
+            f"use {' or '.join(able)}"
         )

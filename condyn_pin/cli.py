@@ -1,4 +1,4 @@
-"""The command line: condyn robots, show, assemble, solve, export, bench, doctor."""
+"""The command line: condyn robots, show, assemble, solvers, solve, export, bench, doctor."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
+from rich.table import Column, Table
 
 from condyn_pin import __version__
 from condyn_pin.errors import CondynError, InvalidArgument
@@ -146,13 +146,27 @@ def assemble(
 
 
 @app.command()
+def solvers() -> None:
+    """List the solvers: what each takes, what it costs, when to use it, its knobs."""
+    from condyn_pin.solver_table import solver_rows
+
+    table = Table(
+        "solver", "takes", "cost", "when to use it", Column("knobs", width=24), show_lines=True
+    )
+    for row in solver_rows():
+        takes = f"{row.kinds}\nredundant rows, singular states: {row.redundant}"
+        table.add_row(row.name, takes, row.cost, row.use, row.knobs)
+    console.print(table)
+
+
+@app.command()
 def solve(
     robot: RobotName,
     contacts: Contacts = "",
     loops: Loops = True,
     posture: Posture = None,
-    solver: Annotated[str, typer.Option(help="proximal, lcaba, densekkt, reference.")] = "proximal",
-    mu: Annotated[float | None, typer.Option(help="Proximal weight [1/kg].")] = None,
+    solver: Annotated[str, typer.Option(help="A name of `condyn solvers`.")] = "proximal",
+    mu: Annotated[float | None, typer.Option(help="Weight or damping [1/kg].")] = None,
     max_iterations: Annotated[int | None, typer.Option(help="Limit of iterations.")] = None,
     accuracy: Annotated[float, typer.Option(help="Error of a that is good enough.")] = SOLVED,
     as_json: Annotated[bool, typer.Option("--json", help="Print json.")] = False,
@@ -189,6 +203,8 @@ def solve(
     else:
         console.print(f"{scene.robot.name}, {chosen!r}")
         console.print(str(solution))
+        for note in scene.rank(q).notes:
+            console.print(f"note: {note}")
     if not solution.status.ok:
         typer.echo(str(solution.status), err=True)
         raise typer.Exit(1)
@@ -220,12 +236,17 @@ def bench(
     as_json: Annotated[Path | None, typer.Option("--json", help="Write the table here.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Write a picture here (png, svg, pdf).")] = None,
     native: Annotated[Path | None, typer.Option(help="Merge a result of `make native`.")] = None,
+    solvers: Annotated[
+        str, typer.Option(help="Names of `condyn solvers`, or all; the main ones by default.")
+    ] = "",
 ) -> None:
     """Time ABA, LCABA, proximal and dense KKT, with their errors, on the same states."""
     from condyn_pin.bench import FULL, QUICK, ROBOTS
     from condyn_pin.bench import bench as run
     from condyn_pin.bench_print import print_bench
+    from condyn_pin.cli_words import solvers_of
 
+    chosen = solvers_of(solvers)
     _check_before_the_run(csv, as_json, plot, native)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
     # drawn between rounds only: a thread that draws would take the interpreter from what is timed
@@ -239,7 +260,8 @@ def bench(
                 tasks[what] = progress.add_task(what, total=total)
             progress.update(tasks[what], completed=done, refresh=done % 20 == 0)
 
-        table = run(robots or ROBOTS, effort=QUICK if quick else FULL, progress=advance)
+        effort = QUICK if quick else FULL
+        table = run(robots or ROBOTS, solvers=chosen, effort=effort, progress=advance)
     if native:
         table = table.with_native(native)
     print_bench(table, console)

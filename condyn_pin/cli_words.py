@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any
 
+from condyn_pin import _pin
 from condyn_pin.constraints import Constraint
 from condyn_pin.contacts import CONTACTS
 from condyn_pin.errors import InvalidArgument, unknown_name
@@ -42,3 +43,16 @@ def solver_of(name: str, knobs: dict[str, Any]) -> Solver:
     for key in given.keys() - known:
         raise InvalidArgument(f"{key}: {chosen.__name__} has no such knob; it has {sorted(known)}")
     return chosen(**given)
+
+
+def solvers_of(names: str) -> tuple[Solver, ...]:
+    """Return the solvers of a list, with their defaults; none of an empty one.
+
+    ``all`` are those that this Pinocchio has, without Reference: it judges the others.
+    """
+    if names.lower() != "all":
+        return tuple(solver_of(name.strip(), {}) for name in names.split(",") if name.strip())
+    missing = () if _pin.HAS_LCABA else ("lcaba",)
+    return tuple(
+        solver() for name, solver in SOLVERS.items() if name not in ("reference", *missing)
+    )

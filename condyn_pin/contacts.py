@@ -15,6 +15,7 @@ from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.constraints import Axis, Constraint, check_axis, floats, positive, text
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.soundness import rotation_fault
 
 Vector3 = tuple[float, float, float]
 Placement = tuple[float, float, float, float, float, float, float]
@@ -192,8 +193,8 @@ class PlanarContact(Constraint):
 
     Notes
     -----
-    The force is the one on the robot along the normal, in the axes of the world [N]. The contact
-    is bilateral.
+    The force is the one on the robot [N], in the axes of the plane: z is the normal, x and y are
+    zero. The contact is bilateral.
     """
 
     frame: str
@@ -234,6 +235,10 @@ def _placement(argument: str, value: object) -> Placement | None:
     """Return a placement in the world with a unit quaternion, or raise InvalidArgument."""
     if value is None:
         return None
+    if isinstance(value, pin.SE3):
+        fault = rotation_fault(value.rotation)
+        if fault and np.isfinite(value.rotation).all():
+            raise InvalidArgument(f"{argument}: its rotation is none: {fault}")
     x, y, z, *quaternion = floats(
         argument, pin.SE3ToXYZQUAT(value) if isinstance(value, pin.SE3) else value, 7
     )

@@ -118,7 +118,7 @@ class SolveFailed(CondynError):
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> UnknownName:
     """Return the error for a name that does not exist, with the nearest names that do."""
     known = list(known)
-    near = get_close_matches(name, known, n=4, cutoff=0.5)
+    near = get_close_matches(name, known, n=4, cutoff=0.6)
     if near:
         hint = "did you mean " + " or ".join(repr(n) for n in near) + "?"
     elif len(known) <= 30:

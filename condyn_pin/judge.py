@@ -58,13 +58,17 @@ class Judge:
         iterations = self._method.iterations()
         return Solution(a, lam, proof, status, iterations, solve_time, self._scene, q.copy())
 
-    def failed(self, q: Array, solve_time: float) -> Solution:
+    def failed(self, q: Array, v: Array, solve_time: float) -> Solution:
         """Return the solution of a method that met a singular matrix."""
-        violation = float(np.abs(self._workspace.equations.violation(q)).max(initial=0.0))
+        nothing = np.zeros(self._workspace.model.nv)
+        lam = np.zeros(self._scene.rows)
+        _, (*_, violation, velocity, _) = self._workspace.equations.errors(
+            q, v, nothing, nothing, lam
+        )
         return Solution(
             np.full(self._workspace.model.nv, nan),
             np.full(self._scene.rows, nan),
-            Proof(inf, inf, violation, nan, inf),
+            Proof(inf, inf, violation, velocity, inf),
             Status.SINGULAR,
             self._method.iterations(),
             solve_time,

@@ -46,15 +46,18 @@ class MinimumNorm:
 
     def solve(self, r: Array, s: Array) -> tuple[Array, Array]:
         """Return (a, lam) for one or many right-hand sides r (nv, k), s (m, k)."""
-        from scipy.linalg import solve_triangular
+        from scipy.linalg.lapack import dtrtrs
 
         U, S = self.U[:, : self.rank], self.S[: self.rank]
-        y = solve_triangular(self.L, r, lower=True, check_finite=False)
+        y = dtrtrs(self.L.T, r, trans=1)[0]  # LAPACK reads columns: L^T is no copy
         z = ((U.T @ s).T / S).T - self.V.T @ y
-        a: Array = solve_triangular(
-            self.L, y + self.V @ z, lower=True, trans="T", check_finite=False
-        )
-        return a, U @ (z.T / S).T
+        return dtrtrs(self.L.T, y + self.V @ z)[0], U @ (z.T / S).T
+
+    def solve_mass(self, r: Array) -> Array:
+        """Return M^-1 r for one or many right-hand sides (nv, k)."""
+        from scipy.linalg import cho_solve
+
+        return np.asarray(cho_solve((self.L, True), r, check_finite=False))
 
     def tangent(self, v: Array) -> Array:
         """Return the nearest velocity, in the metric of M, with J v = 0."""
@@ -70,15 +73,16 @@ class MinimumNorm:
 def factorise(M: Array, J: Array, rank_tolerance: float) -> MinimumNorm:
     """Factorise M and J; raises InvalidModel if M is not positive definite."""
     # imported here: scipy.linalg takes as long to import as Pinocchio
-    from scipy.linalg import solve_triangular
+    from scipy.linalg.lapack import dtrtrs
 
     try:
         L = np.asarray(np.linalg.cholesky(M), dtype=np.float64)
     except np.linalg.LinAlgError as error:
         raise InvalidModel("the mass matrix is not positive definite at this q") from error
-    Jw = solve_triangular(L, J.T, lower=True, check_finite=False).T
+    Jw = dtrtrs(L.T, J.T, trans=1)[0].T if len(J) else J
     try:
-        U, S, Vt = np.linalg.svd(Jw)
+        # all of U, whose last columns are the redundancy, but only so much of V as can be needed
+        U, S, Vt = np.linalg.svd(Jw, full_matrices=len(J) > len(M))
     except np.linalg.LinAlgError as error:
         raise InvalidModel("the constraint Jacobian is not finite at this q") from error
     rank = int(np.count_nonzero(rank_tolerance * S.max(initial=0.0) < S))

@@ -3,24 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
-from condyn_pin.errors import InvalidModel, unknown_name
+from condyn_pin.arrays import Array, finite
+from condyn_pin.errors import InvalidModel, UnknownName, unknown_name
 
 
-def posture(model: Any, values: Mapping[str, Any]) -> Array:
-    """Return the configuration with these values by joint, and neutral otherwise."""
+def posture(model: Any, values: Mapping[str, Any], where: str = "posture") -> Array:
+    """Return the configuration with these values by joint, and neutral otherwise.
+
+    Parameters
+    ----------
+    model : pin.Model
+    values : mapping
+        Joint to its configuration; of a joint that is (cos, sin), also its angle [rad].
+    where : str
+        What an error says first.
+    """
     q = np.array(pin.neutral(model))
     for name, value in values.items():
         if not model.existJointName(name):
-            raise unknown_name("joint", name, tuple(model.names)[1:])
+            known = unknown_name("joint", name, tuple(model.names)[1:])
+            raise UnknownName(f"{where}: {known}")
         joint = model.joints[model.getJointId(name)]
-        q[joint.idx_q : joint.idx_q + joint.nq] = value
+        one = isinstance(value, Real)
+        if one and joint.nq == 2 and joint.nv == 1:
+            value = [np.cos(value), np.sin(value)]
+        elif one and joint.nq == 1:
+            value = [value]
+        numbers = finite(f"{where}: {name}", value, joint.nq)
+        q[joint.idx_q : joint.idx_q + joint.nq] = numbers
     return q
 
 

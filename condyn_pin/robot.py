@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._pin import pin
-from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
 from condyn_pin.constraints import WORLD, Constraint, Coupling, Loop
 from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
-from condyn_pin.soundness import check_model
+from condyn_pin.robot_fields import MEMBERS, members, postures
+from condyn_pin.soundness import check_model, rotation_fault
 from condyn_pin.spring import Spring
 
 
@@ -72,19 +71,18 @@ class Robot:
         if not isinstance(self.name, str):
             raise InvalidArgument(f"name = {self.name!r}: a text is needed")
         check_model(self.model)
-        for key, kind in _MEMBERS.items():
-            object.__setattr__(self, key, _members(key, getattr(self, key), kind))
+        for key, kind in MEMBERS.items():
+            object.__setattr__(self, key, members(key, getattr(self, key), kind))
         for joint in self.actuated:
             self._joint(joint)
+            if self.actuated.count(joint) > 1:
+                raise InvalidArgument(f"actuated: {joint!r} is there twice; name it once")
         for spring in self.springs:
             if self._joint(spring.joint).nq != 1:
                 raise InvalidModel(
                     f"spring on {spring.joint!r}: a joint with one degree of freedom is needed"
                 )
-        if not isinstance(self.postures, Mapping):
-            raise InvalidArgument(f"postures = {self.postures!r}: a mapping of names is needed")
-        postures = {name: _posture(self.model, name, q) for name, q in self.postures.items()}
-        object.__setattr__(self, "postures", MappingProxyType(postures))
+        object.__setattr__(self, "postures", postures(self.model, self.postures))
         # A private copy: what the model was when it was checked.
         object.__setattr__(self, "_pristine", pin.Model(self.model))
         if self.model != self._pristine:  # type: ignore[attr-defined]
@@ -167,9 +165,11 @@ class Robot:
         joint, placement = self.frame(parent)
         p = finite("translation", translation, (3,))
         R = finite("rotation", np.eye(3) if rotation is None else rotation, (3, 3))
-        if not np.allclose(R @ R.T, np.eye(3), atol=1e-9) or np.linalg.det(R) < 0:
+        fault = rotation_fault(R)
+        if fault:
             raise InvalidArgument(
-                f"rotation = {R.tolist()}: an orthonormal matrix with determinant 1 is needed"
+                f"rotation = {R.tolist()}: {fault}; an orthonormal matrix with determinant 1 is "
+                "needed"
             )
         model = pin.Model(self.model)
         model.addFrame(pin.Frame(name, joint, 0, placement * pin.SE3(R, p), pin.FrameType.OP_FRAME))
@@ -251,32 +251,3 @@ class Robot:
             f"Robot({self.name!r}: nq {self.nq}, nv {self.nv}, {self.mass:.4g} kg, "
             f"{len(self.loops)} loops, postures: {', '.join(self.postures) or 'none'})"
         )
-
-
-_MEMBERS = {
-    "loops": (Loop, Coupling),
-    "contacts": (Constraint,),
-    "actuated": (str,),
-    "springs": (Spring,),
-    "unused": (str,),
-}
-
-
-def _members(argument: str, value: Any, kinds: tuple[type, ...]) -> tuple[Any, ...]:
-    """Return a list of things of some kinds as a tuple, or raise InvalidArgument."""
-    wanted = " or ".join(kind.__name__ for kind in kinds)
-    if isinstance(value, (str, Mapping)) or not isinstance(value, Iterable):
-        raise InvalidArgument(f"{argument} = {value!r}: a list of {wanted} is needed")
-    members = tuple(value)
-    for member in members:
-        if not isinstance(member, kinds):
-            raise InvalidArgument(f"{argument}: {member!r} is not a {wanted}")
-    return members
-
-
-def _posture(model: Any, name: str, q: ArrayLike) -> Array:
-    if not isinstance(name, str):
-        raise InvalidArgument(f"postures: {name!r} is not the name of a posture")
-    array = normalised(model, f"posture {name!r}", q)
-    array.flags.writeable = False
-    return array

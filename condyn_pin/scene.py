@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +19,7 @@ from condyn_pin.robot import Robot
 from condyn_pin.rows.binding import bind
 from condyn_pin.rows.bound import Bound, Coupled
 from condyn_pin.rows.native import Natives, natives
+from condyn_pin.smaller.methods import Smaller
 from condyn_pin.states.assembly import assemble, assemble_posture
 from condyn_pin.states.assembly_report import Assembly
 from condyn_pin.states.chains import Chains, chains
@@ -29,14 +30,9 @@ from condyn_pin.states.rank import Rank, rank
 from condyn_pin.states.sampling import sample
 from condyn_pin.summary import Summary, summarise
 
-if TYPE_CHECKING:
-    from condyn_pin.smaller.minimal import Minimal
-    from condyn_pin.smaller.reduction import ReducedScene
-    from condyn_pin.solvers.base import Solver
-
 
 @dataclass(frozen=True)
-class Scene:
+class Scene(Smaller):
     """A robot with constraints; a frozen value that pickles and compares.
 
     Parameters
@@ -302,145 +298,6 @@ class Scene:
     def check(self, q: ArrayLike, v: ArrayLike | None = None) -> Check:
         """Return how far each loop is open at q, and which constraints slip with v."""
         return check(self, q, v)
-
-    def lock(self, joints: Sequence[str], q: ArrayLike | None = None) -> ReducedScene:
-        """Return the scene of the smaller robot in which some joints are held at q.
-
-        Exact: it moves as this one does with the joints welded.
-
-        Parameters
-        ----------
-        joints : sequence of str
-            A free-flyer may be among them. Joints coupled to them are locked too.
-        q : (nq,) array_like, optional
-            Where; the nominal state by default. The other joints move as closing the loops needs;
-            the closed configuration is the first posture of the smaller robot, ``locked``.
-
-        Returns
-        -------
-        ReducedScene
-            A scene; its `expand_state` and `reduce_state` lead back and forth, and `dropped` says
-            what is left out, such as loops whose two sides are one body now.
-
-        Raises
-        ------
-        NotAssembled
-            If the loops cannot be closed with the joints there.
-        """
-        from condyn_pin.smaller.reduction import lock
-
-        return lock(self, joints, q)
-
-    def keep(self, joints: Sequence[str], q: ArrayLike | None = None) -> ReducedScene:
-        """Return the scene with all but some joints locked, as by `lock`.
-
-        A free-flyer is kept without being named; `lock` holds it.
-        """
-        from condyn_pin.smaller.reduction import keep
-
-        return keep(self, joints, q)
-
-    def without(self, names: Sequence[str]) -> ReducedScene:
-        """Return the scene without some of its constraints."""
-        from condyn_pin.smaller.reduction import without
-
-        return without(self, names)
-
-    def without_bodies(self, joints: Sequence[str]) -> ReducedScene:
-        """Return the scene without the bodies that hang on some joints, their mass included.
-
-        What hangs on these bodies goes with them, and the constraints that are fixed to them.
-        """
-        from condyn_pin.smaller.reduction import without_bodies
-
-        return without_bodies(self, joints)
-
-    def rods_as_distances(
-        self, joints: Sequence[str], *, mass: Literal["ends", "drop"] = "ends"
-    ) -> ReducedScene:
-        """Return the scene in which rods are one row each: the distance of their two ends.
-
-        Parameters
-        ----------
-        joints : sequence of str
-            The joints on which the rods hang: balls, or hinges of a planar linkage. Each rod ends
-            a branch, and one loop of kind ball or planar ties its other end.
-        mass : {"ends", "drop"}
-            Whether a rod's mass is shared by its two ends, so that total mass and centre of mass
-            along the rod stay, or dropped.
-
-        Raises
-        ------
-        InvalidArgument
-            If a body is no rod; the text says why.
-        InvalidConstraint
-            If a rod does more than keep a distance: without it the mobility is another.
-        """
-        from condyn_pin.smaller.rods import rods_as_distances
-
-        return rods_as_distances(self, joints, mass=mass)
-
-    def without_linkage(self, loops: Sequence[str], joints: Sequence[str]) -> ReducedScene:
-        """Return the scene without a linkage that only follows another joint.
-
-        Its loops are left out and its bodies welded at the nominal state; their inertia and damping
-        are reflected onto the joints that they followed, as armature and damping.
-
-        Parameters
-        ----------
-        loops : sequence of str
-            Names of constraints.
-        joints : sequence of str
-            The joints of the linkage.
-
-        Raises
-        ------
-        InvalidArgument
-            If a motor or a spring acts on one of the joints.
-        InvalidConstraint
-            If the loops also hold other joints than these.
-        """
-        from condyn_pin.smaller.linkages import without_linkage
-
-        return without_linkage(self, loops, joints)
-
-    def minimal(
-        self,
-        *,
-        error: float,
-        motion: Sequence[tuple[ArrayLike, ArrayLike, ArrayLike]] | None = None,
-        watch: Sequence[str] | None = None,
-        solver: Solver | None = None,
-    ) -> Minimal:
-        """Return a smaller scene that answers the same question within an error.
-
-        Tried in this order, each kept if the errors stay within the limit: joints that do not move
-        are locked, points of contact merged, implied constraints left out, linkages that only
-        follow reflected onto what they follow, rods replaced by distances, balls of planar
-        linkages by planar pins.
-
-        Parameters
-        ----------
-        error : float
-            Largest relative error of accelerations and contact wrench that is allowed
-            (`condyn_pin.smaller.price`).
-        motion : sequence of (q, v, tau), optional
-            Closed states that matter; random ones by default, in which every joint moves.
-        watch : sequence of str, optional
-            Joints whose accelerations are asked for; by default the floating base and the motors
-            that the motion moves, or all that it moves if it moves neither.
-        solver : Solver, optional
-            What has to take the smaller scene, and is timed; `Proximal()` by default, which takes
-            neither distances nor planar pins.
-
-        Returns
-        -------
-        Minimal
-            The scene, sizes and times before and after, the errors, and every step in words.
-        """
-        from condyn_pin.smaller.minimal import minimal
-
-        return minimal(self, error=error, motion=motion, watch=watch, solver=solver)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Scene, (self.robot, self.constraints)

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from condyn_pin.arrays import Array
+from condyn_pin.force import ConstraintForce, Sites, pulling
 from condyn_pin.proof import Proof
-from condyn_pin.rows.bound import Bound, Coupled
-from condyn_pin.rows.equations import Equations
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
@@ -22,13 +21,15 @@ class Status(Enum):
     """How a solve ended; the value is advice."""
 
     OK = (
-        "both equations hold at the state given, and a is right to the accuracy asked for; "
-        "state_error says how far that state itself is from the constraints"
+        "both equations hold at the state given, and a solves them to the accuracy asked for; "
+        "state_error says how far that state itself is from the constraints, and Scene.rank "
+        "whether it is singular, where the equations do not determine the motion"
     )
     INACCURATE = (
         "the two equations do not hold well enough for the accuracy asked for: allow more "
         "iterations, try another mu, or solve with Reference(); if state_error is large, the state "
-        "does not satisfy the constraints and no answer can"
+        "does not satisfy the constraints and no answer can: Scene.assemble and "
+        "Scene.project_velocity mend it"
     )
     SINGULAR = (
         "the matrix of this method is singular: some rows are redundant or the configuration is "
@@ -139,13 +140,12 @@ class Solution:
         return self.proof.bound
 
     @property
-    def forces(self) -> dict[str, Array]:
+    def forces(self) -> dict[str, ConstraintForce]:
         """Force on the first-named body by constraint, in the axes of the constraint.
 
-        (3,) [N], or (6,) [N, N m], linear part first, for kinds that transmit moments; what a kind
-        does not transmit is zero. (1,) for a coupling: the force along joint a [N m, N].
+        Each works as the array of its components, and knows where it acts and on whom.
         """
-        return {bound.name: self._force(i, bound) for i, bound in enumerate(self.scene.bounds)}
+        return self._sites.forces(self.lam)
 
     @property
     def world_forces(self) -> dict[str, Array]:
@@ -153,27 +153,16 @@ class Solution:
 
         A coupling has no axes: it is left out.
         """
-        forces = self.forces
-        return {
-            bound.name: (forces[bound.name].reshape(-1, 3) @ ends[0].rotation.T).ravel()
-            for bound, ends in zip(self.scene.bounds, self._placements, strict=True)
-            if ends is not None
-        }
+        return {name: force.in_world() for name, force in self.forces.items() if force.frame}
 
-    def _force(self, i: int, bound: Bound | Coupled) -> Array:
-        lam = self.lam[bound.rows]
-        if isinstance(bound, Coupled):
-            return lam.copy()
-        if not bound.is_rod:
-            return bound.whole(lam)
-        oMc1, oMc2 = self._placements[i]
-        along: Array = oMc1.actInv(oMc2).translation
-        return np.asarray(lam[0] * along / np.linalg.norm(along))
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """What deserves attention, a sentence each: contacts that pull, as no ground does."""
+        return pulling(self.forces, self._sites)
 
     @cached_property
-    def _placements(self) -> list[Any]:
-        scene = self.scene
-        return Equations(scene.robot.model, scene.bounds).placements(self.q)
+    def _sites(self) -> Sites:
+        return Sites(self.scene, self.q)
 
     def __repr__(self) -> str:
         return (
@@ -194,5 +183,7 @@ class Solution:
         if self.scene.rows:
             lines.append("forces on the first-named body, axes of each constraint [N, N m]:")
         for name, force in self.forces.items():
-            lines.append(f"{name:<28} {np.array2string(force, precision=4, suppress_small=True)}")
+            numbers = np.array2string(force.components, precision=4, suppress_small=True)
+            lines.append(f"{name:<28} {numbers}")
+        lines += [f"note: {notice}" for notice in self.notices]
         return "\n".join(lines)

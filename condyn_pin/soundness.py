@@ -8,36 +8,95 @@ import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
+from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidModel
 
 
 def check_model(model: Any) -> None:
-    """Refuse a model on which Pinocchio's algorithms are silently wrong or crash."""
+    """Refuse a model on which Pinocchio's algorithms are silently wrong or crash.
+
+    Cost: one pin.Data, which is what takes time and memory in a long chain.
+    """
     if len(model.mimicking_joints):
         names = ", ".join(model.names[i] for i in model.mimicking_joints)
         raise InvalidModel(
             f"mimic joints ({names}): Pinocchio's constrained dynamics refuse them; "
             "load the model without mimic, as independent joints"
         )
-    if not model.check(model.createData()):
+    if model.nv == 0:
+        raise InvalidModel("the model has no degree of freedom")
+    _check_placements(model)
+    data = _data(model)
+    if not model.check(data):
         raise InvalidModel(
             "the joints were not added depth-first, and Pinocchio's crba is silently wrong on "
             "such a model; add the children of a joint before its siblings"
         )
-    check_inertias(model)
+    _check_bodies(model)
+    _check_mass_matrix(model, data)
 
 
-def check_inertias(model: Any) -> None:
+def rotation_fault(R: Array) -> str:
+    """Return what is wrong with a rotation matrix; nothing if it is one."""
+    if not np.isfinite(R).all():
+        return "it is not finite"
+    error = float(np.abs(R @ R.T - np.eye(3)).max())
+    if error > tolerances.ROTATION:
+        return f"its axes are not orthonormal, R R^T - 1 has an entry of {error:.3g}"
+    return "it is left-handed, det R = -1" if np.linalg.det(R) < 0 else ""
+
+
+def _check_placements(model: Any) -> None:
+    """Refuse joints and frames whose axes are no rotation: lengths would depend on direction."""
+    joints = zip(model.names, model.jointPlacements, strict=True)
+    placements = [(f"joint {name!r}", M) for name, M in joints]
+    placements += [(f"frame {frame.name!r}", frame.placement) for frame in model.frames]
+    for who, M in placements:
+        fault = rotation_fault(M.rotation)
+        if fault:
+            raise InvalidModel(f"the placement of {who} has no rotation: {fault}")
+
+
+def _data(model: Any) -> Any:
+    """Return the Data of a model; its tensors for second derivatives are 4 x nv x nv x nv."""
+    try:
+        return model.createData()
+    except MemoryError as error:
+        raise InvalidModel(
+            f"the model has {model.nv} degrees of freedom, and Pinocchio's Data of it would take "
+            f"{4 * 8 * model.nv**3 / 1e9:.0f} GB, more than this machine has; fix or lock joints"
+        ) from error
+
+
+def _check_bodies(model: Any) -> None:
+    """Refuse what moves with a joint and is no body."""
+    largest = max(float(np.abs(Y.inertia).max()) for Y in model.inertias)
+    for name, Y in zip(model.names, model.inertias, strict=True):
+        if not np.isfinite([Y.mass, *Y.lever, *Y.inertia.ravel()]).all():
+            raise InvalidModel(f"what moves with joint {name!r} has a mass or inertia that is NaN")
+        if Y.mass < 0:
+            raise InvalidModel(f"the mass on {name} is negative, {Y.mass:g} kg: it must be >= 0")
+        if name == model.names[0]:  # what is fixed to the world moves nothing
+            continue
+        least, _, most = np.linalg.eigvalsh(Y.inertia)
+        if least < -max(tolerances.MOMENT * most, tolerances.MASSLESS * largest):
+            raise InvalidModel(
+                f"what moves with joint {name!r} has the principal moment {least:g} kg m^2, which "
+                "is negative, and no solid has that; correct the inertia of its bodies"
+            )
+        if Y.mass == 0 and most > tolerances.MASSLESS * largest:
+            raise InvalidModel(
+                f"what moves with joint {name!r} has a moment of inertia, {most:g} kg m^2, and no "
+                "mass; give it one, or the joint an armature in place of the inertia"
+            )
+
+
+def _check_mass_matrix(model: Any, data: Any) -> None:
     """Refuse a joint that moves no inertia: M would be singular."""
-    M = np.array(pin.crba(model, model.createData(), pin.neutral(model)))
+    M = np.array(pin.crba(model, data, pin.neutral(model)))
     diagonal = np.diag(M)
     if not np.isfinite(M).all():
         raise InvalidModel("the mass matrix is not finite: a mass, inertia or placement is NaN")
-    if model.nv == 0:
-        raise InvalidModel("the model has no degree of freedom")
-    negative = [name for name, Y in zip(model.names, model.inertias, strict=True) if Y.mass < 0]
-    if negative:
-        raise InvalidModel(f"the mass on {', '.join(negative)} is negative: it must be >= 0")
     bad = np.flatnonzero(diagonal <= tolerances.MASSLESS * diagonal.max())
     if bad.size:
         names = dict.fromkeys(_joint_of(model, int(i)) for i in bad)
@@ -45,17 +104,17 @@ def check_inertias(model: Any) -> None:
             f"no inertia moves with {', '.join(names)}: M is singular there; give the body a mass "
             "and an inertia, give the joint an armature, or lock it"
         )
-    _check_combinations(model)
+    _check_combinations(model, data)
 
 
-def _check_combinations(model: Any) -> None:
+def _check_combinations(model: Any, data: Any) -> None:
     """Refuse joints that move no inertia together.
 
     A massless body between two joints is fine unless one can turn without the other: then M is
     singular at every configuration, also at this one, which has nothing special.
     """
     q = pin.integrate(model, pin.neutral(model), np.linspace(0.3, 0.7, model.nv))
-    M = np.array(pin.crba(model, model.createData(), q))
+    M = np.array(pin.crba(model, data, q))
     scale = 1 / np.sqrt(M.diagonal())
     values, vectors = np.linalg.eigh(M * np.outer(scale, scale))
     if values[0] <= tolerances.MASSLESS:

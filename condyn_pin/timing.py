@@ -7,16 +7,23 @@ same state. A sample is the mean of the calls of one round, so that a clock read
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import cycle
 from time import perf_counter
+from typing import TypeVar
 
 import numpy as np
 
 from condyn_pin.arrays import Array
+from condyn_pin.errors import UnsupportedConstraint
+from condyn_pin.scene import Scene
+from condyn_pin.solvers.base import Solver
+from condyn_pin.workspace import Workspace
 
 State = tuple[Array, Array, Array]
 Call = Callable[[Array, Array, Array], object]
+_Key = TypeVar("_Key", bound=Hashable)
 
 
 @dataclass(frozen=True)
@@ -41,18 +48,18 @@ class Times:
 
 
 def interleaved(
-    calls: Mapping[str, Call],
+    calls: Mapping[_Key, Call],
     states: Sequence[State],
     *,
     rounds: int = 300,
     repeats: int = 10,
     tick: Callable[[], None] = lambda: None,
-) -> dict[str, Times]:
+) -> dict[_Key, Times]:
     """Time callables on the same states.
 
     Parameters
     ----------
-    calls : mapping of str to callable
+    calls : mapping of keys to callable
         Each is called with (q, v, tau).
     states : sequence of (q, v, tau)
         Round r uses state r modulo their number.
@@ -63,10 +70,13 @@ def interleaved(
 
     Returns
     -------
-    dict of str to Times
+    dict of keys to Times
+        Empty if there is nothing to call.
     """
     names = list(calls)
-    samples: dict[str, list[float]] = {name: [] for name in names}
+    if not names:
+        return {}
+    samples: dict[_Key, list[float]] = {name: [] for name in names}
     for name in names:  # warm-up: memory, caches, lazy imports
         for state in states:
             calls[name](*state)
@@ -88,3 +98,45 @@ def interleaved(
         if collecting:
             gc.enable()
     return {name: Times(tuple(values)) for name, values in samples.items()}
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A solver tried on a scene.
+
+    Attributes
+    ----------
+    call : callable or None
+        What to time: its accelerations at one state after the other; the arguments are not looked
+        at, since scenes to be compared do not share their states. None if a time would say nothing.
+    said : str
+        "ok", or why there is nothing to time.
+    """
+
+    call: Call | None
+    said: str
+
+
+def trial(scene: Scene, solver: Solver, states: Sequence[State]) -> Trial:
+    """Return what to time, if the solver takes the scene and says ok at every state."""
+    try:
+        workspace = Workspace(scene, solver)
+    except UnsupportedConstraint:
+        missing = [c for c in scene.constraints if c.name in scene.natives.missing]
+        kinds = dict.fromkeys(str(getattr(c, "kind", type(c).__name__)) for c in missing)
+        return Trial(None, f"takes no {' and no '.join(kinds)}")
+    for state in states:
+        status = workspace.solve(*state, throw=False).status
+        if not status.ok:
+            return Trial(None, status.name.lower())
+    turn = cycle(states)
+    return Trial(lambda q, v, tau: workspace.acceleration(*next(turn)), "ok")
+
+
+def time_trials(
+    trials: Mapping[_Key, Trial], *, rounds: int = 300, repeats: int = 10
+) -> dict[_Key, Times]:
+    """Time what can be timed of some trials, in one interleaved run."""
+    calls = {name: one.call for name, one in trials.items() if one.call is not None}
+    nothing = (np.zeros(0),) * 3
+    return interleaved(calls, [nothing], rounds=rounds, repeats=repeats)

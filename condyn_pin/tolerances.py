@@ -16,6 +16,10 @@ FINEST: Final = 1e-14
 # by accident, and a quaternion typed with six digits is refused.
 QUATERNION: Final = 1e-6
 
+# | R Rᵀ - 1 | of the rotation in a placement. Products of rotations end at 1e-15, and the nearest
+# rotation of a matrix typed with twelve digits is found before it comes here.
+ROTATION: Final = 1e-9
+
 # Gap of a closed loop [m, rad]. Newton's method ends at rounding, 1e-16 times the size of the
 # robot; a state written to a file with twelve digits is still accepted.
 CLOSED: Final = 1e-10
@@ -48,6 +52,10 @@ DERIVATIVES: Final = 1e-6
 # M is refused when a joint feels less inertia than this share of the largest.
 MASSLESS: Final = 1e-14
 
+# A principal moment that is negative by less, relative to the largest of the body, is zero but for
+# the digits of the file, and so is what a moment exceeds the sum of the other two by.
+MOMENT: Final = 1e-6
+
 # A chain stands in a dead point when its smallest singular value is below this share of the
 # largest, and columns of J that differ by less count as dependent. A gap of CLOSED shifts a joint
 # beside a dead point by its square root, 1e-5.
@@ -65,3 +73,7 @@ CONSISTENT: Final = 1e-10
 # Sine of the angle between two axes of a description that are meant to be the same. Files write
 # angles with four digits, and 1.57 for a right angle, which is off by 8e-4.
 PARALLEL: Final = 1e-3
+
+# Error of a smaller scene that counts as none. Exact simplifications differ from the full scene by
+# what two solves by `Reference` without corrections do: up to 3e-13 on Cassie.
+EXACT: Final = 1e-9

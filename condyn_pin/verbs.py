@@ -44,7 +44,7 @@ def solve(
         Joint torques [N, N m]; zero in the rows of a free-flyer.
     solver : Solver, optional
         `Proximal()` by default; for kinds of constraints that it cannot take, `DenseKKT()`, and
-        `Reference()` if there are redundant rows besides.
+        `NullSpace()` if there are redundant rows besides.
     drift : Baumgarte, optional
         What a_ref is; zero by default.
     accuracy : float

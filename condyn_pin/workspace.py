@@ -103,10 +103,10 @@ class Workspace:
             raise InvalidArgument(
                 f"scene: its robot {scene.robot.name!r} has another model; make a new Workspace"
             )
+        check_kinds(scene, self.solver)
         self.scene = scene
         self.bounds: tuple[Bound | Coupled, ...] = scene.bounds
         self.natives = scene.natives
-        check_kinds(scene, self.solver)
         self.constraint_models, self.constraint_datas = raw_constraints(
             self.model, self.natives.constraints, self.drift
         )
@@ -225,7 +225,7 @@ class Workspace:
         try:
             a = self._run(q_, v_, tau_)
         except Singular:
-            solution = self._judge.failed(q_, perf_counter() - start)
+            solution = self._judge.failed(q_, v_, perf_counter() - start)
         else:
             solve_time = perf_counter() - start
             for i in self._roots:
@@ -254,6 +254,11 @@ class Workspace:
         """Return how a and lam change with q, v and tau; `condyn_pin.derivatives` says how."""
         if method not in METHODS:
             raise unknown_name("method", str(method), METHODS)
+        if not self.solver.exact:
+            raise InvalidArgument(
+                f"solver = {self.solver!r}: derivatives are those of hard constraints, and it "
+                "solves others; use Proximal()"
+            )
         solution = self.solve(q, v, tau, accuracy=accuracy)
         _, v_, tau_ = self._arguments.check(q, v, tau)
         found = METHODS[method](self, solution, v_, tau_)
@@ -271,8 +276,12 @@ class Workspace:
         return partial(Workspace, drift=self.drift), (self.scene, self.solver)
 
     def _failure(self, solution: Solution) -> SolveFailed:
+        position, velocity = solution.state_error
         return SolveFailed(
-            f"{self.solver!r} on {self.scene.robot.name}: {solution.status}", solution
+            f"{self.solver!r} on {self.scene.robot.name}: {solution.status} "
+            f"(error bound {solution.error_bound:.1e}, state open by {position:.1e} and slipping "
+            f"by {velocity:.1e})",
+            solution,
         )
 
     def terms(self, q: ArrayLike, v: ArrayLike) -> Terms:

@@ -10,6 +10,7 @@ import pytest
 import condyn_pin as cp
 from condyn_pin._pin import HAS_LCABA, pin
 from condyn_pin.catalogue import motor_torque, standard_scenes
+from condyn_pin.choice import untaken
 
 
 @functools.cache
@@ -121,3 +122,14 @@ def relative(a: np.ndarray, b: np.ndarray, floor: float = 9.81) -> float:
 
 each_scene = pytest.mark.parametrize("label", list(all_scenes()))
 each_solver = pytest.mark.parametrize("solver", [s() for s in SOLVERS.values()], ids=list(SOLVERS))
+each_exact_solver = pytest.mark.parametrize(
+    "solver",
+    [s() for s in SOLVERS.values() if s.exact],
+    ids=[name for name, s in SOLVERS.items() if s.exact],
+)
+
+
+def takes(solver: cp.Solver, scene: cp.Scene) -> bool:
+    """Whether a solver can say ok on a scene."""
+    redundant = bool(scene.audit.redundant)
+    return not untaken(scene, solver) and (solver.takes_redundant or not redundant)

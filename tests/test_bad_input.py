@@ -77,6 +77,67 @@ def test_surface_contact_refuses_what_is_not_a_placement(value):
         cp.SurfaceContact("foot", anchor=value)
 
 
+SHEARED = np.eye(3) + 0.1 * np.eye(3, k=1)
+MIRRORED = np.diag([1.0, 1.0, -1.0])
+NO_ROTATIONS = {"not orthonormal": SHEARED, "left-handed": MIRRORED}
+
+
+@pytest.mark.parametrize(("text", "R"), NO_ROTATIONS.items(), ids=NO_ROTATIONS)
+def test_placements_that_are_no_rotation_are_refused(text, R):
+    placement = pin.SE3(R, np.zeros(3))
+    for contact in (cp.SurfaceContact, cp.LineContact):
+        with pytest.raises(cp.InvalidArgument, match=f"^anchor: its rotation .*{text}"):
+            contact("foot", anchor=placement)
+    model = pin.Model(robot("four_bar").model)
+    model.jointPlacements[2] = placement
+    with pytest.raises(cp.InvalidModel, match=f"placement of joint 'coupler' .*{text}"):
+        cp.Robot("a", model)
+    model = pin.Model(robot("four_bar").model)
+    model.addFrame(pin.Frame("tool", 1, 0, placement, pin.FrameType.OP_FRAME))
+    with pytest.raises(cp.InvalidModel, match=f"placement of frame 'tool' .*{text}"):
+        cp.Robot("a", model)
+
+
+def one_body(inertia: pin.Inertia) -> pin.Model:
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "j")
+    model.appendBodyToJoint(1, inertia, pin.SE3.Identity())
+    return model
+
+
+def test_bodies_that_no_solid_is_are_refused():
+    for moments, mass, text in (
+        ([1.0, -1.0, 1.0], 1.0, "'j' has the principal moment -1 kg m.2, which is negative"),
+        ([-1.0, 1.0, 1.0], 1.0, "'j' has the principal moment -1 kg m.2, which is negative"),
+        ([1.0, 1.0, 1.0], 0.0, "'j' has a moment of inertia, 1 kg m.2, and no mass"),
+        ([1.0, 1.0, 1.0], -1.0, "the mass on j is negative, -1 kg"),
+    ):
+        inertia = pin.Inertia.Identity()  # the constructor refuses some of these, a URDF does not
+        inertia.mass, inertia.inertia = mass, np.diag(moments)
+        with pytest.raises(cp.InvalidModel, match=text):
+            cp.Robot("a", one_body(inertia))
+    rounding = pin.Inertia.Identity()
+    rounding.inertia = np.diag([1.0, 1.0, -1e-9])
+    assert cp.Robot("a", one_body(rounding)).nv == 1
+
+
+def test_a_chain_whose_data_does_not_fit_is_refused_with_its_size(monkeypatch):
+    def no_memory(model: pin.Model) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(pin.Model, "createData", no_memory)
+    model = one_body(pin.Inertia.Random())
+    with pytest.raises(cp.InvalidModel, match=r"1 degrees of freedom.* GB, more than this machine"):
+        cp.Robot("a", model)
+
+
+def test_a_robot_costs_one_data(monkeypatch):
+    made, create = [], pin.Model.createData
+    monkeypatch.setattr(pin.Model, "createData", lambda m: made.append(m) or create(m))
+    cp.Robot("a", one_body(pin.Inertia.Identity()))
+    assert len(made) == 1
+
+
 @pytest.mark.parametrize("value", NOT_NAMES, ids=repr)
 def test_a_frame_has_to_be_a_name(value):
     for call in (
@@ -136,6 +197,10 @@ ROBOTS: dict[str, Case] = {
         for key in ("loops", "contacts", "actuated", "springs", "unused", "postures")
         for value in (3, None, "abc", [3])
     },
+    "motor named twice": (
+        lambda: cp.Robot("a", robot("talos").model, actuated=["torso_1_joint"] * 2),
+        "^actuated: 'torso_1_joint' is there twice",
+    ),
     "motor of no joint": (
         lambda: cp.Robot("a", robot("talos").model, actuated=["leg_left_7_joint"]),
         "no joint named 'leg_left_7_joint'; did you mean .*leg_left_6_joint",
@@ -256,10 +321,10 @@ NAMES = {
     "Talos": "'talos'",
     "nobody": "no robot named 'nobody'; known: andrews, ",
     "/nowhere/arm.urdf": r"/nowhere/arm\.urdf: no such file",
-    "/nowhere/arm.sdf": "a .urdf file or a folder with a robot.toml is needed",
-    "/nowhere/arm.xacro": "a .urdf file or a folder with a robot.toml is needed",
+    "/nowhere/arm.sdf": r"/nowhere/arm\.sdf: cannot be opened: No such file",
+    "/nowhere/arm.xacro": "a .urdf, an .sdf or an .xml with an MJCF is needed",
     "/nowhere/arm": "no robot named '/nowhere/arm'",
-    "": "a .urdf file or a folder with a robot.toml is needed",
+    "": "a .urdf, an .sdf or an .xml with an MJCF is needed",
 }
 
 
@@ -270,7 +335,7 @@ def test_load_robot_refuses_names_and_paths(name, text):
 
 @pytest.mark.parametrize("root_joint", ["fixed", "free_flyer"])
 def test_load_robot_refuses_a_root_joint_for_what_says_it_itself(root_joint):
-    check(lambda: cp.load_robot("talos", root_joint=root_joint), "only a URDF takes it")
+    check(lambda: cp.load_robot("talos", root_joint=root_joint), "only a URDF and an SDF take it")
 
 
 @pytest.mark.parametrize("root_joint", ["flying", "", 3], ids=repr)
@@ -397,6 +462,54 @@ CARDS = {
     "no such SRDF": CARD + ARM + 'srdf = "nowhere.srdf"',
     "empty SRDF": CARD + ARM + 'srdf = "empty.srdf"',
 }
+
+
+LOOP = '[[loops]]\nframe_a = "a"\nframe_b = "b"\n'
+POINT = '[[contacts]]\nkind = "point"\nframe = "b"\n'
+SAID = {
+    "framea": (ARM + LOOP.replace("_a", "a"), r"loops\[0\]: no entry named 'framea'; did you mean"),
+    "no frame_b": (ARM + '[[loops]]\nframe_a = "a"', r"loops\[0\]: the entry 'frame_b' is missing"),
+    "loop on no frame": (
+        ARM + LOOP + LOOP.replace('"b"', '"tool"'), r"loops\[1\]: no frame named 'tool'",
+    ),
+    "loop on one body": (ARM + LOOP.replace('"a"', '"b"'), r"loops\[0\]: b~b: both sides belong"),
+    "loop twice": (ARM + LOOP + LOOP, r"loops\[1\]: two constraints are named 'a~b'"),
+    "a rod without length": (ARM + LOOP + 'kind = "rod"', r"loops\[0\]: length = None for a rod"),
+    "coupling of no joint": (
+        ARM + '[[loops]]\nkind = "coupling"\njoint_a = "j"\njoint_b = "knee"',
+        r"loops\[0\]: no joint named 'knee'",
+    ),
+    "contact on no frame": (
+        ARM + POINT.replace('"b"', '"sole"'), r"contacts\[0\]: no frame named 'sole'",
+    ),
+    "contact twice": (ARM + POINT + POINT, r"contacts\[1\]: two constraints are named 'b'"),
+    "ofset": (ARM + POINT + "ofset = 1", r"contacts\[0\]: no entry named 'ofset'"),
+    "motors in one text": ('actuated = "j"\n' + ARM, "entry actuated = 'j': a list of texts"),
+    "motor twice": ('actuated = ["j", "j"]\n' + ARM, "actuated: 'j' is there twice"),
+    "description in one text": ('description = "arm.urdf"', "description = 'arm.urdf': a table"),
+    "posture in one number": (ARM + "[postures]\nup = 3", r"postures\.up = 3: a table is needed"),
+    "posture of two values": (ARM + "[postures.up]\nj = [1, 2]", r"postures\.up: j has shape \(2,"),
+    "one value for a free joint": (
+        ARM + 'root_joint = "free_flyer"\n[postures.up]\nroot_joint = 1.0',
+        r"postures\.up: root_joint has shape",
+    ),
+    "frame": (ARM + FRAME.replace('"b"', '"c"'), r"frames\[0\]: no frame named 'c'"),
+    "file": (ARM.replace("arm.", "leg."), "no file 'leg.urdf': neither .*leg.urdf nor .*leg.urdf"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("card", "text"), SAID.values(), ids=SAID)
+def test_a_wrong_card_is_refused_in_the_words_of_the_file(tmp_path, card, text):
+    (tmp_path / "arm.urdf").write_text(f"<robot name='arm'>{A}{B}{J}</robot>")
+    (tmp_path / "robot.toml").write_text('name = "x"\n' + card)
+    check(lambda: cp.load_robot(tmp_path), rf"robot\.toml: .*{text}")
+
+
+def test_a_card_needs_a_name_and_a_file_and_no_more(tmp_path):
+    (tmp_path / "arm.urdf").write_text(f"<robot name='arm'>{A}{B}{J}</robot>")
+    (tmp_path / "robot.toml").write_text('name = "x"\n' + ARM)
+    arm = cp.load_robot(tmp_path)
+    assert (arm.source, arm.licence) == ("unknown", "unknown")
 
 
 @pytest.fixture(scope="module")
@@ -640,7 +753,7 @@ def test_states_that_are_no_numbers_are_refused_by_name(place, value):
             workspace.terms(*state[:2])
 
 
-SOLVERS = [cp.Proximal(), cp.DenseKKT(), cp.Reference(), *([cp.LCABA()] if HAS_LCABA else [])]
+SOLVERS = [s() for n, s in cp.SOLVERS.items() if s.exact and (n != "lcaba" or HAS_LCABA)]
 each_solver = pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: s.title)
 
 

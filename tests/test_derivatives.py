@@ -238,3 +238,109 @@ def test_refuses(what):
         d = cp.derivatives(scene, q, v, tau)
         with pytest.raises(cp.InvalidArgument, match=what):
             d.jvp(v[1:], v, tau) if what == "dq" else d.vjp(v, np.full(12, np.nan))
+
+
+def fourth_order(f, h=1e-4):
+    """Return f'(0) by central differences of (a, lam)."""
+    x2, x1, y1, y2 = (np.concatenate(f(k * h)) for k in (-2, -1, 1, 2))
+    return (8 * (y1 - x1) - (y2 - x2)) / (12 * h)
+
+
+def close(found, numeric):
+    found = np.concatenate(found)
+    return np.abs(found - numeric).max() < 1e-7 * max(np.abs(numeric).max(), 1.0)
+
+
+def parameters_of(kind: str, drift: cp.Baumgarte | None):
+    """A robot, the state, and (a, lam) with any model of it in its place."""
+    made, rng = two_arms("free_flyer"), np.random.default_rng(5)
+    q = pin.integrate(made.model, pin.neutral(made.model), rng.normal(size=made.nv))
+    v, tau = rng.normal(size=(2, made.nv))
+
+    def answer(model):
+        robot = cp.Robot("changed", model)
+        scene = cp.Scene(robot, [CONSTRAINTS[kind]])
+        solution = cp.solve(
+            scene, q, v, tau, solver=cp.Reference(refinements=0), drift=drift, throw=False
+        )
+        return solution.a, solution.lam
+
+    scene = cp.Scene(made, [CONSTRAINTS[kind]])
+    d = cp.derivatives(scene, q, v, tau, solver=cp.Reference(), drift=drift)
+    return made.model, answer, d, rng
+
+
+@pytest.mark.parametrize("drift", [None, PULLED])
+@pytest.mark.parametrize("kind", [kind for kind in CONSTRAINTS if kind != "coupling"])
+def test_by_the_placement_of_a_frame(kind, drift):
+    """A frame moved on its body, in a model made anew."""
+    model, answer, d, rng = parameters_of(kind, drift)
+    constraint = CONSTRAINTS[kind]
+    names = (
+        (constraint.frame,)
+        if hasattr(constraint, "frame")
+        else (constraint.frame_a, constraint.frame_b)
+    )
+    for which, name in zip(("first", "second"), names, strict=False):
+        if name == "world":
+            continue
+        twist, i = rng.normal(size=6), model.getFrameId(name)
+        # an offset is part of the frame that moves
+        offset = pin.SE3(np.eye(3), np.array(getattr(constraint, "offset", np.zeros(3))))
+
+        def moved(t, twist=twist, i=i, offset=offset):
+            changed = pin.Model(model)
+            placed = changed.frames[i].placement * offset * pin.exp6(t * twist) * offset.inverse()
+            changed.frames[i].placement = placed
+            return answer(changed)
+
+        da, dlam = d.by_placement(constraint.name, which)
+        assert close((da @ twist, dlam @ twist), fourth_order(moved)), which
+
+
+@pytest.mark.parametrize("kind", ["surface", "ball", "rod"])
+def test_by_gravity_and_inertias(kind):
+    model, answer, d, rng = parameters_of(kind, None)
+    direction = rng.normal(size=3)
+
+    def pulled(t):
+        changed = pin.Model(model)
+        changed.gravity = pin.Motion(model.gravity.linear + t * direction, np.zeros(3))
+        return answer(changed)
+
+    da, dlam = d.by_gravity()
+    assert close((da @ direction, dlam @ direction), fourth_order(pulled))
+    own = [np.array(Y.toDynamicParameters()) for Y in list(model.inertias)[1:]]
+    step = np.concatenate([0.1 * rng.uniform(size=1) * pi for pi in own])
+
+    def heavier(t):
+        changed = pin.Model(model)
+        for i, pi in enumerate(own):
+            changed.inertias[i + 1] = pin.Inertia.FromDynamicParameters(
+                pi + t * step[10 * i : 10 * i + 10]
+            )
+        return answer(changed)
+
+    da, dlam = d.by_inertias()
+    assert close((da @ step, dlam @ step), fourth_order(heavier, 1e-3))
+
+
+@pytest.mark.parametrize(
+    ("name", "frame", "error", "match"),
+    [
+        ("a-b", "first", cp.UnknownName, "did you mean 'a~b'"),
+        ("a~b", "third", cp.InvalidArgument, "one of first, second"),
+        ("held", "second", cp.InvalidArgument, "without an anchor"),
+        ("gear", "first", cp.InvalidArgument, "has no frames"),
+    ],
+)
+def test_by_placement_refuses(name, frame, error, match):
+    constraints = [
+        cp.Loop("a", "b"),
+        cp.PointContact("a", name="held"),
+        cp.Coupling("a2", "b1", name="gear"),
+    ]
+    scene = cp.Scene(two_arms("revolute"), constraints)
+    d = cp.derivatives(scene, *scene.sample(np.random.default_rng(0)), np.zeros(scene.robot.nv))
+    with pytest.raises(error, match=match):
+        d.by_placement(name, frame)

@@ -214,6 +214,22 @@ def test_an_axis_that_points_backwards_is_half_a_turn_off():
         assert np.abs(c(closed)).max() < 1e-12
 
 
+@pytest.mark.parametrize("other", ["x", "y", "z"])
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+def test_a_backward_axis_shows_beside_another_hinge(axis, other):
+    _, free = loose(pin.JointModelRZ(), pin.SE3.Identity(), pin.SE3.Identity())
+    hinges = [
+        cp.Loop("on_body", "on_world", "hinge", a, name=n) for n, a in (("1", axis), ("2", other))
+    ]
+    c = Equations(free.model, cp.Scene(free, hinges).bounds).violation
+    for flip in np.eye(3):
+        q = np.array([0, 0, 0, *flip, 0.0])
+        for k, a in enumerate((axis, other)):
+            turned = "xyz"[int(np.argmax(flip))] != a
+            size = np.linalg.norm(c(q)[5 * k : 5 * k + 5])
+            assert size == pytest.approx(np.pi if turned else 0.0, abs=1e-12)
+
+
 BAD = {
     "a rod without length": lambda: cp.Loop("a", "b", "rod"),
     "a ball with a length": lambda: cp.Loop("a", "b", length=1.0),
@@ -264,9 +280,39 @@ def test_the_default_solver_takes_the_scene():
     rod = cp.Loop("crank_tip", "rocker_tip", "rod", length=0.8)
     assert cp.Workspace(cp.Scene(bar, bar.loops)).solver == cp.Proximal()
     assert cp.Workspace(cp.Scene(bar, [rod])).solver == cp.DenseKKT()
-    assert cp.Workspace(cp.Scene(bar, [rod, *bar.loops])).solver == cp.Reference()
+    assert cp.Workspace(cp.Scene(bar, [rod, *bar.loops])).solver == cp.NullSpace()
     with pytest.raises(cp.UnsupportedConstraint, match=r"crank_tip~rocker_tip.*DenseKKT\(\)"):
         cp.Workspace(cp.Scene(bar, [rod]), cp.Proximal())
     workspace = cp.Workspace(cp.Scene(talos, talos.contacts))
+    before = workspace.scene
     with pytest.raises(cp.UnsupportedConstraint, match="gear"):
         workspace.use(cp.Scene(talos, [cp.Coupling("torso_1_joint", "torso_2_joint", name="gear")]))
+    assert workspace.scene is before  # a refused switch leaves everything as it was
+    assert workspace.solve(*workspace.scene.state(), np.zeros(talos.nv)).status.ok
+
+
+@pytest.mark.parametrize(
+    "constraint",
+    [
+        cp.PointContact("tip"),
+        cp.SurfaceContact("tip"),
+        cp.LineContact("tip", "x"),
+        cp.PlanarContact("tip", normal=(1.0, 0.0, 0.0)),
+        cp.Loop("tip", "beside"),
+        cp.Loop("tip", "beside", "weld"),
+        cp.Loop("tip", "beside", "slider", axis="x"),
+        cp.Loop("tip", "beside", "rod", length=0.8),
+    ],
+    ids=lambda constraint: getattr(constraint, "kind", type(constraint).__name__),
+)
+def test_a_robot_of_a_single_joint_takes_every_kind(constraint):
+    """Pinocchio gives Jacobians of a single column as vectors."""
+    pendulum = cp.pendulum().with_frame("beside", "world", (0.6, 0.0, -0.4))
+    scene = cp.Scene(pendulum, [constraint])
+    q = np.array([0.3])
+    solution = cp.solve(scene, q, [0.0], [0.2], solver=cp.Reference())
+    derivatives = cp.derivatives(scene, q, [0.0], [0.2], solver=cp.Reference())
+    assert abs(solution.a[0]) < 1e-10  # the one joint is blocked
+    assert derivatives.da_dq.shape == (1, 1)
+    assert derivatives.dlam_dtau.shape == (scene.rows, 1)
+    assert abs(cp.impact(scene, q, [1.0]).v[0]) < 1e-12

@@ -34,7 +34,7 @@ def test_each_mechanism_is_a_public_function_and_a_robot_by_name():
         path = build.__module__.replace(".", "/")
         assert build().source == f"built in {path}.py"
         assert all(
-            p.kind is p.KEYWORD_ONLY and p.default is not p.empty
+            (p.kind is p.KEYWORD_ONLY or p.name == "n") and p.default is not p.empty
             for p in inspect.signature(build).parameters.values()
         )
 
@@ -81,6 +81,11 @@ def test_n_four_bar_moves_as_its_equation_says(n, theta):
     a = cp.solve(scene, q, v, np.zeros(2 * n + 1), solver=cp.Reference()).a
     wanted = -((n + 1) / 2 + n) * GRAVITY / length * np.cos(theta) / ((n + 1) / 3 + n)
     assert relative(a, parallel(n, wanted)) < 1e-9 * n**2
+
+
+def test_the_size_of_a_mechanism_may_stand_first():
+    assert cp.n_four_bar(3) == cp.n_four_bar(n=3)
+    assert cp.chain(5) == cp.chain(n=5)
 
 
 def test_n_four_bar_starts_as_the_benchmark_does():

@@ -14,11 +14,13 @@ from shared import all_scenes, relative, robot
 
 import condyn_pin as cp
 from condyn_pin.catalogue import motor_torque
-from condyn_pin.smaller.climbing import Ladder, LadderEffort, Rung, climb
+from condyn_pin.smaller import climbing
+from condyn_pin.smaller.climbing import climb
 from condyn_pin.smaller.ladder_plot import draw_ladder, save_ladders
 from condyn_pin.smaller.same_motion import loaded, same_motion, standing_torque
+from condyn_pin.tolerances import EXACT
 
-FEW = LadderEffort(states=2, rounds=5, repeats=2)
+FEW = cp.LadderEffort(states=2, rounds=5, repeats=2)
 
 
 @functools.cache
@@ -49,17 +51,21 @@ def test_a_solver_of_exact_rows_gets_rods_pins_and_edges():
     found = cassie(0.1, cp.DenseKKT())
     assert found.nv == (32, 22)
     assert not found.scene.audit.redundant
-    assert math.isnan(found.us[0])  # singular before
+    assert found.said == ("singular", "ok")
+    assert math.isnan(found.us[0])
     assert found.us[1] > 1
+    assert "singular before, " in str(found)
+    assert "nan" not in str(found)
     kinds = {getattr(c, "kind", type(c).__name__) for c in found.scene.constraints}
     assert kinds == {"rod", "LineContact"}
 
 
 def test_the_errors_are_those_of_the_smaller_scene():
-    """Solved again from outside, at the same kind of states."""
+    """Solved again from outside, at states that the choice was not made by."""
     found = cassie(0.05, cp.Proximal())
+    assert found.states >= 50
     scene = all_scenes()["cassie loops + contacts"]
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(1)
     errors = []
     for _ in range(found.states):
         q, v = scene.sample(rng)
@@ -107,6 +113,67 @@ def test_joints_that_the_motion_leaves_alone_are_locked():
     assert "joints that do not move locked" in str(found)
 
 
+def test_what_looks_good_at_a_few_states_only_is_undone():
+    """The rod of the four-bar is within 1e-2 at the ten states that it is tried at."""
+    scene = all_scenes()["four_bar loops"]
+    found = scene.minimal(error=1e-2, solver=cp.DenseKKT())
+    undone = [
+        step for step in found.steps if "other states; 0.01 is allowed, so undone" in str(step)
+    ]
+    assert undone
+    assert all(isinstance(step, cp.Step) and isinstance(step.errors, cp.Errors) for step in undone)
+    assert not any(step.kept for step in undone)
+    assert all(step.errors.worst > 1e-2 for step in undone)
+    assert found.rows == (3, 2)  # what the rod was in the way of: a planar pin
+    rng = np.random.default_rng(5)
+    worst = 0.0
+    for _ in range(100):
+        q, v = scene.sample(rng)
+        tau = motor_torque(scene.robot, rng)
+        small = found.scene
+        a = cp.solve(scene, q, v, tau, solver=cp.Reference()).a
+        state = (*small.reduce_state(q, v), small.reduce_torque(tau))
+        b = cp.solve(small, *state, solver=cp.Reference()).a
+        worst = max(worst, relative(b[:1], a[:1]))
+    assert worst <= 1e-2
+
+
+def test_no_error_at_all_leaves_what_is_exact():
+    found = all_scenes()["talos corners"].minimal(error=0)
+    assert found.rows == (24, 12)
+    assert found.limit == EXACT
+    assert found.errors.worst <= EXACT
+    assert "1e-09 allowed" in str(found)
+
+
+@pytest.mark.parametrize("label", ["four_bar planar", "four_bar geared", "four_bar rod"])
+def test_kinds_that_proximal_does_not_take_are_taken_by_default(label):
+    found = all_scenes()[label].minimal(error=0.1)
+    assert found.solver in (cp.DenseKKT(), cp.Reference())
+    assert found.said == ("ok", "ok")
+    assert all(us > 1 for us in found.us)
+
+
+def test_a_solver_that_cannot_be_timed_is_said():
+    scene = all_scenes()["four_bar loops"]
+    found = scene.minimal(error=1e-9, solver=cp.Proximal(max_iterations=1, mu=1.0))
+    assert found.said == ("inaccurate", "inaccurate")
+    assert all(map(math.isnan, found.us))
+    assert "inaccurate before, inaccurate after" in str(found)
+
+
+def test_a_motion_is_to_be_closed():
+    scene = all_scenes()["four_bar loops"]
+    q, v = scene.sample(np.random.default_rng(0))
+    tau = np.zeros(3)
+    for q_, v_, said in (
+        (np.add(q, [0.1, 0, 0]), v, "coupler_rocker is open by"),
+        (q, np.add(v, [0.1, 0, 0]), "coupler_rocker slips at"),
+    ):
+        with pytest.raises(cp.NotAssembled, match=rf"motion\[1\]: {said}"):
+            scene.minimal(error=0.1, motion=[(q, v, tau), (q_, v_, tau)])
+
+
 def test_watch_chooses_what_counts():
     found = all_scenes()["four_bar loops"].minimal(error=0.9, watch=["rocker"])
     assert found.watch == ("rocker",)
@@ -121,7 +188,8 @@ def test_minimal_pickles():
 @pytest.mark.parametrize(
     ("arguments", "error", "said"),
     [
-        ({"error": 0.0}, cp.InvalidArgument, "between 0 and 1"),
+        ({"error": -0.1}, cp.InvalidArgument, "from 0 to below 1"),
+        ({"error": 1.0}, cp.InvalidArgument, "from 0 to below 1"),
         ({"error": math.nan}, cp.InvalidArgument, "error"),
         ({"error": 0.1, "motion": []}, cp.InvalidArgument, "empty"),
         ({"error": 0.1, "motion": "walk"}, cp.InvalidArgument, "list of"),
@@ -145,6 +213,7 @@ def table(name: str) -> cp.LadderTable:
 def test_cassies_ladder():
     rows = {row.label: row for row in table("cassie").rows}
     assert next(iter(rows)) == "springs free"
+    assert all(isinstance(row, cp.LadderRow) for row in rows.values())
     sizes = [(row.nv, row.rows) for row in rows.values()]
     assert sizes == [(32, 24), (28, 18), (24, 18), (18, 12), (18, 12)]
     assert rows["springs free"].a_worst == 0.0
@@ -152,6 +221,11 @@ def test_cassies_ladder():
     assert 1e-3 < rows["springs locked"].a_worst < 0.2
     assert rows["achilles rods as distances"].a_step < 0.01
     assert all(row.solver != "none says ok" and row.us > 1 for row in rows.values())
+    rods = rows["achilles rods as distances"]
+    assert (rods.solver, rods.slower_as) == ("Dense KKT", "Proximal takes no rod")
+    assert rows["knee and tarsus geared"].slower_as == "Proximal takes no Coupling"
+    assert rows["springs free"].slower_as == ""
+    assert "Dense KKT; Proximal takes no rod" in table("cassie").to_markdown()
 
 
 def test_taloss_ladder():
@@ -220,13 +294,22 @@ def test_an_unknown_ladder_is_named():
         cp.ladder("casie")
 
 
+def test_a_ladder_that_no_solver_takes_has_no_times(monkeypatch):
+    monkeypatch.setattr(climbing, "_solvers", lambda: (cp.Proximal(),))
+    bar = robot("four_bar")
+    rod = cp.Scene(bar, [cp.Loop("crank_tip", "rocker_tip", "rod", length=0.8)])
+    (row,) = climb(cp.Ladder("mine", lambda: rod, "rod", (), "rod"), effort=FEW).rows
+    assert (row.solver, row.slower_as) == ("none says ok", "")
+    assert math.isnan(row.us)
+
+
 def test_a_ladder_of_ones_own():
     bar = robot("four_bar")
-    mine = Ladder(
+    mine = cp.Ladder(
         "mine",
         lambda: cp.Scene(bar, bar.loops),
         "whole",
-        (Rung("rod", "the coupler is light", lambda s: s.rods_as_distances(["coupler"])),),
+        (cp.Rung("rod", "the coupler is light", lambda s: s.rods_as_distances(["coupler"])),),
         "rod",
     )
     found = climb(mine, effort=FEW)

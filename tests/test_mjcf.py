@@ -469,10 +469,12 @@ WRONG = {
     "<inertial> is there 2 times": body(2 * INERTIAL),
     "mass is '-1'": body('<inertial pos="0 0 0" mass="-1" diaginertia="1 1 1"/>'),
     "mass is 'nan'": body('<inertial pos="0 0 0" mass="nan" diaginertia="1 1 1"/>'),
-    "principal moments are 1, 1 and 3": body(
+    "principal moments 1 and 1 add up to less than 3 kg": body(
         '<inertial pos="0 0 0" mass="1" diaginertia="3 1 1"/>'
     ),
-    "principal moments are -1": body('<inertial pos="0 0 0" mass="1" diaginertia="-1 1 1"/>'),
+    "principal moment -1 kg m^2 is negative": body(
+        '<inertial pos="0 0 0" mass="1" diaginertia="-1 1 1"/>'
+    ),
     "excludes diaginertia": body(
         '<inertial pos="0 0 0" mass="1" fullinertia="1 1 1 0 0 0" quat="1 0 0 0"/>'
     ),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from shared import robot
 
 import condyn_pin as cp
 from condyn_pin._pin import pin
+from condyn_pin.load import example_robot_data
 
 
 def test_postures_cannot_be_written():
@@ -18,6 +20,19 @@ def test_postures_cannot_be_written():
         posture[0] = 1.0
     with pytest.raises(TypeError):
         robot("talos").postures["new"] = posture
+
+
+@pytest.mark.parametrize("name", ["talos", "cassie"])
+def test_postures_keep_their_last_digits(name):
+    """Normalising a unit quaternion again would move them, and a copy would not be equal."""
+    q = next(iter(robot(name).postures.values())).copy()
+    q[3:7] = [0.1, 0.2, 0.3, 0.5]
+    once = dataclasses.replace(robot(name), postures={"home": q})
+    for _ in range(5):
+        copy = pickle.loads(pickle.dumps(once))
+        assert copy == once
+        once = copy
+    assert np.linalg.norm(once.postures["home"][3:7]) == pytest.approx(1.0, abs=1e-15)
 
 
 def test_talos_carries_rotor_inertia():
@@ -115,6 +130,43 @@ def test_a_urdf_alone_is_a_robot(tmp_path):
     assert cp.load_robot(path).nv == 3
     floating = cp.load_robot(str(path), root_joint="free_flyer")
     assert (floating.nq, floating.nv) == (7 + 3 * 2, 6 + 3)
+
+
+def test_postures_of_continuous_joints_are_angles_or_cos_and_sin(tmp_path):
+    (tmp_path / "swing.urdf").write_text(SWING)
+    (tmp_path / "robot.toml").write_text(
+        'name = "s"\n[description]\nfile = "swing.urdf"\n'
+        "[postures.a]\nleft = 0.5\n[postures.b]\nleft = [0.6, 0.8]\n"
+    )
+    postures = cp.load_robot(tmp_path).postures
+    np.testing.assert_allclose(postures["a"][:2], [np.cos(0.5), np.sin(0.5)], atol=1e-15)
+    np.testing.assert_allclose(postures["b"][:2], [0.6, 0.8], atol=1e-15)
+
+
+def test_a_loop_that_is_open_where_a_posture_puts_it_is_told(tmp_path):
+    (tmp_path / "swing.urdf").write_text(SWING)
+    (tmp_path / "robot.toml").write_text(CARD)
+    assert not any("is open by" in text for text in cp.load_robot(tmp_path).unused)
+    bent = CARD.replace("[postures.hanging]", "[postures.bent]\nleft = 0.1\n[postures.hanging]")
+    (tmp_path / "robot.toml").write_text(bent)
+    assert any(
+        "'close' is open by 0.0" in t and "'bent'" in t for t in cp.load_robot(tmp_path).unused
+    )
+    as_file = cp.load_robot("cassie", variant={"achilles": "as_file"})
+    told = [text for text in as_file.unused if "is open by 0.0172 m or rad" in text]
+    assert told
+    assert all("at the posture 'standing'" in text for text in told)
+    assert not any("is open by" in text for text in robot("cassie").unused)
+
+
+def test_an_sdf_alone_is_a_robot():
+    path = example_robot_data() / "cassie_description/robots/cassie_wo_gearbox_spring.sdf"
+    cassie = cp.load_robot(path)
+    assert (cassie.nv, len(cassie.loops)) == (23, 4)
+    scene = cp.Scene(cassie, cassie.loops)
+    assert scene.check(scene.guess()).ok
+    with pytest.raises(cp.InvalidModel, match="'static' attach the model to the world"):
+        cp.load_robot(path, root_joint="free_flyer")
 
 
 def rod(name: str, rpy: str = "0 0 0") -> str:

@@ -59,9 +59,8 @@ def table(path: Path) -> dict[str, list[str]]:
 @each_folder
 def test_the_examples_of_a_readme_run(folder, capsys):
     text = (folder / "README.md").read_text(encoding="utf-8")
-    session: dict[str, object] = {}
     for block in re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL):
-        exec(compile(block, str(folder), "exec"), session)
+        exec(compile(block, str(folder), "exec"), {})
     assert "ok" in capsys.readouterr().out
 
 

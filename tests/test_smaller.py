@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import pickle
 
@@ -13,8 +14,6 @@ import condyn_pin as cp
 from condyn_pin._pin import pin
 from condyn_pin.catalogue import motor_torque
 from condyn_pin.rows.equations import Equations, Terms
-from condyn_pin.smaller.merging import merge_points
-from condyn_pin.smaller.planar import as_planar
 from condyn_pin.smaller.smaller_tree import smaller_tree
 from condyn_pin.tolerances import CLOSED
 
@@ -178,6 +177,14 @@ def test_lock_holds_the_joints_where_it_is_told():
     full, _ = small.expand_state(*small.state())
     assert full[2] == q[2]
     assert np.abs(full - q).max() < 1e-9
+
+
+def test_a_smaller_scene_prints_what_it_leaves_out():
+    text = str(all_scenes()["cassie loops + contacts"].lock(SPRINGS).without(["left-foot/toe"]))
+    assert text.splitlines()[0] == "cassie: nv 32 -> 28, rows 24 -> 21"
+    assert "joints locked: left-knee-shin-joint, " in text
+    assert "constraint left-foot/toe: left out" in text
+    assert "array(" not in text
 
 
 def test_lock_twice_is_lock_once():
@@ -391,7 +398,7 @@ def test_points_are_merged_exactly():
         ("cassie loops + contacts", (*[cp.Loop] * 4, cp.LineContact, cp.LineContact)),
     ):
         scene = all_scenes()[label]
-        small = merge_points(scene)
+        small = scene.merge_points()
         assert tuple(map(type, small.constraints)) == kinds
         assert small.audit.rank == scene.audit.rank
         q, v = scene.sample(np.random.default_rng(0))
@@ -399,8 +406,41 @@ def test_points_are_merged_exactly():
         a = cp.solve(scene, q, v, tau, solver=cp.Reference()).a
         b = cp.solve(small, q, v, tau, solver=cp.Reference()).a
         assert relative(b, a) < 1e-10
-    kept = merge_points(all_scenes()["cassie loops + contacts"], edges=False)
+    kept = all_scenes()["cassie loops + contacts"].merge_points(edges=False)
     assert kept.constraints == all_scenes()["cassie loops + contacts"].constraints
+
+
+def pair_of_points(along: tuple[float, float, float], middle: tuple[float, float, float]):
+    """Two points of Solo's front left foot."""
+    ends = [tuple(np.add(middle, np.multiply(sign, along))) for sign in (1, -1)]
+    return [cp.PointContact("FL_FOOT", end, name=f"p{i}") for i, end in enumerate(ends)]
+
+
+def test_an_edge_is_where_its_own_points_are():
+    """A frame that an earlier merge has left is used again only if it is the same one."""
+    first = cp.Scene(robot("solo12"), pair_of_points((0.1, 0, 0), (0, 0, 0)))
+    merged = first.merge_points()
+    again = cp.Scene(merged.robot, first.constraints).merge_points()
+    assert again.constraints == merged.constraints
+    assert again.robot == merged.robot
+    other = cp.Scene(merged.robot, pair_of_points((0, 0.1, 0), (0, 0, 0.3)))
+    small = other.merge_points()
+    assert small.names == ("FL_FOOT/edge 2",)
+    q, v = other.sample(np.random.default_rng(0))
+    tau = motor_torque(other.robot, np.random.default_rng(0))
+    a, b = (cp.solve(s, q, v, tau, solver=cp.Reference()).a for s in (other, small))
+    assert relative(b, a) < 1e-10
+
+
+def test_a_merged_contact_takes_a_name_that_is_free():
+    points = pair_of_points((0.1, 0, 0), (0, 0, 0))
+    other = cp.PointContact("HR_FOOT", name="FL_FOOT/edge")
+    small = cp.Scene(robot("solo12"), [*points, other]).merge_points()
+    assert small.names == ("FL_FOOT/edge 2", "FL_FOOT/edge")
+    points.append(cp.PointContact("FL_FOOT", (0.0, 0.1, 0.0), name="p2"))
+    other = cp.PointContact("HR_FOOT", name="FL_FOOT")
+    small = cp.Scene(robot("solo12"), [*points, other]).merge_points()
+    assert small.names == ("FL_FOOT 2", "FL_FOOT")
 
 
 def test_points_with_an_anchor_are_not_merged():
@@ -409,14 +449,14 @@ def test_points_with_an_anchor_are_not_merged():
         cp.PointContact("FL_FOOT", (0.01 * i, 0, 0), anchor=(0.2, 0.1, 0.0), name=f"p{i}")
         for i in range(2)
     ]
-    assert merge_points(cp.Scene(solo, points)).constraints == tuple(points)
+    assert cp.Scene(solo, points).merge_points().constraints == tuple(points)
 
 
 @pytest.mark.parametrize("label", ["four_bar loops", "four_bar backwards", "cassie loops"])
 def test_a_ball_in_a_plane_becomes_a_planar_pin_with_full_rank(label):
     scene = all_scenes()[label]
     name = next(r for r in scene.audit.redundant).rsplit(".", 1)[0]
-    small = as_planar(scene, name)
+    small = scene.as_planar(name)
     assert small.rows == scene.rows - 1
     assert small.audit.rank == scene.audit.rank
     q, v = scene.sample(np.random.default_rng(0))
@@ -424,7 +464,78 @@ def test_a_ball_in_a_plane_becomes_a_planar_pin_with_full_rank(label):
     a, b = (cp.solve(s, q, v, tau, solver=cp.Reference()).a for s in (scene, small))
     assert relative(b, a) < 1e-10
     with pytest.raises(cp.InvalidConstraint, match="ball is needed"):
-        as_planar(small, name)
+        small.as_planar(name)
+
+
+@pytest.mark.parametrize("ends", [("coupler_tip", "ground"), ("ground", "coupler_tip")])
+def test_a_planar_pin_reports_the_force_of_the_ball_it_replaces(ends):
+    """On the body that is named first, the world among them, in the same axes of the world."""
+    bar = robot("four_bar")
+    data = bar.model.createData()
+    pin.framesForwardKinematics(bar.model, data, next(iter(bar.postures.values())))
+    at = data.oMf[bar.model.getFrameId("coupler_tip")].translation
+    pinned = bar.with_frame("ground", "world", at, pin.rpy.rpyToMatrix(0.3, 0.2, 0.1))
+    scene = cp.Scene(pinned, [cp.Loop(*ends, name="L")])
+    small = scene.as_planar("L")
+    rng = np.random.default_rng(0)
+    q, v = scene.sample(rng)
+    tau = motor_torque(pinned, rng)
+    ball, planar = (
+        cp.solve(s, q, v, tau, solver=cp.Reference()).world_forces["L"] for s in (scene, small)
+    )
+    assert np.abs(ball).max() > 0.1
+    assert np.allclose(planar[:3], ball, atol=1e-9 * np.abs(ball).max())
+
+
+def two_hinges(axis: str) -> cp.Scene:
+    """A robot of two degrees of freedom, its tip held by a ball on the world."""
+    model = pin.Model()
+    joint, seat = 0, pin.SE3.Identity()
+    for name in ("a", "b"):
+        joint = model.addJoint(joint, getattr(pin, f"JointModelR{axis}")(), seat, name)
+        model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
+        seat = pin.SE3(np.eye(3), np.array([1.0, 0.0, 0.0]))
+    model.addFrame(pin.Frame("tip", joint, 0, seat, pin.FrameType.OP_FRAME))
+    post = pin.SE3(np.eye(3), np.array([1.0, 1.0, 0.0]))
+    model.addFrame(pin.Frame("post", 0, 0, post, pin.FrameType.OP_FRAME))
+    two = cp.Robot("two", model, postures={"met": np.array([0.0, np.pi / 2])})
+    return cp.Scene(two, [cp.Loop("tip", "post", name="L")])
+
+
+def test_a_ball_on_a_robot_of_two_joints_becomes_a_planar_pin():
+    scene = two_hinges("Z")
+    small = scene.as_planar("L")
+    assert (small.rows, small.audit.rank) == (2, scene.audit.rank)
+
+
+def test_a_ball_of_rank_one_has_no_plane():
+    """The tip of a slider moves on a line, which lies in many planes."""
+    model = pin.Model()
+    for name in "ab":
+        joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), name)
+        model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
+    model.addFrame(pin.Frame("tip", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    scene = cp.Scene(cp.Robot("two", model), [cp.Loop("tip", "world", name="L")])
+    with pytest.raises(cp.InvalidConstraint, match="rank 1"):
+        scene.as_planar("L")
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_distance_reports_the_force_of_the_loop_that_it_replaces(backwards):
+    """On the body that is named first, the nearer the lighter the rod is."""
+    whole = pantograph(1e-7)
+    (loop,) = whole.constraints
+    if backwards:
+        loop = cp.Loop(loop.frame_b, loop.frame_a, name=loop.name)
+        whole = cp.Scene(whole.robot, [loop])
+    small = whole.rods_as_distances(["coupler"], mass="drop")
+    q, v = whole.sample(np.random.default_rng(0))
+    tau = np.array([0.3, 0.0, 0.0])
+    ball = cp.solve(whole, q, v, tau, solver=cp.Reference()).world_forces[loop.name]
+    state = (*small.reduce_state(q, v), small.reduce_torque(tau))
+    rod = cp.solve(small, *state, solver=cp.Reference()).world_forces[loop.name]
+    assert np.abs(ball).max() > 0.1
+    assert np.allclose(rod, ball, atol=1e-4 * np.abs(ball).max())
 
 
 def test_locking_one_side_of_a_coupling_locks_the_other():
@@ -435,6 +546,27 @@ def test_locking_one_side_of_a_coupling_locks_the_other():
     assert any("rocker: locked with crank, by the coupling gear" in text for text in small.dropped)
     q, _ = small.expand_state(*small.state())
     assert q[2] == pytest.approx(2 * q[0] + 0.1, abs=1e-10)
+
+
+def test_a_coupled_joint_is_locked_where_the_coupling_wants_it():
+    """Not where it is in q: only the joints that were named are to stay."""
+    model = pin.Model()
+    for name in "abc":
+        joint = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), name)
+        model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
+    gear = cp.Coupling("a", "b", ratio=2.0)
+    small = cp.Scene(cp.Robot("geared", model), [gear]).lock(["a"], np.array([0.5, 0.0, 0.1]))
+    assert small.robot.joints == ("c",)
+    assert np.allclose(small.held, [0.5, 0.25, 0.1], atol=1e-10)
+
+
+def test_the_locked_posture_comes_first_with_and_without_q():
+    scene = all_scenes()["talos contacts"]
+    before = scene.robot.postures
+    for small in (scene.lock(ARMS), scene.lock(ARMS, scene.state()[0])):
+        assert tuple(small.robot.postures) == ("locked", *before)
+        assert np.array_equal(small.guess(), small.guess("locked"))
+        assert np.allclose(small.expand_state(*small.state())[0], scene.state()[0], atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -459,9 +591,9 @@ def test_locking_one_side_of_a_coupling_locks_the_other():
             "also hold other joints",
         ),
         (lambda s: s.without_linkage(["plantar"], CRANKS), cp.UnknownName, "plantar-foot-joint"),
-        (lambda s: as_planar(s, RODS[0]), cp.InvalidConstraint, "kind ball"),
+        (lambda s: s.as_planar("left-achilles"), cp.UnknownName, "left-achilles-spring-joint"),
         (
-            lambda s: as_planar(s, "left-achilles-spring-joint"),
+            lambda s: s.as_planar("left-achilles-spring-joint"),
             cp.InvalidConstraint,
             "independent",
         ),
@@ -470,6 +602,34 @@ def test_locking_one_side_of_a_coupling_locks_the_other():
 def test_what_is_no_rod_and_no_linkage_is_refused(change, error, said):
     with pytest.raises(error, match=said):
         change(all_scenes()["cassie loops"])
+
+
+def test_what_goes_with_the_joint_of_a_rod_is_said():
+    scene = all_scenes()["four_bar loops"]
+    assert len(scene.rods_as_distances(["coupler"]).dropped) == 1
+    model = pin.Model(scene.robot.model)
+    joint = model.joints[model.getJointId("coupler")]
+    for said in ("damping", "friction", "armature"):
+        numbers = np.array(getattr(model, said))
+        numbers[joint.idx_v] = 0.1
+        setattr(model, said, numbers)
+        rough = cp.Scene(dataclasses.replace(scene.robot, model=model), scene.constraints)
+        small = rough.rods_as_distances(["coupler"])
+        assert any("joint coupler" in text and said in text for text in small.dropped)
+        assert said in str(small.summary())
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.1])
+def test_a_body_with_its_mass_beyond_its_ends_is_no_rod(share):
+    whole = pantograph(0.1)
+    model = pin.Model(whole.robot.model)
+    number = model.getJointId("coupler")
+    tip = whole.robot.frame("coupler_tip")[1].translation
+    inertia = model.inertias[number]
+    model.inertias[number] = pin.Inertia(inertia.mass, share * tip, inertia.inertia)
+    scene = cp.Scene(dataclasses.replace(whole.robot, model=model), whole.constraints)
+    with pytest.raises(cp.InvalidArgument, match=rf"centre of mass .* at {share:g} of its length"):
+        scene.rods_as_distances(["coupler"])
 
 
 def test_a_rod_that_does_more_than_keep_a_distance_is_refused():

@@ -6,7 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
-from shared import all_scenes, each_scene, each_solver, relative, robot, states, truth
+from shared import all_scenes, each_exact_solver, each_scene, relative, robot, states, truth
 
 import condyn_pin as cp
 from condyn_pin._pin import pin
@@ -160,7 +160,7 @@ def hanging_box() -> cp.Robot:
 
 
 @pytest.mark.parametrize("kind", ["ball", "weld"])
-@each_solver
+@each_exact_solver
 def test_a_hanging_box_is_held_up_in_both_orders(kind, solver):
     box = hanging_box()
     _, placement = box.frame("hook")
@@ -283,3 +283,16 @@ def test_the_bound_does_not_depend_on_the_accuracy_asked_for():
         assert not solution.status.ok  # a stretched arm: the exact answer is far away
         bounds.add(solution.error_bound)
     assert len(bounds) == 1
+
+
+def test_a_singular_answer_still_says_what_the_state_is():
+    scene = all_scenes()["four_bar loops"]
+    q, v, tau = states("four_bar loops")[0]
+    failed = cp.solve(scene, q, v + 0.1, tau, solver=cp.DenseKKT(), throw=False)
+    fine = cp.solve(scene, q, v + 0.1, tau, throw=False)
+    assert failed.status is cp.Status.SINGULAR
+    assert failed.state_error == pytest.approx(fine.state_error)
+    with pytest.raises(
+        cp.SolveFailed, match=r"error bound inf, state open by .* slipping by 0\.|by [1-9]"
+    ):
+        cp.solve(scene, q, v + 0.1, tau, solver=cp.DenseKKT())

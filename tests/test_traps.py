@@ -25,7 +25,7 @@ GRAVITY = 9.81
 LIBRARY = Path(cp.__file__).parent
 IS_4 = _pin.VERSION >= (4, 0)
 
-SOLVERS = [cp.Proximal(), cp.DenseKKT(), cp.Reference(), *([cp.LCABA()] if HAS_LCABA else [])]
+SOLVERS = [s() for n, s in cp.SOLVERS.items() if s.exact and (n != "lcaba" or HAS_LCABA)]
 each_solver = pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: s.title)
 takes_redundant = pytest.mark.parametrize(
     "solver", [s for s in SOLVERS if s.takes_redundant], ids=lambda s: s.title

@@ -251,6 +251,55 @@ def test_a_negative_moment_is_doubted(read):
     assert any("doubts about the inertia of d" in text for text in robot.unused)
 
 
+def test_a_body_that_no_solid_is_is_doubted_where_it_is_fixed_and_refused_where_it_moves(read):
+    for old, new, text in (
+        ('"0.001"', '"-0.0001"', "the principal moment -0.0001 kg m^2 is negative"),
+        ('value="1"', 'value="0"', "there is a moment of inertia and no mass"),
+    ):
+        odd = link("d").replace(old, new)
+        robot = read(*SWING, odd, joint("new", "a", "d", kind="fixed"))
+        assert any(f"inertia of d: {text}" in sentence for sentence in robot.unused)
+    with pytest.raises(cp.InvalidModel, match=r"'new' has the principal moment -0\.1 kg"):
+        read(*SWING, link("d").replace('"0.001"', '"-0.1"'), joint("new", "a", "d"))
+    with pytest.raises(cp.InvalidModel, match=r"'new' has a moment of inertia, .* and no mass"):
+        read(*SWING, link("d").replace('value="1"', 'value="0"'), joint("new", "a", "d"))
+    robot = read(*SWING, link("d").replace('"0.001"', '"0.1"'), joint("new", "a", "d"))
+    assert any("inertia of d: the principal moments" in text for text in robot.unused)
+
+
+def test_all_that_is_not_read_is_listed(read):
+    extra = '<safety_controller k_velocity="1"/><calibration rising="0"/>'
+    robot = read(
+        *SWING,
+        link("d").replace("</link>", "<visual/><visual/><collision/></link>"),
+        joint("new", "a", "d", f'{extra}<dynamics damping="1" spring_stiffness="3"/>'),
+        "<foo/><gazebo/><!-- a comment -->",
+    )
+    assert (
+        "elements that are not read: 1 <calibration>, 1 <collision>, 1 <foo>, 1 <gazebo>, "
+        "1 <safety_controller>, 2 <visual>"
+    ) in robot.unused
+    assert "attributes that are not read: 1 spring_stiffness of <dynamics>" in robot.unused
+
+
+def test_mimics_and_halves_that_do_nothing_are_listed(read):
+    still = joint("new", "a", "d", '<mimic joint="left"/>', "fixed")
+    robot = read(*SWING, link("d"), still, tip("closing_bar_3", "a", "0 0 0"))
+    assert "mimic of fixed joints (new)" in robot.unused
+    assert any("'closing_bar_3': it does not end in _1 or _2" in text for text in robot.unused)
+
+
+def test_joints_that_mimic_in_a_circle_are_refused(read):
+    right, left = '<mimic joint="right"/>', '<mimic joint="left"/>'
+    with pytest.raises(cp.InvalidModel, match="'left', 'right' mimic each other in a circle"):
+        read(
+            link("beam", ""),
+            *SWING[1:3],
+            joint("left", "beam", "a", right),
+            joint("right", "beam", "b", left),
+        )
+
+
 # Files made at random -----------------------------------------------------------------------------
 
 

@@ -4,9 +4,10 @@ Both residuals of `condyn_pin.differentiation.linearised` stay zero along an ans
 
     M da - J^T dlam = dtau - r_q dq - r_v dv,        J da = -s_q dq - s_v dv
 
-With independent rows, Y = M^-1 J^T, G = J Y and B = Y G^-1, an inverse of that matrix is
+With independent rows, Y = M^-1 J^T, G = J Y and B = Y G^-1, the inverse of that matrix is
 
-    a = (M^-1 - Y B^T) x + B y,        lam = G^-1 y - B^T x.
+    [ M  -J^T ]^-1   [ M^-1 - Y B^T    B    ]
+    [ J    0  ]    = [    -B^T        G^-1  ].
 
 Where rows are redundant, the derivative is that of the smallest lam (`condyn_pin.minimum_norm`).
 With N a basis of the left null space of J, that lam keeps N^T lam = 0: with lam = J w
@@ -16,31 +17,24 @@ With N a basis of the left null space of J, that lam keeps N^T lam = 0: with lam
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.base import Derivatives
-from condyn_pin.differentiation.linearised import Linearised
+from condyn_pin.differentiation.linearised import Linearisation, Linearised
+from condyn_pin.differentiation.parameters import (
+    gravity_regressor,
+    inertia_regressor,
+    placement_partials,
+)
 from condyn_pin.minimum_norm import MinimumNorm, factorise
 from condyn_pin.solution import Solution
 
 if TYPE_CHECKING:
     from condyn_pin.workspace import Workspace
-
-
-class Inverse(NamedTuple):
-    """The inverse of the matrix, by blocks."""
-
-    A: Array  # (nv, nv), M^-1 - Y B^T
-    B: Array  # (nv, m)
-    G_inv: Array  # (m, m)
-
-    def solve(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Return (a, lam) for one or many right-hand sides x (nv, k), y (m, k)."""
-        return self.A @ x + self.B @ y, self.G_inv @ y - self.B.T @ x
 
 
 class KktDerivatives(Derivatives):
@@ -63,60 +57,120 @@ class KktDerivatives(Derivatives):
         linearisation, q, lam = workspace.linearisation, solution.q, solution.lam
         self._of = of = linearisation.at(q, v, solution.a, lam)
         self._null: Array | None = None  # (m, nv): what keeps lam the smallest as the rows turn
-        factors: Inverse | MinimumNorm | None = _invert(of)
-        if factors is None:
+        inverse = _inverse(of)
+        if inverse is None:
             factors = factorise(linearisation.mass_matrix(q), of.J, tolerances.RANK)
-            N = factors.U[:, factors.rank :]
-            w = np.asarray(np.linalg.lstsq(of.J, lam, rcond=tolerances.RANK)[0], dtype=np.float64)
-            still, no_force = np.zeros_like(w), np.zeros_like(lam)
-            dJ_w = linearisation.at(q, still, w, no_force).s_q
-            if workspace.drift:  # what it adds at rest is no part of J w
-                dJ_w = dJ_w - linearisation.at(q, still, still, no_force).s_q
-            self._null = N @ (N.T @ dJ_w)
-        self._factors = factors
+            inverse = _pseudo_inverse(factors)
+            self._null = turning_null_space(
+                linearisation, q, lam, of.J, factors, drift=workspace.drift is not None
+            )
+        self._inverse, self._workspace, self._v = inverse, workspace, v
+
+    def by_gravity(self) -> tuple[Array, Array]:
+        """Return the derivatives of a (nv, 3) and lam (m, 3) by the vector of gravity [m/s^2]."""
+        return self._by(gravity_regressor(self._workspace.model, self.solution.q))
+
+    def by_inertias(self) -> tuple[Array, Array]:
+        """Return the derivatives of a and lam by the inertial parameters of the bodies.
+
+        Ten columns a joint, as `pin.Inertia.toDynamicParameters`: mass, mass times centre of mass,
+        and the inertia about the joint's origin xx xy yy xz yz zz. Armature is not among them.
+        """
+        model, of = self._workspace.model, self.solution
+        return self._by(inertia_regressor(model, of.q, self._v, of.a))
+
+    def by_placement(self, name: str, frame: str = "first") -> tuple[Array, Array]:
+        """Return the derivatives of a (nv, 6) and lam (m, 6) by where a constraint is on a body.
+
+        Parameters
+        ----------
+        name : str
+            Of the constraint.
+        frame : {"first", "second"}
+            The first-named frame moves on its body, or the other one, by a small twist in its own
+            axes, linear part first. Where rows are redundant, only a and J^T lam are unique.
+        """
+        of = self.solution
+        return self._by(
+            *placement_partials(self._workspace, name, frame, of.q, self._v, of.a, of.lam)
+        )
+
+    def _by(self, r: Array, s: Array | None = None) -> tuple[Array, Array]:
+        """Return the derivatives by a parameter, from the partials of the two residuals."""
+        n = self._n
+        answer = -(self._inverse[:, :n] @ r)
+        if s is not None:
+            answer -= self._inverse[:, n:] @ s
+        return answer[:n], answer[n:]
 
     def _form(self) -> tuple[Array, Array]:
-        of, n, m = self._of, self._n, self._m
-        x, y = np.concatenate([of.r_q, of.r_v], axis=1), np.concatenate([of.s_q, of.s_v], axis=1)
-        by_state = self._factors.solve(x, y)
-        if isinstance(self._factors, Inverse):
-            by_tau = self._factors.A, -self._factors.B.T
-        else:
-            by_tau = self._factors.solve(np.eye(n), np.zeros((m, n)))
-        da, dlam = (np.concatenate([-a, b], axis=1) for a, b in zip(by_state, by_tau, strict=True))
+        n = self._n
+        whole = np.concatenate([-(self._inverse @ self._of.by_state), self._inverse[:, :n]], axis=1)
         if self._null is not None:
-            dlam[:, :n] += self._null
-        return da, dlam
+            whole[n:, :n] += self._null
+        return whole[:n], whole[n:]
 
     def _forward(self, dq: Array, dv: Array, dtau: Array) -> tuple[Array, Array]:
-        of = self._of
-        da, dlam = self._factors.solve(
-            dtau - of.r_q @ dq - of.r_v @ dv, -(of.s_q @ dq) - of.s_v @ dv
-        )
-        return da, dlam if self._null is None else dlam + self._null @ dq
+        n = self._n
+        x = -(self._of.by_state @ np.concatenate([dq, dv]))
+        x[:n] += dtau
+        answer = self._inverse @ x
+        if self._null is not None:
+            answer[n:] += self._null @ dq
+        return answer[:n], answer[n:]
 
     def _backward(self, da: Array, dlam: Array) -> tuple[Array, Array, Array]:
-        # the matrix is symmetric in (a, -lam): its transpose is solved like itself
-        of = self._of
-        x, y = self._factors.solve(da, -dlam)
-        by_q = y @ of.s_q - x @ of.r_q
+        n = self._n
+        x = np.concatenate([da, dlam]) @ self._inverse
+        by_state = -(x @ self._of.by_state)
         if self._null is not None:
-            by_q += dlam @ self._null
-        return by_q, y @ of.s_v - x @ of.r_v, x
+            by_state[:n] += dlam @ self._null
+        return by_state[:n], by_state[n:], x[:n]
 
 
-def _invert(of: Linearised) -> Inverse | None:
-    """Return the inverse; None if the rows are not independent."""
+def _inverse(of: Linearised) -> Array | None:
+    """Return the inverse (nv + m, nv + m) of [[M, -J^T], [J, 0]]; None without independent rows."""
     # imported here: scipy.linalg takes as long to import as Pinocchio
     from scipy.linalg.lapack import dpotrf, dpotrs
 
     m, n = of.J.shape
     if m == 0:
-        return Inverse(of.M_inv, np.zeros((n, 0)), np.zeros((0, 0)))
+        return of.M_inv
     Y = of.M_inv @ of.J.T
     C, info = dpotrf(of.J @ Y)
     pivots = C.diagonal()
     if info or not pivots.min() > tolerances.RANK * pivots.max():
         return None
+    inverse = np.empty((n + m, n + m))
     BT = dpotrs(C, Y.T)[0]
-    return Inverse(of.M_inv - Y @ BT, BT.T, dpotrs(C, np.eye(m))[0])
+    np.subtract(of.M_inv, Y @ BT, out=inverse[:n, :n])
+    inverse[:n, n:] = BT.T
+    np.negative(BT, out=inverse[n:, :n])
+    inverse[n:, n:] = dpotrs(C, np.eye(m))[0]
+    return inverse
+
+
+def _pseudo_inverse(factors: MinimumNorm) -> Array:
+    """Return the same of redundant rows: it gives a, and the smallest lam."""
+    (m, _), n = factors.U.shape, len(factors.L)
+    right = np.eye(n + m)
+    return np.vstack(factors.solve(right[:n], right[n:]))
+
+
+def turning_null_space(
+    linearisation: Linearisation,
+    q: Array,
+    lam: Array,
+    J: Array,
+    factors: MinimumNorm,
+    *,
+    drift: bool = False,
+) -> Array:
+    """Return N N^T (dJ w) (m, nv): what keeps lam the smallest as the rows turn."""
+    N = factors.U[:, factors.rank :]
+    w = np.asarray(np.linalg.lstsq(J, lam, rcond=tolerances.RANK)[0], dtype=np.float64)
+    still, no_force = np.zeros_like(w), np.zeros_like(lam)
+    dJ_w = linearisation.at(q, still, w, no_force).s_q
+    if drift:  # what it adds at rest is no part of J w
+        dJ_w = dJ_w - linearisation.at(q, still, still, no_force).s_q
+    return np.asarray(N @ (N.T @ dJ_w))

@@ -23,10 +23,11 @@ from condyn_pin.differentiation.gaps import gap_of
 from condyn_pin.differentiation.partials import (
     End,
     Partials,
+    dual_cross,
     of_frame,
+    of_pair,
     of_point,
-    of_points,
-    of_weld,
+    spatial_cross,
 )
 from condyn_pin.drift import Baumgarte
 from condyn_pin.rows.bound import POINT, Bound, Coupled
@@ -37,10 +38,13 @@ class Linearised(NamedTuple):
 
     M_inv: Array  # (nv, nv), the inverse of the mass matrix
     J: Array  # (m, nv)
-    r_q: Array  # (nv, nv)
-    r_v: Array
-    s_q: Array  # (m, nv)
-    s_v: Array
+    by_state: Array  # (nv + m, 2 nv), [[r_q, r_v], [s_q, s_v]]
+
+    @property
+    def s_q(self) -> Array:
+        """(m, nv)."""
+        n = len(self.M_inv)
+        return self.by_state[n:, :n]
 
 
 class Linearisation:
@@ -81,18 +85,19 @@ class Linearisation:
         """Return the partial derivatives at a state and an answer."""
         model, data, n, m = self._model, self._data, self._model.nv, self._m
         pin.computeForwardKinematicsDerivatives(model, data, q, v, a)
-        J, s_q, s_v = np.zeros((3, m, n))
+        by_state, J = np.zeros((n + m, 2 * n)), np.zeros((m, n))
+        (r_q, r_v), (s_q, s_v) = np.hsplit(by_state[:n], 2), np.hsplit(by_state[n:], 2)
         for wrench in self._on_joint.values():
             wrench[:] = 0.0
         turning: list[Array] = []
         for k, b in enumerate(self._pairs):
-            rows, of = b.rows, self._partials(k, b.sign * lam[b.rows])
+            rows, (of, force) = b.rows, self._partials(k, b.sign * lam[b.rows])
             J[rows], s_q[rows], s_v[rows] = of.J, of.s_q, of.s_v
             if b.sign < 0:
                 for part in (J, s_q, s_v):
                     part[rows] *= -1.0
-            if of.force is not None:
-                turning.append(of.force)
+            if force is not None:
+                turning.append(force)
             if self._drift:
                 gap = gap_of(b, *self._both_ends(b))
                 s_q[rows] += b.sign * (self._drift.Kp * gap.c_q + self._drift.Kd * gap.v_q)
@@ -103,24 +108,23 @@ class Linearisation:
         if self._drift:
             s_v += self._drift.Kd * J
         pin.computeRNEADerivatives(model, data, q, v, a, self._wrenches)
-        r_q = np.array(data.dtau_dq)
+        r_q[:], r_v[:] = data.dtau_dq, data.dtau_dv
         for force in turning:
             r_q -= force
-        M_inv = np.array(pin.computeMinverse(model, data, q))
-        return Linearised(M_inv, J, r_q, np.array(data.dtau_dv), s_q, s_v)
+        return Linearised(np.array(pin.computeMinverse(model, data, q)), J, by_state)
 
     def mass_matrix(self, q: Array) -> Array:
         """Return M (nv, nv)."""
         return np.array(pin.crba(self._model, self._data, q))
 
-    def _partials(self, k: int, lam: Array) -> Partials:
-        """Return the partials of one constraint, and apply its force."""
+    def _partials(self, k: int, lam: Array) -> tuple[Partials, Array | None]:
+        """Return the partials of one constraint and of its J^T lam, and apply its force."""
         b = self._pairs[k]
         if self._held[k]:
             self._on_joint[b.joint1] += self._held_duals[k].dot(lam)
             if b.selection != POINT:
-                return of_frame(b, *self._derivatives(b.joint1, b.placement1))
-            return of_point(self._end(b.joint1, b.placement1))
+                return of_frame(b, *self._derivatives(b.joint1, b.placement1)), None
+            return of_point(self._end(b.joint1, b.placement1)), None
         duals = self._duals[k]
         one, two, c1Mc2 = self._both_ends(b)
         on1, on2 = wrenches(b, c1Mc2, lam)
@@ -128,9 +132,48 @@ class Linearisation:
             self._on_joint[b.joint1] += duals[0] @ on1
         if b.joint2:
             self._on_joint[b.joint2] -= duals[1] @ on2
-        if b.is_plain and b.size == 6:
-            return of_weld(one, two, c1Mc2, lam)
-        return of_points(b, one, two, c1Mc2, lam)
+        of = of_pair(b, one, two, c1Mc2, lam)
+        force = np.zeros((self._model.nv, self._model.nv))
+        for J, w_q, sign in ((one.J, of.w1_q, 1.0), (two.J, of.w2_q, -1.0)):
+            if w_q is not None:
+                force += sign * J.T @ w_q
+        return of, force
+
+    def by_frame(
+        self, q: Array, v: Array, a: Array, lam: Array, b: Bound, end: int
+    ) -> tuple[Array, Array]:
+        """Return r (nv, 6) and s (rows, 6) by a twist of frame c1 or c2 on its body, in its axes.
+
+        The frame moves as if a joint held it: its velocity turns by -x x v, and its wrench goes
+        along. The end that stays has no part in it.
+        """
+        pin.computeForwardKinematicsDerivatives(self._model, self._data, q, v, a)
+        one, two, c1Mc2 = self._both_ends(b)
+        moved, rest = (one, two) if end == 1 else (two, one)
+        nothing, lam = np.zeros((6, 6)), b.sign * lam[b.rows]
+        moving = End(
+            moved.v, moved.a, spatial_cross(moved.v), spatial_cross(moved.a), nothing, np.eye(6)
+        )
+        still = End(rest.v, rest.a, nothing, nothing, nothing, nothing)
+        pair = (moving, still) if end == 1 else (still, moving)
+        on1, on2 = wrenches(b, c1Mc2, lam)
+        if not _is_held(b):
+            of = of_pair(b, *pair, c1Mc2, lam)
+        elif b.selection == POINT:
+            of = of_point(moving)
+        else:
+            of = of_frame(b, moving.v_q, moving.a_q, moving.a_v, moving.J)
+        w1 = nothing if of.w1_q is None else of.w1_q
+        w2 = nothing if of.w2_q is None else of.w2_q
+        if end == 1:
+            w1 = w1 + dual_cross(on1)
+        else:
+            w2 = w2 + dual_cross(on2)
+        s = of.s_q
+        if self._drift:
+            gap = gap_of(b, *pair, c1Mc2)
+            s = s + self._drift.Kp * gap.c_q + self._drift.Kd * gap.v_q
+        return two.J.T @ w2 - one.J.T @ w1, b.sign * s
 
     def _both_ends(self, b: Bound) -> tuple[End, End, Any]:
         oMi = self._data.oMi
@@ -145,9 +188,13 @@ class Linearisation:
 
     def _derivatives(self, joint: int, placement: Any) -> tuple[Array, Array, Array, Array]:
         """Return v_q, a_q, a_v and J of a frame."""
-        return pin.getFrameAccelerationDerivatives(  # type: ignore[no-any-return]
+        found: tuple[Array, Array, Array, Array] = pin.getFrameAccelerationDerivatives(
             self._model, self._data, joint, placement, LOCAL
         )
+        if self._model.nv > 1:
+            return found
+        v_q, a_q, a_v, J = (part.reshape(6, 1) for part in found)  # Pinocchio gives vectors
+        return v_q, a_q, a_v, J
 
 
 def _is_held(b: Bound) -> bool:
@@ -162,6 +209,8 @@ def wrenches(b: Bound, c1Mc2: Any, lam: Array) -> tuple[Array, Array]:
         six[:3] = lam[0] * c1Mc2.translation / np.linalg.norm(c1Mc2.translation)
     else:
         six[list(b.selection)] = lam
+    if _is_held(b):  # nothing says where c2 is
+        return six, np.zeros(6)
     if b.is_plain and b.size == 6:
         return six, c1Mc2.toActionMatrix().T @ six
     R = c1Mc2.rotation

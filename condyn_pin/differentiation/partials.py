@@ -44,26 +44,34 @@ class End(NamedTuple):
 
 
 class Partials(NamedTuple):
-    """Partial derivatives of the rows of one constraint, and of its forces on the joints."""
+    """Partial derivatives of the rows of one constraint, and of its wrenches on the two bodies."""
 
     J: Array  # (rows, nv)
     s_q: Array  # (rows, nv), of J a + gamma
     s_v: Array  # (rows, nv)
-    force: Array | None  # (nv, nv), what J^T lam gains with q because the forces turn
+    w1_q: Array | None = None  # (6, nv), of the wrench at the origin of c1, in its axes
+    w2_q: Array | None = None  # (6, nv), the same of c2
 
 
 def of_frame(b: Bound, _v_q: Array, a_q: Array, a_v: Array, J: Array) -> Partials:
     """Return the partials of a surface or an edge: rows of the frame's own velocity."""
     if b.selection == FRAME:
-        return Partials(J, a_q, a_v, None)
+        return Partials(J, a_q, a_v)
     chosen = list(b.selection)
-    return Partials(J[chosen], a_q[chosen], a_v[chosen], None)
+    return Partials(J[chosen], a_q[chosen], a_v[chosen])
 
 
 def of_point(one: End) -> Partials:
     """Return the partials of a point on the world."""
     _, a_q, a_v = one.classical()
-    return Partials(one.J[:3], a_q, a_v, None)
+    return Partials(one.J[:3], a_q, a_v)
+
+
+def of_pair(b: Bound, one: End, two: End, c1Mc2: Any, lam: Array) -> Partials:
+    """Return the partials of a loop between two bodies, or with an anchor in the world."""
+    if b.is_plain and b.size == 6:
+        return of_weld(one, two, c1Mc2, lam)
+    return of_points(b, one, two, c1Mc2, lam)
 
 
 def of_weld(one: End, two: End, c1Mc2: Any, lam: Array) -> Partials:
@@ -77,9 +85,7 @@ def of_weld(one: End, two: End, c1Mc2: Any, lam: Array) -> Partials:
     s_q = one.a_q - spatial_cross(a2) @ J - X @ two.a_q
     s_q += by_slip @ v2_q - by_v2 @ (one.v_q - v2_q)
     s_v = one.a_v - X @ two.a_v + by_slip @ X_J2 - by_v2 @ J
-    F, T = _skew(lam[:3]), _skew(lam[3:])
-    turning = np.block([[np.zeros((3, 3)), -F], [-F, -T]])  # delta x* lam
-    return Partials(J, s_q, s_v, -X_J2.T @ turning @ J)
+    return Partials(J, s_q, s_v, None, X.T @ dual_cross(lam) @ J)
 
 
 def of_points(b: Bound, one: End, two: End, c1Mc2: Any, lam: Array) -> Partials:
@@ -92,11 +98,10 @@ def of_points(b: Bound, one: End, two: End, c1Mc2: Any, lam: Array) -> Partials:
     chosen, six = list(b.selection), np.zeros(6)
     six[chosen] = lam
     F, T = _skew(six[:3]), _skew(six[3:])
-    force = (R @ two.J[:3]).T @ F @ turn.J + (R @ two.J[3:]).T @ T @ turn.J
-    if not b.is_plain:
-        force -= one.J[3:].T @ F @ slip.dr
+    w1_q = None if b.is_plain else np.vstack([np.zeros_like(slip.dr), -F @ slip.dr])
+    w2_q = -np.vstack([R.T @ F @ turn.J, R.T @ T @ turn.J])
     J, s_q, s_v = (np.vstack(pair)[chosen] for pair in zip(slip[:3], turn[:3], strict=True))
-    return Partials(J, s_q, s_v, force)
+    return Partials(J, s_q, s_v, w1_q, w2_q)
 
 
 class _Slip(NamedTuple):
@@ -162,13 +167,19 @@ def _of_rod(one: End, two: End, R: Array, r: Array, of: _Slip, lam: float) -> Pa
     s_q -= 2 * (of.slip @ of.slip_q - along * along_q) / distance
     s_v = n @ of.s_v - 2 * (of.slip @ of.J - along * (n @ of.J)) / distance
     F_q, F = lam * n_q, lam * _skew(n)
-    Ja = one.J[3:] - R @ two.J[3:]
-    force = one.J[:3].T @ F_q + one.J[3:].T @ (_skew(r) @ F_q - F @ of.dr)
-    force -= (R @ two.J[:3]).T @ (F_q - F @ Ja)
-    return Partials((n @ of.J)[None], s_q[None], s_v[None], force)
+    w1_q = np.vstack([F_q, _skew(r) @ F_q - F @ of.dr])
+    turned = R.T @ (F_q - F @ (one.J[3:] - R @ two.J[3:]))
+    w2_q = np.vstack([turned, np.zeros_like(turned)])
+    return Partials((n @ of.J)[None], s_q[None], s_v[None], w1_q, w2_q)
 
 
 def spatial_cross(x: Array) -> Array:
     """Return the matrix of the spatial cross product x times."""
     v, w = _skew(x[:3]), _skew(x[3:])
     return np.block([[w, v], [np.zeros((3, 3)), w]])
+
+
+def dual_cross(wrench: Array) -> Array:
+    """Return the matrix D with D x = x x* wrench, for a spatial motion x."""
+    F, T = _skew(wrench[:3]), _skew(wrench[3:])
+    return -np.block([[np.zeros((3, 3)), F], [F, T]])

@@ -9,17 +9,14 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from condyn_pin._pin import pin
 from condyn_pin.errors import InvalidModel
+from condyn_pin.io.inertia import fault, inertia_in
 from condyn_pin.io.mjcf_pose import direction, pose
 from condyn_pin.io.mjcf_source import Source
 from condyn_pin.io.mjcf_types import COORDINATES, WORLD, Body, Joint
 from condyn_pin.io.mjcf_words import ORIENTATIONS, PASSED_IN_BODY
 from condyn_pin.io.mjcf_xml import Attributes, NotPlain
 
-# Of principal moments A <= B <= C, relative to C: what rounding leaves of a zero moment, and of
-# A + B = C in numbers typed with few digits.
-_ZERO, _FLAT = 1e-12, 1e-6
 _JOINTS = ("joint", "freejoint")
 
 
@@ -94,14 +91,11 @@ class _Reader:
             tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         else:
             tensor = np.diag(said.floats("diaginertia", 3))
-        A, B, C = np.linalg.eigvalsh(tensor)  # [kg m^2]
-        if A + _ZERO * abs(C) < 0 or A + B < (1 - _FLAT) * C:
-            raise InvalidModel(
-                f"body {name!r}: the principal moments are {A:g}, {B:g} and {C:g}; of a solid none "
-                "is negative, and two add up to the third or more"
-            )
-        R = placed.rotation
-        return pin.Inertia(said.positive("mass"), placed.translation, R @ tensor @ R.T)
+        mass = said.positive("mass")
+        reason = fault(tensor)
+        if reason:
+            raise InvalidModel(f"body {name!r}: {reason}, as in no solid; MuJoCo refuses it too")
+        return inertia_in(mass, placed, tensor)
 
     def _joint(self, element: Element, number: int, body: str, childclass: str) -> Joint:
         said = self.source.attributes(element, childclass=childclass)

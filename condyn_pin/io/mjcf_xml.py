@@ -11,18 +11,12 @@ import numpy as np
 
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidModel
-from condyn_pin.io import sdf_xml
 from condyn_pin.io.mjcf_words import READ, REPORTED, SILENT
+from condyn_pin.io.xml import floats, label
 
 
 class NotPlain(Exception):
     """The file has something that only MuJoCo itself reads rightly."""
-
-
-def label(element: Element) -> str:
-    """Return how errors call an element."""
-    name = element.get("name")
-    return f"<{element.tag}>" if name is None else f"<{element.tag}> {name!r}"
 
 
 class Attributes:
@@ -73,7 +67,7 @@ class Attributes:
             return default
         if key not in self._values:
             raise InvalidModel(f"{self.label}: no {key}; {count} number(s) are needed")
-        return sdf_xml.floats(self._values[key], count, f"{self.label}: {key}")
+        return floats(self._values[key], count, f"{self.label}: {key}")
 
     def number(self, key: str, default: float | None = None) -> float:
         """Return a finite number."""

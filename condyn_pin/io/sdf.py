@@ -2,7 +2,7 @@
 
 The other files of the reader, in the order in which a file passes through them:
 
-    sdf_xml      finds elements and reads their words and numbers
+    sdf_xml      reads the words and numbers of elements (`xml` finds these)
     sdf_graph    where each link, joint and frame is drawn: oMx in the model frame o
     sdf_joint    axes, limits, springs, gears
     sdf_types    the values that all of them hand on
@@ -22,24 +22,23 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from condyn_pin._pin import pin
+from condyn_pin import tolerances
 from condyn_pin.errors import InvalidModel
+from condyn_pin.io.inertia import inertia_in
 from condyn_pin.io.sdf_build import Choices, build
 from condyn_pin.io.sdf_graph import links_of, model_poses, parts_of, pose_in, pose_of
 from condyn_pin.io.sdf_joint import joint_of
 from condyn_pin.io.sdf_types import WORLD, Closure, Description, Link, SdfRobot
-from condyn_pin.io.sdf_xml import find, label, number, unread
+from condyn_pin.io.sdf_xml import number, unread
+from condyn_pin.io.xml import find, label
 
 __all__ = ["Closure", "SdfRobot", "read_sdf"]
-
-# A tensor typed with few digits may have a principal moment that is zero but for rounding.
-_ROUNDING: Final = 1e-12
 
 
 def read_sdf(
@@ -202,12 +201,11 @@ def _inertia(element: Element, name: str, poses: Mapping[str, Any]) -> Any | Non
     xy, xz, yz = (number(element, f"inertial/inertia/i{ab}", 0.0) for ab in ("xy", "xz", "yz"))
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])  # [kg m^2]
     smallest, _, largest = np.linalg.eigvalsh(tensor)
-    if smallest < -_ROUNDING * abs(largest):
+    if smallest < -tolerances.MOMENT * abs(largest):
         raise InvalidModel(
             f"{label(element)}: <inertia> has the principal moment {smallest:g}; none may be < 0"
         )
     linkMc, base = pose_in(element, "inertial/pose")
     if base not in ("", name):
         linkMc = poses[name].actInv(pose_of(base, poses, element) * linkMc)
-    R = linkMc.rotation
-    return pin.Inertia(mass, linkMc.translation, R @ tensor @ R.T)
+    return inertia_in(mass, linkMc, tensor)

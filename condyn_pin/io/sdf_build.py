@@ -8,6 +8,7 @@ from typing import Any
 
 from condyn_pin.constraints import Coupling
 from condyn_pin.errors import InvalidArgument, unknown_name
+from condyn_pin.io.inertia import doubts
 from condyn_pin.io.sdf_copies import with_copies
 from condyn_pin.io.sdf_gears import coupling_of
 from condyn_pin.io.sdf_kinds import chosen_joints, in_series
@@ -65,6 +66,11 @@ def build(sdf: Description, choices: Choices) -> SdfRobot:
         unused=(
             *unused_parts(sdf, choices.kinds, choices.drop, root_pose, idle),
             *unused_settings((*joints, *gearboxes), (*spanned.cut, *gearboxes)),
+            *doubts(
+                (link.name, link.inertia.mass, link.inertia.inertia)
+                for link in links
+                if link.inertia is not None and not link.massless
+            ),
         ),
     )
 

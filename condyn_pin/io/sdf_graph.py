@@ -16,7 +16,8 @@ from xml.etree.ElementTree import Element
 from condyn_pin._pin import pin
 from condyn_pin.errors import InvalidModel, unknown_name
 from condyn_pin.io.sdf_types import WORLD
-from condyn_pin.io.sdf_xml import find, floats, label, word
+from condyn_pin.io.sdf_xml import word
+from condyn_pin.io.xml import find, floats, label
 
 MODEL: Final = "__model__"
 

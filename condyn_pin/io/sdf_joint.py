@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from condyn_pin.errors import InvalidModel, unknown_name
 from condyn_pin.io.sdf_graph import MODEL, pose_of
 from condyn_pin.io.sdf_types import WORLD, Axis, Gear, Joint
-from condyn_pin.io.sdf_xml import UNLIMITED, find, floats, label, number, word
+from condyn_pin.io.sdf_xml import number, word
+from condyn_pin.io.xml import UNLIMITED, find, floats, label
 
 
 def joint_of(

@@ -1,19 +1,14 @@
-"""The XML of an SDF file: elements by path, their words and numbers, and what nobody reads."""
+"""The XML of an SDF file: the words and numbers of its elements, and what nobody reads."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Container, Mapping
-from math import isnan
 from typing import Final
 from xml.etree.ElementTree import Element
 
-import numpy as np
-from numpy.typing import NDArray
-
 from condyn_pin.errors import InvalidModel
-
-UNLIMITED: Final = 1e16  # the format's older way to write an infinite limit
+from condyn_pin.io.xml import find, floats, label
 
 # What is read below each element; everything else is counted and reported.
 _READ: Final[Mapping[str, Container[str]]] = {
@@ -32,23 +27,6 @@ _READ: Final[Mapping[str, Container[str]]] = {
     "dynamics": ("damping", "friction", "spring_stiffness", "spring_reference"),
     "frame": ("pose",),
 }  # fmt: skip
-
-
-def label(element: Element) -> str:
-    """Return how errors call an element."""
-    return f"<{element.tag}> {element.get('name', '')!r}"
-
-
-def find(element: Element, path: str) -> Element | None:
-    """Return the element at ``tag/tag/...`` below another one; there may be one at most."""
-    for tag in path.split("/"):
-        found = element.findall(tag)
-        if len(found) > 1:
-            raise InvalidModel(f"{label(element)}: <{tag}> is there {len(found)} times; keep one")
-        if not found:
-            return None
-        element = found[0]
-    return element
 
 
 def word(element: Element, tag: str) -> str:
@@ -70,20 +48,6 @@ def number(
     if default is None:
         raise InvalidModel(f"{label(element)}: no <{path}>; one number is needed")
     return default
-
-
-def floats(text: str | None, count: int, where: str, infinite: bool = False) -> NDArray[np.float64]:
-    """Return exactly `count` numbers of a text; `where` is what an error says first."""
-    words = (text or "").split()
-    try:
-        values = [float(word) for word in words if "_" not in word]  # Python reads 1_0 as 10
-    except ValueError:
-        values = []
-    if len(values) != count or len(words) != count:
-        raise InvalidModel(f"{where} is {text!r}; {count} number(s) are needed")
-    if any(isnan(x) or (abs(x) >= UNLIMITED and not infinite) for x in values):
-        raise InvalidModel(f"{where} is {text!r}; finite numbers are needed, less than 1e16")
-    return np.array(values)
 
 
 def unread(element: Element) -> Counter[str]:

@@ -23,8 +23,8 @@ from typing import Any
 from condyn_pin._pin import pin
 from condyn_pin.constraints import Coupling, Loop
 from condyn_pin.errors import InvalidArgument, InvalidModel
-from condyn_pin.io.urdf_check import checked, impossible_links
-from condyn_pin.io.words import few
+from condyn_pin.io.urdf_check import checked
+from condyn_pin.io.urdf_unused import doubtful, unused
 
 ROOT_JOINTS = ("fixed", "free_flyer")
 _CLOSING = re.compile(r"(closing_.+)_([12])")
@@ -72,12 +72,17 @@ def read_urdf(path: Path, root_joint: str = "fixed", *, mimic: bool = True) -> U
         if robot.tag != "robot":
             raise InvalidModel(f"its root element is <{robot.tag}>, a URDF has <robot>")
         copy = checked(robot, floating=root_joint == "free_flyer", mimic=mimic)
-        loops: tuple[Loop | Coupling, ...] = (
-            *(_couplings(robot) if mimic else ()),
-            *_closings(robot),
-        )
+        cuts = tuple(_closings(robot))
+        loops: tuple[Loop | Coupling, ...] = (*(_couplings(robot) if mimic else ()), *cuts)
         model = _model(ET.tostring(copy, encoding="unicode"), root_joint)
-        return UrdfRobot(model, loops, (*_unused(robot), *_doubts(robot, copy, mimic)))
+        open_questions = doubtful(
+            robot,
+            copy,
+            mimicking=[joint.attrib["name"] for joint in _mimicking(robot)],
+            coupled=mimic,
+            cuts=[loop.name for loop in cuts],
+        )
+        return UrdfRobot(model, loops, (*unused(robot), *open_questions))
     except InvalidModel as error:
         error.args = (f"{path}: {error}",)
         raise
@@ -120,57 +125,9 @@ def _closings(robot: ET.Element) -> Iterator[Loop]:
             yield Loop(name, f"{found[1]}_2", "ball", name=found[1])
 
 
-def _unused(robot: ET.Element) -> Iterator[str]:
-    """Say what a URDF has and the constrained dynamics do not use, a sentence each."""
-    joints = [joint for joint in robot.findall("joint") if joint.get("type") != "fixed"]
-    for attribute in ("damping", "friction"):
-        names = [joint.get("name", "?") for joint in joints if _dynamics(joint, attribute)]
-        if names:
-            advice = ": add Robot.passive_torque to tau" if attribute == "damping" else ""
-            yield f"joint {attribute} ({few(names)}){advice}"
-    limited = [joint.get("name", "?") for joint in joints if joint.find("limit") is not None]
-    if limited:
-        yield f"limits of position, velocity and effort ({len(limited)} joints)"
-    for tag in ("transmission", "gazebo"):
-        count = len(robot.findall(tag))
-        if count:
-            yield f"<{tag}> ({count} elements)"
-
-
-def _doubts(robot: ET.Element, copy: ET.Element, mimic: bool) -> Iterator[str]:
-    """Say what the reader made of a file that leaves it open, a sentence each."""
-    joints = _mimicking(robot)
-    if joints:
-        names = few([joint.attrib["name"] for joint in joints])
-        coupled = "couplings of Robot.loops, which hold in scenes that contain them"
-        yield f"mimic ({names}): {coupled if mimic else 'these joints move on their own'}"
-    closings = [loop.name for loop in _closings(robot)]
-    if closings:
-        yield (
-            f"the kind of the joints cut at {few(closings)}: balls here, unless [[loops]] of a "
-            "robot.toml name the same two frames"
-        )
-    halves = {link.get("name", "") for link in robot.findall("link")}
-    for name in sorted(halves):
-        found = _CLOSING.fullmatch(name)
-        if found and f"{found[1]}_{3 - int(found[2])}" not in halves:
-            yield f"link {name!r}: its other half is missing, so it closes nothing"
-    impossible = list(impossible_links(copy))
-    if impossible:
-        yield (
-            f"doubts about the inertia of {', '.join(impossible)}: a principal moment is negative, "
-            "which no solid has; it is used as written"
-        )
-
-
 def _mimicking(robot: ET.Element) -> list[ET.Element]:
     return [
         joint
         for joint in robot.findall("joint")
         if joint.get("type") != "fixed" and joint.find("mimic") is not None
     ]
-
-
-def _dynamics(joint: ET.Element, attribute: str) -> float:
-    element = joint.find("dynamics")
-    return 0.0 if element is None else float(element.get(attribute) or 0)

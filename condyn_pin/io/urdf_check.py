@@ -15,14 +15,13 @@ import numpy as np
 from condyn_pin.arrays import Array
 from condyn_pin.constraints import WORLD
 from condyn_pin.errors import InvalidModel, unknown_name
-from condyn_pin.io.sdf_xml import find, floats, label
 from condyn_pin.io.tree import NO_LIMIT
+from condyn_pin.io.xml import find, floats, label
 
 _TYPES: Final = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 _WITH_AXIS: Final = ("revolute", "continuous", "prismatic", "planar")
 _SCALAR: Final = ("revolute", "continuous", "prismatic")
 _MOMENTS: Final = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-_ROUNDING: Final = 1e-6  # of a principal moment that is zero but for the digits of the file
 
 
 def checked(robot: Element, *, floating: bool, mimic: bool) -> Element:
@@ -141,6 +140,23 @@ def _mimicking(joints: Mapping[str, Element]) -> Iterator[str]:
             raise InvalidModel(f"{label(joint)}: <mimic multiplier=0> locks it; make it fixed")
         _number(mimic, "offset", label(joint), "0")
         yield from (name, other)
+    _check_circles(joints)
+
+
+def _check_circles(joints: Mapping[str, Element]) -> None:
+    """Refuse joints that mimic each other in a circle: none of them leads."""
+    for start in joints:
+        name, way = start, [start]
+        while (mimic := find(joints[name], "mimic")) is not None:
+            name = mimic.get("joint", "")
+            if name == start:
+                raise InvalidModel(
+                    f"{label(joints[start])}: <mimic>: the joints {', '.join(map(repr, way))} "
+                    "mimic each other in a circle; let one of them lead"
+                )
+            if name in way or name not in joints:
+                break
+            way.append(name)
 
 
 def _copy_link(copy: Element, link: Element) -> None:
@@ -161,17 +177,6 @@ def _copy_link(copy: Element, link: Element) -> None:
     _copy_origin(body, inertial, where)
     SubElement(body, "mass", value=repr(kilograms))
     SubElement(body, "inertia", moments)
-
-
-def impossible_links(copy: Element) -> Iterator[str]:
-    """Yield the links with a principal moment below zero, which no solid has."""
-    for link in copy.findall("link"):
-        inertia = link.find("inertial/inertia")
-        if inertia is not None:
-            xx, xy, xz, yy, yz, zz = (float(inertia.attrib[key]) for key in _MOMENTS)
-            moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-            if moments[0] < -_ROUNDING * np.abs(moments).max():
-                yield link.attrib["name"]
 
 
 def _copy_joint(copy: Element, joint: Element, *, one_number: bool) -> None:

@@ -7,8 +7,7 @@ from condyn_pin.load import load_robot
 from condyn_pin.rows.equations import Equations
 from condyn_pin.scene import Scene
 from condyn_pin.smaller.climbing import Ladder, Rung
-from condyn_pin.smaller.merging import merge_points
-from condyn_pin.smaller.reduction import reduced
+from condyn_pin.smaller.reduced_scene import reduced
 from condyn_pin.smaller.same_motion import loaded
 from condyn_pin.smaller.smaller_tree import indices
 
@@ -35,7 +34,7 @@ def _springs_locked(scene: Scene) -> Scene:
 
 def _rods_as_distances(scene: Scene) -> Scene:
     """Replace the rods, and the points of the feet by edges: independent rows."""
-    edges = merge_points(scene)
+    edges = scene.merge_points()
     return edges.rods_as_distances([f"{side}-pitch-rod-joint" for side in _SIDES])
 
 

@@ -19,7 +19,7 @@ from condyn_pin.robot import Robot
 
 
 @mechanism
-def chain(*, n: int = 10, length: float = 1.0, mass: float = 1.0) -> Robot:
+def chain(n: int = 10, *, length: float = 1.0, mass: float = 1.0) -> Robot:
     """Return an open chain of n equal rods in the world's x-z plane, hung up at one end.
 
     No loops. The first joint moves everything and the last one a single rod, so that

@@ -21,7 +21,7 @@ from condyn_pin.robot import Robot
 
 
 @mechanism
-def n_four_bar(*, n: int = 2, length: float = 1.0, mass: float = 1.0) -> Robot:
+def n_four_bar(n: int = 2, *, length: float = 1.0, mass: float = 1.0) -> Robot:
     """Return n + 1 cranks side by side, each tip joined to the next by a coupler.
 
     All 2 n + 1 rods are equal, and the pivots of the cranks one length apart, in the world's x-z

@@ -124,11 +124,12 @@ def _bind_plane(robot: Robot, contact: PlanarContact, rows: slice) -> Bound:
 def _lever(robot: Robot, *placements: Any) -> float:
     """Return the size of the bodies that meet: the two points of a hinge are to be that far apart.
 
-    A short lever turns rounding of the points into moments: 1/lever^2 enters the condition.
+    A short lever turns rounding of the points into moments: 1/lever^2 enters the condition. A frame
+    near the middle of its joint says nothing about the size; then it is that of the robot's links.
     """
-    own = [float(np.linalg.norm(p.translation)) for p in placements]
-    all_joints = [float(np.linalg.norm(p.translation)) for p in robot.model.jointPlacements]
-    return max(own) or max(all_joints) or 1.0
+    own = max(float(np.linalg.norm(p.translation)) for p in placements)
+    links = max(float(np.linalg.norm(p.translation)) for p in robot.model.jointPlacements)
+    return own if own > 0.1 * links else links or 1.0
 
 
 def _couple(robot: Robot, coupling: Coupling, rows: slice) -> Coupled:

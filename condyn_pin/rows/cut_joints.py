@@ -124,7 +124,7 @@ class CutJoints:
         sine = np.sqrt(dot(across, across))
         # an axis that points backwards is half a turn off, about any axis across
         across = np.where(
-            sine[:, None] > 0, across, np.where(cosine[:, None] < 0, np.roll(e, 1), 0)
+            sine[:, None] > 0, across, np.where(cosine[:, None] < 0, np.roll(e, 1, axis=1), 0)
         )
         scale = np.arctan2(sine, cosine) / np.where(sine > 0, sine, 1.0)
         off[self._hinges] = scale[:, None] * across

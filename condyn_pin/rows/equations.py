@@ -3,9 +3,9 @@
     M(q) a + h(q, v) = tau + J(q)^T lam,        J a + gamma = a_ref
 
 M comes from the composite rigid body algorithm, h from recursive Newton-Euler, J from joint
-Jacobians, gamma = Jdot v from forward kinematics with a = 0. The errors of an answer use
-neither M, h nor J: Newton-Euler with lam as external forces, and forward kinematics with the
-answer's a.
+Jacobians, gamma from forward kinematics with a = 0: it is Jdot v where J v = 0, and for points and
+balls Pinocchio's classical acceleration elsewhere. The errors of an answer use neither M, h nor J:
+Newton-Euler with lam as external forces, and forward kinematics with the answer's a.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Terms:
     J : (m, nv) array
         Constraint Jacobian, rows in the order of the scene, in the axes of each constraint.
     gamma : (m,) array
-        Jdot v.
+        Jdot v where J v = 0; for points and balls the classical acceleration elsewhere.
     a_ref : (m,) array
         Wanted acceleration of the constraints; zero without drift control.
     """
@@ -117,15 +117,18 @@ class Equations:
         M = np.array(pin.crba(model, data, q))
         h = np.array(pin.nonLinearEffects(model, data, q, v))
         self.motion(q, v, self._still)
-        gamma, a_ref = self._acceleration.copy(), np.zeros(self.m)
-        if self.drift:
-            a_ref -= self.drift.Kd * self._velocity + self.drift.Kp * self._c
+        gamma, a_ref = self._acceleration.copy(), self._a_ref()
         return Terms(M, h, self._jacobian(q), gamma, a_ref)
 
     def jacobian(self, q: Array) -> Array:
         """Return J (m, nv)."""
         self.motion(q, self._still, self._still)
         return self._jacobian(q)
+
+    def target(self, q: Array, v: Array) -> Array:
+        """Return a_ref - gamma (m,): what J a has to be."""
+        self.motion(q, v, self._still)
+        return self._a_ref() - self._acceleration
 
     def violation(self, q: Array) -> Array:
         """Return c(q) (m,)."""
@@ -190,6 +193,12 @@ class Equations:
             for part in rows:
                 part *= self.sign
 
+    def _a_ref(self) -> Array:
+        """Return a_ref, right after `motion` at the same q and v."""
+        if self.drift is None:
+            return np.zeros(self.m)
+        return -self.drift.Kd * self._velocity - self.drift.Kp * self._c
+
     def _jacobian(self, q: Array) -> Array:
         """Return J, right after `motion` at the same q."""
         model, data = self.model, self.data
@@ -200,7 +209,8 @@ class Equations:
         def of_frame(joint: int, placement: Any) -> Array:
             if joint == 0:
                 return nothing
-            return pin.getFrameJacobian(model, data, joint, placement, LOCAL)  # type: ignore[no-any-return]
+            # a single column comes as a vector
+            return np.reshape(pin.getFrameJacobian(model, data, joint, placement, LOCAL), (6, -1))
 
         for group in (self._contacts, *self._loops, self._cut):
             if group:

@@ -63,12 +63,15 @@ class Natives:
     constraints : tuple of Native
     to_scene : (m, m_native) array or None
         E^T with the signs of the scene: lam from Pinocchio's; None where they are the same.
+    imitated : tuple of str
+        Names of constraints that take several of Pinocchio's, with a row too many.
     missing : tuple of str
         Names of constraints without an equivalent.
     """
 
     constraints: tuple[Native, ...]
     to_scene: Array | None
+    imitated: tuple[str, ...]
     missing: tuple[str, ...]
 
 
@@ -76,6 +79,7 @@ def natives(bounds: Sequence[Bound | Coupled]) -> Natives:
     """Return the constraints of a scene as Pinocchio takes them."""
     made: list[Native] = []
     blocks: list[Array] = []
+    imitated: list[str] = []
     missing: list[str] = []
     for bound in bounds:
         if isinstance(bound, Bound) and bound.is_plain:
@@ -86,12 +90,13 @@ def natives(bounds: Sequence[Bound | Coupled]) -> Natives:
             made.extend(_native(bound, 3, d) for d in ends)
             E = np.vstack([np.hstack([np.eye(3), -pin.skew(d)]) for d in ends])
             blocks.append(bound.sign * E[:, list(bound.selection)].T)
+            imitated.append(bound.name)
         else:
             missing.append(bound.name)
             blocks.append(np.zeros((bound.size, 0)))
     to_scene = _block_diagonal(blocks)
     same = to_scene.shape[0] == to_scene.shape[1] and (to_scene == np.eye(len(to_scene))).all()
-    return Natives(tuple(made), None if same else to_scene, tuple(missing))
+    return Natives(tuple(made), None if same else to_scene, tuple(imitated), tuple(missing))
 
 
 def _native(bound: Bound, size: int, d: Array) -> Native:

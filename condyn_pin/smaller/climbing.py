@@ -8,15 +8,13 @@ has one file each.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import cycle
 
 import numpy as np
 
 from condyn_pin import _pin
-from condyn_pin.arrays import Array
-from condyn_pin.errors import UnsupportedConstraint, unknown_name
+from condyn_pin.errors import unknown_name
 from condyn_pin.machine import machine
 from condyn_pin.scene import Scene
 from condyn_pin.smaller.ladder_table import LadderRow, LadderTable
@@ -28,8 +26,7 @@ from condyn_pin.solvers.base import Solver
 from condyn_pin.solvers.dense_kkt import DenseKKT
 from condyn_pin.solvers.lcaba import LCABA
 from condyn_pin.solvers.proximal import Proximal
-from condyn_pin.timing import Call, State, Times, interleaved
-from condyn_pin.workspace import Workspace
+from condyn_pin.timing import State, Times, time_trials, trial
 
 # Torque of each motor beside what standing takes, as a share of the weight at one metre.
 _PUSH = 0.02
@@ -145,13 +142,13 @@ def climb(chosen: Ladder, *, effort: LadderEffort = FULL) -> LadderTable:
     times = _fastest(scenes, states, effort)
     first = next(iter(scenes))
     reasons = {chosen.label: "the whole machine"} | {r.label: r.why for r in chosen.rungs}
-    rows = []
+    rows: list[LadderRow] = []
     above = first
     for label, scene in scenes.items():
         errors = compare(scenes[first], found[first], found[label])
         step = compare(scenes[first], found[above], found[label])
         above = label
-        solver, spent = times[label]
+        best = times[label]
         rows.append(
             LadderRow(
                 label=label,
@@ -160,15 +157,16 @@ def climb(chosen: Ladder, *, effort: LadderEffort = FULL) -> LadderTable:
                 rows=scene.rows,
                 rank=scene.audit.rank,
                 mobility=scene.audit.mobility,
-                solver=solver,
-                us=spent.median,
-                speedup=times[first][1].ratio(spent),
+                solver=best.solver,
+                us=best.times.median,
+                speedup=times[first].times.ratio(best.times),
                 a_worst=errors.a_worst,
                 a_median=errors.a_median,
                 force_worst=errors.force_worst,
                 force_median=errors.force_median,
                 a_step=step.a_worst,
                 force_step=step.force_worst,
+                slower_as=_why_slower(best, [times[row.label] for row in rows]),
             )
         )
     return LadderTable(chosen.name, tuple(rows), effort.states, machine())
@@ -184,26 +182,32 @@ def _standing(scene: Scene, rng: np.random.Generator) -> State:
     return q, v, tau
 
 
+@dataclass(frozen=True)
+class _Best:
+    """The fastest solver of a rung that says ok at every state."""
+
+    solver: str
+    times: Times
+    refused: Mapping[str, str]  # what the solvers said that could not be timed
+
+
 def _fastest(
-    scenes: dict[str, Scene], states: dict[str, list[State]], effort: LadderEffort
-) -> dict[str, tuple[str, Times]]:
-    """Return the fastest solver of each rung that says ok at every state, and its times."""
-    calls: dict[str, Call] = {}
-    of: dict[str, tuple[str, str]] = {}
-    for label, scene in scenes.items():
-        for solver in _solvers():
-            workspace = _willing(scene, solver, states[label])
-            if workspace is not None:
-                key = f"{label}: {solver.title}"
-                calls[key], of[key] = _call(workspace, states[label]), (label, solver.title)
-    nothing = (np.zeros(0),) * 3
-    times = interleaved(calls, [nothing], rounds=effort.rounds, repeats=effort.repeats)
-    best: dict[str, tuple[str, Times]] = {}
-    for key, (label, title) in of.items():
-        if label not in best or times[key].median < best[label][1].median:
-            best[label] = (title, times[key])
-    none = Times((math.nan,))
-    return {label: best.get(label, ("none says ok", none)) for label in scenes}
+    scenes: Mapping[str, Scene], states: Mapping[str, Sequence[State]], effort: LadderEffort
+) -> dict[str, _Best]:
+    """Return the fastest solver of each rung, timed in one run with all the others."""
+    trials = {
+        (label, solver.title): trial(scene, solver, states[label])
+        for label, scene in scenes.items()
+        for solver in _solvers()
+    }
+    times = time_trials(trials, rounds=effort.rounds, repeats=effort.repeats)
+    best = {}
+    for label in scenes:
+        own = {title: spent for (of, title), spent in times.items() if of == label}
+        title = min(own, key=lambda name: own[name].median, default="none says ok")
+        refused = {t: one.said for (of, t), one in trials.items() if of == label and not one.call}
+        best[label] = _Best(title, own.get(title, Times((math.nan,))), refused)
+    return best
 
 
 def _solvers() -> tuple[Solver, ...]:
@@ -211,21 +215,10 @@ def _solvers() -> tuple[Solver, ...]:
     return (*lcaba, Proximal(), DenseKKT())
 
 
-def _willing(scene: Scene, solver: Solver, states: Sequence[State]) -> Workspace | None:
-    """Return a workspace if the solver takes the scene and says ok at every state."""
-    try:
-        workspace = Workspace(scene, solver)
-    except UnsupportedConstraint:
-        return None
-    ok = all(workspace.solve(*state, throw=False).status.ok for state in states)
-    return workspace if ok else None
-
-
-def _call(workspace: Workspace, states: Sequence[State]) -> Call:
-    """Return a call that takes its own next state each time: rungs do not share theirs."""
-    turn = cycle(states)
-
-    def call(q: Array, v: Array, tau: Array) -> Array:
-        return workspace.acceleration(*next(turn))
-
-    return call
+def _why_slower(rung: _Best, above: Sequence[_Best]) -> str:
+    """Return why a rung is slower than one above, if that one's solver cannot take it."""
+    timed = [best for best in above if math.isfinite(best.times.median)]
+    fastest = min(timed, key=lambda best: best.times.median, default=rung)
+    if fastest.times.median >= rung.times.median or fastest.solver not in rung.refused:
+        return ""
+    return f"{fastest.solver} {rung.refused[fastest.solver]}"

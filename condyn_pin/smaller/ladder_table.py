@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-_EXACT = 1e-9  # errors below this are those of the solver
+from condyn_pin import tolerances
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,8 @@ class LadderRow:
         Error of the wrench of all contacts, relative to the larger of it and the weight.
     a_step, force_step : float
         The worst errors against the rung above: the price of this step alone.
+    slower_as : str
+        Why it is slower than a rung above, if the solver of that one cannot take it; empty if not.
     """
 
     label: str
@@ -51,6 +53,7 @@ class LadderRow:
     force_median: float
     a_step: float
     force_step: float
+    slower_as: str = ""
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,7 @@ class LadderTable:
                 row.label,
                 str(row.nv),
                 f"{row.rows}, rank {row.rank}",
-                row.solver,
+                row.solver + (f"; {row.slower_as}" if row.slower_as else ""),
                 f"{row.us:.1f}",
                 f"{row.speedup:.2f}",
                 f"{_text(row.a_worst)} / {_text(row.a_step)}",
@@ -133,7 +136,7 @@ def write_csv(tables: Sequence[LadderTable], path: str | Path) -> None:
 
 
 def _text(error: float) -> str:
-    return f"{100 * error:.2g} %" if error >= _EXACT else "0"
+    return f"{100 * error:.2g} %" if error >= tolerances.EXACT else "0"
 
 
 def _plain(value: Any) -> Any:

@@ -28,7 +28,7 @@ from condyn_pin.names import checked, listed
 from condyn_pin.robot import Robot
 from condyn_pin.rows.equations import Equations
 from condyn_pin.scene import Scene
-from condyn_pin.smaller.reduction import ReducedScene, reduced
+from condyn_pin.smaller.reduced_scene import ReducedScene, reduced
 from condyn_pin.smaller.smaller_robot import free_flyers, sifted, smaller_robot
 from condyn_pin.smaller.smaller_tree import Indices, indices
 

@@ -6,39 +6,33 @@ The velocities of points that do not lie on a line leave a body no freedom, as a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
+from itertools import count
+from typing import Any
 
 import numpy as np
 
+from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.constraints import Constraint
 from condyn_pin.contacts import LineContact, PointContact, SurfaceContact
+from condyn_pin.errors import InvalidModel
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
-from condyn_pin.smaller.reduction import ReducedScene, reduced
+from condyn_pin.smaller.reduced_scene import ReducedScene, reduced
 
 _FLAT = 1e-6  # singular values of the points' spread below this, relative to the largest, are zero
 
 
 def merge_points(scene: Scene, *, edges: bool = True) -> ReducedScene:
-    """Return the scene with the points on each frame merged into an edge or a surface: exact.
-
-    Only points without an anchor: they say nothing about where the body is, so nothing is lost.
-    The merged contact has the name of the frame, or ``frame/edge``.
-
-    Parameters
-    ----------
-    scene : Scene
-    edges : bool
-        Merge points on a line too. Solvers that know no edges make two points of it again.
-    """
+    """Return the scene with points merged by their frames; see `Scene.merge_points`."""
     robot, constraints, dropped = scene.robot, list(scene.constraints), []
     for frame, points in _groups(constraints).items():
         if not edges and _on_a_line(points):
             continue
-        robot, merged = _merge(robot, frame, points)
         at = constraints.index(points[0])
         constraints = [c for c in constraints if c not in points]
+        robot, merged = _merge(robot, frame, points, {c.name for c in constraints})
         constraints.insert(at, merged)
         rows = sum(p.rows for p in points)
         dropped.append(f"contacts on {frame}: {rows} rows of points as {merged.rows} of one")
@@ -50,12 +44,7 @@ def _groups(constraints: Sequence[Constraint]) -> dict[str, list[PointContact]]:
     for constraint in constraints:
         if isinstance(constraint, PointContact) and constraint.anchor is None:
             found.setdefault(constraint.frame, []).append(constraint)
-    taken = {c.name for c in constraints}
-    return {
-        frame: points
-        for frame, points in found.items()
-        if _spread(points)[1][0] > 0 and not {frame, f"{frame}/edge"} & taken
-    }
+    return {frame: points for frame, points in found.items() if _spread(points)[1][0] > 0}
 
 
 def _spread(points: Sequence[PointContact]) -> tuple[Array, Array, Array]:
@@ -71,14 +60,39 @@ def _on_a_line(points: Sequence[PointContact]) -> bool:
     return bool(S[1] <= _FLAT * S[0])
 
 
-def _merge(robot: Robot, frame: str, points: Sequence[PointContact]) -> tuple[Robot, Constraint]:
+def _merge(
+    robot: Robot, frame: str, points: Sequence[PointContact], taken: Collection[str]
+) -> tuple[Robot, Constraint]:
+    """Return the contact that the points make, and the robot with its frame; `taken` are names."""
     if not _on_a_line(points):
-        return robot, SurfaceContact(frame)
+        name = next(name for name in _numbered(frame) if name not in taken)
+        return robot, SurfaceContact(frame, name=name)
     middle, _, directions = _spread(points)
-    name = f"{frame}/edge"
     x, y = directions[0], directions[1]
     R = np.column_stack([x, y, np.cross(x, y)])
+    joint, placement = robot.frame(frame)
+    place = joint, placement * pin.SE3(R, middle)
+    name = next(
+        name
+        for name in _numbered(f"{frame}/edge")
+        if name not in taken and (name not in robot.frames or _is_at(robot, name, place))
+    )
     if name not in robot.frames:
         robot = robot.with_frame(name, frame, middle, R)
     half = max(abs(float((np.array(p.offset) - middle) @ x)) for p in points)
     return robot, LineContact(name, axis="x", half_length=half)
+
+
+def _numbered(name: str) -> Iterator[str]:
+    """Yield a name, and then the same with numbers from 2 on."""
+    yield name
+    yield from (f"{name} {i}" for i in count(2))
+
+
+def _is_at(robot: Robot, frame: str, place: tuple[int, Any]) -> bool:
+    """Whether a frame is on a joint and at a placement, as one of an earlier merge can be."""
+    try:
+        joint, placement = robot.frame(frame)
+    except InvalidModel:  # several frames of this name
+        return False
+    return joint == place[0] and bool(placement == place[1])

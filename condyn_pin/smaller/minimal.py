@@ -2,14 +2,17 @@
 
 Each simplification is made, the accelerations and forces that are asked for are compared with those
 of the full scene at the states of the question, and it stays if the errors stay within the limit.
+
+What was chosen by a few random states looks better at them than elsewhere. So the result is asked
+again at fresh ones; while the limit does not hold there, the last simplification is undone, and
+what it was in the way of is tried.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from itertools import cycle
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,94 +22,24 @@ from condyn_pin._pin import pin
 from condyn_pin.arguments import Arguments
 from condyn_pin.arrays import Array, finite
 from condyn_pin.catalogue import motor_torque
-from condyn_pin.errors import CondynError, InvalidArgument, UnsupportedConstraint
+from condyn_pin.choice import default_solver
+from condyn_pin.errors import CondynError, InvalidArgument, NotAssembled
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
+from condyn_pin.smaller.minimal_report import Minimal, Step
 from condyn_pin.smaller.price import Errors, answers, compare, watched_joints
-from condyn_pin.smaller.reduction import ReducedScene, reduced
+from condyn_pin.smaller.reduced_scene import ReducedScene, reduced
 from condyn_pin.smaller.smaller_robot import free_flyers
 from condyn_pin.smaller.smaller_tree import indices
 from condyn_pin.smaller.suggestions import Suggestion, suggestions
 from condyn_pin.solvers.base import Solver
-from condyn_pin.solvers.proximal import Proximal
-from condyn_pin.timing import Call, State, interleaved
+from condyn_pin.timing import State, time_trials, trial
 from condyn_pin.workspace import Workspace
 
-_SAMPLES = 10
+_SAMPLES = 10  # states that simplifications are chosen by
+_FRESH = 50  # states that the result is judged by
 _ROUNDS = 100
-
-
-@dataclass(frozen=True)
-class Step:
-    """A simplification that was tried.
-
-    Attributes
-    ----------
-    what : str
-        What it leaves out, and why that may do.
-    kept : bool
-    errors : Errors or None
-        Of all simplifications so far, this one included; None if it could not be made.
-    reason : str
-        Why it was not kept; empty if it was.
-    """
-
-    what: str
-    kept: bool
-    errors: Errors | None
-    reason: str = ""
-
-    def __str__(self) -> str:
-        found = f": errors {self.errors}" if self.errors else ""
-        return f"{'kept' if self.kept else 'not kept'}: {self.what}{found}{self.reason}"
-
-
-@dataclass(frozen=True)
-class Minimal:
-    """The smaller scene, and what it costs and brings.
-
-    Attributes
-    ----------
-    scene : ReducedScene
-    nv, rows : tuple of int
-        Before and after.
-    us : tuple of float
-        `Workspace.acceleration` before and after [us], medians of one interleaved run on this
-        machine; NaN where the solver does not say ok. A measurement, not a promise.
-    solver : Solver
-        What was timed, and has to take the smaller scene.
-    errors : Errors
-        Against the full scene.
-    limit : float
-        The error that was allowed.
-    states : int
-        States at which the scenes were compared.
-    watch : tuple of str
-        Joints whose accelerations were compared.
-    steps : tuple of Step
-        What was tried, in order.
-    """
-
-    scene: ReducedScene
-    nv: tuple[int, int]
-    rows: tuple[int, int]
-    us: tuple[float, float]
-    solver: Solver
-    errors: Errors
-    limit: float
-    states: int
-    watch: tuple[str, ...]
-    steps: tuple[Step, ...]
-
-    def __str__(self) -> str:
-        return "\n".join(
-            [
-                f"nv {self.nv[0]} -> {self.nv[1]}, rows {self.rows[0]} -> {self.rows[1]}, "
-                f"{self.us[0]:.1f} -> {self.us[1]:.1f} us with {self.solver!r}",
-                f"errors at {self.states} states, {self.limit:g} allowed: {self.errors}",
-                *map(str, self.steps),
-            ]
-        )
+_NONE = Errors(0.0, 0.0, 0.0, 0.0)
 
 
 def minimal(
@@ -118,49 +51,110 @@ def minimal(
     solver: Solver | None = None,
 ) -> Minimal:
     """Return the smaller scene with its report; see `Scene.minimal`."""
-    if not 0 < finite("error", error, ()) < 1:
-        raise InvalidArgument(f"error = {error!r}: a number between 0 and 1 is needed")
-    solver = Proximal() if solver is None else solver
+    if not 0 <= finite("error", error, ()) < 1:
+        raise InvalidArgument(f"error = {error!r}: a number from 0 to below 1 is needed")
+    limit = max(float(error), tolerances.EXACT)
+    solver = default_solver(scene) if solver is None else solver
     if not isinstance(solver, Solver):
         raise InvalidArgument(f"solver = {solver!r}: a solver object is needed")
-    states = _sampled(scene) if motion is None else _checked(scene, motion)
+    states = _sampled(scene, 0, _SAMPLES) if motion is None else _checked(scene, motion)
     asked = _asked(scene, states, watch)
-    full = answers(scene, states, asked)
-    small = reduced(scene, scene.robot, scene.constraints, states[0][0], ())
-    exact_rows = solver.takes_every_kind
-    errors = Errors(0.0, 0.0, 0.0, 0.0)
+    question = _Question.of(scene, states, asked)
+    judge = question
+    if motion is None:
+        judge = _Question.of(scene, _sampled(scene, 1, _FRESH), asked)
+    scenes = [reduced(scene, scene.robot, scene.constraints, states[0][0], ())]
     steps: list[Step] = []
-    tried: set[str] = set()
-    while (next_one := _untried(small, states, asked, tried, exact_rows)) is not None:
-        tried.add(next_one.what)
-        step, after = _try(next_one, small, solver, states, asked, full, error)
-        steps.append(step)
-        if step.kept and step.errors is not None:
-            small, errors = after, step.errors
+    errors = None
+    while errors is None:
+        _search(question, solver, limit, scenes, steps)
+        errors = _judged(judge, limit, scenes, steps)
+    small = scenes[-1]
+    us, said = _times(scene, small, solver, states)
     return Minimal(
-        small,
-        (scene.robot.nv, small.robot.nv),
-        (scene.rows, small.rows),
-        _times(scene, small, solver, states),
-        solver,
-        errors,
-        error,
-        len(states),
-        asked,
-        tuple(steps),
+        scene=small,
+        nv=(scene.robot.nv, small.robot.nv),
+        rows=(scene.rows, small.rows),
+        us=us,
+        said=said,
+        solver=solver,
+        errors=errors,
+        limit=limit,
+        states=len(judge.states),
+        watch=asked,
+        steps=tuple(steps),
     )
 
 
+@dataclass(frozen=True, eq=False)
+class _Question:
+    """What every smaller scene is asked, and what the full one answers."""
+
+    scene: Scene
+    states: Sequence[State]
+    asked: tuple[str, ...]
+    full: tuple[Array, Array]
+
+    @classmethod
+    def of(cls, scene: Scene, states: Sequence[State], asked: tuple[str, ...]) -> _Question:
+        return cls(scene, states, asked, answers(scene, states, asked))
+
+    def errors(self, small: ReducedScene) -> Errors:
+        """Return the errors of a smaller scene, or raise the CondynError that prevents them."""
+        found = answers(small, [_reduce(small, state) for state in self.states], self.asked)
+        return compare(self.scene, self.full, found)
+
+
+def _search(
+    question: _Question,
+    solver: Solver,
+    limit: float,
+    scenes: list[ReducedScene],
+    steps: list[Step],
+) -> None:
+    """Try what was not tried yet; add every step, and the scene after each that is kept."""
+    while (suggestion := _untried(scenes[-1], question, steps, solver)) is not None:
+        try:
+            after = suggestion.make(scenes[-1])
+            Workspace(after, solver)
+            errors = question.errors(after)
+        except CondynError as refusal:
+            steps.append(Step(suggestion.what, kept=False, errors=None, reason=f"; {refusal}"))
+            continue
+        good = errors.worst <= limit
+        reason = "" if good else f"; {limit:g} is allowed"
+        steps.append(Step(suggestion.what, kept=good, errors=errors, reason=reason))
+        if good:
+            scenes.append(after)
+
+
 def _untried(
-    small: ReducedScene,
-    states: Sequence[State],
-    asked: Sequence[str],
-    tried: set[str],
-    exact_rows: bool,
+    small: ReducedScene, question: _Question, steps: Sequence[Step], solver: Solver
 ) -> Suggestion | None:
-    moving = _moving(small.full.robot, small.robot.joints, states)
-    proposed = suggestions(small, moving, asked, exact_rows=exact_rows)
+    tried = {step.what for step in steps}
+    moving = _moving(small.full.robot, small.robot.joints, question.states)
+    proposed = suggestions(small, moving, question.asked, exact_rows=solver.takes_every_kind)
     return next((s for s in proposed if s.what not in tried), None)
+
+
+def _judged(
+    judge: _Question, limit: float, scenes: list[ReducedScene], steps: list[Step]
+) -> Errors | None:
+    """Return the errors of the last scene if they are within the limit, or else take it back."""
+    if len(scenes) == 1:
+        return _NONE
+    errors, said = None, ""
+    try:
+        errors = judge.errors(scenes[-1])
+    except CondynError as refusal:
+        said = f"; {refusal}"
+    if errors is not None and errors.worst <= limit:
+        return errors
+    scenes.pop()
+    last = max(i for i, step in enumerate(steps) if step.kept)
+    said = said or f" at {len(judge.states)} other states; {limit:g} is allowed, so undone"
+    steps[last] = replace(steps[last], kept=False, errors=errors, reason=said)
+    return None
 
 
 def _asked(scene: Scene, states: Sequence[State], watch: Sequence[str] | None) -> tuple[str, ...]:
@@ -171,28 +165,6 @@ def _asked(scene: Scene, states: Sequence[State], watch: Sequence[str] | None) -
     moving = _moving(scene.robot, scene.robot.joints, states)
     kept = (*free_flyers(scene.robot), *(name for name in joints if name in moving))
     return tuple(dict.fromkeys(kept)) or tuple(n for n in scene.robot.joints if n in moving)
-
-
-def _try(
-    suggestion: Suggestion,
-    small: ReducedScene,
-    solver: Solver,
-    states: Sequence[State],
-    asked: Sequence[str],
-    full: tuple[Array, Array],
-    limit: float,
-) -> tuple[Step, ReducedScene]:
-    """Make a simplification and measure it; the scene comes back as it was if it cannot be made."""
-    try:
-        after = suggestion.make(small)
-        Workspace(after, solver)
-        found = answers(after, [_reduce(after, state) for state in states], asked)
-    except CondynError as refusal:
-        return Step(suggestion.what, kept=False, errors=None, reason=f"; {refusal}"), small
-    errors = compare(small.full, full, found)
-    good = errors.worst <= limit
-    reason = "" if good else f"; {limit:g} is allowed"
-    return Step(suggestion.what, kept=good, errors=errors, reason=reason), after if good else small
 
 
 def _reduce(small: ReducedScene, state: State) -> State:
@@ -210,9 +182,9 @@ def _moving(robot: Robot, joints: Sequence[str], states: Sequence[State]) -> set
     return {n for n in joints if away[indices(model, [n])[1]].max() > tolerances.CLOSED}
 
 
-def _sampled(scene: Scene) -> list[State]:
-    rng = np.random.default_rng(0)
-    return [(*scene.sample(rng), motor_torque(scene.robot, rng)) for _ in range(_SAMPLES)]
+def _sampled(scene: Scene, seed: int, count: int) -> list[State]:
+    rng = np.random.default_rng(seed)
+    return [(*scene.sample(rng), motor_torque(scene.robot, rng)) for _ in range(count)]
 
 
 def _checked(scene: Scene, motion: Any) -> list[State]:
@@ -222,38 +194,32 @@ def _checked(scene: Scene, motion: Any) -> list[State]:
     states = []
     for k, state in enumerate(motion):
         try:
-            q, v, tau = state
-        except (TypeError, ValueError) as error:
-            raise InvalidArgument(f"motion[{k}]: (q, v, tau) is needed ({error})") from error
-        states.append(check(q, v, tau))
+            q, v, tau = check(*_three(state))
+            scene.check(q, v).raise_if_open()
+        except InvalidArgument as error:
+            raise InvalidArgument(f"motion[{k}]: {error}") from error
+        except NotAssembled as error:
+            raise NotAssembled(f"motion[{k}]: {error}", error.assembly) from error
+        states.append((q, v, tau))
     if not states:
         raise InvalidArgument("motion: it is empty; one state (q, v, tau) at least is needed")
     return states
 
 
+def _three(state: Any) -> tuple[Any, Any, Any]:
+    try:
+        q, v, tau = state
+    except (TypeError, ValueError) as error:
+        raise InvalidArgument(f"(q, v, tau) is needed ({error})") from error
+    return q, v, tau
+
+
 def _times(
     scene: Scene, small: ReducedScene, solver: Solver, states: Sequence[State]
-) -> tuple[float, float]:
-    after = [_reduce(small, state) for state in states]
-    calls: dict[str, Call] = {}
-    for label, one, own in (("before", scene, states), ("after", small, after)):
-        call = _timed(one, solver, own)
-        if call is not None:
-            calls[label] = call
-    nothing = (np.zeros(0),) * 3
-    times = interleaved(calls, [nothing], rounds=_ROUNDS)
-    before, then = (times[k].median if k in times else math.nan for k in ("before", "after"))
-    return before, then
-
-
-def _timed(scene: Scene, solver: Solver, states: Sequence[State]) -> Call | None:
-    """Return a call on one state after the other, if the solver says ok at all of them."""
-    try:
-        workspace = Workspace(scene, solver)
-    except UnsupportedConstraint:
-        return None
-    if not all(workspace.solve(*state, throw=False).status.ok for state in states):
-        return None
-    turn = cycle(states)
-    run: Callable[..., Array] = workspace.acceleration
-    return lambda q, v, tau: run(*next(turn))
+) -> tuple[tuple[float, float], tuple[str, str]]:
+    """Return times before and after [us], and what the solver said."""
+    before = trial(scene, solver, states)
+    after = trial(small, solver, [_reduce(small, state) for state in states])
+    times = time_trials({"before": before, "after": after}, rounds=_ROUNDS)
+    first, then = (times[k].median if k in times else math.nan for k in ("before", "after"))
+    return (first, then), (before.said, after.said)

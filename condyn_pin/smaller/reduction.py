@@ -1,8 +1,4 @@
-"""Smaller scenes: joints locked, constraints dropped, bodies cut off; and the way back.
-
-With the joints of the smaller scene first, and the others held still or following from the loops,
-
-    q_full = (q, q_held, q_found(q)),        v_full = (v, 0, v_found(q, v)).
+"""Joints locked, constraints dropped, bodies cut off.
 
 Locking is exact: the smaller scene moves as the full one does under constraints a_i = 0 on the
 locked joints, whose forces are then inside a body and cost nothing. Dropping a constraint or a body
@@ -12,148 +8,39 @@ changes the robot; `Scene.minimal` measures by how much.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from typing import Any
+from dataclasses import replace
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin import tolerances
-from condyn_pin._pin import pin
 from condyn_pin.arguments import normalised
-from condyn_pin.arrays import Array, finite
 from condyn_pin.constraints import Coupling
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.names import checked, listed
-from condyn_pin.robot import Robot
-from condyn_pin.rows.bound import Bound
-from condyn_pin.rows.equations import Equations
 from condyn_pin.scene import Scene
-from condyn_pin.smaller.smaller_robot import free_flyers, sides, sifted, smaller_robot
-from condyn_pin.smaller.smaller_tree import Indices, indices
-from condyn_pin.summary import Summary
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReducedScene(Scene):
-    """A scene made smaller: it knows the one that it comes from.
-
-    Attributes
-    ----------
-    full : Scene
-        The scene before the first step.
-    held : tuple of float
-        A configuration of the full robot: locked joints are there.
-    found : tuple of str
-        Joints of the full robot whose bodies were cut off: where they are follows from the loops.
-    dropped : tuple of str
-        What was left out, and why, a sentence each.
-    """
-
-    full: Scene
-    held: tuple[float, ...]
-    found: tuple[str, ...] = ()
-    dropped: tuple[str, ...] = ()
-
-    def reduce_state(self, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
-        """Return (q, v) of this scene from those of the full one.
-
-        Raises
-        ------
-        InvalidArgument
-            If a locked joint is elsewhere than it is locked, or moves.
-        """
-        robot = self.full.robot
-        q_, v_ = normalised(robot.model, "q", q), finite("v", v, robot.nv)
-        away = np.abs(np.array(pin.difference(robot.model, np.array(self.held), q_)))
-        for name in robot.joints:
-            if name in self.robot.joints or name in self.found:
-                continue
-            _, index = indices(robot.model, [name])
-            for what, size in (("away from where it is locked", away), ("moving", np.abs(v_))):
-                if size[index].max() > tolerances.CLOSED:
-                    raise InvalidArgument(
-                        f"joint {name!r} is {what} by {size[index].max():.3g}; lock it at this q, "
-                        "or start from a state in which it is at rest there"
-                    )
-        index_q, index_v = self._places
-        return q_[index_q], v_[index_v]
-
-    def expand_state(self, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
-        """Return (q, v) of the full scene from those of this one.
-
-        Locked joints stand still; joints of bodies that were cut off are found from the loops. What
-        these leave open, such as the spin of a rod about itself, keeps its nominal value, at rest.
-
-        Raises
-        ------
-        NotAssembled
-            If the loops of what was cut off cannot be closed at q.
-        """
-        index_q, index_v = self._places
-        q_, v_ = np.array(self.held), np.zeros(self.full.robot.nv)
-        q_[index_q] = normalised(self.robot.model, "q", q)
-        v_[index_v] = finite("v", v, self.robot.nv)
-        return self._find(q_, v_) if self.found else (q_, v_)
-
-    def reduce_torque(self, tau: ArrayLike) -> Array:
-        """Return the torques of the joints that are left; those on locked joints do nothing."""
-        return finite("tau", tau, self.full.robot.nv)[self._places[1]]
-
-    def summary(self, q: ArrayLike | None = None) -> Summary:
-        """Return the summary of the smaller scene; its notes say what was left out."""
-        summary = super().summary(q)
-        said = tuple(text for text in self.dropped if text not in summary.unused)
-        return replace(summary, notes=(*said, *summary.notes))
-
-    @cached_property
-    def _places(self) -> tuple[Indices, Indices]:
-        return indices(self.full.robot.model, self.robot.joints)
-
-    def _find(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return the state with the joints of cut-off bodies where their loops want them."""
-        full, scene = self.full, self._cut_off
-        if not scene.constraints:
-            return q, v
-        known = [name for name in full.robot.joints if name not in self.found]
-        q = scene.assemble(q, fixed=known, within_limits=False).q
-        _, index = indices(full.robot.model, self.found)
-        J = Equations(full.robot.model, scene.bounds).jacobian(q)
-        v[index] = -np.linalg.lstsq(J[:, index], J @ v, rcond=tolerances.RANK)[0]
-        return q, v
-
-    @cached_property
-    def _cut_off(self) -> Scene:
-        """The full robot with the loops of the bodies that were cut off."""
-        full = self.full
-        numbers = {full.robot.model.getJointId(name) for name in self.found}
-        return Scene(
-            full.robot, [c for c in full.constraints if numbers & set(sides(full.robot, c))]
-        )
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        rest = {key: getattr(self, key) for key in ("full", "held", "found", "dropped")}
-        return partial(ReducedScene, **rest), (self.robot, self.constraints)
+from condyn_pin.smaller.reduced_scene import ReducedScene, reduced
+from condyn_pin.smaller.smaller_robot import free_flyers, sifted, smaller_robot
+from condyn_pin.smaller.smaller_tree import indices
 
 
 def lock(scene: Scene, joints: Sequence[str], q: ArrayLike | None = None) -> ReducedScene:
     """Return the scene with some joints held at their value in q; see `Scene.lock`."""
-    names, remarks = _with_partners(scene, checked("joints", joints, scene.robot.joints, "joint"))
+    named = checked("joints", joints, scene.robot.joints, "joint")
+    names, remarks = _with_partners(scene, named)
     if not names:
         return reduced(scene, scene.robot, scene.constraints, scene.guess(), ())
     if len(names) == len(scene.robot.joints):
         raise InvalidArgument("joints: with all of them locked nothing moves; leave one at least")
     start = scene.state()[0] if q is None else normalised(scene.robot.model, "q", q)
     try:
-        closed = closures(scene).assemble(start, fixed=names, within_limits=False).q
+        closed = scene.assemble(start, fixed=named, within_limits=False).q
     except NotAssembled as error:
-        raise NotAssembled(f"with {listed(names)} locked, {error}", error.assembly) from error
+        said = f"with {listed(named)} locked, {error}"
+        raise type(error)(said, error.assembly) from error
     words = f"joints locked: {listed(names)}"
     robot = smaller_robot(scene.robot, names, closed, words)
-    if q is not None:  # the other joints may have come to rest far from the first posture
-        rest, _ = indices(scene.robot.model, robot.joints)
-        robot = replace(robot, postures={"locked": closed[rest], **_without_locked(robot)})
+    rest, _ = indices(scene.robot.model, robot.joints)
+    others = {name: posture for name, posture in robot.postures.items() if name != "locked"}
+    robot = replace(robot, postures={"locked": closed[rest], **others})
     kept, idle = sifted(robot, scene.constraints)
     remarks += [f"constraint {c.name}: both of its sides are one body now" for c in idle]
     return reduced(scene, robot, kept, closed, (words, *remarks))
@@ -189,60 +76,6 @@ def without_bodies(scene: Scene, joints: Sequence[str]) -> ReducedScene:
     return reduced(scene, robot, kept, q, (words, *remarks), found=names)
 
 
-def reduced(
-    scene: Scene,
-    robot: Robot,
-    constraints: Sequence[Any],
-    q: Array,
-    dropped: Sequence[str],
-    *,
-    found: Sequence[str] = (),
-) -> ReducedScene:
-    """Return the reduced scene after one more step, its origin being that of the first step.
-
-    Parameters
-    ----------
-    scene : Scene
-        Before the step.
-    robot, constraints
-        After it.
-    q : (nq,) array
-        Configuration of `scene` at which the step was made.
-    dropped : sequence of str
-        What the step left out.
-    found : sequence of str
-        Joints whose bodies it cut off.
-    """
-    if not isinstance(scene, ReducedScene):
-        held, before = tuple(q.tolist()), Scene(scene.robot, scene.constraints)
-        return ReducedScene(
-            robot, constraints, full=before, held=held, found=tuple(found), dropped=tuple(dropped)
-        )
-    all_held = np.array(scene.held)
-    all_held[indices(scene.full.robot.model, scene.robot.joints)[0]] = q
-    return ReducedScene(
-        robot,
-        constraints,
-        full=scene.full,
-        held=tuple(all_held.tolist()),
-        found=(*scene.found, *found),
-        dropped=(*scene.dropped, *dropped),
-    )
-
-
-def closures(scene: Scene) -> Scene:
-    """Return the scene without contacts that belong wherever they are.
-
-    They have no gap to close, and while gaps are closed with some joints held, they must give way.
-    """
-    kept = [
-        constraint
-        for constraint, bound in zip(scene.constraints, scene.bounds, strict=True)
-        if not isinstance(bound, Bound) or bound.anchored
-    ]
-    return Scene(scene.robot, kept)
-
-
 def _with_partners(scene: Scene, joints: Sequence[str]) -> tuple[tuple[str, ...], list[str]]:
     """Return the joints with those that couplings hold when these are held, and a remark each."""
     held, remarks = dict.fromkeys(joints), []
@@ -254,7 +87,3 @@ def _with_partners(scene: Scene, joints: Sequence[str]) -> tuple[tuple[str, ...]
                     held[other] = None
                     remarks.append(f"joint {other}: locked with {one}, by the coupling {c.name}")
     return tuple(held), remarks
-
-
-def _without_locked(robot: Robot) -> dict[str, Array]:
-    return {name: q for name, q in robot.postures.items() if name != "locked"}

@@ -8,6 +8,8 @@ another body. Without inertia it carries force along p2 - p1 only, so that all i
 Its mass goes, or is shared by its ends so that total mass and centre of mass along the rod stay:
 
     m1 = m (1 - s),   m2 = m s,   s the centre of mass in units of the length from p1.
+
+Armature, damping and friction of its joint go with it.
 """
 
 from __future__ import annotations
@@ -18,15 +20,18 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from condyn_pin import tolerances
 from condyn_pin._pin import pin
+from condyn_pin.arrays import Array
 from condyn_pin.constraints import Constraint, Loop
 from condyn_pin.errors import InvalidArgument, InvalidConstraint
 from condyn_pin.names import checked, listed
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.smaller.linkages import check_passive
-from condyn_pin.smaller.reduction import ReducedScene, reduced
+from condyn_pin.smaller.reduced_scene import ReducedScene, reduced
 from condyn_pin.smaller.smaller_robot import sides, smaller_robot
+from condyn_pin.smaller.smaller_tree import indices
 
 RodMass = Literal["ends", "drop"]
 
@@ -49,8 +54,12 @@ class _Rod:
 
     @property
     def distance(self) -> Loop:
-        """The row that replaces the rod and its loop, under the loop's name."""
-        return Loop(self.near, self.far, "rod", length=self.length, name=self.loop.name)
+        """The row that replaces the rod and its loop, under the loop's name.
+
+        The end that takes the place of the loop's first frame comes first, as the force is on it.
+        """
+        ends = (self.near, self.far) if self.far == self.loop.frame_b else (self.far, self.near)
+        return Loop(*ends, "rod", length=self.length, name=self.loop.name)
 
 
 def rods_as_distances(
@@ -70,12 +79,13 @@ def rods_as_distances(
         robot = _with_ends(robot, rod, mass)
     said = "shared by their ends" if mass == "ends" else "dropped"
     words = f"rods as distances: {listed(names)}; their mass is {said}"
+    lost = [text for name in names for text in _lost(scene.robot, name)]
     small = smaller_robot(robot, names, q, words, cut=True)
     of_loop = {rod.loop.name: rod.distance for rod in rods}
     distances = tuple(rod.distance for rod in rods if rod.loop in scene.robot.loops)
     small = replace(small, loops=(*small.loops, *distances))
     constraints: list[Constraint] = [of_loop.get(c.name, c) for c in scene.constraints]
-    result = reduced(scene, small, constraints, q, (words,), found=names)
+    result = reduced(scene, small, constraints, q, (words, *lost), found=names)
     _check_mobility(scene, result, rods)
     return result
 
@@ -113,9 +123,27 @@ def _rod(scene: Scene, joint: str) -> _Rod:
     length = float(np.linalg.norm(tip))
     if length == 0.0:
         raise InvalidArgument(f"joint {joint!r}: the ends of the rod coincide")
-    com = model.inertias[number].lever
-    share = float(np.clip(com @ tip / length**2, 0.0, 1.0))
+    share = _share(joint, model.inertias[number].lever, tip / length, length)
     return _Rod(joint, number, loop, f"{joint}/seat", far, length, share)
+
+
+def _share(joint: str, com: Array, along: Array, length: float) -> float:
+    """Return s, or say that no two masses at the ends have this centre of mass."""
+    x = float(com @ along)
+    if not -tolerances.DRAWN <= x <= length + tolerances.DRAWN:
+        raise InvalidArgument(
+            f"joint {joint!r}: the centre of mass of a rod is between its ends; here it is at "
+            f"{x / length:.3g} of its length"
+        )
+    return min(max(x / length, 0.0), 1.0)
+
+
+def _lost(robot: Robot, joint: str) -> list[str]:
+    """Return what acts along the joint of a rod and goes with it, as a sentence."""
+    _, index = indices(robot.model, [joint])
+    acting = ("armature", "damping", "friction")
+    found = [name for name in acting if np.any(np.array(getattr(robot.model, name))[index])]
+    return [f"joint {joint}: its {' and '.join(found)} left out with it"] if found else []
 
 
 def _with_ends(robot: Robot, rod: _Rod, mass: RodMass) -> Robot:

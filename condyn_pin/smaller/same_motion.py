@@ -21,7 +21,6 @@ from condyn_pin.arrays import Array
 from condyn_pin.minimum_norm import factorise
 from condyn_pin.rows.equations import Equations, Terms
 from condyn_pin.scene import Scene
-from condyn_pin.smaller.reduction import closures
 from condyn_pin.smaller.smaller_robot import free_flyers
 from condyn_pin.smaller.smaller_tree import Indices, indices
 from condyn_pin.solvers.reference import Reference
@@ -66,11 +65,11 @@ def same_motion(source: Scene, target: Scene, state: State, joints: Sequence[str
     wanted[to_v], motors[to_v] = v[from_v], tau[from_v]
     springs = [s for s in robot.springs if s.joint not in source.robot.joints]
     fixed = [*joints, *(spring.joint for spring in springs)]
-    loops, equations = closures(target), Equations(robot.model, target.bounds)
+    equations = Equations(robot.model, target.bounds)
     _, of_springs = indices(robot.model, [spring.joint for spring in springs])
     known = np.concatenate([to_v, of_springs])
     for _ in range(_ROUNDS):
-        q_ = loops.assemble(guess, fixed=fixed, within_limits=False).q
+        q_ = target.assemble(guess, fixed=fixed, within_limits=False).q
         v_ = _follow(equations, q_, wanted, known, of_springs)
         tau_ = motors + _hold(target, q_, joints) + robot.passive_torque(q_, v_)
         if not springs:

@@ -17,7 +17,7 @@ from condyn_pin.rows.bound import Bound
 from condyn_pin.smaller.linkages import follows
 from condyn_pin.smaller.merging import merge_points
 from condyn_pin.smaller.planar import as_planar
-from condyn_pin.smaller.reduction import ReducedScene
+from condyn_pin.smaller.reduced_scene import ReducedScene
 from condyn_pin.smaller.rods import is_rod
 from condyn_pin.smaller.smaller_robot import free_flyers, sides
 from condyn_pin.smaller.smaller_tree import indices

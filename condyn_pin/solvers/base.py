@@ -2,22 +2,26 @@
 
 1. Add one file to this folder with one frozen dataclass that inherits from `Solver`. Its fields
    are its knobs, each with a default, a unit, and in the docstring the reason of the default.
-2. Set `title` (what tables show), `cost` and `takes_redundant`. The class registers itself under
-   its lower-case name in `SOLVERS`; tests and the command line find it there.
+2. Set `title` (what tables show), `cost`, `use` (when to take it) and `takes_redundant`. The class
+   registers itself under its lower-case name in `SOLVERS`; tests and the command line find it
+   there.
 3. Write `start(workspace)`. It runs once per workspace, may take hundreds of microseconds, and
    returns a `Method`: three callables closed over what they need.
 4. `acceleration(q, v, tau)` is the hot loop. It returns an array that nobody else will write to,
    reads nothing that an earlier call left behind, and does not write to its arguments. It raises
-   `Singular` rather than return numbers that mean nothing; NaN may come out, the workspace
-   catches it.
+   `Singular` rather than return numbers that mean nothing, and ValueError for arguments of another
+   size (`free_force`); NaN may come out, the workspace catches it.
 5. `lam()` returns an owned array: the forces of the last call, with M a + h = tau + J^T lam for the
    J of the scene. Pinocchio's own lam is that of `workspace.natives`; `workspace.scene_forces`
    turns it into the scene's.
 6. A solver sees rows, not kinds: `workspace.equations` has M, h, J and gamma of whatever the scene
    contains. `workspace.constraint_models` has Pinocchio's objects, of 3 and 6 rows only: a solver
    that uses them sets `takes_every_kind = False` and is never started on kinds without such an
-   equivalent.
-7. Sources: cite the paper in the docstring.
+   equivalent. Kinds that are imitated, such as a hinge by two points, bring a row too many: with
+   `takes_imitated = False` it is not started on those either.
+7. A solver of another problem, such as soft constraints, sets `exact = False`: its answer is judged
+   by the hard equations like all others, and is called inaccurate by what it differs.
+8. Sources: cite the paper in the docstring.
 """
 
 from __future__ import annotations
@@ -49,13 +53,23 @@ class Method:
     iterations: Callable[[], int]
 
 
+def free_force(tau: Array, h: Array) -> Array:
+    """Return tau - h; a tau of another shape is refused, as numpy would not."""
+    if tau.shape != h.shape:
+        raise ValueError
+    return tau - h
+
+
 class Solver(ABC):
     """A way to solve the two equations; a frozen value."""
 
     title: ClassVar[str]
     cost: ClassVar[str]
+    use: ClassVar[str]  # when to take it
     takes_redundant: ClassVar[bool]  # whether redundant rows are no trouble
     takes_every_kind: ClassVar[bool] = True  # or only kinds that Pinocchio has, or can imitate
+    takes_imitated: ClassVar[bool] = True  # or only kinds that Pinocchio has
+    exact: ClassVar[bool] = True  # whether it solves the two equations, or others near them
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from condyn_pin import tolerances
-from condyn_pin.arrays import Array, finite
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.arrays import Array
+from condyn_pin.knobs import check_damping
 from condyn_pin.solvers.base import Method, Singular, Solver
 
 if TYPE_CHECKING:
@@ -46,13 +46,13 @@ class DenseKKT(Solver):
 
     title: ClassVar[str] = "Dense KKT"
     cost: ClassVar[str] = "O((n + m)^3)"
+    use: ClassVar[str] = "to compare with; independent rows of any kind"
     takes_redundant: ClassVar[bool] = False
 
     mu: float = 0.0  # [1/kg]
 
     def __post_init__(self) -> None:
-        if finite("mu", self.mu, ()) < 0:
-            raise InvalidArgument(f"mu = {self.mu!r}: a number >= 0 [1/kg] is needed")
+        check_damping(self.mu)
 
     def start(self, workspace: Workspace) -> Method:
         """Return the assembled solve bound to the memory of `workspace`."""

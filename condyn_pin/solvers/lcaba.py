@@ -12,8 +12,8 @@ from condyn_pin import _pin, tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.errors import UnsupportedConstraint
+from condyn_pin.knobs import check_accuracy, check_knobs
 from condyn_pin.solvers.base import Method, Solver
-from condyn_pin.solvers.proximal import check_accuracy, check_knobs
 
 if TYPE_CHECKING:
     from condyn_pin.audit import Audit
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Acceleration = Callable[[Array, Array, Array], Array]
 
 # What `mu` is chosen from, times the largest eigenvalue of G.
-_LADDER = (1e-2, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
+_WEIGHT_SHARES = (1e-2, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 
 # Error of a, relative, at the nominal states: a wide margin for all other states.
 _ACCURATE = tolerances.SOLVED / 1000
@@ -65,6 +65,7 @@ class LCABA(Solver):
 
     title: ClassVar[str] = "LCABA"
     cost: ClassVar[str] = "O(n + m) for contacts with the world; loops add cross terms"
+    use: ClassVar[str] = "the fastest for contacts with the world; needs Pinocchio 4"
     takes_redundant: ClassVar[bool] = True
     takes_every_kind: ClassVar[bool] = False
 
@@ -141,4 +142,4 @@ class LCABA(Solver):
                 return 2, worst
             return (0, iterations) if worst < _ACCURATE else (1, worst * iterations)
 
-        return min((share * audit.delassus_norm for share in _LADDER), key=measure)
+        return min((share * audit.delassus_norm for share in _WEIGHT_SHARES), key=measure)

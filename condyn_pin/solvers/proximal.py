@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from condyn_pin._pin import pin
-from condyn_pin.arrays import Array, finite
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.arrays import Array
+from condyn_pin.knobs import check_accuracy, check_knobs
 from condyn_pin.solvers.base import Method, Solver
 
 if TYPE_CHECKING:
@@ -62,6 +62,7 @@ class Proximal(Solver):
 
     title: ClassVar[str] = "Proximal"
     cost: ClassVar[str] = "O(n d^2 + m^2 d), d the depth of the tree"
+    use: ClassVar[str] = "by default; the fastest for closed chains"
     takes_redundant: ClassVar[bool] = True
     takes_every_kind: ClassVar[bool] = False
 
@@ -101,29 +102,3 @@ def default_mu(audit: Audit) -> float:
     largest = audit.delassus_norm
     smallest = float(audit.singular_values[audit.rank - 1]) ** 2 if audit.rank else largest
     return max(min(1e-6 * largest, 1e-2 * smallest), 1e-10 * largest)
-
-
-_MOST_ITERATIONS = 2**31 - 1  # Pinocchio counts in a C int
-
-
-def check_knobs(mu: float | None, max_iterations: int, *, smallest_mu: float) -> None:
-    """Refuse a proximal weight or an iteration limit that cannot be used."""
-    if mu is not None and not finite("mu", mu, ()) >= smallest_mu:
-        limit = ">= 0" if smallest_mu == 0 else f">= {smallest_mu:g}"
-        raise InvalidArgument(f"mu = {mu!r}: a finite number {limit} [1/kg] is needed")
-    if (
-        isinstance(max_iterations, bool)
-        or not isinstance(max_iterations, (int, np.integer))
-        or not 1 <= max_iterations <= _MOST_ITERATIONS
-    ):
-        raise InvalidArgument(
-            f"max_iterations = {max_iterations!r}: a whole number from 1 to {_MOST_ITERATIONS} "
-            "is needed "
-            "(with 0 Pinocchio returns a wrong answer without a word)"
-        )
-
-
-def check_accuracy(name: str, value: float) -> None:
-    """Refuse an accuracy that cannot be used."""
-    if finite(name, value, ()) < 0:
-        raise InvalidArgument(f"{name} = {value!r}: a number >= 0 is needed")

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from condyn_pin import tolerances
-from condyn_pin.arrays import Array, finite
+from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.extended import add, exact_residual
+from condyn_pin.knobs import check_share
 from condyn_pin.minimum_norm import factorise
 from condyn_pin.solvers.base import Method, Singular, Solver
 
@@ -54,14 +55,14 @@ class Reference(Solver):
 
     title: ClassVar[str] = "Reference"
     cost: ClassVar[str] = "O(n^3 + m^2 n), with exact sums"
+    use: ClassVar[str] = "to judge the others by; any rows"
     takes_redundant: ClassVar[bool] = True
 
     rank_tolerance: float = tolerances.REFERENCE_RANK
     refinements: int = 3
 
     def __post_init__(self) -> None:
-        if not 0 < finite("rank_tolerance", self.rank_tolerance, ()) < 1:
-            raise InvalidArgument(f"rank_tolerance = {self.rank_tolerance!r}: between 0 and 1")
+        check_share("rank_tolerance", self.rank_tolerance)
         if not isinstance(self.refinements, (int, np.integer)) or self.refinements < 0:
             raise InvalidArgument(
                 f"refinements = {self.refinements!r}: a whole number >= 0 is needed"

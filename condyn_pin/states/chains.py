@@ -109,14 +109,14 @@ def chains(scene: Scene) -> Chains:
     for q in tries:
         terms = equations.terms(q, np.zeros(robot.nv))
         factors = factorise(terms.M, terms.J, tolerances.RANK)
-        dependent = _independent(terms.J[rows], passive_classes)
+        dependent = independent_columns(terms.J[rows], passive_classes)
         found.append((factors, terms.J, dependent))
     jacobians = [each[1] for each in found]
     # the first of those with the largest ranks: the first posture, unless that is singular
     factors, J, dependent = max(found, key=lambda each: (each[0].rank, len(each[2])))
     groups: tuple[Cluster, ...] = ()
     if closed and actuated.size:
-        columns = _independent(J[rows], (*passive_classes, actuated))
+        columns = independent_columns(J[rows], (*passive_classes, actuated))
         groups = tuple(clusters(scene, J, jacobians, rows, columns))
     moved = [np.abs(pin.difference(robot.model, tries[0], q)) for q in tries[1:]]
     return Chains(
@@ -161,7 +161,7 @@ def _nearby(
     return True, found
 
 
-def _independent(J: Array, classes: Sequence[Indices]) -> Indices:
+def independent_columns(J: Array, classes: Sequence[Indices]) -> Indices:
     """Return as many independent columns of J as there are, those of the first classes first."""
     from scipy.linalg import qr
 

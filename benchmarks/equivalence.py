@@ -1,0 +1,153 @@
+"""Every solver against Reference at random closed states of every robot's scenes.
+
+    python benchmarks/equivalence.py [--states 1000] [robot ...]
+
+writes benchmarks/results/equivalence.csv, and exits with 1 if an answer that says ok is off by more
+than it promises.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import numpy as np
+
+import condyn_pin as cp
+from condyn_pin.catalogue import motor_torque, standard_scenes
+from condyn_pin.choice import untaken
+from condyn_pin.cli_words import solvers_of
+from condyn_pin.machine import machine
+from condyn_pin.tolerances import SOLVED
+
+RESULTS = Path(__file__).resolve().parent / "results" / "equivalence.csv"
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """One solver on one scene.
+
+    Attributes
+    ----------
+    scene, solver : str
+    rows, rank, states : int
+    ok, inaccurate, singular, not_finite : int
+        How many states ended with which status.
+    error : float
+        Worst error of a among those that say ok, relative to the larger of |a| and gravity.
+    force_error : float
+        The same of J^T lam, relative to the larger of it and the weight.
+    iterations : int
+        The most.
+    """
+
+    scene: str
+    solver: str
+    rows: int
+    rank: int
+    states: int
+    ok: int
+    inaccurate: int
+    singular: int
+    not_finite: int
+    error: float
+    force_error: float
+    iterations: int
+
+    @property
+    def is_honest(self) -> bool:
+        """Whether every answer that says ok is within what ok promises."""
+        return not self.ok or self.error < SOLVED
+
+
+def agreements(label: str, scene: cp.Scene, count: int) -> list[Agreement]:
+    """Compare every solver that takes the scene with Reference, on the same random states."""
+    rng = np.random.default_rng(0)
+    states = [(*scene.sample(rng), motor_torque(scene.robot, rng)) for _ in range(count)]
+    reference = cp.Workspace(scene, cp.Reference())
+    truth = [reference.solve(*state) for state in states]
+    forces = [reference.jacobian(state[0]).T for state in states]
+    return [
+        _agreement(label, name, cp.Workspace(scene, solver), states, truth, forces)
+        for name, solver in _contenders(scene)
+    ]
+
+
+def _contenders(scene: cp.Scene) -> Iterator[tuple[str, cp.Solver]]:
+    """Yield every solver that takes the scene, and damped those that need it."""
+    mu = float(f"{1e-11 * scene.audit.delassus_norm:.1e}")
+    for solver in solvers_of("all"):
+        if not untaken(scene, solver):
+            name = type(solver).__name__
+            yield name, solver
+            if scene.audit.redundant and not solver.takes_redundant:
+                yield f"{name}(mu={mu})", type(solver)(mu=mu)
+
+
+def _agreement(
+    label: str,
+    name: str,
+    workspace: cp.Workspace,
+    states: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
+    truth: Sequence[cp.Solution],
+    transposed: Sequence[np.ndarray],
+) -> Agreement:
+    scene = workspace.scene
+    found = [workspace.solve(*state, throw=False) for state in states]
+    error = force_error = 0.0
+    for one, right, JT in zip(found, truth, transposed, strict=True):
+        if one.status.ok:
+            error = max(error, _relative(one.a, right.a, scene.audit.yardstick.gravity))
+            force = _relative(JT @ one.lam, JT @ right.lam, scene.audit.weight)
+            force_error = max(force_error, force)
+    count = {status: sum(one.status is status for one in found) for status in cp.Status}
+    return Agreement(
+        label,
+        name,
+        scene.rows,
+        scene.audit.rank,
+        len(states),
+        **{status.name.lower(): number for status, number in count.items()},
+        error=error,
+        force_error=force_error,
+        iterations=max(one.iterations for one in found),
+    )
+
+
+def _relative(x: np.ndarray, right: np.ndarray, floor: float) -> float:
+    return float(np.abs(x - right).max() / max(np.abs(right).max(), floor))
+
+
+def main() -> int:
+    """Run, write the table, and say whether every ok is one."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("robots", nargs="*", default=list(cp.available_robots()))
+    parser.add_argument("--states", type=int, default=1000)
+    parser.add_argument("--csv", type=Path, default=RESULTS)
+    arguments = parser.parse_args()
+    table: list[Agreement] = []
+    for name in arguments.robots:
+        for label, scene in standard_scenes(cp.load_robot(name)).items():
+            table += agreements(label, scene, arguments.states)
+            print(label, flush=True)
+    with arguments.csv.open("w", newline="", encoding="utf-8") as file:
+        for key, value in machine().items():
+            file.write(f"# {key}: {value}\n")
+        writer = csv.DictWriter(file, [field.name for field in fields(Agreement)])
+        writer.writeheader()
+        writer.writerows(asdict(row) for row in table)
+    lies = [row for row in table if not row.is_honest]
+    for row in lies:
+        print(f"{row.scene}, {row.solver}: off by {row.error:.1e} where it says ok")
+    return 1 if lies else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

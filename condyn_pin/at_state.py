@@ -1,0 +1,73 @@
+"""One state of a scene: its terms and their factors, for what is not a solve."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin import tolerances
+from condyn_pin._pin import pin
+from condyn_pin.arguments import Arguments
+from condyn_pin.arrays import Array
+from condyn_pin.errors import InvalidArgument
+from condyn_pin.minimum_norm import MinimumNorm, factorise
+from condyn_pin.rows.equations import Equations, Terms
+from condyn_pin.scene import Scene
+
+# The equations of this thread's last scene: their memory takes longer to make than to use.
+_last = threading.local()
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A checked state with M, h, J, gamma, and the factors of M and J.
+
+    Attributes
+    ----------
+    q, v : (nq,), (nv,) array
+        Owned.
+    terms : Terms
+    factors : MinimumNorm
+    """
+
+    q: Array
+    v: Array
+    terms: Terms
+    factors: MinimumNorm
+
+
+def at_state(scene: Scene, q: ArrayLike, v: ArrayLike | None = None) -> State:
+    """Return the terms of a scene at a state, at rest by default; O(n^3 + m^2 n)."""
+    equations = equations_of(scene)
+    still = np.zeros(scene.robot.nv)
+    q_, v_, _ = Arguments(equations.model).check(q, still if v is None else v, still)
+    terms = equations.terms(q_, v_)
+    return State(q_.copy(), v_.copy(), terms, factorise(terms.M, terms.J, tolerances.RANK))
+
+
+def frame_jacobian(scene: Scene, q: Array, frame: str) -> Array:
+    """Return the Jacobian (6, nv) of a frame: linear first, in the axes of the world."""
+    joint, placement = scene.robot.frame(frame)
+    if joint == 0:
+        raise InvalidArgument(f"frame = {frame!r}: it belongs to the world, which does not move")
+    equations = equations_of(scene)
+    model, data = equations.model, equations.data
+    pin.computeJointJacobians(model, data, q)
+    axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    J = np.array(pin.getFrameJacobian(model, data, joint, placement, axes))
+    return J.reshape(6, model.nv)  # a single column comes as a vector
+
+
+def equations_of(scene: Scene) -> Equations:
+    """Return this thread's equations of a scene: the last ones, or new ones."""
+    if not isinstance(scene, Scene):
+        raise InvalidArgument(f"scene = {type(scene).__name__}: a Scene is needed")
+    scene.robot.check_unedited()
+    equations: Equations | None = getattr(_last, "equations", None)
+    if equations is None or _last.scene is not scene:
+        equations = Equations(scene.robot.model, scene.bounds)
+        _last.equations, _last.scene = equations, scene
+    return equations

@@ -1,0 +1,253 @@
+"""ConstraintForce: a force that knows on whom it acts, by whom, where, and in which axes.
+
+Of the pair of forces that a constraint is, the one on the first-named body counts; the other body
+feels the opposite. Both do the generalised force J^T lam together, over the rows of the constraint.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
+
+from condyn_pin import tolerances
+from condyn_pin.arrays import Array
+from condyn_pin.constraints import Constraint, Coupling, Loop
+from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
+from condyn_pin.errors import InvalidArgument
+from condyn_pin.rows.bound import POINT, Bound, Coupled
+from condyn_pin.rows.equations import Equations
+
+if TYPE_CHECKING:
+    from condyn_pin.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Sites:
+    """Where the constraints of a scene are at one configuration; found when first asked for.
+
+    Parameters
+    ----------
+    scene : Scene
+    q : (nq,) array
+    """
+
+    scene: Scene
+    q: Array
+
+    @cached_property
+    def placements(self) -> list[Any]:
+        """The frames c1 and c2 of each constraint in the world; None for a coupling."""
+        return self._equations().placements(self.q)
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """The constraint Jacobian J (m, nv)."""
+        return self._equations().jacobian(self.q)
+
+    def _equations(self) -> Equations:
+        return Equations(self.scene.robot.model, self.scene.bounds)
+
+    def forces(self, lam: Array) -> dict[str, ConstraintForce]:
+        """Return the forces lam (m,) by name, each on the first-named body."""
+        pairs = zip(self.scene.constraints, self.scene.bounds, strict=True)
+        return {
+            bound.name: _force(self, i, constraint, bound, lam[bound.rows])
+            for i, (constraint, bound) in enumerate(pairs)
+        }
+
+    def direction(self, i: int) -> Array:
+        """Return the direction (3,) of rod i, from c1 to c2 in the axes of c1."""
+        oMc1, oMc2 = self.placements[i]
+        along: Array = oMc1.actInv(oMc2).translation
+        return np.asarray(along / np.linalg.norm(along))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ConstraintForce(NDArrayOperatorsMixin):
+    """The force of one constraint on one of its two bodies; it works as the array of its numbers.
+
+    Attributes
+    ----------
+    name : str
+        Of the constraint.
+    components : (3,), (6,) or (1,) array
+        Force [N], or force and moment [N, N m] for kinds that transmit moments, in the axes of
+        `frame`; what a kind does not transmit is zero. One number for a coupling: the force along
+        the joint's coordinate [N m or N]. Impulses have [N s, N m s] in their place.
+    on, by : str
+        The frame on whose body it acts, and the one whose body exerts it, as the constraint names
+        them; "world" is the ground. For a coupling, joints.
+    frame : str
+        Whose axes the components are in; empty for a coupling. For a `PlanarContact` it is the
+        plane, z along its normal.
+    lam : (rows,) array
+        The rows of the constraint, which both forces of the pair belong to.
+    """
+
+    name: str
+    components: Array
+    on: str
+    by: str
+    frame: str
+    lam: Array
+    _sites: Sites
+    _index: int
+    _first: bool  # whether it acts on the first-named body
+
+    @property
+    def at(self) -> Array:
+        """The point of the world (3,) at which it acts [m]."""
+        b, (one, two) = self._bound, self._ends
+        first = self._first == (b.sign > 0)  # whether it acts on body 1
+        if not b.anchored and b.joint2 == 0:
+            return np.array(one.translation)  # nothing says where c2 is
+        if b.is_plain:  # a weld keeps its wrench whole, a ball acts at each body's own point
+            at_two = b.selection == POINT and not first
+            return np.array((two if at_two else one).translation)
+        return np.array(two.translation)
+
+    def in_world(self) -> Array:
+        """Return it in the axes of the world, still at `at`: (3,) or (6,)."""
+        R = self._ends[0].rotation  # c1's axes
+        return np.asarray((self.components.reshape(-1, 3) @ R.T).ravel())
+
+    def on_other(self) -> ConstraintForce:
+        """Return the opposite force: on the other body, in the same axes."""
+        b = self._sites.scene.bounds[self._index]
+        scale = 1.0
+        if isinstance(b, Coupled):
+            scale = b.ratio if self._first else 1.0 / b.ratio
+        return ConstraintForce(
+            self.name, _frozen(-scale * self.components), self.by, self.on, self.frame, self.lam,
+            self._sites, self._index, not self._first,
+        )  # fmt: skip
+
+    def generalized(self) -> Array:
+        """Return the generalised force (nv,) of the pair, J^T lam over its rows [N, N m]."""
+        rows = self._sites.scene.bounds[self._index].rows
+        return np.asarray(self._sites.jacobian[rows].T @ self.lam)
+
+    @property
+    def _bound(self) -> Bound:
+        bound = self._sites.scene.bounds[self._index]
+        if isinstance(bound, Coupled):
+            raise self._nowhere()
+        return bound
+
+    @property
+    def _ends(self) -> tuple[Any, Any]:
+        ends: tuple[Any, Any] | None = self._sites.placements[self._index]
+        if ends is None:
+            raise self._nowhere()
+        return ends
+
+    def _nowhere(self) -> InvalidArgument:
+        return InvalidArgument(f"{self.name}: a coupling acts along joints, at no point")
+
+    # As an array.
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        array = self.components if dtype is None else self.components.astype(dtype)
+        return array.copy() if copy else array
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
+        plain = [x.components if isinstance(x, ConstraintForce) else x for x in inputs]
+        return getattr(ufunc, method)(*plain, **options)
+
+    def __len__(self) -> int:
+        return len(self.components)
+
+    def __getitem__(self, index: Any) -> Any:
+        return self.components[index]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the components."""
+        return self.components.shape
+
+    @property
+    def size(self) -> int:
+        """Number of components."""
+        return self.components.size
+
+    def copy(self) -> Array:
+        """Return the components in an array of their own."""
+        return self.components.copy()
+
+    def tolist(self) -> list[float]:
+        """Return the components as a list."""
+        return [float(x) for x in self.components]
+
+    def round(self, decimals: int = 0) -> Array:
+        """Return the components rounded."""
+        return self.components.round(decimals)
+
+    def __repr__(self) -> str:
+        numbers = np.array2string(self.components, precision=4, suppress_small=True)
+        axes = f", axes of {self.frame}" if self.frame else ""
+        return f"ConstraintForce({self.name}: {numbers} on {self.on} by {self.by}{axes})"
+
+
+def pulling(forces: dict[str, ConstraintForce], sites: Sites, unit: str = "N") -> tuple[str, ...]:
+    """Return a sentence for each contact with the world that pulls, as no ground does.
+
+    The normal is the z axis of a `SurfaceContact` and the normal of a `PlanarContact`. A point or
+    a line has none: the vertical stands for it, if there is gravity.
+    """
+    up = -np.array(sites.scene.robot.model.gravity.linear)
+    up /= max(float(np.linalg.norm(up)), np.finfo(float).tiny)
+    largest = max((float(np.abs(f.components).max()) for f in forces.values()), default=0.0)
+    said = []
+    for constraint in sites.scene.constraints:
+        force, words = forces[constraint.name], ""
+        if isinstance(constraint, SurfaceContact | PlanarContact):
+            normal = float(force[2])
+        elif isinstance(constraint, PointContact | LineContact):
+            normal, words = float(force.in_world()[:3] @ up), " (the vertical is its normal)"
+        else:
+            continue
+        if normal < -tolerances.SOLVED * largest:
+            said.append(
+                f"{constraint.name}: the contact pulls with {-normal:.4g} {unit}{words}; "
+                "the ground would let go"
+            )
+    return tuple(said)
+
+
+def _force(
+    sites: Sites, i: int, constraint: Constraint, bound: Bound | Coupled, lam: Array
+) -> ConstraintForce:
+    """Return the force of one constraint on its first-named body."""
+    if isinstance(bound, Coupled):
+        components = lam.copy()
+    elif bound.is_rod:
+        components = np.asarray(lam[0] * sites.direction(i))
+    else:
+        components = bound.whole(lam)
+    on, by, frame = _names(constraint, bound)
+    return ConstraintForce(
+        bound.name, _frozen(components), on, by, frame, _frozen(lam.copy()), sites, i, True
+    )
+
+
+def _names(constraint: Constraint, bound: Bound | Coupled) -> tuple[str, str, str]:
+    """Return on whom, by whom, and in whose axes."""
+    if isinstance(constraint, Loop):
+        one, two = constraint.frame_a, constraint.frame_b
+        swapped = isinstance(bound, Bound) and bound.sign < 0
+        return one, two, two if swapped else one
+    if isinstance(constraint, Coupling):
+        return constraint.joint_a, constraint.joint_b, ""
+    if isinstance(constraint, PlanarContact):
+        return constraint.frame, "world", f"{constraint.name}/plane"
+    assert isinstance(constraint, PointContact | SurfaceContact | LineContact)
+    return constraint.frame, "world", constraint.frame
+
+
+def _frozen(array: Array) -> Array:
+    array.flags.writeable = False
+    return array

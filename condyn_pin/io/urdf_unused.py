@@ -1,0 +1,129 @@
+"""What a URDF has and the constrained dynamics do not use, a sentence each."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from typing import Final
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from condyn_pin.io.inertia import Body, doubts
+from condyn_pin.io.words import few
+
+_MOMENTS: Final = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_OF_A_CUT: Final = "closing_"
+
+# What is read: the elements below each one, and its attributes. All else is counted.
+_READ: Final[Mapping[str, tuple[frozenset[str], frozenset[str]]]] = {
+    tag: (frozenset(elements.split()), frozenset(attributes.split()))
+    for tag, elements, attributes in (
+        ("robot", "link joint", "name version"),
+        ("link", "inertial", "name"),
+        ("inertial", "origin mass inertia", ""),
+        ("mass", "", "value"),
+        ("inertia", "", " ".join(_MOMENTS)),
+        ("joint", "origin parent child axis limit dynamics mimic", "name type"),
+        ("origin", "", "xyz rpy"),
+        ("parent", "", "link"),
+        ("child", "", "link"),
+        ("axis", "", "xyz"),
+        ("limit", "", "lower upper effort velocity"),
+        ("dynamics", "", "damping friction"),
+        ("mimic", "", "joint multiplier offset"),
+    )
+}
+
+
+def unused(robot: Element) -> Iterator[str]:
+    """Say what of a URDF is not used."""
+    joints = [joint for joint in robot.findall("joint") if joint.get("type") != "fixed"]
+    for attribute in ("damping", "friction"):
+        names = [joint.get("name", "?") for joint in joints if _dynamics(joint, attribute)]
+        if names:
+            advice = ": add Robot.passive_torque to tau" if attribute == "damping" else ""
+            yield f"joint {attribute} ({few(names)}){advice}"
+    limited = [joint.get("name", "?") for joint in joints if joint.find("limit") is not None]
+    if limited:
+        yield f"limits of position, velocity and effort ({len(limited)} joints)"
+    still = [
+        joint.get("name", "?")
+        for joint in robot.findall("joint")
+        if joint.get("type") == "fixed" and joint.find("mimic") is not None
+    ]
+    if still:
+        yield f"mimic of fixed joints ({few(still)})"
+    elements, attributes = Counter[str](), Counter[str]()
+    _count(robot, elements, attributes)
+    for what, counts in (("elements", elements), ("attributes", attributes)):
+        if counts:
+            listed = ", ".join(f"{n} {name}" for name, n in sorted(counts.items()))
+            yield f"{what} that are not read: {listed}"
+
+
+def doubtful(
+    robot: Element, copy: Element, *, mimicking: list[str], coupled: bool, cuts: list[str]
+) -> Iterator[str]:
+    """Say what the reader made of a file that leaves it open.
+
+    Parameters
+    ----------
+    robot, copy : Element
+        The file, and what was copied out of it with every number checked.
+    mimicking : list of str
+        Joints that mimic another one.
+    coupled : bool
+        Whether these are coupled.
+    cuts : list of str
+        The loops that two links ``closing_NAME_1`` and ``closing_NAME_2`` close.
+    """
+    if mimicking:
+        what = "couplings of Robot.loops, which hold in scenes that contain them"
+        what = what if coupled else "these joints move on their own"
+        yield f"mimic ({few(mimicking)}): {what}"
+    if cuts:
+        yield (
+            f"the kind of the joints cut at {few(cuts)}: balls here, unless [[loops]] of a "
+            "robot.toml name the same two frames"
+        )
+    links = {link.get("name", "") for link in robot.findall("link")}
+    halves = {f"{cut}_{half}" for cut in cuts for half in (1, 2)}
+    for name in sorted(links - halves):
+        if name.startswith(_OF_A_CUT):
+            half = name[-2:] in ("_1", "_2")
+            reason = "its other half is missing" if half else "it does not end in _1 or _2"
+            yield f"link {name!r}: {reason}, so it closes nothing"
+    yield from doubts(_bodies(copy))
+
+
+def _bodies(copy: Element) -> Iterator[Body]:
+    for link in copy.findall("link"):
+        mass, inertia = link.find("inertial/mass"), link.find("inertial/inertia")
+        if mass is not None and inertia is not None:
+            xx, xy, xz, yy, yz, zz = (float(inertia.attrib[key]) for key in _MOMENTS)
+            tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            yield link.attrib["name"], float(mass.attrib["value"]), tensor
+
+
+def _count(element: Element, elements: Counter[str], attributes: Counter[str]) -> None:
+    """Count what is not read in an element and below it."""
+    below, own = _READ[element.tag]
+    attributes.update(f"{_short(key)} of <{element.tag}>" for key in element.attrib.keys() - own)
+    for child in element:
+        if not isinstance(child.tag, str):  # a comment
+            continue
+        if child.tag in below:
+            _count(child, elements, attributes)
+        else:
+            elements[f"<{_short(child.tag)}>"] += 1
+
+
+def _short(name: str) -> str:
+    """Return a name without the address of its namespace."""
+    return name.rpartition("}")[2]
+
+
+def _dynamics(joint: Element, attribute: str) -> float:
+    element = joint.find("dynamics")
+    return 0.0 if element is None else float(element.get(attribute) or 0)

@@ -1,0 +1,50 @@
+"""What the knobs of solvers may be, and the sentences that say so."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from condyn_pin.arrays import finite
+from condyn_pin.errors import InvalidArgument
+
+_MOST_ITERATIONS = 2**31 - 1  # Pinocchio counts in a C int
+
+
+def check_damping(mu: float) -> None:
+    """Refuse a damping that cannot be used."""
+    if finite("mu", mu, ()) < 0:
+        raise InvalidArgument(f"mu = {mu!r}: a number >= 0 [1/kg] is needed")
+
+
+def check_knobs(mu: float | None, max_iterations: int, *, smallest_mu: float) -> None:
+    """Refuse a proximal weight or an iteration limit that cannot be used."""
+    if mu is not None and not finite("mu", mu, ()) >= smallest_mu:
+        limit = ">= 0" if smallest_mu == 0 else f">= {smallest_mu:g}"
+        raise InvalidArgument(f"mu = {mu!r}: a finite number {limit} [1/kg] is needed")
+    check_iterations(max_iterations)
+
+
+def check_iterations(max_iterations: int) -> None:
+    """Refuse an iteration limit that cannot be used."""
+    if (
+        isinstance(max_iterations, bool)
+        or not isinstance(max_iterations, (int, np.integer))
+        or not 1 <= max_iterations <= _MOST_ITERATIONS
+    ):
+        raise InvalidArgument(
+            f"max_iterations = {max_iterations!r}: a whole number from 1 to {_MOST_ITERATIONS} "
+            "is needed "
+            "(with 0 Pinocchio returns a wrong answer without a word)"
+        )
+
+
+def check_accuracy(name: str, value: float) -> None:
+    """Refuse an accuracy that cannot be used."""
+    if finite(name, value, ()) < 0:
+        raise InvalidArgument(f"{name} = {value!r}: a number >= 0 is needed")
+
+
+def check_share(name: str, value: float) -> None:
+    """Refuse what is not between 0 and 1, both excluded."""
+    if not 0 < finite(name, value, ()) < 1:
+        raise InvalidArgument(f"{name} = {value!r}: between 0 and 1")

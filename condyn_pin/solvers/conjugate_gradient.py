@@ -1,0 +1,146 @@
+"""ConjugateGradient: the Delassus operator applied, never formed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from condyn_pin._pin import pin
+from condyn_pin.arrays import Array
+from condyn_pin.knobs import check_accuracy, check_damping, check_iterations
+from condyn_pin.minimum_norm import factorise
+from condyn_pin.solvers.base import Method, Solver
+from condyn_pin.tolerances import RANK
+
+if TYPE_CHECKING:
+    from condyn_pin.audit import Audit
+    from condyn_pin.workspace import Workspace
+
+
+@dataclass(frozen=True)
+class ConjugateGradient(Solver):
+    """Conjugate gradients for lam, with the articulated body algorithm in place of M^-1.
+
+    (G + mu I) lam = a_ref - gamma - J a_free,    G x = J ABA(J^T x),    a = ABA(tau + J^T lam)
+
+    M is neither formed nor factorised, and G is never formed. The iteration starts at lam = 0 and
+    ends where |J a + gamma - a_ref| is small, or falls no more: the best lam on the way is the
+    answer. The preconditioner is the inverse of G at the nominal state of the scene.
+
+    Parameters
+    ----------
+    tolerance : float, optional
+        Iterate until |a_ref - gamma - J a - mu lam|_inf is below this [m/s^2]. By default a tenth
+        of what a status of ok allows on the scene.
+    max_iterations : int
+        Upper limit. In exact arithmetic as many as there are independent rows are enough; Cassie's
+        20 take 18, Talos's 12 take 12.
+    mu : float
+        Damping [1/kg]. Redundant rows need none: the right side lies in the range of G. With
+        mu > 0 rows that contradict each other have an answer too, and a is off by about
+        mu / sigma relative, sigma the smallest nonzero eigenvalue of G.
+
+    Notes
+    -----
+    Cost O(n + m n) an iteration. Of many lam that redundant rows allow, the smallest is found where
+    the same rows are redundant, in the same way, as at the nominal state; else one near it.
+
+    References
+    ----------
+    Hestenes, Stiefel. Methods of conjugate gradients for solving linear systems. J. Res. Nat. Bur.
+    Standards 49, 1952.
+    Featherstone. Rigid body dynamics algorithms, chapter 7. Springer, 2008.
+    """
+
+    title: ClassVar[str] = "Conjugate gradient"
+    cost: ClassVar[str] = "O(n + m n) an iteration, about as many iterations as independent rows"
+    use: ClassVar[str] = "any rows on models so large that no matrix is to be factorised"
+    takes_redundant: ClassVar[bool] = True
+
+    tolerance: float | None = None  # [m/s^2]
+    max_iterations: int = 500
+    mu: float = 0.0  # [1/kg]
+
+    def __post_init__(self) -> None:
+        if self.tolerance is not None:
+            check_accuracy("tolerance", self.tolerance)
+        check_iterations(self.max_iterations)
+        check_damping(self.mu)
+
+    def start(self, workspace: Workspace) -> Method:
+        """Return the iteration bound to the memory of `workspace`."""
+        model, data, equations = workspace.model, workspace.data, workspace.equations
+        audit, mu = workspace.scene.audit, self.mu
+        precondition = _inverse_delassus(audit)
+        enough = audit.yardstick.enough / 10 if self.tolerance is None else self.tolerance
+        # at rest and without gravity, all of tau accelerates: ABA is M^-1
+        weightless = pin.Model(model)
+        weightless.gravity = pin.Motion.Zero()
+        scratch, still = weightless.createData(), np.zeros(model.nv)
+        latest, count = np.zeros(equations.m), [0]
+
+        @np.errstate(over="ignore", invalid="ignore")  # the status says it
+        def acceleration(q: Array, v: Array, tau: Array) -> Array:
+            J = equations.jacobian(q)
+
+            def damped_delassus(x: Array) -> Array:
+                product = J @ pin.aba(weightless, scratch, q, still, J.T @ x)
+                return np.asarray(product + mu * x)
+
+            missing = equations.target(q, v) - J @ pin.aba(model, data, q, v, tau)
+            latest[:], count[0] = conjugate_gradients(
+                damped_delassus, missing, precondition, enough, self.max_iterations
+            )
+            return np.array(pin.aba(model, data, q, v, tau + J.T @ latest))
+
+        return Method(acceleration, latest.copy, lambda: count[0])
+
+
+def conjugate_gradients(
+    product: Callable[[Array], Array], b: Array, P: Array, enough: float, most: int
+) -> tuple[Array, int]:
+    """Return x with |b - A x|_inf < enough, or the best one met, and the iterations.
+
+    Parameters
+    ----------
+    product : callable
+        Returns A x; A is symmetric and positive semidefinite.
+    b : (m,) array
+    P : (m, m) array
+        Preconditioner: an approximate inverse of A.
+    enough : float
+    most : int
+        Upper limit on the iterations. It also ends where m of them in a row have brought nothing,
+        or lead far away, as they do when what is left of b is rounding outside the range of A.
+    """
+    x, r, p = np.zeros_like(b), b.copy(), np.zeros_like(b)
+    residual = smallest = np.abs(r).max(initial=0.0)
+    best, idle, last, k = x.copy(), 0, 1.0, 0
+    while smallest > enough and residual * RANK < smallest and idle < len(b) and k < most:
+        z = P @ r
+        size = float(r @ z)
+        p = z + (size / last) * p
+        Ap = product(p)
+        curvature = float(p @ Ap)
+        if not curvature > 0:
+            break
+        step, last, k = size / curvature, size, k + 1
+        x += step * p
+        r -= step * Ap
+        residual = np.abs(r).max()
+        idle = 0 if residual < smallest else idle + 1
+        if not idle:
+            smallest, best = residual, x.copy()
+    return best, k
+
+
+def _inverse_delassus(audit: Audit) -> Array:
+    """Return the inverse of G at the nominal state, a multiple of I on what is redundant there."""
+    factors = factorise(audit.terms.M, audit.terms.J, RANK)
+    U, S = factors.U, factors.S
+    eigenvalues = np.full(U.shape[1], audit.delassus_norm)
+    eigenvalues[: factors.rank] = S[: factors.rank] ** 2
+    return np.asarray((U / eigenvalues) @ U.T)

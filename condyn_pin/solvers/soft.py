@@ -1,0 +1,174 @@
+"""Soft: MuJoCo's constraints, that give way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from condyn_pin._pin import LOCAL, pin
+from condyn_pin.arrays import Array, finite
+from condyn_pin.errors import InvalidArgument, InvalidModel
+from condyn_pin.range_space import whiten
+from condyn_pin.rows.bound import Coupled
+from condyn_pin.solvers.base import Method, Singular, Solver, free_force
+
+if TYPE_CHECKING:
+    from condyn_pin.workspace import Workspace
+
+
+@dataclass(frozen=True)
+class Soft(Solver):
+    """MuJoCo's regularised Gauss principle, for constraints that push and pull.
+
+    min over a of |a - a_free|^2_M + |J a + gamma - a_ref|^2_(1/R), which is
+
+    (G + R) lam = a_ref - gamma - J a_free,    a = a_free + M^-1 J^T lam,
+    a_ref = -b J v - k c,    R = (1 - d) / d * diag(w),
+
+    with c the gap of a constraint, d its impedance at |c|, and w the mean inverse inertia of its
+    two bodies at the neutral configuration, which MuJoCo takes for the diagonal of G.
+
+    Parameters
+    ----------
+    solref : (timeconst, dampratio), or (-stiffness, -damping)
+        How a gap closes: b = 2 / (d_width timeconst) and k = d / (d_width timeconst dampratio)^2,
+        or b = damping / d_width and k = d stiffness / d_width^2 [s, 1; 1/s^2, 1/s].
+    solimp : (d_0, d_width, width, midpoint, power)
+        d rises from d_0 where the gap is zero to d_width where it is `width` [m, rad], steepest at
+        the share `midpoint`, along a polynomial of this power.
+
+    Both defaults are MuJoCo's. For d_0 = d_width -> 1 the answer of a closed state tends to the
+    hard one, and is off by a multiple of 1 - d. MuJoCo itself goes no further than d = 0.9999, and
+    no faster than a timeconst of two steps.
+
+    Notes
+    -----
+    Cost as `DelassusCholesky`. It solves other equations than the other solvers: lam belongs to a,
+    the dynamics hold to rounding, and the constraints do not. The status says inaccurate by as
+    much, unless the `accuracy` asked for allows it, and derivatives are refused. Redundant rows
+    share the load. gamma is part of it as in MuJoCo 4; MuJoCo 3.3 leaves it out.
+
+    References
+    ----------
+    Todorov. Convex and analytically-invertible dynamics with contacts and constraints: theory and
+    implementation in MuJoCo. ICRA, 2014.
+    MuJoCo documentation: Computation, "Constraint model"; Modeling, "Solver parameters".
+    """
+
+    title: ClassVar[str] = "Soft"
+    cost: ClassVar[str] = "O(n^3 + n^2 m + m^3)"
+    use: ClassVar[str] = "to see what MuJoCo sees; not the hard answer, and says so"
+    takes_redundant: ClassVar[bool] = True
+    exact: ClassVar[bool] = False
+
+    solref: tuple[float, float] = (0.02, 1.0)  # [s, 1], or [1/s^2, 1/s]
+    solimp: tuple[float, float, float, float, float] = (0.9, 0.95, 0.001, 0.5, 2.0)
+
+    def __post_init__(self) -> None:
+        ref = finite("solref", self.solref, (2,))
+        if not ((ref > 0).all() or (ref < 0).all()):
+            raise InvalidArgument(
+                f"solref = {self.solref!r}: (timeconst, dampratio), both > 0, or "
+                "(-stiffness, -damping), both < 0"
+            )
+        start, end, width, midpoint, power = finite("solimp", self.solimp, (5,))
+        shares = 0 < start < 1 and 0 < end < 1 and 0 < midpoint < 1
+        if not (shares and width > 0 and power >= 1):
+            raise InvalidArgument(
+                f"solimp = {self.solimp!r}: (d_0, d_width, width, midpoint, power) with d_0, "
+                "d_width and midpoint between 0 and 1, width > 0 and power >= 1"
+            )
+        # lists are welcome; a frozen value is hashed
+        object.__setattr__(self, "solref", tuple(map(float, self.solref)))
+        object.__setattr__(self, "solimp", tuple(map(float, self.solimp)))
+
+    def start(self, workspace: Workspace) -> Method:
+        """Return the regularised problem bound to the equations of `workspace`."""
+        # imported here: scipy.linalg takes as long to import as Pinocchio
+        from scipy.linalg.lapack import dposv, dtrtrs
+
+        if workspace.drift:
+            raise InvalidArgument(
+                "drift: Soft pulls its rows back by solref itself; use it without drift"
+            )
+        equations, w = workspace.equations, inverse_inertias(workspace)
+        sizes = [bound.size for bound in workspace.bounds]
+        starts = [bound.rows.start for bound in workspace.bounds]
+        latest, rows = np.zeros(equations.m), np.arange(equations.m)
+
+        @np.errstate(over="ignore", invalid="ignore")  # the status says it
+        def acceleration(q: Array, v: Array, tau: Array) -> Array:
+            c = equations.violation(q)
+            terms = equations.terms(q, v)
+            whitened = whiten(terms.M, terms.J)
+            if whitened is None:
+                raise Singular
+            U, W, G = whitened
+            z = dtrtrs(U, free_force(tau, terms.h), trans=1)[0]
+            if len(rows):
+                gaps = np.sqrt(np.add.reduceat(c * c, starts))
+                d = np.repeat(self.impedance(gaps), sizes)
+                G[rows, rows] += (1 - d) / d * w
+                missing = self.reference(c, terms.J @ v, d) - terms.gamma - W.T @ z
+                _, latest[:], info = dposv(G, missing)
+                if info:
+                    raise Singular
+                z += W @ latest
+            return np.asarray(dtrtrs(U, z)[0])
+
+        return Method(acceleration, latest.copy, lambda: 1)
+
+    def impedance(self, gap: Array) -> Array:
+        """Return d at gaps >= 0 [m, rad]."""
+        start, end, width, midpoint, power = self.solimp
+        x = np.minimum(gap / width, 1.0)
+        below = midpoint * (x / midpoint) ** power
+        above = 1 - (1 - midpoint) * ((1 - x) / (1 - midpoint)) ** power
+        return np.asarray(start + (end - start) * np.where(x <= midpoint, below, above))
+
+    def reference(self, c: Array, velocity: Array, d: Array) -> Array:
+        """Return a_ref = -b J v - k c."""
+        (one, two), end = self.solref, self.solimp[1]
+        if one > 0:
+            b, k = 2 / (end * one), d / (end * one * two) ** 2
+        else:
+            b, k = -two / end, -one * d / end**2
+        return np.asarray(-b * velocity - k * c)
+
+
+def inverse_inertias(workspace: Workspace) -> Array:
+    """Return w (m,): what MuJoCo takes for the diagonal of J M^-1 J^T [1/kg, 1/(kg m^2)].
+
+    For a row between two bodies the sum of what each gives way to a force at its centre of mass,
+    or to a moment, the mean over three axes; for a coupling, of what each joint does.
+    """
+    model = workspace.model
+    data, q = model.createData(), pin.neutral(model)
+    M = np.array(pin.crba(model, data, q))
+    pin.computeJointJacobians(model, data, q)
+
+    def gives(J: Array) -> Array:
+        whitened = whiten(M, J)
+        if whitened is None:
+            raise InvalidModel("Soft: the mass matrix is not positive definite at neutral")
+        return np.array(whitened[2].diagonal())
+
+    def body(joint: int) -> Array:
+        """Return what a body gives way to a force and to a moment."""
+        if joint == 0:
+            return np.zeros(2)
+        at_centre = pin.SE3(np.eye(3), model.inertias[joint].lever)
+        J = pin.getFrameJacobian(model, data, joint, at_centre, LOCAL)
+        return np.asarray(gives(J).reshape(2, 3).mean(axis=1))
+
+    w = np.zeros(workspace.scene.rows)
+    for bound in workspace.bounds:
+        if isinstance(bound, Coupled):
+            w[bound.rows] = gives(np.eye(model.nv)[list(bound.velocity)]).sum()
+        else:
+            linear, angular = body(bound.joint1) + body(bound.joint2)
+            # MuJoCo's angular rows are half of ours
+            w[bound.rows] = [4 * angular if i > 2 else linear for i in bound.selection or (0,)]
+    return w

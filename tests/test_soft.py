@@ -1,0 +1,160 @@
+"""Soft constraints against MuJoCo's own accelerations, gap, slip and all."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+from referee import MujocoReferee
+from shared import all_scenes, relative, robot, states
+
+import condyn_pin as cp
+from condyn_pin.tolerances import SOLVED
+
+# Two engines and their rounding; measured 2e-12 at worst, on Cassie.
+AGREES = 1e-11
+
+# Before version 4 MuJoCo left Jdot v out.
+MOVING = [0.0, 1.0] if int(mujoco.__version__.split(".")[0]) >= 4 else [0.0]
+
+STIFF = cp.Soft(solref=(0.005, 0.7), solimp=(0.5, 0.99, 0.05, 0.3, 3.0))
+DIRECT = cp.Soft(solref=(-900.0, -40.0), solimp=(0.8, 0.8, 0.01, 0.5, 1.0))
+each_soft = pytest.mark.parametrize("soft", [cp.Soft(), STIFF, DIRECT], ids=["0", "1", "2"])
+
+
+def loops_alone(label: str) -> cp.Scene:
+    """Return the scene with its loops between moving bodies: MuJoCo has no contacts like ours."""
+    scene = all_scenes()[label]
+    pairs = zip(scene.constraints, scene.bounds, strict=True)
+    return cp.Scene(scene.robot, [made for made, bound in pairs if bound.joint2])
+
+
+def mujoco_acceleration(scene: cp.Scene, soft: cp.Soft, q, v, tau) -> np.ndarray:
+    """Return `qacc` of the exported scene in Pinocchio's coordinates."""
+    referee = MujocoReferee(replace(scene.robot, loops=scene.constraints))
+    model, data = referee._mj, referee.data
+    X, Xdot_v = referee._place(q, v)
+    ask_as(model, soft)
+    data.qfrc_applied[:] = np.linalg.solve(X.T, tau)
+    mujoco.mj_forward(model, data)
+    return np.linalg.solve(X, data.qacc - Xdot_v)
+
+
+def ask_as(model: mujoco.MjModel, soft: cp.Soft) -> None:
+    """Give MuJoCo the knobs of a soft solver, and time to converge."""
+    model.eq_solref[:], model.eq_solimp[:] = soft.solref, soft.solimp
+    model.opt.timestep, model.opt.tolerance, model.opt.iterations = 1e-4, 0.0, 100
+    # what a solve leaves out, unless it is put into tau
+    model.dof_damping[:], model.dof_frictionloss[:], model.jnt_stiffness[:] = 0.0, 0.0, 0.0
+    model.jnt_limited[:] = False
+
+
+@each_soft
+@pytest.mark.parametrize("moving", MOVING)
+@pytest.mark.parametrize("label", ["four_bar loops", "cassie loops", "talos foot to foot, welded"])
+def test_closed_states_accelerate_as_in_mujoco(label, moving, soft):
+    scene = loops_alone(label)
+    for q, v, tau in states(label):
+        found = cp.solve(scene, q, moving * v, tau, solver=soft, throw=False)
+        assert relative(found.a, mujoco_acceleration(scene, soft, q, moving * v, tau)) < AGREES
+
+
+@each_soft
+@pytest.mark.parametrize("gap", [1e-4, 1e-2, 1.0])
+@pytest.mark.parametrize("label", ["four_bar loops", "cassie loops"])
+def test_open_and_sliding_balls_close_as_in_mujoco(label, gap, soft):
+    """c and J v are not zero: impedance, stiffness and damping all count."""
+    scene, rng = loops_alone(label), np.random.default_rng(3)
+    for q, v, tau in states(label):
+        open_q = pin.integrate(scene.robot.model, q, gap * rng.normal(size=v.size))
+        sliding = MOVING[-1] * (v + gap * rng.normal(size=v.size))
+        found = cp.solve(scene, open_q, sliding, tau, solver=soft, throw=False)
+        assert np.abs(cp.Workspace(scene).violation(open_q)).max() > 1e-2 * gap
+        expected = mujoco_acceleration(scene, soft, open_q, sliding, tau)
+        assert relative(found.a, expected) < AGREES
+
+
+@each_soft
+def test_a_coupling_gives_way_as_in_mujoco(soft):
+    bar = robot("four_bar")
+    ratio, offset = -0.5, 0.7
+    scene = cp.Scene(bar, [cp.Coupling("rocker", "crank", ratio, offset)])
+    text = replace(bar, loops=scene.constraints).to_mjcf()
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    ask_as(model, soft)
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        q, v, tau = rng.normal(size=(3, 3))
+        data.qpos[:], data.qvel[:], data.qfrc_applied[:] = q, v, tau
+        mujoco.mj_forward(model, data)
+        found = cp.solve(scene, q, v, tau, solver=soft, throw=False)
+        assert np.abs(found.state_error.position) > 1e-3
+        assert relative(found.a, data.qacc) < AGREES
+
+
+def test_impedance_rises_from_one_end_to_the_other():
+    soft = cp.Soft(solimp=(0.2, 0.9, 0.01, 0.4, 3.0))
+    gaps = np.linspace(0.0, 0.02, 401)
+    d = soft.impedance(gaps)
+    assert d[0] == 0.2
+    assert np.allclose(d[gaps >= 0.01], 0.9)
+    assert (np.diff(d) >= 0).all()
+    assert soft.impedance(np.array([0.004]))[0] == pytest.approx(0.2 + 0.7 * 0.4)
+
+
+def test_the_dynamics_hold_and_the_status_says_what_does_not():
+    """The answer is judged as every other; who asks for less gets it as ok."""
+    scene, state = all_scenes()["talos contacts"], states("talos contacts")[0]
+    soft = cp.solve(scene, *state, solver=cp.Soft(), throw=False)
+    assert soft.status is cp.Status.INACCURATE
+    assert soft.dynamics_error < 1e-11 * scene.audit.weight
+    assert soft.constraint_error > 1e-3
+    hard = cp.solve(scene, *state, solver=cp.Reference())
+    error = relative(soft.a, hard.a)
+    assert SOLVED < error < soft.error_bound
+    with pytest.raises(cp.SolveFailed, match="inaccurate"):
+        cp.solve(scene, *state, solver=cp.Soft())
+    assert cp.solve(scene, *state, solver=cp.Soft(), accuracy=2 * soft.error_bound).status.ok
+
+
+def test_redundant_rows_share_the_load():
+    """A foot held twice: half of the force each."""
+    label = "talos foot held twice"
+    found = cp.solve(all_scenes()[label], *states(label)[0], solver=cp.Soft(), throw=False)
+    once, again = found.forces["left_sole_link"], found.forces["again"]
+    assert np.allclose(once, again, rtol=1e-9, atol=1e-9 * np.abs(once).max())
+
+
+def test_derivatives_are_refused_by_name():
+    scene, state = all_scenes()["solo12 contacts"], states("solo12 contacts")[0]
+    with pytest.raises(cp.InvalidArgument, match=r"Soft\(.*derivatives are those of hard"):
+        cp.derivatives(scene, *state, solver=cp.Soft(), accuracy=10.0)
+
+
+@pytest.mark.parametrize(
+    "knobs",
+    [
+        {"solref": (0.0, 1.0)},
+        {"solref": (0.02, -1.0)},
+        {"solref": (0.02,)},
+        {"solref": (np.nan, 1.0)},
+        {"solimp": (0.0, 0.95, 0.001, 0.5, 2.0)},
+        {"solimp": (0.9, 1.0, 0.001, 0.5, 2.0)},
+        {"solimp": (0.9, 0.95, 0.0, 0.5, 2.0)},
+        {"solimp": (0.9, 0.95, 0.001, 1.0, 2.0)},
+        {"solimp": (0.9, 0.95, 0.001, 0.5, 0.5)},
+        {"solimp": (0.9, 0.95)},
+    ],
+)
+def test_knobs_that_mean_nothing_are_refused(knobs):
+    with pytest.raises(cp.InvalidArgument, match=next(iter(knobs))):
+        cp.Soft(**knobs)
+
+
+def test_lists_are_knobs_too():
+    assert cp.Soft(solref=[0.02, 1], solimp=[0.9, 0.95, 0.001, 0.5, 2]) == cp.Soft()
+    assert hash(cp.Soft(solref=[0.02, 1])) == hash(cp.Soft())

@@ -1,0 +1,217 @@
+"""What each solver promises beyond the contract that all of them share."""
+
+from __future__ import annotations
+
+import csv
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shared import SOLVERS, all_scenes, relative, states, truth
+
+import condyn_pin as cp
+from condyn_pin.range_space import range_space
+from condyn_pin.solver_table import solver_rows
+from condyn_pin.solvers.conjugate_gradient import conjugate_gradients
+from condyn_pin.tolerances import SOLVED
+
+ROOT = Path(__file__).parent.parent
+sys.path.insert(0, str(ROOT / "benchmarks"))
+
+DAMPED = [cp.DelassusCholesky, cp.DenseKKT, cp.SparseKKT, cp.ConjugateGradient]
+SMALLEST_LAM = [cp.NullSpace(), cp.GaussPrinciple()]
+REDUNDANT = [label for label, scene in all_scenes().items() if scene.audit.redundant]
+
+
+@pytest.mark.parametrize("kind", DAMPED)
+@pytest.mark.parametrize("label", ["talos corners", "cassie loops", "four_bar backwards"])
+def test_damping_costs_accuracy_in_proportion(kind, label):
+    """Redundant rows: off by mu / sigma, and by ten times less for a tenth of mu."""
+    scene, state, right = all_scenes()[label], states(label)[1], truth(label)[1]
+    errors = []
+    for share in (1e-4, 1e-5, 1e-6):
+        knobs = {"tolerance": 1e-12} if kind is cp.ConjugateGradient else {}
+        solver = kind(mu=share * scene.audit.delassus_norm, **knobs)
+        errors.append(relative(cp.solve(scene, *state, solver=solver, throw=False).a, right.a))
+    assert np.allclose(np.array(errors[:-1]) / errors[1:], 10.0, rtol=0.05), errors
+
+
+@pytest.mark.parametrize("kind", DAMPED)
+@pytest.mark.parametrize("mu", [-1e-9, np.nan, np.inf, "1"])
+def test_damping_that_means_nothing_is_refused(kind, mu):
+    with pytest.raises(cp.InvalidArgument, match="mu"):
+        kind(mu=mu)
+
+
+@pytest.mark.parametrize("solver", SMALLEST_LAM, ids=lambda s: s.title)
+@pytest.mark.parametrize("label", REDUNDANT)
+def test_of_many_lam_the_smallest(solver, label):
+    scene = all_scenes()[label]
+    for state, right in zip(states(label), truth(label), strict=True):
+        found = cp.solve(scene, *state, solver=solver)
+        assert relative(found.lam, right.lam, floor=scene.audit.weight) < 1e-9
+
+
+@pytest.mark.parametrize("kind", [cp.NullSpace, cp.GaussPrinciple, cp.Reference])
+@pytest.mark.parametrize("share", [0.0, 1.0, -1e-3, np.nan])
+def test_a_rank_tolerance_is_a_share(kind, share):
+    with pytest.raises(cp.InvalidArgument, match="rank_tolerance"):
+        kind(rank_tolerance=share)
+
+
+def test_a_machine_without_any_freedom_stands_still():
+    """As many rows as joints: the null space is empty, and so is its matrix."""
+    bar = cp.four_bar()
+    q, _ = cp.Scene(bar, bar.loops).state()
+    scene = cp.Scene(bar, [*bar.loops, cp.PointContact("crank_tip", name="held")])
+    assert scene.audit.mobility == 0
+    for name, kind in SOLVERS.items():
+        if kind.takes_redundant and kind.exact:
+            tau = np.array([3.0, -1.0, 2.0])
+            found = cp.solve(scene, q, np.zeros(3), tau, solver=kind(), throw=False)
+            assert np.abs(found.a).max() < SOLVED, name
+
+
+@settings(max_examples=100)
+@given(st.integers(0, 10**6), st.integers(0, 6), st.booleans())
+def test_range_space_solves_or_says_that_it_cannot(seed, m, redundant):
+    """Whatever the units of the rows are."""
+    rng = np.random.default_rng(seed)
+    unit = 10.0 ** rng.integers(-4, 5, (m, 1))
+    root, J = rng.normal(size=(7, 7)), unit * rng.normal(size=(m, 7))
+    M = root @ root.T + 0.1 * np.eye(7)
+    if redundant and m > 2:
+        J[-1] = 3 * J[0] - 2 * J[(m - 1) // 2]
+        assert range_space(M, J) is None
+        assert range_space(M, J, 1e-3) is not None
+        return
+    factors = range_space(M, J)
+    assert factors is not None
+    x, y = rng.normal(size=(7, 3)), unit * rng.normal(size=(m, 3))
+    a, lam = factors.solve(x, y)
+    size = np.abs(M) @ np.abs(a) + np.abs(J.T) @ np.abs(lam)
+    assert (np.abs(M @ a - J.T @ lam - x) < 1e-9 * size).all()
+    assert np.abs((J @ a - y) / unit).max(initial=0.0) < 1e-7
+
+
+def test_a_mass_matrix_that_is_none_is_no_answer():
+    assert range_space(-np.eye(3), np.ones((1, 3))) is None
+
+
+# --- Conjugate gradients
+
+
+def test_an_iteration_for_every_independent_row_is_enough():
+    """In exact arithmetic; here one or two more, for a tolerance near rounding."""
+    for label in ("solo12 contacts", "talos contacts", "talos corners", "cassie loops"):
+        scene = all_scenes()[label]
+        found = cp.solve(scene, *states(label)[0], solver=cp.ConjugateGradient())
+        assert 0 < found.iterations <= scene.audit.rank + 2
+
+
+def test_too_few_iterations_are_told():
+    scene, state = all_scenes()["talos contacts"], states("talos contacts")[0]
+    found = cp.solve(scene, *state, solver=cp.ConjugateGradient(max_iterations=3), throw=False)
+    assert found.iterations == 3
+    assert found.status is cp.Status.INACCURATE
+    loose = cp.ConjugateGradient(tolerance=0.1)
+    found = cp.solve(scene, *state, solver=loose, throw=False)
+    assert 1e-9 < found.constraint_error < 0.1
+    assert found.iterations < 12
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 10**6))
+def test_what_is_out_of_reach_does_not_blow_the_answer_up(seed):
+    """A right side with a part outside the range of A, which no x can meet."""
+    rng = np.random.default_rng(seed)
+    U, _ = np.linalg.qr(rng.normal(size=(8, 8)))
+    S = np.array([5.0, 3.0, 1.0, 0.5, 0.2, 0.0, 0.0, 0.0])
+    A = (U * S) @ U.T
+    wanted = U[:, :5] @ rng.normal(size=5)
+    b = A @ wanted + 1e-9 * U[:, 5:] @ rng.normal(size=3)
+    x, iterations = conjugate_gradients(lambda p: A @ p, b, np.eye(8), 1e-14, 500)
+    assert iterations < 50
+    assert np.abs(U[:, :5].T @ (x - wanted)).max() < 1e-6
+    assert np.abs(b - A @ x).max() < 1e-8
+
+
+def test_a_nominal_state_that_is_singular_is_no_bad_start():
+    """The preconditioner is made at a flat parallelogram, where one row more is redundant."""
+    bar = cp.four_bar(ground=0.6, crank=0.3, coupler=0.6, rocker=0.3)
+    flat = cp.Robot("flat", bar.model, loops=bar.loops, postures={"flat": np.zeros(3)})
+    scene = cp.Scene(flat, flat.loops)
+    assert scene.audit.rank == 1
+    q = np.array([1.0, -1.0, 1.0])
+    state = (q, np.zeros(3), np.array([5.0, -2.0, 1.0]))
+    found = cp.solve(scene, *state, solver=cp.ConjugateGradient())
+    assert relative(found.a, cp.solve(scene, *state, solver=cp.Reference()).a) < SOLVED
+
+
+# --- Sparse KKT
+
+
+def test_imitated_kinds_are_refused_with_a_way_out():
+    scene = all_scenes()["talos hands hinged"]
+    with pytest.raises(cp.UnsupportedConstraint, match=r"takes points and welds.*use Proximal\(\)"):
+        cp.Workspace(scene, cp.SparseKKT())
+    slider = all_scenes()["talos hands on a slider"]
+    with pytest.raises(cp.UnsupportedConstraint, match=r"NullSpace\(\)"):
+        cp.Workspace(slider, cp.SparseKKT())
+
+
+def test_the_factor_is_that_of_the_state_asked_for():
+    """Pinocchio 4 factorises the Jacobian of the last `calc`: here, of no state at all."""
+    label = "talos foot to foot, welded"
+    workspace = cp.Workspace(all_scenes()[label], cp.SparseKKT())
+    for state, right in zip(reversed(states(label)), reversed(truth(label)), strict=True):
+        assert relative(workspace.solve(*state).a, right.a) < 1e-12
+
+
+# --- The table, and the committed comparison
+
+
+def test_the_table_has_every_solver_and_every_knob():
+    rows = {row.name: row for row in solver_rows()}
+    assert set(rows) == {kind.__name__ for kind in cp.SOLVERS.values()}
+    assert "mu=0.0" in rows["DelassusCholesky"].knobs
+    assert rows["DelassusCholesky"].redundant == "mu > 0, else singular"
+    assert rows["NullSpace"].redundant == "yes"
+    assert rows["Proximal"].kinds == "points, welds, hinges and edges"
+    assert rows["SparseKKT"].kinds == "points and welds"
+
+
+@pytest.mark.parametrize("label", ["solo12 contacts", "cassie loops + contacts", "four_bar loops"])
+def test_every_ok_is_one(label):
+    """What `benchmarks/equivalence.py` does for a thousand states, for ten."""
+    from equivalence import agreements
+
+    table = agreements(label, all_scenes()[label], 10)
+    assert {row.solver for row in table} >= {"Proximal", "NullSpace", "ConjugateGradient"}
+    for row in table:
+        assert row.is_honest, row
+        name, _, damped = row.solver.partition("(")
+        kind = cp.SOLVERS[name.lower()]
+        takes = kind.takes_redundant or row.rows == row.rank
+        if damped:
+            assert row.ok + row.inaccurate == 10
+        elif not kind.exact:
+            assert row.inaccurate == 10
+        else:
+            assert (row.ok if takes else row.singular) == 10, row
+
+
+def test_the_committed_comparison_is_complete():
+    from equivalence import RESULTS
+
+    lines = [line for line in RESULTS.read_text().splitlines() if not line.startswith("#")]
+    table = list(csv.DictReader(lines))
+    assert {row["solver"].split("(")[0] for row in table} == {
+        kind.__name__ for kind in cp.SOLVERS.values() if kind is not cp.Reference
+    }
+    for row in table:
+        assert int(row["states"]) >= 1000
+        assert float(row["error"]) < SOLVED
