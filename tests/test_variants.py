@@ -215,7 +215,7 @@ CARDS = {
     "an unknown entry": (CARD + "[variants.speed.fast]\nweight = 3", "no entry named 'weight'"),
     "a joint to lock that is not there": (CARD + 'lock = ["k"]', "no joint named 'k'"),
     "a word in place of joints to lock": (CARD + 'lock = "j"', "lock = 'j': a list"),
-    "numbers to lock": (CARD + "lock = [1]", "lock: 1 is not the name of a joint"),
+    "numbers to lock": (CARD + "lock = [1]", "description\.lock = \[1\]: a list of texts is needed"),
     "all joints to lock": (CARD + 'lock = ["j"]', "leave one that moves"),
     "as_file for a URDF": (CARD + "as_file = true", "description.as_file is for an SDF"),
 }
