@@ -51,8 +51,8 @@ class Effort:
     """
 
     states: int = 20
-    rounds: int = 1000
-    repeats: int = 10
+    rounds: int = 400
+    repeats: int = 30
 
 
 FULL = Effort()

@@ -86,7 +86,8 @@ class Linearisation:
         model, data, n, m = self._model, self._data, self._model.nv, self._m
         pin.computeForwardKinematicsDerivatives(model, data, q, v, a)
         by_state, J = np.zeros((n + m, 2 * n)), np.zeros((m, n))
-        (r_q, r_v), (s_q, s_v) = np.hsplit(by_state[:n], 2), np.hsplit(by_state[n:], 2)
+        r_q, r_v = by_state[:n, :n], by_state[:n, n:]
+        s_q, s_v = by_state[n:, :n], by_state[n:, n:]
         for wrench in self._on_joint.values():
             wrench[:] = 0.0
         turning: list[Array] = []
