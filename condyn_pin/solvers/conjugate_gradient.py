@@ -72,7 +72,7 @@ class ConjugateGradient(Solver):
 
     def start(self, workspace: Workspace) -> Method:
         """Return the iteration bound to the memory of `workspace`."""
-        model, data, equations = workspace.model, workspace.data, workspace.equations
+        model, data = workspace.model, workspace.data
         audit, mu = workspace.scene.audit, self.mu
         precondition = _inverse_delassus(audit)
         enough = audit.yardstick.enough / 10 if self.tolerance is None else self.tolerance
@@ -80,10 +80,11 @@ class ConjugateGradient(Solver):
         weightless = pin.Model(model)
         weightless.gravity = pin.Motion.Zero()
         scratch, still = weightless.createData(), np.zeros(model.nv)
-        latest, count = np.zeros(equations.m), [0]
+        latest, count = np.zeros(workspace.scene.rows), [0]
 
         @np.errstate(over="ignore", invalid="ignore")  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
+            equations = workspace.equations
             J = equations.jacobian(q)
 
             def damped_delassus(x: Array) -> Array:

@@ -54,12 +54,12 @@ class DelassusCholesky(Solver):
 
     def start(self, workspace: Workspace) -> Method:
         """Return the two factorisations bound to the equations of `workspace`."""
-        equations, mu = workspace.equations, self.mu
-        latest = np.zeros(equations.m)
+        mu = self.mu
+        latest = np.zeros(workspace.scene.rows)
 
         @np.errstate(over="ignore", invalid="ignore")  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
-            terms = equations.terms(q, v)
+            terms = workspace.equations.terms(q, v)
             factors = range_space(terms.M, terms.J, mu)
             if factors is None:
                 raise Singular

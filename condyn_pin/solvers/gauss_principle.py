@@ -57,12 +57,12 @@ class GaussPrinciple(Solver):
 
     def start(self, workspace: Workspace) -> Method:
         """Return the formula bound to the equations of `workspace`."""
-        equations, rank_tolerance = workspace.equations, self.rank_tolerance
-        latest = np.zeros(equations.m)
+        rank_tolerance = self.rank_tolerance
+        latest = np.zeros(workspace.scene.rows)
 
         @np.errstate(over="ignore", invalid="ignore")  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
-            terms = equations.terms(q, v)
+            terms = workspace.equations.terms(q, v)
             try:
                 factors = factorise(terms.M, terms.J, rank_tolerance)
             except InvalidModel as error:

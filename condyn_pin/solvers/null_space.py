@@ -60,12 +60,12 @@ class NullSpace(Solver):
 
     def start(self, workspace: Workspace) -> Method:
         """Return the factorisation bound to the equations of `workspace`."""
-        equations, rank_tolerance = workspace.equations, self.rank_tolerance
+        rank_tolerance = self.rank_tolerance
         latest: list[tuple[_Split, Array]] = []
 
         @np.errstate(over="ignore", invalid="ignore")  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
-            terms = equations.terms(q, v)
+            terms = workspace.equations.terms(q, v)
             split = _Split(terms, rank_tolerance)
             x = free_force(tau, terms.h)
             a = split.acceleration(x, terms.a_ref - terms.gamma)

@@ -70,12 +70,11 @@ class Reference(Solver):
 
     def start(self, workspace: Workspace) -> Method:
         """Return the reference bound to the memory of `workspace`."""
-        equations = workspace.equations
-        latest = np.zeros(equations.m)
+        latest = np.zeros(workspace.scene.rows)
 
         @np.errstate(over="ignore", invalid="ignore")  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
-            a, latest[:] = self.solve(equations.terms(q, v), tau)
+            a, latest[:] = self.solve(workspace.equations.terms(q, v), tau)
             return a
 
         return Method(acceleration, latest.copy, lambda: 1 + self.refinements)

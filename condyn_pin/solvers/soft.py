@@ -93,13 +93,14 @@ class Soft(Solver):
             raise InvalidArgument(
                 "drift: Soft pulls its rows back by solref itself; use it without drift"
             )
-        equations, w = workspace.equations, inverse_inertias(workspace)
+        w = inverse_inertias(workspace)
         sizes = [bound.size for bound in workspace.bounds]
         starts = [bound.rows.start for bound in workspace.bounds]
-        latest, rows = np.zeros(equations.m), np.arange(equations.m)
+        latest, rows = np.zeros(workspace.scene.rows), np.arange(workspace.scene.rows)
 
         @np.errstate(over="ignore", invalid="ignore")  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
+            equations = workspace.equations
             c = equations.violation(q)
             terms = equations.terms(q, v)
             whitened = whiten(terms.M, terms.J)

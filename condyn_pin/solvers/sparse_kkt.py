@@ -65,9 +65,10 @@ class SparseKKT(Solver):
 
     def start(self, workspace: Workspace) -> Method:
         """Return the factorisation bound to the memory of `workspace`."""
-        model, data, equations = workspace.model, workspace.data, workspace.equations
+        model, data = workspace.model, workspace.data
         models, datas = workspace.constraint_models, workspace.constraint_datas
-        m, sign, mu = equations.m, equations.sign, self.mu
+        m, mu = workspace.scene.rows, self.mu
+        sign = workspace.scene_forces(np.ones(m))  # points and welds: that of the rows, and no more
         # pivots of what is left of a row are squares of those of J L^-T
         own = _delassus_diagonal(workspace.scene.audit)
         limits = np.full(m, -mu / 2) if mu else -(tolerances.RANK**2) * own
@@ -79,7 +80,8 @@ class SparseKKT(Solver):
             if not (factor.D[:m] < limits).all():
                 raise Singular
             forces = free_force(tau, pin.nonLinearEffects(model, data, q, v))
-            answer[:] = factor.solve(np.concatenate([sign * equations.target(q, v), forces]))
+            target = workspace.equations.target(q, v)
+            answer[:] = factor.solve(np.concatenate([sign * target, forces]))
             return answer[m:].copy()
 
         return Method(acceleration, lambda: -sign * answer[:m], lambda: 1)
