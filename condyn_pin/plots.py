@@ -39,11 +39,7 @@ def bench(table: BenchTable, scene: str, ax: Any = None) -> Any:
     -------
     matplotlib axes
     """
-    if ax is None:
-        require_matplotlib()
-        from matplotlib import pyplot
-
-        ax = pyplot.subplots()[1]
+    ax = axes(ax)
     rows = [row for row in table.rows if row.scene == scene and row.origin == "python"]
     for row in rows:
         colour, marker = next(
@@ -91,6 +87,16 @@ def save_bench(table: BenchTable, path: str | Path) -> None:
 def _title(rows: list[BenchRow], scene: str) -> str:
     counted = next((row for row in rows if row.rows), None)
     return f"{scene}: {counted.rows} rows, rank {counted.rank}" if counted else scene
+
+
+def axes(ax: Any) -> Any:
+    """Return the axes of the caller, or those of a new figure."""
+    if ax is not None:
+        return ax
+    require_matplotlib()
+    from matplotlib import pyplot
+
+    return pyplot.subplots()[1]
 
 
 def require_matplotlib() -> None:

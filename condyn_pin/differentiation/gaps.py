@@ -14,7 +14,7 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.differentiation.partials import End, spatial_cross
+from condyn_pin.differentiation.partials import End, Slip, direction, slip_of, spatial_cross
 from condyn_pin.rows.bound import Bound
 
 _skew = pin.skew
@@ -33,12 +33,16 @@ def gap_of(b: Bound, one: End, two: End, c1Mc2: Any) -> Gap:
     """Return the partials of the gap of a constraint and of its rate."""
     if b.is_plain and b.size == 6:
         c_q, v_q = _of_weld(one, two, c1Mc2)
-    elif b.is_rod:
-        c_q, v_q = _of_rod(one, two, c1Mc2)
     else:
-        linear, angular = _of_points(b, one, two, c1Mc2), _of_turn(b, one, two, c1Mc2.rotation)
-        chosen = list(b.selection)
-        c_q, v_q = (np.vstack(pair)[chosen] for pair in zip(linear, angular, strict=True))
+        R, r = c1Mc2.rotation, c1Mc2.translation
+        # Pinocchio's ball compares the origins, and a contact without anchor has one only
+        at_c2 = not b.is_plain and (b.anchored or b.joint2 > 0)
+        slip = slip_of(one, two, R, r, at_c2=at_c2)
+        if b.is_rod:
+            c_q, v_q = _of_rod(slip, r)
+        else:
+            pairs = zip((-slip.dr, slip.slip_q), _of_turn(b, one, two, R), strict=True)
+            c_q, v_q = (np.vstack(pair)[list(b.selection)] for pair in pairs)
     return Gap(c_q if b.anchored else np.zeros_like(c_q), v_q)
 
 
@@ -47,17 +51,6 @@ def _of_weld(one: End, two: End, c1Mc2: Any) -> tuple[Array, Array]:
     J = one.J - X @ two.J
     c_q = pin.Jlog6(c1Mc2) @ np.linalg.solve(X, J)
     return c_q, one.v_q - spatial_cross(X @ two.v) @ J - X @ two.v_q
-
-
-def _of_points(b: Bound, one: End, two: End, c1Mc2: Any) -> tuple[Array, Array]:
-    R, r = c1Mc2.rotation, c1Mc2.translation
-    minus_dr = one.J[:3] - _skew(r) @ one.J[3:] - R @ two.J[:3]
-    Ja = one.J[3:] - R @ two.J[3:]
-    v_q = one.v_q[:3] - _skew(R @ two.v[:3]) @ Ja - R @ two.v_q[:3]
-    # a ball compares the velocities of the origins, and an edge without anchor has one only
-    if not b.is_plain and b.anchored | (b.joint2 > 0):
-        v_q = v_q - _skew(one.v[3:]) @ minus_dr - _skew(r) @ one.v_q[3:]
-    return minus_dr, v_q
 
 
 def _of_turn(b: Bound, one: End, two: End, R: Array) -> tuple[Array, Array]:
@@ -76,14 +69,6 @@ def _of_turn(b: Bound, one: End, two: End, R: Array) -> tuple[Array, Array]:
     return -scale * _skew(e) @ u_q - bend * np.outer(across, e @ u_q), v_q
 
 
-def _of_rod(one: End, two: End, c1Mc2: Any) -> tuple[Array, Array]:
-    R, r = c1Mc2.rotation, c1Mc2.translation
-    dr = _skew(r) @ one.J[3:] + R @ two.J[:3] - one.J[:3]
-    Ja = one.J[3:] - R @ two.J[3:]
-    W = _skew(one.v[3:])
-    slip = one.v[:3] + W @ r - R @ two.v[:3]
-    slip_q = one.v_q[:3] - _skew(R @ two.v[:3]) @ Ja - R @ two.v_q[:3]
-    slip_q += W @ dr - _skew(r) @ one.v_q[3:]
-    n = r / np.linalg.norm(r)
-    n_q = (np.eye(3) - np.outer(n, n)) @ dr / np.linalg.norm(r)
-    return -(n @ dr)[None], (n @ slip_q + slip @ n_q)[None]
+def _of_rod(slip: Slip, r: Array) -> tuple[Array, Array]:
+    n, n_q = direction(r, slip.dr)
+    return -(n @ slip.dr)[None], (n @ slip.slip_q + slip.slip @ n_q)[None]

@@ -91,7 +91,7 @@ def of_weld(one: End, two: End, c1Mc2: Any, lam: Array) -> Partials:
 def of_points(b: Bound, one: End, two: End, c1Mc2: Any, lam: Array) -> Partials:
     """Return the partials of a ball or of a cut joint between two bodies."""
     R, r = c1Mc2.rotation, c1Mc2.translation
-    slip = _slip(b, one, two, R, r)
+    slip = slip_of(one, two, R, r, at_c2=not b.is_plain)
     if b.is_rod:
         return _of_rod(one, two, R, r, slip, float(lam[0]))
     turn = _turn(one, two, R)
@@ -104,7 +104,7 @@ def of_points(b: Bound, one: End, two: End, c1Mc2: Any, lam: Array) -> Partials:
     return Partials(J, s_q, s_v, w1_q, w2_q)
 
 
-class _Slip(NamedTuple):
+class Slip(NamedTuple):
     """The linear part of the slip and of its derivative in time, with their partials."""
 
     J: Array  # (3, nv), of the slip by v
@@ -124,7 +124,8 @@ class _Turn(NamedTuple):
     s_v: Array
 
 
-def _slip(b: Bound, one: End, two: End, R: Array, r: Array) -> _Slip:
+def slip_of(one: End, two: End, R: Array, r: Array, *, at_c2: bool) -> Slip:
+    """Return the slip at the origin of c2; or with the two origins compared as if r were zero."""
     dr = _skew(r) @ one.J[3:] + R @ two.J[:3] - one.J[:3]
     Ja = one.J[3:] - R @ two.J[3:]
     (a1, a1_q, a1_v), (a2, a2_q, a2_v) = one.classical(), two.classical()
@@ -132,8 +133,8 @@ def _slip(b: Bound, one: End, two: End, R: Array, r: Array) -> _Slip:
     slip = one.v[:3] - v2
     slip_q = one.v_q[:3] - _skew(v2) @ Ja - R @ two.v_q[:3]
     s, s_q, s_v = a1 - a2, a1_q - _skew(a2) @ Ja - R @ a2_q, a1_v - R @ a2_v
-    if b.is_plain:  # Pinocchio's ball compares the origins as if r were zero
-        return _Slip(one.J[:3] - R @ two.J[:3], s_q, s_v, slip, slip_q, s, dr)
+    if not at_c2:
+        return Slip(one.J[:3] - R @ two.J[:3], s_q, s_v, slip, slip_q, s, dr)
     W, A, r_x = _skew(one.v[3:]), _skew(one.a[3:]), _skew(r)
     slip, slip_q = slip + W @ r, slip_q + W @ dr - r_x @ one.v_q[3:]
     y = W @ r - 2 * slip
@@ -143,7 +144,7 @@ def _slip(b: Bound, one: End, two: End, R: Array, r: Array) -> _Slip:
     s = s + A @ r + W @ y
     s_q = s_q + A @ dr - r_x @ one.a_q[3:] + W @ y_q - Y @ one.v_q[3:]
     s_v = s_v - r_x @ one.a_v[3:] + W @ y_v - Y @ one.J[3:]
-    return _Slip(-dr, s_q, s_v, slip, slip_q, s, dr)
+    return Slip(-dr, s_q, s_v, slip, slip_q, s, dr)
 
 
 def _turn(one: End, two: End, R: Array) -> _Turn:
@@ -156,11 +157,10 @@ def _turn(one: End, two: End, R: Array) -> _Turn:
     return _Turn(J, s_q, s_v)
 
 
-def _of_rod(one: End, two: End, R: Array, r: Array, of: _Slip, lam: float) -> Partials:
+def _of_rod(one: End, two: End, R: Array, r: Array, of: Slip, lam: float) -> Partials:
     """Return the partials of n . s' - (|s|^2 - (n . s)^2) / |r|, and of the force lam n."""
     distance = float(np.linalg.norm(r))
-    n = r / distance
-    n_q = (np.eye(3) - np.outer(n, n)) @ of.dr / distance
+    n, n_q = direction(r, of.dr)
     along, along_q = n @ of.slip, n @ of.slip_q + of.slip @ n_q
     across = of.slip @ of.slip - along**2
     s_q = n @ of.s_q + of.s @ n_q + across / distance**2 * (n @ of.dr)
@@ -171,6 +171,13 @@ def _of_rod(one: End, two: End, R: Array, r: Array, of: _Slip, lam: float) -> Pa
     turned = R.T @ (F_q - F @ (one.J[3:] - R @ two.J[3:]))
     w2_q = np.vstack([turned, np.zeros_like(turned)])
     return Partials((n @ of.J)[None], s_q[None], s_v[None], w1_q, w2_q)
+
+
+def direction(r: Array, dr: Array) -> tuple[Array, Array]:
+    """Return n = r / |r| and how it changes."""
+    distance = np.linalg.norm(r)
+    n = r / distance
+    return n, (np.eye(3) - np.outer(n, n)) @ dr / distance
 
 
 def spatial_cross(x: Array) -> Array:

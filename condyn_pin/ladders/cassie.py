@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from condyn_pin.constraints import Coupling
+from condyn_pin.joints import indices
 from condyn_pin.load import load_robot
 from condyn_pin.rows.equations import Equations
 from condyn_pin.scene import Scene
 from condyn_pin.smaller.climbing import Ladder, Rung
 from condyn_pin.smaller.reduced_scene import reduced
 from condyn_pin.smaller.same_motion import loaded
-from condyn_pin.smaller.smaller_tree import indices
 
 _SIDES = ("left", "right")
 

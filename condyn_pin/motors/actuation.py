@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from condyn_pin.arrays import Array, finite
 from condyn_pin.errors import InvalidArgument, unknown_name
+from condyn_pin.joints import indices
 from condyn_pin.names import checked
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
-from condyn_pin.smaller.smaller_tree import indices
 
 
 @dataclass(frozen=True)

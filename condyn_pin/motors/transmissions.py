@@ -16,20 +16,18 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array, finite
 from condyn_pin.at_state import at_state, frame_jacobian
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.joints import Indices, indices
 from condyn_pin.motors.actuation import Actuation, motors_of
 from condyn_pin.names import checked, listed
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
-from condyn_pin.smaller.smaller_tree import indices
 from condyn_pin.states.chains import independent_columns
-
-Indices = NDArray[np.int_]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.rows.bound import POINT, Bound
+from condyn_pin.rows.bound import POINT, Bound, Coupled
 
 # (joint, placement) to the Jacobian (6, nv) of that frame, in its own axes.
 FrameJacobian = Callable[[int, Any], Array]
@@ -124,7 +124,7 @@ class WorldContacts:
             J[b.rows] = of_frame(b.joint1, b.placement1)[list(b.selection)]
 
 
-def rows_of(bounds: Sequence[Bound]) -> NDArray[np.int_]:
+def rows_of(bounds: Sequence[Bound | Coupled]) -> NDArray[np.int_]:
     """Return the row numbers of some constraints, one after the other."""
     numbers = [range(b.rows.start, b.rows.stop) for b in bounds]
     return np.array([row for rows in numbers for row in rows], dtype=np.int_)

@@ -15,13 +15,13 @@ import numpy as np
 
 from condyn_pin import _pin
 from condyn_pin.errors import unknown_name
+from condyn_pin.joints import indices
 from condyn_pin.machine import machine
 from condyn_pin.scene import Scene
 from condyn_pin.smaller.ladder_table import LadderRow, LadderTable
 from condyn_pin.smaller.price import answers, compare
 from condyn_pin.smaller.same_motion import same_motion, standing_torque
 from condyn_pin.smaller.smaller_robot import free_flyers
-from condyn_pin.smaller.smaller_tree import indices
 from condyn_pin.solvers.base import Solver
 from condyn_pin.solvers.dense_kkt import DenseKKT
 from condyn_pin.solvers.lcaba import LCABA

@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from condyn_pin.plots import require_matplotlib
+from condyn_pin.plots import axes, require_matplotlib
 from condyn_pin.smaller.ladder_table import LadderTable
 
 _FLOOR = 1e-6  # where exact rungs are drawn
@@ -31,11 +31,7 @@ def draw_ladder(table: LadderTable, ax: Any = None) -> Any:
     -------
     matplotlib axes
     """
-    if ax is None:
-        require_matplotlib()
-        from matplotlib import pyplot
-
-        ax = pyplot.subplots()[1]
+    ax = axes(ax)
     rows = [row for row in table.rows if math.isfinite(row.speedup)]
     points = [(row.speedup, max(row.a_worst, _FLOOR)) for row in rows]
     ax.plot(*zip(*points, strict=True), color="0.8", lw=0.8, zorder=0)

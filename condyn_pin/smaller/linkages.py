@@ -24,13 +24,14 @@ from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument, InvalidConstraint
+from condyn_pin.joints import indices
 from condyn_pin.names import checked, listed
 from condyn_pin.robot import Robot
 from condyn_pin.rows.equations import Equations
+from condyn_pin.rows.frames import rows_of
 from condyn_pin.scene import Scene
 from condyn_pin.smaller.reduced_scene import ReducedScene, reduced
 from condyn_pin.smaller.smaller_robot import free_flyers, sifted, smaller_robot
-from condyn_pin.smaller.smaller_tree import Indices, indices
 
 
 def without_linkage(scene: Scene, loops: Sequence[str], joints: Sequence[str]) -> ReducedScene:
@@ -70,9 +71,8 @@ def follows(scene: Scene, loops: Sequence[str], joints: Sequence[str]) -> bool:
 
     It is so if the rows of the loops have no less rank in the columns of these joints alone.
     """
-    rows, p = _rows(scene, loops), indices(scene.robot.model, joints)[1]
-    terms = scene.audit.terms
-    J = terms.J[rows]
+    J = scene.audit.terms.J[rows_of([b for b in scene.bounds if b.name in loops])]
+    p = indices(scene.robot.model, joints)[1]
     return bool(_rank(J[:, p]) == _rank(J))
 
 
@@ -94,14 +94,9 @@ def _reflected(
     _, p = indices(model, joints)
     _, floating = indices(model, free_flyers(scene.robot))
     r = np.setdiff1d(np.arange(model.nv), [*p, *floating])
-    J = terms.J[_rows(scene, loops)]
+    J = terms.J[rows_of([b for b in scene.bounds if b.name in loops])]
     G = -np.linalg.pinv(J[:, p], rcond=tolerances.RANK) @ J[:, r]
     armature, damping = np.zeros((2, model.nv))
     armature[r] = np.einsum("ir,ij,jr->r", G, terms.M[np.ix_(p, p)], G)
     damping[r] = np.array(model.damping)[p] @ G**2
     return armature, damping
-
-
-def _rows(scene: Scene, names: Sequence[str]) -> Indices:
-    found = [i for b in scene.bounds if b.name in names for i in range(b.rows.start, b.rows.stop)]
-    return np.array(found, dtype=np.int_)

@@ -24,13 +24,13 @@ from condyn_pin.arrays import Array, finite
 from condyn_pin.catalogue import motor_torque
 from condyn_pin.choice import default_solver
 from condyn_pin.errors import CondynError, InvalidArgument, NotAssembled
+from condyn_pin.joints import indices
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.smaller.minimal_report import Minimal, Step
 from condyn_pin.smaller.price import Errors, answers, compare, watched_joints
 from condyn_pin.smaller.reduced_scene import ReducedScene, reduced
 from condyn_pin.smaller.smaller_robot import free_flyers
-from condyn_pin.smaller.smaller_tree import indices
 from condyn_pin.smaller.suggestions import Suggestion, suggestions
 from condyn_pin.solvers.base import Solver
 from condyn_pin.timing import State, time_trials, trial

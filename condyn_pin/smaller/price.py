@@ -18,11 +18,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from condyn_pin.arrays import Array
+from condyn_pin.joints import indices
 from condyn_pin.names import checked
 from condyn_pin.rows.equations import Equations
 from condyn_pin.scene import Scene
 from condyn_pin.smaller.smaller_robot import free_flyers
-from condyn_pin.smaller.smaller_tree import indices
 from condyn_pin.solvers.reference import Reference
 from condyn_pin.timing import State
 

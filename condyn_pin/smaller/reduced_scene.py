@@ -20,11 +20,11 @@ from condyn_pin._pin import pin
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.joints import Indices, indices
 from condyn_pin.robot import Robot
 from condyn_pin.rows.equations import Equations
 from condyn_pin.scene import Scene
 from condyn_pin.smaller.smaller_robot import sides
-from condyn_pin.smaller.smaller_tree import Indices, indices
 from condyn_pin.summary import Summary
 
 

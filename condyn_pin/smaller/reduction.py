@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike
 from condyn_pin.arguments import normalised
 from condyn_pin.constraints import Coupling
 from condyn_pin.errors import InvalidArgument, NotAssembled
+from condyn_pin.joints import indices
 from condyn_pin.names import checked, listed
 from condyn_pin.scene import Scene
 from condyn_pin.smaller.reduced_scene import ReducedScene, reduced
 from condyn_pin.smaller.smaller_robot import free_flyers, sifted, smaller_robot
-from condyn_pin.smaller.smaller_tree import indices
 
 
 def lock(scene: Scene, joints: Sequence[str], q: ArrayLike | None = None) -> ReducedScene:

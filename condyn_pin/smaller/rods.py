@@ -25,13 +25,13 @@ from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.constraints import Constraint, Loop
 from condyn_pin.errors import InvalidArgument, InvalidConstraint
+from condyn_pin.joints import indices
 from condyn_pin.names import checked, listed
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.smaller.linkages import check_passive
 from condyn_pin.smaller.reduced_scene import ReducedScene, reduced
 from condyn_pin.smaller.smaller_robot import sides, smaller_robot
-from condyn_pin.smaller.smaller_tree import indices
 
 RodMass = Literal["ends", "drop"]
 

@@ -9,8 +9,9 @@ from typing import TypeVar
 from condyn_pin.arrays import Array
 from condyn_pin.constraints import Constraint, Coupling, Loop
 from condyn_pin.errors import UnknownName, unknown_name
+from condyn_pin.joints import indices
 from condyn_pin.robot import Robot
-from condyn_pin.smaller.smaller_tree import indices, smaller_tree
+from condyn_pin.smaller.smaller_tree import smaller_tree
 
 _AnyConstraint = TypeVar("_AnyConstraint", bound=Constraint)
 

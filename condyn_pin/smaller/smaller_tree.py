@@ -12,14 +12,11 @@ from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from condyn_pin import _pin
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.joints import indices as indices
-
-Indices = NDArray[np.int_]
+from condyn_pin.joints import indices
 
 
 def smaller_tree(model: Any, joints: Collection[str], q: Array, *, cut: bool = False) -> Any:

@@ -11,6 +11,7 @@ import numpy as np
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.constraints import Loop
+from condyn_pin.joints import indices
 from condyn_pin.minimum_norm import factorise
 from condyn_pin.names import listed
 from condyn_pin.rows.bound import Bound
@@ -20,7 +21,6 @@ from condyn_pin.smaller.planar import as_planar
 from condyn_pin.smaller.reduced_scene import ReducedScene
 from condyn_pin.smaller.rods import is_rod
 from condyn_pin.smaller.smaller_robot import free_flyers, sides
-from condyn_pin.smaller.smaller_tree import indices
 
 
 @dataclass(frozen=True)
