@@ -15,6 +15,8 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from condyn_pin.audit import Audit as Audit
+    from condyn_pin.batch.chunks import map_chunks as map_chunks
+    from condyn_pin.batch.processes import Processes as Processes
     from condyn_pin.constraints import Constraint as Constraint
     from condyn_pin.constraints import Coupling as Coupling
     from condyn_pin.constraints import Loop as Loop
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
     from condyn_pin.errors import UnknownName as UnknownName
     from condyn_pin.errors import UnsupportedBackend as UnsupportedBackend
     from condyn_pin.errors import UnsupportedConstraint as UnsupportedConstraint
+    from condyn_pin.errors import WorkersLost as WorkersLost
     from condyn_pin.force import ConstraintForce as ConstraintForce
     from condyn_pin.impacts import Impact as Impact
     from condyn_pin.impacts import impact as impact
@@ -104,6 +107,8 @@ if TYPE_CHECKING:
 _HOME = {
     "states.assembly_report": ("Assembly", "AssemblyStatus"),
     "audit": ("Audit",),
+    "batch.chunks": ("map_chunks",),
+    "batch.processes": ("Processes",),
     "states.check": ("Check",),
     "states.completion": ("CompleteState",),
     "smaller.climbing": ("Ladder", "LadderEffort", "Rung", "ladder"),
@@ -129,6 +134,7 @@ _HOME = {
         "UnknownName",
         "UnsupportedBackend",
         "UnsupportedConstraint",
+        "WorkersLost",
     ),
     "states.gaps": ("Gap",),
     "smaller.ladder_table": ("LadderRow", "LadderTable"),
