@@ -75,14 +75,9 @@ def test_work_that_always_kills_ends_with_an_error_and_all_else_done():
         cp.Processes(2, start_method="fork") as executor,
         pytest.raises(cp.WorkersLost, match=text),
     ):
-        _gather(die, executor, found)
+        found.update(cp.map_chunks(die, range(10), executor=executor))  # pair by pair
     assert found.items() <= SQUARES.items()
     assert 3 not in found
-
-
-def _gather(work, executor, found: dict[int, int]) -> None:
-    for i, result in cp.map_chunks(work, range(10), executor=executor):
-        found[i] = result
 
 
 def test_a_plain_pool_says_that_it_is_of_no_use_any_more():
