@@ -1,15 +1,10 @@
-"""Rows of arrays over an executor: the common part of everything that is done to many states.
-
-Where the rows are is decided here: in the arrays themselves in this process, in memory that the
-processes of one machine share, or in pickled copies of each chunk for workers anywhere.
-"""
+"""Rows of arrays over an executor: the common part of everything that is done to many states."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -17,7 +12,7 @@ from condyn_pin.batch.chunks import Progress, map_chunks, silent
 from condyn_pin.batch.memory import CAN_SHARE, Arrays, Kind, Kinds, SharedArrays
 from condyn_pin.batch.processes import Processes
 from condyn_pin.batch.recipe import Recipe
-from condyn_pin.batch.workers import Copied, Here, Kernel, Shared, inputs_of
+from condyn_pin.batch.ways import ByCopies, ByMemory, InPlace, Kernel, Sent, Way
 from condyn_pin.drift import Baumgarte
 from condyn_pin.errors import WorkersLost
 from condyn_pin.scene import Scene
@@ -76,30 +71,20 @@ class Rows:
             Its `done` has the outputs, ``statuses`` MISSING where a row was not worked on.
         """
         kinds = {name: kind.times(count) for name, kind in kinds.items()}
-        shared = self._shared(inputs, kinds)
-        if shared is None:
-            return self._drain(count, self._apart(inputs, kinds))
-        with shared:
-            outputs = self._drain(count, self._together(shared, inputs, kinds))
-        # copies: shared memory would keep a file open for as long as the answer lives
-        return {name: array.copy() for name, array in outputs.items()}
-
-    def _apart(self, inputs: Arrays, kinds: Kinds) -> _Plan:
-        """Return the plan for this process, or for workers that are sent copies."""
         outputs = {name: np.zeros(kind.shape, kind.dtype) for name, kind in kinds.items()}
+        outputs["statuses"][:] = MISSING
         if self.executor is None:
             workspace = workspace_for(self.scene, self.solver, self.drift)
-            return _Plan(Here(self.kernel, workspace, inputs, outputs), None, outputs)
+            self._drain(count, InPlace(self.kernel, workspace, inputs, outputs), outputs)
+            return outputs
         recipe = Recipe.of(self.scene, self.solver, self.drift)
-        return _Plan(Copied(self.kernel, recipe, kinds), inputs, outputs)
-
-    def _together(self, shared: SharedArrays, inputs: Arrays, kinds: Kinds) -> _Plan:
-        """Return the plan for processes that share memory with this one."""
-        for name, array in inputs.items():
-            shared.arrays[name][:] = array
-        recipe = Recipe.of(self.scene, self.solver, self.drift)
-        work = Shared(self.kernel, recipe, shared.address, tuple(inputs))
-        return _Plan(work, None, {name: shared.arrays[name] for name in kinds})
+        shared = self._shared(inputs, kinds)
+        if shared is None:
+            self._drain(count, ByCopies(self.kernel, recipe, inputs, outputs), outputs)
+            return outputs
+        with shared:
+            self._drain(count, ByMemory(self.kernel, recipe, inputs, outputs, shared), outputs)
+        return outputs
 
     def _shared(self, inputs: Arrays, kinds: Kinds) -> SharedArrays | None:
         """Return memory for everything, if the workers are processes of this machine."""
@@ -111,29 +96,16 @@ class Rows:
         except OSError:  # not so much at once: chunk by chunk, then
             return None
 
-    def _drain(self, count: int, plan: _Plan) -> Arrays:
+    def _drain(self, count: int, way: Way, outputs: Arrays) -> None:
         """Have all chunks done."""
         step = self.chunk or min(self.most, max(1, -(-count // _CHUNKS)))
         chunks = [slice(i, min(i + step, count)) for i in range(0, count, step)]
-        sent = chunks if plan.copied is None else [inputs_of(plan.copied, rows) for rows in chunks]
-        outputs, done = plan.outputs, 0
-        outputs["statuses"][:] = MISSING
+        done = 0
         try:
-            for i, found in map_chunks(plan.work, sent, executor=self.executor):
-                for name, array in (found or {}).items():
-                    outputs[name][chunks[i]] = array
+            for i, found in map_chunks(way.work, Sent(way, chunks), executor=self.executor):
+                way.receive(chunks[i], found)
                 done += chunks[i].stop - chunks[i].start
                 self.progress(done, count)
         except WorkersLost as lost:
-            lost.done = {name: array.copy() for name, array in outputs.items()}
+            lost.done = outputs
             raise
-        return outputs
-
-
-@dataclass(frozen=True)
-class _Plan:
-    """Who does the work, what is sent along with each chunk, and where it ends up."""
-
-    work: Callable[[Any], Arrays | None]
-    copied: Arrays | None
-    outputs: Arrays
