@@ -1,7 +1,10 @@
 """States a second of `solve_batch` in one process, in two, and how far two are ahead.
 
-python benchmarks/batch.py            # 100 000 states a scene, a few minutes
-python benchmarks/batch.py --quick    # 5 000
+python benchmarks/batch.py            # 100 000 states a scene, a minute or two
+python benchmarks/batch.py --quick    # 10 000
+
+One and two processes take turns on the same states; the ratio is the median over the rounds. It
+means nothing while anything else runs on the machine: the load is printed.
 """
 
 from __future__ import annotations
@@ -11,6 +14,10 @@ import os
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import argparse
+from collections.abc import Callable
+from concurrent.futures import Executor
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -19,74 +26,58 @@ from condyn_pin._pin import HAS_LCABA
 from condyn_pin.catalogue import motor_torque
 from condyn_pin.machine import machine
 
-DIFFERENT = 1000  # states; more would only repeat what takes longer to sample than to solve
+DIFFERENT = 1000  # more states would take longer to sample than to solve: they repeat
+WORKERS = 2
 
 
-def states(scene: cp.Scene, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return closed, moving states under motor torques; beyond 1000 they repeat."""
+def states(scene: cp.Scene, count: int) -> tuple[np.ndarray, ...]:
+    """Return closed, moving states under motor torques."""
     rng = np.random.default_rng(0)
     some = [(*scene.sample(rng), motor_torque(scene.robot, rng)) for _ in range(DIFFERENT)]
-    again = -(-count // DIFFERENT)
-    q, v, tau = (np.tile(np.array(each), (again, 1))[:count] for each in zip(*some, strict=True))
-    return q, v, tau
-
-
-def compare(label: str, verb, scene, count, executor, solver, rounds: int) -> None:
-    """Print one row: rates in this process and in two, from interleaved runs."""
-    q, v, tau = states(scene, count)
-    verb(scene, q[:2000], v[:2000], tau[:2000], solver=solver)  # warm-up: imports, workspaces
-    verb(scene, q[:2000], v[:2000], tau[:2000], solver=solver, executor=executor)
-    one, two, ratios = [], [], []
-    for _ in range(rounds):
-        alone = verb(scene, q, v, tau, solver=solver)
-        both = verb(scene, q, v, tau, solver=solver, executor=executor)
-        one.append(count / alone.seconds)
-        two.append(count / both.seconds)
-        ratios.append(alone.seconds / both.seconds)
-    same = (
-        np.array_equal(getattr(alone, "a", alone), getattr(both, "a", both))
-        if hasattr(alone, "a")
-        else np.array_equal(alone.da_dq, both.da_dq)
+    return tuple(
+        np.resize(np.array(each), (count, len(each[0]))) for each in zip(*some, strict=True)
     )
-    counts = (both if hasattr(both, "counts") else both.solution).counts
-    print(
-        f"| {label} | {type(solver).__name__} | {count} | {np.median(one):.0f} "
-        f"| {np.median(two):.0f} | {np.median(ratios):.2f} | {'yes' if same else 'NO'} | {counts} |"
+
+
+def row(call: Callable[..., Any], scene: cp.Scene, count: int, pool: Executor, rounds: int) -> str:
+    """Return rates in this process and in two, their ratio, and the largest difference."""
+    given = states(scene, count)
+    call(scene, *given, executor=pool)  # warm-up: processes, imports, workspaces
+    pairs = [(call(scene, *given), call(scene, *given, executor=pool)) for _ in range(rounds)]
+    one, two = np.array([[each.seconds for each in pair] for pair in pairs]).T
+    alone, both = (getattr(each, "solution", each) for each in pairs[-1])
+    difference = np.abs(alone.a - both.a).max()
+    return (
+        f"{count} | {count / np.median(one):.0f} | {count / np.median(two):.0f} | "
+        f"{np.median(one / two):.2f} | {difference:.0e} | {both.counts}"
     )
 
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser()
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--rounds", type=int, default=3)
     given = parser.parse_args()
-    count = 5_000 if given.quick else 100_000
+    count = 10_000 if given.quick else 100_000
     talos, cassie = cp.load_robot("talos"), cp.load_robot("cassie")
     stance, loops = cp.Scene(talos, talos.contacts), cp.Scene(cassie, cassie.loops)
-    print(
-        "{processor}, {cores} cores, Python {python}, Pinocchio {pinocchio}, {date}".format(
-            **machine()
+    solvers = [cp.Proximal(), *([cp.LCABA()] if HAS_LCABA else [])]
+    title = "{processor}, {cores} cores, Python {python}, Pinocchio {pinocchio}, {date}"
+    print(f"{title.format(**machine())}, load {os.getloadavg()[0]:.1f}\n")
+    print(f"| batch | states | 1 process [1/s] | {WORKERS} [1/s] | x | difference | statuses |")
+    print("|---|---|---|---|---|---|---|")
+    with cp.Processes(WORKERS) as pool:
+        for solver in solvers:
+            solve = partial(cp.solve_batch, solver=solver)
+            name = type(solver).__name__
+            print(f"| talos, two feet, {name} | {row(solve, stance, count, pool, given.rounds)} |")
+        print(
+            f"| cassie, loops, Proximal | {row(cp.solve_batch, loops, count, pool, given.rounds)} |"
         )
-    )
-    print("| scene | solver | states | one process [1/s] | two [1/s] | x | same bits | statuses |")
-    print("|---|---|---|---|---|---|---|---|")
-    with cp.Processes(2) as executor:
-        for solver in (cp.Proximal(), cp.LCABA()) if HAS_LCABA else (cp.Proximal(),):
-            compare(
-                "talos, two feet", cp.solve_batch, stance, count, executor, solver, given.rounds
-            )
-        compare(
-            "cassie, loops", cp.solve_batch, loops, count, executor, cp.Proximal(), given.rounds
-        )
-        compare(
-            "talos, derivatives",
-            cp.derivatives_batch,
-            stance,
-            count // 20,
-            executor,
-            cp.Proximal(),
-            given.rounds,
+        print(
+            f"| talos, two feet, derivatives | "
+            f"{row(cp.derivatives_batch, stance, count // 20, pool, given.rounds)} |"
         )
 
 

@@ -46,6 +46,11 @@ class Processes(Executor):
         self.workers, self.start_method = count, start_method
         self._pool = self._new()
 
+    @property
+    def pids(self) -> tuple[int, ...]:
+        """Process ids of the workers; there are none before the first call."""
+        return tuple(self._pool._processes or ())
+
     def submit(self, fn: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
         """Hand out a call, as `concurrent.futures.Executor.submit`."""
         return self._pool.submit(fn, *args, **kwargs)
