@@ -121,7 +121,7 @@ class WorkersLost(CondynError, RuntimeError):
     Attributes
     ----------
     done : BatchSolution or BatchDerivatives or None
-        What was computed, of a batch; its `missing` says which rows were not.
+        What was computed, of a batch; the `missing` of the former says which rows were not.
     """
 
     def __init__(self, message: str, done: Any = None) -> None:

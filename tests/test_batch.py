@@ -93,10 +93,9 @@ def test_where_memory_cannot_be_shared_it_is_copied(without, executor, monkeypat
     else:
         monkeypatch.setattr(memory.os, "ftruncate", _no_memory)
     scene, states = all_scenes()["talos contacts"], batch_of("talos contacts")
-    open_files = _open_files()
     found = cp.solve_batch(scene, *states, executor=executor, chunk=7)
     assert_same(found, cp.solve_batch(scene, *states))
-    assert _open_files() == open_files
+    assert _shared_memory() == 0
 
 
 def _no_memory(*_: int) -> None:
@@ -309,10 +308,29 @@ def test_a_plain_pool_that_breaks_hands_over_what_is_done(verb, shared, monkeypa
         done[int(done.missing[0])]
 
 
+def test_an_interrupt_ends_a_batch_and_not_the_workers(executor):
+    scene, states = all_scenes()["four_bar loops"], batch_of("four_bar loops", 400)
+    seen = []
+
+    def interrupt(*_: int) -> None:
+        seen.append(executor.pids)
+        if len(seen) == 3:
+            raise KeyboardInterrupt
+
+    for pid in executor.pids:
+        os.kill(pid, signal.SIGINT)  # as a terminal does
+    with pytest.raises(KeyboardInterrupt):
+        cp.solve_batch(scene, *states, executor=executor, chunk=2, progress=interrupt)
+    assert len(seen) == 3
+    assert cp.solve_batch(scene, *states, executor=executor).ok
+    assert executor.pids == seen[0]
+    assert _shared_memory() == 0
+
+
 def test_shared_arrays():
-    open_files = _open_files()
     kinds = {"x": Kind((3, 2)), "none": Kind((0, 4)), "n": Kind((5,), "i1"), "end": Kind((2, 0))}
     with SharedArrays(kinds) as shared:
+        assert _shared_memory() == 2  # ours, and that of the map
         other = shared.address.open()
         other["x"][:], other["n"][:] = 2.5, 7
         for name, kind in kinds.items():
@@ -324,14 +342,16 @@ def test_shared_arrays():
     with pytest.raises(FileNotFoundError):
         shared.address.open()
     del shared, other
-    assert _open_files() == open_files
+    assert _shared_memory() == 0
     with pytest.raises(OSError, match=r"memory|space|large"):
         SharedArrays({"x": Kind((2**59,))})
-    assert _open_files() == open_files
+    assert _shared_memory() == 0
 
 
-def _open_files() -> int:
-    return len(list(Path("/proc/self/fd").iterdir()))
+def _shared_memory() -> int:
+    """Return how many files of this process are shared memory of a batch."""
+    links = (os.readlink(path) for path in Path("/proc/self/fd").iterdir() if path.is_symlink())
+    return sum("memfd:condyn_pin" in link for link in links)
 
 
 SCRIPT = """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from dataclasses import dataclass
 from typing import Any, Final, Generic, TypeVar
@@ -34,7 +34,7 @@ def map_chunks(
     *,
     executor: Executor | None = None,
     progress: Progress = silent,
-) -> Iterator[tuple[int, Result]]:
+) -> Generator[tuple[int, Result], None, None]:
     """Yield (index of the chunk, result) as results come in, in any order.
 
     Parameters

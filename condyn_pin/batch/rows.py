@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Final
 
@@ -101,11 +102,13 @@ class Rows:
         step = self.chunk or min(self.most, max(1, -(-count // _CHUNKS)))
         chunks = [slice(i, min(i + step, count)) for i in range(0, count, step)]
         done = 0
+        results = map_chunks(way.work, Sent(way, chunks), executor=self.executor)
         try:
-            for i, found in map_chunks(way.work, Sent(way, chunks), executor=self.executor):
-                way.receive(chunks[i], found)
-                done += chunks[i].stop - chunks[i].start
-                self.progress(done, count)
+            with closing(results):  # an interrupt cancels what nobody has begun
+                for i, found in results:
+                    way.receive(chunks[i], found)
+                    done += chunks[i].stop - chunks[i].start
+                    self.progress(done, count)
         except WorkersLost as lost:
             lost.done = outputs
             raise
