@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from functools import partial
 
@@ -153,3 +155,27 @@ def test_processes_say_what_they_are():
     with cp.Processes() as executor:
         assert repr(executor) == f"Processes({executor.workers}, start_method='spawn')"
         assert executor.workers == len(os.sched_getaffinity(0))
+
+
+ORPHANS = """
+import os, signal
+import condyn_pin as cp
+
+if __name__ == "__main__":
+    with cp.Processes(2, start_method={start_method!r}) as executor:
+        dict(cp.map_chunks(abs, range(4), executor=executor))
+        print(*executor.pids, flush=True)
+        os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.parametrize("start_method", ["spawn", "forkserver", "fork"])
+def test_workers_end_with_their_parent(start_method, tmp_path):
+    path = tmp_path / "script.py"
+    path.write_text(ORPHANS.format(start_method=start_method))
+    # its output ends when the last process that has it open ends
+    result = subprocess.run(
+        [sys.executable, str(path)], stdout=subprocess.PIPE, text=True, check=False, timeout=60
+    )
+    assert result.returncode == -signal.SIGKILL
+    assert result.stdout.split()

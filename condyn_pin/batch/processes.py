@@ -7,6 +7,7 @@ import os
 import signal
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from threading import Thread
 from typing import Any, TypeVar
 
 from condyn_pin.errors import InvalidArgument
@@ -67,15 +68,23 @@ class Processes(Executor):
 
     def _new(self) -> ProcessPoolExecutor:
         context = multiprocessing.get_context(self.start_method)
-        return ProcessPoolExecutor(self.workers, context, _leave_interrupts_to_the_parent)
+        return ProcessPoolExecutor(self.workers, context, _follow_the_parent)
 
     def __repr__(self) -> str:
         return f"Processes({self.workers}, start_method={self.start_method!r})"
 
 
-def _leave_interrupts_to_the_parent() -> None:
-    """Ignore Ctrl-C, which a terminal sends to all: a worker ends when its parent says so."""
+def _follow_the_parent() -> None:
+    """Leave Ctrl-C, which a terminal sends to all, to the parent; end when the parent is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    Thread(target=_end_with_the_parent, daemon=True).start()
+
+
+def _end_with_the_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _cores() -> int:
