@@ -1,15 +1,17 @@
-"""Drift control: what the rows are asked to do about a gap that has opened."""
+"""Baumgarte: what the rows are asked to do about a gap that has opened."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from condyn_pin.arrays import finite
+from condyn_pin.drift.base import Drift
 from condyn_pin.errors import InvalidArgument
 
 
 @dataclass(frozen=True)
-class Baumgarte:
+class Baumgarte(Drift):
     """The rows are pulled back like a damped spring.
 
     J a + gamma = a_ref = -2 alpha J v - beta^2 c
@@ -27,6 +29,10 @@ class Baumgarte:
     Baumgarte. Stabilization of constraints and integrals of motion in dynamical systems. Computer
     Methods in Applied Mechanics and Engineering 1, 1972.
     """
+
+    title: ClassVar[str] = "Baumgarte"
+    cost: ClassVar[str] = "two products a row"
+    use: ClassVar[str] = "by default; gains far from the wall of the integrator"
 
     alpha: float  # [1/s]
     beta: float  # [1/s]
@@ -47,3 +53,8 @@ class Baumgarte:
     def Kp(self) -> float:
         """beta^2 [1/s^2]."""
         return self.beta**2
+
+    @property
+    def rows(self) -> Baumgarte:
+        """What is asked of the rows: itself."""
+        return self
