@@ -135,6 +135,11 @@ class Equations:
         self.motion(q, self._still, self._still)
         return self._c.copy()
 
+    def gaps(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return c(q) and J v (m,)."""
+        self.motion(q, v, self._still)
+        return self._c.copy(), self._velocity.copy()
+
     def placements(self, q: Array) -> list[tuple[Any, Any] | None]:
         """Return the placements of the frames c1 and c2 in the world; None for a coupling."""
         pin.forwardKinematics(self.model, self.data, q)

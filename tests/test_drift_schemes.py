@@ -1,0 +1,214 @@
+"""Drift schemes in motion: what each keeps closed, what it costs, and where it ends."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import condyn_pin as cp
+from condyn_pin.drift import DRIFTS, Baumgarte
+from condyn_pin.drift.no_drift import NoDrift
+from condyn_pin.drift.post_stabilization import PostStabilization
+from condyn_pin.drift.projection import Projection
+from condyn_pin.simulation.gaps import FactorisedGaps, SolvedGaps
+from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4
+from condyn_pin.simulation.integrators.semi_implicit_euler import SemiImplicitEuler
+from condyn_pin.simulation.run import simulate
+from condyn_pin.simulation.system import System
+from condyn_pin.simulation.wall import check_wall, growth, wall
+
+DT = 2e-3  # [s]
+
+
+@pytest.fixture(scope="module")
+def four_bar():
+    robot = cp.load_robot("four_bar")
+    return cp.Scene(robot, robot.loops)
+
+
+def gaps(trajectory):
+    """The largest gap and slip after the first sample, which is as closed as it was sampled."""
+    equations = cp.Workspace(trajectory.scene).equations
+    both = [equations.gaps(q, v) for q, v in zip(trajectory.q[1:], trajectory.v[1:], strict=True)]
+    return max(np.abs(c).max() for c, _ in both), max(np.abs(s).max() for _, s in both)
+
+
+def run(scene, drift, *, solver=None, integrator=None, duration=0.4):
+    q, v = scene.sample(np.random.default_rng(3))
+    return simulate(
+        scene,
+        q,
+        v,
+        duration=duration,
+        dt=DT,
+        integrator=integrator or SemiImplicitEuler(),
+        drift=drift,
+        solver=solver,
+    )
+
+
+SCHEMES = [drift() for name, drift in DRIFTS.items() if name not in ("baumgarte", "nodrift")]
+
+
+@pytest.mark.parametrize("solver", [None, cp.NullSpace()], ids=["read off", "factorised"])
+@pytest.mark.parametrize("scheme", [Baumgarte.critical(60.0), *SCHEMES], ids=repr)
+def test_every_scheme_keeps_a_four_bar_better_closed_than_none(four_bar, scheme, solver):
+    open_c, open_s = gaps(run(four_bar, NoDrift(), solver=solver))
+    c, s = gaps(run(four_bar, scheme, solver=solver))
+    assert c < 0.5 * open_c
+    assert s < 0.5 * open_s
+
+
+@pytest.mark.parametrize("metric", ["mass", "euclidean"])
+@pytest.mark.parametrize("solver", [None, cp.NullSpace()], ids=["read off", "factorised"])
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-12])
+def test_projection_keeps_what_it_promises(four_bar, metric, solver, tolerance):
+    drift = Projection(metric=metric, tolerance=tolerance)
+    for left in gaps(run(four_bar, drift, solver=solver)):
+        assert left <= tolerance
+
+
+@pytest.mark.parametrize("kept", ["position", "velocity"])
+def test_projection_of_one_level_leaves_the_other_alone(four_bar, kept):
+    drift = Projection(position=kept == "position", velocity=kept == "velocity", tolerance=1e-10)
+    c, s = gaps(run(four_bar, drift))
+    assert (c if kept == "position" else s) <= 1e-10
+    assert (s if kept == "position" else c) > 1e-5
+
+
+def test_every_other_step_is_left_alone(four_bar):
+    trajectory = run(four_bar, Projection(every=2))
+    equations = cp.Workspace(trajectory.scene).equations
+    open_by = [
+        np.abs(equations.gaps(q, v)[1]).max()
+        for q, v in zip(trajectory.q, trajectory.v, strict=True)
+    ]
+    assert max(open_by[2::2]) <= 1e-10 < min(open_by[1::2])
+
+
+@pytest.mark.parametrize("name", ["four_bar", "stewart", "cassie"])
+def test_what_the_solver_leaves_behind_closes_as_well_as_a_factor_of_our_own(name):
+    robot = cp.load_robot(name)
+    scene = cp.Scene(robot, robot.loops)
+    rng = np.random.default_rng(5)
+    closed, v = scene.sample(rng)
+    system = System(cp.Workspace(scene))
+    opened = system.integrate(closed, 1e-6 * rng.normal(size=robot.nv))
+    slipping = v + 1e-5 * rng.normal(size=robot.nv)
+    read, factorised = SolvedGaps(system), FactorisedGaps(system, "mass")
+    for level, state in enumerate([(opened, 0 * v), (closed, slipping)]):
+        before = np.abs(read.look(0.0, *state))[:, level].max()
+        factorised.look(0.0, *state)
+        one, other = (gaps.step(False)[level] for gaps in (read, factorised))
+        assert np.abs(one - other).max() < 1e-3 * np.abs(other).max()
+        q, v = state
+        state = (q, v + one) if level else (system.integrate(q, one), v)
+        assert np.abs(read.look(0.0, *state))[:, level].max() < 1e-3 * before
+
+
+def test_a_projected_velocity_has_no_more_energy(four_bar):
+    system = System(cp.Workspace(four_bar))
+    rng = np.random.default_rng(2)
+    q, _ = four_bar.sample(rng)
+    M = system.mass(q)
+    for _ in range(20):
+        v = rng.normal(size=four_bar.robot.nv)
+        after = Projection(position=False).start(system, DT)(0.0, q, v)[1]
+        assert after @ M @ after <= v @ M @ v
+
+
+def test_a_state_within_tolerance_costs_no_further_solve(four_bar):
+    q, v = four_bar.state("home") if "home" in four_bar.robot.postures else four_bar.state()
+    workspace = cp.Workspace(four_bar)
+    system, calls = System(workspace), []
+    solve = system._solve
+    system._solve = lambda *state: calls.append(state) or solve(*state)
+    correct = Projection().start(system, DT)
+    q1, v1 = correct(0.0, q, v)
+    assert (q1 is q, v1 is v) == (True, True)
+    system.acceleration(0.0, q1, v1)  # the step that follows asks for the same
+    assert len(calls) == 1
+
+
+def test_post_stabilisation_costs_no_solve_more(four_bar):
+    counts = []
+    for drift in (NoDrift(), PostStabilization()):
+        workspace = cp.Workspace(four_bar, drift=drift.rows)
+        system, calls = System(workspace), []
+        solve = system._solve
+        system._solve = lambda *state, c=calls, s=solve: c.append(1) or s(*state)
+        step, correct = SemiImplicitEuler().start(system, DT).step, drift.start(system, DT)
+        q, v = four_bar.sample(np.random.default_rng(3))
+        for k in range(50):
+            q, v, _ = step(k * DT, q, v)
+            if correct:
+                q, v = correct((k + 1) * DT, q, v)
+        counts.append(len(calls))
+    assert counts[1] <= counts[0] + 1
+
+
+def test_the_walls_are_where_theory_has_them():
+    assert wall(SemiImplicitEuler()) == pytest.approx(2 * math.sqrt(2) - 2, abs=1e-6)
+    assert wall(RungeKutta4()) == pytest.approx(2.785, abs=1e-3)
+
+
+def test_the_wall_of_semi_implicit_euler_is_met_in_motion(four_bar):
+    inside = gaps(run(four_bar, Baumgarte.critical(0.8 / DT), duration=0.2))
+    assert inside[0] < 1e-3
+    with pytest.raises(cp.InvalidArgument, match=r"wall.*Baumgarte\.critical"):
+        check_wall(SemiImplicitEuler(), Baumgarte.critical(0.84 / DT), DT)
+    check_wall(SemiImplicitEuler(), Baumgarte.critical(0.82 / DT), DT)
+    check_wall(SemiImplicitEuler(), Baumgarte(0.0, 0.0), DT)
+
+
+def test_a_popular_rule_is_beyond_the_wall():
+    with pytest.raises(cp.InvalidArgument, match=r"grows by 2\.41"):
+        check_wall(SemiImplicitEuler(), Baumgarte(1 / DT, math.sqrt(2) / DT), DT)
+    check_wall(RungeKutta4(), Baumgarte(1 / DT, math.sqrt(2) / DT), DT)
+
+
+def test_deadbeat_gains_end_a_gap_in_two_steps():
+    gains = Baumgarte.deadbeat(DT)
+    assert growth(SemiImplicitEuler(), gains.alpha * DT, gains.beta * DT) < 1e-7
+
+
+def test_the_settling_time_is_met():
+    gains = Baumgarte.from_settling_time(0.3, remaining=0.05)
+    x = gains.alpha * 0.3
+    assert (1 + x) * math.exp(-x) == pytest.approx(0.05, rel=1e-12)
+    assert gains.alpha == gains.beta
+
+
+@pytest.mark.parametrize(
+    "solref", [(0.02, 1.0), (0.005, 0.7), (-400.0, -40.0), (-400.0, 0.0), (0.0, -40.0)]
+)
+def test_solref_goes_there_and_back(solref):
+    gains = Baumgarte.from_solref(*solref)
+    again = Baumgarte.from_solref(*gains.solref)
+    assert (again.alpha, again.beta) == pytest.approx((gains.alpha, gains.beta), rel=1e-14)
+    if solref[0] > 0:
+        assert gains.solref == pytest.approx(solref, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: Projection(metric="weight"), "metric = 'weight'"),
+        (lambda: Projection(every=0), "every = 0"),
+        (lambda: Projection(every=1.5), "every = 1.5"),
+        (lambda: Projection(tolerance=-1.0), "tolerance = -1.0"),
+        (lambda: Projection(tolerance=math.nan), "tolerance"),
+        (lambda: Projection(position=False, velocity=False), "NoDrift"),
+        (lambda: PostStabilization(every=True), "every = True"),
+        (lambda: Baumgarte.from_settling_time(0.0), "T = 0.0"),
+        (lambda: Baumgarte.from_settling_time(1.0, remaining=1.0), "remaining = 1.0"),
+        (lambda: Baumgarte.deadbeat(-1e-3), "dt = -0.001"),
+        (lambda: Baumgarte.from_solref(0.02, -1.0), "both positive"),
+        (lambda: Baumgarte.critical(-1.0), "alpha = -1.0"),
+    ],
+)
+def test_knobs_that_mean_nothing_are_refused(call, said):
+    with pytest.raises(cp.InvalidArgument, match=said):
+        call()
