@@ -94,6 +94,7 @@ class Baumgarte(Drift):
         alpha = 1 / timeconst,    beta = 1 / (timeconst dampratio)
 
         Two numbers that are not positive are -stiffness and -damping there: beta^2 and 2 alpha.
+        With an impedance d < 1 MuJoCo divides besides: alpha by d, beta by d too.
 
         Parameters
         ----------
@@ -118,8 +119,7 @@ class Baumgarte(Drift):
             f"timeconst, dampratio = {timeconst!r}, {dampratio!r}: both positive, or both not"
         )
 
-    @property
-    def solref(self) -> tuple[float, float]:
+    def to_solref(self) -> tuple[float, float]:
         """MuJoCo's (timeconst, dampratio) of the same gains; direct, negative, without both."""
         if self.alpha > 0 and self.beta > 0:
             return 1.0 / self.alpha, self.alpha / self.beta

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 class SemiImplicitEuler(Integrator):
     """The step of most simulators.
 
-    v1 = v0 + dt a(t0, q0, v0),    q1 = q0 exp(dt v1)
+    v1 = v0 + dt a(t0, q0, v0),    q1 = integrate(q0, dt v1)
 
     Symplectic where the forces depend on q alone and M is constant; not together with constraints
     that are held by accelerations, nor where M changes.
