@@ -135,6 +135,11 @@ class Equations:
         self.motion(q, self._still, self._still)
         return self._c.copy()
 
+    def position_level(self, q: Array) -> tuple[Array, Array]:
+        """Return c(q) (m,) and J (m, nv)."""
+        self.motion(q, self._still, self._still)
+        return self._c.copy(), self._jacobian(q)
+
     def gaps(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return c(q) and J v (m,)."""
         self.motion(q, v, self._still)

@@ -56,8 +56,8 @@ class Momentum:
     def place(self, q: Array) -> Place:
         """Return what belongs to q."""
         M, J = self._system.mass(q), self._system.jacobian(q)
-        M_inv = np.linalg.inv(M)
-        G = J.dot(M_inv).dot(J.T)
+        M_inv = np.asarray(np.linalg.inv(M), dtype=np.float64)
+        G: Array = J.dot(M_inv).dot(J.T)
         if len(G):
             G[np.diag_indices(len(G))] += _DAMPING * G.diagonal().max()
-        return Place(M, J, M_inv, np.linalg.inv(G))
+        return Place(M, J, M_inv, np.asarray(np.linalg.inv(G)))

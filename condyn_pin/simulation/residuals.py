@@ -11,11 +11,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.simulation.torques import passive_partials
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.system import System
@@ -54,13 +51,12 @@ class Residuals:
     def __init__(self, system: System) -> None:
         self._system, self._model = system, system.model
         self._data = system.model.createData()
-        self._springs, self._damping = passive_partials(system)
         self.damping = _DAMPING * system.scene.audit.delassus_norm
 
     def at(self, t: float, q: Array, v: Array, a: Array, lam: Array) -> Residual:
         """Return the residuals."""
         system = self._system
-        c, J = system.violation(q), system.jacobian(q)
+        c, J = system.equations.position_level(q)
         bodies = pin.rnea(self._model, self._data, q, v, a)
         return Residual(bodies - system.torque(t, q, v) - J.T.dot(lam), c, J)
 
@@ -70,6 +66,6 @@ class Residuals:
         return Partials(
             self._system.mass(q),
             of.J,
-            of.r_q + self._springs,
-            self._damping - of.rhs[:n, n:],
+            of.r_q + self._system.stiffness,
+            self._system.damping - of.rhs[:n, n:],
         )

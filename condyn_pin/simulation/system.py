@@ -19,7 +19,12 @@ from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.rows.equations import Equations, Terms
 from condyn_pin.simulation.manifold import Manifold
-from condyn_pin.simulation.torques import Torque, applied_torque, with_passive
+from condyn_pin.simulation.torques import (
+    Torque,
+    applied_torque,
+    passive_matrices,
+    with_passive,
+)
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
@@ -53,6 +58,8 @@ class System:
     applied, torque : callable
         (t, q, v) -> (nv,) [N, N m]: what is applied, and that with springs and damping. Not to be
         written to.
+    stiffness, damping : (nv, nv) array
+        Minus the derivatives of the torques of springs by q and of damping by v.
     integrate, difference : callable
         (q, dv) -> q moved along dv; (q0, q1) -> the dv from one to the other.
     """
@@ -72,6 +79,9 @@ class System:
         self.manifold = Manifold(self.model)
         self.applied = applied_torque(self.model.nv, tau)
         self.torque = with_passive(self.scene.robot, self.applied, springs=springs, damping=damping)
+        self.stiffness, self.damping = passive_matrices(
+            self.scene.robot, springs=springs, damping=damping
+        )
         # bound once: these are called in every step
         self.integrate: Callable[[Array, Array], Array] = partial(pin.integrate, self.model)
         self.difference: Callable[[Array, Array], Array] = partial(pin.difference, self.model)

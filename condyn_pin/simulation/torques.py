@@ -61,6 +61,17 @@ def with_passive(robot: Robot, applied: Torque, *, springs: bool, damping: bool)
     return torque
 
 
+def passive_matrices(robot: Robot, *, springs: bool, damping: bool) -> tuple[Array, Array]:
+    """Return stiffness and damping (nv, nv): minus the partial derivatives by q and by v."""
+    k, _, at_v, _ = spring_arrays(robot)
+    K, D = np.zeros((2, robot.nv, robot.nv))
+    if springs:
+        np.add.at(K, (at_v, at_v), k)
+    if damping:
+        D[np.diag_indices(robot.nv)] = robot.model.damping
+    return K, D
+
+
 def spring_arrays(robot: Robot) -> tuple[Array, Any, Any, Array]:
     """Return stiffness, places in q, places in v, and references of the springs."""
     model = robot.model

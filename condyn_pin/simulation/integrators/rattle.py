@@ -15,6 +15,7 @@ from condyn_pin.simulation.momentum import Momentum, Place
 if TYPE_CHECKING:
     from condyn_pin.simulation.system import System
 
+
 @dataclass(frozen=True)
 class Rattle(Integrator):
     """Störmer-Verlet's method with a multiplier for c(q1) = 0 and one for J v1 = 0.
