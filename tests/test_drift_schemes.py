@@ -17,7 +17,6 @@ from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4
 from condyn_pin.simulation.integrators.semi_implicit_euler import SemiImplicitEuler
 from condyn_pin.simulation.run import simulate
 from condyn_pin.simulation.system import System
-from condyn_pin.simulation.walls import check_wall, growth, wall
 
 DT = 2e-3  # [s]
 
@@ -161,31 +160,6 @@ def test_forces_belong_to_their_sample(four_bar, drift, integrator):
         wanted = solution.forces["coupler_rocker"].components
         found = trajectory.lam[k]
         assert np.abs(found - wanted).max() < 1e-3 * max(np.abs(wanted).max(), 1.0)
-
-
-def test_the_walls_are_where_theory_has_them():
-    assert wall(SemiImplicitEuler()) == pytest.approx(2 * math.sqrt(2) - 2, abs=1e-4)
-    assert wall(RungeKutta4()) == pytest.approx(2.785, abs=1e-3)
-
-
-def test_the_wall_of_semi_implicit_euler_is_met_in_motion(four_bar):
-    inside = gaps(run(four_bar, Baumgarte.critical(0.8 / DT), duration=0.2))
-    assert inside[0] < 1e-3
-    with pytest.raises(cp.InvalidArgument, match=r"every gap grows"):
-        check_wall(SemiImplicitEuler(), Baumgarte.critical(0.84 / DT), DT)
-    check_wall(SemiImplicitEuler(), Baumgarte.critical(0.82 / DT), DT)
-    check_wall(SemiImplicitEuler(), Baumgarte(0.0, 0.0), DT)
-
-
-def test_a_popular_rule_is_beyond_the_wall():
-    with pytest.raises(cp.InvalidArgument, match=r"grows 2\.41"):
-        check_wall(SemiImplicitEuler(), Baumgarte(1 / DT, math.sqrt(2) / DT), DT)
-    check_wall(RungeKutta4(), Baumgarte(1 / DT, math.sqrt(2) / DT), DT)
-
-
-def test_deadbeat_gains_end_a_gap_in_two_steps():
-    gains = Baumgarte.deadbeat(DT)
-    assert growth(SemiImplicitEuler(), gains, DT) < 1e-7
 
 
 def test_the_settling_time_is_met():

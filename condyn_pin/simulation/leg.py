@@ -12,7 +12,7 @@ from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.recorder import Recorder
 from condyn_pin.simulation.system import System
-from condyn_pin.simulation.torques import Torque
+from condyn_pin.simulation.torques import Applied
 from condyn_pin.solvers.base import Solver
 from condyn_pin.workspace import Workspace
 
@@ -24,38 +24,12 @@ Move = Callable[[float, Array, Array], tuple[Array, Array, Array]]
 class Method:
     """How a scene is moved: the choices of a run."""
 
-    tau: Torque
+    tau: Applied
     dt: float  # [s]
     integrator: Integrator
     drift: Drift
     solver: Solver | None
     effects: Effects
-
-
-class Heard:
-    """The torques applied, and what they were when they were first asked for in a step."""
-
-    def __init__(self, applied: Torque) -> None:
-        self._applied = applied
-        self._first: Array | None = None
-
-    def __call__(self, t: float, q: Array, v: Array) -> Array:
-        """Return the torques."""
-        tau = self._applied(t, q, v)
-        if self._first is None:
-            self._first = tau if not tau.flags.writeable else tau.copy()
-        return tau
-
-    def forget(self) -> None:
-        """Begin another step."""
-        self._first = None
-
-    def first(self, t: float, q: Array, v: Array) -> Array:
-        """Return the first torques since then; they are asked for now if nobody has."""
-        if self._first is None:
-            self(t, q, v)
-        assert self._first is not None
-        return self._first
 
 
 class Leg:
@@ -72,10 +46,8 @@ class Leg:
         self.scene, self._method = scene, method
         workspace = Workspace(scene, method.solver, drift=method.drift.rows)
         self.solver, effects = workspace.solver, method.effects
-        self._heard = Heard(method.tau)
-        self.system = System(
-            workspace, self._heard, springs=effects.springs, damping=effects.damping
-        )
+        self._tau = method.tau
+        self.system = System(workspace, self._tau, springs=effects.springs, damping=effects.damping)
         self._at_start = method.integrator.a_at == "start"
 
     def step(self, t: float, q: Array, v: Array, k: int, every: int) -> tuple[Array, Array]:
@@ -97,9 +69,9 @@ class Leg:
 
     def sample(self, t: float, q: Array, v: Array) -> None:
         """Keep a state at which no step begins, or none has ended."""
-        self._heard.forget()
+        self._tau.forget()
         a = self.system.acceleration(t, q, v)
-        self.recorder.add((t, q, v, a, self.system.lam(), self._heard.first(t, q, v)))
+        self.recorder.add((t, q, v, a, self.system.lam(), self._tau.first(t, q, v)))
 
     def begin(self, t: float, q: Array, v: Array) -> Recorder:
         """Begin to keep samples, with another stepper; return what they go to."""
@@ -118,14 +90,14 @@ class Leg:
         self, move: Move, lam: Callable[[], Array], dt: float, t: float, q: Array, v: Array,
         keep: bool,
     ) -> tuple[Array, Array]:  # fmt: skip
-        heard = self._heard
-        heard.forget()
+        tau = self._tau
+        tau.forget()
         q1, v1, a = move(t, q, v)
         if keep:
             if not self._at_start:
                 t, q, v = t + dt, q1, v1
-                heard.forget()
-            self.recorder.add((t, q, v, a, lam(), heard.first(t, q, v)))
+                tau.forget()
+            self.recorder.add((t, q, v, a, lam(), tau.first(t, q, v)))
         return q1, v1
 
     def _mover(self, dt: float) -> tuple[Move, Callable[[], Array]]:

@@ -16,7 +16,6 @@ import numpy as np
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.rows.equations import Equations
-from condyn_pin.simulation.torques import spring_arrays
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.recorder import Phase
@@ -98,12 +97,6 @@ def kinematics(phase: Phase, q: Array, v: Array) -> Kinematics:
         found[i] = c, slip, kinetic, potential
         momentum[i] = pin.computeCentroidalMomentum(model, data, q_i, v_i).vector
     return Kinematics(found[:, 0], found[:, 1], found[:, 2], found[:, 3], momentum)
-
-
-def energy_of_springs(phase: Phase, q: Array) -> Array:
-    """Return the energy of the springs (k,) [J]."""
-    k, at_q, _, rest = spring_arrays(phase.scene.robot)
-    return np.asarray(0.5 * (q[:, at_q] - rest) ** 2 @ k)
 
 
 def work(t: Array, power: Array) -> Array:

@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 
@@ -51,6 +53,8 @@ class Residuals:
     def __init__(self, system: System) -> None:
         self._system, self._model = system, system.model
         self._data = system.model.createData()
+        passive = system.passive
+        self._stiffness, self._damping = np.diag(passive.K.sum(axis=1)), np.diag(passive.d)
         self.damping = _DAMPING * system.scene.audit.delassus_norm
 
     def at(self, t: float, q: Array, v: Array, a: Array, lam: Array) -> Residual:
@@ -66,6 +70,6 @@ class Residuals:
         return Partials(
             self._system.mass(q),
             of.J,
-            of.r_q + self._system.stiffness,
-            self._system.damping - of.rhs[:n, n:],
+            of.r_q + self._stiffness,
+            self._damping - of.rhs[:n, n:],
         )

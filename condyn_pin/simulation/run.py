@@ -22,7 +22,7 @@ from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.leg import Method
 from condyn_pin.simulation.loop import Ended, Loop, PiledUp
 from condyn_pin.simulation.recorder import merge
-from condyn_pin.simulation.torques import Torque, applied_torque
+from condyn_pin.simulation.torques import Applied, Torque
 from condyn_pin.simulation.trajectory import Run, RunStatus, Trajectory
 from condyn_pin.simulation.walls import check_wall
 from condyn_pin.solvers.base import Solver
@@ -128,7 +128,7 @@ def simulate(
     _check_drift(integrator, drift, dt)
     _check_record(record)
     events = _events(scene, events)
-    method = Method(applied_torque(scene.robot.nv, tau), dt, integrator, drift, solver, effects)
+    method = Method(Applied(scene.robot.nv, tau), dt, integrator, drift, solver, effects)
     begun = perf_counter()
     with np.errstate(all="ignore"):  # what overflows is found by the next solve
         loop = Loop(scene, q_, v_, method, events)

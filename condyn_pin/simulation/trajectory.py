@@ -18,8 +18,9 @@ from condyn_pin.scene import Scene
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Happened
 from condyn_pin.simulation.integrators.base import Integrator
-from condyn_pin.simulation.measures import Energy, Kinematics, energy_of_springs, kinematics, work
+from condyn_pin.simulation.measures import Energy, Kinematics, kinematics, work
 from condyn_pin.simulation.recorder import Phase
+from condyn_pin.simulation.torques import Passive
 from condyn_pin.solvers.base import Solver
 
 
@@ -168,24 +169,22 @@ class Trajectory:
 
         The work is integrated over the samples: `record` them all where it is to be accurate.
         """
-        damping = np.array(self.scene.robot.model.damping) * self.run.effects.damping
+        effects = self.run.effects
+        passive = Passive.of(self.scene.robot, springs=effects.springs, damping=effects.damping)
         parts = [
             (
                 work(self.t[s], np.sum(self.tau[s] * self.v[s], axis=1)),
-                work(self.t[s], -np.sum(damping * self.v[s] ** 2, axis=1)),
+                work(self.t[s], -(self.v[s] ** 2) @ passive.d),
             )
             for s in (phase.samples for phase in self.phases)
         ]
-        springs = np.zeros(len(self.t))
-        if self.run.effects.springs:
-            springs = energy_of_springs(self.phases[0], self.q)
         impacts = np.zeros(len(self.t))
         for event in self.run.happened:
             impacts[event.sample :] -= event.energy_lost
         return Energy(
             self._kinematics.kinetic,
             self._kinematics.potential,
-            springs,
+            passive.energy(self.q),
             _chained([applied for applied, _ in parts]),
             _chained([damped for _, damped in parts]),
             impacts,

@@ -49,6 +49,10 @@ class _Gap:
         """Return q moved along dv."""
         return q + dv
 
+    def implicit(self, dt: float) -> _Gap:
+        """Return the same: a gap has no springs and no damping of its own."""
+        return self
+
     def rate(self, theta: Array, v: Array) -> Array:
         """Return theta'."""
         return v
