@@ -57,7 +57,12 @@ class Momentum:
         """Return what belongs to q."""
         M, J = self._system.mass(q), self._system.jacobian(q)
         M_inv = np.asarray(np.linalg.inv(M), dtype=np.float64)
-        G: Array = J.dot(M_inv).dot(J.T)
+        place = Place(M, J, M_inv, np.zeros((0, 0)))
+        return place._replace(G_inv=self.between(place, J))
+
+    def between(self, place: Place, J1: Array) -> Array:
+        """Return (J1 M^-1 J^T)^-1 (m, m), damped, with M and J of a place and another J1."""
+        G: Array = J1.dot(place.M_inv).dot(place.J.T)
         if len(G):
             G[np.diag_indices(len(G))] += _DAMPING * G.diagonal().max()
-        return Place(M, J, M_inv, np.asarray(np.linalg.inv(G)))
+        return np.asarray(np.linalg.inv(G), dtype=np.float64)

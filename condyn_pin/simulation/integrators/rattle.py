@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from condyn_pin.simulation.system import System
 
 
+# The iteration that knows J at the end of the step.
+_SECOND = 2
+
+
 @dataclass(frozen=True)
 class Rattle(Integrator):
     """Störmer-Verlet's method with a multiplier for c(q1) = 0 and one for J v1 = 0.
@@ -112,11 +116,14 @@ def _first_half(
     """Return q1, p_h, M1^-1 p_h and lam with c(q1) = 0."""
     half, p0 = dt / 2, place.M.dot(v)
     towards = place.G_inv / (half * dt)  # from a gap to lam
+    left_to_do = iter(range(_SECOND, -1, -1))
     v_start = v_end = v + half * a
     p, q1 = p0, q
 
     def iteration() -> float:
-        nonlocal p, v_start, v_end, q1, lam
+        nonlocal p, v_start, v_end, q1, lam, towards
+        if next(left_to_do, None) == 0:  # q1 is nearly known, and with it how lam moves it
+            towards = momentum.between(place, system.jacobian(q1)) / (half * dt)
         p = p0 + half * (momentum.force(t, q, v_start) + place.J.T.dot(lam))
         v_start = place.M_inv.dot(p)
         v_end = momentum.velocity(system.integrate(q, half * (v_start + v_end)), p)
