@@ -29,8 +29,15 @@ from condyn_pin.differentiation.partials import (
     of_point,
     spatial_cross,
 )
+from condyn_pin.differentiation.rolling import (
+    Rows,
+    gap_of_rolled,
+    plane_in_body,
+    rows_of_touch,
+    touch_of,
+)
 from condyn_pin.drift import Baumgarte
-from condyn_pin.rows.bound import POINT, Bound, Coupled
+from condyn_pin.rows.bound import POINT, AnyBound, Bound, Coupled, Rolled
 
 
 class Linearised(NamedTuple):
@@ -53,16 +60,19 @@ class Linearisation:
     Parameters
     ----------
     model : pin.Model
-    bounds : sequence of Bound or Coupled
+    bounds : sequence of AnyBound
     drift : Baumgarte, optional
     """
 
     def __init__(
-        self, model: Any, bounds: Sequence[Bound | Coupled], drift: Baumgarte | None = None
+        self, model: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None = None
     ) -> None:
         self._model, self._data = model, model.createData()
         self._pairs = [b for b in bounds if isinstance(b, Bound)]
         self._couplings = [b for b in bounds if isinstance(b, Coupled)]
+        self._rolling = [
+            (b, b.placement1.toDualActionMatrix()) for b in bounds if isinstance(b, Rolled)
+        ]
         self._drift = drift
         self._m = sum(b.size for b in bounds)
         self._world = End(*np.zeros((2, 6)), *np.zeros((4, 6, model.nv)))
@@ -70,6 +80,7 @@ class Linearisation:
         for _ in range(model.njoints):
             self._wrenches.append(pin.Force.Zero())
         loaded = {j for b in self._pairs for j in (b.joint1, b.joint2) if j}
+        loaded |= {b.joint1 for b, _ in self._rolling}
         self._on_joint = {j: self._wrenches[j].vector for j in loaded}  # views
         self._duals = [
             (b.placement1.toDualActionMatrix(), b.placement2.toDualActionMatrix())
@@ -102,6 +113,12 @@ class Linearisation:
             if self._drift:
                 gap = gap_of(b, *self._both_ends(b))
                 s_q[rows] += b.sign * (self._drift.Kp * gap.c_q + self._drift.Kd * gap.v_q)
+        for rolled, dual in self._rolling:
+            rows, one = rolled.rows, self._end(rolled.joint1, rolled.placement1)
+            rolling = self._roll(rolled, one, lam[rows])
+            self._on_joint[rolled.joint1] += dual @ rolling.wrench
+            J[rows], s_q[rows], s_v[rows] = rolling.J, rolling.s_q, rolling.s_v
+            turning.append(one.J.T @ rolling.wrench_q)
         for coupled in self._couplings:
             J[coupled.rows, list(coupled.velocity)] = 1.0, -coupled.ratio
             if self._drift:
@@ -140,8 +157,17 @@ class Linearisation:
                 force += sign * J.T @ w_q
         return of, force
 
+    def _roll(self, b: Rolled, one: End, lam: Array) -> Rows:
+        """Return the partials of what rolls, drift control included."""
+        touch = touch_of(b, one, plane_in_body(b, self._data.oMi[b.joint1]))
+        of = rows_of_touch(touch, lam)
+        if self._drift:
+            gap = gap_of_rolled(b, touch, of.J)
+            of = of._replace(s_q=of.s_q + self._drift.Kp * gap.c_q + self._drift.Kd * gap.v_q)
+        return of
+
     def by_frame(
-        self, q: Array, v: Array, a: Array, lam: Array, b: Bound, end: int
+        self, q: Array, v: Array, a: Array, lam: Array, b: Bound | Rolled, end: int
     ) -> tuple[Array, Array]:
         """Return r (nv, 6) and s (rows, 6) by a twist of frame c1 or c2 on its body, in its axes.
 
@@ -149,12 +175,14 @@ class Linearisation:
         along. The end that stays has no part in it.
         """
         pin.computeForwardKinematicsDerivatives(self._model, self._data, q, v, a)
+        if isinstance(b, Rolled):
+            wheel = self._end(b.joint1, b.placement1)
+            rolling = self._roll(b, _moved(wheel), lam[b.rows])
+            return -wheel.J.T @ (rolling.wrench_q + dual_cross(rolling.wrench)), rolling.s_q
         one, two, c1Mc2 = self._both_ends(b)
         moved, rest = (one, two) if end == 1 else (two, one)
         nothing, lam = np.zeros((6, 6)), b.sign * lam[b.rows]
-        moving = End(
-            moved.v, moved.a, spatial_cross(moved.v), spatial_cross(moved.a), nothing, np.eye(6)
-        )
+        moving = _moved(moved)
         still = End(rest.v, rest.a, nothing, nothing, nothing, nothing)
         pair = (moving, still) if end == 1 else (still, moving)
         on1, on2 = wrenches(b, c1Mc2, lam)
@@ -196,6 +224,12 @@ class Linearisation:
             return found
         v_q, a_q, a_v, J = (part.reshape(6, 1) for part in found)  # Pinocchio gives vectors
         return v_q, a_q, a_v, J
+
+
+def _moved(end: End) -> End:
+    """Return an end with its partials by a twist of the frame on its body."""
+    turning = spatial_cross(end.v), spatial_cross(end.a)
+    return End(end.v, end.a, *turning, np.zeros((6, 6)), np.eye(6))
 
 
 def _is_held(b: Bound) -> bool:
