@@ -66,10 +66,9 @@ DEAD_POINT: Final = 1e-6
 # other are at the same place, and smaller singular values, relative to the largest, are zeros.
 ISOLATED: Final = 1e-4
 
-# What the Lie brackets of allowed velocities leave in the rows, relative to the largest derivative of
-# a row. Its terms cancel to 1e-14, to 1e-13 in loops with redundant rows; CLOSED adds 1e-10 for
-# loops that are open by as much. The smallest lever that makes a robot nonholonomic is a share of
-# its size that one can see.
+# What the Lie brackets of allowed velocities leave in the rows, relative to the largest derivative
+# of a row. In loops and contacts its terms cancel to 1e-14, and to 1e-10 where a loop is open by
+# CLOSED; a blade or a wheel leaves a share of one: its lever, compared with the robot.
 INTEGRABLE: Final = 1e-8
 
 # |J v| of a velocity that is consistent, relative to |v| or 1, whichever is larger [m/s, rad/s].

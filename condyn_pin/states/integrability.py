@@ -81,8 +81,10 @@ def is_integrable(scene: Scene, q: ArrayLike | None = None) -> bool:
     scene.robot.check_unedited()
     q_ = scene.audit.q if q is None else normalised(model, "q", q)
     check(scene, q_, None).raise_if_open()
-    linearisation = Linearisation(model, scene.bounds)
-    return all(_is_involutive(model, linearisation, each) for each in _at_and_near(scene, q_))
+    if not scene.rows:
+        return True
+    of = Linearisation(model, scene.bounds)
+    return all(_is_involutive(model, scene.rows, of, each) for each in _at_and_near(scene, q_))
 
 
 def _at_and_near(scene: Scene, q: Array) -> Iterator[Array]:
@@ -96,17 +98,15 @@ def _at_and_near(scene: Scene, q: Array) -> Iterator[Array]:
             yield found.q
 
 
-def _is_involutive(model: Any, linearisation: Linearisation, q: Array) -> bool:
+def _is_involutive(model: Any, rows: int, linearisation: Linearisation, q: Array) -> bool:
     """Whether the brackets of the allowed velocities are allowed, at one configuration."""
-    nv = model.nv
-    still = np.zeros(nv)
-    m = linearisation.rows
-    A = linearisation.at(q, still, still, np.zeros(m)).J
+    still, no_force = np.zeros(model.nv), np.zeros(rows)
+    A = linearisation.at(q, still, still, no_force).J
     _, S, Vt = np.linalg.svd(A)
     rank = int(np.count_nonzero(tolerances.RANK * S.max(initial=0.0) < S))
     allowed = Vt[rank:]
     # turned[j] @ x = (dA x) y_j
-    turned = [linearisation.at(q, still, y, np.zeros(m)).s_q for y in allowed]
+    turned = [linearisation.at(q, still, y, no_force).s_q for y in allowed]
     size = max((float(np.abs(each).max(initial=0.0)) for each in turned), default=0.0)
     size = max(size, float(np.abs(A).max(initial=0.0)))
     for j, y in enumerate(allowed):
