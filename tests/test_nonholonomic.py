@@ -608,7 +608,7 @@ def test_an_open_loop_is_not_judged():
 
 
 def test_a_bracket_that_vanishes_by_accident_does_not_decide():
-    """A blade on the rocker of a four-bar that travels: where it turns back, cranking turns none."""
+    """A blade on the rocker of a four-bar that travels: where it turns back, it cannot steer."""
     model = pin.Model()
     base = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "x")
     base = model.addJoint(base, pin.JointModelPZ(), pin.SE3.Identity(), "z")

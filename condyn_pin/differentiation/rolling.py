@@ -11,6 +11,7 @@ and the product rule does the rest.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,11 +19,66 @@ import numpy as np
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.gaps import Gap
-from condyn_pin.differentiation.partials import End
-from condyn_pin.rows.bound import Rolled
-from condyn_pin.rows.rolling import FLAT
+from condyn_pin.differentiation.partials import End, dual_cross
+from condyn_pin.drift import Baumgarte
+from condyn_pin.rows.bound import AnyBound, Rolled
+from condyn_pin.rows.rolling import FLAT, touching
 
 _skew = pin.skew
+
+
+class RollingPartials:
+    """The partials of all that rolls in one scene.
+
+    Parameters
+    ----------
+    data : pin.Data
+        Holds `oMi` when its methods are called, and what derivatives of frames read.
+    bounds : sequence of AnyBound
+    drift : Baumgarte, optional
+    """
+
+    def __init__(self, data: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None) -> None:
+        self._data, self._drift = data, drift
+        self._bounds = [b for b in bounds if isinstance(b, Rolled)]
+        self._duals = [b.placement1.toDualActionMatrix() for b in self._bounds]
+        self.joints = {b.joint1 for b in self._bounds}
+
+    def apply(self, lam: Array, on_joint: Mapping[int, Array]) -> None:
+        """Add the forces to the wrenches on the joints."""
+        for b, dual in zip(self._bounds, self._duals, strict=True):
+            on_joint[b.joint1][:] += dual @ self._wrench(b, lam[b.rows])
+
+    def write(self, end_of: Callable[[int, Any], End], lam: Array, rhs: Array, J: Array) -> None:
+        """Write the rows into J (m, nv) and -[s_q, s_v], and add the turning of J^T lam to -r_q."""
+        n = J.shape[1]
+        for b in self._bounds:
+            one = end_of(b.joint1, b.placement1)
+            of = self._rows(b, one, lam[b.rows])
+            J[b.rows] = of.J
+            rhs[n:, :n][b.rows], rhs[n:, n:][b.rows] = -of.s_q, -of.s_v
+            rhs[:n, :n] += one.J.T @ of.wrench_q
+
+    def by_frame(self, b: Rolled, one: End, lam: Array) -> tuple[Array, Array]:
+        """Return r (nv, 6) and s (rows, 6) by a twist of the frame in the middle on its body."""
+        of = self._rows(b, one.by_twist(), lam)
+        return -one.J.T @ (of.wrench_q + dual_cross(self._wrench(b, lam))), of.s_q
+
+    def _rows(self, b: Rolled, one: End, lam: Array) -> Rows:
+        """Return the partials of one; s_q has the part of drift control."""
+        R = (self._data.oMi[b.joint1] * b.placement1).rotation.T @ b.placement2.rotation
+        touch = touch_of(b, one, R)
+        of = rows_of_touch(touch, lam)
+        if self._drift:
+            gap = gap_of_rolled(b, touch, of.J)
+            of = of._replace(s_q=of.s_q + self._drift.Kp * gap.c_q + self._drift.Kd * gap.v_q)
+        return of
+
+    def _wrench(self, b: Rolled, lam: Array) -> Array:
+        """Return the wrench (6,) of a force at the origin of c1, in its axes."""
+        oMi = self._data.oMi[b.joint1]
+        at_point = pin.Force(b.whole(lam), np.zeros(3))
+        return np.array((oMi * b.placement1).actInv(touching(b, oMi)).act(at_point).vector)
 
 
 class Vector(NamedTuple):
@@ -74,12 +130,11 @@ class Touch(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Partial derivatives of the rows, and their wrench at the origin of c1, in its axes."""
+    """Partial derivatives of the rows, and of their wrench at the origin of c1, in its axes."""
 
     J: Array  # (rows, nv)
     s_q: Array  # (rows, nv), of J a + gamma
     s_v: Array  # (rows, nv)
-    wrench: Array  # (6,)
     wrench_q: Array  # (6, nv)
 
 
@@ -116,8 +171,7 @@ def rows_of_touch(of: Touch, lam: Array) -> Rows:
     force = sum((f * t.x for f, t in zip(lam, of.axes, strict=True)), np.zeros(3))
     force_q = sum((f * t.x_q for f, t in zip(lam, of.axes, strict=True)), np.zeros_like(of.slip_q))
     moment_q = _skew(of.r.x) @ force_q - _skew(force) @ of.r.x_q
-    wrench = np.concatenate([force, np.cross(of.r.x, force)])
-    return Rows(J, s_q, s_v, wrench, np.vstack([force_q, moment_q]))
+    return Rows(J, s_q, s_v, np.vstack([force_q, moment_q]))
 
 
 def gap_of_rolled(b: Rolled, of: Touch, J: Array) -> Gap:
@@ -133,8 +187,3 @@ def _fixed_in_world(one: End, x: Array) -> Vector:
     X, w = _skew(x), one.v[3:]
     x_q = X @ one.J[3:]
     return Vector(x, x_q, X @ w, X @ one.v_q[3:] - _skew(w) @ x_q)
-
-
-def plane_in_body(b: Rolled, oMi: Any) -> Array:
-    """Return the axes of the plane in those of c1."""
-    return np.asarray((oMi * b.placement1).rotation.T @ b.placement2.rotation)
