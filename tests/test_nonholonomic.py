@@ -11,6 +11,7 @@ import hypothesis.strategies as some
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
+from scipy.integrate import quad
 from shared import each_exact_solver, relative, robot, takes
 
 import condyn_pin as cp
@@ -475,6 +476,75 @@ def test_impacts_have_derivatives_too(label):
         for s in (1, -1)
     ]
     assert np.allclose(found.dv_dq @ step, (sides[0] - sides[1]) / (2 * h), rtol=1e-6, atol=1e-6)
+
+
+# Motions
+
+
+def test_the_sleigh_glides_as_chaplygin_says():
+    """u = U tanh(k t), omega = W / cosh(k t); where it is, by quadrature. No energy is lost."""
+    arm, mass, inertia, W, T = 0.3, 2.0, 0.5, 2.0, 2.0
+    made = cp.sleigh(arm=arm, mass=mass, inertia=inertia)
+    J = inertia + mass * arm**2
+    U = W * np.sqrt(J / mass)
+    k = mass * arm * U / J
+    ran = cp.simulate(cp.Scene(made, made.contacts), [0, 0, 1, 0], [0, 0, W], duration=T, dt=1e-2)
+    assert ran.status.ok
+    assert np.abs(ran.v[:, 0] - U * np.tanh(k * ran.t)).max() < 1e-9
+    assert np.abs(ran.v[:, 2] - W / np.cosh(k * ran.t)).max() < 1e-9
+    assert ran.slip.max() < 1e-12
+    assert np.ptp(ran.energy.total) < 1e-9
+
+    def heading(t: float) -> float:
+        return float(W / k * 2 * np.arctan(np.tanh(k * t / 2)))
+
+    for i, of in enumerate((np.cos, np.sin)):
+        there = quad(lambda t, of=of: U * np.tanh(k * t) * of(heading(t)), 0, T, epsabs=1e-12)[0]
+        assert ran.q[-1, i] == pytest.approx(there, abs=1e-9)
+
+
+def test_a_coin_runs_its_circle():
+    """The middle and the axle turn about the vertical through the centre of the circle."""
+    made = cp.rolling_disc(radius=0.2, mass=1.5)
+    scene, precession, T = cp.Scene(made, made.contacts), 3.0, 1.0
+    q, v, _ = steady_disc(scene, 0.3, precession, yaw=0.2, roll=0.0)
+    ran = cp.simulate(scene, q, v, duration=T, dt=5e-3)
+    assert ran.status.ok
+    Q, turn = pin.Quaternion(q[3:]).matrix(), pin.rpy.rpyToMatrix(0.0, 0.0, precession * T)
+    from_centre = -np.cross(UP, Q @ v[:3]) / precession
+    assert np.allclose(ran.q[-1, :3], q[:3] + (turn - np.eye(3)) @ from_centre, atol=1e-7)
+    assert np.allclose(pin.Quaternion(ran.q[-1, 3:]).matrix()[:, 1], turn @ Q[:, 1], atol=1e-6)
+    assert ran.violation.max() < 1e-8
+    assert ran.slip.max() < 1e-6
+    assert np.ptp(ran.energy.total) < 1e-7 * abs(ran.energy.total[0])
+    assert np.allclose(ran.forces["rim"][:, 2], 1.5 * GRAVITY, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("share", "falls"), [(0.9, True), (1.1, False)])
+def test_a_coin_stays_upright_above_its_critical_speed(share, falls):
+    """w3^2 > g / (3 radius), from a lean of 1e-4."""
+    scene, lean = rolling("rolling_disc"), 1e-4
+    spin = share * np.sqrt(GRAVITY / (3 * 0.1))
+    q = np.array([0.0, 0.0, 0.1 * np.cos(lean), np.sin(lean / 2), 0.0, 0.0, np.cos(lean / 2)])
+    v = scene.project_velocity(q, [0.1 * spin, 0.0, 0.0, 0.0, spin, 0.0])
+    ran = cp.simulate(scene, q, v, duration=1.5, dt=1e-2)
+    leans = [abs(pin.Quaternion(each[3:]).matrix()[2, 1]) for each in ran.q]
+    assert (max(leans) > 0.02) == falls
+    assert (max(leans) > 20 * lean) == falls
+
+
+def test_a_wheel_is_held_at_the_height_where_a_run_begins():
+    """Without a height a simulation takes the one at the start; a blade has none to take."""
+    made = robot("rolling_disc")
+    scene = cp.Scene(made, [cp.RollingWheel("centre", 0.1)])
+    q, v, _ = steady_disc(rolling("rolling_disc"), 0.3, 5.0, yaw=0.0, roll=0.0)
+    q[2] += 1.25
+    ran = cp.simulate(scene, q, v, duration=0.2, dt=1e-2)
+    assert ran.scene.constraints[0].height == pytest.approx(1.25)
+    assert ran.violation.max() < 1e-6
+    sleigh = rolling("sleigh")
+    ran = cp.simulate(sleigh, *sleigh.state(), duration=0.1, dt=1e-2)
+    assert ran.scene.constraints == sleigh.constraints
 
 
 # States
