@@ -6,8 +6,8 @@ hinge by
 
     s(d) = s_xyz + s_rxryrz x d = E s,      and so      lam = E^T lam_native.
 
-The equivalent has 6 rows of rank 5. A slider, a planar pin, a rod, a plane and a coupling have
-none.
+The equivalent has 6 rows of rank 5. A slider, a planar pin, a rod, a plane, a coupling, a blade and
+what rolls have none.
 """
 
 from __future__ import annotations

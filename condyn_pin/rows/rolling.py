@@ -24,12 +24,14 @@ import numpy as np
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.rows.bound import Rolled
-from condyn_pin.rows.cut_joints import cross, dot
+from condyn_pin.rows.cut_joints import cross
 from condyn_pin.rows.ends import Ends
 from condyn_pin.rows.frames import FrameJacobian, rows_of
 
 # |e x n| of a wheel that lies flat: it has no lowest point, and rounding would choose one.
 FLAT: Final = 1e-12
+
+_SKEW: Final = np.array([pin.skew(e).ravel() for e in np.eye(3)])
 
 
 class Rolling:
@@ -47,60 +49,66 @@ class Rolling:
         self._rows = rows_of(bounds)
         chosen = [3 * i + j for i, b in enumerate(bounds) for j in b.selection]
         self._chosen = np.array(chosen, dtype=np.int_)  # of the k x 3 components
-        self._radius = np.array([[b.radius] for b in bounds])
-        self._axle = np.array(
-            [np.zeros(3) if b.axle is None else np.eye(3)[b.axle] for b in bounds]
-        )
-        self._is_ball = np.array([[b.axle is None] for b in bounds])
-        self._height = np.array([[0.0, 0.0, float(b.anchored)] for b in bounds])
-        self._T, self._r = np.zeros((k, 3, 3)), np.zeros((k, 3))
+        self._heights = np.array([[float(b.anchored)] for b in bounds])
+        radius = np.array([[[b.radius]] for b in bounds])
+        is_ball = np.array([[[float(b.axle is None)]] for b in bounds])
+        axle = np.array([np.zeros(3) if b.axle is None else np.eye(3)[b.axle] for b in bounds])
+        # t is along e x n or x, and r = radius e x t or -radius n
+        self._t_of_n, self._t_of_x = skews(axle), is_ball * np.eye(3)
+        self._r_of_t, self._r_of_n = radius * self._t_of_n, -radius * is_ball
+        self._T, self._r = np.zeros((k, 3, 3)), np.zeros((k, 3, 1))
 
     def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
         """Write the rows into the three vectors of all rows."""
         E, p = self._ends.apart()
-        (v, _), (a, _) = self._ends.linear()
-        (w, _), (alpha, _) = self._ends.angular()
-        r_dot, T_dot = self._point(E, w)
+        (v, _), (a, _) = self._ends.linear()[..., None]
+        W, A = skews(self._ends.angular()[:, 0])
+        r_dot, T_dot = self._point(E, -W @ E)
         T, r = self._T, self._r
-        w_r = cross(w, r)
-        s = v + w_r
-        s_dot = a - cross(w, v) + cross(alpha, r) + cross(w, r_dot)  # a is the classical one
-        rows = (
-            self._height * dot(T[:, 2], r - p)[:, None],
-            (T @ s[:, :, None])[:, :, 0],
-            (T @ s_dot[:, :, None] + T_dot @ s[:, :, None])[:, :, 0],
-        )
+        s = v + W @ r
+        s_dot = a + A @ r + W @ (r_dot - v)  # a is the classical one
+        height = np.zeros_like(p)
+        height[:, 2] = (self._heights * (T[:, 2:] @ (r - p[:, :, None]))[:, :, 0])[:, 0]
+        rows = height, T @ s, T @ s_dot + T_dot @ s
         for three, out in zip(rows, (c, velocity, acceleration), strict=True):
             out[self._rows] = three.reshape(-1)[self._chosen]
 
     def stack(self, lam: Array, f1: Array) -> None:
         """Write the forces and moments (6 k) at the origins of c1, in its axes."""
-        three = np.zeros((len(self._bounds), 3))
+        three = np.zeros((len(self._bounds), 1, 3))
         three.reshape(-1)[self._chosen] = lam[self._rows]
-        force = (three[:, None] @ self._T)[:, 0]
-        f1.reshape(-1, 6)[:] = np.hstack([force, cross(self._r, force)])
+        force = (three @ self._T)[:, 0]
+        f1.reshape(-1, 6)[:] = np.hstack([force, cross(self._r[:, :, 0], force)])
 
     def jacobian(self, J: Array, of_frame: FrameJacobian) -> None:
         """Write the rows into J (m, nv), at the last evaluation."""
         for b, T, r in zip(self._bounds, self._T, self._r, strict=True):
             of = of_frame(b.joint1, b.placement1)
-            J[b.rows] = (T @ (of[:3] - pin.skew(r) @ of[3:]))[list(b.selection)]
+            J[b.rows] = (T @ (of[:3] - pin.skew(r[:, 0]) @ of[3:]))[list(b.selection)]
 
-    def _point(self, E: Array, w: Array) -> tuple[Array, Array]:
-        """Find the lowest points r and the axes T of the rows; return how both move."""
-        e, n, x = self._axle, E[:, :, 2], E[:, :, 0]
-        n_dot = cross(n, w)
-        m, m_dot = cross(e, n), cross(e, n_dot)
-        size = np.sqrt(dot(m, m))[:, None]
-        shrink = np.divide(1.0, size, out=np.zeros_like(size), where=size > FLAT)
-        t = m * shrink
-        t_dot = (m_dot - t * dot(t, m_dot)[:, None]) * shrink
-        ball, radius = self._is_ball, self._radius
-        r_dot = np.where(ball, -radius * n_dot, radius * cross(e, t_dot))
-        self._r = np.where(ball, -radius * n, radius * cross(e, t))
-        t, t_dot = np.where(ball, x, t), np.where(ball, cross(x, w), t_dot)
-        self._T = np.stack([t, cross(n, t), n], axis=1)
-        return r_dot, np.stack([t_dot, cross(n_dot, t) + cross(n, t_dot), n_dot], axis=1)
+    def _point(self, E: Array, E_dot: Array) -> tuple[Array, Array]:
+        """Find the lowest points r and the axes T of the rows; return the rates of both.
+
+        Of every array here the first half is the value and the second one its rate.
+        """
+        both = np.stack([E, E_dot])
+        n = both[..., 2:]
+        t = self._t_of_n @ n + self._t_of_x @ both[..., :1]
+        size = np.sqrt((t[0] * t[0]).sum(axis=1, keepdims=True))
+        t *= np.divide(1.0, size, out=np.zeros_like(size), where=size > FLAT)
+        t[1] -= t[0] * (t[0] * t[1]).sum(axis=1, keepdims=True)
+        r = self._r_of_t @ t + self._r_of_n * n
+        N = skews(n[..., 0])
+        across = N @ t[0]
+        across[1] += N[0] @ t[1]
+        T, T_dot = np.concatenate([t, across, n], axis=-1).transpose(0, 1, 3, 2)
+        self._T, self._r = T, r[0]
+        return r[1], T_dot
+
+
+def skews(x: Array) -> Array:
+    """Return the matrices of x times, (..., 3, 3) for many (..., 3)."""
+    return np.asarray((x @ _SKEW).reshape(*x.shape, 3))
 
 
 def touching(bound: Rolled, oMi: Any) -> Any:
