@@ -191,5 +191,5 @@ def _couple(robot: Robot, coupling: Coupling, rows: slice) -> Coupled:
 def _unknown(constraint: object) -> InvalidConstraint:
     return InvalidConstraint(
         f"{constraint!r}: a contact (PointContact, SurfaceContact, LineContact, PlanarContact), "
-        "a Loop, a Coupling, a Knife, a RollingWheel or a RollingBall is needed"
+        "what rolls or glides (RollingWheel, RollingBall, Knife), a Loop or a Coupling is needed"
     )
