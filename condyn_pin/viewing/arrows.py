@@ -113,7 +113,7 @@ def _drawn(arrow: _Arrow, most: float, on: str, scale: float, size: float) -> It
     path = f"{kind}/{arrow.name}/on {on.replace('/', ' ')}"
     yield Part(path, pose, ((_unit_arrow(0.007 * size), arrow.colour),), on_top=True)
     text = f"{most:.3g} {arrow.unit} on {on}"
-    yield label(f"{path} label", text, arrow.colour, tip, 0.028 * size)
+    yield label(f"{path} label", text, arrow.colour, tip, 0.03 * size)
 
 
 def _unit_arrow(radius: float) -> meshes.Mesh:

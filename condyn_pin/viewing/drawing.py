@@ -25,7 +25,7 @@ from condyn_pin.viewing.page import page
 from condyn_pin.viewing.part import Part
 
 _TINY = 0.05  # [m] a scene is drawn as if it were at least this large
-_FAR = 1.2  # of the size of a scene, from its middle to the camera
+_FAR = 0.95  # of the size of a scene, from its middle to the camera
 _FROM = np.array([0.78, 0.55, 0.3])  # the direction from there to the camera
 
 
@@ -138,18 +138,24 @@ def draw(
 
 
 def extent(robot: Robot, moments: Sequence[Moment]) -> tuple[Array, float]:
-    """Return the middle and the size of what frames and masses span [m]."""
+    """Return the middle and the size of what joints, frames and masses span [m].
+
+    A body reaches as far from its centre of mass as a ball of its mass m and inertia I does:
+    r^2 = 5 trace(I) / (6 m).
+    """
     points = []
     for at in moments:
+        points += [oMi.translation for oMi in at.joints[1:]]
         points += [
             at.joints[frame.parentJoint].act(frame.placement.translation)
             for frame in robot.model.frames
+            if frame.parentJoint
         ]
-        masses = zip(at.joints[1:], robot.model.inertias[1:], strict=True)
-        points += [oMi.act(inertia.lever) for oMi, inertia in masses]
-        points += [end.translation for ends in at.ends.values() for end in ends]
-    moving = [p for p in points if np.linalg.norm(p) > 0.0] or points
-    low, high = np.min(moving, axis=0), np.max(moving, axis=0)
+        for oMi, inertia in zip(at.joints[1:], list(robot.model.inertias)[1:], strict=True):
+            if inertia.mass > 0.0:
+                r = np.sqrt(max(np.trace(inertia.inertia), 0.0) / (1.2 * inertia.mass))
+                points += [oMi.act(inertia.lever) + r, oMi.act(inertia.lever) - r]
+    low, high = np.min(points, axis=0), np.max(points, axis=0)
     return 0.5 * (low + high), max(float(np.linalg.norm(high - low)), _TINY)
 
 
