@@ -21,8 +21,9 @@ from condyn_pin.scene import Scene
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Happened
 from condyn_pin.simulation.integrators import INTEGRATORS
+from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.recorder import Phase
-from condyn_pin.simulation.trajectory import Run, RunStatus, Trajectory
+from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.solvers import SOLVERS
 from condyn_pin.spring import Spring
 
