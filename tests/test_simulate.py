@@ -10,6 +10,7 @@ from shared import robot
 
 import condyn_pin as cp
 from condyn_pin._pin import HAS_LCABA, pin
+from condyn_pin.simulation.files import _KINDS
 from condyn_pin.simulation.walls import growth, wall
 
 G = 9.81
@@ -739,6 +740,15 @@ def test_files_that_are_none(tmp_path):
     for path in (text, other, tmp_path / "missing.npz"):
         with pytest.raises(cp.InvalidArgument, match=path.name):
             cp.Trajectory.load(path)
+
+
+def kinds_below(kind: type) -> set[type]:
+    return {kind}.union(*(kinds_below(each) for each in kind.__subclasses__()))
+
+
+def test_every_kind_of_constraint_can_be_in_a_file():
+    kinds = {k for k in kinds_below(cp.Constraint) if not k.__abstractmethods__}
+    assert {k for k in kinds if k.__module__.startswith("condyn_pin")} <= set(_KINDS.values())
 
 
 def test_a_file_of_another_pinocchio_is_not_tried(tmp_path):

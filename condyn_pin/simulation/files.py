@@ -16,6 +16,7 @@ from condyn_pin.constraints import Coupling, Loop
 from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
 from condyn_pin.drift import DRIFTS
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.nonholonomic import Knife, RollingBall, RollingWheel
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.effects import Effects
@@ -39,6 +40,7 @@ _KINDS: dict[str, type] = {
     kind.__name__: kind
     for kind in (
         *(PointContact, SurfaceContact, LineContact, PlanarContact, Loop, Coupling),
+        *(Knife, RollingBall, RollingWheel),
         *(Effects, Happened, Spring),
         *(INTEGRATORS | DRIFTS | SOLVERS).values(),
     )
