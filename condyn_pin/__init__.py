@@ -103,8 +103,8 @@ if TYPE_CHECKING:
     )
     from condyn_pin.simulation.integrators.stormer_verlet import StormerVerlet as StormerVerlet
     from condyn_pin.simulation.measures import Energy as Energy
+    from condyn_pin.simulation.outcome import RunStatus as RunStatus
     from condyn_pin.simulation.run import simulate as simulate
-    from condyn_pin.simulation.trajectory import RunStatus as RunStatus
     from condyn_pin.simulation.trajectory import Trajectory as Trajectory
     from condyn_pin.smaller.climbing import Ladder as Ladder
     from condyn_pin.smaller.climbing import LadderEffort as LadderEffort
@@ -225,7 +225,8 @@ _HOME = {
     "simulation.integrators.semi_implicit_euler": ("SemiImplicitEuler",),
     "simulation.measures": ("Energy",),
     "simulation.run": ("simulate",),
-    "simulation.trajectory": ("RunStatus", "Trajectory"),
+    "simulation.outcome": ("RunStatus",),
+    "simulation.trajectory": ("Trajectory",),
     "smaller.minimal_report": ("Minimal", "Step"),
     "smaller.price": ("Errors",),
     "proof": ("Proof",),
