@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from condyn_pin.solution import Solution
     from condyn_pin.states.assembly_report import Assembly
+    from condyn_pin.trade.table import Table
 
 
 class CondynError(Exception):
@@ -113,6 +114,40 @@ class SolveFailed(CondynError):
 
     def __reduce__(self) -> tuple[type[SolveFailed], tuple[str, Solution]]:
         return SolveFailed, (str(self), self.solution)
+
+
+class WorkerLost(CondynError):
+    """An executor lost a worker, or could not run a task.
+
+    Attributes
+    ----------
+    table : Table
+        What was measured until then.
+    """
+
+    def __init__(self, message: str, table: Table) -> None:
+        super().__init__(message)
+        self.table = table
+
+    def __reduce__(self) -> tuple[type[WorkerLost], tuple[str, Table]]:
+        return WorkerLost, (str(self), self.table)
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C in a long run: no error of this library, so not a `CondynError`.
+
+    Attributes
+    ----------
+    table : Table
+        What was measured until then.
+    """
+
+    def __init__(self, table: Table) -> None:
+        super().__init__("interrupted; what was measured until then is in its `table`")
+        self.table = table
+
+    def __reduce__(self) -> tuple[type[Interrupted], tuple[Table]]:
+        return Interrupted, (self.table,)
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> UnknownName:

@@ -20,6 +20,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from functools import partial
 from math import inf, isfinite
 from typing import ClassVar
 
@@ -95,9 +96,7 @@ class Measure(ABC):
         """Return what an answer at a state is compared with."""
 
     @abstractmethod
-    def answer(
-        self, workspace: Workspace, state: State, truth: Array, accuracy: float
-    ) -> Answer:
+    def answer(self, workspace: Workspace, state: State, truth: Array, accuracy: float) -> Answer:
         """Return the answer of a workspace's solver at a state."""
 
     @abstractmethod
@@ -121,6 +120,11 @@ def relative(x: Array, truth: Array, least: float) -> float:
     if not isfinite(worst):
         return inf
     return worst / (max(float(np.abs(truth).max(initial=0.0)), least) or 1.0)
+
+
+def unthrown(workspace: Workspace) -> Call:
+    """Return `Workspace.solve`, which then answers whatever its status."""
+    return partial(workspace.solve, throw=False)
 
 
 def _or_inf(x: float) -> float:

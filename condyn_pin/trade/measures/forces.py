@@ -10,7 +10,7 @@ from condyn_pin.arrays import Array
 from condyn_pin.scene import Scene
 from condyn_pin.solvers.reference import Reference
 from condyn_pin.timing import Call, State
-from condyn_pin.trade.measures.base import Answer, Measure, relative
+from condyn_pin.trade.measures.base import Answer, Measure, relative, unthrown
 from condyn_pin.workspace import Workspace
 
 
@@ -30,9 +30,7 @@ class ForceMeasure(Measure):
         lam = workspace.solve(*state, throw=False).lam
         return workspace.jacobian(state[0]).T @ lam
 
-    def answer(
-        self, workspace: Workspace, state: State, truth: Array, accuracy: float
-    ) -> Answer:
+    def answer(self, workspace: Workspace, state: State, truth: Array, accuracy: float) -> Answer:
         """Return the answer of a workspace's solver at a state."""
         solution = workspace.solve(*state, accuracy=accuracy, throw=False)
         force = workspace.jacobian(state[0]).T @ solution.lam
@@ -42,4 +40,4 @@ class ForceMeasure(Measure):
 
     def calls(self, workspace: Workspace) -> Mapping[str, Call]:
         """Return the solve with its proof."""
-        return {"once": workspace.solve}
+        return {"once": unthrown(workspace)}
