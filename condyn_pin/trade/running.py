@@ -65,8 +65,7 @@ class Run:
         return Table(tuple(row for row in rows if row is not None), machine(), floors)
 
     def _row(self, case: Case, solver: Solver) -> Row | None:
-        key = (case.label, repr(solver), case.measure.label, case.set_name)
-        return self._results.find(case.fingerprint, key)
+        return self._results.find(case.fingerprint, case.key(solver))
 
     def _prepare(self) -> None:
         """Find the states of every scene, and the truth there."""
