@@ -30,6 +30,7 @@ import numpy as np
 
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument, unknown_name
+from condyn_pin.knobs import Grid
 from condyn_pin.scene import Scene
 from condyn_pin.solution import Solution
 from condyn_pin.timing import Call, State
@@ -80,6 +81,7 @@ class Measure(ABC):
     """What the error of a study is one of; a frozen value."""
 
     name: ClassVar[str]
+    sweeps: ClassVar[tuple[Grid, ...]] = ()  # values of knobs that are worth a look
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
