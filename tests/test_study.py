@@ -18,7 +18,7 @@ from shared import all_scenes, relative
 import condyn_pin as cp
 from condyn_pin._pin import HAS_LCABA
 from condyn_pin.knobs import ITERATIONS, WEIGHTS
-from condyn_pin.trade import running
+from condyn_pin.trade import case, running
 from condyn_pin.trade.row import ALONE
 from condyn_pin.trade.sweeps import default_sweep
 
@@ -228,7 +228,7 @@ def test_ctrl_c_keeps_what_was_measured_and_the_study_goes_on(tmp_path, count, m
     monkeypatch.setattr(
         running,
         "measure_errors",
-        lambda case, solver: measured.append(solver) or plain(case, solver),
+        lambda of, solver: measured.append(solver) or plain(of, solver),
     )
     table = brief().run(results=path)
     assert measured == list(FEW[len(kept) :])
@@ -251,6 +251,14 @@ def test_other_states_are_another_study(tmp_path):
     other = cp.SampledStates(3, seed=1)
     fresh = brief(states=other).run(timed=False)
     assert errors(brief(states=other).run(results=path, timed=False)) == errors(fresh)
+
+
+def test_another_machine_is_another_study(tmp_path, monkeypatch):
+    path = tmp_path / "rows.jsonl"
+    brief().run(results=path, timed=False)
+    monkeypatch.setattr(case, "machine", lambda: {"processor": "another"})
+    brief().run(results=path, timed=False)
+    assert len(path.read_text().splitlines()) == 2 * len(FEW)
 
 
 def test_a_line_that_was_cut_is_measured_again(tmp_path):
