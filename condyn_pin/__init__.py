@@ -15,6 +15,12 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from condyn_pin.audit import Audit as Audit
+    from condyn_pin.batch.chunks import map_chunks as map_chunks
+    from condyn_pin.batch.derivatives import BatchDerivatives as BatchDerivatives
+    from condyn_pin.batch.processes import Processes as Processes
+    from condyn_pin.batch.solution import BatchSolution as BatchSolution
+    from condyn_pin.batch.verbs import derivatives_batch as derivatives_batch
+    from condyn_pin.batch.verbs import solve_batch as solve_batch
     from condyn_pin.constraints import Constraint as Constraint
     from condyn_pin.constraints import Coupling as Coupling
     from condyn_pin.constraints import Loop as Loop
@@ -39,7 +45,7 @@ if TYPE_CHECKING:
     from condyn_pin.errors import UnknownName as UnknownName
     from condyn_pin.errors import UnsupportedBackend as UnsupportedBackend
     from condyn_pin.errors import UnsupportedConstraint as UnsupportedConstraint
-    from condyn_pin.errors import WorkerLost as WorkerLost
+    from condyn_pin.errors import WorkersLost as WorkersLost
     from condyn_pin.force import ConstraintForce as ConstraintForce
     from condyn_pin.impacts import Impact as Impact
     from condyn_pin.impacts import impact as impact
@@ -121,6 +127,11 @@ if TYPE_CHECKING:
 _HOME = {
     "states.assembly_report": ("Assembly", "AssemblyStatus"),
     "audit": ("Audit",),
+    "batch.chunks": ("map_chunks",),
+    "batch.derivatives": ("BatchDerivatives",),
+    "batch.processes": ("Processes",),
+    "batch.solution": ("BatchSolution",),
+    "batch.verbs": ("derivatives_batch", "solve_batch"),
     "states.check": ("Check",),
     "states.completion": ("CompleteState",),
     "smaller.climbing": ("Ladder", "LadderEffort", "Rung", "ladder"),
@@ -147,7 +158,7 @@ _HOME = {
         "UnknownName",
         "UnsupportedBackend",
         "UnsupportedConstraint",
-        "WorkerLost",
+        "WorkersLost",
     ),
     "states.gaps": ("Gap",),
     "smaller.ladder_table": ("LadderRow", "LadderTable"),

@@ -116,21 +116,22 @@ class SolveFailed(CondynError):
         return SolveFailed, (str(self), self.solution)
 
 
-class WorkerLost(CondynError):
-    """An executor lost a worker, or could not run a task.
+class WorkersLost(CondynError, RuntimeError):
+    """Worker processes died, and their executor cannot go on.
 
     Attributes
     ----------
-    table : Table
-        What was measured until then.
+    done : BatchSolution or BatchDerivatives or Table or None
+        What was computed, of a batch or of a study; the `missing` of the first says which rows were
+        not.
     """
 
-    def __init__(self, message: str, table: Table) -> None:
+    def __init__(self, message: str, done: Any = None) -> None:
         super().__init__(message)
-        self.table = table
+        self.done = done
 
-    def __reduce__(self) -> tuple[type[WorkerLost], tuple[str, Table]]:
-        return WorkerLost, (str(self), self.table)
+    def __reduce__(self) -> tuple[type[WorkersLost], tuple[str, Any]]:
+        return WorkersLost, (str(self), self.done)
 
 
 class Interrupted(KeyboardInterrupt):

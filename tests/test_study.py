@@ -91,7 +91,22 @@ class KillsItsProcess(cp.Proximal):
         return super().start(workspace)
 
 
-BROKEN = (OffByAThousandth, WrongEverySecondTime, Raises, KillsItsProcess)
+@dataclass(frozen=True)
+class KillsTheFirst(cp.Proximal):
+    """Kills the first process that it gets into, and leaves a file to know it by."""
+
+    title: ClassVar[str] = "Kills the first"
+
+    trace: str = ""
+
+    def start(self, workspace):
+        if not Path(self.trace).exists():
+            Path(self.trace).touch()
+            os._exit(1)
+        return super().start(workspace)
+
+
+BROKEN = (OffByAThousandth, WrongEverySecondTime, Raises, KillsItsProcess, KillsTheFirst)
 for kind in BROKEN:
     del cp.SOLVERS[kind.__name__.lower()]
 
@@ -288,13 +303,22 @@ def test_a_killed_worker_loses_nothing(tmp_path):
     weights = [10.0**-k for k in range(1, 9)]
     solvers = [*cp.sweep(cp.Proximal(), mu=weights), KillsItsProcess(parent=os.getpid())]
     study = brief(solvers=solvers)
-    with ProcessPoolExecutor(1) as executor, pytest.raises(cp.WorkerLost) as lost:
+    with ProcessPoolExecutor(1) as executor, pytest.raises(cp.WorkersLost) as lost:
         study.run(timed=False, executor=executor, results=path)
-    assert len(lost.value.table.rows) == len(weights)
+    assert len(lost.value.done.rows) == len(weights)
     assert "results=PATH" in str(lost.value)
     # here, where it does not kill, only what is missing is measured
     assert len(study.run(timed=False, results=path).rows) == len(solvers)
     assert len(path.read_text().splitlines()) == len(solvers)
+
+
+def test_a_worker_that_is_replaced_does_not_even_stop_the_study(tmp_path):
+    trace = tmp_path / "trace"
+    study = brief(solvers=[*FEW, KillsTheFirst(trace=str(trace))])
+    with cp.Processes(1, start_method="fork") as executor:
+        table = study.run(timed=False, executor=executor)
+    assert trace.exists()
+    assert table.rows == study.run(timed=False).rows
 
 
 def test_progress_ends_where_it_said():
