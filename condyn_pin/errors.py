@@ -151,6 +151,10 @@ class Interrupted(KeyboardInterrupt):
         return Interrupted, (self.table,)
 
 
+class StepFailed(CondynError):
+    """A step of an integrator did not converge; the text says what would do."""
+
+
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> UnknownName:
     """Return the error for a name that does not exist, with the nearest names that do."""
     known = list(known)

@@ -117,7 +117,7 @@ class Workspace:
         for made_on_demand in ("equations", "linearisation"):
             self.__dict__.pop(made_on_demand, None)
         method = self.solver.start(self)
-        self._run = method.acceleration
+        self._run, self._lam = method.acceleration, method.lam
         self._judge = Judge(self, method)
 
     def __repr__(self) -> str:
@@ -181,6 +181,10 @@ class Workspace:
             return a
         except (ValueError, TypeError, AttributeError, struct.error, Singular):
             return self._careful_acceleration(q, v, tau)
+
+    def lam(self) -> Array:
+        """Return the constraint forces (m,) of the last `acceleration`; owned by the caller."""
+        return self._lam()
 
     def _careful_acceleration(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> Array:
         """Accept what only needs converting; say what is wrong with anything else."""
