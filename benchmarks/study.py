@@ -3,8 +3,8 @@
     python benchmarks/study.py [--curves] [--full] [--processes]
 
 All three by default. Curves are errors after one proximal iteration, which fall with mu; of a
-parallelogram by the mass of its coupler, against its closed form; and of Pinocchio's derivatives,
-as the library calls them and as they are called without the settings of the solve.
+parallelogram by the mass of its coupler, against its closed form; of Pinocchio's derivatives, as
+the library calls them and as they are called without the settings of the solve; and of a motion.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ import numpy as np
 import condyn_pin as cp
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
+from condyn_pin.drift.no_drift import NoDrift
 from condyn_pin.mechanisms.base import add_rod
+from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4
 from condyn_pin.timing import Call, State
 from condyn_pin.trade.measures.base import Answer, relative
 from condyn_pin.workspace import Workspace
@@ -121,6 +123,14 @@ def protocols(mus: list[float]) -> cp.Table:
     return cp.Study(scene, solvers, states=3, measure=measures).run(timed=False)
 
 
+def motions(solvers: list[cp.Solver]) -> cp.Table:
+    """Return the error of Bricard's linkage after a second in steps of a millisecond."""
+    bricard = cp.load_robot("bricard")
+    measure = cp.TrajectoryMeasure(duration=1.0, integrator=RungeKutta4(), drift=NoDrift())
+    scene, states = cp.Scene(bricard, bricard.loops), cp.PostureStates(["home"])
+    return cp.Study(scene, solvers, states=states, measure=measure).run(timed=False)
+
+
 def show_curves() -> None:
     """Print the known curves."""
     print("Talos, one iteration: mu, median and worst error of a, over mu")
@@ -138,6 +148,12 @@ def show_curves() -> None:
     rows = protocols(mus).rows
     for mu, kept, not_kept in zip(mus, rows[: len(mus)], rows[len(mus) :], strict=True):
         print(f"{mu:8.0e} {kept.error_worst:9.2e} {not_kept.error_worst:9.2e}")
+    print("Bricard, 1 s of Runge-Kutta 4 at 1 ms: mu, error after one iteration a solve, converged")
+    mus = [10.0**-k for k in range(2, 11, 2)]
+    once = cp.sweep(cp.Proximal(max_iterations=1), mu=mus)
+    rows = motions([*once, *cp.sweep(cp.Proximal(), mu=mus)]).rows
+    for mu, one, many in zip(mus, rows[: len(mus)], rows[len(mus) :], strict=True):
+        print(f"{mu:8.0e} {one.error_worst:9.2e} {many.error_worst:9.2e}")
 
 
 def show_full() -> None:

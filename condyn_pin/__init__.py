@@ -143,6 +143,7 @@ if TYPE_CHECKING:
     from condyn_pin.trade.measures.base import Measure as Measure
     from condyn_pin.trade.measures.derivatives import DerivativeMeasure as DerivativeMeasure
     from condyn_pin.trade.measures.forces import ForceMeasure as ForceMeasure
+    from condyn_pin.trade.measures.trajectory import TrajectoryMeasure as TrajectoryMeasure
     from condyn_pin.trade.row import Row as Row
     from condyn_pin.trade.scenes import modellings as modellings
     from condyn_pin.trade.states import GivenStates as GivenStates
@@ -258,6 +259,7 @@ _HOME = {
     "trade.measures.acceleration": ("AccelerationMeasure",),
     "trade.measures.derivatives": ("DerivativeMeasure",),
     "trade.measures.forces": ("ForceMeasure",),
+    "trade.measures.trajectory": ("TrajectoryMeasure",),
     "trade.row": ("Row",),
     "trade.scenes": ("modellings",),
     "trade.states": (
