@@ -62,6 +62,10 @@ if TYPE_CHECKING:
     from condyn_pin.mechanisms.four_bar import four_bar as four_bar
     from condyn_pin.mechanisms.n_four_bar import n_four_bar as n_four_bar
     from condyn_pin.mechanisms.pendulum import pendulum as pendulum
+    from condyn_pin.mechanisms.rolling_ball import rolling_ball as rolling_ball
+    from condyn_pin.mechanisms.rolling_disc import rolling_disc as rolling_disc
+    from condyn_pin.mechanisms.sleigh import sleigh as sleigh
+    from condyn_pin.mechanisms.unicycle import unicycle as unicycle
     from condyn_pin.motors.actuation import Actuation as Actuation
     from condyn_pin.motors.inverse import InverseDynamics as InverseDynamics
     from condyn_pin.motors.inverse import gravity_compensation as gravity_compensation
@@ -70,6 +74,9 @@ if TYPE_CHECKING:
     from condyn_pin.motors.operational import operational_space as operational_space
     from condyn_pin.motors.transmissions import Transmission as Transmission
     from condyn_pin.motors.transmissions import transmission as transmission
+    from condyn_pin.nonholonomic import Knife as Knife
+    from condyn_pin.nonholonomic import RollingBall as RollingBall
+    from condyn_pin.nonholonomic import RollingWheel as RollingWheel
     from condyn_pin.proof import Proof as Proof
     from condyn_pin.robot import Robot as Robot
     from condyn_pin.rows.equations import Terms as Terms
@@ -133,6 +140,7 @@ if TYPE_CHECKING:
     from condyn_pin.states.check import Check as Check
     from condyn_pin.states.completion import CompleteState as CompleteState
     from condyn_pin.states.gaps import Gap as Gap
+    from condyn_pin.states.integrability import is_integrable as is_integrable
     from condyn_pin.states.rank import Rank as Rank
     from condyn_pin.summary import Summary as Summary
     from condyn_pin.switching import Switch as Switch
@@ -198,6 +206,7 @@ _HOME = {
         "WorkersLost",
     ),
     "states.gaps": ("Gap",),
+    "states.integrability": ("is_integrable",),
     "smaller.ladder_table": ("LadderRow", "LadderTable"),
     "ladders": ("LADDERS",),
     "load": ("available_robots", "load_robot"),
@@ -205,10 +214,15 @@ _HOME = {
     "mechanisms.four_bar": ("four_bar",),
     "mechanisms.n_four_bar": ("n_four_bar",),
     "mechanisms.pendulum": ("pendulum",),
+    "mechanisms.rolling_ball": ("rolling_ball",),
+    "mechanisms.rolling_disc": ("rolling_disc",),
+    "mechanisms.sleigh": ("sleigh",),
+    "mechanisms.unicycle": ("unicycle",),
     "motors.actuation": ("Actuation",),
     "motors.inverse": ("InverseDynamics", "gravity_compensation", "inverse_dynamics"),
     "motors.operational": ("OperationalSpace", "operational_space"),
     "motors.transmissions": ("Transmission", "transmission"),
+    "nonholonomic": ("Knife", "RollingBall", "RollingWheel"),
     "simulation.effects": ("Effects",),
     "simulation.events": ("Event", "Moment"),
     "simulation.integrators": ("INTEGRATORS", "Integrator"),

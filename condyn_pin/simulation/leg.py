@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from condyn_pin.arrays import Array
 from condyn_pin.drift.base import Drift
+from condyn_pin.errors import UnsupportedConstraint
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.integrators.base import Integrator
@@ -44,6 +45,7 @@ class Leg:
 
     def __init__(self, scene: Scene, method: Method) -> None:
         self.scene, self._method = scene, method
+        _check_rows(scene, method.integrator)
         workspace = Workspace(scene, method.solver, drift=method.drift.rows)
         self.solver, effects = workspace.solver, method.effects
         self._tau = method.tau
@@ -119,3 +121,15 @@ class Leg:
             return *correct(t + dt, q1, v1), a
 
         return corrected, lambda: forces[0]()
+
+
+def _check_rows(scene: Scene, integrator: Integrator) -> None:
+    """Refuse rows that an integrator cannot hold."""
+    if not integrator.needs_positions:
+        return
+    for bound in scene.bounds:
+        if len(bound.positioned) < bound.size:
+            raise UnsupportedConstraint(
+                f"{bound.name}: {integrator.title} holds positions, and it has rows that restrict "
+                "velocities only; use RungeKutta4() or GearGuptaLeimkuhler()"
+            )
