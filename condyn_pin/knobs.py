@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Any, Final
+
 import numpy as np
 
 from condyn_pin.arrays import finite
 from condyn_pin.errors import InvalidArgument
 
 _MOST_REFINEMENTS = 100
+# Values that are worth a look in a study: a solver declares which of its knobs take which.
+WEIGHTS: Final = tuple(float(f"1e{k}") for k in range(-12, 1))  # [1/kg]
+ITERATIONS: Final = (1, 2, 3, 5, 10, 20, 50, 100)
+ACCURACIES: Final = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+Grid = dict[str, tuple[Any, ...]]
+
 _MOST_ITERATIONS = 2**31 - 1  # Pinocchio counts in a C int
 
 
@@ -47,6 +55,13 @@ def check_refinements(refinements: int) -> None:
             f"refinements = {refinements!r}: a whole number from 0 to {_MOST_REFINEMENTS}; two "
             "reach what doubles can"
         )
+
+
+def check_count(name: str, value: int, *, least: int = 1) -> None:
+    """Refuse what is not a whole number that is large enough."""
+    number = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if not number or value < least:
+        raise InvalidArgument(f"{name} = {value!r}: a whole number >= {least} is needed")
 
 
 def check_accuracy(name: str, value: float) -> None:

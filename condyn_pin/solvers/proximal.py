@@ -9,7 +9,15 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.knobs import check_accuracy, check_knobs, check_refinements
+from condyn_pin.knobs import (
+    ACCURACIES,
+    ITERATIONS,
+    WEIGHTS,
+    Grid,
+    check_accuracy,
+    check_knobs,
+    check_refinements,
+)
 from condyn_pin.refinement import Refinement
 from condyn_pin.solvers.base import Method, Solver
 
@@ -70,6 +78,11 @@ class Proximal(Solver):
     use: ClassVar[str] = "by default; the fastest for closed chains"
     takes_redundant: ClassVar[bool] = True
     takes_every_kind: ClassVar[bool] = False
+    sweeps: ClassVar[tuple[Grid, ...]] = (
+        {"mu": WEIGHTS, "max_iterations": (1, 20)},
+        {"max_iterations": ITERATIONS},
+        {"relative_accuracy": ACCURACIES},
+    )
 
     mu: float | Literal["auto"] | None = None  # [1/kg]
     max_iterations: int = 20
