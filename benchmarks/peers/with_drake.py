@@ -1,0 +1,282 @@
+"""Drake: nearly rigid constraints in discrete time, by SAP. It has no a of a state but over a step,
+
+    a = (v_next - v) / h,
+
+and rounding bounds h from below. Coordinates: of a free body, quaternion w x y z and position, then
+angular and linear velocity in the axes of the world; of a ball, roll, pitch, yaw and the angular
+velocity in the axes of its parent. With R the rotation of body or ball,
+
+    free:  omega_d = R omega, v_d = R v,   a = R' a_d - omega x v,   domega = R' domega_d
+    ball:  omega_d = R omega,              domega = R' domega_d
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib.metadata import version
+
+import numpy as np
+from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody import plant as drake
+from pydrake.multibody import tree
+from pydrake.systems.analysis import Simulator
+
+from peers.exported import ACCELERATION, DERIVATIVES, MOTION, Exported, Joint
+from peers.harness import Candidate, main
+
+STEPS = (1e-3, 1e-5)  # [s]
+
+
+def candidates(scene: Exported) -> list[Candidate]:
+    """Return steps of two sizes, their derivatives by automatic differentiation, and a motion."""
+    return [
+        *(acceleration(scene, h) for h in STEPS),
+        *(derivatives(scene, h) for h in STEPS),
+        *(motion(scene, h) for h in (1e-3, 1e-4)),
+    ]
+
+
+class Engine:
+    """A plant of a scene, and the exported states in its coordinates."""
+
+    def __init__(self, scene: Exported, step: float) -> None:
+        self.scene, self.step = scene, step
+        self.plant = plant = drake.MultibodyPlant(time_step=step)
+        plant.set_discrete_contact_approximation(drake.DiscreteContactApproximation.kSap)
+        plant.mutable_gravity_field().set_gravity_vector(scene.gravity)
+        self.bodies = [_ground(plant)]
+        self.joints: list[tree.Joint | None] = [None]
+        for joint in scene.joints:
+            self._add(joint)
+        for c in scene.constraints:
+            A, B = self.bodies[c.joint1], self.bodies[c.joint2]
+            if c.rows == 3:
+                plant.AddBallConstraint(A, c.placement1[1], B, c.placement2[1])
+            else:
+                plant.AddWeldConstraint(A, _pose(c.placement1), B, _pose(c.placement2))
+        plant.SetUseSampledOutputPorts(False)  # else a step is no discrete update
+        plant.Finalize()
+        self.context = plant.CreateDefaultContext()
+        self.torque = plant.get_applied_generalized_force_input_port()
+        q, v, tau = (scene.states[key] for key in ("q", "v", "tau"))
+        self.x = [self.state(*qv) for qv in zip(q, v, strict=True)]
+        self.tau = [self.velocity(*pair) for pair in zip(q, tau, strict=True)]
+
+    def _add(self, joint: Joint) -> None:
+        plant, parent = self.plant, self.bodies[joint.parent]
+        I, p = joint.inertia, joint.lever
+        about_centre = tree.RotationalInertia(I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2])
+        inertia = tree.SpatialInertia.MakeFromCentralInertia(joint.mass, p, about_centre)
+        body = plant.AddRigidBody(f"{joint.name}_body", inertia)
+        frame = plant.AddFrame(
+            tree.FixedOffsetFrame(f"{joint.name}_on", parent.body_frame(), _pose(joint.placement))
+        )
+        ends, made = (joint.name, frame, body.body_frame()), None
+        if joint.kind == "ball":
+            made = plant.AddJoint(tree.BallRpyJoint(*ends))
+        elif joint.kind in ("revolute", "prismatic"):
+            kind = {"revolute": tree.RevoluteJoint, "prismatic": tree.PrismaticJoint}[joint.kind]
+            made = plant.AddJoint(kind(*ends, joint.axis, damping=0.0))
+            if joint.armature:
+                actuator = plant.AddJointActuator(f"{joint.name}_motor", made)
+                actuator.set_default_gear_ratio(1.0)
+                actuator.set_default_rotor_inertia(joint.armature)
+        self.bodies.append(body)
+        self.joints.append(made)
+
+    def columns(self, k: int) -> tuple[slice, slice]:
+        """Return where Drake has the position and the velocity of joint k of the list."""
+        joint, body = self.joints[k + 1], self.bodies[k + 1]
+        if joint is None:
+            q, v = body.floating_positions_start(), body.floating_velocities_start_in_v()
+            return slice(q, q + 7), slice(v, v + 6)
+        q, v = joint.position_start(), joint.velocity_start()
+        return slice(q, q + joint.num_positions()), slice(v, v + joint.num_velocities())
+
+    def state(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return Drake's (q, v)."""
+        x = np.zeros(self.plant.num_positions() + self.plant.num_velocities())
+        for k, joint in enumerate(self.scene.joints):
+            part, (where, _) = q[joint.idx_q : joint.idx_q + joint.nq], self.columns(k)
+            if joint.kind == "free":
+                x[where] = np.concatenate([np.roll(part[3:], 1), part[:3]])
+            elif joint.kind == "ball":
+                x[where] = RollPitchYaw(_rotation(part)).vector()
+            else:
+                x[where] = part
+        x[self.plant.num_positions() :] = self.velocity(q, v)
+        return x
+
+    def velocity(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return Drake's velocity (or generalized force) from Pinocchio's."""
+        found = np.zeros(self.plant.num_velocities())
+        for k, joint in enumerate(self.scene.joints):
+            part, (_, where) = v[joint.idx_v : joint.idx_v + joint.nv], self.columns(k)
+            if joint.kind in ("free", "ball"):
+                R = _rotation(q[joint.idx_q + joint.nq - 4 : joint.idx_q + joint.nq])
+                turned = (R @ part.reshape(-1, 3).T).T
+                part = turned[::-1].ravel()  # of a free body, the angular part comes first
+            found[where] = part
+        return found
+
+    def acceleration(self, q: np.ndarray, v: np.ndarray, a_drake: np.ndarray) -> np.ndarray:
+        """Return a from Drake's."""
+        a = np.zeros(self.scene.nv)
+        for k, joint in enumerate(self.scene.joints):
+            here, part = slice(joint.idx_v, joint.idx_v + joint.nv), a_drake[self.columns(k)[1]]
+            if joint.kind in ("free", "ball"):
+                R = _rotation(q[joint.idx_q + joint.nq - 4 : joint.idx_q + joint.nq])
+                part = (R.T @ part.reshape(-1, 3)[::-1].T).T.ravel()
+                if joint.kind == "free":
+                    part[:3] -= np.cross(v[here][3:], v[here][:3])
+            a[here] = part
+        return a
+
+    def configuration(self, x: np.ndarray) -> np.ndarray:
+        """Return Pinocchio's q."""
+        q = np.zeros(self.scene.states["q"].shape[1])
+        for k, joint in enumerate(self.scene.joints):
+            part, here = x[self.columns(k)[0]], slice(joint.idx_q, joint.idx_q + joint.nq)
+            if joint.kind == "free":
+                q[here] = np.concatenate([part[4:], np.roll(part[:4], -1)])
+            elif joint.kind == "ball":
+                q[here] = np.roll(RollPitchYaw(part).ToQuaternion().wxyz(), -1)
+            else:
+                q[here] = part
+        return q
+
+
+def _ground(plant: drake.MultibodyPlant) -> tree.RigidBody:
+    """Return a body welded to the world: a constraint on the world's own body crashes Drake."""
+    solid = tree.SpatialInertia.SolidSphereWithMass(1.0, 0.1)
+    ground = plant.AddRigidBody("ground", solid)
+    plant.WeldFrames(plant.world_frame(), ground.body_frame())
+    return ground
+
+
+def _pose(placement: tuple[np.ndarray, np.ndarray]) -> RigidTransform:
+    return RigidTransform(RotationMatrix(placement[0]), placement[1])
+
+
+def _rotation(xyzw: np.ndarray) -> np.ndarray:
+    x, y, z, w = xyzw / np.linalg.norm(xyzw)
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + 2.0 * w * K + 2.0 * K @ K
+
+
+def acceleration(scene: Exported, step: float) -> Candidate:
+    """Return one discrete update."""
+    engine = Engine(scene, step)
+    plant, context = engine.plant, engine.context
+
+    def call(i: int) -> np.ndarray:
+        plant.SetPositionsAndVelocities(context, engine.x[i])
+        engine.torque.FixValue(context, engine.tau[i])
+        return plant.EvalUniquePeriodicDiscreteUpdate(context).value()
+
+    def answer(i: int) -> np.ndarray:
+        q, v, _ = scene.state(i)
+        after = call(i).ravel()
+        slope = (after - engine.x[i])[plant.num_positions() :] / step
+        return engine.acceleration(q, v, slope)
+
+    return Candidate(ACCELERATION, f"SAP, one step of {step:g} s", call, answer, "over a step")
+
+
+def derivatives(scene: Exported, step: float) -> Candidate:
+    """Return one discrete update in numbers that carry their derivatives by q, v and tau.
+
+    The state is handed over with its derivatives by Pinocchio's coordinates. How Drake's differ
+    from these is found by central differences, once for each state.
+    """
+    engine = Engine(scene, step)
+    nq, nv = engine.plant.num_positions(), scene.nv
+    plant = engine.plant.ToAutoDiffXd()
+    context = plant.CreateDefaultContext()
+    torque = plant.get_applied_generalized_force_input_port()
+    inputs = [_seeded(engine, i) for i in range(scene.count)]
+
+    def call(i: int) -> np.ndarray:
+        x, tau = inputs[i]
+        plant.SetPositionsAndVelocities(context, x)
+        torque.FixValue(context, tau)
+        return plant.EvalUniquePeriodicDiscreteUpdate(context).value()
+
+    def answer(i: int) -> tuple[np.ndarray, ...]:
+        after = call(i).ravel()[nq:]
+        before = inputs[i][0][nq:]
+        slope = (ExtractValue(after).ravel() - ExtractValue(before).ravel()) / step
+        partial = (ExtractGradient(after) - ExtractGradient(before)) / step
+        q, v, _ = scene.state(i)
+        turn = np.column_stack([engine.acceleration(q, v, e) for e in np.eye(nv)])
+        turn -= engine.acceleration(q, v, np.zeros(nv))[:, None]
+        found = turn @ partial
+        found += _slopes(scene, i, lambda q, v, tau: engine.acceleration(q, v, slope))
+        return found[:, :nv], found[:, nv : 2 * nv], found[:, 2 * nv :][:, scene.motors]
+
+    method = f"SAP, AutoDiffXd, one step of {step:g} s"
+    return Candidate(DERIVATIVES, method, call, answer, "over a step")
+
+
+def _seeded(engine: Engine, i: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return Drake's state and torque with their derivatives by Pinocchio's q, v and tau."""
+    state = _slopes(engine.scene, i, lambda q, v, tau: engine.state(q, v))
+    torque = _slopes(engine.scene, i, lambda q, v, tau: engine.velocity(q, tau))
+    return (
+        InitializeAutoDiff(engine.x[i], state).ravel(),
+        InitializeAutoDiff(engine.tau[i], torque).ravel(),
+    )
+
+
+def _slopes(scene: Exported, i: int, f: Callable[..., np.ndarray]) -> np.ndarray:
+    """Return the derivatives of f(q, v, tau) by central differences, (size, 3 nv)."""
+    h, n, (q, v, tau) = 1e-6, scene.nv, scene.state(i)
+
+    def at(d: np.ndarray) -> np.ndarray:
+        return f(integrate(scene, q, d[:n]), v + d[n : 2 * n], tau + d[2 * n :])
+
+    return np.column_stack([(at(d) - at(-d)) / (2 * h) for d in h * np.eye(3 * n)])
+
+
+def integrate(scene: Exported, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+    """Return q moved by a small dq, to second order."""
+    moved = q.copy()
+    for joint in scene.joints:
+        here, d = slice(joint.idx_q, joint.idx_q + joint.nq), dq[joint.idx_v :][: joint.nv]
+        if joint.kind == "free":
+            R = _rotation(q[here][3:])
+            moved[here][:3] += R @ d[:3]
+        if joint.kind in ("free", "ball"):
+            w, u = q[here][-1], q[here][-4:-1]
+            half = d[-3:] / 2
+            turned = np.r_[u + w * half + np.cross(u, half), w - u @ half]
+            moved[here][-4:] = turned / np.linalg.norm(turned)
+        else:
+            moved[here] += d
+    return moved
+
+
+def motion(scene: Exported, step: float) -> Candidate:
+    """Return Simulator.AdvanceTo."""
+    engine = Engine(scene, step)
+    simulator = Simulator(engine.plant)
+    context = simulator.get_mutable_context()
+    engine.torque.FixValue(context, np.zeros(scene.nv))
+    simulator.Initialize()
+
+    def call(_: int) -> None:
+        context.SetTime(0.0)
+        engine.plant.SetPositionsAndVelocities(context, engine.x[0])
+        simulator.Initialize()
+        simulator.AdvanceTo(scene.duration)
+
+    def answer(_: int) -> np.ndarray:
+        call(0)
+        return engine.configuration(engine.plant.GetPositionsAndVelocities(context))
+
+    return Candidate(MOTION, f"SAP, Simulator, {1e3 * step:g} ms", call, answer)
+
+
+if __name__ == "__main__":
+    main("Drake", version("drake"), candidates)
