@@ -101,7 +101,9 @@ def derivatives(scene: Exported) -> Candidate:
         d = bare.data
         return d.ddq_dq.copy(), d.ddq_dv.copy(), d.ddq_dtau[:, scene.motors]
 
-    return Candidate(DERIVATIVES, YARDSTICKS[DERIVATIVES], call, answer, peer=PEER)
+    turning = scene.joints[0].kind == "revolute" and any(c.joint2 for c in scene.constraints)
+    note = "its first column is wrong for a loop on a base that turns" if turning else ""
+    return Candidate(DERIVATIVES, YARDSTICKS[DERIVATIVES], call, answer, note, PEER)
 
 
 def yardsticks(scene: Exported) -> list[Candidate]:

@@ -80,7 +80,7 @@ LEFT_OUT = {
     "placo": "an inverse problem: torques for wanted tasks, by a QP. It has no a for a given tau.",
     "tsid": "an inverse problem, as placo.",
     "pink": "kinematics only.",
-    "DART": "its constraints act on velocities over a step, and it has no a of a state; not written.",
+    "DART": "not written: its constraints act on velocities over a step, as Drake's.",
     "aligator": "no Python module on PyPI; the package of that name is another project.",
     "MJX, MuJoCo Warp, Newton": "made for many robots at once on a GPU; this machine has none.",
 }

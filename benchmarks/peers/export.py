@@ -17,6 +17,7 @@ import numpy as np
 import condyn_pin as cp
 from condyn_pin._pin import pin
 from condyn_pin.catalogue import motor_torque
+from peers.stepping import end_of, rk4
 
 STATES = 10
 SEED = 0
@@ -126,20 +127,13 @@ def tangent(workspace: cp.Workspace, q: np.ndarray, v: np.ndarray) -> np.ndarray
 def end_of_motion(
     scene: cp.Scene, state: dict[str, np.ndarray], duration: float, step: float
 ) -> np.ndarray:
-    """Return q after a while [s] without torques, by RK4."""
-    workspace, model = cp.Workspace(scene), scene.robot.model
-    q, v, tau, h = state["q"], state["v"], np.zeros(model.nv), step
-    for _ in range(round(duration / step)):
-        a1 = workspace.acceleration(q, v, tau)
-        v2 = v + h / 2 * a1
-        a2 = workspace.acceleration(pin.integrate(model, q, h / 2 * v), v2, tau)
-        v3 = v + h / 2 * a2
-        a3 = workspace.acceleration(pin.integrate(model, q, h / 2 * v2), v3, tau)
-        v4 = v + h * a3
-        a4 = workspace.acceleration(pin.integrate(model, q, h * v3), v4, tau)
-        q = pin.integrate(model, q, h / 6 * (v + 2 * v2 + 2 * v3 + v4))
-        v = v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
-    return q
+    """Return q after a duration [s] without torques, by RK4 with steps [s] of this size."""
+    workspace, tau = cp.Workspace(scene), np.zeros(scene.robot.nv)
+
+    def a(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return workspace.acceleration(q, v, tau)
+
+    return end_of(rk4, workspace.model, a, (state["q"], state["v"]), duration, step)
 
 
 def _joint(model: Any, i: int) -> dict[str, Any]:

@@ -6,7 +6,7 @@ rows between two joints, states that satisfy them, and the answers of `Reference
     joints       name, parent, kind (free, ball, revolute, prismatic), axis, placement [R, p] on
                  the parent, first index and number of coordinates and velocities, mass, lever,
                  inertia (3, 3) about the centre of mass, armature
-    constraints  name, rows, joint 1 and placement on it, joint 2 and placement on it; 0 is the world
+    constraints  name, rows, joint 1 and placement on it, joint 2 and placement on it; 0: world
     settings     mu, accuracy and iterations that condyn_pin chose for Pinocchio on this scene
     states       q, v, tau, a, da_dq, da_dv, da_dtau, tangent, a list of each; the columns of
                  tangent are motions (dq, dv) that stay on the constraints

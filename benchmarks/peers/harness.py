@@ -15,7 +15,9 @@ A peer's script says what it can do with a scene::
 5. A round takes one sample of every candidate, in an order that turns. A sample is the mean of as
    many calls as fit into a millisecond, one at least, on one state after the other: nothing is
    warm-started from its own answer.
-6. Before each sample a vector product is taken: some libraries leave the processor's AVX registers
+6. The clock counts the processor's time of the process and all its threads: what others do on the
+   machine is not in it, and a second thread is.
+7. Before each sample a vector product is taken: some libraries leave the processor's AVX registers
    in a state that slows down the next one's SSE code.
 """
 
@@ -27,7 +29,7 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -84,11 +86,12 @@ def samples(scene: Exported, found: Sequence[Candidate], rounds: int) -> list[li
                 call, count, first = found[k].call, calls[k], next_state[k]
                 turn = [(first + j) % scene.count for j in range(count + 1)]
                 vector @ vector
-                call(turn[-1])  # the first call after another candidate finds cold caches
-                start = perf_counter()
+                if count > 1:
+                    call(turn[-1])  # the first call after another candidate finds cold caches
+                start = process_time()
                 for i in turn[:-1]:
                     call(i)
-                times[k].append(1e6 * (perf_counter() - start) / count)
+                times[k].append(1e6 * (process_time() - start) / count)
                 next_state[k] = turn[-1]
     finally:
         if collecting:
@@ -99,10 +102,10 @@ def samples(scene: Exported, found: Sequence[Candidate], rounds: int) -> list[li
 def _calls(scene: Exported, candidate: Candidate) -> int:
     """Return how many calls are a sample, from a sweep over the states that also warms up."""
     sweep = 1 if candidate.quantity == MOTION else scene.count
-    start = perf_counter()
+    start = process_time()
     for i in range(sweep):
         candidate.call(i)
-    mean = (perf_counter() - start) / sweep
+    mean = (process_time() - start) / sweep
     return int(np.clip(SAMPLE / mean, 1, MOST_CALLS))
 
 
@@ -132,7 +135,7 @@ def measure(scene: Exported, found: Sequence[Candidate], effort: float) -> list[
                     "median_us": float(np.median(scaled)),
                     "min_us": float(scaled.min()),
                     "p95_us": float(np.percentile(scaled, 95)),
-                    "bare_us": float(np.median(bare)) if bare else None,
+                    "bare_min_us": float(np.min(bare)) if bare else None,
                     "ratio": float(np.median(scaled / np.array(bare))) if bare else None,
                     "error_median": float(np.median(error)),
                     "error_worst": float(np.max(error)),

@@ -19,7 +19,7 @@ from typing import Any
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
-sys.path[0] = str(HERE.parent)
+sys.path.insert(0, str(HERE.parent))
 
 from peers.environments import ENVIRONMENTS, LEFT_OUT, Environment, Missing, last_line  # noqa: E402
 from peers.table import PeerTable, gather, load  # noqa: E402
@@ -27,9 +27,7 @@ from peers.table import PeerTable, gather, load  # noqa: E402
 RESULTS = ROOT / "benchmarks" / "results"
 BEGIN, END = "<!-- peers:begin -->", "<!-- peers:end -->"
 TIME_LIMIT = 600  # [s] for one script
-ONE_THREAD = {
-    name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-}
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
 def run_script(

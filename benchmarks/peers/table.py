@@ -9,6 +9,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from peers.harness import YARDSTICKS
+
 PEERS = ("condyn_pin", "Pinocchio", "MuJoCo", "Crocoddyl", "Drake", "exudyn")
 YARDSTICK_VERSION = "4.1"
 TARGETS = {
@@ -77,6 +79,16 @@ class PeerTable:
         ]
         return min(found, key=lambda row: row.ratio, default=None)
 
+    def bare_us(self, scene: str, quantity: str) -> float:
+        """Return the median time of the yardstick [us], in its own environment."""
+        return next(
+            row.median_us
+            for row in self.rows
+            if row.scene == scene
+            and row.method == YARDSTICKS[quantity]
+            and row.version.startswith(YARDSTICK_VERSION)
+        )
+
     def to_json(self, path: Path) -> None:
         """Write everything."""
         text = json.dumps({**asdict(self), "rows": [asdict(row) for row in self.rows]}, indent=1)
@@ -114,14 +126,17 @@ class PeerTable:
     def at_equal_error(self) -> str:
         """Return the README's table: the fastest way of each peer to each error."""
         lines = [
-            f"| scene | what | error at most | {' | '.join(PEERS)} |",
-            "|---" * (3 + len(PEERS)) + "|",
+            f"| scene | what | error at most | bare [us] | {' | '.join(PEERS)} |",
+            "|---" * (4 + len(PEERS)) + "|",
         ]
         for scene, quantity in dict.fromkeys((row.scene, row.quantity) for row in self.rows):
+            bare = self.bare_us(scene, quantity)
             for target in TARGETS[quantity]:
                 rows = [self.fastest(scene, quantity, peer, target) for peer in PEERS]
                 cells = ["" if row is None else f"{row.ratio:.2f}" for row in rows]
-                lines.append(f"| {scene} | {quantity} | {target:.0e} | {' | '.join(cells)} |")
+                lines.append(
+                    f"| {scene} | {quantity} | {target:.0e} | {bare:.1f} | {' | '.join(cells)} |"
+                )
         return "\n".join([*lines, "", _where(self)])
 
 
@@ -140,8 +155,9 @@ def _where(table: PeerTable) -> str:
 def gather(passes: Sequence[Sequence[dict[str, Any]]]) -> tuple[PeerRow, ...]:
     """Return one row a method from the results of each script in each pass.
 
-    A pass is a list of what scripts wrote. The yardstick is taken from the row's own process, if
-    Pinocchio 4.1 is there, and otherwise from the first process of the same pass that has it.
+    A pass is a list of what scripts wrote. The yardstick is taken from the row's own process and
+    rounds, if Pinocchio 4.1 is there. Otherwise the least time of the row is divided by the least
+    time of the yardstick in the first process of the same pass that has it.
     """
     found: dict[tuple[str, ...], list[dict[str, Any]]] = {}
     for results in passes:
@@ -161,18 +177,14 @@ def gather(passes: Sequence[Sequence[dict[str, Any]]]) -> tuple[PeerRow, ...]:
     return tuple(sorted(rows, key=lambda r: (scenes.index(r.scene), quantities.index(r.quantity))))
 
 
-def _ratio(
-    row: dict[str, Any], result: dict[str, Any], results: Iterable[dict[str, Any]]
-) -> float:
+def _ratio(row: dict[str, Any], result: dict[str, Any], results: Iterable[dict[str, Any]]) -> float:
     if result["pinocchio"].startswith(YARDSTICK_VERSION):
         return float(row["ratio"])
     for other in results:
         if other["pinocchio"].startswith(YARDSTICK_VERSION):
-            for bare in other["rows"]:
-                same = all(bare[k] == row[k] for k in ("scene", "quantity"))
-                if same:
-                    unit = bare["median_us"] / bare["ratio"]
-                    return float(row["median_us"] / unit)
+            for near in other["rows"]:
+                if all(near[k] == row[k] for k in ("scene", "quantity")):
+                    return float(row["min_us"] / near["bare_min_us"])
     raise ValueError(f"no bare Pinocchio {YARDSTICK_VERSION} in the pass of {row['method']!r}")
 
 

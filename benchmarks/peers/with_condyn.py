@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin._pin import HAS_LCABA, pin
+from condyn_pin._pin import HAS_LCABA
 from peers import export
 from peers.exported import ACCELERATION, DERIVATIVES, MOTION, Exported
 from peers.harness import Candidate, main
+from peers.stepping import Step, end_of, rk4, semi_implicit
 
 STEP = 1e-3  # [s]
 
@@ -22,7 +23,8 @@ def candidates(scene: Exported) -> list[Candidate]:
         *found,
         proved(scene, ours),
         derivatives(scene, ours),
-        *(motion(scene, ours, wave) for wave in (0.0, 50.0)),
+        motion(scene, ours, semi_implicit, "semi-implicit Euler", 50.0),
+        motion(scene, ours, rk4, "RK4", 50.0),
     ]
 
 
@@ -63,21 +65,20 @@ def derivatives(scene: Exported, ours: cp.Scene) -> Candidate:
     return Candidate(DERIVATIVES, "kkt, after Proximal", call, answer, note)
 
 
-def motion(scene: Exported, ours: cp.Scene, wave: float) -> Candidate:
-    """Return a loop of semi-implicit steps in Python, with Baumgarte's alpha = beta = wave."""
-    drift = cp.Baumgarte(wave, wave) if wave else None
-    workspace = cp.Workspace(ours, cp.Proximal(), drift=drift)
-    model, count, tau = workspace.model, round(scene.duration / STEP), np.zeros(scene.nv)
+def motion(scene: Exported, ours: cp.Scene, step: Step, method: str, wave: float) -> Candidate:
+    """Return a loop of steps in Python, with Baumgarte's alpha = beta = wave [1/s]."""
+    drift = cp.Baumgarte(wave, wave)
+    workspace, tau = cp.Workspace(ours, cp.Proximal(), drift=drift), np.zeros(scene.nv)
+    model, acceleration = workspace.model, workspace.acceleration
+
+    def a(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return acceleration(q, v, tau)
 
     def call(_: int) -> np.ndarray:
-        q, v, _tau = scene.state(0)
-        for _step in range(count):
-            v = v + STEP * workspace.acceleration(q, v, tau)
-            q = pin.integrate(model, q, STEP * v)
-        return q
+        return end_of(step, model, a, scene.state(0)[:2], scene.duration, STEP)
 
-    method = "semi-implicit Euler, 1 ms" + (f", Baumgarte {wave:g} 1/s" if wave else "")
-    return Candidate(MOTION, method, call, call, "a loop in Python")
+    name = f"{method}, 1 ms, Baumgarte {wave:g} 1/s"
+    return Candidate(MOTION, name, call, call, "a loop in Python")
 
 
 if __name__ == "__main__":

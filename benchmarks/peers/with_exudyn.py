@@ -10,7 +10,6 @@ import exudyn as exu
 import numpy as np
 from exudyn.utilities import (
     GenericJoint,
-    GenericJoint,
     MarkerBodyRigid,
     RigidBodyInertia,
     SphericalJoint,
@@ -25,9 +24,7 @@ def candidates(scene: Exported) -> list[Candidate]:
     if any(joint.kind != "revolute" for joint in scene.joints):
         return []
     return [
-        motion(scene, step, method)
-        for method in ("index 3", "index 2")
-        for step in (1e-3, 1e-4)
+        motion(scene, step, method) for method in ("index 3", "index 2") for step in (1e-3, 1e-4)
     ]
 
 
@@ -63,7 +60,9 @@ def motion(scene: Exported, step: float, method: str) -> Candidate:
         )
 
     name = f"generalized alpha, {method}, {1e3 * step:g} ms"
-    return Candidate(MOTION, name, call, answer, "the loop is in C++; closed to rounding in index 3")
+    return Candidate(
+        MOTION, name, call, answer, "the loop is in C++; closed to rounding in index 3"
+    )
 
 
 def angle(R: np.ndarray, axis: list[float]) -> float:
