@@ -80,7 +80,7 @@ LEFT_OUT = {
     "placo": "an inverse problem: torques for wanted tasks, by a QP. It has no a for a given tau.",
     "tsid": "an inverse problem, as placo.",
     "pink": "kinematics only.",
-    "DART": "not written: its constraints act on velocities over a step, as Drake's.",
+    "DART": "its joints have no armature, so it would be another Talos; loops act over a step.",
     "aligator": "no Python module on PyPI; the package of that name is another project.",
     "MJX, MuJoCo Warp, Newton": "made for many robots at once on a GPU; this machine has none.",
 }

@@ -12,9 +12,9 @@ A peer's script says what it can do with a scene::
 2. `answer(i)` does the same and returns the answer in Pinocchio's coordinates. It is not timed.
 3. Memory, models and options are made once, before.
 4. Bare Pinocchio is timed in the same rounds, wherever it can be imported: the yardstick.
-5. A round takes one sample of every candidate, in an order that turns. A sample is the mean of as
-   many calls as fit into a millisecond, one at least, on one state after the other: nothing is
-   warm-started from its own answer.
+5. A round takes one sample of every candidate, in an order that turns. A sample is the mean of a
+   sweep over the states, or of as many sweeps as fit into a millisecond: nothing is warm-started
+   from its own answer.
 6. The clock counts the processor's time of the process and all its threads: what others do on the
    machine is not in it, and a second thread is.
 7. Before each sample a vector product is taken: some libraries leave the processor's AVX registers
@@ -37,8 +37,8 @@ import numpy as np
 from peers.exported import MOTION, Exported, load
 
 SAMPLE = 1e-3  # [s]
-MOST_CALLS = 30
-ROUNDS = {"acceleration": 150, "derivatives": 40, "motion": 8}
+MOST_SWEEPS = 3
+ROUNDS = {"acceleration": 150, "derivatives": 40, "motion": 10}
 YARDSTICKS = {  # what a time is divided by
     "acceleration": "constraintDynamics, settings of condyn_pin",
     "derivatives": "constraintDynamics + computeConstraintDynamicsDerivatives",
@@ -74,39 +74,35 @@ class Candidate:
 
 def samples(scene: Exported, found: Sequence[Candidate], rounds: int) -> list[list[float]]:
     """Return times a call [us], a list of samples for each candidate."""
-    calls = [_calls(scene, candidate) for candidate in found]
+    sweeps = [_sweep(scene, candidate) for candidate in found]
     times: list[list[float]] = [[] for _ in found]
-    next_state = [0] * len(found)
     vector = np.ones(64)
     collecting = gc.isenabled()
     gc.disable()
     try:
         for r in range(rounds):
             for k in np.roll(np.arange(len(found)), r):
-                call, count, first = found[k].call, calls[k], next_state[k]
-                turn = [(first + j) % scene.count for j in range(count + 1)]
+                call, states = found[k].call, sweeps[k]
                 vector @ vector
-                if count > 1:
-                    call(turn[-1])  # the first call after another candidate finds cold caches
+                if len(states) > 1:
+                    call(states[-1])  # the first call after another candidate finds cold caches
                 start = process_time()
-                for i in turn[:-1]:
+                for i in states:
                     call(i)
-                times[k].append(1e6 * (process_time() - start) / count)
-                next_state[k] = turn[-1]
+                times[k].append(1e6 * (process_time() - start) / len(states))
     finally:
         if collecting:
             gc.enable()
     return times
 
 
-def _calls(scene: Exported, candidate: Candidate) -> int:
-    """Return how many calls are a sample, from a sweep over the states that also warms up."""
-    sweep = 1 if candidate.quantity == MOTION else scene.count
+def _sweep(scene: Exported, candidate: Candidate) -> list[int]:
+    """Return the states of a sample, from a sweep that also warms up."""
+    states = list(range(1 if candidate.quantity == MOTION else scene.count))
     start = process_time()
-    for i in range(sweep):
+    for i in states:
         candidate.call(i)
-    mean = (process_time() - start) / sweep
-    return int(np.clip(SAMPLE / mean, 1, MOST_CALLS))
+    return states * int(np.clip(SAMPLE / (process_time() - start), 1, MOST_SWEEPS))
 
 
 def measure(scene: Exported, found: Sequence[Candidate], effort: float) -> list[dict[str, Any]]:
@@ -136,7 +132,6 @@ def measure(scene: Exported, found: Sequence[Candidate], effort: float) -> list[
                     "min_us": float(scaled.min()),
                     "p95_us": float(np.percentile(scaled, 95)),
                     "bare_min_us": float(np.min(bare)) if bare else None,
-                    "ratio": float(np.median(scaled / np.array(bare))) if bare else None,
                     "error_median": float(np.median(error)),
                     "error_worst": float(np.max(error)),
                 }

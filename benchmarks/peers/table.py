@@ -32,8 +32,8 @@ class PeerRow:
         [us] a call, of a motion [us] for 1 ms of it: median over the passes of the medians, the
         least of all samples, median over the passes of the 95th percentiles.
     ratio, ratio_low, ratio_high : float
-        Time over that of bare Pinocchio 4.1 in the same pass: median, least and largest of the
-        passes.
+        Least time over that of bare Pinocchio 4.1 in the same pass: median, least and largest of
+        the passes. Least times, since what else runs on a machine only adds.
     error_median, error_worst : float
         Over the states.
     """
@@ -156,8 +156,8 @@ def gather(passes: Sequence[Sequence[dict[str, Any]]]) -> tuple[PeerRow, ...]:
     """Return one row a method from the results of each script in each pass.
 
     A pass is a list of what scripts wrote. The yardstick is taken from the row's own process and
-    rounds, if Pinocchio 4.1 is there. Otherwise the least time of the row is divided by the least
-    time of the yardstick in the first process of the same pass that has it.
+    rounds, if Pinocchio 4.1 is there, and otherwise from the first process of the same pass that
+    has it.
     """
     found: dict[tuple[str, ...], list[dict[str, Any]]] = {}
     for results in passes:
@@ -179,7 +179,7 @@ def gather(passes: Sequence[Sequence[dict[str, Any]]]) -> tuple[PeerRow, ...]:
 
 def _ratio(row: dict[str, Any], result: dict[str, Any], results: Iterable[dict[str, Any]]) -> float:
     if result["pinocchio"].startswith(YARDSTICK_VERSION):
-        return float(row["ratio"])
+        return float(row["min_us"] / row["bare_min_us"])
     for other in results:
         if other["pinocchio"].startswith(YARDSTICK_VERSION):
             for near in other["rows"]:

@@ -1,7 +1,10 @@
-"""Exudyn: redundant coordinates, index 3, generalized alpha. It has no a of a state: motions only.
+"""Exudyn: redundant coordinates, implicit, index 3 or index 2, generalized alpha.
 
-A closed planar chain has redundant rows, which exudyn refuses as a singular Jacobian; where all
-joints of a scene turn about one direction, its loops are closed within the plane.
+It has no a of a state: motions only. A closed planar chain of bodies in space has redundant rows,
+which exudyn refuses as a singular Jacobian. Where all joints of a scene turn about one direction n,
+its bodies are planar, with x = (e1, e2) p and the angle phi about n:
+
+    phi = phi_parent + the angle of the joint's placement + q.
 """
 
 from __future__ import annotations
@@ -9,139 +12,138 @@ from __future__ import annotations
 import exudyn as exu
 import numpy as np
 from exudyn.utilities import (
-    GenericJoint,
-    MarkerBodyRigid,
-    RigidBodyInertia,
-    SphericalJoint,
+    LoadMassProportional,
+    MarkerBodyMass,
+    MarkerBodyPosition,
+    NodeRigidBody2D,
+    ObjectGround,
+    ObjectRigidBody2D,
+    RevoluteJoint2D,
 )
 
 from peers.exported import MOTION, Exported
 from peers.harness import Candidate, main
 
+INDEX_3, INDEX_2 = "index 3", "index 2"
+
 
 def candidates(scene: Exported) -> list[Candidate]:
     """Return motions of planar mechanisms of hinges."""
-    if any(joint.kind != "revolute" for joint in scene.joints):
+    planar = all(
+        joint.kind == "revolute"
+        and np.array_equal(joint.axis, scene.joints[0].axis)
+        and np.allclose(joint.placement[0] @ joint.axis, joint.axis, atol=1e-12)
+        for joint in scene.joints
+    )
+    if not planar:
         return []
-    return [
-        motion(scene, step, method) for method in ("index 3", "index 2") for step in (1e-3, 1e-4)
-    ]
+    return [motion(scene, step, index) for index in (INDEX_3, INDEX_2) for step in (1e-3, 1e-4)]
 
 
-def motion(scene: Exported, step: float, method: str) -> Candidate:
+def motion(scene: Exported, step: float, index: str) -> Candidate:
     """Return SolveDynamic over the whole motion."""
-    system = exu.SystemContainer()
-    mbs = system.AddSystem()
-    bodies = build(mbs, scene)
+    mechanism = Mechanism(scene)
     settings = exu.SimulationSettings()
     time = settings.timeIntegration
     time.numberOfSteps, time.endTime = round(scene.duration / step), scene.duration
     time.verboseMode = 0
     time.generalizedAlpha.spectralRadius = 0.9
-    time.generalizedAlpha.useIndex2Constraints = method == "index 2"
-    time.generalizedAlpha.useNewmark = method == "index 2"
+    time.generalizedAlpha.useIndex2Constraints = index == INDEX_2
+    time.generalizedAlpha.useNewmark = index == INDEX_2
     time.newton.useModifiedNewton = True
     settings.solution.file.write = False
 
     def call(_: int) -> None:
-        mbs.SolveDynamic(settings)
+        mechanism.mbs.SolveDynamic(settings)
 
     def answer(_: int) -> np.ndarray:
         call(0)
-        kind = exu.OutputVariableType.RotationMatrix
-        rotations = [np.eye(3)] + [
-            np.reshape(mbs.GetObjectOutputBody(body, kind), (3, 3)) for body in bodies
-        ]
-        return np.array(
-            [
-                angle((rotations[j.parent] @ j.placement[0]).T @ rotations[k + 1], j.axis)
-                for k, j in enumerate(scene.joints)
-            ]
+        return mechanism.angles()
+
+    name = f"generalized alpha, {index}, {1e3 * step:g} ms"
+    return Candidate(MOTION, name, call, answer, "the loop is in C++; redundant coordinates")
+
+
+class Mechanism:
+    """The planar bodies of a scene at its first state."""
+
+    def __init__(self, scene: Exported) -> None:
+        self.scene, self.system = scene, exu.SystemContainer()
+        self.mbs = self.system.AddSystem()
+        n = np.array(scene.joints[0].axis)
+        e1 = np.cross(np.eye(3)[np.argmin(np.abs(n))], n)
+        e1 /= np.linalg.norm(e1)
+        self.plane = np.vstack([e1, np.cross(n, e1)])  # (2, 3)
+        self.numbers = [self.mbs.AddObject(ObjectGround())]
+        self.nodes: list[int] = []
+        self.turned = [0.0]  # angle of each body [rad]
+        self.centres = [np.zeros(2)]  # where each body has its centre of mass, in its own axes [m]
+        origins, rates, slips = [np.zeros(2)], [0.0], [np.zeros(2)]
+        q, v, _ = scene.state(0)
+        for k, joint in enumerate(scene.joints):
+            parent, (_, p) = joint.parent, joint.placement
+            arm = _turn(self.turned[parent]) @ self.plane @ p
+            self.turned.append(self.turned[parent] + self.bend(k) + q[joint.idx_q])
+            self.centres.append(self.plane @ joint.lever)
+            origins.append(origins[parent] + arm)
+            rates.append(rates[parent] + v[joint.idx_v])
+            slips.append(slips[parent] + rates[parent] * _quarter(arm))
+            lever = _turn(self.turned[-1]) @ self.centres[-1]
+            self._add_body(
+                k, origins[-1] + lever, slips[-1] + rates[-1] * _quarter(lever), rates[-1]
+            )
+            self._hold(parent, p, k + 1, np.zeros(3))
+        for c in scene.constraints:
+            self._hold(c.joint1, c.placement1[1], c.joint2, c.placement2[1])
+        self.mbs.Assemble()
+
+    def bend(self, k: int) -> float:
+        """Return the angle of the placement of joint k of the list."""
+        R = self.plane @ self.scene.joints[k].placement[0] @ self.plane.T
+        return float(np.arctan2(R[1, 0], R[0, 0]))
+
+    def angles(self) -> np.ndarray:
+        """Return q after a motion."""
+        kind, moved = exu.OutputVariableType.Coordinates, [0.0]
+        for node, start in zip(self.nodes, self.turned[1:], strict=True):
+            moved.append(start + self.mbs.GetNodeOutput(node, kind)[2])
+        joints = enumerate(self.scene.joints)
+        return np.array([moved[k + 1] - moved[j.parent] - self.bend(k) for k, j in joints])
+
+    def _add_body(self, k: int, centre: np.ndarray, slip: np.ndarray, rate: float) -> None:
+        joint, n = self.scene.joints[k], np.array(self.scene.joints[0].axis)
+        node = self.mbs.AddNode(
+            NodeRigidBody2D(
+                referenceCoordinates=[*centre, self.turned[k + 1]],
+                initialVelocities=[*slip, rate],
+            )
         )
-
-    name = f"generalized alpha, {method}, {1e3 * step:g} ms"
-    return Candidate(
-        MOTION, name, call, answer, "the loop is in C++; closed to rounding in index 3"
-    )
-
-
-def angle(R: np.ndarray, axis: list[float]) -> float:
-    """Return the angle about a known axis."""
-    s = np.array(axis)
-    sine = s @ np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
-    cosine = (np.trace(R) - 1) / 2
-    return float(np.arctan2(sine, cosine))
-
-
-def build(mbs: exu.MainSystem, scene: Exported) -> list[int]:
-    """Add bodies at the first state, hinges and loops; return the numbers of the bodies."""
-    q, v, _ = scene.state(0)
-    poses, twists = [(np.eye(3), np.zeros(3))], [(np.zeros(3), np.zeros(3))]
-    numbers = [mbs.CreateGround()]
-    for joint in scene.joints:
-        (R0, p0), (omega0, v0) = poses[joint.parent], twists[joint.parent]
-        R_on, p = R0 @ joint.placement[0], p0 + R0 @ joint.placement[1]
-        axis = np.array(joint.axis)
-        R = R_on @ _about(axis, q[joint.idx_q])
-        omega = omega0 + R @ axis * v[joint.idx_v]
-        poses.append((R, p))
-        twists.append((omega, v0 + np.cross(omega0, p - p0)))
-        body = mbs.CreateRigidBody(
-            inertia=_inertia(joint),
-            referencePosition=p,
-            referenceRotationMatrix=R,
-            initialVelocity=twists[-1][1],
-            initialAngularVelocity=omega,
-            gravity=scene.gravity,
+        body = self.mbs.AddObject(
+            ObjectRigidBody2D(mass=joint.mass, inertia=n @ joint.inertia @ n, nodeNumber=node)
         )
-        _hinge(mbs, numbers[joint.parent], joint.placement, body, axis)
-        numbers.append(body)
-    normal = np.abs(scene.joints[0].axis)
-    for c in scene.constraints:
-        ends = zip((c.joint1, c.joint2), (c.placement1, c.placement2), strict=True)
-        markers = [_marker(mbs, numbers[k], place[1], place[0]) for k, place in ends]
-        mbs.AddObject(
-            SphericalJoint(markerNumbers=markers, constrainedAxes=[int(n < 0.5) for n in normal])
-        )
-    mbs.Assemble()
-    return numbers[1:]
+        mass = self.mbs.AddMarker(MarkerBodyMass(bodyNumber=body))
+        gravity = [*(self.plane @ self.scene.gravity), 0.0]
+        self.mbs.AddLoad(LoadMassProportional(markerNumber=mass, loadVector=gravity))
+        self.nodes.append(node)
+        self.numbers.append(body)
+
+    def _hold(self, i: int, p: np.ndarray, j: int, r: np.ndarray) -> None:
+        """Pin point p of body i to point r of body j; 0 is the ground."""
+        markers = []
+        for k, point in ((i, p), (j, r)):
+            local = [*(self.plane @ point - self.centres[k]), 0.0]
+            marker = MarkerBodyPosition(bodyNumber=self.numbers[k], localPosition=local)
+            markers.append(self.mbs.AddMarker(marker))
+        self.mbs.AddObject(RevoluteJoint2D(markerNumbers=markers))
 
 
-def _inertia(joint: object) -> RigidBodyInertia:
-    tensor, mass, lever = joint.inertia, joint.mass, joint.lever  # type: ignore[attr-defined]
-    return RigidBodyInertia(mass=mass, inertiaTensor=tensor, com=lever, inertiaTensorAtCOM=True)
+def _turn(angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]])
 
 
-def _hinge(mbs: exu.MainSystem, parent: int, place: tuple, body: int, axis: np.ndarray) -> None:
-    """Add a joint that is free about the third axis of both markers, which is the hinge's."""
-    Z = _frame_with_z(axis)
-    mbs.AddObject(
-        GenericJoint(
-            markerNumbers=[
-                _marker(mbs, parent, place[1], place[0] @ Z),
-                _marker(mbs, body, np.zeros(3), Z),
-            ],
-            constrainedAxes=[1, 1, 1, 1, 1, 0],
-        )
-    )
-
-
-def _marker(mbs: exu.MainSystem, body: int, p: np.ndarray, R: np.ndarray) -> int:
-    place = exu.HT(rotation=R, translation=p)
-    return int(mbs.AddMarker(MarkerBodyRigid(bodyNumber=body, localHT=place)))
-
-
-def _about(axis: np.ndarray, angle: float) -> np.ndarray:
-    x, y, z = axis
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
-
-
-def _frame_with_z(axis: np.ndarray) -> np.ndarray:
-    other = np.eye(3)[np.argmin(np.abs(axis))]
-    x = np.cross(other, axis)
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(axis, x), axis])
+def _quarter(x: np.ndarray) -> np.ndarray:
+    return np.array([-x[1], x[0]])
 
 
 if __name__ == "__main__":
