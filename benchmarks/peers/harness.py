@@ -38,7 +38,7 @@ from peers.exported import MOTION, Exported, load
 
 SAMPLE = 1e-3  # [s]
 MOST_SWEEPS = 3
-ROUNDS = {"acceleration": 150, "derivatives": 40, "motion": 10}
+ROUNDS = {"acceleration": 100, "derivatives": 25, "motion": 8}
 YARDSTICKS = {  # what a time is divided by
     "acceleration": "constraintDynamics, settings of condyn_pin",
     "derivatives": "constraintDynamics + computeConstraintDynamicsDerivatives",

@@ -15,7 +15,7 @@ STEP = 1e-3  # [s]
 
 
 def candidates(scene: Exported) -> list[Candidate]:
-    """Return constraintDynamics, lcaba, their derivatives and two loops of time steps."""
+    """Return constraintDynamics with other settings, lcaba, and two loops of time steps."""
     few = {**scene.settings, "mu": 1e-8, "max_iterations": 2}
     found = [
         acceleration(scene, "constraintDynamics, default settings (mu 0)", DEFAULT),
