@@ -195,6 +195,16 @@ def test_a_crash_is_told_in_a_sentence(peers, tmp_path):
             run.run_script(python, "with_toy", [], tmp_path / "out.json", 1.0)
 
 
+def test_the_line_that_tells_an_error_is_found(peers):
+    last_line = peers["environments"].last_line
+    assert (
+        last_line("WARNING: old\nERROR: no such wheel\nHint: try harder\n")
+        == "ERROR: no such wheel"
+    )
+    assert last_line("one\n\ntwo\n") == "two"
+    assert last_line("") == "no message"
+
+
 def test_every_script_exists_and_says_what_it_computes(peers):
     for environment in peers["environments"].ENVIRONMENTS:
         for script in environment.scripts:

@@ -87,6 +87,7 @@ LEFT_OUT = {
 
 
 def last_line(text: str) -> str:
-    """Return the last line that says something."""
+    """Return the last line that tells an error, or else the last that says something."""
     lines = [line.strip() for line in text.splitlines() if line.strip()]
-    return lines[-1] if lines else "no message"
+    errors = [line for line in lines if "error" in line.lower()]
+    return (errors or lines or ["no message"])[-1]

@@ -65,7 +65,7 @@ def run_script(
 def measure(
     environments: Sequence[Environment], folder: Path, passes: int, effort: float
 ) -> PeerTable:
-    """Make environments, export scenes, and pass over all peers several times."""
+    """Make environments, export scenes, and pass over all peers several times, or until Ctrl-C."""
     from condyn_pin.machine import machine
     from peers import export
 
@@ -84,17 +84,22 @@ def measure(
         except Missing as missing:
             skipped[environment.name] = str(missing)
     gathered: list[list[dict[str, Any]]] = []
-    for number in range(passes):
-        results = []
-        for name, python, script in jobs:
-            print(f"pass {number + 1} of {passes}: {script} in {name}", flush=True)
-            output = folder / f"{name}-{script}.json"
-            try:
-                results.append(run_script(python, script, scenes, output, effort))
-            except Missing as missing:
-                skipped[f"{script} in {name}"] = str(missing)
-        gathered.append(results)
-    return PeerTable(gather(gathered), machine(), skipped, passes, export.STATES)
+    try:
+        for number in range(passes):
+            results = []
+            for name, python, script in jobs:
+                print(f"pass {number + 1} of {passes}: {script} in {name}", flush=True)
+                output = folder / f"{name}-{script}.json"
+                try:
+                    results.append(run_script(python, script, scenes, output, effort))
+                except Missing as missing:
+                    skipped[f"{script} in {name}"] = str(missing)
+            gathered.append(results)
+    except KeyboardInterrupt:
+        if not gathered:
+            raise
+        print(f"stopped; whole passes are kept: {len(gathered)}", flush=True)
+    return PeerTable(gather(gathered), machine(), skipped, len(gathered), export.STATES)
 
 
 def with_peers(readme: str, table: PeerTable) -> str:
