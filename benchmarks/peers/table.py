@@ -80,9 +80,9 @@ class PeerTable:
         return min(found, key=lambda row: row.ratio, default=None)
 
     def bare_us(self, scene: str, quantity: str) -> float:
-        """Return the median time of the yardstick [us], in its own environment."""
+        """Return the least time of the yardstick [us], in its own environment."""
         return next(
-            row.median_us
+            row.min_us
             for row in self.rows
             if row.scene == scene
             and row.method == YARDSTICKS[quantity]
