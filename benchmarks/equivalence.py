@@ -23,7 +23,7 @@ import numpy as np
 import condyn_pin as cp
 from condyn_pin.catalogue import motor_torque, standard_scenes
 from condyn_pin.choice import untaken
-from condyn_pin.cli_words import solvers_of
+from condyn_pin.commands.words import solvers_of
 from condyn_pin.machine import machine
 from condyn_pin.tolerances import SOLVED
 

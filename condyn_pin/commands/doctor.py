@@ -1,0 +1,30 @@
+"""condyn doctor: what is installed."""
+
+from __future__ import annotations
+
+import typer
+from rich.table import Table
+
+from condyn_pin.commands.output import console
+
+PANEL = "Look"
+
+
+def doctor() -> None:
+    """Say what is installed, whether it fits together, and the line that mends it."""
+    from condyn_pin.doctor import diagnose
+
+    found = diagnose()
+    table = Table("", found.platform)
+    for name, version in found.versions.items():
+        table.add_row(name, version)
+    for name, text in found.features.items():
+        table.add_row(name, text)
+    console.print(table)
+    for finding in found.findings:
+        console.print(f"wrong: {finding}", style="bold red")
+    if found.remedy:
+        typer.echo("This mends it:")
+        typer.echo(f"  {found.remedy}")
+        raise typer.Exit(1)
+    console.print("Everything fits together.")

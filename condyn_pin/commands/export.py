@@ -1,0 +1,28 @@
+"""condyn export: a robot in another format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from condyn_pin.commands.arguments import RobotName
+from condyn_pin.errors import InvalidArgument
+
+PANEL = "Look"
+
+
+def export(
+    robot: RobotName,
+    mjcf: Annotated[Path, typer.Option(help="Write the robot with its loops here, for MuJoCo.")],
+    without: Annotated[str, typer.Option(help="Comma-separated: loops to leave out.")] = "",
+) -> None:
+    """Write a robot in another format."""
+    from condyn_pin.load import load_robot
+
+    text = load_robot(robot).to_mjcf(without=[name for name in without.split(",") if name])
+    try:
+        mjcf.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InvalidArgument(f"{mjcf}: cannot be written: {error.strerror}") from error

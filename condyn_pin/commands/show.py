@@ -1,0 +1,55 @@
+"""condyn show: what a scene contains."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from condyn_pin.commands.arguments import Contacts, Loops, Posture, RobotName
+from condyn_pin.commands.output import check_files, console
+from condyn_pin.errors import InvalidArgument
+
+PANEL = "Look"
+
+
+def show(
+    robot: RobotName,
+    contacts: Contacts = "",
+    loops: Loops = True,
+    posture: Posture = None,
+    frames: Annotated[bool, typer.Option(help="List the frames that constraints can use.")] = False,
+    ladder: Annotated[
+        bool, typer.Option("--ladder", help="Show smaller scenes instead, with their price.")
+    ] = False,
+    plot: Annotated[Path | None, typer.Option(help="Draw the ladder (png, svg, pdf).")] = None,
+) -> None:
+    """Show what a scene contains, what is redundant, and what is not used."""
+    if ladder:
+        from condyn_pin.smaller.ladder_print import show_ladder
+
+        check_files(None, None, plot, None)
+        show_ladder(robot, plot, console)
+        return
+    if plot:
+        raise InvalidArgument("--plot draws a ladder; add --ladder")
+    from condyn_pin.commands.words import scene_of
+
+    scene = scene_of(robot, contacts, loops)
+    summary = scene.summary(scene.state(posture)[0] if posture else None)
+    table = Table("", summary.robot, show_header=True)
+    for label, text in summary.facts().items():
+        table.add_row(label, text)
+    for name, kind, rows in summary.constraints:
+        table.add_row("constraint", f"{name}: {kind}, {rows} rows")
+    for text in summary.unused:
+        table.add_row("not used", text)
+    for text in summary.notes:
+        table.add_row("note", text)
+    table.add_row("postures", ", ".join(scene.robot.postures) or "none")
+    table.add_row("ready contacts", ", ".join(c.name for c in scene.robot.contacts) or "none")
+    if frames:
+        table.add_row("frames", ", ".join(scene.robot.frames))
+    console.print(table)
