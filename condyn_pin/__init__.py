@@ -56,6 +56,10 @@ if TYPE_CHECKING:
     from condyn_pin.motors.operational import operational_space as operational_space
     from condyn_pin.motors.transmissions import Transmission as Transmission
     from condyn_pin.motors.transmissions import transmission as transmission
+    from condyn_pin.problems import PROBLEMS as PROBLEMS
+    from condyn_pin.problems import Problem as Problem
+    from condyn_pin.problems.loading import load_problem as load_problem
+    from condyn_pin.problems.result import ProblemResult as ProblemResult
     from condyn_pin.proof import Proof as Proof
     from condyn_pin.robot import Robot as Robot
     from condyn_pin.rows.equations import Terms as Terms
@@ -144,6 +148,9 @@ _HOME = {
     "motors.transmissions": ("Transmission", "transmission"),
     "smaller.minimal_report": ("Minimal", "Step"),
     "smaller.price": ("Errors",),
+    "problems": ("PROBLEMS", "Problem"),
+    "problems.loading": ("load_problem",),
+    "problems.result": ("ProblemResult",),
     "proof": ("Proof",),
     "states.rank": ("Rank",),
     "smaller.reduced_scene": ("ReducedScene",),

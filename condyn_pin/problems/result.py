@@ -1,0 +1,152 @@
+"""ProblemResult: how far a simulated motion is from the right one, and what it cost."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+from condyn_pin.problems.base import Limit, Problem, Setting
+from condyn_pin.simulation.integrators import Integrator
+from condyn_pin.simulation.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Errors:
+    """What is wrong with a motion; by default everything."""
+
+    error: float = math.inf  # by the problem's own measure
+    energy_drift: float | None = math.inf  # largest change along the motion [J]
+    violation: float = math.inf  # largest |c(q)| along it [m, rad]
+    velocity_violation: float = math.inf  # largest |J v| along it [m/s, rad/s]
+
+
+@dataclass(frozen=True)
+class ProblemResult:
+    """A problem that was run, and the verdict.
+
+    Attributes
+    ----------
+    problem : Problem
+    setting : Setting
+        What was asked for.
+    integrator : Integrator
+    dt, duration : float
+        [s].
+    errors : Errors
+        Infinite for a motion that ended early.
+    cpu_seconds : float
+        Processor time of `simulate`, its workspace included [s].
+    solves : int
+        Solves of the equations of motion, by what the integrator says of its steps.
+    ended : str
+        Why it ended early; empty if it did not.
+    trajectory : Trajectory or None
+        The motion, up to 800 samples of it; None if it ended early.
+    """
+
+    problem: Problem
+    setting: Setting
+    integrator: Integrator
+    dt: float  # [s]
+    duration: float  # [s]
+    errors: Errors
+    cpu_seconds: float  # [s]
+    solves: int
+    ended: str = ""
+    trajectory: Trajectory | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def error(self) -> float:
+        """By the problem's own measure."""
+        return self.errors.error
+
+    @property
+    def energy_drift(self) -> float | None:
+        """Largest change of the energy [J]; None where it is not conserved."""
+        return self.errors.energy_drift
+
+    @property
+    def violation(self) -> float:
+        """Largest |c(q)| along the motion [m, rad]."""
+        return self.errors.violation
+
+    @property
+    def judged(self) -> float:
+        """The number that the limits are about."""
+        if self.problem.judged == "error":
+            return self.error
+        return math.inf if self.energy_drift is None else self.energy_drift
+
+    @property
+    def met(self) -> tuple[Limit, ...]:
+        """The limits that are met; none unless the motion is whole."""
+        whole = not self.ended and self.duration >= self.problem.duration * (1 - 1e-12)
+        return tuple(limit for limit in self.problem.limits if whole and self.judged <= limit.value)
+
+    @property
+    def verdict(self) -> str:
+        """The finest limit that is met, in words."""
+        if self.ended:
+            return f"failed: {self.ended}"
+        if self.duration < self.problem.duration * (1 - 1e-12):
+            return f"no verdict: {self.duration:g} s of {self.problem.duration:g} s"
+        if not self.met:
+            coarsest = self.problem.limits[0]
+            return f"not met: {_said(coarsest)}; found {self.judged:.2g}"
+        finest = self.met[-1]
+        return f"met: {_said(finest)}; found {self.judged:.2g}"
+
+    @property
+    def method(self) -> str:
+        """Integrator, drift scheme and solver, every knob said."""
+        chosen = self.setting
+        drift = "default drift" if chosen.drift is None else repr(chosen.drift)
+        solver = "default solver" if chosen.solver is None else repr(chosen.solver)
+        return f"{self.integrator!r}, {drift}, {solver}"
+
+    def facts(self) -> dict[str, str]:
+        """Return what `condyn problem` prints, by its label."""
+        drift = "not conserved in this problem"
+        if self.energy_drift is not None:
+            drift = f"{self.energy_drift:.2g} J"
+        e = self.errors
+        return {
+            "run with": f"dt {self.dt:g} s, {self.method}",
+            "error": f"{e.error:.2g}: {self.problem.measure}",
+            "energy drift": drift,
+            "violation": f"{e.violation:.2g} in c(q), {e.velocity_violation:.2g} in J v",
+            "CPU": f"{self.cpu_seconds:.3g} s for {self.duration:g} s, {self.solves} solves",
+            "verdict": self.verdict,
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return every number, for a file; what is not finite is None."""
+        chosen, e = self.setting, self.errors
+        numbers = {
+            "error": e.error,
+            "energy_drift": e.energy_drift,
+            "violation": e.violation,
+            "velocity_violation": e.velocity_violation,
+        }
+        return {
+            "problem": self.problem.label,
+            "integrator": repr(self.integrator),
+            "drift": repr(chosen.drift) if chosen.drift else "",
+            "solver": repr(chosen.solver) if chosen.solver else "",
+            "dt": self.dt,
+            "duration": self.duration,
+            **{k: x if x is not None and math.isfinite(x) else None for k, x in numbers.items()},
+            "cpu_seconds": self.cpu_seconds,
+            "solves": self.solves,
+            "verdict": self.verdict,
+        }
+
+    def __str__(self) -> str:
+        facts = self.facts().items()
+        head = f"{self.problem.label}: {self.problem.title}"
+        return "\n".join([head, *(f"  {label:<13} {text}" for label, text in facts)])
+
+
+def _said(limit: Limit) -> str:
+    return f"{limit.level}, {limit.value:g} ({limit.source})"
