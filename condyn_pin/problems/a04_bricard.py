@@ -129,7 +129,7 @@ def _inertia_and_height(a: float) -> tuple[float, float]:
     db_da = -math.cos(a) / ((1 + math.sin(a)) ** 2 * math.cos(b))
     R, p = np.eye(3), np.zeros(3)
     omega, end_velocity = np.zeros(3), np.zeros(3)
-    inertia = height = 0.0
+    inertia, height = np.float64(0.0), np.float64(0.0)
     for i, axis in enumerate(_AXES):
         angle, rate = (b, db_da) if i % 2 else (a, 1.0)
         omega = omega + R @ axis * rate

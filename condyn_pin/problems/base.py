@@ -2,10 +2,10 @@
 
 To write one:
 
-1. Make a frozen dataclass in a file of this folder. `name` is what users type; fields are the sizes
-   that the problem is known for.
-2. `scene`, `q0`, `v0` and `torque` are the problem in the product's own terms; q0 and v0 satisfy the
-   constraints to rounding.
+1. Make a frozen dataclass in a file of this folder. `name` is what users type; fields are the
+   sizes that the problem is known for.
+2. `scene`, `q0`, `v0` and `torque` are the problem in the product's own terms; q0 and v0 satisfy
+   the constraints to rounding.
 3. `observe` picks the numbers that are compared, and `answer` says what they should be, in closed
    form or from digits whose source is named. It shares no code with Pinocchio.
 4. `error` is the measure of the collection that the problem comes from, and `limits` are the errors

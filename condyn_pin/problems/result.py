@@ -16,6 +16,7 @@ class Errors:
     """What is wrong with a motion; by default everything."""
 
     error: float = math.inf  # by the problem's own measure
+    difference: float = math.inf  # largest of a number that is compared, in its own unit
     energy_drift: float | None = math.inf  # largest change along the motion [J]
     violation: float = math.inf  # largest |c(q)| along it [m, rad]
     velocity_violation: float = math.inf  # largest |J v| along it [m/s, rad/s]
@@ -114,6 +115,7 @@ class ProblemResult:
         return {
             "run with": f"dt {self.dt:g} s, {self.method}",
             "error": f"{e.error:.2g}: {self.problem.measure}",
+            "difference": f"{e.difference:.2g}, the largest of a number that is compared",
             "energy drift": drift,
             "violation": f"{e.violation:.2g} in c(q), {e.velocity_violation:.2g} in J v",
             "CPU": f"{self.cpu_seconds:.3g} s for {self.duration:g} s, {self.solves} solves",
@@ -125,6 +127,7 @@ class ProblemResult:
         chosen, e = self.setting, self.errors
         numbers = {
             "error": e.error,
+            "difference": e.difference,
             "energy_drift": e.energy_drift,
             "violation": e.violation,
             "velocity_violation": e.velocity_violation,

@@ -71,6 +71,7 @@ def measure(problem: Problem, trajectory: Trajectory) -> Errors:
         energy_drift = float(np.abs(energies - energies[0]).max())
     return Errors(
         problem.error(found, wanted),
+        float(np.abs(found - wanted).max()),
         energy_drift,
         max(float(np.abs(equations.violation(q)).max()) for _, q, _ in states),
         max(float(np.abs(equations.jacobian(q) @ v).max()) for _, q, v in states),
