@@ -23,7 +23,10 @@ if TYPE_CHECKING:
     from condyn_pin.contacts import PointContact as PointContact
     from condyn_pin.contacts import SurfaceContact as SurfaceContact
     from condyn_pin.differentiation.base import Derivatives as Derivatives
+    from condyn_pin.drift import DRIFTS as DRIFTS
     from condyn_pin.drift import Baumgarte as Baumgarte
+    from condyn_pin.drift import Drift as Drift
+    from condyn_pin.drift.no_drift import NoDrift as NoDrift
     from condyn_pin.errors import BranchChanged as BranchChanged
     from condyn_pin.errors import BrokenPinocchio as BrokenPinocchio
     from condyn_pin.errors import CondynError as CondynError
@@ -64,6 +67,21 @@ if TYPE_CHECKING:
     from condyn_pin.robot import Robot as Robot
     from condyn_pin.rows.equations import Terms as Terms
     from condyn_pin.scene import Scene as Scene
+    from condyn_pin.simulation.effects import Effects as Effects
+    from condyn_pin.simulation.events import Event as Event
+    from condyn_pin.simulation.events import Moment as Moment
+    from condyn_pin.simulation.integrators import INTEGRATORS as INTEGRATORS
+    from condyn_pin.simulation.integrators import Integrator as Integrator
+    from condyn_pin.simulation.integrators.dormand_prince import DormandPrince as DormandPrince
+    from condyn_pin.simulation.integrators.explicit_euler import ExplicitEuler as ExplicitEuler
+    from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4 as RungeKutta4
+    from condyn_pin.simulation.integrators.semi_implicit_euler import (
+        SemiImplicitEuler as SemiImplicitEuler,
+    )
+    from condyn_pin.simulation.measures import Energy as Energy
+    from condyn_pin.simulation.run import simulate as simulate
+    from condyn_pin.simulation.trajectory import RunStatus as RunStatus
+    from condyn_pin.simulation.trajectory import Trajectory as Trajectory
     from condyn_pin.smaller.climbing import Ladder as Ladder
     from condyn_pin.smaller.climbing import LadderEffort as LadderEffort
     from condyn_pin.smaller.climbing import Rung as Rung
@@ -114,7 +132,8 @@ _HOME = {
     "constraints": ("Constraint", "Coupling", "Loop"),
     "contacts": ("LineContact", "PlanarContact", "PointContact", "SurfaceContact"),
     "differentiation.base": ("Derivatives",),
-    "drift": ("Baumgarte",),
+    "drift": ("Baumgarte", "DRIFTS", "Drift"),
+    "drift.no_drift": ("NoDrift",),
     "force": ("ConstraintForce",),
     "impacts": ("Impact", "impact"),
     "rows.equations": ("Terms",),
@@ -146,6 +165,16 @@ _HOME = {
     "motors.inverse": ("InverseDynamics", "gravity_compensation", "inverse_dynamics"),
     "motors.operational": ("OperationalSpace", "operational_space"),
     "motors.transmissions": ("Transmission", "transmission"),
+    "simulation.effects": ("Effects",),
+    "simulation.events": ("Event", "Moment"),
+    "simulation.integrators": ("INTEGRATORS", "Integrator"),
+    "simulation.integrators.dormand_prince": ("DormandPrince",),
+    "simulation.integrators.explicit_euler": ("ExplicitEuler",),
+    "simulation.integrators.runge_kutta4": ("RungeKutta4",),
+    "simulation.integrators.semi_implicit_euler": ("SemiImplicitEuler",),
+    "simulation.measures": ("Energy",),
+    "simulation.run": ("simulate",),
+    "simulation.trajectory": ("RunStatus", "Trajectory"),
     "smaller.minimal_report": ("Minimal", "Step"),
     "smaller.price": ("Errors",),
     "problems": ("PROBLEMS", "Problem"),

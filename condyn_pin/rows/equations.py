@@ -135,6 +135,14 @@ class Equations:
         self.motion(q, self._still, self._still)
         return self._c.copy()
 
+    def open_by(self, q: Array, v: Array) -> tuple[float, float]:
+        """Return max abs(c(q)) and max abs(J v)."""
+        self.motion(q, v, self._still)
+        return (
+            float(np.abs(self._c).max(initial=0.0)),
+            float(np.abs(self._velocity).max(initial=0.0)),
+        )
+
     def placements(self, q: Array) -> list[tuple[Any, Any] | None]:
         """Return the placements of the frames c1 and c2 in the world; None for a coupling."""
         pin.forwardKinematics(self.model, self.data, q)

@@ -8,6 +8,7 @@ on the manifold of configurations.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -18,11 +19,11 @@ from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.rows.equations import Equations, Terms
 from condyn_pin.simulation.manifold import Manifold
-from condyn_pin.simulation.torques import Torque, applied_torque, with_passive
+from condyn_pin.simulation.torques import Applied, Passive, Torque
+from condyn_pin.workspace import Workspace
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
-    from condyn_pin.workspace import Workspace
 
 
 class System:
@@ -49,6 +50,8 @@ class System:
     m : int
         Number of rows.
     manifold : Manifold
+    passive : Passive
+        Springs and damping, those that are on.
     applied, torque : callable
         (t, q, v) -> (nv,) [N, N m]: what is applied, and that with springs and damping. Not to be
         written to.
@@ -59,7 +62,7 @@ class System:
     def __init__(
         self,
         workspace: Workspace,
-        tau: float | ArrayLike | Torque = 0.0,
+        tau: float | ArrayLike | Torque | Applied = 0.0,
         *,
         springs: bool = True,
         damping: bool = True,
@@ -69,8 +72,9 @@ class System:
         self.model = workspace.model
         self.m = self.scene.rows
         self.manifold = Manifold(self.model)
-        self.applied = applied_torque(self.model.nv, tau)
-        self.torque = with_passive(self.scene.robot, self.applied, springs=springs, damping=damping)
+        self.applied = tau if isinstance(tau, Applied) else Applied(self.model.nv, tau)
+        self.passive = Passive.of(self.scene.robot, springs=springs, damping=damping)
+        self.torque = self.passive.with_torques(self.applied)
         # bound once: these are called in every step
         self.integrate: Callable[[Array, Array], Array] = partial(pin.integrate, self.model)
         self.difference: Callable[[Array, Array], Array] = partial(pin.difference, self.model)
@@ -86,6 +90,30 @@ class System:
             If something is not finite, or the method's matrix is singular.
         """
         return self._solve(q, v, self.torque(t, q, v))
+
+    def implicit(self, dt: float) -> System:
+        """Return the system whose springs and damping act at the end of a step of size dt.
+
+        With v1 = v + dt a and q1 = q + dt v1 in the torques -D v1 - K (q1 - q0),
+
+            (M + dt D + dt^2 K) a + h = tau - (D + dt K) v - K (q - q0) + J^T lam,
+
+        which is stable however large D and K are. It has memory of its own.
+        """
+        passive = self.passive
+        stiffness = passive.K.sum(axis=1)
+        inertia = dt * passive.d + dt**2 * stiffness
+        if not inertia.any():
+            return self
+        scene, workspace = self.scene, self.workspace
+        model = pin.Model(self.model)
+        model.armature = np.array(model.armature) + inertia
+        heavier = replace(scene, robot=replace(scene.robot, model=model))
+        # the scales of the scene are what they were but for the stiffest joints
+        vars(heavier)["audit"] = scene.audit
+        system = System(Workspace(heavier, workspace.solver, drift=workspace.drift), self.applied)
+        system.torque = passive.with_torques(self.applied, drag=dt * stiffness)
+        return system
 
     def rate(self, theta: Array, v: Array) -> Array:
         """Return theta' (nv,) of q = integrate(q0, theta) at velocity v; see `Manifold`."""

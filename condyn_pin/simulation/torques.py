@@ -6,71 +6,129 @@ tau_i = applied_i - k_i (q_i - q0_i) - d_i v_i
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin.arguments import FLOAT
 from condyn_pin.arrays import Array, finite
+from condyn_pin.joints import Indices, indices
 from condyn_pin.robot import Robot
 
 Torque = Callable[[float, Array, Array], Array]  # (t, q, v) -> (nv,) [N, N m]
 
 
-def applied_torque(nv: int, tau: float | ArrayLike | Torque) -> Torque:
-    """Return what a user handed in as a function of (t, q, v).
+class Applied:
+    """The torques that are applied, and what they were when they were first asked for in a step.
 
-    A constant is one array for all times, not to be written to. What a function returns is looked
-    at: numbers of another shape would be broadcast without a word.
+    What a user's function returns is looked at: numbers of another shape would be broadcast
+    without a word.
+
+    Parameters
+    ----------
+    nv : int
+    tau : 0, (nv,) array_like or callable
+        Constant, or a function of (t, q, v) [N, N m].
+
+    Attributes
+    ----------
+    constant : (nv,) array or None
+        Not to be written to; None if they are a function.
     """
-    if not callable(tau):
-        constant = np.array(finite("tau", np.full(nv, 0.0) if _is_zero(tau) else tau, nv))
-        constant.flags.writeable = False
-        return lambda t, q, v: constant
-    shape, function = (nv,), tau
 
-    def checked(t: float, q: Array, v: Array) -> Array:
-        found = function(t, q, v)
-        if type(found) is np.ndarray and found.shape == shape and found.dtype is FLOAT:
-            return found
-        return finite(f"tau({t:g}, q, v)", found, nv)
+    def __init__(self, nv: int, tau: float | ArrayLike | Torque) -> None:
+        self._shape = (nv,)
+        self._function: Torque | None = tau if callable(tau) else None
+        self.constant: Array | None = None
+        if not callable(tau):
+            self.constant = np.array(finite("tau", np.zeros(nv) if _is_zero(tau) else tau, nv))
+            self.constant.flags.writeable = False
+        self._first = self.constant
 
-    return checked
-
-
-def with_passive(robot: Robot, applied: Torque, *, springs: bool, damping: bool) -> Torque:
-    """Return the torques applied, with those of springs and damping where there are any."""
-    k, at_q, at_v, rest = spring_arrays(robot)
-    d = np.array(robot.model.damping, dtype=float)
-    sprung, damped = springs and bool(k.any()), damping and bool(d.any())
-    if not (sprung or damped):
-        return applied
-    # K (nv, springs) adds up springs on one joint
-    K = np.zeros((robot.nv, len(k)))
-    K[at_v, range(len(k))] = k
-
-    def torque(t: float, q: Array, v: Array) -> Array:
-        tau = applied(t, q, v)
-        if damped:
-            tau = tau - d * v
-        if sprung:
-            tau = tau - K.dot(q[at_q] - rest)
+    def __call__(self, t: float, q: Array, v: Array) -> Array:
+        """Return the torques (nv,), not to be written to."""
+        if self._function is None:
+            return self.constant  # type: ignore[return-value]
+        tau = self._function(t, q, v)
+        if not (type(tau) is np.ndarray and tau.shape == self._shape and tau.dtype is FLOAT):
+            tau = finite(f"tau({t:g}, q, v)", tau, self._shape)
+        if self._first is None:
+            self._first = tau.copy()
         return tau
 
-    return torque
+    def forget(self) -> None:
+        """Begin another step."""
+        self._first = self.constant
+
+    def first(self, t: float, q: Array, v: Array) -> Array:
+        """Return the first torques since then; they are asked for now if nobody has."""
+        return self(t, q, v) if self._first is None else self._first
 
 
-def spring_arrays(robot: Robot) -> tuple[Array, Any, Any, Array]:
-    """Return stiffness, places in q, places in v, and references of the springs."""
-    model = robot.model
-    joints = [model.joints[model.getJointId(spring.joint)] for spring in robot.springs]
-    return (
-        np.array([spring.stiffness for spring in robot.springs]),
-        np.array([joint.idx_q for joint in joints], dtype=np.int_),
-        np.array([joint.idx_v for joint in joints], dtype=np.int_),
-        np.array([spring.reference for spring in robot.springs]),
-    )
+@dataclass(frozen=True, eq=False)
+class Passive:
+    """Springs and damping of a robot, as arrays.
+
+    Attributes
+    ----------
+    d : (nv,) array
+        Damping [N m s/rad, N s/m].
+    k, rest : (s,) array
+        Stiffness [N m/rad, N/m] and reference [rad, m] of each spring.
+    at_q, at_v : (s,) array of int
+        Where q and v hold its joint.
+    """
+
+    d: Array
+    k: Array
+    rest: Array
+    at_q: Indices
+    at_v: Indices
+
+    @staticmethod
+    def of(robot: Robot, *, springs: bool = True, damping: bool = True) -> Passive:
+        """Return those of a robot that are on."""
+        chosen = [spring for spring in robot.springs if springs and spring.stiffness]
+        at_q, at_v = indices(robot.model, [spring.joint for spring in chosen])
+        return Passive(
+            np.array(robot.model.damping, dtype=float) * damping,
+            np.array([spring.stiffness for spring in chosen]),
+            np.array([spring.reference for spring in chosen]),
+            at_q,
+            at_v,
+        )
+
+    @cached_property
+    def K(self) -> Array:
+        """Stiffness of each joint by spring (nv, s): springs on one joint add up."""
+        K = np.zeros((len(self.d), len(self.k)))
+        K[self.at_v, range(len(self.k))] = self.k
+        return K
+
+    def energy(self, q: Array) -> Array:
+        """Return the energy of the springs at configurations q (..., nq) [J]."""
+        return np.asarray(0.5 * (q[..., self.at_q] - self.rest) ** 2 @ self.k)
+
+    def with_torques(self, applied: Applied, drag: Array | None = None) -> Torque:
+        """Return the torques applied with those of springs and damping; drag is more damping."""
+        d = self.d if drag is None else self.d + drag
+        damped, sprung = bool(d.any()), len(self.k) > 0
+        if not (damped or sprung):
+            constant = applied.constant
+            return applied if constant is None else lambda t, q, v: constant
+        K, at_q, rest = self.K, self.at_q, self.rest
+
+        def torque(t: float, q: Array, v: Array) -> Array:
+            tau = applied(t, q, v)
+            if damped:
+                tau = tau - d * v
+            if sprung:
+                tau = tau - K.dot(q[at_q] - rest)
+            return tau
+
+        return torque
 
 
 def _is_zero(tau: object) -> bool:

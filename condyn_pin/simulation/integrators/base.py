@@ -64,6 +64,7 @@ class Integrator(ABC):
     use: ClassVar[str]  # when to take it
     a_at: ClassVar[Literal["start", "end"]] = "start"  # which end of the step a and lam belong to
     keeps_constraints: ClassVar[bool] = False
+    is_adaptive: ClassVar[bool] = False  # whether it takes smaller steps where it must
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

@@ -16,10 +16,16 @@ if TYPE_CHECKING:
 class SemiImplicitEuler(Integrator):
     """The step of most simulators.
 
-    v1 = v0 + dt a(t0, q0, v0),    q1 = q0 exp(dt v1)
+    v1 = v0 + dt a(t0, q0, v0),    q1 = integrate(q0, dt v1)
 
     Symplectic where the forces depend on q alone and M is constant; not together with constraints
     that are held by accelerations, nor where M changes.
+
+    Parameters
+    ----------
+    implicit : bool
+        Whether the robot's springs and damping act with q1 and v1 (`System.implicit`). By default
+        they do, as in MuJoCo: the damping of a light rod asks for a dt of microseconds otherwise.
 
     References
     ----------
@@ -32,8 +38,12 @@ class SemiImplicitEuler(Integrator):
     solves_per_step: ClassVar[float] = 1
     use: ClassVar[str] = "for the cheapest step, and to compare with other simulators"
 
+    implicit: bool = True
+
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
+        if self.implicit:
+            system = system.implicit(dt)
         acceleration, integrate = system.acceleration, system.integrate
 
         def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
