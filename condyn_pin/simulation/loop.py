@@ -60,7 +60,7 @@ class Loop:
         self.t, self.q, self.v = 0.0, q, v
         self._method, self._events = method, tuple(events)
         self._places: dict[Constraint, Constraint] = {}
-        self._asked: Scene | None = None
+        self._asked = scene  # as the user wrote it: its contacts may lack a place
         self.leg = Leg(self._placed(scene), method)
         self.recorders = [self.leg.begin(self.t, q, v)]
         self.happened: list[Happened] = []
@@ -113,15 +113,18 @@ class Loop:
     def _look(self, t: float, q: Array, v: Array) -> dict[str, float]:
         """Return the value of every event at a state."""
         moment = Moment(t, q, v, self.leg.system)
-        return {event.name: event.value(moment) for event in self._events}
+        return {
+            # an event has nothing to say while its scene goes on
+            event.name: 0.0 if event.scene is self._asked else event.value(moment)
+            for event in self._events
+        }
 
     def _first(self, t1: float, values: dict[str, float]) -> tuple[Event | None, float]:
         """Return the first event on the way to t1, and at which share of it."""
         found: tuple[Event | None, float] = (None, inf)
         for event in self._events:
             before, after = self._values[event.name], values[event.name]
-            goes_on = event.scene is not None and event.scene is self._asked
-            if before > 0 >= after and not goes_on:
+            if before > 0 >= after:
                 share = self._share(event, t1, before, after)
                 if share < found[1]:
                     found = event, share
