@@ -1,7 +1,8 @@
-"""Benchmark problems: their answers and their scenes, each derived a second time, and their runs."""
+"""Benchmark problems: answers and scenes, each derived a second time, and their runs."""
 
 from __future__ import annotations
 
+import functools
 import json
 import pickle
 from dataclasses import replace
@@ -17,6 +18,7 @@ from typer.testing import CliRunner
 import condyn_pin as cp
 from condyn_pin._pin import pin
 from condyn_pin.cli import app
+from condyn_pin.drift.no_drift import NoDrift
 from condyn_pin.problems.a04_bricard import _inertia_and_height
 from condyn_pin.problems.base import Limit, Problem, Setting
 
@@ -261,26 +263,32 @@ def test_loading():
             cp.load_problem("A02", n=n)
 
 
+@functools.cache
+def as_set(label: str) -> cp.ProblemResult:
+    return problem(label).run()
+
+
 @pytest.mark.parametrize("label", cp.PROBLEMS)
 def test_a_problem_meets_its_finest_limit_as_it_is_set(label):
-    result = problem(label).run()
+    result = as_set(label)
     assert result.met == result.problem.limits, str(result)
     assert result.verdict.startswith("met: ")
 
 
 def test_what_is_promised():
     """The figures of the README."""
-    pendulum, four_bar = cp.load_problem("A01").run(), cp.load_problem("A02").run()
+    pendulum, four_bar, bricard = as_set("A01"), as_set("A02"), as_set("A04")
     assert pendulum.energy_drift < 1e-10
-    assert four_bar.errors.difference < 1e-9
-    bricard = cp.load_problem("A04").run()
+    last = four_bar.trajectory
+    found = four_bar.problem.observe(last.q[-1], last.v[-1])
+    assert np.abs(found - four_bar.problem.answer(10.0)).max() < 1e-9
     assert bricard.error < 1e-10
     assert bricard.violation < 1e-12
 
 
 def test_forty_cells_through_the_flat_posture():
     result = cp.load_problem("A02", n=40).run(duration=1.0)
-    assert result.error < 1e-4
+    assert result.error < 1e-3
     assert result.verdict == "no verdict: 1 s of 20 s"
     assert result.met == ()
 
@@ -294,7 +302,8 @@ def test_the_error_falls_with_the_order_of_the_integrator():
 
 
 def test_a_motion_that_ends_early_is_a_failure_and_not_an_exception():
-    result = cp.load_problem("A02").run(solver=cp.DenseKKT(), dt=0.01)
+    """Without drift control the third singular passage or so is the last."""
+    result = cp.load_problem("A02").run(drift=NoDrift(), dt=0.005)
     assert result.ended
     assert result.verdict.startswith("failed: ")
     assert result.met == ()
@@ -319,11 +328,11 @@ def test_what_cannot_be_run_is_refused(options, said):
 def test_a_problem_known_at_its_end_only_runs_to_there():
     with pytest.raises(cp.InvalidArgument, match=r"duration = 0.01: .* known at 0.03 and 0.05 s"):
         cp.load_problem("A03").run(duration=0.01)
-    assert cp.load_problem("A03").run(duration=0.05).error < 1e-8
+    assert cp.load_problem("A03").run(duration=0.05).error < 1e-10
 
 
 def test_limits_are_judged_by_what_the_problem_says():
-    result = cp.load_problem("A01").run(dt=5e-3, drift=cp.Baumgarte(10.0, 10.0))
+    result = cp.load_problem("A01").run(dt=0.01, drift=cp.Baumgarte(3.0, 3.0))
     assert result.judged == result.energy_drift
     assert result.met == (Limit("5e-5 J", 5e-5, "what EXUDYN's example aims at"),)
 

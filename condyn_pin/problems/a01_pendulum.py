@@ -13,9 +13,11 @@ from scipy.special import ellipj
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.constraints import Loop
+from condyn_pin.drift import Baumgarte
 from condyn_pin.problems.base import Limit, Problem, Published, Setting
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
+from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
 
 _MASS: Final = 1.0  # [kg]
 _LENGTH: Final = 1.0  # [m]
@@ -56,8 +58,9 @@ class SimplePendulum(Problem):
 
     @property
     def setting(self) -> Setting:
-        """How it is run by default."""
-        return Setting(1e-3)
+        """Order 8 with adaptive steps: the motion is smooth."""
+        integrator = DormandPrince(relative_tolerance=1e-12, absolute_tolerance=1e-12)
+        return Setting(0.025, integrator, Baumgarte.critical(5.0))
 
     @cached_property
     def scene(self) -> Scene:

@@ -9,10 +9,12 @@ from typing import Any, ClassVar, Final
 import numpy as np
 
 from condyn_pin.arrays import Array
+from condyn_pin.drift import Baumgarte
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.load import load_robot
 from condyn_pin.problems.base import Limit, Problem, Published, Setting, Torque
 from condyn_pin.scene import Scene
+from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
 
 _STIFFNESS: Final = 4530.0  # [N/m]
 _REST_LENGTH: Final = 0.07785  # [m]
@@ -66,8 +68,9 @@ class AndrewsSqueezer(Problem):
 
     @property
     def setting(self) -> Setting:
-        """How it is run by default."""
-        return Setting(1e-5)
+        """Order 8 with adaptive steps: the motion is smooth."""
+        integrator = DormandPrince(relative_tolerance=1e-11, absolute_tolerance=1e-11)
+        return Setting(1e-3, integrator, Baumgarte.critical(1000.0))
 
     @cached_property
     def scene(self) -> Scene:

@@ -11,9 +11,11 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
+from condyn_pin.drift import Baumgarte
 from condyn_pin.load import load_robot
 from condyn_pin.problems.base import Limit, Problem, Published, Setting
 from condyn_pin.scene import Scene
+from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
 
 _GRAVITY: Final = 9.81  # [m/s^2]
 _AXIAL: Final = 0.1**2 / 6  # inertia of a rod of 1 kg, 1 m and 0.1 m x 0.1 m [kg m^2]
@@ -62,8 +64,9 @@ class Bricard(Problem):
 
     @property
     def setting(self) -> Setting:
-        """How it is run by default."""
-        return Setting(1e-3)
+        """Order 8 with adaptive steps: the motion is smooth."""
+        integrator = DormandPrince(relative_tolerance=1e-12, absolute_tolerance=1e-12)
+        return Setting(0.025, integrator, Baumgarte.critical(10.0))
 
     @cached_property
     def scene(self) -> Scene:
@@ -129,18 +132,18 @@ def _inertia_and_height(a: float) -> tuple[float, float]:
     db_da = -math.cos(a) / ((1 + math.sin(a)) ** 2 * math.cos(b))
     R, p = np.eye(3), np.zeros(3)
     omega, end_velocity = np.zeros(3), np.zeros(3)
-    inertia, height = np.float64(0.0), np.float64(0.0)
+    inertia = height = 0.0
     for i, axis in enumerate(_AXES):
         angle, rate = (b, db_da) if i % 2 else (a, 1.0)
         omega = omega + R @ axis * rate
         R = R @ _turn(axis, angle)
         rod = R @ (_POINTS[i + 1] - _POINTS[i])
         velocity = end_velocity + np.cross(omega, rod / 2)
-        inertia += velocity @ velocity
-        inertia += _ACROSS * (omega @ omega) + (_AXIAL - _ACROSS) * (omega @ rod) ** 2
-        height += p[1] + rod[1] / 2
+        spin = _ACROSS * (omega @ omega) + (_AXIAL - _ACROSS) * (omega @ rod) ** 2
+        inertia += float(velocity @ velocity + spin)
+        height += float(p[1] + rod[1] / 2)
         p, end_velocity = p + rod, end_velocity + np.cross(omega, rod)
-    return float(inertia), float(height)
+    return inertia, height
 
 
 def _turn(axis: Array, angle: float) -> Array:

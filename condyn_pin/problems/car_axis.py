@@ -12,10 +12,12 @@ import numpy as np
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.constraints import Loop
+from condyn_pin.drift import Baumgarte
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.problems.base import Limit, Problem, Setting, Torque
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
+from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
 
 _MASS: Final = 5e-4  # of each end of the axle [kg]: M eps^2 / 2 with M = 10 and eps = 0.01
 _LENGTH: Final = 1.0  # of the axle and of the road between the springs [m]
@@ -66,8 +68,9 @@ class CarAxis(Problem):
 
     @property
     def setting(self) -> Setting:
-        """How it is run by default."""
-        return Setting(1e-3)
+        """Order 8 with adaptive steps: the motion is smooth."""
+        integrator = DormandPrince(relative_tolerance=1e-12, absolute_tolerance=1e-12)
+        return Setting(0.1, integrator, Baumgarte.critical(10.0))
 
     @cached_property
     def scene(self) -> Scene:

@@ -12,9 +12,11 @@ from scipy.integrate import solve_ivp
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.constraints import Loop
+from condyn_pin.drift import Baumgarte
 from condyn_pin.problems.base import Limit, Problem, Setting
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
+from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
 
 _MASS: Final = 15.0  # [kg]
 _INERTIA: Final = (0.234375, 0.46875, 0.234375)  # about its centre of mass [kg m^2]
@@ -50,8 +52,9 @@ class HeavyTop(Problem):
 
     @property
     def setting(self) -> Setting:
-        """How it is run by default."""
-        return Setting(1e-3)
+        """Order 8 with adaptive steps: the motion is smooth."""
+        integrator = DormandPrince(relative_tolerance=1e-12, absolute_tolerance=1e-12)
+        return Setting(0.005, integrator, Baumgarte.critical(10.0))
 
     @cached_property
     def scene(self) -> Scene:

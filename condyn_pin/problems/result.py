@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from condyn_pin.problems.base import Limit, Problem, Setting
-from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.trajectory import Trajectory
 
 
@@ -19,7 +18,7 @@ class Errors:
     difference: float = math.inf  # largest of a number that is compared, in its own unit
     energy_drift: float | None = math.inf  # largest change along the motion [J]
     violation: float = math.inf  # largest |c(q)| along it [m, rad]
-    velocity_violation: float = math.inf  # largest |J v| along it [m/s, rad/s]
+    slip: float = math.inf  # largest |J v| along it [m/s, rad/s]
 
 
 @dataclass(frozen=True)
@@ -31,31 +30,35 @@ class ProblemResult:
     problem : Problem
     setting : Setting
         What was asked for.
-    integrator : Integrator
-    dt, duration : float
+    duration : float
         [s].
     errors : Errors
         Infinite for a motion that ended early.
     cpu_seconds : float
         Processor time of `simulate`, its workspace included [s].
     solves : int
-        Solves of the equations of motion, by what the integrator says of its steps.
-    ended : str
-        Why it ended early; empty if it did not.
-    trajectory : Trajectory or None
-        The motion, up to 800 samples of it; None if it ended early.
+        Solves of the equations of motion.
+    trajectory : Trajectory
+        The motion; its `run` says what was used, and how it ended.
     """
 
     problem: Problem
     setting: Setting
-    integrator: Integrator
-    dt: float  # [s]
     duration: float  # [s]
     errors: Errors
     cpu_seconds: float  # [s]
     solves: int
-    ended: str = ""
-    trajectory: Trajectory | None = field(default=None, repr=False, compare=False)
+    trajectory: Trajectory = field(repr=False, compare=False)
+
+    @property
+    def dt(self) -> float:
+        """The step [s]."""
+        return self.trajectory.run.dt
+
+    @property
+    def ended(self) -> str:
+        """Why it ended early; empty if it did not."""
+        return "" if self.trajectory.status.ok else self.trajectory.reason
 
     @property
     def error(self) -> float:
@@ -101,10 +104,8 @@ class ProblemResult:
     @property
     def method(self) -> str:
         """Integrator, drift scheme and solver, every knob said."""
-        chosen = self.setting
-        drift = "default drift" if chosen.drift is None else repr(chosen.drift)
-        solver = "default solver" if chosen.solver is None else repr(chosen.solver)
-        return f"{self.integrator!r}, {drift}, {solver}"
+        run = self.trajectory.run
+        return f"{run.integrator!r}, {run.drift!r}, {run.solver!r}"
 
     def facts(self) -> dict[str, str]:
         """Return what `condyn problem` prints, by its label."""
@@ -117,26 +118,26 @@ class ProblemResult:
             "error": f"{e.error:.2g}: {self.problem.measure}",
             "difference": f"{e.difference:.2g}, the largest of a number that is compared",
             "energy drift": drift,
-            "violation": f"{e.violation:.2g} in c(q), {e.velocity_violation:.2g} in J v",
+            "violation": f"{e.violation:.2g} in c(q), {e.slip:.2g} in J v",
             "CPU": f"{self.cpu_seconds:.3g} s for {self.duration:g} s, {self.solves} solves",
             "verdict": self.verdict,
         }
 
     def to_dict(self) -> dict[str, Any]:
         """Return every number, for a file; what is not finite is None."""
-        chosen, e = self.setting, self.errors
+        run, e = self.trajectory.run, self.errors
         numbers = {
             "error": e.error,
             "difference": e.difference,
             "energy_drift": e.energy_drift,
             "violation": e.violation,
-            "velocity_violation": e.velocity_violation,
+            "slip": e.slip,
         }
         return {
             "problem": self.problem.label,
-            "integrator": repr(self.integrator),
-            "drift": repr(chosen.drift) if chosen.drift else "",
-            "solver": repr(chosen.solver) if chosen.solver else "",
+            "integrator": repr(run.integrator),
+            "drift": repr(run.drift),
+            "solver": repr(run.solver),
             "dt": self.dt,
             "duration": self.duration,
             **{k: x if x is not None and math.isfinite(x) else None for k, x in numbers.items()},

@@ -7,12 +7,11 @@ from time import process_time
 
 import numpy as np
 
-from condyn_pin.errors import InvalidArgument, NotAssembled, SolveFailed, StepFailed
+from condyn_pin.arrays import Array
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.mechanisms.base import check_positive
-from condyn_pin.problems.base import Problem, Setting
+from condyn_pin.problems.base import Problem, Setting, Torque
 from condyn_pin.problems.result import Errors, ProblemResult
-from condyn_pin.rows.equations import Equations
-from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4
 from condyn_pin.simulation.run import simulate
 from condyn_pin.simulation.trajectory import Trajectory
 
@@ -24,36 +23,31 @@ def run_problem(problem: Problem, setting: Setting, duration: float | None) -> P
     """Return errors, cost and verdict; `Problem.run` says how."""
     duration = _duration(problem, duration)
     steps = _steps(setting.dt, duration)
-    integrator = setting.integrator or RungeKutta4()
-    scene, q0, v0, tau = problem.scene, problem.q0, problem.v0, problem.torque
-    trajectory, ended = None, ""
+    scene, q0, v0 = problem.scene, problem.q0, problem.v0
+    torque, solves = _counted(problem)
     start = process_time()
-    try:
-        trajectory = simulate(
-            scene,
-            q0,
-            v0,
-            0.0 if tau is None else tau,
-            duration=duration,
-            dt=duration / steps,
-            integrator=integrator,
-            drift=setting.drift,
-            solver=setting.solver,
-            record=max(1, steps // _SAMPLES),
-        )
-    except (SolveFailed, StepFailed, NotAssembled) as failure:
-        ended = str(failure)
+    trajectory = simulate(
+        scene,
+        q0,
+        v0,
+        torque,
+        duration=duration,
+        dt=duration / steps,
+        integrator=setting.integrator,
+        drift=setting.drift,
+        solver=setting.solver,
+        record=max(1, steps // _SAMPLES),
+    )
     seconds = process_time() - start
+    count = solves[0]  # to measure the motion asks for the torque again
+    whole = trajectory.status.ok
     return ProblemResult(
         problem,
         setting,
-        integrator,
-        dt=duration / steps,
-        duration=duration,
-        errors=Errors() if trajectory is None else measure(problem, trajectory),
+        duration,
+        measure(problem, trajectory) if whole else Errors(),
         cpu_seconds=seconds,
-        solves=round(steps * integrator.solves_per_step),
-        ended=ended,
+        solves=count,
         trajectory=trajectory,
     )
 
@@ -64,7 +58,6 @@ def measure(problem: Problem, trajectory: Trajectory) -> Errors:
     known = states[-1:] if problem.only_at else states
     found = np.array([problem.observe(q, v) for _, q, v in known])
     wanted = np.array([problem.answer(_near(t, problem.only_at)) for t, _, _ in known])
-    equations = Equations(problem.scene.robot.model, problem.scene.bounds)
     energy_drift = None
     if problem.conservative:
         energies = np.array([problem.energy(q, v) for _, q, v in states])
@@ -73,9 +66,21 @@ def measure(problem: Problem, trajectory: Trajectory) -> Errors:
         problem.error(found, wanted),
         float(np.abs(found - wanted).max()),
         energy_drift,
-        max(float(np.abs(equations.violation(q)).max()) for _, q, _ in states),
-        max(float(np.abs(equations.jacobian(q) @ v).max()) for _, q, v in states),
+        float(trajectory.violation.max()),
+        float(trajectory.slip.max()),
     )
+
+
+def _counted(problem: Problem) -> tuple[Torque, list[int]]:
+    """Return the problem's torque, and how often it was asked for: once a solve."""
+    solves, torque = [0], problem.torque
+    nothing = np.zeros(problem.scene.robot.nv)
+
+    def counted(t: float, q: Array, v: Array) -> Array:
+        solves[0] += 1
+        return nothing if torque is None else torque(t, q, v)
+
+    return counted, solves
 
 
 def _duration(problem: Problem, duration: float | None) -> float:
