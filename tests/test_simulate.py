@@ -154,12 +154,77 @@ def references():
     return made
 
 
+# How many steps in a quarter of a second show an order, without rounding.
+STEPS = {1: 1600, 2: 200, 3: 100, 4: 50}
+BY_ACCELERATION = [
+    kind for kind in cp.INTEGRATORS.values() if not (kind.is_adaptive or kind.keeps_constraints)
+]
+
+
 @pytest.mark.parametrize("make", [bar, top])
-@pytest.mark.parametrize("kind", [cp.ExplicitEuler, cp.SemiImplicitEuler, cp.RungeKutta4])
+@pytest.mark.parametrize("kind", BY_ACCELERATION)
 def test_orders_are_those_of_theory(kind, make, references):
-    n = {1: 1600, 4: 50}[kind.order.q]
+    n = STEPS[kind.order.q]
     coarse, fine = (errors_of(kind(), make, steps, 0.25, references[make]) for steps in (n, 2 * n))
     assert np.abs(np.log2(coarse / fine) - kind.order).max() < 0.05
+
+
+@pytest.mark.parametrize("kind", cp.INTEGRATORS.values())
+def test_samples_are_states_of_the_equations(kind):
+    """t, q, v, a and lam of one sample belong together, to the order of the method."""
+    scene, q, v = bar()
+    found = cp.simulate(scene, q, v, duration=0.01, dt=1e-4, integrator=kind(), record=7)
+    assert found.t == pytest.approx([*np.arange(0, 100, 7) * 1e-4, 0.01])
+    for i in (0, 5, len(found) - 1):
+        solution = cp.solve(found.scene, found.q[i], found.v[i], np.zeros(3), throw=False)
+        assert np.abs(found.a[i] - solution.a).max() < 0.05 * np.abs(solution.a).max()
+        assert np.abs(found.lam[i] - solution.lam).max() < 0.05 * np.abs(solution.lam).max()
+    assert kind.title
+    assert kind.use
+    assert kind.solves_per_step > 0
+
+
+@pytest.fixture
+def at_end():
+    """A method whose accelerations belong to the end of the step, as those of implicit ones do."""
+
+    class AtEnd(cp.Integrator):
+        title, order, use = "at the end", cp.SemiImplicitEuler.order, "here"
+        symplectic, solves_per_step, a_at = False, 2, "end"
+
+        def start(self, system, dt):
+            inner = cp.SemiImplicitEuler().start(system, dt)
+
+            def step(t, q, v):
+                q1, v1, _ = inner.step(t, q, v)
+                return q1, v1, system.acceleration(t + dt, q1, v1)
+
+            return type(inner)(step, system.lam)
+
+    yield AtEnd()
+    del cp.INTEGRATORS["atend"]
+
+
+def test_accelerations_at_the_end_are_put_where_they_belong(at_end):
+    def push(t, q, v):
+        return np.array([10.0 * t])
+
+    air, floor = falling()
+    touch = cp.Event(name="land", when=lambda m: m.position("origin")[2], scene=floor)
+    runs = [
+        cp.simulate(air, [0.1], [0.0], push, duration=0.3, events=[touch], integrator=i, record=k)
+        for i in (at_end, cp.SemiImplicitEuler())
+        for k in (1, 10)
+    ]
+    for found in runs:
+        landed = found.run.happened[0].sample
+        assert found.a[:landed, 0] == pytest.approx(10.0 * found.t[:landed] - G)
+        assert found.tau[:, 0] == pytest.approx(10.0 * found.t)
+        assert found.forces["origin"][landed:, 2] == pytest.approx(G - 10.0 * found.t[landed:])
+    for one, other in ((0, 2), (1, 3)):
+        assert np.allclose(runs[one].t, runs[other].t, rtol=0, atol=1e-14)
+        assert np.allclose(runs[one].q, runs[other].q, rtol=0, atol=1e-14)
+    assert 25 < len(runs[1]) < 40
 
 
 def test_averaged_velocities_would_have_order_two(references):
@@ -446,6 +511,44 @@ def test_contacts_that_stay_keep_their_place():
     assert found.lam.shape == (len(found.t), 12)
     assert not found.forces[feet[0].name][found.run.happened[0].sample :].any()
     assert found.violation.max() < 1e-6
+
+
+def test_a_scene_that_does_not_fit_ends_the_run():
+    air, floor = falling()
+    early = cp.Event(name="floor", at=0.1, scene=floor)
+    found = cp.simulate(air, [1.0], [0.0], duration=1.0, events=[early])
+    assert found.status is cp.RunStatus.FAILED
+    assert (
+        "event 'floor': its scene does not fit the state: origin is open by 951 mm" in found.reason
+    )
+    assert found.t[-1] == pytest.approx(0.1)
+
+
+def test_a_moment_knows_where_frames_are_and_how_fast():
+    scene = cp.Scene(cp.pendulum(length=2.0))
+    seen = []
+
+    def look(moment):
+        seen.append((moment.q[0], moment.v[0], moment.a[0], *moment.position("tip"),
+                     *moment.velocity("tip")))  # fmt: skip
+        return 1.0
+
+    cp.simulate(scene, [0.4], [0.7], duration=0.01, events=[cp.Event(name="look", when=look)])
+    assert len(seen) == 11
+    for theta, speed, a, x, y, z, vx, vy, vz in seen:
+        s, c = np.sin(theta), np.cos(theta)
+        assert (x, y, z) == pytest.approx((-2 * s, 0, -2 * c))
+        assert (vx, vy, vz) == pytest.approx((-2 * c * speed, 0, 2 * s * speed))
+        assert a == pytest.approx(-G / 2 * s)
+
+
+def test_joints_that_leave_their_limits_are_told():
+    model = pin.Model(body(pin.JointModelPZ()).model)
+    model.lowerPositionLimit[:], model.upperPositionLimit[:] = -0.1, 0.1
+    scene = cp.Scene(cp.Robot("limited", model))
+    found = cp.simulate(scene, [0.0], [0.0], duration=0.2)
+    assert "joint is 96.2 mm beyond its limits; the dynamics know no limits" in str(found)
+    assert cp.simulate(scene, [0.0], [0.0], duration=0.1).notices == ()
 
 
 def test_events_are_refused():

@@ -57,10 +57,13 @@ class Leg:
         keep = turn if self._at_start else (k + 1) % every == 0
         return self._take(self._move, self._lam, self._method.dt, t, q, v, keep)
 
-    def part(self, t: float, q: Array, v: Array, dt: float) -> tuple[Array, Array]:
-        """Take a step of another size; its sample is kept if there is none yet."""
+    def part(
+        self, t: float, q: Array, v: Array, dt: float, *, keep: bool = False
+    ) -> tuple[Array, Array]:
+        """Take a step of another size; `keep` says whether its end is to be a sample."""
         move, lam = self._mover(dt)
-        return self._take(move, lam, dt, t, q, v, self._at_start and not self.recorder.count)
+        keep = not self.recorder.count if self._at_start else keep
+        return self._take(move, lam, dt, t, q, v, keep)
 
     def take_back(self, t: float) -> None:
         """Forget the sample of a step from t that does not count."""

@@ -9,7 +9,6 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin import tolerances
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
 from condyn_pin.drift.base import Drift
@@ -18,6 +17,7 @@ from condyn_pin.scene import Scene
 from condyn_pin.simulation.defaults import default_drift, default_integrator
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Event
+from condyn_pin.simulation.fit import check_fit
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.leg import Method
 from condyn_pin.simulation.loop import Ended, Loop, PiledUp
@@ -174,8 +174,8 @@ def _start(scene: Scene, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
     """Return the first state, which has to satisfy the constraints."""
     q_ = normalised(scene.robot.model, "q", q)
     v_ = np.array(finite("v", v, scene.robot.nv))
-    limit = tolerances.NEARLY_CLOSED
-    scene.check(q_, v_).raise_if_open(gap=limit, slip=limit)
+    scene.robot.check_unedited()
+    check_fit(scene, q_, v_)
     return q_, v_
 
 

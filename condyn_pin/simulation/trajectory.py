@@ -22,6 +22,8 @@ from condyn_pin.simulation.measures import Energy, Kinematics, kinematics, work
 from condyn_pin.simulation.recorder import Phase
 from condyn_pin.simulation.torques import Passive
 from condyn_pin.solvers.base import Solver
+from condyn_pin.states.gaps import Gap, beyond_text
+from condyn_pin.states.limits import Limits
 
 
 class RunStatus(Enum):
@@ -208,7 +210,16 @@ class Trajectory:
             said.append(
                 f"{error:.3g} J of energy came or went without work, of {scale:.3g} J exchanged"
             )
+        if beyond := self._beyond_limits():
+            said.append(f"{beyond_text(beyond)}; the dynamics know no limits")
         return tuple(said)
+
+    def _beyond_limits(self) -> dict[str, Gap]:
+        """Return the joints that leave their limits, and how far at most, unless they began so."""
+        limits = Limits.of(self.scene.robot.model)
+        inside = limits.beyond(self.q[0]).keys()
+        most = limits.beyond(self.q.min(axis=0)) | limits.beyond(self.q.max(axis=0))
+        return {joint: gap for joint, gap in most.items() if joint not in inside}
 
     @cached_property
     def _kinematics(self) -> Kinematics:
