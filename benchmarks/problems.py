@@ -2,9 +2,10 @@
 
     python benchmarks/problems.py [--quick] [--only A02 A04]
 
-writes benchmarks/results/problems.{csv,json,png,md}. Every row is one run in this process; CPU time
-is that of `simulate`. Times of other codes are as published, on other machines, and stand beside
-ours for their order of magnitude only.
+writes benchmarks/results/problems.{csv,json,png} and the README's tables. Every row is one run in
+this process; CPU time is that of `simulate`. Times of other codes are as published, on other
+machines, and stand beside ours for their order of magnitude only. With --from-json the README's
+tables are made from the committed results, without running anything.
 """
 
 from __future__ import annotations
@@ -22,11 +23,12 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import condyn_pin as cp
 from condyn_pin.drift import DRIFTS, Baumgarte, Drift
 from condyn_pin.machine import machine
-from condyn_pin.plots import ready_axes
 from condyn_pin.problems.base import Problem, Setting
 from condyn_pin.simulation.integrators import INTEGRATORS
 
-RESULTS = Path(__file__).resolve().parent / "results"
+ROOT = Path(__file__).resolve().parent.parent
+RESULTS = ROOT / "benchmarks" / "results"
+BEGIN, END = "<!-- problems:begin -->", "<!-- problems:end -->"
 
 # Steps of each problem [s]: from useful to fine; and gains that suit the finest of them [1/s].
 STEPS: dict[str, tuple[float, ...]] = {
@@ -98,85 +100,100 @@ def plot(rows: list[dict[str, Any]], path: Path) -> None:
     import matplotlib.pyplot as plt
 
     names = list(dict.fromkeys(row["problem"] for row in rows))
+    methods = list(dict.fromkeys(_method(row) for row in rows))
     figure, panels = plt.subplots(2, 3, figsize=(14, 8), squeeze=False)
     for ax, name in zip(panels.flat, names, strict=False):
-        lines: dict[tuple[str, str], list[dict[str, Any]]] = {}
-        for row in rows:
-            if row["problem"] == name and row["error"]:
-                method = (row["integrator"].split("(")[0], row["drift"].split("(")[0])
-                lines.setdefault(method, []).append(row)
-        for (integrator, drift), line in lines.items():
-            line.sort(key=lambda row: row["cpu_seconds"])
-            x = [row["cpu_seconds"] for row in line]
-            ax.plot(x, [row["error"] for row in line], "o-", ms=4, label=f"{integrator}, {drift}")
-        ready_axes(ax, name)
-    handles = {}
+        for k, method in enumerate(methods):
+            here = (row for row in rows if row["problem"] == name and _method(row) == method)
+            line = sorted((row for row in here if row["error"]), key=lambda r: r["cpu_seconds"])
+            x, y = ([row[key] for row in line] for key in ("cpu_seconds", "error"))
+            colour, marker = f"C{k % 10}", "osd^vxP*"[k % 8]
+            ax.plot(x, y, f"{marker}-", color=colour, ms=4, label=method)
+        ax.set(title=name, xlabel="CPU [s]", ylabel="error", xscale="log", yscale="log")
+        ax.grid(alpha=0.3)
+    handles: dict[str, Any] = {}
     for ax in panels.flat:
-        handles |= dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
-    figure.legend(handles.values(), handles.keys(), loc="lower center", ncols=3, frameon=False)
-    figure.tight_layout(rect=(0, 0.08, 1, 1))
+        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
+            handles.setdefault(label, handle)
+    figure.legend(handles.values(), handles.keys(), loc="lower center", ncols=4, frameon=False)
+    figure.tight_layout(rect=(0, 0.1, 1, 1))
     figure.savefig(path, dpi=110)
 
 
-def markdown(best: list[dict[str, Any]], where: dict[str, str]) -> str:
-    """Return the table of the settings of the problems, and that of other codes."""
+def _method(row: dict[str, Any]) -> str:
+    """Return integrator and drift scheme without their knobs."""
+    return f"{row['integrator'].split('(')[0]}, {row['drift'].split('(')[0]}"
+
+
+def markdown(saved: dict[str, Any]) -> str:
+    """Return the README's tables: the problems as they are set, and other codes."""
     lines = [
-        "| problem | run with | dt [s] | error | energy [J] | CPU [s] | solves | verdict |",
-        "|---|---|---|---|---|---|---|---|",
+        "| problem | integrator, drift control | dt [s] | error | energy [J] | CPU [s] | solves |",
+        "|---|---|---|---|---|---|---|",
     ]
-    for row in best:
-        energy = "" if row["energy_drift"] is None else f"{row['energy_drift']:.1g}"
-        method = f"{row['integrator'].split('(')[0]}, {row['drift']}"
+    for row in saved["settings"]:
+        energy = "" if row["energy_drift"] is None else f"{row['energy_drift']:.0e}"
+        gain = row["drift"].split("alpha=")[-1].split(",")[0]
         lines.append(
-            f"| {row['problem']} | {method} | {row['dt']:g} | {row['error']:.1g} | {energy} | "
-            f"{row['cpu_seconds']:.2g} | {row['solves']} | {row['verdict']} |"
+            f"| {row['problem']} | {_method(row)}({gain}) | {row['dt']:g} | {row['error']:.0e} | "
+            f"{energy} | {row['cpu_seconds']:.2g} | {row['solves']} |"
         )
     lines += [
         "",
         "`python benchmarks/problems.py` on {processor} ({cores} cores, one thread), {system}, "
-        "Python {python}, Pinocchio {pinocchio}, {date}.".format(**where),
+        "Python {python}, Pinocchio {pinocchio}, {date}. As published by others, on their "
+        "machines:".format(**saved["machine"]),
         "",
-        "As published, on other machines:",
-        "",
-        "| problem | code | what was run | CPU [s] | error stated | processor | source |",
-        "|---|---|---|---|---|---|---|",
+        "| problem | code | what was run | CPU [s] | error stated | processor |",
+        "|---|---|---|---|---|---|",
     ]
     for kind in cp.PROBLEMS.values():
         lines += [
             f"| {kind.name} | {p.code} | {p.case} | {p.seconds:g} | {p.error or 'none'} | "
-            f"{p.processor} | {p.source} |"
+            f"{p.processor} |"
             for p in kind.published
         ]
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines)
+
+
+def with_problems(readme: str, saved: dict[str, Any]) -> str:
+    """Return the README with the tables between their two marks."""
+    head, rest = readme.split(BEGIN)
+    return f"{head}{BEGIN}\n{markdown(saved)}\n{END}{rest.split(END)[1]}"
+
+
+def measure(names: list[str], quick: bool) -> dict[str, Any]:
+    """Run the problems as they are set, then with everything else."""
+    problems = [cp.load_problem(name) for name in names]
+    as_set = [problem.run().to_dict() for problem in problems]
+    if "A02" in names:
+        place = names.index("A02") + 1
+        as_set.insert(place, cp.load_problem("A02", n=40).run().to_dict())
+    rows = [run(problem, setting) for problem in problems for setting in cases(problem, quick)]
+    return {"machine": machine(), "settings": as_set, "rows": [row for row in rows if row]}
 
 
 def main() -> None:
-    """Run everything and write the results."""
+    """Run everything, write the results, and update the README."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="two steps a method")
     parser.add_argument("--only", nargs="*", default=list(cp.PROBLEMS), help="problems by name")
-    parser.add_argument("--output", type=Path, default=RESULTS)
+    parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")
     options = parser.parse_args()
-    problems = [cp.load_problem(name) for name in options.only]
-    best = [problem.run().to_dict() for problem in problems]
-    if "A02" in options.only and not options.quick:
-        best.insert(options.only.index("A02") + 1, cp.load_problem("A02", n=40).run().to_dict())
-    found = (
-        run(problem, setting)
-        for problem in problems
-        for setting in cases(problem, options.quick)
-    )
-    rows = [row for row in found if row]
-    where = machine()
-    options.output.mkdir(parents=True, exist_ok=True)
-    saved = {"machine": where, "settings": best, "rows": rows}
-    (options.output / "problems.json").write_text(json.dumps(saved, indent=1), encoding="utf-8")
-    with (options.output / "problems.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
-        writer.writeheader()
-        writer.writerows(rows)
-    (options.output / "problems.md").write_text(markdown(best, where), encoding="utf-8")
-    plot(rows, options.output / "problems.png")
+    path = RESULTS / "problems.json"
+    if options.from_json:
+        saved = json.loads(path.read_text(encoding="utf-8"))
+    else:
+        saved = measure(options.only, options.quick)
+        path.write_text(json.dumps(saved, indent=1) + "\n", encoding="utf-8")
+        with (RESULTS / "problems.csv").open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
+            writer.writeheader()
+            writer.writerows(saved["rows"])
+    plot(saved["rows"], RESULTS / "problems.png")
+    readme = ROOT / "README.md"
+    readme.write_text(with_problems(readme.read_text(encoding="utf-8"), saved), encoding="utf-8")
+    print(markdown(saved))
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ import functools
 import json
 import pickle
 from dataclasses import replace
+from pathlib import Path
 
 import classical
 import mpmath as mp
@@ -341,6 +342,21 @@ def test_a_setting_is_used_as_a_whole_or_not_at_all():
     one = cp.load_problem("A04")
     assert one.run(duration=0.1).setting == one.setting
     assert one.run(duration=0.1, dt=0.01).setting == Setting(0.01)
+
+
+# The committed results
+
+
+def test_tables_are_those_of_the_committed_results(monkeypatch):
+    root = Path(__file__).resolve().parent.parent
+    monkeypatch.syspath_prepend(str(root / "benchmarks"))
+    import problems
+
+    saved = json.loads((root / "benchmarks" / "results" / "problems.json").read_text("utf-8"))
+    readme = (root / "README.md").read_text("utf-8")
+    assert problems.with_problems(readme, saved) == readme
+    for row in saved["settings"]:
+        assert row["verdict"].startswith("met: ")
 
 
 # The command line

@@ -65,7 +65,7 @@ class Bricard(Problem):
     @property
     def setting(self) -> Setting:
         """Order 8 with adaptive steps: the motion is smooth."""
-        integrator = DormandPrince(relative_tolerance=1e-12, absolute_tolerance=1e-12)
+        integrator = DormandPrince(relative_tolerance=1e-7, absolute_tolerance=1e-7)
         return Setting(0.025, integrator, Baumgarte.critical(10.0))
 
     @cached_property

@@ -53,7 +53,7 @@ class HeavyTop(Problem):
     @property
     def setting(self) -> Setting:
         """Order 8 with adaptive steps: the motion is smooth."""
-        integrator = DormandPrince(relative_tolerance=1e-12, absolute_tolerance=1e-12)
+        integrator = DormandPrince(relative_tolerance=1e-11, absolute_tolerance=1e-11)
         return Setting(0.005, integrator, Baumgarte.critical(10.0))
 
     @cached_property
