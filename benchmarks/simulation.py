@@ -1,4 +1,4 @@
-"""Time steps of a simulation: against one solve on Talos, and against real time on Cassie.
+"""Time steps of a simulation: against one solve, against real time, and how well they go.
 
 python benchmarks/simulation.py
 """
@@ -8,6 +8,8 @@ from __future__ import annotations
 import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+from collections.abc import Callable
 
 import numpy as np
 
@@ -23,56 +25,48 @@ DT = 1e-3  # [s]
 
 
 def main() -> None:
-    """Print ratios."""
+    """Print a table for Talos on two feet, and one for Cassie hanging by the pelvis."""
     print("{processor}, Python {python}, Pinocchio {pinocchio}, {date}".format(**machine()))
+    talos, cassie = cp.load_robot("talos"), cp.load_robot("cassie")
+    table(cp.Scene(talos, talos.contacts), duration=0.2)
+    table(cp.Scene(cassie, [*cassie.loops, cp.SurfaceContact("pelvis")]), duration=1.0)
+
+
+def table(scene: cp.Scene, *, duration: float) -> None:
+    """Print what steps cost, and what a run leaves open."""
+    q, v = scene.state()
+    tau = np.zeros(scene.robot.nv)
     integrators = [kind() for kind in cp.INTEGRATORS.values()]
-    of_a_step(integrators)
-    of_real_time(integrators)
-
-
-def of_a_step(integrators: list[cp.Integrator]) -> None:
-    """Print what a step costs in solves: Talos on two feet, samples kept."""
-    talos = cp.load_robot("talos")
-    scene = cp.Scene(talos, talos.contacts)
-    q, v = scene.state()
-    tau = np.zeros(talos.nv)
-    placed = anchored(scene, q)
-    workspace = cp.Workspace(placed, drift=default_drift(placed, cp.SemiImplicitEuler(), None, DT))
-
-    def steps(integrator: cp.Integrator):
-        drift = default_drift(placed, integrator, None, DT)
-        method = Method(Applied(talos.nv, tau), DT, integrator, drift, None, cp.Effects())
-        leg = Leg(placed, method)
-        leg.begin(0.0, q, v)
-        return lambda q, v, tau: leg.step(0.0, q, v, 0, 1)
-
-    calls = {"solve": workspace.acceleration} | {i.title: steps(i) for i in integrators}
+    workspace = cp.Workspace(anchored(scene, q))
+    calls = {"a solve": workspace.acceleration}
+    calls |= {i.title: steps(workspace.scene, q, v, i) for i in integrators}
     times = interleaved(calls, [(q, v, tau)], rounds=200, repeats=10)
-    solve = times["solve"]
-    print(f"\nTalos, 12 rows: a solve takes {solve.median:.1f} us")
-    print(f"{'integrator':<28}{'solves a step':>14}{'a step / a solve':>18}")
-    for integrator in integrators:
-        ratio = times[integrator.title].ratio(solve)
-        print(f"{integrator.title:<28}{integrator.solves_per_step:>14g}{ratio:>18.2f}")
-
-
-def of_real_time(integrators: list[cp.Integrator]) -> None:
-    """Print how fast Cassie swings that hangs by the pelvis, and how well."""
-    cassie = cp.load_robot("cassie")
-    scene = cp.Scene(cassie, [*cassie.loops, cp.SurfaceContact("pelvis")])
-    q, v = scene.state()
-    print(f"\nCassie hanging, {scene.rows} rows, dt {1e3 * DT:g} ms, 1 s")
-    print(f"{'integrator':<28}{'x real time':>12}{'gap [m]':>10}{'energy [J]':>12}  status")
-    for integrator in integrators:
-        runs = [
-            cp.simulate(scene, q, v, duration=1.0, dt=DT, integrator=integrator) for _ in range(3)
-        ]
-        fastest = min(runs, key=lambda run: run.run.wall_time)
+    solve = times["a solve"]
+    name = f"{scene.robot.name}, {scene.rows} rows"
+    print(f"\n{name}, dt {1e3 * DT:g} ms; a solve {solve.median:.1f} us")
+    print(
+        f"{'':<28}{'us':>8}{'solves':>8}{'measured':>10}{'x real time':>13}{'gap':>10}"
+        f"{'energy [J]':>12}"
+    )
+    for i in integrators:
+        time = times[i.title]
+        run = cp.simulate(scene, q, v, duration=duration, dt=DT, integrator=i)
+        quality = f"{run.violation.max():>10.1e}{np.abs(run.energy.error).max():>12.1e}"
         print(
-            f"{integrator.title:<28}{fastest.t[-1] / fastest.run.wall_time:>12.1f}"
-            f"{fastest.violation.max():>10.1e}{np.abs(fastest.energy.error).max():>12.1e}"
-            f"  {fastest.status.name.lower()}"
+            f"{i.title:<28}{time.median:>8.1f}{i.solves_per_step:>8g}{time.ratio(solve):>10.2f}"
+            f"{1e6 * DT / time.median:>13.1f}"
+            f"{quality if run.status.ok else '  ' + run.status.name.lower()}"
         )
+
+
+def steps(
+    scene: cp.Scene, q: np.ndarray, v: np.ndarray, integrator: cp.Integrator
+) -> Callable[..., object]:
+    """Return a step as `simulate` takes it, its sample kept."""
+    drift = default_drift(scene, integrator, None, DT)
+    leg = Leg(scene, Method(Applied(len(v), 0.0), DT, integrator, drift, None, cp.Effects()))
+    leg.begin(0.0, q, v)
+    return lambda q, v, tau: leg.step(0.0, q, v, 0, 1)
 
 
 if __name__ == "__main__":

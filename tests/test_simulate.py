@@ -221,6 +221,7 @@ def test_accelerations_at_the_end_are_put_where_they_belong(at_end):
         assert found.a[:landed, 0] == pytest.approx(10.0 * found.t[:landed] - G)
         assert found.tau[:, 0] == pytest.approx(10.0 * found.t)
         assert found.forces["origin"][landed:, 2] == pytest.approx(G - 10.0 * found.t[landed:])
+        assert (np.diff(found.t) > 1e-9).sum() == len(found) - 2  # but for the two at the event
     for one, other in ((0, 2), (1, 3)):
         assert np.allclose(runs[one].t, runs[other].t, rtol=0, atol=1e-14)
         assert np.allclose(runs[one].q, runs[other].q, rtol=0, atol=1e-14)

@@ -94,12 +94,11 @@ class Loop:
             if event is None:
                 break
             self.leg.take_back(self.t)
-            self._go(event, share * (t1 - self.t))
+            self._go(event, self.t + share * (t1 - self.t))
             self._happen(event)
-            left = t1 - self.t
-            if left <= _NOTHING * self._method.dt:
+            if t1 - self.t <= _NOTHING * self._method.dt:
                 return self.q, self.v
-            q1, v1 = self.leg.part(self.t, self.q, self.v, left, keep=keep)
+            q1, v1 = self.leg.part(self.t, self.q, self.v, t1, keep=keep)
         else:
             raise PiledUp(f"more than {_MOST} events from t = {self.t:g} s to {t1:g} s")
         self._rebounding -= {name for name in self._rebounding if values[name] > 0}
@@ -142,16 +141,18 @@ class Loop:
         def value(share: float) -> float:
             if share in (0.0, 1.0):
                 return after if share else before
-            q, v = self.leg.part(self.t, self.q, self.v, share * way)
-            return event.value(Moment(self.t + share * way, q, v, self.leg.system))
+            t = self.t + share * way
+            q, v = self.leg.part(self.t, self.q, self.v, t)
+            return event.value(Moment(t, q, v, self.leg.system))
 
         return float(brentq(value, 0.0, 1.0, xtol=_FOUND, rtol=_FOUND))
 
-    def _go(self, event: Event, dt: float) -> None:
-        """Go on by less than a step, to an event."""
-        if dt > _NOTHING * self._method.dt:
-            self.q, self.v = self.leg.part(self.t, self.q, self.v, dt)
-            self.t = self.t + dt if event.at is None else event.at
+    def _go(self, event: Event, t: float) -> None:
+        """Go on by less than a step, to an event at t."""
+        t = t if event.at is None else event.at
+        if t - self.t > _NOTHING * self._method.dt:
+            self.q, self.v = self.leg.part(self.t, self.q, self.v, t)
+            self.t = t
 
     def _happen(self, event: Event) -> None:
         """Let an event happen here; Ended if it ends the run."""
