@@ -110,6 +110,7 @@ def plot(rows: list[dict[str, Any]], path: Path) -> None:
             colour, marker = f"C{k % 10}", "osd^vxP*"[k % 8]
             ax.plot(x, y, f"{marker}-", color=colour, ms=4, label=method)
         ax.set(title=name, xlabel="CPU [s]", ylabel="error", xscale="log", yscale="log")
+        ax.set_ylim(1e-15, 10.0)  # what broke down is off the picture
         ax.grid(alpha=0.3)
     handles: dict[str, Any] = {}
     for ax in panels.flat:

@@ -59,7 +59,7 @@ class SimplePendulum(Problem):
     @property
     def setting(self) -> Setting:
         """Order 8 with adaptive steps: the motion is smooth."""
-        integrator = DormandPrince(relative_tolerance=1e-11, absolute_tolerance=1e-11)
+        integrator = DormandPrince(relative_tolerance=1e-12, absolute_tolerance=1e-12)
         return Setting(0.025, integrator, Baumgarte.critical(5.0))
 
     @cached_property

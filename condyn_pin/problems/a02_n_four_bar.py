@@ -77,9 +77,10 @@ class NFourBar(Problem):
         """Steps of one size, for adaptive ones crowd about the singular posture.
 
         There the error of an acceleration is its rounding over sin(theta)^2: the nearer a stage
-        comes, the worse, and steps that are too fine do harm. What is left, drift control at 25 /s
-        or more has to take out within half a turn; a small weight and several iterations keep the
-        solve exact where J M^-1 J^T has eigenvalues of 1e-6.
+        comes, the worse. These steps pass at 1e-4 rad or more; with n = 40 and 0.008 s, or n = 2
+        and 0.00125 s, a stage comes within 2e-5 rad and the motion is lost. What is left, drift
+        control at 25 /s or more has to take out within half a turn; a small weight and several
+        iterations keep the solve exact where J M^-1 J^T has eigenvalues of 1e-6.
         """
         solver = Proximal(mu=1e-8, max_iterations=10, relative_accuracy=1e-12)
         if self.n == 2:
