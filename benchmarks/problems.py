@@ -111,6 +111,7 @@ def plot(rows: list[dict[str, Any]], path: Path) -> None:
             ax.plot(x, y, f"{marker}-", color=colour, ms=4, label=method)
         ax.set(title=name, xlabel="CPU [s]", ylabel="error", xscale="log", yscale="log")
         ax.set_ylim(1e-15, 10.0)  # what broke down is off the picture
+        ax.xaxis.set_minor_formatter("")
         ax.grid(alpha=0.3)
     handles: dict[str, Any] = {}
     for ax in panels.flat:

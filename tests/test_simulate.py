@@ -334,9 +334,10 @@ def test_walls_are_those_of_linear_theory():
     assert wall(cp.SemiImplicitEuler()) == pytest.approx(2 * np.sqrt(2) - 2, abs=2e-4)
     assert wall(cp.RungeKutta4()) == pytest.approx(2.7853, abs=2e-4)
     assert wall(cp.DormandPrince()) == np.inf
-    deadbeat = cp.Baumgarte.deadbeat(1e-3)
-    assert growth(cp.SemiImplicitEuler(), deadbeat, 1e-3) == pytest.approx(1 + np.sqrt(2))
-    assert growth(cp.ExplicitEuler(), deadbeat, 1e-3) == pytest.approx(1.0)
+    popular = cp.Baumgarte(1e3, np.sqrt(2) * 1e3)  # Taylor's rule
+    assert growth(cp.SemiImplicitEuler(), popular, 1e-3) == pytest.approx(1 + np.sqrt(2))
+    assert growth(cp.ExplicitEuler(), popular, 1e-3) == pytest.approx(1.0)
+    assert growth(cp.SemiImplicitEuler(), cp.Baumgarte.deadbeat(1e-3), 1e-3) < 1e-7
 
 
 @pytest.mark.parametrize(("share", "stable"), [(0.82, True), (0.84, False)])
@@ -355,12 +356,13 @@ def test_the_wall_is_where_gaps_grow(share, stable):
 
 def test_gains_beyond_the_wall_are_refused():
     scene, q, v = bar()
+    popular = cp.Baumgarte(1e3, np.sqrt(2) * 1e3)  # Taylor's rule
     with pytest.raises(cp.InvalidArgument, match=r"2\.41 times a step; .* below 828\.4 / s"):
         cp.simulate(
             scene, q, v, duration=1.0, dt=1e-3, integrator=cp.SemiImplicitEuler(),
-            drift=cp.Baumgarte.deadbeat(1e-3),
+            drift=popular,
         )  # fmt: skip
-    assert cp.simulate(scene, q, v, duration=0.01, drift=cp.Baumgarte.deadbeat(1e-3)).status.ok
+    assert cp.simulate(scene, q, v, duration=0.01, drift=popular).status.ok
 
 
 def test_gains_by_other_names():
@@ -374,7 +376,6 @@ def test_gains_by_other_names():
         lambda: cp.Baumgarte.from_solref(0.0, 1.0),
         lambda: cp.Baumgarte.deadbeat(-1.0),
         lambda: cp.Baumgarte.from_settling_time(0),
-        lambda: cp.Baumgarte(0, 1).to_solref(),
     ):
         with pytest.raises(cp.InvalidArgument):
             wrong()

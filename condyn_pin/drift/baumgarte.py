@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import sqrt
-from typing import ClassVar, Final
+from math import e, sqrt
+from typing import ClassVar
 
 from condyn_pin.arrays import finite
 from condyn_pin.drift.base import Drift
 from condyn_pin.errors import InvalidArgument
-
-# Where (1 + x) exp(-x) = 0.02.
-_SETTLED: Final = 5.8339
 
 
 @dataclass(frozen=True)
@@ -50,43 +47,83 @@ class Baumgarte(Drift):
 
     @classmethod
     def critical(cls, alpha: float) -> Baumgarte:
-        """Return critical damping, alpha = beta [1/s]: (1 + alpha t) exp(-alpha t)."""
+        """Return alpha = beta [1/s]: a gap decays as (1 + alpha t) exp(-alpha t)."""
         return cls(alpha, alpha)
 
     @classmethod
-    def from_settling_time(cls, T: float) -> Baumgarte:
-        """Return critical damping with which a gap falls to two per cent in T [s].
+    def from_settling_time(cls, T: float, remaining: float = 0.02) -> Baumgarte:
+        """Return critical gains that leave a share of a gap after some time.
 
-        (1 + x) exp(-x) = 0.02 at x = alpha T = 5.834
+        (1 + x) exp(-x) = remaining,    alpha = beta = x / T
+
+        Parameters
+        ----------
+        T : float
+            [s], positive.
+        remaining : float
+            Between 0 and 1.
         """
-        return cls.critical(_SETTLED / _positive("T", T, "s"))
+        if not finite("T", T, ()) > 0:
+            raise InvalidArgument(f"T = {T!r}: a number > 0 [s] is needed")
+        if not 0 < finite("remaining", remaining, ()) < 1:
+            raise InvalidArgument(f"remaining = {remaining!r}: between 0 and 1")
+        from scipy.special import lambertw  # as long to import as Pinocchio
+
+        x = -float(lambertw(-remaining / e, k=-1).real) - 1.0
+        return cls.critical(x / T)
 
     @classmethod
     def deadbeat(cls, dt: float) -> Baumgarte:
-        """Return the gains that cancel gap and slip in a step, up to dt^2: 1/dt and sqrt(2)/dt.
+        """Return the gains with which semi-implicit Euler closes a gap in two steps.
 
-        Taylor's rule. It is beyond the wall of semi-implicit Euler, for which `simulate` refuses
-        it, and inside that of explicit Euler and Runge-Kutta 4.
+        alpha = 1 / (2 dt), beta = 1 / dt: both eigenvalues of the step are zero.
+
+        Parameters
+        ----------
+        dt : float
+            The step of the simulation [s].
         """
-        step = _positive("dt", dt, "s")
-        return cls(1.0 / step, sqrt(2.0) / step)
+        if not finite("dt", dt, ()) > 0:
+            raise InvalidArgument(f"dt = {dt!r}: a number > 0 [s] is needed")
+        return cls(0.5 / dt, 1.0 / dt)
 
     @classmethod
-    def from_solref(cls, timeconst: float, dampratio: float) -> Baumgarte:
-        """Return MuJoCo's solref = (timeconst [s], dampratio) as gains.
+    def from_solref(cls, timeconst: float, dampratio: float = 1.0) -> Baumgarte:
+        """Return the gains of MuJoCo's ``solref``, for a constraint of impedance 1.
 
-        alpha = 1 / timeconst,    beta = alpha / dampratio
+        alpha = 1 / timeconst,    beta = 1 / (timeconst dampratio)
 
-        The same spring where the rows are rigid: MuJoCo divides by its impedance d < 1 besides.
+        Two numbers that are not positive are -stiffness and -damping there: beta^2 and 2 alpha.
+        With an impedance d < 1 MuJoCo divides besides: alpha by d, beta by d too.
+
+        Parameters
+        ----------
+        timeconst : float
+            [s], or -beta^2 [1/s^2].
+        dampratio : float
+            [1], or -2 alpha [1/s].
+
+        References
+        ----------
+        MuJoCo's documentation, chapter Modeling, section Solver parameters.
         """
-        alpha = 1.0 / _positive("timeconst", timeconst, "s")
-        return cls(alpha, alpha / _positive("dampratio", dampratio, "1"))
+        first, second = (
+            float(finite("timeconst", timeconst, ())),
+            finite("dampratio", dampratio, ()),
+        )
+        if first > 0 and second > 0:
+            return cls(1.0 / first, 1.0 / (first * float(second)))
+        if first <= 0 and second <= 0:
+            return cls(-float(second) / 2, sqrt(-first))
+        raise InvalidArgument(
+            f"timeconst, dampratio = {timeconst!r}, {dampratio!r}: both positive, or both not"
+        )
 
     def to_solref(self) -> tuple[float, float]:
-        """Return MuJoCo's (timeconst [s], dampratio) of these gains."""
-        if not (self.alpha > 0 and self.beta > 0):
-            raise InvalidArgument(f"{self!r}: solref needs alpha > 0 and beta > 0")
-        return 1.0 / self.alpha, self.alpha / self.beta
+        """MuJoCo's (timeconst, dampratio) of the same gains; direct, negative, without both."""
+        if self.alpha > 0 and self.beta > 0:
+            return 1.0 / self.alpha, self.alpha / self.beta
+        return -self.Kp, -self.Kd
 
     @property
     def Kd(self) -> float:
@@ -102,11 +139,3 @@ class Baumgarte(Drift):
     def rows(self) -> Baumgarte:
         """What is asked of the rows: itself."""
         return self
-
-
-def _positive(argument: str, value: float, unit: str) -> float:
-    """Return a positive number, or raise InvalidArgument."""
-    number = float(finite(argument, value, ()))
-    if number <= 0:
-        raise InvalidArgument(f"{argument} = {value!r}: a number > 0 [{unit}] is needed")
-    return number

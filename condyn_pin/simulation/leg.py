@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from condyn_pin.arrays import Array
 from condyn_pin.drift.base import Drift
+from condyn_pin.errors import UnsupportedConstraint
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.integrators.base import Integrator
@@ -44,6 +45,7 @@ class Leg:
 
     def __init__(self, scene: Scene, method: Method) -> None:
         self.scene, self._method = scene, method
+        _check_rows(scene, method.integrator)
         workspace = Workspace(scene, method.solver, drift=method.drift.rows)
         self.solver, effects = workspace.solver, method.effects
         self._tau = method.tau
@@ -110,10 +112,24 @@ class Leg:
         correct = self._method.drift.start(self.system, dt)
         if correct is None:
             return stepper.step, stepper.lam
-        step = stepper.step
+        step, forces = stepper.step, [stepper.lam]
 
         def corrected(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
             q1, v1, a = step(t, q, v)
+            lam = stepper.lam()  # before the correction solves again
+            forces[0] = lambda: lam
             return *correct(t + dt, q1, v1), a
 
-        return corrected, stepper.lam
+        return corrected, lambda: forces[0]()
+
+
+def _check_rows(scene: Scene, integrator: Integrator) -> None:
+    """Refuse rows that an integrator cannot hold."""
+    if not integrator.needs_positions:
+        return
+    for bound in scene.bounds:
+        if len(bound.positioned) < bound.size:
+            raise UnsupportedConstraint(
+                f"{bound.name}: {integrator.title} holds positions, and it has rows that restrict "
+                "velocities only; use RungeKutta4() or GearGuptaLeimkuhler()"
+            )

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property, partial
+from math import isclose
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -79,16 +80,31 @@ class System:
         self.difference: Callable[[Array, Array], Array] = partial(pin.difference, self.model)
         self.lam: Callable[[], Array] = workspace.lam
         self._solve = workspace.acceleration
+        self._last: tuple[float, Array | None, Array | None, Array] = (0.0, None, None, np.zeros(0))
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return a (nv,) by the solver; `lam()` then returns its constraint forces (m,).
+
+        The last answer is kept: asked again at the same time for the very same arrays, it is
+        returned. A correction at the end of a step and the next step share one solve.
 
         Raises
         ------
         InvalidArgument, SolveFailed
             If something is not finite, or the method's matrix is singular.
         """
-        return self._solve(q, v, self.torque(t, q, v))
+        last = self._last
+        # k dt and (k - 1) dt + dt are one time
+        if q is last[1] and v is last[2] and isclose(t, last[0], rel_tol=1e-14):
+            return last[3]
+        a = self._solve(q, v, self.torque(t, q, v))
+        self._last = t, q, v, a
+        return a
+
+    def carry_over(self, q: Array, v: Array) -> None:
+        """Take the last answer as that of (q, v), a state so near that nothing would change."""
+        t, _, _, a = self._last
+        self._last = t, q, v, a
 
     def implicit(self, dt: float) -> System:
         """Return the system whose springs and damping act at the end of a step of size dt.

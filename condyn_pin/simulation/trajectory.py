@@ -13,7 +13,7 @@ import numpy as np
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.drift.base import Drift
-from condyn_pin.rows.bound import Bound
+from condyn_pin.rows.bound import Bound, Rolled
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Happened
@@ -144,7 +144,7 @@ class Trajectory:
             for bound in phase.scene.bounds:
                 lam = self.lam[phase.samples][:, list(phase.columns[bound.rows])]
                 force = lam
-                if isinstance(bound, Bound) and not bound.is_rod:
+                if isinstance(bound, Rolled) or (isinstance(bound, Bound) and not bound.is_rod):
                     force = np.array([bound.whole(row) for row in lam])
                 found.setdefault(bound.name, np.zeros((len(self.t), force.shape[1])))
                 found[bound.name][phase.samples] = force
