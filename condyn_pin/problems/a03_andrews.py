@@ -69,7 +69,7 @@ class AndrewsSqueezer(Problem):
     @property
     def setting(self) -> Setting:
         """Order 8 with adaptive steps: the motion is smooth."""
-        integrator = DormandPrince(relative_tolerance=1e-10, absolute_tolerance=1e-10)
+        integrator = DormandPrince(relative_tolerance=1e-11, absolute_tolerance=1e-11)
         return Setting(1e-3, integrator, Baumgarte.critical(1000.0))
 
     @cached_property
