@@ -77,6 +77,10 @@ if TYPE_CHECKING:
     from condyn_pin.nonholonomic import Knife as Knife
     from condyn_pin.nonholonomic import RollingBall as RollingBall
     from condyn_pin.nonholonomic import RollingWheel as RollingWheel
+    from condyn_pin.problems import PROBLEMS as PROBLEMS
+    from condyn_pin.problems import Problem as Problem
+    from condyn_pin.problems.loading import load_problem as load_problem
+    from condyn_pin.problems.result import ProblemResult as ProblemResult
     from condyn_pin.proof import Proof as Proof
     from condyn_pin.robot import Robot as Robot
     from condyn_pin.rows.equations import Terms as Terms
@@ -247,6 +251,9 @@ _HOME = {
     "simulation.trajectory": ("Trajectory",),
     "smaller.minimal_report": ("Minimal", "Step"),
     "smaller.price": ("Errors",),
+    "problems": ("PROBLEMS", "Problem"),
+    "problems.loading": ("load_problem",),
+    "problems.result": ("ProblemResult",),
     "proof": ("Proof",),
     "states.rank": ("Rank",),
     "smaller.reduced_scene": ("ReducedScene",),
