@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from condyn_pin.errors import InvalidModel as InvalidModel
     from condyn_pin.errors import MissingExtra as MissingExtra
     from condyn_pin.errors import NotAssembled as NotAssembled
+    from condyn_pin.errors import NotReached as NotReached
+    from condyn_pin.errors import NotTuned as NotTuned
     from condyn_pin.errors import SolveFailed as SolveFailed
     from condyn_pin.errors import StaleModel as StaleModel
     from condyn_pin.errors import UnknownName as UnknownName
@@ -124,6 +126,8 @@ _HOME = {
         "InvalidModel",
         "MissingExtra",
         "NotAssembled",
+        "NotReached",
+        "NotTuned",
         "SolveFailed",
         "StaleModel",
         "UnknownName",

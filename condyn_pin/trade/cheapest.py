@@ -1,0 +1,137 @@
+"""cheapest: the fastest solver of a table that meets an error, where it was not chosen too."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import inf
+
+from condyn_pin.arrays import finite
+from condyn_pin.errors import InvalidArgument, NotReached, unknown_name
+from condyn_pin.scene import Scene
+from condyn_pin.solvers import SOLVERS
+from condyn_pin.solvers.base import Solver
+from condyn_pin.trade.exports import short
+from condyn_pin.trade.fresh import Fresh, FreshErrors, check_count
+from condyn_pin.trade.front import answered, comparable, microseconds
+from condyn_pin.trade.row import Row
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A solver chosen by measurement.
+
+    Attributes
+    ----------
+    solver : Solver
+    error : float
+        What was asked for, relative.
+    row : Row
+        What the study found of it.
+    fresh : Fresh
+        What it gave at states that it was not chosen by.
+    rejected : tuple of (Row, Fresh)
+        What is faster, met the error in the study, and not at the fresh states.
+    """
+
+    solver: Solver
+    error: float
+    row: Row
+    fresh: Fresh
+    rejected: tuple[tuple[Row, Fresh], ...]
+
+    def __str__(self) -> str:
+        lines = [
+            f"{self.row.scene}, {self.row.measure} to {self.error:g}: {short(self.row)}",
+            f"{microseconds(self.row):.1f} us; {self.fresh}",
+        ]
+        lines += [f"not {short(row)}: {fresh}" for row, fresh in self.rejected]
+        return "\n".join(lines)
+
+
+def cheapest(
+    rows: Sequence[Row],
+    scenes: Mapping[str, Scene],
+    *,
+    error: float,
+    measure: str,
+    scene: str | None,
+    states: int,
+    seed: int,
+) -> Choice:
+    """Return the fastest solver that meets an error; see `Table.cheapest`."""
+    if not 0 < finite("error", error, ()) < inf:
+        raise InvalidArgument(f"error = {error!r}: a number > 0 is needed, relative")
+    check_count(states)
+    label = _label(rows, scene)
+    asked = [row for row in rows if (row.scene, row.measure) == (label, measure)]
+    if not asked:
+        known = dict.fromkeys(row.measure for row in rows if row.scene == label)
+        raise unknown_name(f"measure of {label!r} in this table", measure, known)
+    rivals = sorted(filter(comparable, asked), key=microseconds)
+    meeting = [row for row in rivals if row.error_worst <= error]
+    if not meeting:
+        raise _not_reached(asked, error, [])
+    if label not in scenes:
+        raise InvalidArgument(
+            f"this table has no scene {label!r} to make fresh states with; "
+            f"hand it in: table.with_scenes({{{label!r}: scene}})"
+        )
+    return _first_that_holds(meeting, asked, scenes[label], error, states, seed)
+
+
+def _first_that_holds(
+    meeting: Sequence[Row],
+    asked: Sequence[Row],
+    scene: Scene,
+    error: float,
+    states: int,
+    seed: int,
+) -> Choice:
+    judge = FreshErrors(scene, meeting[0].measure, states, seed)
+    rejected: list[tuple[Row, Fresh]] = []
+    for row in meeting:
+        solver = solver_of(row)
+        fresh = judge(solver)
+        if fresh.expected <= error:
+            return Choice(solver, error, row, fresh, tuple(rejected))
+        rejected.append((row, fresh))
+    raise _not_reached(asked, error, rejected)
+
+
+def solver_of(row: Row) -> Solver:
+    """Return the solver of a row, with its knobs."""
+    name = row.solver.split("(")[0]
+    if name.lower() not in SOLVERS:
+        raise unknown_name("solver", name, [kind.__name__ for kind in SOLVERS.values()])
+    solver = SOLVERS[name.lower()](**row.knobs)
+    if repr(solver) != row.solver:
+        raise InvalidArgument(f"{row.solver}: with its knobs it is {solver!r}; run the study again")
+    return solver
+
+
+def _label(rows: Sequence[Row], scene: str | None) -> str:
+    labels = list(dict.fromkeys(row.scene for row in rows))
+    if scene is None:
+        if len(labels) == 1:
+            return labels[0]
+        raise InvalidArgument(f"scene: this table has {len(labels)}, name one: {labels}")
+    if scene not in labels:
+        raise unknown_name("scene in this table", scene, labels)
+    return scene
+
+
+def _not_reached(
+    asked: Sequence[Row], error: float, rejected: Sequence[tuple[Row, Fresh]]
+) -> NotReached:
+    row = min(filter(answered, asked), key=lambda r: r.error_worst, default=None)
+    text = f"nothing in this table meets {asked[0].measure} to {error:g} on {asked[0].scene!r}"
+    if rejected:
+        best, fresh = min(rejected, key=lambda pair: pair[1].expected)
+        text += f" at fresh states too; the best there is {short(best)}, {fresh}"
+    elif row is None:
+        text += ": no solver answers every state"
+    else:
+        timed = "" if comparable(row) else f", {row.timed}"
+        text += f"; the best is {short(row)} with {row.error_worst:.1e}{timed}"
+    return NotReached(f"{text}; ask for less, or try more knobs", row)

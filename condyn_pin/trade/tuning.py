@@ -1,0 +1,106 @@
+"""tune and tuned: a solver chosen by a short study, and the choice looked up again."""
+
+from __future__ import annotations
+
+from condyn_pin.arrays import finite
+from condyn_pin.errors import CondynError, InvalidArgument, NotTuned
+from condyn_pin.machine import machine
+from condyn_pin.scene import Scene
+from condyn_pin.solvers import SOLVERS
+from condyn_pin.solvers.base import Solver
+from condyn_pin.tolerances import SOLVED
+from condyn_pin.trade import plan as plans
+from condyn_pin.trade.cheapest import Choice
+from condyn_pin.trade.fingerprint import fingerprint
+from condyn_pin.trade.plan import Plan
+
+
+def tuned(scene: Scene, error: float = SOLVED, *, measure: str = "acceleration") -> Solver:
+    """Return the solver that `tune` chose for this scene, on this machine, with these versions.
+
+    Parameters
+    ----------
+    scene : Scene
+        One with the same content; it need not be the same object.
+    error : float
+        The same that `tune` was asked for.
+    measure : str
+
+    Returns
+    -------
+    Solver
+
+    Raises
+    ------
+    NotTuned
+        If there is no such plan; the text says what there is, and the line that makes one.
+
+    Notes
+    -----
+    Reads a file and writes the model as text to know it, which takes milliseconds: call it once,
+    not in a loop.
+    """
+    _check(scene, error)
+    found = fingerprint(scene)
+    path = plans.path_of(found, measure, error)
+    call = _call(error, measure)
+    if not path.exists():
+        raise NotTuned(f"no plan for this scene to {error:g}{_others(found)}; {call} makes one")
+    try:
+        return _solver(plans.read(path))
+    except CondynError as reason:
+        raise NotTuned(f"{reason}; {call} makes a new one") from reason
+
+
+def _solver(plan: Plan) -> Solver:
+    if plan.solver.lower() not in SOLVERS:
+        raise InvalidArgument(f"a plan with the solver {plan.solver!r}, which does not exist here")
+    try:
+        return SOLVERS[plan.solver.lower()](**plan.knobs)
+    except TypeError as error:
+        raise InvalidArgument(f"a plan with other knobs than {plan.solver} has") from error
+
+
+def _call(error: float, measure: str) -> str:
+    more = "" if measure == "acceleration" else f", measure={measure!r}"
+    return f"condyn_pin.tune(scene, {error:g}{more})"
+
+
+def _others(found: str) -> str:
+    """Say which plans of the scene there are, and why they are of no use here."""
+    here, said = plans.here(), []
+    for plan in plans.plans_of(found):
+        differs = [
+            f"{key} {plan.where.get(key)}" for key in here if plan.where.get(key) != here[key]
+        ]
+        said.append(
+            f"{plan.measure} to {plan.error:g}" + (f" with {differs[0]}" if differs else "")
+        )
+    return f" (there is one for {', '.join(said)})" if said else ""
+
+
+def _check(scene: Scene, error: float) -> None:
+    if not isinstance(scene, Scene):
+        raise InvalidArgument(f"scene = {type(scene).__name__}: a Scene is needed")
+    if not finite("error", error, ()) > 0:
+        raise InvalidArgument(f"error = {error!r}: a number > 0 is needed, relative")
+
+
+def keep(scene: Scene, choice: Choice) -> Plan:
+    """Write what was chosen for a scene where `tuned` finds it."""
+    assert choice.row.median_us is not None
+    plan = Plan(
+        fingerprint=fingerprint(scene),
+        measure=choice.row.measure,
+        error=choice.error,
+        solver=type(choice.solver).__name__,
+        knobs=dict(choice.row.knobs),
+        median_us=choice.row.median_us,
+        found=choice.fresh.error,
+        expected=choice.fresh.expected,
+        states=choice.fresh.states,
+        where=plans.here(),
+        date=machine()["date"],
+    )
+    plans.keep(plan)
+    return plan
