@@ -99,6 +99,9 @@ if TYPE_CHECKING:
     from condyn_pin.summary import Summary as Summary
     from condyn_pin.switching import Switch as Switch
     from condyn_pin.switching import switch as switch
+    from condyn_pin.trade.cheapest import Choice as Choice
+    from condyn_pin.trade.comparison import Comparison as Comparison
+    from condyn_pin.trade.tuning import tuned as tuned
     from condyn_pin.verbs import derivatives as derivatives
     from condyn_pin.verbs import solve as solve
     from condyn_pin.workspace import Workspace as Workspace
@@ -169,6 +172,9 @@ _HOME = {
     "spring": ("Spring",),
     "summary": ("Summary",),
     "switching": ("Switch", "switch"),
+    "trade.cheapest": ("Choice",),
+    "trade.comparison": ("Comparison",),
+    "trade.tuning": ("tuned",),
     "verbs": ("derivatives", "solve"),
     "workspace": ("Workspace",),
 }
