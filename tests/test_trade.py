@@ -345,8 +345,8 @@ def drawn(t: Table, **which):
 
 def test_the_picture_has_a_line_a_method_the_front_and_both_floors():
     ax, lines = drawn(table())
-    assert list(lines["front"].get_xdata()) == [2.0, 3.0, 30.0]
-    assert list(lines["front"].get_ydata()) == [1e-3, 1e-9, 1e-14]
+    assert list(lines["Pareto front"].get_xdata()) == [2.0, 3.0, 30.0]
+    assert list(lines["Pareto front"].get_ydata()) == [1e-3, 1e-9, 1e-14]
     assert sorted(lines["Proximal"].get_xdata()) == [2.0, 3.0]
     assert lines["rounding"].get_ydata()[0] == np.finfo(float).eps
     assert lines["floor of Reference"].get_ydata()[0] == 3e-14

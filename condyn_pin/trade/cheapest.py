@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
@@ -14,6 +15,7 @@ from condyn_pin.solvers.base import Solver
 from condyn_pin.trade.exports import short
 from condyn_pin.trade.fresh import Fresh, FreshErrors, check_count
 from condyn_pin.trade.front import answered, comparable, microseconds
+from condyn_pin.trade.measures import MEASURES, Measure
 from condyn_pin.trade.row import Row
 
 
@@ -88,7 +90,7 @@ def _first_that_holds(
     states: int,
     seed: int,
 ) -> Choice:
-    judge = FreshErrors(scene, meeting[0].measure, states, seed)
+    judge = FreshErrors(scene, measure_of(meeting[0].measure), states, seed)
     rejected: list[tuple[Row, Fresh]] = []
     for row in meeting:
         solver = solver_of(row)
@@ -108,6 +110,17 @@ def solver_of(row: Row) -> Solver:
     if repr(solver) != row.solver:
         raise InvalidArgument(f"{row.solver}: with its knobs it is {solver!r}; run the study again")
     return solver
+
+
+def measure_of(label: str) -> Measure:
+    """Return the measure that tables call so: a name, with the knobs that are not as usual."""
+    try:
+        call = ast.parse(label, mode="eval").body
+        name, words = (call.func, call.keywords) if isinstance(call, ast.Call) else (call, [])
+        knobs = {str(word.arg): ast.literal_eval(word.value) for word in words}
+        return MEASURES[name.id](**knobs)  # type: ignore[attr-defined]
+    except (SyntaxError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise unknown_name("measure", label, MEASURES) from error
 
 
 def _label(rows: Sequence[Row], scene: str | None) -> str:

@@ -14,19 +14,26 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf, isfinite
+from typing import Final
 
 import numpy as np
 
-from condyn_pin.catalogue import motor_torque
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.arrays import Array
+from condyn_pin.errors import CondynError, InvalidArgument
 from condyn_pin.scene import Scene
 from condyn_pin.solvers.base import Solver
-from condyn_pin.solvers.reference import Reference
 from condyn_pin.timing import State
+from condyn_pin.tolerances import SOLVED
+from condyn_pin.trade.front import ANSWERED
+from condyn_pin.trade.measures import Measure
+from condyn_pin.trade.states import SampledStates
 from condyn_pin.workspace import Workspace
 
-_TENTH = 10
-_LEAST = 20  # states, for a tenth largest that is not the smallest
+_TENTH: Final = 10
+_LEAST: Final = 20  # states, for a tenth largest that is not the smallest
+
+# Studies count their seeds from zero.
+_FIRST_SEED: Final = 2**32
 
 
 @dataclass(frozen=True)
@@ -68,29 +75,35 @@ def check_count(states: int) -> None:
         raise InvalidArgument(f"states = {states!r}: a whole number >= {_LEAST} is needed")
 
 
-def fresh_states(scene: Scene, count: int, seed: int) -> list[State]:
-    """Return closed, moving states under motor torques, of a stream that no study draws from."""
-    rng = np.random.default_rng([seed, 0xF4E54])  # a seed that is a list: no study has one
-    return [(*scene.sample(rng), motor_torque(scene.robot, rng)) for _ in range(count)]
-
-
 class FreshErrors:
-    """The errors of solvers at fresh states, all at the same ones."""
+    """The errors of solvers at fresh states, all at the same ones.
 
-    def __init__(self, scene: Scene, measure: str, states: int, seed: int) -> None:
-        self.scene = scene
-        self.states = fresh_states(scene, states, seed)
-        reference = Workspace(scene, Reference())
-        self.truth = [reference.solve(*state, throw=False).a for state in self.states]
+    Parameters
+    ----------
+    scene : Scene
+    measure : Measure
+    states : int
+    seed : int
+    """
+
+    def __init__(self, scene: Scene, measure: Measure, states: int, seed: int) -> None:
+        self._scene, self._measure = scene, measure
+        self._states = SampledStates(states, seed=_FIRST_SEED + seed).of(scene)
+        self._truth = [measure.truth(scene, state) for state in self._states]
 
     def __call__(self, solver: Solver) -> Fresh:
         """Return what a solver gives at the states."""
-        workspace = Workspace(self.scene, solver)
-        found = [workspace.solve(*state, throw=False).a for state in self.states]
-        gravity = self.scene.audit.yardstick.gravity
-        return Fresh.of(
-            [
-                float(np.abs(a - right).max() / max(np.abs(right).max(), gravity))
-                for a, right in zip(found, self.truth, strict=True)
-            ]
-        )
+        try:
+            workspace = Workspace(self._scene, solver)
+        except CondynError:
+            return Fresh.of([inf] * len(self._states))
+        pairs = zip(self._states, self._truth, strict=True)
+        return Fresh.of([self._error(workspace, *pair) for pair in pairs])
+
+    def _error(self, workspace: Workspace, state: State, truth: Array) -> float:
+        """Return the error at a state; infinite without an answer, or where ok is a lie."""
+        try:
+            answer = self._measure.answer(workspace, state, truth, SOLVED)
+        except CondynError:
+            return inf
+        return answer.error if answer.status in ANSWERED else inf

@@ -8,12 +8,12 @@ from math import isfinite
 from condyn_pin.trade.row import Row
 
 # Answers that are what they say: an inaccurate one says by how much it is.
-_ANSWERED = {"ok", "inaccurate"}
+ANSWERED = {"ok", "inaccurate"}
 
 
 def answered(row: Row) -> bool:
     """Whether every state got an answer, with an error that is a number."""
-    return bool(row.statuses) and set(row.statuses) <= _ANSWERED and isfinite(row.error_worst)
+    return bool(row.statuses) and set(row.statuses) <= ANSWERED and isfinite(row.error_worst)
 
 
 def comparable(row: Row) -> bool:

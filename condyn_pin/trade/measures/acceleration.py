@@ -35,9 +35,7 @@ class AccelerationMeasure(Measure):
         """Return a by `Reference`."""
         return Workspace(scene, Reference()).solve(*state, throw=False).a
 
-    def answer(
-        self, workspace: Workspace, state: State, truth: Array, accuracy: float
-    ) -> Answer:
+    def answer(self, workspace: Workspace, state: State, truth: Array, accuracy: float) -> Answer:
         """Return the answer of a workspace's solver at a state."""
         try:
             hot = workspace.acceleration(*state)

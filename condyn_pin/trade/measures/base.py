@@ -95,9 +95,7 @@ class Measure(ABC):
         """Return what an answer at a state is compared with."""
 
     @abstractmethod
-    def answer(
-        self, workspace: Workspace, state: State, truth: Array, accuracy: float
-    ) -> Answer:
+    def answer(self, workspace: Workspace, state: State, truth: Array, accuracy: float) -> Answer:
         """Return the answer of a workspace's solver at a state."""
 
     @abstractmethod

@@ -49,9 +49,7 @@ class DerivativeMeasure(Measure):
         solution = workspace.solve(*state, throw=False)
         return _blocks(workspace, solution, state, "kkt")
 
-    def answer(
-        self, workspace: Workspace, state: State, truth: Array, accuracy: float
-    ) -> Answer:
+    def answer(self, workspace: Workspace, state: State, truth: Array, accuracy: float) -> Answer:
         """Return the answer of a workspace's solver at a state."""
         if not workspace.solver.exact:
             raise InvalidArgument(

@@ -30,9 +30,7 @@ class ForceMeasure(Measure):
         lam = workspace.solve(*state, throw=False).lam
         return workspace.jacobian(state[0]).T @ lam
 
-    def answer(
-        self, workspace: Workspace, state: State, truth: Array, accuracy: float
-    ) -> Answer:
+    def answer(self, workspace: Workspace, state: State, truth: Array, accuracy: float) -> Answer:
         """Return the answer of a workspace's solver at a state."""
         solution = workspace.solve(*state, accuracy=accuracy, throw=False)
         force = workspace.jacobian(state[0]).T @ solution.lam
