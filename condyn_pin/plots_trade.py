@@ -67,7 +67,14 @@ def work_precision(
     ax = axes(ax)
     best = [(microseconds(row), _height(row)) for row in front(rows)]
     if best:
-        ax.step(*zip(*best, strict=True), where="post", color="0.85", lw=6, zorder=0, label="Pareto front")
+        ax.step(
+            *zip(*best, strict=True),
+            where="post",
+            color="0.85",
+            lw=6,
+            zorder=0,
+            label="Pareto front",
+        )
     for name in dict.fromkeys(row.solver.split("(")[0] for row in rows):
         _draw_method(ax, name, [row for row in rows if row.solver.split("(")[0] == name])
     _draw_floors(ax, table.floors.get(rows[0].scene))

@@ -13,10 +13,11 @@ import pytest
 from shared import all_scenes
 
 import condyn_pin as cp
-from condyn_pin.trade.cheapest import solver_of
+from condyn_pin.trade.cheapest import measure_of, solver_of
 from condyn_pin.trade.exports import short
 from condyn_pin.trade.fresh import Fresh
 from condyn_pin.trade.row import ALONE, Row
+from condyn_pin.trade.states import SampledStates
 from condyn_pin.trade.table import Table
 
 
@@ -155,8 +156,14 @@ def test_a_solver_that_fails_at_a_fresh_state_is_rejected():
 
 
 def test_fresh_states_are_the_same_for_one_seed_and_others_for_another():
-    found = [measured(FINE).cheapest(1e-8, states=20, seed=seed).fresh for seed in (0, 0, 1)]
+    sets = [20, 20, SampledStates(20, seed=1)]
+    found = [measured(FINE).cheapest(1e-8, states=each).fresh for each in sets]
     assert found[0] == found[1] != found[2]
+
+
+def test_the_states_of_the_study_are_not_fresh():
+    with pytest.raises(cp.InvalidArgument, match="20 sampled, seed 0 are those of the study"):
+        measured(FINE).cheapest(1e-8, states=SampledStates(20, seed=0))
 
 
 @pytest.mark.parametrize(
@@ -193,6 +200,17 @@ def test_a_row_whose_knobs_do_not_make_its_solver_is_refused():
         solver_of(dataclasses.replace(FINE, solver="Proximal(mu=1)"))
     with pytest.raises(cp.UnknownName, match="Proximal"):
         solver_of(dataclasses.replace(FINE, solver="Proximale(mu=1)"))
+
+
+def test_a_label_gives_its_measure_back():
+    from condyn_pin.trade.measures import MEASURES
+
+    changed = MEASURES["derivatives"](method="differences")
+    for measure in (*(kind() for kind in MEASURES.values()), changed):
+        assert measure_of(measure.label) == measure
+    for label in ("nothing", "forces(", "forces(x=1)", "forces.a", "__import__('os')"):
+        with pytest.raises(cp.UnknownName, match="acceleration"):
+            measure_of(label)
 
 
 def test_the_tail_is_continued_as_it_is():

@@ -13,10 +13,11 @@ from condyn_pin.scene import Scene
 from condyn_pin.solvers import SOLVERS
 from condyn_pin.solvers.base import Solver
 from condyn_pin.trade.exports import short
-from condyn_pin.trade.fresh import Fresh, FreshErrors, check_count
+from condyn_pin.trade.fresh import Fresh, FreshErrors, as_fresh
 from condyn_pin.trade.front import answered, comparable, microseconds
 from condyn_pin.trade.measures import MEASURES, Measure
 from condyn_pin.trade.row import Row
+from condyn_pin.trade.states import States
 
 
 @dataclass(frozen=True)
@@ -58,13 +59,11 @@ def cheapest(
     error: float,
     measure: str,
     scene: str | None,
-    states: int,
-    seed: int,
+    states: States | int,
 ) -> Choice:
     """Return the fastest solver that meets an error; see `Table.cheapest`."""
     if not 0 < finite("error", error, ()) < inf:
         raise InvalidArgument(f"error = {error!r}: a number > 0 is needed, relative")
-    check_count(states)
     label = _label(rows, scene)
     asked = [row for row in rows if (row.scene, row.measure) == (label, measure)]
     if not asked:
@@ -79,7 +78,7 @@ def cheapest(
             f"this table has no scene {label!r} to make fresh states with; "
             f"hand it in: table.with_scenes({{{label!r}: scene}})"
         )
-    return _first_that_holds(meeting, asked, scenes[label], error, states, seed)
+    return _first_that_holds(meeting, asked, scenes[label], error, states)
 
 
 def _first_that_holds(
@@ -87,10 +86,13 @@ def _first_that_holds(
     asked: Sequence[Row],
     scene: Scene,
     error: float,
-    states: int,
-    seed: int,
+    states: States | int,
 ) -> Choice:
-    judge = FreshErrors(scene, measure_of(meeting[0].measure), states, seed)
+    fresh_states = as_fresh(states)
+    seen = {row.states for row in meeting}
+    if fresh_states.name in seen:
+        raise InvalidArgument(f"states: {fresh_states.name} are those of the study, not fresh ones")
+    judge = FreshErrors(scene, measure_of(meeting[0].measure), fresh_states)
     rejected: list[tuple[Row, Fresh]] = []
     for row in meeting:
         solver = solver_of(row)

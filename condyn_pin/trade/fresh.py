@@ -12,11 +12,9 @@ error only if `expected` does.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, isfinite
 from typing import Final
-
-import numpy as np
 
 from condyn_pin.arrays import Array
 from condyn_pin.errors import CondynError, InvalidArgument
@@ -26,14 +24,14 @@ from condyn_pin.timing import State
 from condyn_pin.tolerances import SOLVED
 from condyn_pin.trade.front import ANSWERED
 from condyn_pin.trade.measures import Measure
-from condyn_pin.trade.states import SampledStates
+from condyn_pin.trade.states import SampledStates, States, as_states
 from condyn_pin.workspace import Workspace
 
 _TENTH: Final = 10
 _LEAST: Final = 20  # states, for a tenth largest that is not the smallest
 
-# Studies count their seeds from zero.
-_FIRST_SEED: Final = 2**32
+# Seeds of studies are small numbers.
+_SEED: Final = 2**32
 
 
 @dataclass(frozen=True)
@@ -43,6 +41,7 @@ class Fresh:
     Attributes
     ----------
     states : int
+        How many.
     error : float
         The worst, relative; infinite where there was no answer.
     expected : float
@@ -69,10 +68,20 @@ class Fresh:
         )
 
 
-def check_count(states: int) -> None:
-    """Refuse a number of states that says nothing about a tail."""
-    if isinstance(states, bool) or not isinstance(states, int | np.integer) or states < _LEAST:
-        raise InvalidArgument(f"states = {states!r}: a whole number >= {_LEAST} is needed")
+def as_fresh(states: States | int) -> States:
+    """Return a set of states; a number is that many sampled ones, of a seed that no study has.
+
+    Raises
+    ------
+    InvalidArgument
+        If there are too few to say anything about a tail.
+    """
+    chosen = states if isinstance(states, States) else as_states(states)
+    if isinstance(chosen, SampledStates) and chosen is not states:
+        chosen = replace(chosen, seed=_SEED)
+    if getattr(chosen, "count", _LEAST) < _LEAST:
+        raise InvalidArgument(f"states = {states!r}: at least {_LEAST} are needed")
+    return chosen
 
 
 class FreshErrors:
@@ -82,13 +91,13 @@ class FreshErrors:
     ----------
     scene : Scene
     measure : Measure
-    states : int
-    seed : int
+    states : States or int
+        As `as_fresh` takes them.
     """
 
-    def __init__(self, scene: Scene, measure: Measure, states: int, seed: int) -> None:
+    def __init__(self, scene: Scene, measure: Measure, states: States | int) -> None:
         self._scene, self._measure = scene, measure
-        self._states = SampledStates(states, seed=_FIRST_SEED + seed).of(scene)
+        self._states = as_fresh(states).of(scene)
         self._truth = [measure.truth(scene, state) for state in self._states]
 
     def __call__(self, solver: Solver) -> Fresh:

@@ -16,6 +16,7 @@ from condyn_pin.trade.cheapest import Choice, cheapest
 from condyn_pin.trade.comparison import Comparison, compare
 from condyn_pin.trade.front import front
 from condyn_pin.trade.row import Row
+from condyn_pin.trade.states import States
 
 
 @dataclass(frozen=True)
@@ -76,8 +77,7 @@ class Table:
         *,
         measure: str = "acceleration",
         scene: str | None = None,
-        states: int = 200,
-        seed: int = 0,
+        states: States | int = 200,
     ) -> Choice:
         """Return the fastest solver that meets an error, at fresh states too.
 
@@ -89,11 +89,9 @@ class Table:
             A name of `MEASURES` that the study took.
         scene : str, optional
             A label; the only one by default.
-        states : int
-            How many fresh states have to meet the error. What is expected over ten times as many
-            (`condyn_pin.trade.fresh`) has to meet it as well.
-        seed : int
-            Of the fresh states.
+        states : States or int
+            The fresh states that have to meet the error; a number is that many sampled ones. What
+            is expected over ten times as many (`condyn_pin.trade.fresh`) has to meet it as well.
 
         Returns
         -------
@@ -105,16 +103,11 @@ class Table:
         NotReached
             If nothing in the table meets the error; the text and `row` say what comes nearest.
         InvalidArgument
-            If the scene is not in `scenes`, or several are and none is named.
+            If the scene is not in `scenes`, or there are several and none is named, or the states
+            are those of the study.
         """
         return cheapest(
-            self.rows,
-            self.scenes,
-            error=error,
-            measure=measure,
-            scene=scene,
-            states=states,
-            seed=seed,
+            self.rows, self.scenes, error=error, measure=measure, scene=scene, states=states
         )
 
     def compare(self, old: Table) -> Comparison:

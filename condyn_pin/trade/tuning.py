@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from condyn_pin.arrays import finite
+from condyn_pin.bench import Progress, silent
 from condyn_pin.errors import CondynError, InvalidArgument, NotTuned
 from condyn_pin.machine import machine
 from condyn_pin.scene import Scene
@@ -12,7 +13,65 @@ from condyn_pin.tolerances import SOLVED
 from condyn_pin.trade import plan as plans
 from condyn_pin.trade.cheapest import Choice
 from condyn_pin.trade.fingerprint import fingerprint
+from condyn_pin.trade.clocks import TimingEffort
+from condyn_pin.trade.front import microseconds
 from condyn_pin.trade.plan import Plan
+from condyn_pin.trade.study import Study
+
+_SHORT = TimingEffort(rounds=60)
+
+
+def tune(
+    scene: Scene,
+    error: float = SOLVED,
+    *,
+    measure: str = "acceleration",
+    progress: Progress = silent,
+    save: bool = True,
+) -> Solver:
+    """Return the fastest solver that meets an error on a scene, by a short study.
+
+    Parameters
+    ----------
+    scene : Scene
+    error : float
+        The worst that is good enough, relative, as in `Row.error_worst`.
+    measure : str
+        A name of `MEASURES`: what is timed, and what the error is one of.
+    progress : callable
+        Called with (what, done, total).
+    save : bool
+        Keep the choice on this machine, where `tuned` finds it.
+
+    Returns
+    -------
+    Solver
+
+    Raises
+    ------
+    NotReached
+        If no solver meets the error; nothing is kept.
+    NotAssembled
+        If the loops of the scene cannot be closed.
+
+    Notes
+    -----
+    Takes from seconds to half a minute. Times are those of this moment: on a machine that is busy
+    with other work another solver may seem the fastest.
+    """
+    choice = choose(scene, error, measure=measure, progress=progress)
+    if save:
+        keep(scene, choice)
+    return choice.solver
+
+
+def choose(
+    scene: Scene, error: float, *, measure: str = "acceleration", progress: Progress = silent
+) -> Choice:
+    """Return what `tune` chooses, with all that was found of it; nothing is kept."""
+    _check(scene, error)
+    table = Study(scene, measure=measure, effort=_SHORT).run(progress=progress)
+    return table.cheapest(error, measure=table.rows[0].measure)
 
 
 def tuned(scene: Scene, error: float = SOLVED, *, measure: str = "acceleration") -> Solver:
@@ -88,19 +147,23 @@ def _check(scene: Scene, error: float) -> None:
 
 def keep(scene: Scene, choice: Choice) -> Plan:
     """Write what was chosen for a scene where `tuned` finds it."""
-    assert choice.row.median_us is not None
-    plan = Plan(
+    plan = plan_for(scene, choice)
+    plans.keep(plan)
+    return plan
+
+
+def plan_for(scene: Scene, choice: Choice) -> Plan:
+    """Return the plan of what was chosen for a scene."""
+    return Plan(
         fingerprint=fingerprint(scene),
         measure=choice.row.measure,
         error=choice.error,
         solver=type(choice.solver).__name__,
         knobs=dict(choice.row.knobs),
-        median_us=choice.row.median_us,
+        median_us=microseconds(choice.row),
         found=choice.fresh.error,
         expected=choice.fresh.expected,
         states=choice.fresh.states,
         where=plans.here(),
         date=machine()["date"],
     )
-    plans.keep(plan)
-    return plan
