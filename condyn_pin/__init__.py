@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from condyn_pin.errors import BrokenPinocchio as BrokenPinocchio
     from condyn_pin.errors import CondynError as CondynError
     from condyn_pin.errors import DerivativesDisagree as DerivativesDisagree
+    from condyn_pin.errors import Interrupted as Interrupted
     from condyn_pin.errors import InvalidArgument as InvalidArgument
     from condyn_pin.errors import InvalidConstraint as InvalidConstraint
     from condyn_pin.errors import InvalidModel as InvalidModel
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from condyn_pin.errors import UnknownName as UnknownName
     from condyn_pin.errors import UnsupportedBackend as UnsupportedBackend
     from condyn_pin.errors import UnsupportedConstraint as UnsupportedConstraint
+    from condyn_pin.errors import WorkerLost as WorkerLost
     from condyn_pin.force import ConstraintForce as ConstraintForce
     from condyn_pin.impacts import Impact as Impact
     from condyn_pin.impacts import impact as impact
@@ -100,7 +102,23 @@ if TYPE_CHECKING:
     from condyn_pin.switching import Switch as Switch
     from condyn_pin.switching import switch as switch
     from condyn_pin.trade.cheapest import Choice as Choice
+    from condyn_pin.trade.clocks import TimingEffort as TimingEffort
     from condyn_pin.trade.comparison import Comparison as Comparison
+    from condyn_pin.trade.measures import MEASURES as MEASURES
+    from condyn_pin.trade.measures.acceleration import AccelerationMeasure as AccelerationMeasure
+    from condyn_pin.trade.measures.base import Measure as Measure
+    from condyn_pin.trade.measures.derivatives import DerivativeMeasure as DerivativeMeasure
+    from condyn_pin.trade.measures.forces import ForceMeasure as ForceMeasure
+    from condyn_pin.trade.row import Row as Row
+    from condyn_pin.trade.scenes import modellings as modellings
+    from condyn_pin.trade.states import GivenStates as GivenStates
+    from condyn_pin.trade.states import NominalStates as NominalStates
+    from condyn_pin.trade.states import PostureStates as PostureStates
+    from condyn_pin.trade.states import SampledStates as SampledStates
+    from condyn_pin.trade.study import Study as Study
+    from condyn_pin.trade.sweeps import sweep as sweep
+    from condyn_pin.trade.table import Table as Table
+    from condyn_pin.trade.tuning import tune as tune
     from condyn_pin.trade.tuning import tuned as tuned
     from condyn_pin.verbs import derivatives as derivatives
     from condyn_pin.verbs import solve as solve
@@ -124,6 +142,7 @@ _HOME = {
         "BrokenPinocchio",
         "CondynError",
         "DerivativesDisagree",
+        "Interrupted",
         "InvalidArgument",
         "InvalidConstraint",
         "InvalidModel",
@@ -136,6 +155,7 @@ _HOME = {
         "UnknownName",
         "UnsupportedBackend",
         "UnsupportedConstraint",
+        "WorkerLost",
     ),
     "states.gaps": ("Gap",),
     "smaller.ladder_table": ("LadderRow", "LadderTable"),
@@ -174,7 +194,24 @@ _HOME = {
     "switching": ("Switch", "switch"),
     "trade.cheapest": ("Choice",),
     "trade.comparison": ("Comparison",),
-    "trade.tuning": ("tuned",),
+    "trade.tuning": ("tune", "tuned"),
+    "trade.clocks": ("TimingEffort",),
+    "trade.measures": ("MEASURES",),
+    "trade.measures.base": ("Measure",),
+    "trade.measures.acceleration": ("AccelerationMeasure",),
+    "trade.measures.derivatives": ("DerivativeMeasure",),
+    "trade.measures.forces": ("ForceMeasure",),
+    "trade.row": ("Row",),
+    "trade.scenes": ("modellings",),
+    "trade.states": (
+        "GivenStates",
+        "NominalStates",
+        "PostureStates",
+        "SampledStates",
+    ),
+    "trade.study": ("Study",),
+    "trade.sweeps": ("sweep",),
+    "trade.table": ("Table",),
     "verbs": ("derivatives", "solve"),
     "workspace": ("Workspace",),
 }

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from condyn_pin.solution import Solution
     from condyn_pin.states.assembly_report import Assembly
     from condyn_pin.trade.row import Row
+    from condyn_pin.trade.table import Table
 
 
 class CondynError(Exception):
@@ -135,6 +136,40 @@ class NotReached(CondynError):
 
 class NotTuned(CondynError):
     """No plan was saved for this scene, error, machine and versions; `tune` makes one."""
+
+
+class WorkerLost(CondynError):
+    """An executor lost a worker, or could not run a task.
+
+    Attributes
+    ----------
+    table : Table
+        What was measured until then.
+    """
+
+    def __init__(self, message: str, table: Table) -> None:
+        super().__init__(message)
+        self.table = table
+
+    def __reduce__(self) -> tuple[type[WorkerLost], tuple[str, Table]]:
+        return WorkerLost, (str(self), self.table)
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C in a long run: no error of this library, so not a `CondynError`.
+
+    Attributes
+    ----------
+    table : Table
+        What was measured until then.
+    """
+
+    def __init__(self, table: Table) -> None:
+        super().__init__("interrupted; what was measured until then is in its `table`")
+        self.table = table
+
+    def __reduce__(self) -> tuple[type[Interrupted], tuple[Table]]:
+        return Interrupted, (self.table,)
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> UnknownName:

@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any, Final
+
 import numpy as np
 
 from condyn_pin.arrays import finite
 from condyn_pin.errors import InvalidArgument
+
+# Values that are worth a look in a study: a solver declares which of its knobs take which.
+WEIGHTS: Final = tuple(float(f"1e{k}") for k in range(-12, 1))  # [1/kg]
+ITERATIONS: Final = (1, 2, 3, 5, 10, 20, 50, 100)
+ACCURACIES: Final = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+Grid = dict[str, tuple[Any, ...]]
 
 _MOST_ITERATIONS = 2**31 - 1  # Pinocchio counts in a C int
 

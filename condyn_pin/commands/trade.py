@@ -10,6 +10,7 @@ import typer
 from condyn_pin.commands.output import check_files, console, progress_bar
 
 if TYPE_CHECKING:
+    from condyn_pin.trade.study import Study
     from condyn_pin.trade.table import Table
 
 PANEL = "Measure"

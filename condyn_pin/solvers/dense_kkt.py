@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array
-from condyn_pin.knobs import check_damping
+from condyn_pin.knobs import WEIGHTS, Grid, check_damping
 from condyn_pin.solvers.base import Method, Singular, Solver
 
 if TYPE_CHECKING:
@@ -48,6 +48,7 @@ class DenseKKT(Solver):
     cost: ClassVar[str] = "O((n + m)^3)"
     use: ClassVar[str] = "to compare with; independent rows of any kind"
     takes_redundant: ClassVar[bool] = False
+    sweeps: ClassVar[tuple[Grid, ...]] = ({"mu": WEIGHTS},)
 
     mu: float = 0.0  # [1/kg]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.knobs import check_accuracy, check_knobs
+from condyn_pin.knobs import ITERATIONS, WEIGHTS, Grid, check_accuracy, check_knobs
 from condyn_pin.solvers.base import Method, Solver
 
 if TYPE_CHECKING:
@@ -65,6 +65,10 @@ class Proximal(Solver):
     use: ClassVar[str] = "by default; the fastest for closed chains"
     takes_redundant: ClassVar[bool] = True
     takes_every_kind: ClassVar[bool] = False
+    sweeps: ClassVar[tuple[Grid, ...]] = (
+        {"mu": WEIGHTS, "max_iterations": (1, 20)},
+        {"max_iterations": ITERATIONS},
+    )
 
     mu: float | None = None  # [1/kg]
     max_iterations: int = 20

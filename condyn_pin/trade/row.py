@@ -112,4 +112,4 @@ class Row:
         if not isinstance(row, Mapping) or set(row) != wanted:
             odd = sorted(wanted.symmetric_difference(row))
             raise InvalidArgument(f"row: missing, or not a field of a row: {', '.join(odd)}")
-        return cls(**row | {name: inf if row[name] is None else row[name] for name in _ERRORS})
+        return cls(**{**row, **{name: inf if row[name] is None else row[name] for name in _ERRORS}})

@@ -12,8 +12,8 @@ from condyn_pin.solvers.base import Solver
 from condyn_pin.tolerances import SOLVED
 from condyn_pin.trade import plan as plans
 from condyn_pin.trade.cheapest import Choice
-from condyn_pin.trade.fingerprint import fingerprint
 from condyn_pin.trade.clocks import TimingEffort
+from condyn_pin.trade.fingerprint import fingerprint
 from condyn_pin.trade.front import microseconds
 from condyn_pin.trade.plan import Plan
 from condyn_pin.trade.study import Study

@@ -17,7 +17,7 @@ from condyn_pin.solvers.lcaba import LCABA
 from condyn_pin.solvers.proximal import Proximal
 from condyn_pin.solvers.reference import Reference
 from condyn_pin.timing import Call, State
-from condyn_pin.trade.measures.base import Answer, Measure, relative
+from condyn_pin.trade.measures.base import Answer, Measure, relative, unthrown
 from condyn_pin.workspace import Workspace
 
 
@@ -48,7 +48,7 @@ class AccelerationMeasure(Measure):
 
     def calls(self, workspace: Workspace) -> Mapping[str, Call]:
         """Return the hot loop, the solve with its proof, and Pinocchio's own call."""
-        calls: dict[str, Call] = {"once": workspace.acceleration, "solve": workspace.solve}
+        calls: dict[str, Call] = {"once": workspace.acceleration, "solve": unthrown(workspace)}
         if isinstance(workspace.solver, LCABA | Proximal):
             bare = pin.constraintDynamics
             if isinstance(workspace.solver, LCABA):

@@ -17,7 +17,7 @@ from condyn_pin.scene import Scene
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.reference import Reference
 from condyn_pin.timing import Call, State
-from condyn_pin.trade.measures.base import Answer, Measure, relative
+from condyn_pin.trade.measures.base import Answer, Measure, relative, unthrown
 from condyn_pin.workspace import Workspace
 
 
@@ -71,7 +71,7 @@ class DerivativeMeasure(Measure):
             solution = workspace.solve(q, v, tau, throw=False)
             return self._formed(workspace, solution, (q, v, tau))
 
-        return {"once": once, "solve": workspace.solve}
+        return {"once": once, "solve": unthrown(workspace)}
 
     def _formed(self, workspace: Workspace, solution: Solution, state: State) -> Array:
         return _blocks(workspace, solution, state, self.method)

@@ -10,7 +10,7 @@ from condyn_pin.arrays import Array
 from condyn_pin.scene import Scene
 from condyn_pin.solvers.reference import Reference
 from condyn_pin.timing import Call, State
-from condyn_pin.trade.measures.base import Answer, Measure, relative
+from condyn_pin.trade.measures.base import Answer, Measure, relative, unthrown
 from condyn_pin.workspace import Workspace
 
 
@@ -40,4 +40,4 @@ class ForceMeasure(Measure):
 
     def calls(self, workspace: Workspace) -> Mapping[str, Call]:
         """Return the solve with its proof."""
-        return {"once": workspace.solve}
+        return {"once": unthrown(workspace)}
