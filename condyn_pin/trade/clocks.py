@@ -33,7 +33,7 @@ class TimingEffort:
         As in `condyn_pin.timing.interleaved`.
     """
 
-    rounds: int = 60
+    rounds: int = 50
     repeats: int = 5
 
 
