@@ -12,7 +12,7 @@ import argparse
 import csv
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
@@ -108,12 +108,13 @@ def verdict(table: cp.Table, label: str, level: float, others: FreshErrors) -> V
     )
 
 
-def catalogue() -> dict[str, cp.Scene]:
-    """Return the standard scenes of every robot."""
+def catalogue(robots: Sequence[str] = ()) -> dict[str, cp.Scene]:
+    """Return the standard scenes of every robot, or of some, that have constraints."""
     return {
         label: scene
-        for name in cp.available_robots()
+        for name in robots or cp.available_robots()
         for label, scene in standard_scenes(cp.load_robot(name)).items()
+        if scene.rows
     }
 
 

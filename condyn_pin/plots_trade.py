@@ -13,8 +13,7 @@ from condyn_pin.errors import InvalidArgument
 from condyn_pin.plots import axes, require_matplotlib
 from condyn_pin.solvers import SOLVERS
 from condyn_pin.tolerances import SOLVED
-from condyn_pin.trade.exports import status_words
-from condyn_pin.trade.front import answered, comparable, front, microseconds
+from condyn_pin.trade.front import ANSWERED, answered, comparable, front, microseconds
 from condyn_pin.trade.row import Row
 
 if TYPE_CHECKING:
@@ -22,18 +21,23 @@ if TYPE_CHECKING:
 
 # Okabe and Ito's colours, told apart by colour-blind eyes, without their yellow, which paper loses;
 # as many markers, and another number of lines, tell the methods apart without colour.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+_COLOURS = (
+    "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#7F7F7F",
+)  # fmt: skip
 _MARKERS = ("s", "o", "^", "d", "v", "P", "X", "<", ">", "p", "h")
 _LINES = ("-", "--", "-.")
 _FIRST = ("proximal", "lcaba", "densekkt")  # the colours that `condyn bench` gives them
+_LAST = ("reference",)  # it judges, and is seldom drawn
 
 _EPS: Final = float(np.finfo(float).eps)
+_TICKS: Final = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1e3, 2e3, 5e3, 1e4, 1e5, 1e6)  # [us]
 _LOWEST: Final = 1e-17  # where an error of zero is drawn
 
 
 def style(name: str) -> dict[str, str]:
     """Return colour, marker and line of a solver, the same in every picture."""
-    known = [*_FIRST, *(key for key in sorted(SOLVERS) if key not in _FIRST)]
+    others = sorted(SOLVERS.keys() - {*_FIRST, *_LAST})
+    known = [*_FIRST, *others, *_LAST]
     i = known.index(name.lower()) if name.lower() in known else len(known)
     return {
         "color": _COLOURS[i % len(_COLOURS)],
@@ -47,9 +51,10 @@ def work_precision(
 ) -> Any:
     """Draw worst error against median time of every solver with all its knobs.
 
-    The grey staircase is the Pareto front. Dotted is the rounding of one number, dash-dotted the
-    error that `Reference` itself may have: nothing below it is known. Hollow marks said at some
-    state that they are inaccurate. Solvers that failed at a state have their name only.
+    Every mark is a solver with its knobs; a line is the front of one method, the grey staircase
+    that of all. Hollow marks said at some state that they are inaccurate. Dotted is the rounding of
+    one number, dash-dotted the error that `Reference` itself may have: nothing below it is known.
+    Solvers that failed at a state are counted behind the name of their method.
 
     Parameters
     ----------
@@ -80,8 +85,11 @@ def work_precision(
     _draw_floors(ax, table.floors.get(rows[0].scene))
     ax.set(title=f"{rows[0].scene}: {rows[0].rows} rows", xscale="log", yscale="log")
     ax.set(xlabel=f"time of {rows[0].measure} [us]", ylabel="worst error, relative")
+    ticks = [tick for tick in _TICKS if ax.get_xlim()[0] <= tick <= ax.get_xlim()[1]]
+    ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    ax.minorticks_off()
     ax.grid(visible=True, which="major", color="0.92")
-    ax.legend(fontsize=6, frameon=False, loc="best")
+    ax.legend(fontsize=6, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return ax
 
 
@@ -96,22 +104,29 @@ def _one_question(rows: Sequence[Row]) -> Sequence[Row]:
 
 
 def _draw_method(ax: Any, name: str, rows: Sequence[Row]) -> None:
-    look, title = style(name), rows[0].method
-    shown = sorted(filter(comparable, rows), key=_dial)
-    if shown:
-        points = [(microseconds(row), _height(row)) for row in shown]
-        ax.plot(*zip(*points, strict=True), lw=1, ms=5, label=title, **look)
-        hollow = [p for p, row in zip(points, shown, strict=True) if not row.ok]
-        if hollow:
-            ax.plot(*zip(*hollow, strict=True), **look | {"ls": ""}, ms=5, mfc="white", zorder=3)
-        return
-    said = next((status_words(row) for row in rows if not answered(row)), rows[0].timed)
-    ax.plot([], [], " ", label=f"{title}: {said}")
+    look = style(name)
+    mark = look | {"ls": "", "ms": 4, "lw": 1}
+    shown = [row for row in rows if comparable(row)]
+    for hollow in (False, True):
+        points = [(microseconds(row), _height(row)) for row in shown if row.ok is not hollow]
+        if points:
+            fill = "white" if hollow else look["color"]
+            ax.plot(*zip(*points, strict=True), **mark, mfc=fill, alpha=0.5)
+    line = [(microseconds(row), _height(row)) for row in front(rows)]
+    label = rows[0].method + _failed(rows)
+    if line:
+        ax.plot(*zip(*line, strict=True), **look, lw=1.2, ms=5, mfc="none", label=label)
+    else:
+        ax.plot([], [], " ", label=label)
 
 
-def _dial(row: Row) -> tuple[Any, ...]:
-    """Order the rows of one method by their knobs, so that a line follows the knob."""
-    return tuple((value is not None, str(type(value)), value or 0) for value in row.knobs.values())
+def _failed(rows: Sequence[Row]) -> str:
+    """Return what is said behind the name of a method: who failed how, or was not timed."""
+    failures = [row for row in rows if not answered(row)]
+    if not failures:
+        return "" if any(map(comparable, rows)) else f": {rows[0].timed}"
+    how = ", ".join(dict.fromkeys(s for r in failures for s in r.statuses if s not in ANSWERED))
+    return f": {how}" if len(failures) == len(rows) else f" ({len(failures)} of {len(rows)}: {how})"
 
 
 def _draw_floors(ax: Any, floor: float | None) -> None:
@@ -135,7 +150,7 @@ def save_trade(table: Table, path: str | Path) -> None:
         raise InvalidArgument("the table has no rows: nothing to draw")
     columns = min(3, len(questions))
     lines = math.ceil(len(questions) / columns)
-    figure = Figure(figsize=(4.6 * columns, 3.8 * lines), layout="constrained")
+    figure = Figure(figsize=(5.4 * columns, 3.6 * lines), layout="constrained")
     grid = figure.subplots(lines, columns, squeeze=False)
     for (scene, measure), ax in zip(questions, grid.flat, strict=False):
         work_precision(table, scene, measure, ax)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import subprocess
 import sys
@@ -10,14 +11,17 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from shared import all_scenes
+from typer.testing import CliRunner
 
 import condyn_pin as cp
 from condyn_pin._pin import pin
+from condyn_pin.cli import app
 from condyn_pin.trade import plan as plans
 from condyn_pin.trade import tuning
 from condyn_pin.trade.cheapest import Choice
 from condyn_pin.trade.fingerprint import fingerprint
-from condyn_pin.trade.fresh import Fresh
+from condyn_pin.trade.fresh import Fresh, FreshErrors
 
 
 @pytest.fixture(autouse=True)
@@ -162,3 +166,95 @@ def test_arguments_that_cannot_be():
     for error in (0.0, -1.0, float("nan"), "small"):
         with pytest.raises(cp.InvalidArgument, match="error"):
             cp.tuned(cp.Scene(cp.four_bar()), error)
+
+
+# with measurements
+
+
+CANDIDATES = [cp.Proximal(mu=1.0, max_iterations=1), cp.Proximal(mu=1e-8), cp.NullSpace()]
+
+
+def test_tune_measures_keeps_and_tuned_finds(scene):
+    seen: list[str] = []
+    solver = cp.tune(
+        scene, 1e-8, solvers=CANDIDATES, progress=lambda what, done, total: seen.append(what)
+    )
+    assert solver == cp.Proximal(mu=1e-8)  # Null space is right too, and ten times slower
+    assert cp.tuned(scene, 1e-8) == solver
+    assert any("errors" in what for what in seen)
+    assert any("times" in what for what in seen)
+
+
+def test_tune_may_keep_nothing(scene, cache):
+    cp.tune(scene, 1e-8, solvers=CANDIDATES[2:], save=False)
+    assert not cache.exists()
+
+
+def test_tune_that_finds_nothing_says_the_best_and_keeps_nothing(scene, cache):
+    with pytest.raises(cp.NotReached, match=r"1e-08 on .*; the best is Proximal\(mu=1\.0, max_"):
+        cp.tune(scene, 1e-8, solvers=CANDIDATES[:1])
+    assert not cache.exists()
+
+
+def test_tune_by_another_measure_is_a_plan_of_its_own(scene):
+    cp.tune(scene, 1e-6, measure="forces", solvers=CANDIDATES[1:2])
+    assert cp.tuned(scene, 1e-6, measure="forces") == CANDIDATES[1]
+    with pytest.raises(cp.NotTuned, match="there is one for forces to 1e-06"):
+        cp.tuned(scene, 1e-6)
+
+
+@pytest.mark.parametrize("solver", [cp.Soft(solref=(0.01, 1.0)), cp.Soft()])
+def test_knobs_that_are_tuples_come_back(scene, solver):
+    tuning.keep(scene, choice(solver))
+    assert cp.tuned(scene) == solver
+    assert isinstance(cp.tuned(scene).solref, tuple)
+
+
+@pytest.mark.parametrize("level", [1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("label", ["four_bar loops", "solo12 contacts"])
+def test_the_cheapest_meets_its_error_where_nobody_has_looked(label, level):
+    """A small `benchmarks/cheapest.py`: other states than those of the study and of the choice."""
+    table, others = small_study(label)
+    choice = table.cheapest(level, states=100)
+    there = others(choice.solver)
+    assert there.states == 300
+    assert there.error <= level
+
+
+@functools.cache
+def small_study(label: str) -> tuple[cp.Table, FreshErrors]:
+    solvers = (*cp.sweep(cp.Proximal(), mu=[1e-9, 1e-6, 1e-3, 1.0], max_iterations=[1, 20]),)
+    scene = all_scenes()[label]
+    effort = cp.TimingEffort(rounds=10, overhead=False)
+    table = cp.Study({label: scene}, solvers, effort=effort).run()
+    return table, FreshErrors(scene, cp.AccelerationMeasure(), cp.SampledStates(300, seed=99))
+
+
+# on the command line
+
+
+def run(*words: str):
+    return CliRunner().invoke(app, list(words))
+
+
+def test_condyn_tune_chooses_keeps_and_says_how_to_use_it(scene):
+    result = run("tune", "four_bar", "--solvers", "nullspace", "--error", "1e-8")
+    assert result.exit_code == 0, result.output
+    for said in ("NullSpace()", "200 fresh states", "kept in", "solver=tuned(scene, 1e-08)"):
+        assert said in result.output
+    assert cp.tuned(scene, 1e-8) == cp.NullSpace()
+
+
+def test_condyn_tune_prints_json_and_may_keep_nothing(cache):
+    result = run("tune", "four_bar", "--solvers", "nullspace", "--json", "--no-save")
+    assert result.exit_code == 0, result.output
+    plan = json.loads(result.stdout)
+    assert (plan["solver"], plan["error"]) == ("NullSpace", 1e-8)
+    assert plan["expected"] <= 1e-8
+    assert not cache.exists()
+
+
+def test_condyn_tune_fails_where_nothing_is_good_enough():
+    result = run("tune", "four_bar", "--solvers", "nullspace", "--error", "1e-20")
+    assert result.exit_code == 1
+    assert "nothing in this table meets acceleration to 1e-20" in result.output

@@ -47,18 +47,17 @@ def trade(
     Ctrl-C keeps what was measured.
     """
     from condyn_pin.bench import ROBOTS
-    from condyn_pin.commands.words import solvers_of
+    from condyn_pin.commands.words import swept_solvers_of
     from condyn_pin.errors import Interrupted
     from condyn_pin.trade.clocks import TimingEffort
     from condyn_pin.trade.printing import print_table
     from condyn_pin.trade.study import Study
-    from condyn_pin.trade.sweeps import sweep
 
     check_files(csv, as_json, plot, None)
     check_files(markdown, None, None, None)
     study = Study(
         list(robots or ROBOTS),
-        [one for solver in solvers_of(solvers) for one in sweep(solver)] or None,
+        swept_solvers_of(solvers),
         states=states,
         measure=measure,
         effort=TimingEffort(rounds=20) if quick else TimingEffort(),

@@ -21,19 +21,23 @@ def tune(
     loops: Loops = True,
     error: Annotated[float, typer.Option(help="The worst error that is good enough.")] = SOLVED,
     measure: Annotated[str, typer.Option(help="As in `condyn trade`.")] = "acceleration",
+    solvers: Annotated[
+        str, typer.Option(help="Names of `condyn solvers`, all knobs turned; all by default.")
+    ] = "",
     save: Annotated[bool, typer.Option(help="Keep the choice, for `tuned`.")] = True,
     as_json: Annotated[bool, typer.Option("--json", help="Print json.")] = False,
 ) -> None:
     """Choose the fastest solver that meets an error; exits with 1 if there is none."""
-    from condyn_pin.commands.words import scene_of
+    from condyn_pin.commands.words import scene_of, swept_solvers_of
     from condyn_pin.errors import NotReached
     from condyn_pin.trade.plan import path_of
     from condyn_pin.trade.tuning import choose, keep, plan_for
 
     scene = scene_of(robot, contacts, loops)
+    chosen = swept_solvers_of(solvers)
     try:
         with progress_bar() as progress:
-            choice = choose(scene, error, measure=measure, progress=progress)
+            choice = choose(scene, error, measure=measure, solvers=chosen, progress=progress)
     except NotReached as reason:
         typer.echo(f"condyn: {reason}", err=True)
         raise typer.Exit(1) from reason

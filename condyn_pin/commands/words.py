@@ -13,6 +13,7 @@ from condyn_pin.load import load_robot
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.solvers import SOLVERS, Solver
+from condyn_pin.trade.sweeps import sweep
 
 
 def scene_of(name: str, contacts: str, loops: bool) -> Scene:
@@ -56,3 +57,8 @@ def solvers_of(names: str) -> tuple[Solver, ...]:
     return tuple(
         solver() for name, solver in SOLVERS.items() if name not in ("reference", *missing)
     )
+
+
+def swept_solvers_of(names: str) -> tuple[Solver, ...] | None:
+    """Return the solvers of a list with their knobs turned; None of an empty one."""
+    return tuple(one for solver in solvers_of(names) for one in sweep(solver)) or None

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import lru_cache
 from math import inf
+from typing import Any
 
 from condyn_pin.arrays import finite
-from condyn_pin.errors import InvalidArgument, NotReached, unknown_name
+from condyn_pin.errors import CondynError, InvalidArgument, NotReached, unknown_name
 from condyn_pin.scene import Scene
 from condyn_pin.solvers import SOLVERS
 from condyn_pin.solvers.base import Solver
@@ -16,8 +18,11 @@ from condyn_pin.trade.exports import short
 from condyn_pin.trade.fresh import Fresh, FreshErrors, as_fresh
 from condyn_pin.trade.front import answered, comparable, microseconds
 from condyn_pin.trade.measures import MEASURES, Measure
-from condyn_pin.trade.row import Row
+from condyn_pin.trade.row import Knob, Row
 from condyn_pin.trade.states import States
+
+# Several errors are asked of one table after the other: the states and the truth stay the same.
+_fresh_errors = lru_cache(maxsize=1)(FreshErrors)
 
 
 @dataclass(frozen=True)
@@ -92,7 +97,7 @@ def _first_that_holds(
     seen = {row.states for row in meeting}
     if fresh_states.name in seen:
         raise InvalidArgument(f"states: {fresh_states.name} are those of the study, not fresh ones")
-    judge = FreshErrors(scene, measure_of(meeting[0].measure), fresh_states)
+    judge = _fresh_errors(scene, measure_of(meeting[0].measure), fresh_states)
     rejected: list[tuple[Row, Fresh]] = []
     for row in meeting:
         solver = solver_of(row)
@@ -105,13 +110,29 @@ def _first_that_holds(
 
 def solver_of(row: Row) -> Solver:
     """Return the solver of a row, with its knobs."""
-    name = row.solver.split("(")[0]
-    if name.lower() not in SOLVERS:
-        raise unknown_name("solver", name, [kind.__name__ for kind in SOLVERS.values()])
-    solver = SOLVERS[name.lower()](**row.knobs)
+    solver = made(row.solver.split("(")[0], row.knobs)
     if repr(solver) != row.solver:
         raise InvalidArgument(f"{row.solver}: with its knobs it is {solver!r}; run the study again")
     return solver
+
+
+def made(name: str, knobs: Mapping[str, Knob]) -> Solver:
+    """Return the solver of a class with knobs as rows keep them: a tuple as text."""
+    if name.lower() not in SOLVERS:
+        raise unknown_name("solver", name, [kind.__name__ for kind in SOLVERS.values()])
+    kind = SOLVERS[name.lower()]
+    usual = {f.name: f.default for f in fields(kind)}  # type: ignore[arg-type]
+    try:
+        return kind(**{key: _value(knob, usual[key]) for key, knob in knobs.items()})
+    except (KeyError, TypeError, SyntaxError, ValueError) as error:
+        if isinstance(error, CondynError):
+            raise
+        raise InvalidArgument(f"{dict(knobs)}: not the knobs of {kind.__name__}") from error
+
+
+def _value(knob: Knob, usual: Any) -> Any:
+    is_text = isinstance(knob, str) and not isinstance(usual, str)
+    return ast.literal_eval(knob) if is_text else knob  # type: ignore[arg-type]
 
 
 def measure_of(label: str) -> Measure:
@@ -147,6 +168,6 @@ def _not_reached(
     elif row is None:
         text += ": no solver answers every state"
     else:
-        timed = "" if comparable(row) else f", {row.timed}"
+        timed = f", {row.timed}" if row.error_worst <= error else ""
         text += f"; the best is {short(row)} with {row.error_worst:.1e}{timed}"
     return NotReached(f"{text}; ask for less, or try more knobs", row)

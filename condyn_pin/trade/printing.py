@@ -10,6 +10,8 @@ from condyn_pin.trade.front import answered
 from condyn_pin.trade.row import Row
 from condyn_pin.trade.table import Table
 
+_SHOWN = tuple(column for column in COLUMNS if column not in ("scene", "measure"))  # in the title
+
 
 def print_table(table: Table, console: Console) -> None:
     """Print the rows that no other beats, and which solvers do not answer every state."""
@@ -18,10 +20,11 @@ def print_table(table: Table, console: Console) -> None:
         best = asked.pareto().rows
         title = f"{scene}, {measure}: {len(best)} of {len(asked.rows)} rows that no other beats"
         shown = Grid(title=title, title_justify="left")
-        for column in COLUMNS[1:]:
-            shown.add_column(column, justify="left" if column == "solver" else "right")
+        for column in _SHOWN:
+            side = "left" if column == "solver" else "right"
+            shown.add_column(column, justify=side, no_wrap=True)  # type: ignore[arg-type]
         for row in best:
-            shown.add_row(*cells(row)[1:])
+            shown.add_row(*(dict(zip(COLUMNS, cells(row), strict=True))[c] for c in _SHOWN))
         console.print(shown)
         for text in failures(asked.rows):
             console.print(text)

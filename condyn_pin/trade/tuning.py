@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Final
+
 from condyn_pin.arrays import finite
 from condyn_pin.bench import Progress, silent
-from condyn_pin.errors import CondynError, InvalidArgument, NotTuned
+from condyn_pin.errors import CondynError, InvalidArgument, NotReached, NotTuned
 from condyn_pin.machine import machine
 from condyn_pin.scene import Scene
-from condyn_pin.solvers import SOLVERS
 from condyn_pin.solvers.base import Solver
 from condyn_pin.tolerances import SOLVED
 from condyn_pin.trade import plan as plans
-from condyn_pin.trade.cheapest import Choice
+from condyn_pin.trade.cheapest import Choice, made, solver_of
 from condyn_pin.trade.clocks import TimingEffort
 from condyn_pin.trade.fingerprint import fingerprint
-from condyn_pin.trade.front import microseconds
+from condyn_pin.trade.front import answered, comparable, microseconds
 from condyn_pin.trade.plan import Plan
+from condyn_pin.trade.row import Row
 from condyn_pin.trade.study import Study
+from condyn_pin.trade.table import Table
 
-_SHORT = TimingEffort(rounds=60)
+# All that meet the error are timed at a glance, those near the fastest are looked at.
+_GLANCE: Final = TimingEffort(rounds=10, repeats=2, overhead=False)
+_LOOK: Final = TimingEffort(rounds=100, overhead=False)
+_NEAR: Final = 1.5
 
 
 def tune(
@@ -26,6 +33,7 @@ def tune(
     error: float = SOLVED,
     *,
     measure: str = "acceleration",
+    solvers: Sequence[Solver] | None = None,
     progress: Progress = silent,
     save: bool = True,
 ) -> Solver:
@@ -38,6 +46,8 @@ def tune(
         The worst that is good enough, relative, as in `Row.error_worst`.
     measure : str
         A name of `MEASURES`: what is timed, and what the error is one of.
+    solvers : sequence of Solver, optional
+        What to choose from; as in `Study` by default: all, with the knobs that are worth a look.
     progress : callable
         Called with (what, done, total).
     save : bool
@@ -59,19 +69,42 @@ def tune(
     Takes from seconds to half a minute. Times are those of this moment: on a machine that is busy
     with other work another solver may seem the fastest.
     """
-    choice = choose(scene, error, measure=measure, progress=progress)
+    choice = choose(scene, error, measure=measure, solvers=solvers, progress=progress)
     if save:
         keep(scene, choice)
     return choice.solver
 
 
 def choose(
-    scene: Scene, error: float, *, measure: str = "acceleration", progress: Progress = silent
+    scene: Scene,
+    error: float,
+    *,
+    measure: str = "acceleration",
+    solvers: Sequence[Solver] | None = None,
+    progress: Progress = silent,
 ) -> Choice:
     """Return what `tune` chooses, with all that was found of it; nothing is kept."""
     _check(scene, error)
-    table = Study(scene, measure=measure, effort=_SHORT).run(progress=progress)
-    return table.cheapest(error, measure=table.rows[0].measure)
+    seen = Study(scene, solvers, measure=measure).run(timed=False, progress=progress)
+    label, asked = seen.rows[0].scene, seen.rows[0].measure
+    meeting = [row for row in seen.rows if answered(row) and row.error_worst <= error]
+    if not meeting:
+        return seen.cheapest(error, measure=asked)  # raises, with the best that was found
+    glance = _timed(seen.scenes[label], meeting, _GLANCE, measure, progress)
+    fastest = min(map(microseconds, filter(comparable, glance.rows)))
+    near = [r for r in filter(comparable, glance.rows) if microseconds(r) <= _NEAR * fastest]
+    looked = _timed(seen.scenes[label], near, _LOOK, measure, progress)
+    try:
+        return looked.cheapest(error, measure=asked)
+    except NotReached:  # all that are near the fastest fail at fresh states: slower ones may not
+        return glance.cheapest(error, measure=asked)
+
+
+def _timed(
+    scene: Scene, rows: Sequence[Row], effort: TimingEffort, measure: str, progress: Progress
+) -> Table:
+    solvers = [solver_of(row) for row in rows]
+    return Study(scene, solvers, measure=measure, effort=effort).run(progress=progress)
 
 
 def tuned(scene: Scene, error: float = SOLVED, *, measure: str = "acceleration") -> Solver:
@@ -106,18 +139,10 @@ def tuned(scene: Scene, error: float = SOLVED, *, measure: str = "acceleration")
     if not path.exists():
         raise NotTuned(f"no plan for this scene to {error:g}{_others(found)}; {call} makes one")
     try:
-        return _solver(plans.read(path))
+        plan = plans.read(path)
+        return made(plan.solver, plan.knobs)
     except CondynError as reason:
         raise NotTuned(f"{reason}; {call} makes a new one") from reason
-
-
-def _solver(plan: Plan) -> Solver:
-    if plan.solver.lower() not in SOLVERS:
-        raise InvalidArgument(f"a plan with the solver {plan.solver!r}, which does not exist here")
-    try:
-        return SOLVERS[plan.solver.lower()](**plan.knobs)
-    except TypeError as error:
-        raise InvalidArgument(f"a plan with other knobs than {plan.solver} has") from error
 
 
 def _call(error: float, measure: str) -> str:
