@@ -32,6 +32,10 @@ from condyn_pin.workspace import Workspace
 
 GRAVITY = 9.81  # [m/s^2]
 
+# How crank, coupler and rocker of a parallelogram turn, and where it is looked at.
+TOGETHER = np.array([1.0, -1.0, 1.0])
+RAISED = np.pi / 2 + 0.9  # of the cranks, 0.9 beyond the vertical [rad]
+
 
 def parallelogram(coupler: float) -> cp.Scene:
     """Return cranks of 1 kg and 1 m that carry a coupler of some mass [kg] and 1 m."""
@@ -40,14 +44,13 @@ def parallelogram(coupler: float) -> cp.Scene:
     crank = add_rod(model, "crank", 0, 0.0, 1.0, 1.0)
     add_rod(model, "coupler", crank, 1.0, 1.0, coupler)
     add_rod(model, "rocker", 0, 1.0, 1.0, 1.0)
-    theta = np.pi / 2 + 0.9  # 0.9 rad from the vertical
-    robot = cp.Robot(model.name, model, postures={"raised": np.array([theta, -theta, theta])})
+    robot = cp.Robot(model.name, model, postures={"raised": RAISED * TOGETHER})
     return cp.Scene(robot, [cp.Loop("coupler_tip", "rocker_tip")])
 
 
 @dataclass(frozen=True)
 class ParallelogramMeasure(cp.AccelerationMeasure):
-    """The error of the crank of `parallelogram` at rest, relative to its closed form.
+    """The error of the crank of `parallelogram`, relative to its closed form.
 
     (2/3 + s) theta'' = -g (1 + s) cos theta, for cranks of 1 kg and 1 m, and a coupler of s kg.
     """
@@ -105,8 +108,9 @@ def mass_ratios(couplers: list[float]) -> cp.Table:
     """Return the error of a parallelogram after one proximal iteration at mu = 1e-8."""
     scenes = [parallelogram(s) for s in couplers]
     solvers = [cp.Proximal(mu=1e-8, max_iterations=1)]
-    states = cp.PostureStates()
-    return cp.Study(scenes, solvers, states=states, measure=ParallelogramMeasure()).run(timed=False)
+    turning = cp.GivenStates("turning", [(RAISED * TOGETHER, -TOGETHER, np.zeros(3))])
+    study = cp.Study(scenes, solvers, states=turning, measure=ParallelogramMeasure())
+    return study.run(timed=False)
 
 
 def protocols(mus: list[float]) -> cp.Table:

@@ -46,6 +46,13 @@ def check_iterations(max_iterations: int) -> None:
         )
 
 
+def check_count(name: str, value: int, *, least: int = 1) -> None:
+    """Refuse what is not a whole number that is large enough."""
+    number = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if not number or value < least:
+        raise InvalidArgument(f"{name} = {value!r}: a whole number >= {least} is needed")
+
+
 def check_accuracy(name: str, value: float) -> None:
     """Refuse an accuracy that cannot be used."""
     if finite(name, value, ()) < 0:

@@ -9,7 +9,14 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.knobs import ITERATIONS, WEIGHTS, Grid, check_accuracy, check_knobs
+from condyn_pin.knobs import (
+    ACCURACIES,
+    ITERATIONS,
+    WEIGHTS,
+    Grid,
+    check_accuracy,
+    check_knobs,
+)
 from condyn_pin.solvers.base import Method, Solver
 
 if TYPE_CHECKING:
@@ -68,6 +75,7 @@ class Proximal(Solver):
     sweeps: ClassVar[tuple[Grid, ...]] = (
         {"mu": WEIGHTS, "max_iterations": (1, 20)},
         {"max_iterations": ITERATIONS},
+        {"relative_accuracy": ACCURACIES},
     )
 
     mu: float | None = None  # [1/kg]

@@ -9,6 +9,7 @@ from time import perf_counter, process_time
 
 import numpy as np
 
+from condyn_pin.knobs import check_count
 from condyn_pin.solvers.base import Solver
 from condyn_pin.timing import Call, Times, interleaved
 from condyn_pin.trade.case import Case
@@ -38,6 +39,10 @@ class TimingEffort:
     rounds: int = 50
     repeats: int = 5
     overhead: bool = True
+
+    def __post_init__(self) -> None:
+        check_count("rounds", self.rounds)
+        check_count("repeats", self.repeats)
 
 
 def measure_times(

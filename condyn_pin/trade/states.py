@@ -11,6 +11,7 @@ import numpy as np
 from condyn_pin.arrays import finite
 from condyn_pin.catalogue import motor_torque
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.knobs import check_count
 from condyn_pin.scene import Scene
 from condyn_pin.timing import State
 
@@ -47,11 +48,8 @@ class SampledStates(States):
     speed: float = 1.0  # [rad/s, m/s]
 
     def __post_init__(self) -> None:
-        for name, least in (("count", 1), ("seed", 0)):
-            value = getattr(self, name)
-            number = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-            if not number or value < least:
-                raise InvalidArgument(f"{name} = {value!r}: a whole number >= {least} is needed")
+        check_count("count", self.count)
+        check_count("seed", self.seed, least=0)
 
     @property
     def name(self) -> str:

@@ -63,6 +63,8 @@ class Study:
             object.__setattr__(self, "solvers", _solvers(self.solvers))
         if not self.measures:
             raise InvalidArgument("measure = []: at least one is needed")
+        if not isinstance(self.effort, TimingEffort):
+            raise InvalidArgument(f"effort = {self.effort!r}: TimingEffort(rounds=...) is needed")
         object.__setattr__(self, "scenes", labelled(self.scenes))
         object.__setattr__(self, "states", as_states(self.states))
 
