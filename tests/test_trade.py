@@ -476,6 +476,12 @@ def test_a_file_that_cannot_be_written_is_refused_before_the_run(tmp_path):
         assert "make it first" in str(result.exception)
 
 
+def test_an_error_that_cannot_be_is_refused_before_the_run():
+    result = run("trade", "four_bar", "--error", "0")
+    assert isinstance(result.exception, cp.InvalidArgument)
+    assert result.output == ""
+
+
 def test_the_bar_knows_how_much_time_is_left():
     from condyn_pin.commands.output import progress_bar
 

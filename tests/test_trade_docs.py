@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -14,9 +15,7 @@ import condyn_pin as cp
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
-import cheapest
-import trade
-import trade_text
+cheapest, trade, trade_text = map(import_module, ("cheapest", "trade", "trade_text"))
 
 TABLE = cp.Table.from_json(ROOT / "benchmarks" / "results" / "trade.json")
 VERDICTS = cheapest.read()

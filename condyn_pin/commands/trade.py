@@ -49,10 +49,13 @@ def trade(
     from condyn_pin.bench import ROBOTS
     from condyn_pin.commands.words import swept_solvers_of
     from condyn_pin.errors import Interrupted
+    from condyn_pin.trade.cheapest import check_error
     from condyn_pin.trade.clocks import TimingEffort
     from condyn_pin.trade.printing import print_table
     from condyn_pin.trade.study import Study
 
+    if error is not None:
+        check_error(error)
     check_files(csv, as_json, plot, None)
     check_files(markdown, None, None, None)
     study = Study(

@@ -6,7 +6,6 @@ import ast
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
-from math import inf
 from typing import Any
 
 from condyn_pin.arrays import finite
@@ -67,8 +66,7 @@ def cheapest(
     states: States | int,
 ) -> Choice:
     """Return the fastest solver that meets an error; see `Table.cheapest`."""
-    if not 0 < finite("error", error, ()) < inf:
-        raise InvalidArgument(f"error = {error!r}: a number > 0 is needed, relative")
+    check_error(error)
     label = _label(rows, scene)
     asked = [row for row in rows if (row.scene, row.measure) == (label, measure)]
     if not asked:
@@ -84,6 +82,12 @@ def cheapest(
             f"hand it in: table.with_scenes({{{label!r}: scene}})"
         )
     return _first_that_holds(meeting, asked, scenes[label], error, states)
+
+
+def check_error(error: float) -> None:
+    """Refuse an error that cannot be asked for."""
+    if not finite("error", error, ()) > 0:
+        raise InvalidArgument(f"error = {error!r}: a number > 0 is needed, relative")
 
 
 def _first_that_holds(

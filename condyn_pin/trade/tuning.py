@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from condyn_pin.arrays import finite
 from condyn_pin.bench import Progress, silent
 from condyn_pin.errors import CondynError, InvalidArgument, NotReached, NotTuned
 from condyn_pin.machine import machine
@@ -13,7 +12,7 @@ from condyn_pin.scene import Scene
 from condyn_pin.solvers.base import Solver
 from condyn_pin.tolerances import SOLVED
 from condyn_pin.trade import plan as plans
-from condyn_pin.trade.cheapest import Choice, made, solver_of
+from condyn_pin.trade.cheapest import Choice, check_error, made, solver_of
 from condyn_pin.trade.clocks import TimingEffort
 from condyn_pin.trade.fingerprint import fingerprint
 from condyn_pin.trade.front import answered, comparable, microseconds
@@ -166,8 +165,7 @@ def _others(found: str) -> str:
 def _check(scene: Scene, error: float) -> None:
     if not isinstance(scene, Scene):
         raise InvalidArgument(f"scene = {type(scene).__name__}: a Scene is needed")
-    if not finite("error", error, ()) > 0:
-        raise InvalidArgument(f"error = {error!r}: a number > 0 is needed, relative")
+    check_error(error)
 
 
 def keep(scene: Scene, choice: Choice) -> Plan:
