@@ -47,8 +47,8 @@ class Verdict:
     us : float
         Median time [us].
     study, fresh, expected : float
-        Worst error in the study, at the fresh states of the choice, and expected over ten times as
-        many.
+        Worst error in the study, at the fresh states of the choice, and expected over a
+        hundred times as many.
     rejected : int
         Faster solvers that met the error in the study, and not at the fresh states.
     states : int

@@ -220,11 +220,11 @@ def test_a_label_gives_its_measure_back():
 
 
 def test_the_tail_is_continued_as_it_is():
-    # a power: the k-th largest of n is (n / k)^(1/2); ten times as many give sqrt(10) more
+    # a power: the k-th largest of n is (n / k)^(1/2); a hundred times as many give ten times more
     errors = [math.sqrt(1000 / k) for k in range(1, 1001)]
     fresh = Fresh.of(errors)
     assert fresh.error == math.sqrt(1000)
-    assert fresh.expected == pytest.approx(math.sqrt(10_000))
+    assert fresh.expected == pytest.approx(math.sqrt(100_000))
     assert Fresh.of([1.0, math.nan] + [1.0] * 30).expected == math.inf
     assert Fresh.of([0.0] * 30) == Fresh(30, 0.0, 0.0)
 

@@ -41,9 +41,11 @@ def as_dict(table: Table) -> dict[str, Any]:
 
 
 def write_json(table: Table, path: str | Path) -> None:
-    """Write machine, floors and rows; what was not measured is null."""
-    text = json.dumps(as_dict(table), indent=1, allow_nan=False)
-    Path(path).write_text(text + "\n", encoding="utf-8")
+    """Write machine, floors and rows, a line each; what was not measured is null."""
+    parts = as_dict(table)
+    rows = ",\n".join(json.dumps(row, allow_nan=False) for row in parts.pop("rows"))
+    head = json.dumps(parts, indent=1, allow_nan=False).removesuffix("\n}")
+    Path(path).write_text(f'{head},\n "rows": [\n{rows}\n]}}\n', encoding="utf-8")
 
 
 def read_json(path: str | Path) -> tuple[tuple[Row, ...], dict[str, str], dict[str, float]]:

@@ -1,12 +1,14 @@
 """Fresh states: a solver judged where it was not chosen.
 
 The worst of n states says little of the next n. If the tail of the errors goes on as it is, like a
-power of how rare they are, the worst over ten times as many states is
+power of how rare they are, every ten times as many states make the worst larger by the same factor.
+The tenth largest of n is where the largest of n / 10 is to be looked for, so that over a hundred
+times as many it is
 
-    expected = worst * worst / tenth,        tenth: the tenth largest error of the n,
+    expected = worst * (worst / tenth)^2.
 
-since the tenth largest of n is where the largest of n / 10 is to be looked for. A solver meets an
-error only if `expected` does.
+Ten errors say the factor only roughly, and a solver is used more often than it is tried: it meets
+an error only if `expected` does.
 """
 
 from __future__ import annotations
@@ -45,7 +47,7 @@ class Fresh:
     error : float
         The worst, relative; infinite where there was no answer.
     expected : float
-        What the worst is expected to be over ten times as many states.
+        What the worst is expected to be over a hundred times as many states.
     """
 
     states: int
@@ -59,12 +61,12 @@ class Fresh:
         worst = ranked[0]
         tenth = ranked[min(_TENTH, len(ranked)) - 1]
         steady = isfinite(worst) and tenth > 0
-        return cls(len(ranked), worst, worst * (worst / tenth) if steady else worst)
+        return cls(len(ranked), worst, worst * (worst / tenth) ** 2 if steady else worst)
 
     def __str__(self) -> str:
         return (
             f"worst {self.error:.1e} at {self.states} fresh states, "
-            f"{self.expected:.1e} expected over {_TENTH * self.states}"
+            f"{self.expected:.1e} expected over {_TENTH**2 * self.states}"
         )
 
 

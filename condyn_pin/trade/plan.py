@@ -41,7 +41,7 @@ class Plan:
     median_us : float
         What it took [us].
     found, expected : float
-        The worst error at the fresh states, and what is expected over ten times as many.
+        The worst error at the fresh states, and what is expected over a hundred times as many.
     states : int
         How many there were.
     where : dict of str to str

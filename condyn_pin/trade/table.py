@@ -91,7 +91,8 @@ class Table:
             A label; the only one by default.
         states : States or int
             The fresh states that have to meet the error; a number is that many sampled ones. What
-            is expected over ten times as many (`condyn_pin.trade.fresh`) has to meet it as well.
+            is expected over a hundred times as many has to meet it as well
+            (`condyn_pin.trade.fresh`).
 
         Returns
         -------
