@@ -20,7 +20,7 @@ from condyn_pin.scene import Scene
 from condyn_pin.solvers.base import Solver
 from condyn_pin.timing import State
 from condyn_pin.trade.measures.base import Answer, Measure
-from condyn_pin.trade.row import Knob, Row
+from condyn_pin.trade.row import Key, Knob, Row, key
 from condyn_pin.trade.states import States
 from condyn_pin.workspace import Workspace
 
@@ -64,6 +64,11 @@ class Case:
         for array in (*(x for state in self.states for x in state), *self.truth):
             digest.update(np.ascontiguousarray(array).tobytes())
         return digest.hexdigest()[:16]
+
+    def key(self, solver: Solver) -> Key:
+        """Return the key of the row of a solver."""
+        measure = self.measure
+        return key(self.label, repr(solver), measure.label, measure.how, self.set_name)
 
 
 def prepare(label: str, scene: Scene, measure: Measure, states: States, accuracy: float) -> Case:
@@ -117,6 +122,7 @@ def measure_errors(case: Case, solver: Solver) -> Row:
         iterations=max((found.iterations for found in answers), default=0),
         statuses=dict(sorted(statuses.items())),
         note="; ".join(notes),
+        how=dict(case.measure.how),
     )
 
 

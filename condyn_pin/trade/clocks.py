@@ -1,8 +1,8 @@
-"""Times of the rows of a case, all solvers interleaved, in the process that owns the core."""
+"""Times of the rows of a scene, all candidates interleaved, in the process that owns the core."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from math import isfinite
 from time import perf_counter, process_time
@@ -21,7 +21,7 @@ _OWNED = 0.95
 
 _BUILDS = 3
 
-_Key = tuple[Solver, str]
+Candidate = tuple[Case, Solver]
 
 
 @dataclass(frozen=True)
@@ -46,62 +46,63 @@ class TimingEffort:
 
 
 def measure_times(
-    case: Case,
-    rows: Mapping[Solver, Row],
+    rows: Mapping[Candidate, Row],
     effort: TimingEffort,
     tick: Callable[[], None] = lambda: None,
-) -> dict[Solver, Row]:
-    """Return the rows of a case with their times.
+) -> dict[Candidate, Row]:
+    """Return the rows of some candidates with their times.
 
-    Every solver that has a finite answer at every state is timed, in one interleaved run; solve and
+    Everything that has a finite answer at every state is timed, in one interleaved run; solve and
     bare call only where every status is ok, since doubtful answers are looked at twice.
 
     Parameters
     ----------
-    case : Case
-    rows : mapping of Solver to Row
-        What `measure_errors` returned.
+    rows : mapping of (Case, Solver) to Row
+        What `measure_errors` returned. The cases have the same scene and the same states.
     effort : TimingEffort
     tick : callable
         Called after each round.
     """
-    timed = {solver: row for solver, row in rows.items() if isfinite(row.error_worst)}
+    timed = {candidate: row for candidate, row in rows.items() if isfinite(row.error_worst)}
+    found = {candidate: replace(row, timed=_why_not(row)) for candidate, row in rows.items()}
+    if not timed:
+        return found
     began, worked = perf_counter(), process_time()
-    builds, workspaces = _built(case, timed)
-    calls: dict[_Key, Call] = {}
-    for solver, row in timed.items():
-        for what, call in case.measure.calls(workspaces[solver]).items():
+    builds, workspaces = _built(timed)
+    calls: dict[tuple[Candidate, str], Call] = {}
+    for candidate, row in timed.items():
+        for what, call in candidate[0].measure.calls(workspaces[candidate]).items():
             if what == "once" or (row.ok and effort.overhead):
-                calls[solver, what] = call
-    times = interleaved(calls, case.states, rounds=effort.rounds, repeats=effort.repeats, tick=tick)
+                calls[candidate, what] = call
+    states = next(iter(timed))[0].states
+    times = interleaved(calls, states, rounds=effort.rounds, repeats=effort.repeats, tick=tick)
     said = _said(perf_counter() - began, process_time() - worked)
-    found = {solver: replace(row, timed=_why_not(row)) for solver, row in rows.items()}
-    for solver, row in timed.items():
-        once = times[solver, "once"]
-        found[solver] = replace(
+    for candidate, row in timed.items():
+        once = times[candidate, "once"]
+        found[candidate] = replace(
             row,
-            build_us=builds[solver],
+            build_us=builds[candidate],
             median_us=once.median,
             p95_us=once.p95,
-            bare_us=_median(times.get((solver, "bare"))),
-            solve_us=_median(times.get((solver, "solve"))),
+            bare_us=_median(times.get((candidate, "bare"))),
+            solve_us=_median(times.get((candidate, "solve"))),
             timed=said,
         )
     return found
 
 
 def _built(
-    case: Case, rows: Mapping[Solver, Row]
-) -> tuple[dict[Solver, float], dict[Solver, Workspace]]:
-    """Return the median time to build a workspace [us], and a workspace, by solver."""
-    samples: dict[Solver, list[float]] = {solver: [] for solver in rows}
-    workspaces: dict[Solver, Workspace] = {}
+    candidates: Iterable[Candidate],
+) -> tuple[dict[Candidate, float], dict[Candidate, Workspace]]:
+    """Return the median time to build a workspace [us], and a workspace, by candidate."""
+    samples: dict[Candidate, list[float]] = {candidate: [] for candidate in candidates}
+    workspaces: dict[Candidate, Workspace] = {}
     for _ in range(_BUILDS):
-        for solver in rows:
+        for case, solver in samples:
             start = perf_counter()
-            workspaces[solver] = Workspace(case.scene, solver)
-            samples[solver].append(1e6 * (perf_counter() - start))
-    return {solver: float(np.median(each)) for solver, each in samples.items()}, workspaces
+            workspaces[case, solver] = Workspace(case.scene, solver)
+            samples[case, solver].append(1e6 * (perf_counter() - start))
+    return {each: float(np.median(spent)) for each, spent in samples.items()}, workspaces
 
 
 def _median(times: Times | None) -> float | None:

@@ -11,11 +11,9 @@ import json
 from pathlib import Path
 
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.trade.row import Row
+from condyn_pin.trade.row import Key, Row
 
 _START = b'{"fingerprint": '
-
-_Key = tuple[str, tuple[str, str, str, str]]
 
 
 class Results:
@@ -34,11 +32,11 @@ class Results:
 
     def __init__(self, path: str | Path | None = None) -> None:
         self._path = None if path is None else Path(path)
-        self._rows: dict[_Key, Row] = {}
+        self._rows: dict[tuple[str, Key], Row] = {}
         if self._path is not None:
             self._read(self._path)
 
-    def find(self, fingerprint: str, key: tuple[str, str, str, str]) -> Row | None:
+    def find(self, fingerprint: str, key: Key) -> Row | None:
         """Return the row of a case and a solver, if it was measured."""
         return self._rows.get((fingerprint, key))
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import MISSING, asdict, dataclass, field, fields
 from math import inf, isfinite
 from typing import Any
 
 from condyn_pin.errors import InvalidArgument
 
 Knob = float | int | str | bool | None
+Key = tuple[str, str, str, str, str]
 
 # What a row with times says of them.
 ALONE = "timed alone on its core"
@@ -35,7 +36,8 @@ class Row:
     knobs : dict of str to float, int, str, bool or None
         Its knobs by name; None where the solver chooses by itself.
     measure : str
-        What the error is one of, a name of `MEASURES`.
+        What the error is one of: a name of `MEASURES`, with the knobs that change the question.
+        Rows of the same scene and measure can be compared.
     states : str
         Name of the set of states.
     n : int
@@ -59,6 +61,8 @@ class Row:
         How the times were taken, or why there are none.
     note : str
         What a refusal said.
+    how : dict of str to float, int, str, bool or None
+        Knobs of the measure that belong to the answer, such as the step of an integrator.
     """
 
     scene: str
@@ -83,11 +87,12 @@ class Row:
     solve_us: float | None = None
     timed: str = "not timed"
     note: str = ""
+    how: dict[str, Knob] = field(default_factory=dict)
 
     @property
-    def key(self) -> tuple[str, str, str, str]:
-        """What was measured: scene, solver, measure and states."""
-        return self.scene, self.solver, self.measure, self.states
+    def key(self) -> Key:
+        """What was measured: scene, solver, measure, how and states."""
+        return key(self.scene, self.solver, self.measure, self.how, self.states)
 
     @property
     def ok(self) -> bool:
@@ -108,8 +113,14 @@ class Row:
         InvalidArgument
             If a field is missing, or there is one that rows do not have.
         """
-        wanted = {field.name for field in fields(cls)}
-        if not isinstance(row, Mapping) or set(row) != wanted:
-            odd = sorted(wanted.symmetric_difference(row))
+        known = {f.name: f.default is f.default_factory is MISSING for f in fields(cls)}
+        needed = {name for name, is_needed in known.items() if is_needed}
+        if not isinstance(row, Mapping) or not needed <= set(row) <= set(known):
+            odd = sorted(needed - set(row) | set(row) - set(known))
             raise InvalidArgument(f"row: missing, or not a field of a row: {', '.join(odd)}")
         return cls(**{**row, **{name: inf if row[name] is None else row[name] for name in _ERRORS}})
+
+
+def key(scene: str, solver: str, measure: str, how: Mapping[str, Knob], states: str) -> Key:
+    """Return what tells a row from others."""
+    return scene, solver, measure, ", ".join(f"{k}={v!r}" for k, v in how.items()), states

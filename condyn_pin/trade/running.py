@@ -15,7 +15,7 @@ from condyn_pin.errors import CondynError, Interrupted, WorkerLost
 from condyn_pin.machine import machine
 from condyn_pin.solvers.base import Solver
 from condyn_pin.trade.case import Case, measure_errors, prepare
-from condyn_pin.trade.clocks import measure_times
+from condyn_pin.trade.clocks import Candidate, measure_times
 from condyn_pin.trade.results import Results
 from condyn_pin.trade.row import Row
 from condyn_pin.trade.scenes import labelled
@@ -66,8 +66,7 @@ class Run:
         return Table(tuple(row for row in rows if row is not None), machine(), floors, scenes)
 
     def _row(self, case: Case, solver: Solver) -> Row | None:
-        key = (case.label, repr(solver), case.measure.label, case.set_name)
-        return self._results.find(case.fingerprint, key)
+        return self._results.find(case.fingerprint, case.key(solver))
 
     def _prepare(self) -> None:
         """Find the states of every scene, and the truth there."""
@@ -107,17 +106,20 @@ class Run:
             self._tick(f"{of[number].label}: errors", len(rows))
 
     def _times(self) -> None:
-        """Time the cases of which a row has no time yet."""
+        """Time the scenes of which a row has no time yet, each with all that compares there."""
+        groups: dict[tuple[str, str], dict[Candidate, Row]] = {}
         for case, solvers in self._cases:
-            rows = {solver: self._row(case, solver) for solver in solvers}
-            known = {solver: row for solver, row in rows.items() if row is not None}
-            share = len(solvers) / self._study.effort.rounds
-            what = f"{case.label}: times"
-            if all(row.median_us or not isfinite(row.error_worst) for row in known.values()):
-                self._tick(what, len(solvers))
+            group = groups.setdefault((case.label, case.measure.label), {})
+            for solver in solvers:
+                row = self._row(case, solver)
+                if row is not None:
+                    group[case, solver] = row
+        for (label, _), rows in groups.items():
+            if all(row.median_us or not isfinite(row.error_worst) for row in rows.values()):
+                self._tick(f"{label}: times", len(rows))
                 continue
-            tick = partial(self._tick, what, share)
-            for row in measure_times(case, known, self._study.effort, tick).values():
+            tick = partial(self._tick, f"{label}: times", len(rows) / self._study.effort.rounds)
+            for (case, _), row in measure_times(rows, self._study.effort, tick).items():
                 self._results.keep(case.fingerprint, row)
 
     def _tick(self, what: str, done: float) -> None:

@@ -1,11 +1,11 @@
-"""Sweeps: a solver with its knobs turned."""
+"""Sweeps: a solver, or a measure, with its knobs turned."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from itertools import product
-from typing import Any
+from typing import Any, TypeVar
 
 from condyn_pin import _pin
 from condyn_pin.choice import untaken
@@ -14,22 +14,25 @@ from condyn_pin.scene import Scene
 from condyn_pin.solvers import SOLVERS, Solver
 from condyn_pin.solvers.lcaba import LCABA
 from condyn_pin.solvers.reference import Reference
+from condyn_pin.trade.measures import Measure
+
+_Knobbed = TypeVar("_Knobbed", Solver, Measure)
 
 
-def sweep(solver: Solver, **knobs: Sequence[Any]) -> tuple[Solver, ...]:
-    """Return a solver with every combination of some knobs.
+def sweep(one: _Knobbed, **knobs: Sequence[Any]) -> tuple[_Knobbed, ...]:
+    """Return a solver, or a measure, with every combination of some knobs.
 
     Parameters
     ----------
-    solver : Solver
+    one : Solver or Measure
         Knobs that are not named keep the values that they have here.
     **knobs : sequence
         Values by name: ``sweep(Proximal(), mu=[1e-8, 1e-4], max_iterations=[1, 20])``.
-        Without any, `solver` itself and what its class declares to be worth a look.
+        Without any, `one` itself and what its class declares to be worth a look.
 
     Returns
     -------
-    tuple of Solver
+    tuple of Solver or Measure
         Each once, the first knob slowest.
 
     Raises
@@ -37,19 +40,19 @@ def sweep(solver: Solver, **knobs: Sequence[Any]) -> tuple[Solver, ...]:
     InvalidArgument
         If a value cannot be used, or is no sequence.
     UnknownName
-        If the solver has no such knob.
+        If there is no such knob.
     """
-    if not isinstance(solver, Solver):
-        raise InvalidArgument(f"solver = {solver!r}: a solver such as Proximal() is needed")
-    grids = ({}, *solver.sweeps) if not knobs else (knobs,)
-    known = [field.name for field in fields(solver)]  # type: ignore[arg-type]
+    if not isinstance(one, Solver | Measure):
+        raise InvalidArgument(f"{one!r}: a solver such as Proximal(), or a measure, is needed")
+    grids = ({}, *one.sweeps) if not knobs else (knobs,)
+    known = [field.name for field in fields(one)]  # type: ignore[arg-type]
     for name, values in knobs.items():
         if name not in known:
-            raise unknown_name(f"knob of {type(solver).__name__}", name, known)
+            raise unknown_name(f"knob of {type(one).__name__}", name, known)
         if isinstance(values, str) or not hasattr(values, "__iter__"):
             raise InvalidArgument(f"{name} = {values!r}: a list of values is needed")
     made = [
-        replace(solver, **dict(zip(grid, values, strict=True)))  # type: ignore[type-var]
+        replace(one, **dict(zip(grid, values, strict=True)))  # type: ignore[type-var]
         for grid in grids
         for values in product(*grid.values())
     ]

@@ -12,7 +12,9 @@
 4. `calls(workspace)` returns what is timed, each called with (q, v, tau): "once", what a user of
    this measure would call; and, where they exist, "bare", Pinocchio's own call behind it, and
    "solve", with the proof. None of them may raise at a state that `answer` took.
-5. A relative error is relative to something that cannot be zero by accident, and says so.
+5. Knobs that change the question are in `label`, by default all: rows of one label are compared
+   with each other. Those that belong to the answer, such as a step size, are in `how`.
+6. A relative error is relative to something that cannot be zero by accident, and says so.
 """
 
 from __future__ import annotations
@@ -28,9 +30,11 @@ import numpy as np
 
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument, unknown_name
+from condyn_pin.knobs import Grid
 from condyn_pin.scene import Scene
 from condyn_pin.solution import Solution
 from condyn_pin.timing import Call, State
+from condyn_pin.trade.row import Knob
 from condyn_pin.workspace import Workspace
 
 MEASURES: dict[str, type[Measure]] = {}
@@ -77,6 +81,7 @@ class Measure(ABC):
     """What the error of a study is one of; a frozen value."""
 
     name: ClassVar[str]
+    sweeps: ClassVar[tuple[Grid, ...]] = ()  # values of knobs that are worth a look
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -90,6 +95,11 @@ class Measure(ABC):
         mine = [f.name for f in fields(self) if getattr(self, f.name) != f.default]  # type: ignore[arg-type]
         knobs = ", ".join(f"{name}={getattr(self, name)!r}" for name in mine)
         return f"{self.name}({knobs})" if knobs else self.name
+
+    @property
+    def how(self) -> Mapping[str, Knob]:
+        """The knobs that belong to the answer, as rows keep them; none by default."""
+        return {}
 
     @abstractmethod
     def truth(self, scene: Scene, state: State) -> Array:

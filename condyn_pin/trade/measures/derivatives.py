@@ -13,6 +13,7 @@ from condyn_pin.arrays import Array
 from condyn_pin.differentiation import METHODS
 from condyn_pin.differentiation.differences import directions
 from condyn_pin.errors import InvalidArgument, unknown_name
+from condyn_pin.knobs import Grid
 from condyn_pin.scene import Scene
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.reference import Reference
@@ -36,6 +37,7 @@ class DerivativeMeasure(Measure):
     """
 
     name: ClassVar[str] = "derivatives"
+    sweeps: ClassVar[tuple[Grid, ...]] = ({"method": tuple(METHODS)},)
 
     method: str = "kkt"
 
