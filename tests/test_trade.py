@@ -219,6 +219,12 @@ def test_a_label_gives_its_measure_back():
             measure_of(label)
 
 
+def test_a_measure_that_a_row_cannot_make_again_is_refused():
+    with pytest.raises(cp.InvalidArgument, match="dt"):
+        measured(dataclasses.replace(FINE, how={"dt": 1e-3})).cheapest(1e-8, states=20)
+    assert short(dataclasses.replace(FINE, how={"dt": 1e-3})) == "Proximal(mu=1e-08), dt=0.001"
+
+
 def test_the_tail_is_continued_as_it_is():
     # a power: the k-th largest of n is (n / k)^(1/2); a hundred times as many give ten times more
     errors = [math.sqrt(1000 / k) for k in range(1, 1001)]

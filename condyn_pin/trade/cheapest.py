@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import Any
 
@@ -105,7 +105,7 @@ def _first_that_holds(
     rejected: list[tuple[Row, Fresh]] = []
     for row in meeting:
         solver = solver_of(row)
-        fresh = judge(solver)
+        fresh = judge(solver, measured_as(row))
         if fresh.expected <= error:
             return Choice(solver, error, row, fresh, tuple(rejected))
         rejected.append((row, fresh))
@@ -148,6 +148,20 @@ def measure_of(label: str) -> Measure:
         return MEASURES[name.id](**knobs)  # type: ignore[attr-defined]
     except (SyntaxError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise unknown_name("measure", label, MEASURES) from error
+
+
+def measured_as(row: Row) -> Measure:
+    """Return the measure of a row, with the knobs that belong to its answer."""
+    measure = measure_of(row.measure)
+    if not row.how:
+        return measure
+    try:
+        again = replace(measure, **row.how)  # type: ignore[type-var]
+    except TypeError as error:
+        raise InvalidArgument(f"{row.measure}: it has no knobs {row.how}") from error
+    if dict(again.how) != row.how:
+        raise InvalidArgument(f"{row.measure}: {row.how} in a table do not make it again")
+    return again
 
 
 def _label(rows: Sequence[Row], scene: str | None) -> str:

@@ -26,8 +26,8 @@ def write_csv(table: Table, path: str | Path) -> None:
         writer = csv.DictWriter(file, [field.name for field in fields(Row)])
         writer.writeheader()
         for row in table.rows:
-            words = {"knobs": words_of(row.knobs), "statuses": status_words(row)}
-            writer.writerow(asdict(row) | words)
+            words = {name: words_of(getattr(row, name)) for name in ("knobs", "how")}
+            writer.writerow(asdict(row) | words | {"statuses": status_words(row)})
 
 
 def as_dict(table: Table) -> dict[str, Any]:
@@ -96,10 +96,11 @@ def cells(row: Row) -> tuple[str, ...]:
 
 
 def short(row: Row) -> str:
-    """Return the solver with the knobs that were set, as one would type it."""
+    """Return the solver with the knobs that were set, as one would type it, and those of `how`."""
     name = row.solver.split("(")[0]
     chosen = {key: value for key, value in row.knobs.items() if value != _defaults(name).get(key)}
-    return f"{name}({words_of(chosen)})"
+    how = f", {words_of(row.how)}" if row.how else ""
+    return f"{name}({words_of(chosen)}){how}"
 
 
 def _defaults(name: str) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from math import inf, isfinite
 from typing import Final
 
 from condyn_pin.arrays import Array
-from condyn_pin.errors import CondynError, InvalidArgument
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.scene import Scene
 from condyn_pin.solvers.base import Solver
 from condyn_pin.timing import State
@@ -93,6 +93,7 @@ class FreshErrors:
     ----------
     scene : Scene
     measure : Measure
+        What the truth is of.
     states : States or int
         As `as_fresh` takes them.
     """
@@ -102,19 +103,21 @@ class FreshErrors:
         self._states = as_fresh(states).of(scene)
         self._truth = [measure.truth(scene, state) for state in self._states]
 
-    def __call__(self, solver: Solver) -> Fresh:
-        """Return what a solver gives at the states."""
+    def __call__(self, solver: Solver, measure: Measure | None = None) -> Fresh:
+        """Return what a solver gives at the states, by a measure of the same truth."""
         try:
             workspace = Workspace(self._scene, solver)
-        except CondynError:
+        except Exception:  # a solver of somebody's own may raise anything; it is rejected
             return Fresh.of([inf] * len(self._states))
+        asked = self._measure if measure is None else measure
         pairs = zip(self._states, self._truth, strict=True)
-        return Fresh.of([self._error(workspace, *pair) for pair in pairs])
+        return Fresh.of([_error(asked, workspace, *pair) for pair in pairs])
 
-    def _error(self, workspace: Workspace, state: State, truth: Array) -> float:
-        """Return the error at a state; infinite without an answer, or where ok is a lie."""
-        try:
-            answer = self._measure.answer(workspace, state, truth, SOLVED)
-        except CondynError:
-            return inf
-        return answer.error if answer.status in ANSWERED else inf
+
+def _error(measure: Measure, workspace: Workspace, state: State, truth: Array) -> float:
+    """Return the error at a state; infinite without an answer, or where ok is a lie."""
+    try:
+        answer = measure.answer(workspace, state, truth, SOLVED)
+    except Exception:  # a solver of somebody's own may raise anything; it is rejected
+        return inf
+    return answer.error if answer.status in ANSWERED else inf
