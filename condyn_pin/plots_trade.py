@@ -30,8 +30,9 @@ _FIRST = ("proximal", "lcaba", "densekkt")  # the colours that `condyn bench` gi
 _LAST = ("reference",)  # it judges, and is seldom drawn
 
 _EPS: Final = float(np.finfo(float).eps)
-_TICKS: Final = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1e3, 2e3, 5e3, 1e4, 1e5, 1e6)  # [us]
+_TICKS: Final = (1, 3, 10, 30, 100, 300, 1e3, 3e3, 1e4, 1e5, 1e6)  # [us]
 _LOWEST: Final = 1e-17  # where an error of zero is drawn
+_HIGHEST: Final = 10.0  # where what diverges is drawn
 
 
 def style(name: str) -> dict[str, str]:
@@ -54,7 +55,8 @@ def work_precision(
     Every mark is a solver with its knobs; a line is the front of one method, the grey staircase
     that of all. Hollow marks said at some state that they are inaccurate. Dotted is the rounding of
     one number, dash-dotted the error that `Reference` itself may have: nothing below it is known.
-    Solvers that failed at a state are counted behind the name of their method.
+    What diverges is drawn at 10. Solvers that failed at a state are counted behind the name of
+    their method.
 
     Parameters
     ----------
@@ -84,6 +86,7 @@ def work_precision(
         _draw_method(ax, name, [row for row in rows if row.solver.split("(")[0] == name])
     _draw_floors(ax, table.floors.get(rows[0].scene))
     ax.set(title=f"{rows[0].scene}: {rows[0].rows} rows", xscale="log", yscale="log")
+    ax.set_ylim(_LOWEST / 3, 3 * _HIGHEST)
     ax.set(xlabel=f"time of {rows[0].measure} [us]", ylabel="worst error, relative")
     ticks = [tick for tick in _TICKS if ax.get_xlim()[0] <= tick <= ax.get_xlim()[1]]
     ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
@@ -137,7 +140,7 @@ def _draw_floors(ax: Any, floor: float | None) -> None:
 
 
 def _height(row: Row) -> float:
-    return max(row.error_worst, _LOWEST)
+    return min(max(row.error_worst, _LOWEST), _HIGHEST)
 
 
 def save_trade(table: Table, path: str | Path) -> None:
