@@ -3,8 +3,8 @@
     python benchmarks/study.py [--curves] [--full] [--processes]
 
 All three by default. Curves are errors after one proximal iteration, which fall with mu; of a
-parallelogram by the mass of its coupler, against its closed form; and of Pinocchio's derivatives,
-as the library calls them and as they are called without the settings of the solve.
+parallelogram by the mass of its coupler, against its closed form; of Pinocchio's derivatives, as
+the library calls them and as they are called without the settings of the solve; and of a motion.
 """
 
 from __future__ import annotations
@@ -13,9 +13,8 @@ import argparse
 import os
 import resource
 from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from time import perf_counter, process_time
+from time import perf_counter, process_time, sleep
 from typing import ClassVar
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -25,7 +24,9 @@ import numpy as np
 import condyn_pin as cp
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
+from condyn_pin.drift.no_drift import NoDrift
 from condyn_pin.mechanisms.base import add_rod
+from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4
 from condyn_pin.timing import Call, State
 from condyn_pin.trade.measures.base import Answer, relative
 from condyn_pin.workspace import Workspace
@@ -122,6 +123,14 @@ def protocols(mus: list[float]) -> cp.Table:
     return cp.Study(scene, solvers, states=3, measure=measures).run(timed=False)
 
 
+def motions(solvers: list[cp.Solver]) -> cp.Table:
+    """Return the error of Bricard's linkage after a second in steps of a millisecond."""
+    bricard = cp.load_robot("bricard")
+    measure = cp.TrajectoryMeasure(duration=1.0, integrator=RungeKutta4(), drift=NoDrift())
+    scene, states = cp.Scene(bricard, bricard.loops), cp.PostureStates(["home"])
+    return cp.Study(scene, solvers, states=states, measure=measure).run(timed=False)
+
+
 def show_curves() -> None:
     """Print the known curves."""
     print("Talos, one iteration: mu, median and worst error of a, over mu")
@@ -139,6 +148,12 @@ def show_curves() -> None:
     rows = protocols(mus).rows
     for mu, kept, not_kept in zip(mus, rows[: len(mus)], rows[len(mus) :], strict=True):
         print(f"{mu:8.0e} {kept.error_worst:9.2e} {not_kept.error_worst:9.2e}")
+    print("Bricard, 1 s of Runge-Kutta 4 at 1 ms: mu, error after one iteration a solve, converged")
+    mus = [10.0**-k for k in range(2, 11, 2)]
+    once = cp.sweep(cp.Proximal(max_iterations=1), mu=mus)
+    rows = motions([*once, *cp.sweep(cp.Proximal(), mu=mus)]).rows
+    for mu, one, many in zip(mus, rows[: len(mus)], rows[len(mus) :], strict=True):
+        print(f"{mu:8.0e} {one.error_worst:9.2e} {many.error_worst:9.2e}")
 
 
 def show_full() -> None:
@@ -153,14 +168,20 @@ def show_full() -> None:
     )
 
 
+def get_ready(_: int) -> None:
+    """Import what a study needs, and give the other process time for it too."""
+    cp.load_robot("talos")
+    sleep(0.5)
+
+
 def show_processes() -> None:
     """Compare the errors of a study here with those of two processes."""
     study = cp.Study(["talos", "cassie"])
     start, work = perf_counter(), process_time()
     alone = study.run(timed=False)
     serial, serial_work = perf_counter() - start, process_time() - work
-    with ProcessPoolExecutor(2) as executor:
-        list(executor.map(abs, range(8)))  # the processes are there before the clock starts
+    with cp.Processes(2) as executor:
+        list(executor.map(get_ready, range(4)))
         start, work = perf_counter(), process_time()
         together = study.run(timed=False, executor=executor)
         parallel, own_work = perf_counter() - start, process_time() - work

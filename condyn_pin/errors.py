@@ -138,21 +138,22 @@ class NotTuned(CondynError):
     """No plan was saved for this scene, error, machine and versions; `tune` makes one."""
 
 
-class WorkerLost(CondynError):
-    """An executor lost a worker, or could not run a task.
+class WorkersLost(CondynError, RuntimeError):
+    """Worker processes died, and their executor cannot go on.
 
     Attributes
     ----------
-    table : Table
-        What was measured until then.
+    done : BatchSolution or BatchDerivatives or Table or None
+        What was computed, of a batch or of a study; the `missing` of the first says which rows were
+        not.
     """
 
-    def __init__(self, message: str, table: Table) -> None:
+    def __init__(self, message: str, done: Any = None) -> None:
         super().__init__(message)
-        self.table = table
+        self.done = done
 
-    def __reduce__(self) -> tuple[type[WorkerLost], tuple[str, Table]]:
-        return WorkerLost, (str(self), self.table)
+    def __reduce__(self) -> tuple[type[WorkersLost], tuple[str, Any]]:
+        return WorkersLost, (str(self), self.done)
 
 
 class Interrupted(KeyboardInterrupt):
@@ -170,6 +171,10 @@ class Interrupted(KeyboardInterrupt):
 
     def __reduce__(self) -> tuple[type[Interrupted], tuple[Table]]:
         return Interrupted, (self.table,)
+
+
+class StepFailed(CondynError):
+    """A step of an integrator did not converge; the text says what would do."""
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> UnknownName:

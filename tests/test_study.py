@@ -17,8 +17,10 @@ from shared import all_scenes, relative
 
 import condyn_pin as cp
 from condyn_pin._pin import HAS_LCABA
+from condyn_pin.drift.no_drift import NoDrift
 from condyn_pin.knobs import ITERATIONS, WEIGHTS
-from condyn_pin.trade import running
+from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
+from condyn_pin.trade import case, running
 from condyn_pin.trade.row import ALONE
 from condyn_pin.trade.sweeps import default_sweep
 
@@ -39,6 +41,14 @@ def errors(table: cp.Table) -> list[tuple]:
     times = ("build_us", "median_us", "p95_us", "bare_us", "solve_us", "timed")
     names = [field.name for field in fields(cp.Row) if field.name not in times]
     return [tuple(getattr(row, name) for name in names) for row in table.rows]
+
+
+# Motions that are short, and in which only the solver makes an error.
+MEASURES = {name: name for name in cp.MEASURES} | {
+    "trajectory": cp.TrajectoryMeasure(
+        duration=2e-3, dt=1e-3, integrator=DormandPrince(1e-12, 1e-13), drift=NoDrift()
+    )
+}
 
 
 # --- solvers that are wrong on purpose; nothing else gets to see them ---
@@ -91,7 +101,22 @@ class KillsItsProcess(cp.Proximal):
         return super().start(workspace)
 
 
-BROKEN = (OffByAThousandth, WrongEverySecondTime, Raises, KillsItsProcess)
+@dataclass(frozen=True)
+class KillsTheFirst(cp.Proximal):
+    """Kills the first process that it gets into, and leaves a file to know it by."""
+
+    title: ClassVar[str] = "Kills the first"
+
+    trace: str = ""
+
+    def start(self, workspace):
+        if not Path(self.trace).exists():
+            Path(self.trace).touch()
+            os._exit(1)
+        return super().start(workspace)
+
+
+BROKEN = (OffByAThousandth, WrongEverySecondTime, Raises, KillsItsProcess, KillsTheFirst)
 for kind in BROKEN:
     del cp.SOLVERS[kind.__name__.lower()]
 
@@ -191,7 +216,7 @@ class Here(Executor):
 
 
 def test_the_same_study_gives_the_same_errors_to_the_bit():
-    study = brief({"a": BAR, "b": all_scenes()["talos contacts"]}, measure=list(cp.MEASURES))
+    study = brief({"a": BAR, "b": all_scenes()["talos contacts"]}, measure=list(MEASURES.values()))
     first = errors(study.run(timed=False))
     assert len(first) == 2 * len(cp.MEASURES) * len(FEW)
     assert errors(study.run(timed=False)) == first
@@ -228,7 +253,7 @@ def test_ctrl_c_keeps_what_was_measured_and_the_study_goes_on(tmp_path, count, m
     monkeypatch.setattr(
         running,
         "measure_errors",
-        lambda case, solver: measured.append(solver) or plain(case, solver),
+        lambda of, solver: measured.append(solver) or plain(of, solver),
     )
     table = brief().run(results=path)
     assert measured == list(FEW[len(kept) :])
@@ -251,6 +276,14 @@ def test_other_states_are_another_study(tmp_path):
     other = cp.SampledStates(3, seed=1)
     fresh = brief(states=other).run(timed=False)
     assert errors(brief(states=other).run(results=path, timed=False)) == errors(fresh)
+
+
+def test_another_machine_is_another_study(tmp_path, monkeypatch):
+    path = tmp_path / "rows.jsonl"
+    brief().run(results=path, timed=False)
+    monkeypatch.setattr(case, "machine", lambda: {"processor": "another"})
+    brief().run(results=path, timed=False)
+    assert len(path.read_text().splitlines()) == 2 * len(FEW)
 
 
 def test_a_line_that_was_cut_is_measured_again(tmp_path):
@@ -280,13 +313,22 @@ def test_a_killed_worker_loses_nothing(tmp_path):
     weights = [10.0**-k for k in range(1, 9)]
     solvers = [*cp.sweep(cp.Proximal(), mu=weights), KillsItsProcess(parent=os.getpid())]
     study = brief(solvers=solvers)
-    with ProcessPoolExecutor(1) as executor, pytest.raises(cp.WorkerLost) as lost:
+    with ProcessPoolExecutor(1) as executor, pytest.raises(cp.WorkersLost) as lost:
         study.run(timed=False, executor=executor, results=path)
-    assert len(lost.value.table.rows) == len(weights)
+    assert len(lost.value.done.rows) == len(weights)
     assert "results=PATH" in str(lost.value)
     # here, where it does not kill, only what is missing is measured
     assert len(study.run(timed=False, results=path).rows) == len(solvers)
     assert len(path.read_text().splitlines()) == len(solvers)
+
+
+def test_a_worker_that_is_replaced_does_not_even_stop_the_study(tmp_path):
+    trace = tmp_path / "trace"
+    study = brief(solvers=[*FEW, KillsTheFirst(trace=str(trace))])
+    with cp.Processes(1, start_method="fork") as executor:
+        table = study.run(timed=False, executor=executor)
+    assert trace.exists()
+    assert table.rows == study.run(timed=False).rows
 
 
 def test_progress_ends_where_it_said():
@@ -434,7 +476,7 @@ def test_an_effort_of_nothing_is_refused(effort):
 
 
 @pytest.mark.parametrize("label", ["four_bar loops", "talos contacts", "cassie on lines"])
-@pytest.mark.parametrize("measure", list(cp.MEASURES))
+@pytest.mark.parametrize("measure", MEASURES.values(), ids=MEASURES)
 def test_every_measure_finds_the_default_solver_right_and_a_coarse_one_not(label, measure):
     scene = all_scenes()[label]
     solvers = [cp.Proximal(), cp.Proximal(mu=1.0, max_iterations=1), cp.NullSpace()]

@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin import __version__
-from condyn_pin._pin import VERSION_TEXT
 from condyn_pin.arrays import Array
 from condyn_pin.errors import CondynError
+from condyn_pin.machine import machine
 from condyn_pin.scene import Scene
 from condyn_pin.solvers.base import Solver
 from condyn_pin.timing import State
@@ -59,8 +58,9 @@ class Case:
 
     @cached_property
     def fingerprint(self) -> str:
-        """A text that changes with anything that the errors depend on but the solver."""
-        digest = hashlib.sha256(f"{__version__} {VERSION_TEXT} {self.accuracy!r}".encode())
+        """A text that changes with all that errors and times depend on, but for the solver."""
+        here = {name: value for name, value in machine().items() if name != "date"}
+        digest = hashlib.sha256(f"{here} {self.accuracy!r}".encode())
         for array in (*(x for state in self.states for x in state), *self.truth):
             digest.update(np.ascontiguousarray(array).tobytes())
         return digest.hexdigest()[:16]

@@ -2,7 +2,7 @@
 
 One json object a line: the fingerprint of the case, and the row. A line that a killed process left
 unfinished is cut off; of several lines of the same case and solver the last one counts. Rows of
-other states, another version or another Pinocchio stay in the file, and are not used.
+other states, other versions or another machine stay in the file, and are not used.
 """
 
 from __future__ import annotations

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, as_completed
+from concurrent.futures import Executor
 from functools import lru_cache, partial
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from condyn_pin.batch.chunks import map_chunks
 from condyn_pin.bench import Progress
-from condyn_pin.errors import CondynError, Interrupted, WorkerLost
+from condyn_pin.errors import Interrupted, WorkersLost
 from condyn_pin.machine import machine
 from condyn_pin.solvers.base import Solver
 from condyn_pin.trade.case import Case, measure_errors, prepare
@@ -128,27 +129,18 @@ class Run:
 
     def _each(self, calls: Sequence[Callable[[], _T]]) -> Iterator[tuple[int, _T]]:
         """Call everything, here or on the executor; give (number, result) as they come."""
-        if self._executor is None:
-            for number, call in enumerate(calls):
-                yield number, call()
-            return
-        numbers: dict[Future[_T], int] = {}
         try:
-            for number, call in enumerate(calls):
-                numbers[self._executor.submit(call)] = number
-            for future in as_completed(numbers):
-                yield numbers[future], future.result()
-        except CondynError:
-            raise
-        except Exception as error:
-            raise WorkerLost(
-                f"the executor failed: {type(error).__name__}: {error}; its table has what was "
-                "measured, and with results=PATH the next run goes on from there",
+            yield from map_chunks(_called, calls, executor=self._executor)
+        except WorkersLost as lost:
+            raise WorkersLost(
+                f"{lost}. Its `done` has what was measured, and with results=PATH the next run "
+                "goes on from there",
                 self._found(),
-            ) from error
-        finally:
-            for future in numbers:
-                future.cancel()
+            ) from lost
+
+
+def _called(call: Callable[[], _T]) -> _T:
+    return call()
 
 
 def _rows(case: Case, solvers: Sequence[Solver]) -> list[Row]:

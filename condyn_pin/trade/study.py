@@ -94,9 +94,9 @@ class Study:
         Parameters
         ----------
         executor : concurrent.futures.Executor, optional
-            Where errors are computed: a ``ProcessPoolExecutor``, Dask's ``Client.get_executor()``.
-            Threads bring nothing, Pinocchio holds the lock of the interpreter. Times are always
-            taken here, after the last error, and say whether this process had a core for itself.
+            Where errors are computed: `Processes`, Dask's ``Client.get_executor()``. Threads bring
+            nothing, Pinocchio holds the lock of the interpreter. Times are always taken here, after
+            the last error, and say whether this process had a core for itself.
         progress : callable
             Called with (what, done, total).
         timed : bool
@@ -116,8 +116,9 @@ class Study:
             If the loops of a scene cannot be closed; before anything is measured.
         Interrupted
             On Ctrl-C; its `table` has what was measured.
-        WorkerLost
-            If the executor breaks; its `table` has what was measured.
+        WorkersLost
+            If the executor cannot go on after the loss of a worker, as a ``ProcessPoolExecutor``
+            cannot; its `done` is a table of what was measured.
         InvalidArgument
             If `results` is not such a file.
         """
