@@ -28,7 +28,9 @@ def commands() -> list[str]:
     return [line for line in dict.fromkeys(lines) if line]
 
 
-def test_python_blocks_run_in_one_session(capsys):
+def test_python_blocks_run_in_one_session(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     session: dict[str, object] = {}
     for block in blocks("python"):
         if not HAS_LCABA:
@@ -44,6 +46,8 @@ def test_python_blocks_run_in_one_session(capsys):
 @pytest.mark.parametrize("line", [line for line in commands() if line.startswith("condyn ")])
 def test_condyn_commands_run(line, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    if "tune" in line:
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     result = CliRunner().invoke(app, shlex.split(line)[1:])
     assert result.exit_code == 0, result.output
 
