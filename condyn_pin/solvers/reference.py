@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -87,9 +88,17 @@ class Reference(Solver):
         except InvalidModel as error:
             raise Singular from error
         K = np.block([[terms.M, -terms.J.T], [terms.J, np.zeros((m, m))]])
-        b = (np.concatenate([tau, terms.a_ref]), -np.concatenate([terms.h, terms.gamma]))
+        b = np.array([np.concatenate([tau, terms.a_ref]), -np.concatenate([terms.h, terms.gamma])])
+        unit = _power_of_two(b)  # splitting a huge number overflows
+        b /= unit
         x = (np.zeros(n + m), np.zeros(n + m))
         for _ in range(1 + self.refinements):
             r = exact_residual(K, b, x)
             x = add(x, np.concatenate(factors.solve(r[:n], r[n:])))
-        return x[0][:n], x[0][n:]
+        return unit * x[0][:n], unit * x[0][n:]
+
+
+def _power_of_two(b: Array) -> float:
+    """Return a power of two by which huge numbers are divided without rounding; 1 for all else."""
+    largest = float(np.abs(b).max(initial=0.0))
+    return 2.0 ** math.frexp(largest)[1] if 1e150 < largest < math.inf else 1.0
