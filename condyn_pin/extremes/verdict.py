@@ -1,11 +1,11 @@
 """Verdicts: what a method made of a hard question.
 
 An answer is right if the error of a, relative to the larger of |a| and gravity, is within SOLVED:
-that is what a status of ok promises. A residual is rounded to about eps |a|, and a direction with
-the singular value sigma of J L^-T turns that into an error of eps / sigma. So where sigma is below
-eps / SOLVED of the largest, 2e-8, no residual tells whether its row holds: the equations can be read
-with it and without it, and either answer counts as right. It takes singular values at every state to
-know of that; `Scene.rank` has them.
+that is what a status of ok promises. A residual is rounded to about eps |a|, and a direction
+with the singular value sigma of J L^-T turns that into an error of eps / sigma. So where sigma is
+below eps / SOLVED of the largest, 2e-8, no residual tells whether its row holds: the equations can
+be read with it and without it, and either answer counts as right. It takes singular values at
+every state to know of that; `Scene.rank` has them.
 """
 
 from __future__ import annotations

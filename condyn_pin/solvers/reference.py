@@ -88,9 +88,9 @@ class Reference(Solver):
         except InvalidModel as error:
             raise Singular from error
         K = np.block([[terms.M, -terms.J.T], [terms.J, np.zeros((m, m))]])
-        b = np.array([np.concatenate([tau, terms.a_ref]), -np.concatenate([terms.h, terms.gamma])])
-        unit = _power_of_two(b)  # splitting a huge number overflows
-        b /= unit
+        b = (np.concatenate([tau, terms.a_ref]), -np.concatenate([terms.h, terms.gamma]))
+        unit = _power_of_two(*b)  # splitting a huge number overflows
+        b = (b[0] / unit, b[1] / unit)
         x = (np.zeros(n + m), np.zeros(n + m))
         for _ in range(1 + self.refinements):
             r = exact_residual(K, b, x)
@@ -98,7 +98,7 @@ class Reference(Solver):
         return unit * x[0][:n], unit * x[0][n:]
 
 
-def _power_of_two(b: Array) -> float:
+def _power_of_two(*parts: Array) -> float:
     """Return a power of two by which huge numbers are divided without rounding; 1 for all else."""
-    largest = float(np.abs(b).max(initial=0.0))
-    return 2.0 ** math.frexp(largest)[1] if 1e150 < largest < math.inf else 1.0
+    largest = max(float(np.abs(part).max(initial=0.0)) for part in parts)
+    return 2.0 ** math.frexp(largest)[1] if 1e150 < largest < 8e307 else 1.0
