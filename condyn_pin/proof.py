@@ -78,6 +78,8 @@ class Yardstick:
         eps cond(D M D): what no answer can be better than.
     blur : float
         What rounding of J may do to sigma.
+    shaking : float
+        What rounding of J^T lam does to a, relative to gravity, where a row carries the weight.
     """
 
     weights: Array
@@ -87,6 +89,7 @@ class Yardstick:
     weight: float
     rounding: float = 0.0
     blur: float = 0.0
+    shaking: float = 0.0
 
     @classmethod
     def of(cls, factors: MinimumNorm, P: Array, gravity: float, weight: float) -> Yardstick:
@@ -102,6 +105,10 @@ class Yardstick:
             weight=weight,
             rounding=_EPS * float(np.linalg.cond(L / np.linalg.norm(L, axis=1)[:, None])) ** 2,
             blur=_EPS * float(np.linalg.norm(P * weights)),
+            shaking=_EPS
+            * float(weights.max() * weights.dot(P.max(axis=0, initial=0.0)))
+            * weight
+            / (gravity or 1.0),
         )
 
     def prove(self, dynamics: Array, largest: list[float], tau: Array) -> tuple[Proof, bool]:
@@ -153,8 +160,11 @@ class Yardstick:
     def unquestioned(self) -> float:
         """The |s|_inf, relative to the size of a, that is never in doubt [1].
 
-        Where all rows are rounding everything is, also a residual of nothing.
+        Everything is where all rows are rounding, also a residual of nothing, and where joints
+        are so light that rounding of J^T lam shakes them.
         """
+        if self.shaking > tolerances.SOLVED:
+            return -1.0
         if self.rows and not _BLURRED * self.blur < self.sigma < inf:
             return -1.0
         scale = self.largest_weight * self.per_row

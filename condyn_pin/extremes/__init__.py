@@ -11,7 +11,14 @@ from pkgutil import iter_modules
 from condyn_pin.extremes.base import EXTREMES, Case, Extreme, extreme
 
 for _module in iter_modules(__path__):
-    if _module.name not in ("verdict", "stress", "worker", "stress_table", "stress_plot"):
+    if _module.name not in (
+        "verdict",
+        "stress",
+        "worker",
+        "stress_table",
+        "stress_plot",
+        "planar_chain",
+    ):
         import_module(f"{__name__}.{_module.name}")
 
 __all__ = ["EXTREMES", "Case", "Extreme", "extreme"]
