@@ -21,7 +21,10 @@ KINDS = {
     "to the world": (cp.Loop("world", "hand"), cp.Loop("foot", "world", "slider", axis="x")),
     "point": (cp.PointContact("foot", (0.1, 0.2, 0.3)),),
     "surface and line": (cp.SurfaceContact("hand"), cp.LineContact("foot", "x")),
-    "anchored": (cp.SurfaceContact("hand", anchor=pin.SE3.Random()), cp.PointContact("foot", anchor=(0, 0, 0))),
+    "anchored": (
+        cp.SurfaceContact("hand", anchor=(0.1, 0.2, 0.3, 0.5, 0.5, 0.5, 0.5)),
+        cp.PointContact("foot", anchor=(0.0, 0.1, 0.0)),
+    ),
     "plane": (cp.PlanarContact("foot", (0.1, 0.0, 0.0), (1.0, 2.0, 3.0)),),
     "gear": (cp.Coupling("slide", "turn", 0.3, 0.1),),
 }  # fmt: skip
@@ -85,11 +88,12 @@ def test_reference_is_right(label):
 
 
 CASES = [
-    ("parallelogram", 0.1), ("parallelogram", 1e-3), ("parallelogram", 1e-6), ("parallelogram", 0.0),
-    ("dead_point", 1e-3), ("dead_point", 0.0), ("straight_knee", 1e-4), ("straight_knee", 1e-6),
-    ("mass_ratio", 1e6), ("mass_ratio", 1e12), ("mass_ratio", 1e-9), ("light_rod", 0.1), ("gimbal", 1e-2), ("short_rod", 1e-3), ("short_rod", 1e-6),
-    ("straight_chain", 10), ("straight_chain", 20), ("bent_chain", 10), ("held_chain", 5),
-    ("many_cells", 3), ("immobile", 1e3), ("empty_row", 1e-6),
+    ("parallelogram", 0.1), ("parallelogram", 1e-3), ("parallelogram", 1e-6),
+    ("parallelogram", 0.0), ("dead_point", 1e-3), ("dead_point", 0.0), ("straight_knee", 1e-4),
+    ("straight_knee", 1e-6), ("mass_ratio", 1e6), ("mass_ratio", 1e12), ("mass_ratio", 1e-9),
+    ("light_rod", 0.1), ("gimbal", 1e-2), ("short_rod", 1e-3), ("short_rod", 1e-6),
+    ("straight_chain", 10), ("bent_chain", 15), ("held_chain", 5), ("many_cells", 3),
+    ("immobile", 1e3), ("empty_row", 1e-6),
 ]  # fmt: skip
 
 
@@ -105,7 +109,7 @@ def test_what_extremes_call_right_is_right(family, severity):
 
 @pytest.mark.parametrize("solver", [cp.Reference(), cp.DenseKKT(), cp.Proximal()])
 def test_where_reference_is_not_right_nothing_says_ok(solver):
-    """A rod so thin that rounding of J^T lam spins it: no residual shows that, and the proof does."""
+    """A rod so thin that rounding of J^T lam spins it: the proof knows."""
     case = EXTREMES["light_rod"].case(1e-3, seed=3)
     a, _ = Oracle(case.scene).solve(case.q, case.v, case.tau, REFERENCE_RANK)
     found = cp.solve(case.scene, case.q, case.v, case.tau, solver=solver, throw=False)

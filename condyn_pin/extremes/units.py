@@ -96,5 +96,6 @@ def _constraint(constraint: Constraint, length: float) -> Constraint:
     if isinstance(constraint, PointContact):
         if constraint.anchor is not None:
             raise InvalidArgument(f"{constraint.name}: an anchor stays where it is")
-        return replace(constraint, offset=tuple(length * x for x in constraint.offset))
+        x, y, z = constraint.offset
+        return replace(constraint, offset=(length * x, length * y, length * z))
     return constraint
