@@ -78,6 +78,7 @@ def stress(
     seconds: float = np.inf,
     patience: float = PATIENCE,
     scenes: Mapping[str, Scene] | None = None,
+    imports: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> list[Outcome]:
     """Return what every method makes of every case.
@@ -93,12 +94,19 @@ def stress(
         After which a method hangs [s].
     scenes : mapping of str to Scene, optional
         Scenes for the robots of the tasks; those of `load_robot` by default.
+    imports : sequence of str
+        Modules with solvers or extremes of your own, for the process that runs them.
     progress : callable, optional
         Called with the number of cases done and of all.
+
+    Notes
+    -----
+    The cases run in a process of their own, which imports the main script again: guard it with
+    ``if __name__ == "__main__"``.
     """
-    names, start = methods(solvers), monotonic()
+    names, start = list(solvers) if imports else methods(solvers), monotonic()
     found: list[Outcome] = []
-    with _Process(scenes or {}) as process:
+    with _Process(scenes or {}, imports) as process:
         for k, task in enumerate(todo):
             if monotonic() - start > seconds:
                 break
@@ -114,10 +122,11 @@ class _Process:
     Parameters
     ----------
     scenes : mapping of str to Scene
+    imports : sequence of str
     """
 
-    def __init__(self, scenes: Mapping[str, Scene]) -> None:
-        self._scenes = dict(scenes)
+    def __init__(self, scenes: Mapping[str, Scene], imports: Sequence[str]) -> None:
+        self._scenes, self._imports = dict(scenes), tuple(imports)
         self._context = multiprocessing.get_context("spawn")
         self._worker: Any = None
         self._pipe: Any = None
@@ -169,9 +178,12 @@ class _Process:
         from condyn_pin.extremes.worker import work
 
         self._pipe, other = self._context.Pipe()
-        self._worker = self._context.Process(target=work, args=(other, self._scenes), daemon=True)
+        self._worker = self._context.Process(
+            target=work, args=(other, self._scenes, self._imports), daemon=True
+        )
         self._worker.start()
         other.close()
+        self._receive(PATIENCE)  # until it has imported everything, which no method is blamed for
 
     def _stop(self) -> int:
         """End the process, if there is one; return its exit code, negative for a signal."""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from multiprocessing.connection import Connection
-from typing import Any
 
 from condyn_pin.errors import CondynError
 from condyn_pin.extremes import EXTREMES
@@ -32,13 +33,16 @@ class Memory:
         return self.scenes[robot]
 
 
-def work(pipe: Connection, scenes: dict[str, Scene]) -> None:
+def work(pipe: Connection, scenes: dict[str, Scene], imports: Sequence[str]) -> None:
     """Serve tasks until the pipe closes.
 
     For each task and each of its methods first the method's name goes out, and then its outcome:
     who dies in between is known by name.
     """
+    for module in imports:
+        import_module(module)
     memory = Memory(dict(scenes))
+    pipe.send("ready")
     while True:
         try:
             task, methods = pipe.recv()
@@ -49,7 +53,7 @@ def work(pipe: Connection, scenes: dict[str, Scene]) -> None:
         pipe.send(None)
 
 
-def answers(task: Task, methods: list[str], memory: Memory) -> Any:
+def answers(task: Task, methods: list[str], memory: Memory) -> Iterator[str | Outcome]:
     """Yield the name of each method of a task, and then its outcome."""
     from condyn_pin.solvers import SOLVERS
 
