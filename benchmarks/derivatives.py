@@ -43,6 +43,7 @@ def main() -> None:
             "jvp": lambda q, v, tau: of(v, tau).jvp(ones, ones, ones),
             "solve": workspace.solve,
             "fastest acceleration": fastest.acceleration,
+            "fastest solve": fastest.solve,
         },
         [state],
         rounds=200,
@@ -51,10 +52,40 @@ def main() -> None:
     print("{processor}, Python {python}, Pinocchio {pinocchio}, {date}".format(**machine()))
     for name, time in times.items():
         print(f"{name:<22} {time.median:7.1f} us")
-    kkt, calls = times["kkt"], 2 * 3 * talos.nv
+    kkt = times["kkt"]
     print(f"kkt / pinocchio          {kkt.ratio(times['pinocchio']):.2f}")
     print(f"jvp / solve              {times['jvp'].ratio(times['solve']):.2f}")
-    print(f"{calls} accelerations / kkt {calls * times['fastest acceleration'].ratio(kkt):.0f}")
+    for what, f in (
+        ("of a and lam, solve", lambda *at: np.concatenate(_answer(fastest.solve(*at)))),
+        ("of a, acceleration", fastest.acceleration),
+    ):
+        pair = interleaved(
+            {
+                "kkt": lambda q, v, tau: of(v, tau).da_dq,
+                "differences": lambda q, v, tau, f=f: central(model, f, q, v, tau),
+            },
+            [state],
+            rounds=30,
+            repeats=1,
+        )
+        ratio = pair["differences"].ratio(pair["kkt"])
+        print(f"central differences {what}: {pair['differences'].median:.0f} us, {ratio:.0f} x kkt")
+
+
+def central(model, f, q, v, tau, h=1e-6):
+    """Return the derivatives of f by q, v and tau: two calls a column, as users write it."""
+    steps = h * np.eye(model.nv)
+    columns = [
+        f(pin.integrate(model, q, s), v, tau) - f(pin.integrate(model, q, -s), v, tau)
+        for s in steps
+    ]
+    columns += [f(q, v + s, tau) - f(q, v - s, tau) for s in steps]
+    columns += [f(q, v, tau + s) - f(q, v, tau - s) for s in steps]
+    return np.column_stack(columns) / (2 * h)
+
+
+def _answer(solution):
+    return solution.a, solution.lam
 
 
 if __name__ == "__main__":

@@ -230,7 +230,7 @@ def _derivatives(found: Impact) -> tuple[Array, Array]:
     scene, q, e, n = found.scene, found.q, found.restitution[:, None], found.scene.robot.nv
     linearisation = Linearisation(_weightless(scene.robot.model), scene.bounds)
     still, no_force = np.zeros(n), np.zeros_like(found.lam)
-    r_q = linearisation.at(q, still, found.v - found.v_before, found.lam).by_state[:n, :n]
+    r_q = linearisation.at(q, still, found.v - found.v_before, found.lam).r_q
     s_q = linearisation.at(q, still, found.v, no_force).s_q
     s_q = s_q + e * linearisation.at(q, still, found.v_before, no_force).s_q
     state = at_state(scene, q)

@@ -32,48 +32,45 @@ class Derivatives(ABC):
 
     def __init__(self, solution: Solution) -> None:
         self.solution = solution
-        self._n, self._m = solution.scene.robot.nv, solution.scene.rows
+        self._n, self._m = len(solution.a), len(solution.lam)
 
     @abstractmethod
-    def _form(self) -> tuple[Array, Array]:
-        """Return the derivatives of a (nv, 3 nv) and of lam (m, 3 nv) by q, v and tau."""
+    def _form(self) -> tuple[Array, Array, Array]:
+        """Return the derivatives of (a, lam) by q, v and tau, each (nv + m, nv)."""
 
     @cached_property
-    def _blocks(self) -> tuple[Array, Array]:
+    def _blocks(self) -> tuple[Array, Array, Array]:
         return self._form()
-
-    def _part(self, which: int, by: int) -> Array:
-        return self._blocks[which][:, by * self._n : (by + 1) * self._n]
 
     @property
     def da_dq(self) -> Array:
         """(nv, nv)."""
-        return self._part(0, 0)
+        return self._blocks[0][: self._n]
 
     @property
     def da_dv(self) -> Array:
         """(nv, nv)."""
-        return self._part(0, 1)
+        return self._blocks[1][: self._n]
 
     @property
     def da_dtau(self) -> Array:
         """(nv, nv)."""
-        return self._part(0, 2)
+        return self._blocks[2][: self._n]
 
     @property
     def dlam_dq(self) -> Array:
         """(m, nv)."""
-        return self._part(1, 0)
+        return self._blocks[0][self._n :]
 
     @property
     def dlam_dv(self) -> Array:
         """(m, nv)."""
-        return self._part(1, 1)
+        return self._blocks[1][self._n :]
 
     @property
     def dlam_dtau(self) -> Array:
         """(m, nv)."""
-        return self._part(1, 2)
+        return self._blocks[2][self._n :]
 
     def jvp(self, dq: ArrayLike, dv: ArrayLike, dtau: ArrayLike) -> tuple[Array, Array]:
         """Return (da, dlam) along a direction of the state and the torques, each (nv,)."""
@@ -85,14 +82,14 @@ class Derivatives(ABC):
         return self._backward(finite("da", da, self._n), finite("dlam", dlam, self._m))
 
     def _forward(self, dq: Array, dv: Array, dtau: Array) -> tuple[Array, Array]:
-        step = np.concatenate([dq, dv, dtau])
-        of_a, of_lam = self._blocks
-        return of_a @ step, of_lam @ step
+        by_q, by_v, by_tau = self._blocks
+        answer = by_q @ dq + by_v @ dv + by_tau @ dtau
+        return answer[: self._n], answer[self._n :]
 
     def _backward(self, da: Array, dlam: Array) -> tuple[Array, Array, Array]:
-        of_a, of_lam = self._blocks
-        q, v, tau = (da @ of_a + dlam @ of_lam).reshape(3, self._n)
-        return q, v, tau
+        answer = np.concatenate([da, dlam])
+        by_q, by_v, by_tau = self._blocks
+        return answer @ by_q, answer @ by_v, answer @ by_tau
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.solution!r})"

@@ -61,12 +61,13 @@ class DifferenceDerivatives(Derivatives):
         self.along = _along(self._equations.jacobian(solution.q), bool(scene.audit.redundant))
         self.step = 0.0
 
-    def _form(self) -> tuple[Array, Array]:
+    def _form(self) -> tuple[Array, Array, Array]:
         tables = [self._table(h) for h in STEPS]
         changes = [np.abs(a - b).max() for a, b in pairwise(tables)]
         best = int(np.argmin(changes)) + 1
         self.step = STEPS[best]
-        return tables[best][: self._n], tables[best][self._n :]
+        by_q, by_v, by_tau = np.hsplit(tables[best], 3)
+        return by_q, by_v, by_tau
 
     def _table(self, h: float) -> Array:
         """Return the derivatives of (a, lam) by (q, v, tau) with one step."""

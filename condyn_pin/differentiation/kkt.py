@@ -4,10 +4,11 @@ Both residuals of `condyn_pin.differentiation.linearised` stay zero along an ans
 
     M da - J^T dlam = dtau - r_q dq - r_v dv,        J da = -s_q dq - s_v dv
 
-With independent rows, Y = M^-1 J^T, G = J Y and B = Y G^-1, the inverse of that matrix is
+With independent rows, Y = M^-1 J^T, J Y = U^T U and W = Y U^-1, the inverse of that matrix is
+that of M and a product of rank m:
 
-    [ M  -J^T ]^-1   [ M^-1 - Y B^T    B    ]
-    [ J    0  ]    = [    -B^T        G^-1  ].
+    [ M  -J^T ]^-1   [ M^-1  0 ]   [  W   ]
+    [ J    0  ]    = [  0    0 ] + [ U^-1 ] [ -W^T  U^-T ].
 
 Where rows are redundant, the derivative is that of the smallest lam (`condyn_pin.minimum_norm`).
 With N a basis of the left null space of J, that lam keeps N^T lam = 0: with lam = J w
@@ -17,7 +18,8 @@ With N a basis of the left null space of J, that lam keeps N^T lam = 0: with lam
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -103,16 +105,16 @@ class KktDerivatives(Derivatives):
             answer -= self._inverse[:, n:] @ s
         return answer[:n], answer[n:]
 
-    def _form(self) -> tuple[Array, Array]:
+    def _form(self) -> tuple[Array, Array, Array]:
         n = self._n
-        whole = np.concatenate([-(self._inverse @ self._of.by_state), self._inverse[:, :n]], axis=1)
+        by_state = self._inverse.dot(self._of.rhs)
         if self._null is not None:
-            whole[n:, :n] += self._null
-        return whole[:n], whole[n:]
+            by_state[n:, :n] += self._null
+        return by_state[:, :n], by_state[:, n:], self._inverse[:, :n].copy()
 
     def _forward(self, dq: Array, dv: Array, dtau: Array) -> tuple[Array, Array]:
         n = self._n
-        x = -(self._of.by_state @ np.concatenate([dq, dv]))
+        x = self._of.rhs.dot(np.concatenate([dq, dv]))
         x[:n] += dtau
         answer = self._inverse @ x
         if self._null is not None:
@@ -122,7 +124,7 @@ class KktDerivatives(Derivatives):
     def _backward(self, da: Array, dlam: Array) -> tuple[Array, Array, Array]:
         n = self._n
         x = np.concatenate([da, dlam]) @ self._inverse
-        by_state = -(x @ self._of.by_state)
+        by_state = x.dot(self._of.rhs)
         if self._null is not None:
             by_state[:n] += dlam @ self._null
         return by_state[:n], by_state[n:], x[:n]
@@ -130,24 +132,31 @@ class KktDerivatives(Derivatives):
 
 def _inverse(of: Linearised) -> Array | None:
     """Return the inverse (nv + m, nv + m) of [[M, -J^T], [J, 0]]; None without independent rows."""
-    # imported here: scipy.linalg takes as long to import as Pinocchio
-    from scipy.linalg.lapack import dpotrf, dpotrs
-
     m, n = of.J.shape
     if m == 0:
         return of.M_inv
-    Y = of.M_inv @ of.J.T
-    C, info = dpotrf(of.J @ Y)
-    pivots = C.diagonal()
-    if info or not pivots.min() > tolerances.RANK * pivots.max():
+    potrf, trtri = _lapack()
+    Y = of.M_inv.dot(of.J.T)
+    U, info = potrf(of.J.dot(Y))
+    pivots = U.diagonal().tolist()
+    if info or not min(pivots) > tolerances.RANK * max(pivots):
         return None
-    inverse = np.empty((n + m, n + m))
-    BT = dpotrs(C, Y.T)[0]
-    np.subtract(of.M_inv, Y @ BT, out=inverse[:n, :n])
-    inverse[:n, n:] = BT.T
-    np.negative(BT, out=inverse[n:, :n])
-    inverse[n:, n:] = dpotrs(C, np.eye(m))[0]
+    left = np.empty((n + m, m))
+    left[n:] = trtri(U)[0]
+    np.dot(Y, left[n:], out=left[:n])
+    right = left.copy()
+    np.negative(right[:n], out=right[:n])
+    inverse: Array = left.dot(right.T)
+    inverse[:n, :n] += of.M_inv
     return inverse
+
+
+@cache
+def _lapack() -> tuple[Any, Any]:
+    # imported here: scipy.linalg takes as long to import as Pinocchio
+    from scipy.linalg.lapack import dpotrf, dtrtri
+
+    return dpotrf, dtrtri
 
 
 def _pseudo_inverse(factors: MinimumNorm) -> Array:

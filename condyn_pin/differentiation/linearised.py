@@ -38,13 +38,19 @@ class Linearised(NamedTuple):
 
     M_inv: Array  # (nv, nv), the inverse of the mass matrix
     J: Array  # (m, nv)
-    by_state: Array  # (nv + m, 2 nv), [[r_q, r_v], [s_q, s_v]]
+    rhs: Array  # (nv + m, 2 nv), -[[r_q, r_v], [s_q, s_v]]: what a step of q and v leaves to solve
+
+    @property
+    def r_q(self) -> Array:
+        """(nv, nv)."""
+        n = len(self.M_inv)
+        return -self.rhs[:n, :n]
 
     @property
     def s_q(self) -> Array:
         """(m, nv)."""
         n = len(self.M_inv)
-        return self.by_state[n:, :n]
+        return -self.rhs[n:, :n]
 
 
 class Linearisation:
@@ -77,68 +83,84 @@ class Linearisation:
         ]
         # their force, and where it goes: constant in the axes of their joint
         self._held = [_is_held(b) for b in self._pairs]
+        self._placed = not all(self._held)
         self._held_duals = [
             on1[:, list(b.selection)] for b, (on1, _) in zip(self._pairs, self._duals, strict=True)
         ]
 
     def at(self, q: Array, v: Array, a: Array, lam: Array) -> Linearised:
         """Return the partial derivatives at a state and an answer."""
-        model, data, n, m = self._model, self._data, self._model.nv, self._m
-        pin.computeForwardKinematicsDerivatives(model, data, q, v, a)
-        by_state, J = np.zeros((n + m, 2 * n)), np.zeros((m, n))
-        r_q, r_v = by_state[:n, :n], by_state[:n, n:]
-        s_q, s_v = by_state[n:, :n], by_state[n:, n:]
-        for wrench in self._on_joint.values():
-            wrench[:] = 0.0
-        turning: list[Array] = []
+        model, data, n = self._model, self._data, self._model.nv
+        forces = [lam[b.rows] if b.sign > 0 else -lam[b.rows] for b in self._pairs]
+        c1Mc2 = self._apply(q, forces)
+        # it leaves behind all that the derivatives of frames read
+        pin.computeRNEADerivatives(model, data, q, v, a, self._wrenches)
+        rhs, J = np.empty((n + self._m, 2 * n)), np.zeros((self._m, n))
+        np.negative(data.dtau_dq, out=rhs[:n, :n])
+        np.negative(data.dtau_dv, out=rhs[:n, n:])
+        minus_s_q, minus_s_v = rhs[n:, :n], rhs[n:, n:]
         for k, b in enumerate(self._pairs):
-            rows, (of, force) = b.rows, self._partials(k, b.sign * lam[b.rows])
-            J[rows], s_q[rows], s_v[rows] = of.J, of.s_q, of.s_v
-            if b.sign < 0:
-                for part in (J, s_q, s_v):
-                    part[rows] *= -1.0
-            if force is not None:
-                turning.append(force)
+            of = self._partials(k, forces[k], c1Mc2[k], rhs)
+            J_b, by_q, by_v = J[b.rows], minus_s_q[b.rows], minus_s_v[b.rows]
+            if b.sign > 0:
+                J_b[:] = of.J
+                np.negative(of.s_q, out=by_q)
+                np.negative(of.s_v, out=by_v)
+            else:
+                np.negative(of.J, out=J_b)
+                by_q[:], by_v[:] = of.s_q, of.s_v
             if self._drift:
-                gap = gap_of(b, *self._both_ends(b))
-                s_q[rows] += b.sign * (self._drift.Kp * gap.c_q + self._drift.Kd * gap.v_q)
+                gap = gap_of(b, *self._ends(b), c1Mc2[k] or self._between(b))
+                by_q -= b.sign * (self._drift.Kp * gap.c_q + self._drift.Kd * gap.v_q)
         for coupled in self._couplings:
             J[coupled.rows, list(coupled.velocity)] = 1.0, -coupled.ratio
+            minus_s_q[coupled.rows] = minus_s_v[coupled.rows] = 0.0
             if self._drift:
-                s_q[coupled.rows] += self._drift.Kp * J[coupled.rows]
+                minus_s_q[coupled.rows] = -self._drift.Kp * J[coupled.rows]
         if self._drift:
-            s_v += self._drift.Kd * J
-        pin.computeRNEADerivatives(model, data, q, v, a, self._wrenches)
-        r_q[:], r_v[:] = data.dtau_dq, data.dtau_dv
-        for force in turning:
-            r_q -= force
-        return Linearised(np.array(pin.computeMinverse(model, data, q)), J, by_state)
+            minus_s_v -= self._drift.Kd * J
+        return Linearised(np.array(pin.computeMinverse(model, data, q)), J, rhs)
+
+    def _apply(self, q: Array, forces: list[Array]) -> list[Any]:
+        """Put the constraint forces on the bodies; return c1Mc2 where a force depends on it."""
+        if self._placed:
+            pin.forwardKinematics(self._model, self._data, q)
+        for wrench in self._on_joint.values():
+            wrench.fill(0.0)
+        between: list[Any] = []
+        for k, (b, force) in enumerate(zip(self._pairs, forces, strict=True)):
+            if self._held[k]:
+                self._on_joint[b.joint1] += self._held_duals[k].dot(force)
+                between.append(None)
+                continue
+            duals, c1Mc2 = self._duals[k], self._between(b)
+            on1, on2 = wrenches(b, c1Mc2, force)
+            if b.joint1:
+                self._on_joint[b.joint1] += duals[0] @ on1
+            if b.joint2:
+                self._on_joint[b.joint2] -= duals[1] @ on2
+            between.append(c1Mc2)
+        return between
 
     def mass_matrix(self, q: Array) -> Array:
         """Return M (nv, nv)."""
         return np.array(pin.crba(self._model, self._data, q))
 
-    def _partials(self, k: int, lam: Array) -> tuple[Partials, Array | None]:
-        """Return the partials of one constraint and of its J^T lam, and apply its force."""
+    def _partials(self, k: int, lam: Array, c1Mc2: Any, rhs: Array) -> Partials:
+        """Return the partials of one constraint; add what turns of its J^T lam to rhs."""
         b = self._pairs[k]
         if self._held[k]:
-            self._on_joint[b.joint1] += self._held_duals[k].dot(lam)
             if b.selection != POINT:
-                return of_frame(b, *self._derivatives(b.joint1, b.placement1)), None
-            return of_point(self._end(b.joint1, b.placement1)), None
-        duals = self._duals[k]
-        one, two, c1Mc2 = self._both_ends(b)
-        on1, on2 = wrenches(b, c1Mc2, lam)
-        if b.joint1:
-            self._on_joint[b.joint1] += duals[0] @ on1
-        if b.joint2:
-            self._on_joint[b.joint2] -= duals[1] @ on2
+                return of_frame(b, *self._derivatives(b.joint1, b.placement1))
+            return of_point(self._end(b.joint1, b.placement1))
+        one, two = self._ends(b)
         of = of_pair(b, one, two, c1Mc2, lam)
-        force = np.zeros((self._model.nv, self._model.nv))
-        for J, w_q, sign in ((one.J, of.w1_q, 1.0), (two.J, of.w2_q, -1.0)):
-            if w_q is not None:
-                force += sign * J.T @ w_q
-        return of, force
+        n = self._model.nv
+        if of.w1_q is not None:
+            rhs[:n, :n] += one.J.T @ of.w1_q
+        if of.w2_q is not None:
+            rhs[:n, :n] -= two.J.T @ of.w2_q
+        return of
 
     def by_frame(
         self, q: Array, v: Array, a: Array, lam: Array, b: Bound, end: int
@@ -149,7 +171,7 @@ class Linearisation:
         along. The end that stays has no part in it.
         """
         pin.computeForwardKinematicsDerivatives(self._model, self._data, q, v, a)
-        one, two, c1Mc2 = self._both_ends(b)
+        (one, two), c1Mc2 = self._ends(b), self._between(b)
         moved, rest = (one, two) if end == 1 else (two, one)
         nothing, lam = np.zeros((6, 6)), b.sign * lam[b.rows]
         moving = End(
@@ -176,10 +198,13 @@ class Linearisation:
             s = s + self._drift.Kp * gap.c_q + self._drift.Kd * gap.v_q
         return two.J.T @ w2 - one.J.T @ w1, b.sign * s
 
-    def _both_ends(self, b: Bound) -> tuple[End, End, Any]:
+    def _between(self, b: Bound) -> Any:
+        """Return c1Mc2."""
         oMi = self._data.oMi
-        c1Mc2 = (oMi[b.joint1] * b.placement1).actInv(oMi[b.joint2] * b.placement2)
-        return self._end(b.joint1, b.placement1), self._end(b.joint2, b.placement2), c1Mc2
+        return (oMi[b.joint1] * b.placement1).actInv(oMi[b.joint2] * b.placement2)
+
+    def _ends(self, b: Bound) -> tuple[End, End]:
+        return self._end(b.joint1, b.placement1), self._end(b.joint2, b.placement2)
 
     def _end(self, joint: int, placement: Any) -> End:
         if joint == 0:

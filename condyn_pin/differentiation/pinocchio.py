@@ -49,19 +49,17 @@ class PinocchioDerivatives(Derivatives):
         # again, with nothing in between: the derivatives read what this leaves behind
         pin.constraintDynamics(model, data, solution.q, v, tau, models, datas, settings)
         parts = pin.computeConstraintDynamicsDerivatives(model, data, models, datas, settings)
-        of_a, of_lam = np.hstack(parts[:3]), np.zeros((self._m, 3 * self._n))
-        if self._m:
-            of_lam[:] = np.hstack(parts[3:])
         sign = workspace.equations.sign[:, None]
-        self._formed = of_a, sign * of_lam
+        of_lam = [sign * part for part in parts[3:]] if self._m else [np.zeros((0, self._n))] * 3
+        by_q, by_v, by_tau = map(np.vstack, zip(parts[:3], of_lam, strict=True))
         if _first_column_is_wrong(workspace):
             first = np.eye(self._n)[0]
             still = np.zeros(self._n)
             exact = KktDerivatives(workspace, solution, v, tau).jvp(first, still, still)
-            for whole, column in zip(self._formed, exact, strict=True):
-                whole[:, 0] = column
+            by_q[:, 0] = np.concatenate(exact)
+        self._formed = by_q, by_v, by_tau
 
-    def _form(self) -> tuple[Array, Array]:
+    def _form(self) -> tuple[Array, Array, Array]:
         return self._formed
 
 
