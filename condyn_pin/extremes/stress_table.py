@@ -93,12 +93,12 @@ def maps(outcomes: Iterable[Outcome]) -> list[Map]:
     for (family, robot), group in groups.items():
         cells: dict[tuple[float, str], list[Outcome]] = {}
         for outcome in group:
-            cells.setdefault((outcome.task.severity, outcome.method), []).append(outcome)
+            cells.setdefault((_severity(outcome), outcome.method), []).append(outcome)
         found.append(
             Map(
                 family,
                 robot,
-                tuple(dict.fromkeys(outcome.task.severity for outcome in group)),
+                tuple(dict.fromkeys(map(_severity, group))),
                 tuple(dict.fromkeys(outcome.method for outcome in group)),
                 {key: _cell(some) for key, some in cells.items()},
             )
@@ -134,6 +134,12 @@ def read_csv(path: str | Path) -> list[dict[str, str]]:
     """Return the lines of a file that `write_csv` wrote."""
     with Path(path).open(newline="", encoding="utf-8") as file:
         return list(csv.DictReader(file))
+
+
+def _severity(outcome: Outcome) -> float:
+    """Return the severity as a key: NaN is found in a dict only as one and the same object."""
+    severity = outcome.task.severity
+    return math.nan if math.isnan(severity) else severity
 
 
 def _cell(outcomes: Sequence[Outcome]) -> Cell:
