@@ -15,6 +15,12 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from condyn_pin.audit import Audit as Audit
+    from condyn_pin.batch.chunks import map_chunks as map_chunks
+    from condyn_pin.batch.derivatives import BatchDerivatives as BatchDerivatives
+    from condyn_pin.batch.processes import Processes as Processes
+    from condyn_pin.batch.solution import BatchSolution as BatchSolution
+    from condyn_pin.batch.verbs import derivatives_batch as derivatives_batch
+    from condyn_pin.batch.verbs import solve_batch as solve_batch
     from condyn_pin.constraints import Constraint as Constraint
     from condyn_pin.constraints import Coupling as Coupling
     from condyn_pin.constraints import Loop as Loop
@@ -23,7 +29,12 @@ if TYPE_CHECKING:
     from condyn_pin.contacts import PointContact as PointContact
     from condyn_pin.contacts import SurfaceContact as SurfaceContact
     from condyn_pin.differentiation.base import Derivatives as Derivatives
+    from condyn_pin.drift import DRIFTS as DRIFTS
     from condyn_pin.drift import Baumgarte as Baumgarte
+    from condyn_pin.drift import Drift as Drift
+    from condyn_pin.drift.no_drift import NoDrift as NoDrift
+    from condyn_pin.drift.post_stabilization import PostStabilization as PostStabilization
+    from condyn_pin.drift.projection import Projection as Projection
     from condyn_pin.errors import BranchChanged as BranchChanged
     from condyn_pin.errors import BrokenPinocchio as BrokenPinocchio
     from condyn_pin.errors import CondynError as CondynError
@@ -35,9 +46,11 @@ if TYPE_CHECKING:
     from condyn_pin.errors import NotAssembled as NotAssembled
     from condyn_pin.errors import SolveFailed as SolveFailed
     from condyn_pin.errors import StaleModel as StaleModel
+    from condyn_pin.errors import StepFailed as StepFailed
     from condyn_pin.errors import UnknownName as UnknownName
     from condyn_pin.errors import UnsupportedBackend as UnsupportedBackend
     from condyn_pin.errors import UnsupportedConstraint as UnsupportedConstraint
+    from condyn_pin.errors import WorkersLost as WorkersLost
     from condyn_pin.extremes import EXTREMES as EXTREMES
     from condyn_pin.force import ConstraintForce as ConstraintForce
     from condyn_pin.impacts import Impact as Impact
@@ -49,6 +62,10 @@ if TYPE_CHECKING:
     from condyn_pin.mechanisms.four_bar import four_bar as four_bar
     from condyn_pin.mechanisms.n_four_bar import n_four_bar as n_four_bar
     from condyn_pin.mechanisms.pendulum import pendulum as pendulum
+    from condyn_pin.mechanisms.rolling_ball import rolling_ball as rolling_ball
+    from condyn_pin.mechanisms.rolling_disc import rolling_disc as rolling_disc
+    from condyn_pin.mechanisms.sleigh import sleigh as sleigh
+    from condyn_pin.mechanisms.unicycle import unicycle as unicycle
     from condyn_pin.motors.actuation import Actuation as Actuation
     from condyn_pin.motors.inverse import InverseDynamics as InverseDynamics
     from condyn_pin.motors.inverse import gravity_compensation as gravity_compensation
@@ -57,10 +74,39 @@ if TYPE_CHECKING:
     from condyn_pin.motors.operational import operational_space as operational_space
     from condyn_pin.motors.transmissions import Transmission as Transmission
     from condyn_pin.motors.transmissions import transmission as transmission
+    from condyn_pin.nonholonomic import Knife as Knife
+    from condyn_pin.nonholonomic import RollingBall as RollingBall
+    from condyn_pin.nonholonomic import RollingWheel as RollingWheel
     from condyn_pin.proof import Proof as Proof
     from condyn_pin.robot import Robot as Robot
     from condyn_pin.rows.equations import Terms as Terms
     from condyn_pin.scene import Scene as Scene
+    from condyn_pin.simulation.effects import Effects as Effects
+    from condyn_pin.simulation.events import Event as Event
+    from condyn_pin.simulation.events import Moment as Moment
+    from condyn_pin.simulation.integrators import INTEGRATORS as INTEGRATORS
+    from condyn_pin.simulation.integrators import Integrator as Integrator
+    from condyn_pin.simulation.integrators.dormand_prince import DormandPrince as DormandPrince
+    from condyn_pin.simulation.integrators.explicit_euler import ExplicitEuler as ExplicitEuler
+    from condyn_pin.simulation.integrators.generalised_alpha import (
+        GeneralisedAlpha as GeneralisedAlpha,
+    )
+    from condyn_pin.simulation.integrators.implicit_midpoint import (
+        ImplicitMidpoint as ImplicitMidpoint,
+    )
+    from condyn_pin.simulation.integrators.radau import GearGuptaLeimkuhler as GearGuptaLeimkuhler
+    from condyn_pin.simulation.integrators.radau import RadauIIA as RadauIIA
+    from condyn_pin.simulation.integrators.rattle import Rattle as Rattle
+    from condyn_pin.simulation.integrators.rattle import Shake as Shake
+    from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4 as RungeKutta4
+    from condyn_pin.simulation.integrators.semi_implicit_euler import (
+        SemiImplicitEuler as SemiImplicitEuler,
+    )
+    from condyn_pin.simulation.integrators.stormer_verlet import StormerVerlet as StormerVerlet
+    from condyn_pin.simulation.measures import Energy as Energy
+    from condyn_pin.simulation.run import simulate as simulate
+    from condyn_pin.simulation.trajectory import RunStatus as RunStatus
+    from condyn_pin.simulation.trajectory import Trajectory as Trajectory
     from condyn_pin.smaller.climbing import Ladder as Ladder
     from condyn_pin.smaller.climbing import LadderEffort as LadderEffort
     from condyn_pin.smaller.climbing import Rung as Rung
@@ -94,6 +140,7 @@ if TYPE_CHECKING:
     from condyn_pin.states.check import Check as Check
     from condyn_pin.states.completion import CompleteState as CompleteState
     from condyn_pin.states.gaps import Gap as Gap
+    from condyn_pin.states.integrability import is_integrable as is_integrable
     from condyn_pin.states.rank import Rank as Rank
     from condyn_pin.summary import Summary as Summary
     from condyn_pin.switching import Switch as Switch
@@ -105,13 +152,21 @@ if TYPE_CHECKING:
 _HOME = {
     "states.assembly_report": ("Assembly", "AssemblyStatus"),
     "audit": ("Audit",),
+    "batch.chunks": ("map_chunks",),
+    "batch.derivatives": ("BatchDerivatives",),
+    "batch.processes": ("Processes",),
+    "batch.solution": ("BatchSolution",),
+    "batch.verbs": ("derivatives_batch", "solve_batch"),
     "states.check": ("Check",),
     "states.completion": ("CompleteState",),
     "smaller.climbing": ("Ladder", "LadderEffort", "Rung", "ladder"),
     "constraints": ("Constraint", "Coupling", "Loop"),
     "contacts": ("LineContact", "PlanarContact", "PointContact", "SurfaceContact"),
     "differentiation.base": ("Derivatives",),
-    "drift": ("Baumgarte",),
+    "drift": ("Baumgarte", "DRIFTS", "Drift"),
+    "drift.no_drift": ("NoDrift",),
+    "drift.post_stabilization": ("PostStabilization",),
+    "drift.projection": ("Projection",),
     "force": ("ConstraintForce",),
     "impacts": ("Impact", "impact"),
     "rows.equations": ("Terms",),
@@ -126,12 +181,15 @@ _HOME = {
         "MissingExtra",
         "NotAssembled",
         "SolveFailed",
+        "StepFailed",
         "StaleModel",
         "UnknownName",
         "UnsupportedBackend",
         "UnsupportedConstraint",
+        "WorkersLost",
     ),
     "states.gaps": ("Gap",),
+    "states.integrability": ("is_integrable",),
     "smaller.ladder_table": ("LadderRow", "LadderTable"),
     "extremes": ("EXTREMES",),
     "ladders": ("LADDERS",),
@@ -140,10 +198,36 @@ _HOME = {
     "mechanisms.four_bar": ("four_bar",),
     "mechanisms.n_four_bar": ("n_four_bar",),
     "mechanisms.pendulum": ("pendulum",),
+    "mechanisms.rolling_ball": ("rolling_ball",),
+    "mechanisms.rolling_disc": ("rolling_disc",),
+    "mechanisms.sleigh": ("sleigh",),
+    "mechanisms.unicycle": ("unicycle",),
     "motors.actuation": ("Actuation",),
     "motors.inverse": ("InverseDynamics", "gravity_compensation", "inverse_dynamics"),
     "motors.operational": ("OperationalSpace", "operational_space"),
     "motors.transmissions": ("Transmission", "transmission"),
+    "nonholonomic": ("Knife", "RollingBall", "RollingWheel"),
+    "simulation.effects": ("Effects",),
+    "simulation.events": ("Event", "Moment"),
+    "simulation.integrators": ("INTEGRATORS", "Integrator"),
+    "simulation.integrators.dormand_prince": ("DormandPrince",),
+    "simulation.integrators.explicit_euler": ("ExplicitEuler",),
+    "simulation.integrators.generalised_alpha": ("GeneralisedAlpha",),
+    "simulation.integrators.implicit_midpoint": ("ImplicitMidpoint",),
+    "simulation.integrators.radau": (
+        "GearGuptaLeimkuhler",
+        "RadauIIA",
+    ),
+    "simulation.integrators.rattle": (
+        "Rattle",
+        "Shake",
+    ),
+    "simulation.integrators.stormer_verlet": ("StormerVerlet",),
+    "simulation.integrators.runge_kutta4": ("RungeKutta4",),
+    "simulation.integrators.semi_implicit_euler": ("SemiImplicitEuler",),
+    "simulation.measures": ("Energy",),
+    "simulation.run": ("simulate",),
+    "simulation.trajectory": ("RunStatus", "Trajectory"),
     "smaller.minimal_report": ("Minimal", "Step"),
     "smaller.price": ("Errors",),
     "proof": ("Proof",),

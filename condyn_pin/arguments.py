@@ -49,15 +49,17 @@ class Arguments:
         Where q holds quaternions [bytes from its start].
     pairs : tuple of slice
         Where q holds (cos, sin).
+    units : tuple of slice
+        Where q holds either.
     """
 
     def __init__(self, model: Any) -> None:
         self._shapes = ((model.nq,), (model.nv,), (model.nv,))
-        self._units = _unit_parts(model)
+        self.units = _unit_parts(model)
         self.quaternions = tuple(
-            FLOAT.itemsize * part.start for part in self._units if part.stop - part.start == 4
+            FLOAT.itemsize * part.start for part in self.units if part.stop - part.start == 4
         )
-        self.pairs = tuple(part for part in self._units if part.stop - part.start == 2)
+        self.pairs = tuple(part for part in self.units if part.stop - part.start == 2)
 
     def check_pairs(self, q: Array) -> None:
         """Raise ValueError if a (cos, sin) of q is not a unit vector."""
@@ -99,7 +101,7 @@ class Arguments:
         """
         (nq,), (nv,), _ = self._shapes
         q_ = finite("q", q, nq)
-        for part in self._units:
+        for part in self.units:
             x = q_[part]
             norm = hypot(*x)
             if not LOW < norm * norm < HIGH:

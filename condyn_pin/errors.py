@@ -115,6 +115,27 @@ class SolveFailed(CondynError):
         return SolveFailed, (str(self), self.solution)
 
 
+class WorkersLost(CondynError, RuntimeError):
+    """Worker processes died, and their executor cannot go on.
+
+    Attributes
+    ----------
+    done : BatchSolution or BatchDerivatives or None
+        What was computed, of a batch; the `missing` of the former says which rows were not.
+    """
+
+    def __init__(self, message: str, done: Any = None) -> None:
+        super().__init__(message)
+        self.done = done
+
+    def __reduce__(self) -> tuple[type[WorkersLost], tuple[str, Any]]:
+        return WorkersLost, (str(self), self.done)
+
+
+class StepFailed(CondynError):
+    """A step of an integrator did not converge; the text says what would do."""
+
+
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> UnknownName:
     """Return the error for a name that does not exist, with the nearest names that do."""
     known = list(known)

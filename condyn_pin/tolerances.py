@@ -66,6 +66,11 @@ DEAD_POINT: Final = 1e-6
 # other are at the same place, and smaller singular values, relative to the largest, are zeros.
 ISOLATED: Final = 1e-4
 
+# What the Lie brackets of allowed velocities leave in the rows, relative to the largest derivative
+# of a row. In loops and contacts its terms cancel to 3e-16, and to 1e-10 at worst where a loop is
+# open by CLOSED; a wheel or a blade leaves its lever as a share of the robot: 0.1 to 1 in ours.
+INTEGRABLE: Final = 1e-8
+
 # |J v| of a velocity that is consistent, relative to |v| or 1, whichever is larger [m/s, rad/s].
 # Projection ends at 1e-15; a velocity written to a file with twelve digits is still accepted.
 CONSISTENT: Final = 1e-10
@@ -77,3 +82,7 @@ PARALLEL: Final = 1e-3
 # Error of a smaller scene that counts as none. Exact simplifications differ from the full scene by
 # what two solves by `Reference` without corrections do: up to 3e-13 on Cassie.
 EXACT: Final = 1e-9
+
+# Energy that comes or goes without work in a simulation, relative to what is exchanged: what is
+# larger is told to the user. A pendulum by Runge-Kutta 4 and 1 ms has 1e-9, by Euler's 1e-3.
+BALANCED: Final = 1e-2

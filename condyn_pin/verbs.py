@@ -74,7 +74,7 @@ def solve(
     The first call with a scene builds a `Workspace`, which takes as long as dozens of solves; calls
     after it with the same scene and solver, in the same thread, use it again.
     """
-    return _workspace(scene, solver, drift).solve(q, v, tau, accuracy=accuracy, throw=throw)
+    return workspace_for(scene, solver, drift).solve(q, v, tau, accuracy=accuracy, throw=throw)
 
 
 def derivatives(
@@ -129,11 +129,11 @@ def derivatives(
     ----------
     Carpentier, Mansard. Analytical derivatives of rigid body dynamics algorithms. RSS, 2018.
     """
-    workspace = _workspace(scene, solver, drift)
+    workspace = workspace_for(scene, solver, drift)
     return workspace.derivatives(q, v, tau, method=method, check=check, accuracy=accuracy)
 
 
-def _workspace(scene: Scene, solver: Solver | None, drift: Baumgarte | None) -> Workspace:
+def workspace_for(scene: Scene, solver: Solver | None, drift: Baumgarte | None) -> Workspace:
     """Return this thread's workspace for a scene: the last one, or a new one."""
     workspace: Workspace | None = getattr(_last, "workspace", None)
     if workspace is None or workspace.scene is not scene or _last.asked != (solver, drift):

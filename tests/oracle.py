@@ -30,7 +30,7 @@ import mpmath
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin.rows.bound import FRAME, POINT, Bound
+from condyn_pin.rows.bound import FRAME, POINT, Bound, Rolled
 
 DIGITS = 50
 mp = mpmath.mp.clone()
@@ -177,6 +177,8 @@ class Oracle:
         """J v and J a + gamma."""
         velocity, acceleration = np.full((2, self.m), mp.mpf(0))
         for b in self.bounds:
+            if isinstance(b, Rolled):
+                raise NotImplementedError(f"{b.name}: the oracle knows nothing that rolls")
             if not isinstance(b, Bound):
                 (i, j), ratio = b.velocity, mp.mpf(b.ratio)
                 velocity[b.rows] = mp.mpf(v[i]) - ratio * mp.mpf(v[j])

@@ -5,11 +5,13 @@ J = J1 - X J2 is rounded to eps (|J1| + |X J2|), however small it is itself.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from condyn_pin._pin import LOCAL, pin
 from condyn_pin.arrays import Array
-from condyn_pin.rows.bound import Coupled
+from condyn_pin.rows.bound import Coupled, Rolled
 from condyn_pin.rows.equations import Equations
 
 
@@ -24,25 +26,29 @@ def reach(equations: Equations, q: Array) -> Array:
     q : (nq,) array
     """
     model, data = equations.model, equations.data
-    placements = equations.placements(q)
+    placements: list[Any] = equations.placements(q)
     pin.computeJointJacobians(model, data, q)
     found = np.zeros((equations.m, model.nv))
     for bound, ends in zip(equations.bounds, placements, strict=True):
-        if isinstance(bound, Coupled) or ends is None:
-            found[bound.rows, list(bound.velocity)] = 1.0, abs(bound.ratio)  # type: ignore[union-attr]
+        if isinstance(bound, Coupled):
+            found[bound.rows, list(bound.velocity)] = 1.0, abs(bound.ratio)
             continue
         shifts, turns = np.zeros((2, model.nv))
-        apart = float(np.linalg.norm(ends[1].translation - ends[0].translation))
-        for joint, placement, arm in (
-            (bound.joint1, bound.placement1, apart),
-            (bound.joint2, bound.placement2, 0.0),
-        ):
+        if isinstance(bound, Rolled):
+            reached: tuple[tuple[int, Any, float], ...] = (
+                (bound.joint1, bound.placement1, bound.radius),
+            )
+        else:
+            apart = float(np.linalg.norm(ends[1].translation - ends[0].translation))
+            reached = (
+                (bound.joint1, bound.placement1, apart),
+                (bound.joint2, bound.placement2, 0.0),
+            )
+        for joint, placement, arm in reached:
             if joint:
-                J = np.abs(pin.getFrameJacobian(model, data, joint, placement, LOCAL)).reshape(
-                    6, -1
-                )
-                turn = J[3:].max(axis=0)
-                shifts += J[:3].max(axis=0) + arm * turn
+                six = pin.getFrameJacobian(model, data, joint, placement, LOCAL)
+                shift, turn = np.abs(six).reshape(2, 3, -1).max(axis=1)
+                shifts += shift + arm * turn
                 turns += turn
         found[bound.rows] = [turns if i > 2 else shifts for i in bound.selection or (0,)]
     return found

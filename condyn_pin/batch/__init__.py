@@ -1,0 +1,1 @@
+"""Many states at once: chunks over an executor, arrays in, arrays out."""

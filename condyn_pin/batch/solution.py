@@ -1,0 +1,156 @@
+"""BatchSolution: the answers at many states, each with its proof and its status."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin.arrays import Array
+from condyn_pin.batch.rows import MISSING
+from condyn_pin.errors import WorkersLost
+from condyn_pin.proof import Proof
+from condyn_pin.scene import Scene
+from condyn_pin.solution import Solution, Status
+
+# A status as a number is its place here.
+STATUSES: Final = tuple(Status)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BatchSolution:
+    """Accelerations and constraint forces at N states, with the errors of each recomputed.
+
+    M a + h = tau + J^T lam,  J a + gamma = a_ref,  in every row
+
+    Attributes
+    ----------
+    scene : Scene
+    q : (N, nq) array
+    a : (N, nv) array
+        Joint accelerations [rad/s^2, m/s^2].
+    lam : (N, m) array
+        Constraint forces in the axes of each constraint [N, N m].
+    proofs : (N, 5) array
+        A `Proof` a row; the properties below name its columns.
+    statuses : (N,) int8 array
+        Place in ``tuple(Status)``: 0 is ok. -1 where no worker got that far, which only the
+        batch of a `WorkersLost` has.
+    iterations : (N,) int32 array
+        Of the solver.
+    solve_times : (N,) array
+        Of each solve without its proof [s], while other processes used the machine too.
+    seconds : float
+        Wall time of the whole batch [s].
+
+    Notes
+    -----
+    ``batch[i]`` is the `Solution` of state i, and iterating gives all of them. Rows that are not
+    ok are in the arrays like all others, NaN where there is no answer: `failed` has their indices.
+    """
+
+    scene: Scene
+    q: Array
+    a: Array
+    lam: Array
+    proofs: Array
+    statuses: NDArray[np.int8]
+    iterations: NDArray[np.int32]
+    solve_times: Array  # [s]
+    seconds: float  # [s]
+
+    @property
+    def dynamics_error(self) -> Array:
+        """|M a + h - tau - J^T lam|_inf [N, N m], (N,)."""
+        return self.proofs[:, 0]
+
+    @property
+    def constraint_error(self) -> Array:
+        """|J a + gamma - a_ref|_inf [m/s^2, rad/s^2], (N,)."""
+        return self.proofs[:, 1]
+
+    @property
+    def violation(self) -> Array:
+        """|c(q)|_inf [m, rad] of each state given, (N,)."""
+        return self.proofs[:, 2]
+
+    @property
+    def velocity_violation(self) -> Array:
+        """|J v|_inf [m/s, rad/s] of each state given, (N,)."""
+        return self.proofs[:, 3]
+
+    @property
+    def error_bound(self) -> Array:
+        """Bound on the error of a, relative to the larger of |a|_inf and gravity, (N,)."""
+        return self.proofs[:, 4]
+
+    @property
+    def ok(self) -> bool:
+        """Whether every status is ok."""
+        return not self.statuses.any()
+
+    @property
+    def failed(self) -> NDArray[np.intp]:
+        """Indices of the states whose status is not ok, the missing ones among them."""
+        return np.flatnonzero(self.statuses)
+
+    @property
+    def missing(self) -> NDArray[np.intp]:
+        """Indices of the states that no worker got to; none, but in a `WorkersLost`."""
+        return np.flatnonzero(self.statuses == MISSING)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many states have which status, by its name; those that no state has are left out."""
+        names = {MISSING: "missing"} | {i: s.name.lower() for i, s in enumerate(STATUSES)}
+        found = {name: int((self.statuses == i).sum()) for i, name in names.items()}
+        return {name: number for name, number in found.items() if number}
+
+    @property
+    def forces(self) -> dict[str, Array]:
+        """Force on the first-named body by constraint, (N, rows of it), views of `lam`."""
+        found, row = {}, 0
+        for bound in self.scene.bounds:
+            found[bound.name] = self.lam[:, row : row + bound.size]
+            row += bound.size
+        return found
+
+    def __len__(self) -> int:
+        return len(self.a)
+
+    def __getitem__(self, i: int) -> Solution:
+        status = int(self.statuses[i])
+        if status == MISSING:
+            raise WorkersLost(f"state {i} was lost with a worker; `missing` has all of them", self)
+        proof = Proof(*self.proofs[i].tolist())
+        return Solution(
+            self.a[i],
+            self.lam[i],
+            proof,
+            STATUSES[status],
+            int(self.iterations[i]),
+            float(self.solve_times[i]),
+            self.scene,
+            self.q[i],
+        )
+
+    def __iter__(self) -> Iterator[Solution]:
+        return (self[i] for i in range(len(self)))
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{number} {name}" for name, number in self.counts.items())
+        return f"BatchSolution({self.scene.robot.name}, {len(self)} states: {counts or 'none'})"
+
+    def __str__(self) -> str:
+        worst = float(self.error_bound.max(initial=0.0))
+        lines = [
+            f"{repr(self)[len('BatchSolution(') : -1]}, in {self.seconds:.3g} s",
+            f"largest error bound of a  {worst:.1e} (relative)",
+        ]
+        if self.failed.size:
+            some = ", ".join(map(str, self.failed[:10].tolist()))
+            lines.append(f"not ok: {some}{', ...' if self.failed.size > 10 else ''}")
+        return "\n".join(lines)

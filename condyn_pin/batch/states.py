@@ -1,0 +1,59 @@
+"""The states of a batch: shapes, finiteness, unit quaternions, every row looked at."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin.arguments import HIGH, LOW, Arguments
+from condyn_pin.arrays import Array, finite
+from condyn_pin.errors import InvalidArgument
+
+
+def check_states(
+    model: Any, Q: ArrayLike, V: ArrayLike, TAU: ArrayLike
+) -> tuple[Array, Array, Array]:
+    """Return the arrays of a batch, converted where necessary.
+
+    Parameters
+    ----------
+    model : pin.Model
+    Q, V : (N, nq), (N, nv) array_like
+    TAU : (N, nv) or (nv,) array_like
+
+    Raises
+    ------
+    InvalidArgument
+        Naming the argument, the row and the entry, the value, and what would do.
+    """
+    count = _rows("Q", Q, model.nq)
+    q = finite("Q", Q, (count, model.nq))
+    v = finite("V", V, (count, model.nv))
+    for_all = np.ndim(TAU) == 1
+    tau = finite("TAU", TAU, (model.nv,) if for_all else (count, model.nv))
+    for part in Arguments(model).units:
+        norms = np.einsum("ij,ij->i", q[:, part], q[:, part])
+        bad = np.flatnonzero(~((norms > LOW) & (norms < HIGH)))
+        if bad.size:
+            i = int(bad[0])
+            raise InvalidArgument(
+                f"Q[{i}, {part.start}:{part.stop}] = {q[i, part]} has norm {norms[i] ** 0.5:.9g}: "
+                "a unit quaternion (x y z w) or (cos, sin) is needed; "
+                f"pin.normalize(robot.model, Q[{i}]) makes one"
+            )
+    return np.ascontiguousarray(q), np.ascontiguousarray(v), np.ascontiguousarray(tau)
+
+
+def _rows(name: str, value: ArrayLike, width: int) -> int:
+    """Return the number of rows of an array of states."""
+    try:
+        shape = np.shape(value)
+    except ValueError as error:
+        raise InvalidArgument(f"{name}: an array of shape (N, {width}) is needed") from error
+    if len(shape) != 2:
+        raise InvalidArgument(
+            f"{name} has shape {shape}: an array of shape (N, {width}) is needed, a row a state"
+        )
+    return int(shape[0])

@@ -1,0 +1,243 @@
+"""The verbs for many states: solve_batch, derivatives_batch."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor
+from functools import partial
+from math import nan
+from time import perf_counter
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin.arrays import Array, read_only
+from condyn_pin.batch.chunks import Progress, silent
+from condyn_pin.batch.derivatives import BatchDerivatives
+from condyn_pin.batch.memory import Arrays, Kind
+from condyn_pin.batch.rows import MISSING, Rows
+from condyn_pin.batch.solution import STATUSES, BatchSolution
+from condyn_pin.batch.states import check_states
+from condyn_pin.differentiation import METHODS
+from condyn_pin.differentiation.check import BLOCKS
+from condyn_pin.drift import Baumgarte
+from condyn_pin.errors import InvalidArgument, SolveFailed, WorkersLost, unknown_name
+from condyn_pin.judge import check_accuracy_of_a
+from condyn_pin.scene import Scene
+from condyn_pin.solution import Solution
+from condyn_pin.solvers.base import Solver
+from condyn_pin.tolerances import SOLVED
+from condyn_pin.workspace import Workspace
+
+_CODES: Final = {status: code for code, status in enumerate(STATUSES)}
+
+
+def solve_batch(
+    scene: Scene,
+    Q: ArrayLike,
+    V: ArrayLike,
+    TAU: ArrayLike,
+    *,
+    solver: Solver | None = None,
+    drift: Baumgarte | None = None,
+    accuracy: float = SOLVED,
+    executor: Executor | None = None,
+    chunk: int | None = None,
+    progress: Progress = silent,
+) -> BatchSolution:
+    """Return accelerations and constraint forces at many states, with the errors of each.
+
+    M(q) a + h(q, v) = tau + J(q)^T lam,    J a + gamma = a_ref,    row by row
+
+    Parameters
+    ----------
+    scene : Scene
+    Q : (N, nq) array_like
+        Configurations, a row a state; quaternions x y z w, normalised.
+    V : (N, nv) array_like
+        Velocities.
+    TAU : (N, nv) or (nv,) array_like
+        Joint torques [N, N m]; with one axis the same for all states.
+    solver, drift, accuracy
+        As in `solve`.
+    executor : Executor, optional
+        Who does the work: `Processes(2)`, any other `concurrent.futures.Executor`, or Dask's
+        ``client.get_executor()``. This process by default. Threads gain nothing: Pinocchio does
+        not release the GIL.
+    chunk : int, optional
+        States that a worker is handed at a time; by default a sixteenth of all, 1000 at most.
+    progress : callable
+        Called with the number of states done and that of all, after each chunk.
+
+    Returns
+    -------
+    BatchSolution
+        To the bit what `solve` returns, whoever did the work. States that are not ok raise
+        nothing: ``failed`` has their indices, ``counts`` their number.
+
+    Raises
+    ------
+    InvalidArgument
+        If an argument has a wrong shape, is not finite, or has an unnormalised quaternion; the
+        text names the row.
+    WorkersLost
+        If workers were lost and the executor cannot go on; its ``done`` is the BatchSolution of
+        what was solved (`map_chunks` says when).
+    UnsupportedConstraint, StaleModel
+        As in `solve`.
+
+    Notes
+    -----
+    Cost: that of N solves, divided by the workers. A worker makes its workspace when it meets a
+    scene and solver first, and keeps it for later chunks and calls. Processes of this machine read
+    and write arrays in shared memory (Linux); other workers are sent copies of their rows.
+    """
+    start = perf_counter()
+    inputs, count = _inputs(scene, Q, V, TAU, accuracy)
+    kernel = partial(_solve_rows, accuracy)
+    rows = Rows(kernel, scene, solver, drift, executor, _chunk(chunk), 1000, progress)
+    try:
+        outputs = rows.fill(count, inputs, _of_solution(scene))
+    except WorkersLost as lost:
+        lost.done = _batch(scene, inputs["q"], lost.done, start)
+        raise
+    return _batch(scene, inputs["q"], outputs, start)
+
+
+def derivatives_batch(
+    scene: Scene,
+    Q: ArrayLike,
+    V: ArrayLike,
+    TAU: ArrayLike,
+    *,
+    solver: Solver | None = None,
+    drift: Baumgarte | None = None,
+    method: str = "kkt",
+    accuracy: float = SOLVED,
+    executor: Executor | None = None,
+    chunk: int | None = None,
+    progress: Progress = silent,
+) -> BatchDerivatives:
+    """Return how accelerations and constraint forces change, at many states.
+
+    M da - J^T dlam = dtau - r_q dq - r_v dv,    J da = -s_q dq - s_v dv,    state by state
+
+    Parameters
+    ----------
+    scene, Q, V, TAU, executor, progress
+        As in `solve_batch`.
+    solver, drift, method, accuracy
+        As in `derivatives`.
+    chunk : int, optional
+        As in `solve_batch`, but 200 states at most.
+
+    Returns
+    -------
+    BatchDerivatives
+        Six arrays, which take 24 nv (nv + m) bytes a state: 45 kB for Talos on two feet.
+
+    Raises
+    ------
+    InvalidArgument, WorkersLost, UnsupportedConstraint, StaleModel
+        As in `solve_batch` and `derivatives`. States that are not ok raise nothing.
+    """
+    start = perf_counter()
+    if method not in METHODS:
+        raise unknown_name("method", str(method), METHODS)
+    inputs, count = _inputs(scene, Q, V, TAU, accuracy)
+    kernel = partial(_derivatives_rows, method, accuracy)
+    rows = Rows(kernel, scene, solver, drift, executor, _chunk(chunk), 200, progress)
+    try:
+        outputs = rows.fill(count, inputs, _of_solution(scene) | _of_derivatives(scene))
+    except WorkersLost as lost:
+        lost.done = _derivatives(scene, inputs["q"], lost.done, start)
+        raise
+    return _derivatives(scene, inputs["q"], outputs, start)
+
+
+def _inputs(
+    scene: Scene, Q: ArrayLike, V: ArrayLike, TAU: ArrayLike, accuracy: float
+) -> tuple[Arrays, int]:
+    if not isinstance(scene, Scene):
+        raise InvalidArgument(f"scene = {type(scene).__name__}: a Scene is needed")
+    check_accuracy_of_a(accuracy)
+    q, v, tau = check_states(scene.robot.model, Q, V, TAU)
+    return {"q": q, "v": v, "tau": tau}, len(q)
+
+
+def _chunk(chunk: int | None) -> int | None:
+    whole = isinstance(chunk, int | np.integer) and not isinstance(chunk, bool)
+    if chunk is not None and not (whole and chunk >= 1):
+        raise InvalidArgument(f"chunk = {chunk!r}: a whole number of at least 1 is needed")
+    return chunk
+
+
+def _of_solution(scene: Scene) -> dict[str, Kind]:
+    """Return what a row of each array of a `BatchSolution` is."""
+    return {
+        "a": Kind((scene.robot.nv,)),
+        "lam": Kind((scene.rows,)),
+        "proofs": Kind((5,)),
+        "statuses": Kind((), "i1"),
+        "iterations": Kind((), "i4"),
+        "solve_times": Kind(()),
+    }
+
+
+def _of_derivatives(scene: Scene) -> dict[str, Kind]:
+    n, m = scene.robot.nv, scene.rows
+    return {name: Kind((n if name.startswith("da") else m, n)) for name in BLOCKS}
+
+
+def _solve_rows(accuracy: float, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> None:
+    """Solve some rows."""
+    for i, state in enumerate(_states(inputs)):
+        _put(outputs, i, workspace.solve(*state, accuracy=accuracy, throw=False))
+
+
+def _derivatives_rows(
+    method: str, accuracy: float, workspace: Workspace, inputs: Arrays, outputs: Arrays
+) -> None:
+    """Differentiate some rows."""
+    for i, state in enumerate(_states(inputs)):
+        try:
+            found = workspace.derivatives(*state, method=method, accuracy=accuracy)
+        except SolveFailed as failed:
+            _put(outputs, i, failed.solution)
+            for name in BLOCKS:
+                outputs[name][i] = nan
+        else:
+            _put(outputs, i, found.solution)
+            for name in BLOCKS:
+                outputs[name][i] = getattr(found, name)
+
+
+def _states(inputs: Arrays) -> zip[tuple[Array, Array, Array]]:
+    q, v, tau = inputs["q"], inputs["v"], inputs["tau"]
+    return zip(q, v, np.broadcast_to(tau, v.shape), strict=True)
+
+
+def _put(outputs: Arrays, i: int, solution: Solution) -> None:
+    outputs["a"][i] = solution.a
+    outputs["lam"][i] = solution.lam
+    outputs["proofs"][i] = solution.proof
+    outputs["statuses"][i] = _CODES[solution.status]
+    outputs["iterations"][i] = solution.iterations
+    outputs["solve_times"][i] = solution.solve_time
+
+
+def _batch(scene: Scene, q: Array, outputs: Arrays, start: float) -> BatchSolution:
+    """Return the outputs as a value; what is missing is NaN."""
+    missing = outputs["statuses"] == MISSING
+    for array in outputs.values():
+        if array.dtype.kind == "f" and missing.any():
+            array[missing] = nan
+        read_only(array)
+    parts = {name: outputs[name] for name in _of_solution(scene)}
+    return BatchSolution(scene, read_only(q.copy()), **parts, seconds=perf_counter() - start)
+
+
+def _derivatives(scene: Scene, q: Array, outputs: Arrays, start: float) -> BatchDerivatives:
+    solution = _batch(scene, q, outputs, start)
+    blocks = {name: outputs[name] for name in BLOCKS}
+    return BatchDerivatives(solution, **blocks, seconds=solution.seconds)

@@ -1,0 +1,1 @@
+"""Simulation: a scene in motion."""

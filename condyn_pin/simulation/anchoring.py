@@ -1,0 +1,64 @@
+"""Contacts get a place: where they are when a simulation starts.
+
+A contact without an anchor holds what it touches wherever that is. In a simulation it would creep
+with every rounding error, for nothing says where it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import MutableMapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from condyn_pin._pin import pin
+from condyn_pin.arrays import Array
+from condyn_pin.constraints import Constraint
+from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
+from condyn_pin.nonholonomic import Knife, RollingBall, RollingWheel
+from condyn_pin.rows.equations import Equations
+from condyn_pin.scene import Scene
+
+
+def anchored(
+    scene: Scene, q: Array, places: MutableMapping[Constraint, Constraint] | None = None
+) -> Scene:
+    """Return the scene with every contact anchored: those without an anchor where they are at q.
+
+    Parameters
+    ----------
+    scene : Scene
+    q : (nq,) array
+    places : mapping of constraint to constraint, optional
+        Contacts that have their place already; new ones are added.
+    """
+    if all(bound.anchored for bound in scene.bounds):
+        return scene
+    places = {} if places is None else places
+    frames = Equations(scene.robot.model, scene.bounds).placements(q)
+    pairs = zip(scene.constraints, scene.bounds, frames, strict=True)
+    for constraint, bound, frame in pairs:
+        if constraint not in places:
+            places[constraint] = constraint if bound.anchored else _anchor(constraint, frame)
+    placed = replace(scene, constraints=tuple(places[c] for c in scene.constraints))
+    # J, and all that was measured with it, is the same where the contacts touch
+    vars(placed)["audit"] = scene.audit
+    return placed
+
+
+def _anchor(constraint: Constraint, place: tuple[Any, Any] | None) -> Constraint:
+    """Return a contact anchored at the frames (c1, c2) of its bound form."""
+    assert place is not None  # only contacts lack an anchor
+    one, two = place
+    if isinstance(constraint, PointContact):
+        return replace(constraint, anchor=tuple(one.translation.tolist()))
+    if isinstance(constraint, SurfaceContact | LineContact):
+        return replace(constraint, anchor=tuple(pin.SE3ToXYZQUAT(one).tolist()))
+    if isinstance(constraint, Knife):  # it belongs everywhere
+        return constraint
+    if isinstance(constraint, RollingWheel | RollingBall):
+        return replace(constraint, height=float(np.dot(constraint.normal, one.translation)))
+    assert isinstance(constraint, PlanarContact)
+    height = float(np.dot(constraint.normal, two.translation))
+    return replace(constraint, height=height)

@@ -1,0 +1,164 @@
+"""Events: what happens to a simulation at a time, or when a condition is met."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from condyn_pin._pin import pin
+from condyn_pin.arrays import Array, finite
+from condyn_pin.errors import InvalidArgument
+from condyn_pin.force import ConstraintForce, Sites
+from condyn_pin.impacts import Restitution
+from condyn_pin.scene import Scene
+
+if TYPE_CHECKING:
+    from condyn_pin.simulation.system import System
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """A state on the way, as the condition of an event sees it.
+
+    Attributes
+    ----------
+    t : float
+        [s]
+    q, v : (nq,), (nv,) array
+    """
+
+    t: float
+    q: Array
+    v: Array
+    _system: System
+
+    @cached_property
+    def a(self) -> Array:
+        """Accelerations (nv,); they cost a solve."""
+        return self._solved[0]
+
+    @property
+    def forces(self) -> dict[str, ConstraintForce]:
+        """Force on the first-named body by constraint; they cost a solve."""
+        return Sites(self._system.scene, self.q).forces(self._solved[1])
+
+    def position(self, frame: str) -> Array:
+        """Return where the origin of a frame is in the world (3,) [m]."""
+        joint, placement = self._system.scene.robot.frame(frame)
+        model, data = self._system.model, self._system.equations.data
+        pin.forwardKinematics(model, data, self.q)
+        return np.array((data.oMi[joint] * placement).translation)
+
+    def velocity(self, frame: str) -> Array:
+        """Return how fast the origin of a frame moves in the world (3,) [m/s]."""
+        joint, placement = self._system.scene.robot.frame(frame)
+        model, data = self._system.model, self._system.equations.data
+        pin.forwardKinematics(model, data, self.q, self.v)
+        return np.array(
+            (data.oMi[joint] * placement).rotation @ placement.actInv(data.v[joint]).linear
+        )
+
+    @cached_property
+    def _solved(self) -> tuple[Array, Array]:
+        a = self._system.acceleration(self.t, self.q, self.v)
+        return a, self._system.lam()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Event:
+    """Other constraints from a time on, or from when a condition is met.
+
+    Give `at` or `when`. The state is taken to the instant itself, and the velocity changes there as
+    `switch` says: touch-down is an impact, lift-off changes nothing.
+
+    Parameters
+    ----------
+    name : str
+        What the trajectory calls it.
+    at : float, optional
+        The time [s].
+    when : callable, optional
+        A function of a `Moment`; the event is where it falls from above zero to zero or below,
+        such as a height or a normal force. It is looked at after every step, unless its scene goes
+        on already: what falls and rises again within one is not seen.
+    scene : Scene, optional
+        What goes on, a scene of the same robot; contacts without an anchor are anchored where they
+        are then, and those that are in the scene before keep their anchor. Without a scene and
+        without `met` the run ends here.
+    met : Scene, optional
+        What is met in the instant, and left again: with `restitution`, a rebound. By default
+        `scene`.
+    restitution : float or mapping of str to float
+        As in `switch`.
+    """
+
+    name: str
+    at: float | None = None  # [s]
+    when: Callable[[Moment], float] | None = None
+    scene: Scene | None = None
+    met: Scene | None = None
+    restitution: Restitution = 0.0
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise InvalidArgument(f"name = {self.name!r}: a text is needed")
+        if (self.at is None) == (self.when is None):
+            raise InvalidArgument(f"event {self.name!r}: give either at=... [s] or when=...")
+        if self.at is not None:
+            object.__setattr__(self, "at", float(finite("at", self.at, ())))
+        elif not callable(self.when):
+            raise InvalidArgument(
+                f"event {self.name!r}: when = {self.when!r}: a function of a Moment is needed"
+            )
+        for argument in ("scene", "met"):
+            if not isinstance(getattr(self, argument), Scene | None):
+                raise InvalidArgument(
+                    f"event {self.name!r}: {argument} = {getattr(self, argument)!r}: a Scene is "
+                    "needed"
+                )
+
+    @property
+    def ends(self) -> bool:
+        """Whether the run ends with it."""
+        return self.scene is None and self.met is None
+
+    def value(self, moment: Moment) -> float:
+        """Return what falls to zero at the event."""
+        if self.at is not None:
+            return self.at - moment.t
+        assert self.when is not None
+        value = float(self.when(moment))
+        if value != value:
+            raise InvalidArgument(
+                f"event {self.name!r}: its condition is NaN at t = {moment.t:g} s"
+            )
+        return value
+
+
+@dataclass(frozen=True)
+class Happened:
+    """An event that happened.
+
+    Attributes
+    ----------
+    name : str
+    t : float
+        [s]
+    sample : int
+        The first sample after it; the one before is of the same time.
+    energy_lost : float
+        By the impact [J].
+    added, dropped : tuple of str
+        Names of constraints.
+    """
+
+    name: str
+    t: float  # [s]
+    sample: int
+    energy_lost: float = 0.0  # [J]
+    added: tuple[str, ...] = ()
+    dropped: tuple[str, ...] = ()

@@ -1,0 +1,174 @@
+"""Files of trajectories: npz with a header in JSON, and csv."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, fields, is_dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from condyn_pin._pin import VERSION_TEXT, pin
+from condyn_pin.constraints import Coupling, Loop
+from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
+from condyn_pin.drift import DRIFTS
+from condyn_pin.errors import InvalidArgument
+from condyn_pin.robot import Robot
+from condyn_pin.scene import Scene
+from condyn_pin.simulation.effects import Effects
+from condyn_pin.simulation.events import Happened
+from condyn_pin.simulation.integrators import INTEGRATORS
+from condyn_pin.simulation.recorder import Phase
+from condyn_pin.simulation.trajectory import Run, RunStatus, Trajectory
+from condyn_pin.solvers import SOLVERS
+from condyn_pin.spring import Spring
+
+Path_ = str | PathLike[str]
+
+_FORMAT = "condyn_pin trajectory 1"
+_LISTS = ("loops", "contacts", "springs")
+_WORDS = ("name", "actuated", "unused", "source", "licence")
+_ARRAYS = ("t", "q", "v", "a", "lam", "tau")
+
+# What a value in a file may be, by the name of its class.
+_KINDS: dict[str, type] = {
+    kind.__name__: kind
+    for kind in (
+        *(PointContact, SurfaceContact, LineContact, PlanarContact, Loop, Coupling),
+        *(Effects, Happened, Spring),
+        *(INTEGRATORS | DRIFTS | SOLVERS).values(),
+    )
+}
+
+
+def save(trajectory: Trajectory, path: Path_) -> None:
+    """Write a trajectory; see `Trajectory.save`."""
+    robot, run = trajectory.scene.robot, trajectory.run
+    header = {
+        "format": _FORMAT,
+        "pinocchio": VERSION_TEXT,
+        "robot": {
+            **{key: getattr(robot, key) for key in _WORDS},
+            **{key: [_encode(c) for c in getattr(robot, key)] for key in _LISTS},
+        },
+        "phases": [
+            {
+                "constraints": [_encode(c) for c in phase.scene.constraints],
+                "samples": [phase.samples.start, phase.samples.stop],
+                "columns": phase.columns,
+            }
+            for phase in trajectory.phases
+        ],
+        "run": {
+            "duration": run.duration,
+            "dt": run.dt,
+            "integrator": _encode(run.integrator),
+            "drift": _encode(run.drift),
+            "solver": _encode(run.solver),
+            "effects": _encode(run.effects),
+            "status": run.status.name,
+            "reason": run.reason,
+            "happened": [_encode(event) for event in run.happened],
+            "wall_time": run.wall_time,
+        },
+    }
+    with Path(path).open("wb") as file:  # a name without .npz stays as it is
+        content = {
+            "header": np.array(json.dumps(header)),
+            "model": np.array(robot.model.saveToString()),
+            **{name: getattr(trajectory, name) for name in _ARRAYS},
+            **{f"posture {name}": q for name, q in robot.postures.items()},
+        }
+        np.savez_compressed(file, allow_pickle=False, **content)
+
+
+def load(path: Path_) -> Trajectory:
+    """Return a trajectory from a file; see `Trajectory.load`."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            content = {name: file[name] for name in file.files}
+    except (OSError, ValueError, EOFError, BadZipFile) as error:
+        raise InvalidArgument(f"{path}: no file of a trajectory ({error})") from error
+    try:
+        header = json.loads(str(content["header"]))
+        if header["format"] != _FORMAT:
+            raise KeyError(header["format"])
+        return _trajectory(header, content)
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise InvalidArgument(f"{path}: no file of a trajectory ({error!r})") from error
+
+
+def _trajectory(header: dict[str, Any], content: dict[str, Any]) -> Trajectory:
+    robot = _robot(header, content)
+    phases = tuple(
+        Phase(
+            Scene(robot, [_decode(c) for c in phase["constraints"]]),
+            slice(*phase["samples"]),
+            tuple(phase["columns"]),
+        )
+        for phase in header["phases"]
+    )
+    run = header["run"]
+    made = Run(
+        duration=run["duration"],
+        dt=run["dt"],
+        integrator=_decode(run["integrator"]),
+        drift=_decode(run["drift"]),
+        solver=_decode(run["solver"]),
+        effects=_decode(run["effects"]),
+        status=RunStatus[run["status"]],
+        reason=run["reason"],
+        happened=tuple(_decode(event) for event in run["happened"]),
+        wall_time=run["wall_time"],
+    )
+    return Trajectory(phases=phases, run=made, **{name: content[name] for name in _ARRAYS})
+
+
+def _robot(header: dict[str, Any], content: dict[str, Any]) -> Robot:
+    model = pin.Model()
+    try:
+        model.loadFromString(str(content["model"]))
+    except RuntimeError as error:
+        raise InvalidArgument(
+            f"its model was written by Pinocchio {header['pinocchio']}, and {VERSION_TEXT} cannot "
+            "read it"
+        ) from error
+    about = header["robot"]
+    lists: dict[str, Any] = {key: [_decode(c) for c in about[key]] for key in _LISTS}
+    words: dict[str, Any] = {key: about[key] for key in _WORDS}
+    begin = "posture "
+    postures = {k.removeprefix(begin): q for k, q in content.items() if k.startswith(begin)}
+    return Robot(model=model, postures=postures, **lists, **words)
+
+
+def _encode(value: Any) -> dict[str, Any]:
+    """Return a frozen dataclass as its name and its fields."""
+    assert is_dataclass(value)
+    return {"class": type(value).__name__, **asdict(value)}  # type: ignore[arg-type]
+
+
+def _decode(coded: dict[str, Any]) -> Any:
+    """Return the frozen dataclass of a name and fields; lists become tuples."""
+    values = dict(coded)
+    kind = _KINDS[values.pop("class")]
+    return kind(**{k: tuple(x) if isinstance(x, list) else x for k, x in values.items()})
+
+
+def to_csv(trajectory: Trajectory, path: Path_) -> None:
+    """Write a trajectory as a table; see `Trajectory.to_csv`."""
+    energy, robot = trajectory.energy, trajectory.scene.robot
+    names = ["t [s]", *(f"q{i}" for i in range(robot.nq))]
+    names += [f"{x}{i}" for x in ("v", "a", "tau") for i in range(robot.nv)]
+    names += [f"lam {name}" for name in trajectory.row_names]
+    names += ["violation", "slip", *(f"{f.name} [J]" for f in fields(energy))]
+    table = np.column_stack(
+        [
+            *(trajectory.t, trajectory.q, trajectory.v, trajectory.a, trajectory.tau),
+            *(trajectory.lam, trajectory.violation, trajectory.slip),
+            *(getattr(energy, f.name) for f in fields(energy)),
+        ]
+    )
+    np.savetxt(path, table, fmt="%.17g", delimiter=",", header=",".join(names), comments="")

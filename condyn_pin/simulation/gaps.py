@@ -1,0 +1,132 @@
+"""Gaps at a state, and the step that closes them: what projections are made of.
+
+In the metric W, the smallest steps that close the gap c and stop the slip J v are
+
+    dq = -W^-1 J^T G^+ c,    dv = -W^-1 J^T G^+ J v,    G = J W^-1 J^T.
+
+With W = M both are free. `pin.constraintDynamics` at (q, v) leaves behind c, J v and the Cholesky
+factor of [[-mu 1, J], [J^T, M]]: what is left to do is a back substitution with two columns, a
+microsecond, and the acceleration is the one that the next step begins with.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from condyn_pin import _pin, tolerances
+from condyn_pin.arrays import Array
+from condyn_pin.minimum_norm import factorise
+from condyn_pin.solvers.proximal import Proximal
+
+if TYPE_CHECKING:
+    from condyn_pin.simulation.system import System
+
+# A factor is used as long as a step leaves less than this share of what it was to close.
+_ENOUGH = 0.1
+
+
+class Gaps(Protocol):
+    """The gaps of one system."""
+
+    def look(self, t: float, q: Array, v: Array) -> Array:
+        """Return [c, J v] (rows, 2); overwritten by the next look."""
+
+    def step(self, again: bool) -> tuple[Array, Array]:
+        """Return dq, dv (nv,) that close the gaps of the last look.
+
+        `again` says that these are what the step before has left.
+        """
+
+    def moved(self, q: Array, v: Array) -> None:
+        """Take what was found at the last look for that of (q, v), right beside it."""
+
+
+def gaps_of(system: System, metric: str) -> Gaps:
+    """Return the gaps of a system, from what its solver leaves behind if it can be had."""
+    if metric == "mass" and isinstance(system.workspace.solver, Proximal) and system.m:
+        return SolvedGaps(system)
+    return FactorisedGaps(system, metric)
+
+
+class SolvedGaps:
+    """Read from what `pin.constraintDynamics` leaves behind.
+
+    The damping mu of the factor leaves a share mu / (sigma + mu) of each gap, a millionth.
+    """
+
+    def __init__(self, system: System) -> None:
+        workspace = system.workspace
+        self._solve, self._carry_over = system.acceleration, system.carry_over
+        self._cholesky = _pin.constraint_cholesky(workspace.data)
+        natives = workspace.natives.constraints
+        self._m = sum(native.size for native in natives)
+        self._rhs = np.zeros((self._m + system.model.nv, 2), order="F")
+        self._gaps = self._rhs[: self._m]
+        self._views = []  # of Pinocchio's memory: they follow each solve
+        start = 0
+        for native, data in zip(natives, workspace.constraint_datas, strict=True):
+            rows = slice(start, start + native.size)
+            c = data.contact_placement_error.vector[: native.size]
+            slip = data.contact_velocity_error.vector[: native.size]
+            if native.anchored:
+                self._views.append((self._gaps[rows, 0], c))
+            self._views.append((self._gaps[rows, 1], slip))
+            start += native.size
+
+    def look(self, t: float, q: Array, v: Array) -> Array:
+        """Return [c, J v] of Pinocchio's rows; the solver's answer is the next `acceleration`."""
+        self._solve(t, q, v)
+        for mine, theirs in self._views:
+            mine[:] = theirs
+        return self._gaps
+
+    def step(self, again: bool) -> tuple[Array, Array]:
+        """Return dq, dv (nv,) that close the gaps of the last look."""
+        steps = self._cholesky.solve(self._rhs)
+        return -steps[self._m :, 0], -steps[self._m :, 1]
+
+    def moved(self, q: Array, v: Array) -> None:
+        """Take the acceleration of the last look for that of (q, v), right beside it."""
+        self._carry_over(q, v)
+
+
+class FactorisedGaps:
+    """By the equations of the scene, with a factor that is kept while it serves."""
+
+    def __init__(self, system: System, metric: str) -> None:
+        self._system, self._metric = system, metric
+        self._nearest: Array | None = None  # (nv, m), W^-1 J^T G^+
+        self._gaps, self._size = np.zeros((system.m, 2)), 0.0
+        self._q = np.zeros(0)
+
+    def look(self, t: float, q: Array, v: Array) -> Array:
+        """Return [c, J v] of the scene's rows."""
+        self._gaps[:, 0], self._gaps[:, 1] = self._system.equations.gaps(q, v)
+        self._q = q
+        return self._gaps
+
+    def step(self, again: bool) -> tuple[Array, Array]:
+        """Return dq, dv (nv,) that close the gaps of the last look."""
+        size = float(np.abs(self._gaps).max(initial=0.0))
+        if self._nearest is None or (again and not size < _ENOUGH * self._size):
+            self._nearest = self._factorise()
+        self._size = size
+        steps = self._nearest @ self._gaps
+        return -steps[:, 0], -steps[:, 1]
+
+    def moved(self, q: Array, v: Array) -> None:
+        """Nothing was found that could be taken over."""
+
+    def _factorise(self) -> Array:
+        system = self._system
+        n, m = system.model.nv, system.m
+        J = system.jacobian(self._q)
+        W = system.mass(self._q) if self._metric == "mass" else np.eye(n)
+        factors = factorise(W, J, tolerances.RANK)
+        # open loops make redundant rows look independent: they are the smallest, and are left out
+        rank = min(factors.rank, system.scene.chains.rank)
+        factors = replace(factors, V=factors.V[:, :rank], rank=rank)
+        return factors.solve(np.zeros((n, m)), np.eye(m))[0]

@@ -1,0 +1,82 @@
+"""The contract of an integrator, and how to write one.
+
+1. Add one file to this folder with one frozen dataclass that inherits from `Integrator`. Its fields
+   are its knobs, each with a default, and in the docstring the reason of the default.
+2. Set `title`, `order` (of q, v and lam, as theory has it; a test measures them), `symplectic`,
+   `solves_per_step` (solves of the equations, or factorisations of their size; a typical number
+   where it varies) and `use`. The class registers itself under its lower-case name in
+   `INTEGRATORS`; tests and the command line find it there.
+3. Write `start(system, dt)`. It returns a `Stepper`: two callables closed over what they need.
+   `step(t, q, v)` returns (q, v, a): the state at t + dt, and the acceleration at that end of the
+   step which `a_at` names. `lam()` returns the forces (m,) that belong to this a. None of the
+   arrays is written to later, and neither are the arguments.
+4. A stepper may remember what it found, such as a multiplier to start the next iteration from. But
+   a drift scheme may have moved the state since: it starts from the state it is handed. After an
+   event another stepper is started; one step of another size is a stepper that is used once.
+5. Configurations are moved by `system.integrate` only, never by addition. Between order 2 and the
+   exponential map stands `system.rate`.
+6. An integrator that satisfies c(q) = 0 or J v = 0 itself sets `keeps_constraints`; then nothing
+   else is asked of the rows (`system.workspace.drift` is None), and no drift scheme is the default.
+   One that holds c(q) = 0 alone sets `needs_positions`: wheels and knives have none.
+7. Iterations that do not converge raise `StepFailed`, which names what would do, such as a smaller
+   dt. Numbers that are not finite need no care: the next solve finds them.
+8. Sources: cite the paper in the docstring.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
+
+from condyn_pin.arrays import Array
+from condyn_pin.errors import InvalidArgument
+
+if TYPE_CHECKING:
+    from condyn_pin.simulation.system import System
+
+INTEGRATORS: dict[str, type[Integrator]] = {}
+
+
+class Order(NamedTuple):
+    """Powers of dt in the errors at a fixed time."""
+
+    q: int
+    v: int
+    lam: int
+
+
+@dataclass(frozen=True)
+class Stepper:
+    """An integrator at work on one system with one dt."""
+
+    step: Callable[[float, Array, Array], tuple[Array, Array, Array]]
+    lam: Callable[[], Array]
+
+
+class Integrator(ABC):
+    """A way from one time to the next; a frozen value."""
+
+    title: ClassVar[str]
+    order: ClassVar[Order]
+    symplectic: ClassVar[bool]
+    solves_per_step: ClassVar[float]
+    use: ClassVar[str]  # when to take it
+    a_at: ClassVar[Literal["start", "end"]] = "start"  # which end of the step a and lam belong to
+    keeps_constraints: ClassVar[bool] = False
+    is_adaptive: ClassVar[bool] = False  # whether it takes smaller steps where it must
+    needs_positions: ClassVar[bool] = False  # whether it holds c(q) = 0 only, no bare J v = 0
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if getattr(cls.start, "__isabstractmethod__", False):
+            return
+        name = cls.__name__.lower()
+        if name in INTEGRATORS:
+            raise InvalidArgument(f"an integrator named {cls.__name__} exists: choose another name")
+        INTEGRATORS[name] = cls
+
+    @abstractmethod
+    def start(self, system: System, dt: float) -> Stepper:
+        """Return this integrator at work on `system`."""

@@ -1,0 +1,180 @@
+"""RadauIIA: collocation with the constraints at every stage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from condyn_pin.arrays import Array
+from condyn_pin.errors import InvalidArgument
+from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
+from condyn_pin.simulation.iteration import to_the_end
+from condyn_pin.simulation.residuals import Partials, Residuals
+
+if TYPE_CHECKING:
+    from condyn_pin.simulation.system import System
+
+_S6 = sqrt(6.0)
+
+# The coefficients of the methods, by their number of stages; the last node is the end of the step.
+_TABLEAUS = {
+    1: np.array([[1.0]]),
+    2: np.array([[5 / 12, -1 / 12], [3 / 4, 1 / 4]]),
+    3: np.array(
+        [
+            [(88 - 7 * _S6) / 360, (296 - 169 * _S6) / 1800, (-2 + 3 * _S6) / 225],
+            [(296 + 169 * _S6) / 1800, (88 + 7 * _S6) / 360, (-2 - 3 * _S6) / 225],
+            [(16 - _S6) / 36, (16 + _S6) / 36, 1 / 9],
+        ]
+    ),
+}
+
+
+@dataclass(frozen=True)
+class RadauIIA(Integrator):
+    """Radau IIA at the position level (index 3), in the coordinates theta of the step.
+
+    theta_i = dt sum_j A_ij Jr(theta_j)^-1 V_j,    Q_i = q0 exp(theta_i),    c(Q_i) = 0
+    V_i = v0 + dt sum_j A_ij a_j,    M(Q_i) a_i + h(Q_i, V_i) = tau + J(Q_i)^T lam_i
+
+    The order is 2 s - 1 for q, s for v and s - 1 for lam with s stages. Newton's iteration with one
+    matrix a step, of size s (nv + m), in which the derivatives of Newton-Euler's equations and of
+    springs and damping are: for stiff systems.
+
+    Parameters
+    ----------
+    stages : int
+        1 (implicit Euler), 2 or 3.
+
+    References
+    ----------
+    Hairer, Lubich, Roche. The Numerical Solution of Differential-Algebraic Systems by Runge-Kutta
+    Methods. Springer, 1989.
+    """
+
+    title: ClassVar[str] = "Radau IIA, index 3"
+    order: ClassVar[Order] = Order(3, 2, 1)
+    symplectic: ClassVar[bool] = False
+    solves_per_step: ClassVar[float] = 12
+    use: ClassVar[str] = "to compare: with the second multiplier v and lam are better"
+    a_at = "end"
+    keeps_constraints: ClassVar[bool] = True
+    needs_positions: ClassVar[bool] = True
+
+    stages: int = 2
+
+    def __post_init__(self) -> None:
+        _check_stages(self.stages)
+
+    def start(self, system: System, dt: float) -> Stepper:
+        """Return this integrator at work on `system`."""
+        return _stepper(system, dt, self.stages, self.title, stabilised=False)
+
+
+@dataclass(frozen=True)
+class GearGuptaLeimkuhler(Integrator):
+    """Radau IIA with a second multiplier, so that both levels hold (index 2).
+
+    q' = v + M^-1 J^T mu,    c(q) = 0,    J v = 0
+
+    at every stage of `RadauIIA`; mu is zero but for the error of the step. The order is 2 s - 1 for
+    q and v, and s for lam.
+
+    Parameters
+    ----------
+    stages : int
+        1 (implicit Euler), 2 or 3.
+
+    References
+    ----------
+    Gear, Leimkuhler, Gupta. Automatic integration of Euler-Lagrange equations with constraints.
+    Journal of Computational and Applied Mathematics 12-13, 1985.
+    Hairer, Wanner. Solving Ordinary Differential Equations II. Springer, 1996, section VII.1.
+    """
+
+    title: ClassVar[str] = "Radau IIA, GGL"
+    order: ClassVar[Order] = Order(3, 3, 2)
+    symplectic: ClassVar[bool] = False
+    solves_per_step: ClassVar[float] = 12
+    use: ClassVar[str] = "for stiff systems with loops that stay closed at both levels"
+    a_at = "end"
+    keeps_constraints: ClassVar[bool] = True
+
+    stages: int = 2
+
+    def __post_init__(self) -> None:
+        _check_stages(self.stages)
+
+    def start(self, system: System, dt: float) -> Stepper:
+        """Return this integrator at work on `system`."""
+        return _stepper(system, dt, self.stages, self.title, stabilised=True)
+
+
+def _check_stages(stages: int) -> None:
+    if isinstance(stages, bool) or stages not in _TABLEAUS:
+        raise InvalidArgument(f"stages = {stages!r}: 1, 2 or 3")
+
+
+def _stepper(system: System, dt: float, s: int, title: str, *, stabilised: bool) -> Stepper:
+    residuals, A = Residuals(system), _TABLEAUS[s]
+    nodes, n, m = A.sum(axis=1), system.model.nv, system.m
+    from_slips = np.linalg.inv(dt * A)
+    from_gaps = from_slips @ from_slips
+    forces = [np.zeros(0)]
+
+    def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
+        a0 = system.acceleration(t, q, v)
+        a, lam, mu = np.tile(a0, (s, 1)), np.tile(system.lam(), (s, 1)), np.zeros((s, m))
+        theta, Q, V = np.outer(dt * nodes, v), [q] * s, np.zeros((s, n))
+        middle = system.integrate(q, dt / 2 * v), v + dt / 2 * a0
+        of = residuals.partials(*middle, a0, lam[0])
+        inverse = _inverse(of, A, dt, residuals.damping)
+        pull, hold = _second_multiplier(of, residuals.damping)
+
+        def iteration() -> float:
+            nonlocal a, lam, mu, theta, Q, V
+            V = v + dt * A.dot(a)
+            moving = V + mu.dot(pull) if stabilised else V
+            rates = [system.rate(*pair) for pair in zip(theta, moving, strict=True)]
+            before, theta = theta, dt * A.dot(rates)
+            Q = [system.integrate(q, theta_i) for theta_i in theta]
+            left = [residuals.at(t + nodes[i] * dt, Q[i], V[i], a[i], lam[i]) for i in range(s)]
+            gaps = np.array([each.c for each in left])
+            if stabilised:
+                slips = np.array([left[i].J.dot(V[i]) for i in range(s)])
+                wanted = from_slips.dot(slips)
+            else:
+                wanted = from_gaps.dot(gaps)
+            rhs = np.hstack([[each.r for each in left], wanted])
+            change = inverse.dot(rhs.ravel()).reshape(s, n + m)
+            a, lam = a - change[:, :n], lam - change[:, n:]
+            if stabilised:
+                mu = mu - (from_slips.dot(gaps) - slips).dot(hold)
+            largest = dt**2 * np.abs(change[:, :n]).max()
+            return float(max(np.abs(theta - before).max(), largest, np.abs(gaps).max(initial=0)))
+
+        to_the_end(iteration, title, t, dt)
+        forces[0] = lam[-1]
+        return Q[-1], V[-1], a[-1]
+
+    return Stepper(step, lambda: forces[0])
+
+
+def _inverse(of: Partials, A: Array, dt: float, damping: float) -> Array:
+    """Return the inverse of the matrix of all stages, its rows of c divided by dt^2 A^2."""
+    (m, n), s = of.J.shape, len(A)
+    saddle = np.block([[of.M, -of.J.T], [of.J, damping * np.eye(m)]])
+    by_state = np.zeros((2, n + m, n + m))
+    by_state[0, :n, :n], by_state[1, :n, :n] = of.r_v, of.r_q
+    whole = np.kron(np.eye(s), saddle)
+    whole += np.kron(dt * A, by_state[0]) + np.kron(dt**2 * A @ A, by_state[1])
+    return np.asarray(np.linalg.inv(whole))
+
+
+def _second_multiplier(of: Partials, damping: float) -> tuple[Array, Array]:
+    """Return (M^-1 J^T)^T (m, nv), by which mu moves q, and (J M^-1 J^T)^-1 (m, m)."""
+    Y: Array = np.asarray(np.linalg.solve(of.M, of.J.T), dtype=np.float64)
+    return Y.T, np.asarray(np.linalg.inv(of.J @ Y + damping * np.eye(len(of.J))))

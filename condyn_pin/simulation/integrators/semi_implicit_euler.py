@@ -1,0 +1,54 @@
+"""SemiImplicitEuler: the velocity first, the configuration with the new velocity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from condyn_pin.arrays import Array
+from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
+
+if TYPE_CHECKING:
+    from condyn_pin.simulation.system import System
+
+
+@dataclass(frozen=True)
+class SemiImplicitEuler(Integrator):
+    """The step of most simulators.
+
+    v1 = v0 + dt a(t0, q0, v0),    q1 = integrate(q0, dt v1)
+
+    Symplectic where the forces depend on q alone and M is constant; not together with constraints
+    that are held by accelerations, nor where M changes.
+
+    Parameters
+    ----------
+    implicit : bool
+        Whether the robot's springs and damping act with q1 and v1 (`System.implicit`). By default
+        they do, as in MuJoCo: the damping of a light rod asks for a dt of microseconds otherwise.
+
+    References
+    ----------
+    Hairer, Lubich, Wanner. Geometric Numerical Integration. Springer, 2006, section I.1.
+    """
+
+    title: ClassVar[str] = "semi-implicit Euler"
+    order: ClassVar[Order] = Order(1, 1, 1)
+    symplectic: ClassVar[bool] = False
+    solves_per_step: ClassVar[float] = 1
+    use: ClassVar[str] = "for the cheapest step, and to compare with other simulators"
+
+    implicit: bool = True
+
+    def start(self, system: System, dt: float) -> Stepper:
+        """Return this integrator at work on `system`."""
+        if self.implicit:
+            system = system.implicit(dt)
+        acceleration, integrate = system.acceleration, system.integrate
+
+        def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
+            a = acceleration(t, q, v)
+            v1 = v + dt * a
+            return integrate(q, dt * v1), v1, a
+
+        return Stepper(step, system.lam)

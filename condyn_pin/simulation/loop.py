@@ -1,0 +1,197 @@
+"""Loop: a run on its way, leg after leg, with the events between them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import inf
+
+from condyn_pin.arrays import Array
+from condyn_pin.constraints import Constraint
+from condyn_pin.scene import Scene
+from condyn_pin.simulation.anchoring import anchored
+from condyn_pin.simulation.events import Event, Happened, Moment
+from condyn_pin.simulation.fit import check_fit
+from condyn_pin.simulation.leg import Leg, Method
+from condyn_pin.switching import Switch, switch
+
+# Where an event is found, as a share of dt.
+_FOUND = 1e-12
+
+# What is left of a step after an event, and is not worth one, as a share of dt.
+_NOTHING = 1e-9
+
+
+# Events in one step, at most: more have piled up.
+_MOST = 100
+
+
+class Ended(Exception):
+    """An event has ended the run."""
+
+
+class PiledUp(Exception):
+    """An event happens again at once."""
+
+
+class Loop:
+    """A run on its way.
+
+    Parameters
+    ----------
+    scene : Scene
+    q, v : (nq,), (nv,) array
+        Owned.
+    method : Method
+    events : sequence of Event
+
+    Attributes
+    ----------
+    t, q, v
+        Where it is.
+    leg : Leg
+        Its present leg.
+    recorders : list of Recorder
+        The samples, one a phase.
+    happened : list of Happened
+    """
+
+    def __init__(
+        self, scene: Scene, q: Array, v: Array, method: Method, events: Sequence[Event]
+    ) -> None:
+        self.t, self.q, self.v = 0.0, q, v
+        self._method, self._events = method, tuple(events)
+        self._places: dict[Constraint, Constraint] = {}
+        self._asked = scene  # as the user wrote it: its contacts may lack a place
+        self.leg = Leg(self._placed(scene), method)
+        self.recorders = [self.leg.begin(self.t, q, v)]
+        self.happened: list[Happened] = []
+        self._rebounding: set[str] = set()  # events that have not been above zero since
+        self._values = self._look(self.t, q, v) if events else {}
+
+    def run(self, steps: int, every: int, tick: Callable[[int], None]) -> None:
+        """Take the steps.
+
+        Raises
+        ------
+        Ended, PiledUp
+            If an event ends the run, or happens again at once.
+        """
+        dt = self._method.dt
+        for k in range(steps):
+            q, v = self.leg.step(self.t, self.q, self.v, k, every)
+            t1 = (k + 1) * dt
+            if self._events:
+                q, v = self._watch(t1, q, v, (k + 1) % every == 0)
+            self.t, self.q, self.v = t1, q, v
+            tick(k + 1)
+        self.leg.end(self.t, self.q, self.v)
+
+    def _watch(self, t1: float, q1: Array, v1: Array, keep: bool) -> tuple[Array, Array]:
+        """Return the state at t1, a sample if it is to be kept, from that without events."""
+        for _ in range(_MOST):
+            values = self._look(t1, q1, v1)
+            event, share = self._first(t1, values)
+            if event is None:
+                break
+            self.leg.take_back(self.t)
+            self._go(event, self.t + share * (t1 - self.t))
+            self._happen(event)
+            if t1 - self.t <= _NOTHING * self._method.dt:
+                return self.q, self.v
+            q1, v1 = self.leg.part(self.t, self.q, self.v, t1, keep=keep)
+        else:
+            raise PiledUp(f"more than {_MOST} events from t = {self.t:g} s to {t1:g} s")
+        self._rebounding -= {name for name in self._rebounding if values[name] > 0}
+        if self._rebounding:
+            raise PiledUp(
+                f"event {min(self._rebounding)!r} goes on at t = {t1:g} s: its rebounds have "
+                "become shorter than a step; use a restitution of 0 and a scene that keeps it"
+            )
+        self._values = values
+        return q1, v1
+
+    def _look(self, t: float, q: Array, v: Array) -> dict[str, float]:
+        """Return the value of every event at a state."""
+        moment = Moment(t, q, v, self.leg.system)
+        return {
+            # an event has nothing to say while its scene goes on
+            event.name: 0.0 if event.scene is self._asked else event.value(moment)
+            for event in self._events
+        }
+
+    def _first(self, t1: float, values: dict[str, float]) -> tuple[Event | None, float]:
+        """Return the first event on the way to t1, and at which share of it."""
+        found: tuple[Event | None, float] = (None, inf)
+        for event in self._events:
+            before, after = self._values[event.name], values[event.name]
+            if before > 0 >= after:
+                share = self._share(event, t1, before, after)
+                if share < found[1]:
+                    found = event, share
+        return found
+
+    def _share(self, event: Event, t1: float, before: float, after: float) -> float:
+        """Return at which share of the way to t1 the value of an event is zero."""
+        from scipy.optimize import brentq
+
+        if event.at is not None:
+            return (event.at - self.t) / (t1 - self.t)
+        way = t1 - self.t
+
+        def value(share: float) -> float:
+            if share in (0.0, 1.0):
+                return after if share else before
+            t = self.t + share * way
+            q, v = self.leg.part(self.t, self.q, self.v, t)
+            return event.value(Moment(t, q, v, self.leg.system))
+
+        return float(brentq(value, 0.0, 1.0, xtol=_FOUND, rtol=_FOUND))
+
+    def _go(self, event: Event, t: float) -> None:
+        """Go on by less than a step, to an event at t."""
+        t = t if event.at is None else event.at
+        if t - self.t > _NOTHING * self._method.dt:
+            self.q, self.v = self.leg.part(self.t, self.q, self.v, t)
+            self.t = t
+
+    def _happen(self, event: Event) -> None:
+        """Let an event happen here; Ended if it ends the run."""
+        self.leg.end(self.t, self.q, self.v)
+        sample = sum(recorder.count for recorder in self.recorders)
+        if event.ends:
+            self.happened.append(Happened(event.name, self.t, sample - 1))
+            raise Ended(f"event {event.name!r} at t = {self.t:g} s")
+        before = self.leg.scene
+        met = event.met or event.scene
+        assert met is not None
+        change = switch(before, self._placed(met), self.q, self.v, restitution=event.restitution)
+        self.v = change.v
+        if event.scene is not None:
+            after = self._placed(event.scene)
+            what = f"event {event.name!r}: its scene does not fit the state: "
+            check_fit(after, self.q, self.v, what=what)
+            self._asked = event.scene
+            self.leg = Leg(after, self._method)
+        else:
+            self._rebounding.add(event.name)
+        self.recorders.append(self.leg.begin(self.t, self.q, self.v))
+        self.happened.append(_happened(event, self.t, sample, before, self.leg.scene, change))
+        self._values = self._look(self.t, self.q, self.v)
+
+    def _placed(self, scene: Scene) -> Scene:
+        """Return a scene as it takes part: its contacts with their places, effects off or on."""
+        return anchored(self._method.effects.applied_to(scene), self.q, self._places)
+
+
+def _happened(
+    event: Event, t: float, sample: int, before: Scene, after: Scene, change: Switch
+) -> Happened:
+    old, new = set(before.names), set(after.names)
+    return Happened(
+        event.name,
+        t,
+        sample,
+        change.impact.energy_lost if change.impact else 0.0,
+        tuple(name for name in after.names if name not in old),
+        tuple(name for name in before.names if name not in new),
+    )

@@ -1,0 +1,75 @@
+"""The residuals of implicit integrators and the matrix of their Newton iterations.
+
+    r = M a + h - tau - J^T lam,    c(q)
+
+References
+----------
+Hairer, Wanner. Solving Ordinary Differential Equations II. Springer, 1996, chapter VII.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from condyn_pin._pin import pin
+from condyn_pin.arrays import Array
+
+if TYPE_CHECKING:
+    from condyn_pin.simulation.system import System
+
+# What is added to the zero block, relative to the largest eigenvalue of J M^-1 J^T: redundant rows
+# make the matrix singular without, and the iteration makes up for it.
+_DAMPING = 1e-9
+
+
+class Residual(NamedTuple):
+    """The residuals at one state."""
+
+    r: Array  # (nv,) [N, N m]
+    c: Array  # (m,) [m, rad]
+    J: Array  # (m, nv)
+
+
+class Partials(NamedTuple):
+    """Their partial derivatives."""
+
+    M: Array  # (nv, nv)
+    J: Array  # (m, nv)
+    r_q: Array  # (nv, nv)
+    r_v: Array  # (nv, nv)
+
+
+class Residuals:
+    """The residuals of one system.
+
+    Attributes
+    ----------
+    damping : float
+        What belongs into the zero block of [[M, -J^T], [J, 0]].
+    """
+
+    def __init__(self, system: System) -> None:
+        self._system, self._model = system, system.model
+        self._data = system.model.createData()
+        passive = system.passive
+        self._stiffness, self._damping = np.diag(passive.K.sum(axis=1)), np.diag(passive.d)
+        self.damping = _DAMPING * system.scene.audit.delassus_norm
+
+    def at(self, t: float, q: Array, v: Array, a: Array, lam: Array) -> Residual:
+        """Return the residuals."""
+        system = self._system
+        c, J = system.equations.position_level(q)
+        bodies = pin.rnea(self._model, self._data, q, v, a)
+        return Residual(bodies - system.torque(t, q, v) - J.T.dot(lam), c, J)
+
+    def partials(self, q: Array, v: Array, a: Array, lam: Array) -> Partials:
+        """Return the partial derivatives; torques applied count as constant."""
+        of, n = self._system.workspace.linearisation.at(q, v, a, lam), len(v)
+        return Partials(
+            self._system.mass(q),
+            of.J,
+            of.r_q + self._stiffness,
+            self._damping - of.rhs[:n, n:],
+        )

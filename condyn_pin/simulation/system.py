@@ -1,0 +1,178 @@
+"""System: what an integrator sees of a scene.
+
+    q' = v,    M(q) v' + h(q, v) = tau(t, q, v) + J(q)^T lam,    J v' + gamma = a_ref
+
+on the manifold of configurations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property, partial
+from math import isclose
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._pin import pin
+from condyn_pin.arrays import Array
+from condyn_pin.rows.equations import Equations, Terms
+from condyn_pin.simulation.manifold import Manifold
+from condyn_pin.simulation.torques import Applied, Passive, Torque
+from condyn_pin.workspace import Workspace
+
+if TYPE_CHECKING:
+    from condyn_pin.scene import Scene
+
+
+class System:
+    """A scene with the torques that act on it.
+
+    Arguments are not checked except by `acceleration`, and arrays that are returned are owned by
+    the caller, unless it says otherwise.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        Scene, solver, and what is asked of the rows. The system uses its memory.
+    tau : float, (nv,) array_like or callable
+        The torques applied [N, N m]: 0, constant, or tau(t, q, v), which may not write to q and v.
+    springs, damping : bool
+        Whether those of the robot act.
+
+    Attributes
+    ----------
+    workspace : Workspace
+    scene : Scene
+    model : pin.Model
+        The workspace's own.
+    m : int
+        Number of rows.
+    manifold : Manifold
+    passive : Passive
+        Springs and damping, those that are on.
+    applied, torque : callable
+        (t, q, v) -> (nv,) [N, N m]: what is applied, and that with springs and damping. Not to be
+        written to.
+    integrate, difference : callable
+        (q, dv) -> q moved along dv; (q0, q1) -> the dv from one to the other.
+    """
+
+    def __init__(
+        self,
+        workspace: Workspace,
+        tau: float | ArrayLike | Torque | Applied = 0.0,
+        *,
+        springs: bool = True,
+        damping: bool = True,
+    ) -> None:
+        self.workspace = workspace
+        self.scene: Scene = workspace.scene
+        self.model = workspace.model
+        self.m = self.scene.rows
+        self.manifold = Manifold(self.model)
+        self.applied = tau if isinstance(tau, Applied) else Applied(self.model.nv, tau)
+        self.passive = Passive.of(self.scene.robot, springs=springs, damping=damping)
+        self.torque = self.passive.with_torques(self.applied)
+        # bound once: these are called in every step
+        self.integrate: Callable[[Array, Array], Array] = partial(pin.integrate, self.model)
+        self.difference: Callable[[Array, Array], Array] = partial(pin.difference, self.model)
+        self.lam: Callable[[], Array] = workspace.lam
+        self._solve = workspace.acceleration
+        self._last: tuple[float, Array | None, Array | None, Array] = (0.0, None, None, np.zeros(0))
+
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        """Return a (nv,) by the solver; `lam()` then returns its constraint forces (m,).
+
+        The last answer is kept: asked again at the same time for the very same arrays, it is
+        returned. A correction at the end of a step and the next step share one solve.
+
+        Raises
+        ------
+        InvalidArgument, SolveFailed
+            If something is not finite, or the method's matrix is singular.
+        """
+        last = self._last
+        # k dt and (k - 1) dt + dt are one time
+        if q is last[1] and v is last[2] and isclose(t, last[0], rel_tol=1e-14):
+            return last[3]
+        a = self._solve(q, v, self.torque(t, q, v))
+        self._last = t, q, v, a
+        return a
+
+    def carry_over(self, q: Array, v: Array) -> None:
+        """Take the last answer as that of (q, v), a state so near that nothing would change."""
+        t, _, _, a = self._last
+        self._last = t, q, v, a
+
+    def implicit(self, dt: float) -> System:
+        """Return the system whose springs and damping act at the end of a step of size dt.
+
+        With v1 = v + dt a and q1 = q + dt v1 in the torques -D v1 - K (q1 - q0),
+
+            (M + dt D + dt^2 K) a + h = tau - (D + dt K) v - K (q - q0) + J^T lam,
+
+        which is stable however large D and K are. All of them share the memory of `spare`.
+        """
+        if not (self.passive.d.any() or self.passive.k.any()):
+            return self
+        return _Implicit(self, dt)
+
+    @cached_property
+    def spare(self) -> Workspace:
+        """Another workspace of the same scene, whose model may be changed."""
+        workspace = self.workspace
+        return Workspace(self.scene, workspace.solver, drift=workspace.drift)
+
+    def rate(self, theta: Array, v: Array) -> Array:
+        """Return theta' (nv,) of q = integrate(q0, theta) at velocity v; see `Manifold`."""
+        return self.manifold.rate(theta, v)
+
+    @property
+    def equations(self) -> Equations:
+        """The equations of the scene, with memory of their own."""
+        return self.workspace.equations
+
+    def terms(self, q: Array, v: Array) -> Terms:
+        """Return M, h, J, gamma and a_ref."""
+        return self.equations.terms(q, v)
+
+    def mass(self, q: Array) -> Array:
+        """Return M (nv, nv), both triangles, armature included."""
+        M: Array = np.array(pin.crba(self.model, self._data, q))
+        return np.asarray(np.triu(M) + np.triu(M, 1).T)
+
+    def bias(self, q: Array, v: Array) -> Array:
+        """Return h (nv,): Coriolis, centrifugal and gravity torque."""
+        return np.array(pin.nonLinearEffects(self.model, self._data, q, v))
+
+    def jacobian(self, q: Array) -> Array:
+        """Return J (m, nv)."""
+        return self.equations.jacobian(q)
+
+    def violation(self, q: Array) -> Array:
+        """Return c(q) (m,) [m, rad]."""
+        return self.equations.violation(q)
+
+    @property
+    def _data(self) -> Any:
+        return self.equations.data
+
+
+class _Implicit(System):
+    """A system whose springs and damping act at the end of a step."""
+
+    def __init__(self, system: System, dt: float) -> None:
+        super().__init__(system.spare, system.applied)
+        passive = system.passive
+        stiffness = passive.K.sum(axis=1)
+        self.torque = passive.with_torques(system.applied, drag=dt * stiffness)
+        inertia = dt * passive.d + dt**2 * stiffness
+        self._armature = self.model.armature  # a view: Pinocchio reads it in every call
+        self._heavier = np.array(system.model.armature) + inertia
+
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        """Return a (nv,), with the inertia that stands for the end of the step."""
+        self._armature[:] = self._heavier
+        return super().acceleration(t, q, v)

@@ -1,0 +1,304 @@
+"""Trajectory: a motion that was simulated, and what it says about itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from enum import Enum
+from functools import cached_property
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from condyn_pin import tolerances
+from condyn_pin.arrays import Array
+from condyn_pin.drift.base import Drift
+from condyn_pin.rows.bound import Bound, Rolled
+from condyn_pin.scene import Scene
+from condyn_pin.simulation.effects import Effects
+from condyn_pin.simulation.events import Happened
+from condyn_pin.simulation.integrators.base import Integrator
+from condyn_pin.simulation.measures import Energy, Kinematics, kinematics, work
+from condyn_pin.simulation.recorder import Phase
+from condyn_pin.simulation.torques import Passive
+from condyn_pin.solvers.base import Solver
+from condyn_pin.states.gaps import Gap, beyond_text
+from condyn_pin.states.limits import Limits
+
+
+class RunStatus(Enum):
+    """How a run ended."""
+
+    FINISHED = "it went to its end"
+    ENDED = "an event ended it"
+    DIVERGED = "its numbers grew without bound: use a smaller dt, or other gains"
+    FAILED = "a step could not be taken"
+    PILED_UP = "events piled up"
+    INTERRUPTED = "it was interrupted"
+
+    @property
+    def ok(self) -> bool:
+        """Whether it went to its end, or to that of an event."""
+        return self in (RunStatus.FINISHED, RunStatus.ENDED)
+
+    def __str__(self) -> str:
+        return f"{self.name.lower()}: {self.value}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """How a trajectory was made.
+
+    Attributes
+    ----------
+    duration, dt : float
+        What was asked for, and the step [s].
+    integrator, drift, solver
+        What was used.
+    effects : Effects
+        What of the robot's model was on.
+    status : RunStatus
+    reason : str
+        Why it ended where it did; empty if it went to its end.
+    happened : tuple of Happened
+        The events.
+    wall_time : float
+        [s]
+    """
+
+    duration: float  # [s]
+    dt: float  # [s]
+    integrator: Integrator
+    drift: Drift
+    solver: Solver
+    effects: Effects = field(default_factory=Effects)
+    status: RunStatus = RunStatus.FINISHED
+    reason: str = ""
+    happened: tuple[Happened, ...] = ()
+    wall_time: float = 0.0  # [s]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory:
+    """A motion, one sample a row; what is not recorded is computed when it is asked for.
+
+    An event has two samples of one time: before and after it.
+
+    Attributes
+    ----------
+    phases : tuple of Phase
+        Its parts with the same constraints.
+    t : (k,) array
+        [s]
+    q, v, a : (k, nq), (k, nv), (k, nv) array
+    lam : (k, m) array
+        Constraint forces [N, N m], rows in the order of `row_names`; zero while a constraint is
+        away.
+    tau : (k, nv) array
+        Torques applied, without springs and damping [N, N m].
+    run : Run
+        How it was made, and how it ended.
+    """
+
+    phases: tuple[Phase, ...]
+    t: Array
+    q: Array
+    v: Array
+    a: Array
+    lam: Array
+    tau: Array
+    run: Run
+
+    @property
+    def scene(self) -> Scene:
+        """The scene at the start, its contacts anchored."""
+        return self.phases[0].scene
+
+    @property
+    def status(self) -> RunStatus:
+        """How the run ended."""
+        return self.run.status
+
+    @property
+    def reason(self) -> str:
+        """Why it ended where it did; empty if it went to its end."""
+        return self.run.reason
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """Names of the rows of lam."""
+        names: dict[str, None] = {}
+        for phase in self.phases:
+            names.update(dict.fromkeys(phase.scene.row_names))
+        return tuple(names)
+
+    @property
+    def forces(self) -> dict[str, Array]:
+        """Force on the first-named body by constraint, (k, 3), (k, 6) or (k, 1) [N, N m].
+
+        In the axes of each constraint; what its kind does not transmit is zero. A rod has one
+        number, its tension with the sign of lam.
+        """
+        found: dict[str, Array] = {}
+        for phase in self.phases:
+            for bound in phase.scene.bounds:
+                lam = self.lam[phase.samples][:, list(phase.columns[bound.rows])]
+                force = lam
+                if isinstance(bound, Rolled) or (isinstance(bound, Bound) and not bound.is_rod):
+                    force = np.array([bound.whole(row) for row in lam])
+                found.setdefault(bound.name, np.zeros((len(self.t), force.shape[1])))
+                found[bound.name][phase.samples] = force
+        return found
+
+    @property
+    def violation(self) -> Array:
+        """Max abs(c(q)) at each sample (k,) [m, rad]."""
+        return self._kinematics.violation
+
+    @property
+    def slip(self) -> Array:
+        """Max abs(J v) at each sample (k,) [m/s, rad/s]: the violation of the velocities."""
+        return self._kinematics.slip
+
+    @property
+    def momentum(self) -> Array:
+        """Linear, and angular about the centre of mass (k, 6) [kg m/s, kg m^2/s], world axes."""
+        return self._kinematics.momentum
+
+    @cached_property
+    def energy(self) -> Energy:
+        """Energies, and the work that explains how they change.
+
+        The work is integrated over the samples: `record` them all where it is to be accurate.
+        """
+        effects = self.run.effects
+        passive = Passive.of(self.scene.robot, springs=effects.springs, damping=effects.damping)
+        parts = [
+            (
+                work(self.t[s], np.sum(self.tau[s] * self.v[s], axis=1)),
+                work(self.t[s], -(self.v[s] ** 2) @ passive.d),
+            )
+            for s in (phase.samples for phase in self.phases)
+        ]
+        impacts = np.zeros(len(self.t))
+        for event in self.run.happened:
+            impacts[event.sample :] -= event.energy_lost
+        return Energy(
+            self._kinematics.kinetic,
+            self._kinematics.potential,
+            passive.energy(self.q),
+            _chained([applied for applied, _ in parts]),
+            _chained([damped for _, damped in parts]),
+            impacts,
+        )
+
+    @cached_property
+    def notices(self) -> tuple[str, ...]:
+        """What deserves attention, a sentence each."""
+        said = []
+        if not self.status.ok:
+            said.append(f"{self.status}; {self.reason}")
+        worst = float(self.violation.max())
+        if worst > tolerances.NEARLY_CLOSED:
+            when = float(self.t[self.violation.argmax()])
+            said.append(
+                f"the constraints are open by {worst:.2g} m or rad at t = {when:.4g} s: use a "
+                "smaller dt, a higher order, or another drift scheme"
+            )
+        error, scale = float(np.abs(self.energy.error).max()), self.energy.scale
+        if error > tolerances.BALANCED * scale:
+            said.append(
+                f"{error:.3g} J of energy came or went without work, of {scale:.3g} J exchanged"
+            )
+        if beyond := self._beyond_limits():
+            said.append(f"{beyond_text(beyond)}; the dynamics know no limits")
+        return tuple(said)
+
+    def _beyond_limits(self) -> dict[str, Gap]:
+        """Return the joints that leave their limits, and how far at most, unless they began so."""
+        limits = Limits.of(self.scene.robot.model)
+        inside = limits.beyond(self.q[0]).keys()
+        most = limits.beyond(self.q.min(axis=0)) | limits.beyond(self.q.max(axis=0))
+        return {joint: gap for joint, gap in most.items() if joint not in inside}
+
+    @cached_property
+    def _kinematics(self) -> Kinematics:
+        parts = [kinematics(p, self.q[p.samples], self.v[p.samples]) for p in self.phases]
+        return Kinematics(*(np.concatenate(x) for x in zip(*map(_columns, parts), strict=True)))
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write it to a file (npz): the samples, the robot's model, and how it was made.
+
+        Nothing in it is executed when it is read. A model can be read by the same major version of
+        Pinocchio.
+        """
+        from condyn_pin.simulation.files import save
+
+        save(self, path)
+
+    @staticmethod
+    def load(path: str | PathLike[str]) -> Trajectory:
+        """Return a trajectory that was saved.
+
+        Raises
+        ------
+        InvalidArgument
+            If the file is missing, or is none of a trajectory.
+        """
+        from condyn_pin.simulation.files import load
+
+        return load(path)
+
+    def to_csv(self, path: str | PathLike[str]) -> None:
+        """Write t, q, v, a, tau, lam, violation, slip and energy, one sample a line."""
+        from condyn_pin.simulation.files import to_csv
+
+        to_csv(self, path)
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __repr__(self) -> str:
+        return (
+            f"Trajectory({self.scene.robot.name}: {len(self.t)} samples to t = {self.t[-1]:.6g} s, "
+            f"{self.status.name.lower()})"
+        )
+
+    def __str__(self) -> str:
+        run, energy = self.run, self.energy
+        ratio = self.t[-1] / run.wall_time if run.wall_time else float("nan")
+        lines = [
+            f"{self.scene.robot.name}, {self.scene.rows} rows: {self.t[-1]:.6g} s in steps of "
+            f"{1e3 * run.dt:.4g} ms, {len(self.t)} samples, {self.status.name.lower()}",
+            ", ".join(_short(x) for x in (run.integrator, run.drift, run.solver)),
+            run.effects.text(self.scene.robot),
+            f"took        {run.wall_time:.3g} s, {ratio:.3g} x real time",
+            f"violation   {self.violation.max():.1e} m, rad at most; "
+            f"{self.slip.max():.1e} m/s, rad/s",
+            f"energy      {energy.total[0]:.6g} J to {energy.total[-1]:.6g} J; work of tau "
+            f"{energy.work[-1]:.4g} J, of damping {energy.damping[-1]:.4g} J, impacts "
+            f"{energy.impacts[-1]:.4g} J",
+            f"unexplained {np.abs(energy.error).max():.1e} J at most",
+        ]
+        lines += [f"event       {e.name} at t = {e.t:.9g} s" for e in run.happened]
+        lines += [f"note: {notice}" for notice in self.notices]
+        return "\n".join(lines)
+
+
+def _chained(parts: list[Array]) -> Array:
+    """Return integrals over phases, each beginning where the one before ended."""
+    start, chained = 0.0, []
+    for part in parts:
+        chained.append(start + part)
+        start = chained[-1][-1]
+    return np.concatenate(chained)
+
+
+def _short(value: Any) -> str:
+    """Return the repr of a choice with those knobs that are not at their defaults."""
+    knobs = (f"{f.name}={x!r}" for f in fields(value) if (x := getattr(value, f.name)) != f.default)
+    return f"{type(value).__name__}({', '.join(knobs)})"
+
+
+def _columns(found: Kinematics) -> tuple[Array, ...]:
+    return tuple(getattr(found, f.name) for f in fields(found))

@@ -1,0 +1,385 @@
+"""Many states at once: the bits of `solve`, whoever did the work; nothing lost, nothing hidden."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import subprocess
+import sys
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+import pytest
+from shared import all_scenes
+
+import condyn_pin as cp
+from condyn_pin.batch import memory, rows
+from condyn_pin.batch.memory import Kind, SharedArrays
+from condyn_pin.batch.recipe import Recipe
+from condyn_pin.catalogue import motor_torque
+from condyn_pin.differentiation.check import BLOCKS
+
+LABELS = ("talos contacts", "cassie loops", "four_bar loops", "solo12 alone")
+N = 24
+
+
+def batch_of(label: str, count: int = N) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    scene, rng = all_scenes()[label], np.random.default_rng(5)
+    states = [(*scene.sample(rng), motor_torque(scene.robot, rng)) for _ in range(count)]
+    return tuple(map(np.array, zip(*states, strict=True)))  # type: ignore[return-value]
+
+
+@pytest.fixture(scope="module")
+def executor():
+    with cp.Processes(2) as processes:
+        yield processes
+
+
+def assert_same(found: cp.BatchSolution, wanted: cp.BatchSolution) -> None:
+    for name in ("q", "a", "lam", "proofs", "statuses", "iterations"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name), err_msg=name)
+
+
+@pytest.mark.parametrize("label", LABELS)
+def test_a_batch_has_the_bits_of_single_solves(label):
+    scene, (q, v, tau) = all_scenes()[label], batch_of(label)
+    batch = cp.solve_batch(scene, q, v, tau)
+    assert batch.ok
+    assert batch.counts == {"ok": N}
+    assert len(batch) == N
+    for i, solution in enumerate(batch):
+        wanted = cp.solve(scene, q[i], v[i], tau[i])
+        np.testing.assert_array_equal(solution.a, wanted.a)
+        np.testing.assert_array_equal(solution.lam, wanted.lam)
+        assert solution.proof == wanted.proof
+        assert (solution.status, solution.iterations) == (wanted.status, wanted.iterations)
+        for name, force in wanted.forces.items():
+            np.testing.assert_array_equal(batch.forces[name][i], force)
+            np.testing.assert_array_equal(solution.world_forces[name], wanted.world_forces[name])
+    assert batch.error_bound.max() <= 1e-8
+    assert batch.dynamics_error[3] == batch[3].dynamics_error
+    assert batch.constraint_error[3] == batch[3].constraint_error
+    assert (batch.violation[3], batch.velocity_violation[3]) == batch[3].state_error
+
+
+@pytest.mark.parametrize("label", LABELS)
+def test_processes_change_no_bit(label, executor):
+    scene, states = all_scenes()[label], batch_of(label)
+    assert_same(
+        cp.solve_batch(scene, *states, executor=executor, chunk=5), cp.solve_batch(scene, *states)
+    )
+
+
+@pytest.mark.parametrize("label", LABELS)
+def test_derivatives(label, executor):
+    scene, (q, v, tau) = all_scenes()[label], batch_of(label, 6)
+    here = cp.derivatives_batch(scene, q, v, tau)
+    there = cp.derivatives_batch(scene, q, v, tau, executor=executor, chunk=2)
+    assert len(here) == 6
+    assert_same(there.solution, here.solution)
+    wanted = cp.derivatives(scene, q[4], v[4], tau[4])
+    for name in BLOCKS:
+        np.testing.assert_array_equal(getattr(here, name)[4], getattr(wanted, name))
+        np.testing.assert_array_equal(getattr(here, name), getattr(there, name))
+
+
+@pytest.mark.parametrize("without", ["shared memory", "so much memory"])
+def test_where_memory_cannot_be_shared_it_is_copied(without, executor, monkeypatch):
+    if without == "shared memory":
+        monkeypatch.setattr(rows, "CAN_SHARE", False)
+    else:
+        monkeypatch.setattr(memory.os, "ftruncate", _no_memory)
+    scene, states = all_scenes()["talos contacts"], batch_of("talos contacts")
+    found = cp.solve_batch(scene, *states, executor=executor, chunk=7)
+    assert_same(found, cp.solve_batch(scene, *states))
+    assert _shared_memory() == 0
+
+
+def _no_memory(*_: int) -> None:
+    raise OSError(28, "No space left on device")
+
+
+def test_threads_give_the_same():
+    scene, states = all_scenes()["cassie loops"], batch_of("cassie loops")
+    with ThreadPoolExecutor(3) as threads:
+        found = cp.solve_batch(scene, *states, executor=threads, chunk=2)
+    assert_same(found, cp.solve_batch(scene, *states))
+
+
+def test_one_torque_for_all(executor):
+    scene, (q, v, tau) = all_scenes()["talos contacts"], batch_of("talos contacts")
+    wanted = cp.solve_batch(scene, q, v, np.tile(tau[0], (N, 1)))
+    assert_same(cp.solve_batch(scene, q, v, tau[0]), wanted)
+    assert_same(cp.solve_batch(scene, q, v, tau[0].tolist(), executor=executor), wanted)
+
+
+def test_drift_solver_and_accuracy_reach_the_workers(executor):
+    scene, (q, v, tau) = all_scenes()["cassie loops"], batch_of("cassie loops")
+    options = {"solver": cp.Proximal(mu=1e-3, max_iterations=1), "accuracy": 1e-1}
+    options["drift"] = cp.Baumgarte(10.0, 10.0)
+    found = cp.solve_batch(scene, q, 2 * v, tau, executor=executor, **options)
+    assert_same(found, cp.solve_batch(scene, q, 2 * v, tau, **options))
+    wanted = cp.solve(scene, q[3], 2 * v[3], tau[3], throw=False, **options)
+    np.testing.assert_array_equal(found.a[3], wanted.a)
+    exact = cp.solve_batch(scene, q, 2 * v, tau, executor=executor)
+    assert np.abs(exact.a - found.a).max() > 1e-6
+
+
+def test_what_is_not_ok_is_counted_and_named(executor):
+    scene, (q, v, tau) = all_scenes()["talos contacts"], batch_of("talos contacts")
+    v[[2, 17]] *= 1e170  # finite, and its square is not
+    here = cp.solve_batch(scene, q, v, tau)
+    assert here.failed.tolist() == [2, 17]
+    assert not here.ok
+    assert here.counts == {"ok": N - 2, "not_finite": 2}
+    assert here[2].status is cp.Status.NOT_FINITE
+    assert "not ok: 2, 17" in str(here)
+    assert "22 ok, 2 not_finite" in repr(here)
+    assert np.isfinite(here.a[here.statuses == 0]).all()
+    assert_same(cp.solve_batch(scene, q, v, tau, executor=executor, chunk=4), here)
+
+    of = cp.derivatives_batch(scene, q, v, tau, executor=executor, chunk=4)
+    assert_same(of.solution, here)
+    for name in BLOCKS:
+        bad = np.isnan(getattr(of, name)).reshape(N, -1)
+        assert bad.all(axis=1).nonzero()[0].tolist() == [2, 17]
+        assert bad.any(axis=1).nonzero()[0].tolist() == [2, 17]
+
+
+def test_a_singular_matrix_in_every_row():
+    scene, states = all_scenes()["cassie loops"], batch_of("cassie loops")
+    batch = cp.solve_batch(scene, *states, solver=cp.DenseKKT())
+    assert batch.counts == {"singular": N}
+    assert np.isnan(batch.a).all()
+    assert np.isinf(batch.error_bound).all()
+    assert "not ok: 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, ..." in str(batch)
+
+
+def test_no_states(executor):
+    scene = all_scenes()["talos contacts"]
+    nothing = np.zeros((0, scene.robot.nv))
+    for where in (None, executor):
+        batch = cp.solve_batch(
+            scene, np.zeros((0, scene.robot.nq)), nothing, nothing, executor=where
+        )
+        assert (len(batch), batch.ok, batch.counts, batch.lam.shape) == (0, True, {}, (0, 12))
+        assert repr(batch) == "BatchSolution(talos, 0 states: none)"
+
+
+def test_answers_are_frozen_pickle_and_do_not_follow_their_arguments(executor):
+    scene, (q, v, tau) = all_scenes()["four_bar loops"], batch_of("four_bar loops")
+    batch = cp.solve_batch(scene, q, v, tau, executor=executor)
+    kept = batch.q.copy()
+    q += 1.0
+    np.testing.assert_array_equal(batch.q, kept)
+    assert not batch.a.flags.writeable
+    assert_same(pickle.loads(pickle.dumps(batch)), batch)
+
+
+ROWS = ["Q", "V", "TAU"]
+
+
+@pytest.mark.parametrize("which", [0, 1, 2])
+def test_a_number_that_is_not_finite_is_named_with_its_row(which):
+    scene, states = all_scenes()["talos contacts"], batch_of("talos contacts")
+    states[which][13, 9] = np.nan
+    with pytest.raises(cp.InvalidArgument, match=rf"{ROWS[which]}\[13, 9\] = nan: finite"):
+        cp.solve_batch(scene, *states)
+    with pytest.raises(cp.InvalidArgument, match=rf"{ROWS[which]}\[13, 9\] = nan: finite"):
+        cp.derivatives_batch(scene, *states)
+
+
+def test_shapes_are_named():
+    scene, (q, v, tau) = all_scenes()["talos contacts"], batch_of("talos contacts")
+    for states, text in (
+        ((q[0], v, tau), r"Q has shape \(39,\): .* shape \(N, 39\) is needed, a row a state"),
+        ((q[:, 1:], v, tau), r"Q has shape \(24, 38\): an array of shape \(24, 39\)"),
+        ((q, v[1:], tau), r"V has shape \(23, 38\): an array of shape \(24, 38\)"),
+        ((q, v, tau[:, :5]), r"TAU has shape \(24, 5\): an array of shape \(24, 38\)"),
+        ((q, v, tau[0, :5]), r"TAU has shape \(5,\): an array of shape \(38,\)"),
+        ((q, v, 0.0), r"TAU has shape \(\): an array of shape \(24, 38\)"),
+        (([[0.0], [0.0, 1.0]], v, tau), r"Q: an array of shape \(N, 39\) is needed"),
+        (("states", v, tau), r"Q has shape \(\)"),
+    ):
+        with pytest.raises(cp.InvalidArgument, match=text):
+            cp.solve_batch(scene, *states)
+
+
+def test_quaternions_are_named_with_their_row():
+    scene, (q, v, tau) = all_scenes()["talos contacts"], batch_of("talos contacts")
+    q[5, 3:7] *= 1.1
+    with pytest.raises(cp.InvalidArgument, match=r"Q\[5, 3:7\] = .* has norm 1\.1: .* Q\[5\]"):
+        cp.solve_batch(scene, q, v, tau)
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"chunk": 0}, "chunk = 0: a whole number"),
+        ({"chunk": 2.5}, "chunk = 2.5: a whole number"),
+        ({"chunk": True}, "chunk = True: a whole number"),
+        ({"accuracy": 0.0}, "accuracy = 0.0"),
+        ({"executor": 2}, "executor = 2: a concurrent.futures.Executor"),
+        ({"solver": "proximal"}, "solver = 'proximal': a solver object"),
+        ({"solver": lambda: None}, "solver = <function"),
+        ({"drift": 3.0}, "drift = 3.0"),
+    ],
+)
+@pytest.mark.parametrize("processes", [False, True])
+def test_options_are_checked(options, text, processes, executor):
+    scene, states = all_scenes()["four_bar loops"], batch_of("four_bar loops")
+    if processes:
+        options = {"executor": executor} | options
+    with pytest.raises(cp.InvalidArgument, match=text):
+        cp.solve_batch(scene, *states, **options)
+
+
+def test_other_refusals(executor):
+    scene, states = all_scenes()["four_bar rod"], batch_of("four_bar loops")
+    with pytest.raises(cp.UnsupportedConstraint, match="Proximal takes"):
+        cp.solve_batch(scene, *states, solver=cp.Proximal(), executor=executor)
+    with pytest.raises(cp.InvalidArgument, match="scene = str"):
+        cp.solve_batch("four_bar", *states)
+    with pytest.raises(cp.UnknownName, match="no method named 'kkd'; did you mean 'kkt'"):
+        cp.derivatives_batch(scene, *states, method="kkd")
+
+
+def test_a_workspace_is_made_once(executor):
+    recipes = [Recipe.of(all_scenes()[label], None, None) for label in LABELS]
+    for recipe in recipes:
+        found = dict(cp.map_chunks(_whose, [recipe] * 12, executor=executor))
+        again = dict(cp.map_chunks(_whose, [recipe] * 12, executor=executor))
+        made = {*found.values(), *again.values()}
+        assert len(made) == len({process for process, _ in made}) <= 2
+
+
+def _whose(recipe: Recipe) -> tuple[int, int]:
+    return os.getpid(), id(recipe.workspace())
+
+
+def test_a_killed_worker_loses_nothing():
+    scene, states = all_scenes()["four_bar loops"], batch_of("four_bar loops", 200)
+    seen = []
+    with cp.Processes(2) as processes:
+        first = processes._pool
+
+        def kill_one(done: int, total: int) -> None:
+            seen.append((done, total))
+            if len(seen) == 2:
+                os.kill(next(iter(first._processes)), signal.SIGKILL)
+
+        found = cp.solve_batch(scene, *states, executor=processes, chunk=5, progress=kill_one)
+        assert processes._pool is not first
+    assert_same(found, cp.solve_batch(scene, *states))
+    assert seen == [(5 * i, 200) for i in range(1, 41)]
+
+
+@pytest.mark.parametrize(
+    ("verb", "shared"), [(cp.solve_batch, True), (cp.derivatives_batch, False)]
+)
+def test_a_plain_pool_that_breaks_hands_over_what_is_done(verb, shared, monkeypatch):
+    if not shared:
+        monkeypatch.setattr(rows, "CAN_SHARE", False)
+    scene, states = all_scenes()["four_bar loops"], batch_of("four_bar loops", 400)
+    with ProcessPoolExecutor(2, get_context("spawn")) as pool:
+
+        def kill_one(done: int, _: int) -> None:
+            if done == 40:
+                os.kill(next(iter(pool._processes)), signal.SIGKILL)
+
+        with pytest.raises(cp.WorkersLost, match="is of no use after that") as lost:
+            verb(scene, *states, executor=pool, chunk=10, progress=kill_one)
+    here, done = verb(scene, *states), lost.value.done
+    if verb is cp.derivatives_batch:
+        of, here, done = (here, done), here.solution, done.solution
+        assert np.isnan(of[1].da_dq[done.missing]).all()
+        solved = np.flatnonzero(done.statuses == 0)
+        np.testing.assert_array_equal(of[1].dlam_dq[solved], of[0].dlam_dq[solved])
+    assert 40 <= done.counts["ok"] < 400
+    assert done.counts["missing"] == 400 - done.counts["ok"] == len(done.missing)
+    assert not done.ok
+    assert np.isnan(done.a[done.missing]).all()
+    solved = np.flatnonzero(done.statuses == 0)
+    np.testing.assert_array_equal(done.a[solved], here.a[solved])
+    with pytest.raises(cp.WorkersLost, match="was lost with a worker"):
+        done[int(done.missing[0])]
+
+
+def test_an_interrupt_ends_a_batch_and_not_the_workers(executor):
+    scene, states = all_scenes()["four_bar loops"], batch_of("four_bar loops", 400)
+    seen = []
+
+    def interrupt(*_: int) -> None:
+        seen.append(executor.pids)
+        if len(seen) == 3:
+            raise KeyboardInterrupt
+
+    for pid in executor.pids:
+        os.kill(pid, signal.SIGINT)  # as a terminal does
+    with pytest.raises(KeyboardInterrupt):
+        cp.solve_batch(scene, *states, executor=executor, chunk=2, progress=interrupt)
+    assert len(seen) == 3
+    assert cp.solve_batch(scene, *states, executor=executor).ok
+    assert executor.pids == seen[0]
+    assert _shared_memory() == 0
+
+
+def test_shared_arrays():
+    kinds = {"x": Kind((3, 2)), "none": Kind((0, 4)), "n": Kind((5,), "i1"), "end": Kind((2, 0))}
+    with SharedArrays(kinds) as shared:
+        assert _shared_memory() == 2  # ours, and that of the map
+        other = shared.address.open()
+        other["x"][:], other["n"][:] = 2.5, 7
+        for name, kind in kinds.items():
+            assert shared.arrays[name].shape == other[name].shape == kind.shape
+            assert not other[name].size or other[name].ctypes.data % 64 == 0
+        assert (shared.arrays["x"] == 2.5).all()
+        assert (shared.arrays["n"] == 7).all()
+    assert shared.arrays["x"].sum() == 15.0  # still there
+    with pytest.raises(FileNotFoundError):
+        shared.address.open()
+    del shared, other
+    assert _shared_memory() == 0
+    with pytest.raises(OSError, match=r"memory|space|large"):
+        SharedArrays({"x": Kind((2**59,))})
+    assert _shared_memory() == 0
+
+
+def _shared_memory() -> int:
+    """Return how many files of this process are shared memory of a batch."""
+    links = (os.readlink(path) for path in Path("/proc/self/fd").iterdir() if path.is_symlink())
+    return sum("memfd:condyn_pin" in link for link in links)
+
+
+SCRIPT = """
+import numpy as np
+import condyn_pin as cp
+
+def main():
+    bar = cp.four_bar()
+    scene = cp.Scene(bar, bar.loops)
+    q, v = scene.state()
+    many = np.tile(q, (50, 1)), np.tile(v, (50, 1)), np.zeros(3)
+    with cp.Processes(2, start_method={start_method!r}) as executor:
+        batch = cp.solve_batch(scene, *many, executor=executor)
+        of = cp.derivatives_batch(scene, *many, executor=executor)
+    assert np.array_equal(batch.a, cp.solve_batch(scene, *many).a)
+    assert np.array_equal(of.da_dq, cp.derivatives_batch(scene, *many).da_dq)
+    print(batch.counts)
+
+if __name__ == "__main__":
+    main()
+"""
+
+
+@pytest.mark.parametrize("start_method", ["spawn", "forkserver", "fork"])
+def test_a_script_ends_without_a_word(start_method, tmp_path):
+    path = tmp_path / "script.py"
+    path.write_text(SCRIPT.format(start_method=start_method))
+    result = subprocess.run(
+        [sys.executable, "-W", "error", str(path)], capture_output=True, text=True, check=False
+    )
+    assert (result.returncode, result.stdout, result.stderr) == (0, "{'ok': 50}\n", "")

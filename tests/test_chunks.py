@@ -1,0 +1,181 @@
+"""Chunks over executors: here, threads, processes of every kind; lost workers."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from functools import partial
+
+import pytest
+
+import condyn_pin as cp
+
+
+def square(x: int) -> int:
+    return x * x
+
+
+def refuse(x: int) -> int:
+    if x == 3:
+        raise cp.InvalidArgument("x = 3: another number is needed")
+    return x
+
+
+def die_once(mark: str, x: int) -> int:
+    """Kill the worker at x = 3, the first time."""
+    if x == 3:
+        try:
+            os.close(os.open(mark, os.O_CREAT | os.O_EXCL))
+        except FileExistsError:
+            return square(x)
+        os.kill(os.getpid(), signal.SIGKILL)
+    return square(x)
+
+
+def die(x: int) -> int:
+    if x == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return square(x)
+
+
+SQUARES = {i: i * i for i in range(10)}
+
+
+def results(work, executor, **options) -> dict[int, int]:
+    return dict(cp.map_chunks(work, range(10), executor=executor, **options))
+
+
+def test_without_an_executor_the_work_is_done_here_and_in_order():
+    assert list(cp.map_chunks(square, [3, 4])) == [(0, 9), (1, 16)]
+
+
+def test_threads():
+    with ThreadPoolExecutor(2) as executor:
+        assert results(square, executor) == SQUARES
+
+
+@pytest.mark.parametrize("start_method", ["spawn", "forkserver", "fork"])
+def test_a_killed_worker_loses_nothing(start_method, tmp_path):
+    seen = []
+    with cp.Processes(2, start_method=start_method) as executor:
+        found = results(
+            partial(die_once, str(tmp_path / "mark")), executor, progress=lambda *n: seen.append(n)
+        )
+        assert (tmp_path / "mark").exists()
+        assert results(square, executor) == SQUARES
+    assert found == SQUARES
+    assert seen == [(i + 1, 10) for i in range(10)]
+
+
+def test_work_that_always_kills_ends_with_an_error_and_all_else_done():
+    found = {}
+    text = "3 pools of workers in a row"
+    with (
+        cp.Processes(2, start_method="fork") as executor,
+        pytest.raises(cp.WorkersLost, match=text),
+    ):
+        found.update(cp.map_chunks(die, range(10), executor=executor))  # pair by pair
+    assert found.items() <= SQUARES.items()
+    assert 3 not in found
+
+
+def test_a_plain_pool_says_that_it_is_of_no_use_any_more():
+    text = r"of no use after that; \d+ of 10 .*\.Processes"
+    with ProcessPoolExecutor(2) as executor, pytest.raises(cp.WorkersLost, match=text):
+        results(die, executor)
+
+
+@pytest.mark.parametrize("executor", [None, ThreadPoolExecutor, cp.Processes])
+def test_what_the_work_raises_is_raised(executor):
+    if executor is None:
+        with pytest.raises(cp.InvalidArgument, match="x = 3"):
+            results(refuse, None)
+        return
+    with executor(2) as pool:
+        with pytest.raises(cp.InvalidArgument, match="x = 3"):
+            results(refuse, pool)
+        assert results(square, pool) == SQUARES
+
+
+class _Forgetful(Executor):
+    """Loses every chunk a number of times, as a cluster does when it gives up on one."""
+
+    def __init__(self, times: int) -> None:
+        self._times, self._threads = times, ThreadPoolExecutor(1)
+
+    def submit(self, fn, /, *args, **kwargs):
+        if args[1] == 3 and self._times:
+            self._times -= 1
+            return self._threads.submit(_forget)
+        return self._threads.submit(fn, *args, **kwargs)
+
+    def shutdown(self, wait=True, *, cancel_futures=False):
+        self._threads.shutdown(wait, cancel_futures=cancel_futures)
+
+
+def _forget() -> None:
+    raise TimeoutError("no answer")
+
+
+def test_a_chunk_that_the_executor_lost_is_handed_out_again():
+    with _Forgetful(2) as executor:
+        assert results(square, executor) == SQUARES
+    text = r"chunk 3 .* 3 times, .* TimeoutError: no answer"
+    with _Forgetful(3) as executor, pytest.raises(cp.WorkersLost, match=text):
+        results(square, executor)
+
+
+def test_stopping_early_cancels_what_nobody_has_begun():
+    with ThreadPoolExecutor(1) as executor:
+        chunks = cp.map_chunks(square, range(1000), executor=executor)
+        next(chunks)
+        chunks.close()
+        assert executor._work_queue.qsize() <= 256
+    assert results(square, None) == SQUARES
+
+
+@pytest.mark.parametrize("executor", [2, "processes", cp.Processes])
+def test_what_is_no_executor_is_refused(executor):
+    with pytest.raises(cp.InvalidArgument, match=r"executor = .* Processes\(2\)"):
+        results(square, executor)
+
+
+@pytest.mark.parametrize("workers", [0, -1, 1.5, True, "two"])
+def test_numbers_of_workers(workers):
+    with pytest.raises(cp.InvalidArgument, match="workers = "):
+        cp.Processes(workers)
+
+
+def test_processes_say_what_they_are():
+    with pytest.raises(cp.InvalidArgument, match="start_method = 'thread': one of fork, spawn"):
+        cp.Processes(2, start_method="thread")
+    with cp.Processes() as executor:
+        assert repr(executor) == f"Processes({executor.workers}, start_method='spawn')"
+        assert executor.workers == len(os.sched_getaffinity(0))
+
+
+ORPHANS = """
+import os, signal
+import condyn_pin as cp
+
+if __name__ == "__main__":
+    with cp.Processes(2, start_method={start_method!r}) as executor:
+        dict(cp.map_chunks(abs, range(4), executor=executor))
+        print(*executor.pids, flush=True)
+        os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.parametrize("start_method", ["spawn", "forkserver", "fork"])
+def test_workers_end_with_their_parent(start_method, tmp_path):
+    path = tmp_path / "script.py"
+    path.write_text(ORPHANS.format(start_method=start_method))
+    # its output ends when the last process that has it open ends
+    result = subprocess.run(
+        [sys.executable, str(path)], stdout=subprocess.PIPE, text=True, check=False, timeout=60
+    )
+    assert result.returncode == -signal.SIGKILL
+    assert result.stdout.split()

@@ -1,0 +1,153 @@
+"""Integrators that keep the constraints, and implicit ones: orders, closed loops, energy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from shared import robot
+from test_simulate import bar, errors_of, rod_pendulum, top
+
+import condyn_pin as cp
+from condyn_pin.simulation.integrators import INTEGRATORS
+
+TIGHT = cp.DormandPrince(relative_tolerance=1e-13, absolute_tolerance=1e-13)
+IMPLICIT = [
+    cp.StormerVerlet(),
+    cp.ImplicitMidpoint(),
+    cp.Rattle(),
+    cp.Shake(),
+    cp.GeneralisedAlpha(),
+    cp.RadauIIA(),
+    cp.GearGuptaLeimkuhler(),
+]
+CLOSED = [kind() for kind in INTEGRATORS.values() if kind.keeps_constraints]
+
+
+@pytest.fixture(scope="module")
+def reference():
+    scene, q, v = bar()
+    return cp.simulate(scene, q, v, duration=0.25, dt=0.05, integrator=TIGHT, drift=cp.NoDrift())
+
+
+@pytest.mark.parametrize("integrator", IMPLICIT, ids=repr)
+def test_orders_are_those_of_theory(integrator, reference):
+    coarse, fine = (errors_of(integrator, bar, n, 0.25, reference) for n in (60, 120))
+    assert np.abs(np.log2(coarse / fine) - integrator.order).max() < 0.05
+
+
+@pytest.mark.parametrize("stages", [1, 3])
+@pytest.mark.parametrize("kind", [cp.RadauIIA, cp.GearGuptaLeimkuhler])
+def test_orders_of_other_numbers_of_stages(kind, stages, reference):
+    """2 s - 1 for q, and for v and lam s and s - 1, or with two multipliers 2 s - 1 and s."""
+    steps = {1: (200, 400), 3: (4, 8)}[stages]
+    coarse, fine = (errors_of(kind(stages=stages), bar, n, 0.25, reference) for n in steps)
+    found = np.log2(coarse / fine)
+    if kind is cp.RadauIIA:  # with one stage every order is 1
+        theory = (2 * stages - 1, stages, max(stages - 1, 1))
+    else:
+        theory = (2 * stages - 1, 2 * stages - 1, stages)
+    assert np.abs(found - theory).max() < (0.1 if stages == 1 else 0.6)
+
+
+@pytest.mark.parametrize(
+    "integrator", [cp.Rattle(), cp.GeneralisedAlpha(), cp.GearGuptaLeimkuhler()], ids=repr
+)
+def test_orders_on_a_group(integrator):
+    """A spinning top, where velocities are no derivatives of coordinates."""
+    scene, q, v = top()
+    truth = cp.simulate(scene, q, v, duration=0.2, dt=0.05, integrator=TIGHT, drift=cp.NoDrift())
+    coarse, fine = (errors_of(integrator, top, n, 0.2, truth) for n in (50, 100))
+    assert np.log2(coarse / fine).min() > integrator.order.lam - 0.05
+    assert abs(np.log2(coarse[0] / fine[0]) - integrator.order.q) < 0.05
+
+
+@pytest.mark.parametrize("integrator", CLOSED, ids=repr)
+@pytest.mark.parametrize("name", ["four_bar", "stewart"])
+def test_loops_stay_closed_to_rounding(name, integrator):
+    scene = cp.Scene(robot(name), robot(name).loops)
+    q, v = scene.sample(np.random.default_rng(1))
+    found = cp.simulate(scene, q, v, duration=0.05, dt=2.5e-3, integrator=integrator)
+    assert found.status.ok, found.reason
+    assert found.run.drift == cp.NoDrift()
+    assert found.violation[1:].max() < 1e-13
+    if isinstance(integrator, cp.Rattle | cp.GearGuptaLeimkuhler):
+        assert found.slip[1:].max() < 1e-12
+
+
+def test_the_energy_of_rattle_does_not_drift():
+    """Its first and its last tenth swing by the same; Runge-Kutta 4 loses with every turn."""
+    scene, q, v = rod_pendulum()
+    spread = []
+    for integrator, drift in ((cp.Rattle(), cp.NoDrift()), (cp.RungeKutta4(), cp.Projection())):
+        found = cp.simulate(scene, q, v, duration=80.0, dt=0.05, integrator=integrator, drift=drift)
+        assert found.status.ok, found.reason
+        error = np.abs(found.energy.error)
+        tenth = len(error) // 10
+        spread.append((error[:tenth].max(), error[-tenth:].max()))
+    (first, last), (early, late) = spread
+    assert last == pytest.approx(first, rel=1e-2)
+    assert late > 5 * early
+
+
+def test_rattle_is_symmetric_in_time():
+    """Forth and back again: the start, to rounding."""
+    scene, q, v = bar()
+    there = cp.simulate(scene, q, v, duration=0.2, dt=0.02, integrator=cp.Rattle())
+    back = cp.simulate(
+        scene, there.q[-1], -there.v[-1], duration=0.2, dt=0.02, integrator=cp.Rattle()
+    )
+    assert np.abs(back.q[-1] - q).max() < 1e-10
+    assert np.abs(back.v[-1] + v).max() < 1e-9
+
+
+def test_stiff_damping_asks_for_no_small_step_of_implicit_methods():
+    """Cassie's rods: 2700 / s, far beyond the 1 / dt of explicit methods."""
+    cassie = robot("cassie")
+    scene = cp.Scene(cassie, [*cassie.loops, cp.SurfaceContact("pelvis")])
+    q, v = scene.state()
+    exact = cp.simulate(scene, q, v, duration=0.04, dt=5e-4)
+    for integrator in (cp.GeneralisedAlpha(), cp.GearGuptaLeimkuhler()):
+        found = cp.simulate(scene, q, v, duration=0.04, dt=4e-3, integrator=integrator)
+        assert found.status.ok, found.reason
+        assert np.abs(found.q[-1] - exact.q[-1]).max() < 1e-3
+
+
+def test_steps_that_are_too_long_are_said_to_be():
+    scene, q, v = bar()
+    with pytest.raises(cp.StepFailed, match=r"RATTLE at t = 0 s: .* take a smaller dt than 3 s"):
+        cp.simulate(scene, q, v, duration=30.0, dt=3.0, integrator=cp.Rattle())
+
+
+def test_rows_without_a_position_are_held_or_refused():
+    """A sleigh that glides on its knife."""
+    sleigh = robot("sleigh")
+    scene = cp.Scene(sleigh, sleigh.contacts)
+    q, v = scene.sample(np.random.default_rng(2))
+    exact = cp.simulate(scene, q, v, duration=0.5, dt=5e-3)
+    for integrator in CLOSED:
+        if integrator.needs_positions:
+            with pytest.raises(cp.UnsupportedConstraint, match="restrict velocities only"):
+                cp.simulate(scene, q, v, duration=0.5, dt=5e-3, integrator=integrator)
+        else:
+            found = cp.simulate(scene, q, v, duration=0.5, dt=5e-3, integrator=integrator)
+            assert found.slip.max() < 1e-12
+            assert np.abs(found.v[-1] - exact.v[-1]).max() < 1e-5
+    for drift in (cp.Projection(), cp.PostStabilization()):
+        found = cp.simulate(scene, q, v, duration=0.5, dt=5e-3, drift=drift)
+        assert found.slip.max() < 1e-9
+        assert np.abs(found.v[-1] - exact.v[-1]).max() < 1e-7
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: cp.RadauIIA(stages=4), "stages = 4"),
+        (lambda: cp.RadauIIA(stages=True), "stages = True"),
+        (lambda: cp.GearGuptaLeimkuhler(stages=0), "stages = 0"),
+        (lambda: cp.GeneralisedAlpha(rho=1.5), r"rho = 1\.5"),
+        (lambda: cp.GeneralisedAlpha(rho=float("nan")), "rho"),
+    ],
+)
+def test_knobs_that_mean_nothing_are_refused(call, said):
+    with pytest.raises(cp.InvalidArgument, match=said):
+        call()

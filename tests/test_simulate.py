@@ -1,0 +1,740 @@
+"""simulate: known motions, orders, energy, events, and runs that break down."""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+import pytest
+from shared import robot
+
+import condyn_pin as cp
+from condyn_pin._pin import HAS_LCABA, pin
+from condyn_pin.simulation.walls import growth, wall
+
+G = 9.81
+
+
+def body(joint, *, inertia=0.01, mass=1.0, centre=(0.0, 0.0, 0.0), name="body") -> cp.Robot:
+    """One body on one joint."""
+    model = pin.Model()
+    j = model.addJoint(0, joint, pin.SE3.Identity(), "joint")
+    moments = inertia * np.diag([1.0, 2.0, 2.5])
+    model.appendBodyToJoint(j, pin.Inertia(mass, np.array(centre), moments), pin.SE3.Identity())
+    model.addFrame(pin.Frame("origin", j, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    return cp.Robot(name, model)
+
+
+def top() -> tuple[cp.Scene, np.ndarray, np.ndarray]:
+    """A free body whose origin is held: it spins about a point."""
+    free = body(pin.JointModelFreeFlyer(), centre=(0.0, 0.0, 0.3), inertia=0.02)
+    scene = cp.Scene(free, [cp.PointContact("origin")])
+    return scene, pin.neutral(free.model), np.array([0.0, 0.0, 0.0, 0.5, 0.8, 9.0])
+
+
+def bar() -> tuple[cp.Scene, np.ndarray, np.ndarray]:
+    scene = cp.Scene(robot("four_bar"), robot("four_bar").loops)
+    return scene, *scene.state()
+
+
+def falling() -> tuple[cp.Scene, cp.Scene]:
+    """A ball in the air, and on the floor."""
+    ball = body(pin.JointModelPZ())
+    return cp.Scene(ball), cp.Scene(ball, [cp.PlanarContact("origin", height=0.0)])
+
+
+# Known motions.
+
+
+@pytest.mark.parametrize(
+    ("t", "x", "z"),
+    [
+        (1, 0.986291751131875319, -0.16501085312554116),
+        (5, -0.94230543504375733, -0.33475433841400058),
+        (10, -0.27508746257611686, -0.96141920509912506),
+    ],
+)
+def test_pendulum_by_elliptic_functions(t, x, z):
+    scene = cp.Scene(cp.pendulum())
+    found = cp.simulate(scene, [np.pi / 2], [0.0], duration=t, dt=1e-3)
+    theta = found.q[-1, 0]
+    assert found.status is cp.RunStatus.FINISHED
+    assert np.hypot(-np.sin(theta) - x, -np.cos(theta) - z) < 1e-10
+    assert np.abs(found.energy.error).max() < 1e-10
+
+
+def test_free_fall_and_projectile():
+    scene = cp.Scene(robot("solo12"))
+    q, _ = scene.state()
+    v = np.random.default_rng(0).normal(size=scene.robot.nv)
+    v[:6] *= 0.3
+    found = cp.simulate(scene, q, v, duration=0.5, dt=1e-3)
+    model, data = scene.robot.model, scene.robot.model.createData()
+    start = pin.centerOfMass(model, data, q, v).copy()
+    speed = data.vcom[0].copy()
+    for i in (100, 500):
+        t = found.t[i]
+        wanted = start + speed * t - np.array([0, 0, G * t**2 / 2])
+        assert np.abs(pin.centerOfMass(model, data, found.q[i]) - wanted).max() < 1e-9
+    momentum = found.momentum - found.momentum[0]
+    momentum[:, 2] += scene.robot.mass * G * found.t
+    assert np.abs(momentum).max() < 1e-9
+    assert np.abs(found.energy.error).max() < 1e-7
+
+
+def test_a_spring_swings_as_it_should():
+    slider = body(pin.JointModelPX(), mass=2.0)
+    model = pin.Model(slider.model)
+    model.damping[:] = 3.0
+    sprung = cp.Robot("sprung", model, springs=[cp.Spring("joint", 50.0, 0.1)])
+    scene = cp.Scene(sprung)
+    found = cp.simulate(scene, [0.4], [0.0], duration=1.0, dt=1e-3)
+    decay, omega = 3.0 / 4.0, np.sqrt(25.0 - 0.75**2)
+    t = found.t
+    wanted = 0.1 + 0.3 * np.exp(-decay * t) * (
+        np.cos(omega * t) + decay / omega * np.sin(omega * t)
+    )
+    assert np.abs(found.q[:, 0] - wanted).max() < 1e-11
+    assert np.abs(found.energy.error).max() < 1e-9
+    assert found.energy.damping[-1] < -0.1
+    free = cp.simulate(scene, [0.4], [0.0], duration=1.0, damping=False)
+    assert np.abs(free.q[:, 0] - 0.1 - 0.3 * np.cos(5.0 * t)).max() < 1e-10
+    assert free.energy.damping[-1] == 0.0
+    slack = cp.simulate(scene, [0.4], [0.7], duration=1.0, springs=False, damping=False)
+    assert np.abs(slack.q[:, 0] - 0.4 - 0.7 * t).max() < 1e-12
+    assert not slack.energy.springs.any()
+
+
+def test_gravity_and_armature_can_be_off():
+    model = pin.Model(body(pin.JointModelPZ()).model)
+    model.armature[:] = 3.0
+    scene = cp.Scene(cp.Robot("geared", model))
+    heavy = cp.simulate(scene, [0.0], [1.0], duration=1.0)
+    assert heavy.q[-1] == pytest.approx(1.0 - G / 4 / 2)
+    assert cp.simulate(scene, [0.0], [1.0], duration=1.0, armature=False).q[-1] == pytest.approx(
+        1.0 - G / 2
+    )
+    floating = cp.simulate(scene, [0.0], [1.0], duration=1.0, gravity=False)
+    assert floating.q[-1] == pytest.approx(1.0)
+    assert "on: gravity, armature" in str(heavy)
+    assert "off: gravity" in str(floating)
+    assert "not in the model: springs, damping" in str(heavy)
+
+
+# Integrators.
+
+
+def errors_of(integrator, make, n, duration, reference):
+    """Errors of q, v and lam at the end of n steps."""
+    scene, q, v = make()
+    found = cp.simulate(
+        scene, q, v, duration=duration, dt=duration / n, integrator=integrator, drift=cp.NoDrift(),
+        record=n,
+    )  # fmt: skip
+    assert found.status.ok, found.reason
+    model = scene.robot.model
+    return np.array(
+        [
+            np.abs(pin.difference(model, reference.q[-1], found.q[-1])).max(),
+            np.abs(found.v[-1] - reference.v[-1]).max(),
+            np.abs(found.lam[-1] - reference.lam[-1]).max(),
+        ]
+    )
+
+
+@pytest.fixture(scope="module")
+def references():
+    tight = cp.DormandPrince(relative_tolerance=1e-13, absolute_tolerance=1e-13)
+    made = {}
+    for make, duration in ((bar, 0.25), (top, 0.25)):
+        scene, q, v = make()
+        made[make] = cp.simulate(
+            scene, q, v, duration=duration, dt=0.05, integrator=tight, drift=cp.NoDrift()
+        )
+    return made
+
+
+# How many steps in a quarter of a second show an order, without rounding.
+STEPS = {1: 1600, 2: 200, 3: 100, 4: 50}
+BY_ACCELERATION = [
+    kind for kind in cp.INTEGRATORS.values() if not (kind.is_adaptive or kind.keeps_constraints)
+]
+
+
+@pytest.mark.parametrize("make", [bar, top])
+@pytest.mark.parametrize("kind", BY_ACCELERATION)
+def test_orders_are_those_of_theory(kind, make, references):
+    n = STEPS[kind.order.q]
+    coarse, fine = (errors_of(kind(), make, steps, 0.25, references[make]) for steps in (n, 2 * n))
+    assert np.abs(np.log2(coarse / fine) - kind.order).max() < 0.05
+
+
+@pytest.mark.parametrize("kind", cp.INTEGRATORS.values())
+def test_samples_are_states_of_the_equations(kind):
+    """t, q, v, a and lam of one sample belong together, to the order of the method."""
+    scene, q, v = bar()
+    found = cp.simulate(scene, q, v, duration=0.01, dt=1e-4, integrator=kind(), record=7)
+    assert found.t == pytest.approx([*np.arange(0, 100, 7) * 1e-4, 0.01])
+    for i in (0, 5, len(found) - 1):
+        solution = cp.solve(found.scene, found.q[i], found.v[i], np.zeros(3), throw=False)
+        assert np.abs(found.a[i] - solution.a).max() < 0.05 * np.abs(solution.a).max()
+        assert np.abs(found.lam[i] - solution.lam).max() < 0.05 * np.abs(solution.lam).max()
+    assert kind.title
+    assert kind.use
+    assert kind.solves_per_step > 0
+
+
+@pytest.fixture
+def at_end():
+    """A method whose accelerations belong to the end of the step, as those of implicit ones do."""
+
+    class AtEnd(cp.Integrator):
+        title, order, use = "at the end", cp.SemiImplicitEuler.order, "here"
+        symplectic, solves_per_step, a_at = False, 2, "end"
+
+        def start(self, system, dt):
+            inner = cp.SemiImplicitEuler().start(system, dt)
+
+            def step(t, q, v):
+                q1, v1, _ = inner.step(t, q, v)
+                return q1, v1, system.acceleration(t + dt, q1, v1)
+
+            return type(inner)(step, system.lam)
+
+    yield AtEnd()
+    del cp.INTEGRATORS["atend"]
+
+
+def test_accelerations_at_the_end_are_put_where_they_belong(at_end):
+    def push(t, q, v):
+        return np.array([10.0 * t])
+
+    air, floor = falling()
+    touch = cp.Event(name="land", when=lambda m: m.position("origin")[2], scene=floor)
+    runs = [
+        cp.simulate(air, [0.1], [0.0], push, duration=0.3, events=[touch], integrator=i, record=k)
+        for i in (at_end, cp.SemiImplicitEuler())
+        for k in (1, 10)
+    ]
+    for found in runs:
+        landed = found.run.happened[0].sample
+        assert found.a[:landed, 0] == pytest.approx(10.0 * found.t[:landed] - G)
+        assert found.tau[:, 0] == pytest.approx(10.0 * found.t)
+        assert found.forces["origin"][landed:, 2] == pytest.approx(G - 10.0 * found.t[landed:])
+        assert (np.diff(found.t) > 1e-9).sum() == len(found) - 2  # but for the two at the event
+    for one, other in ((0, 2), (1, 3)):
+        assert np.allclose(runs[one].t, runs[other].t, rtol=0, atol=1e-14)
+        assert np.allclose(runs[one].q, runs[other].q, rtol=0, atol=1e-14)
+    assert 25 < len(runs[1]) < 40
+
+
+def test_averaged_velocities_would_have_order_two(references):
+    """What the correction on the manifold is for."""
+    reference = references[top].q[-1]
+    scene, q0, v0 = top()
+    workspace = cp.Workspace(scene)
+    model, tau = scene.robot.model, np.zeros(6)
+
+    def end(n):
+        q, v, h = q0, v0, 0.25 / n
+        for _ in range(n):
+            k1, a1 = v, workspace.acceleration(q, v, tau)
+            k2 = v + h / 2 * a1
+            a2 = workspace.acceleration(pin.integrate(model, q, h / 2 * k1), k2, tau)
+            k3 = v + h / 2 * a2
+            a3 = workspace.acceleration(pin.integrate(model, q, h / 2 * k2), k3, tau)
+            k4 = v + h * a3
+            a4 = workspace.acceleration(pin.integrate(model, q, h * k3), k4, tau)
+            q = pin.integrate(model, q, h / 6 * (k1 + 2 * k2 + 2 * k3 + k4))
+            v = v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+        return np.abs(pin.difference(model, reference, q)).max()
+
+    assert 1.8 < np.log2(end(50) / end(100)) < 3.2
+
+
+def test_adaptive_steps_meet_their_tolerance(references):
+    scene, q, v = bar()
+    for tolerance, most in ((1e-6, 1e-4), (1e-10, 1e-8)):
+        for method in (5, 8):
+            found = cp.simulate(
+                scene, q, v, duration=0.25, dt=0.05, drift=cp.NoDrift(),
+                integrator=cp.DormandPrince(tolerance, tolerance, method),
+            )  # fmt: skip
+            assert np.abs(found.q[-1] - references[bar].q[-1]).max() < most
+
+
+def test_damping_of_light_rods_asks_for_no_small_dt():
+    cassie = robot("cassie")
+    scene = cp.Scene(cassie, [*cassie.loops, cp.SurfaceContact("pelvis")])
+    q, v = scene.state()
+    found = cp.simulate(scene, q, v, duration=0.2, integrator=cp.SemiImplicitEuler())
+    assert found.status.ok
+    assert found.violation.max() < 1e-5
+    with_start = cp.SemiImplicitEuler(implicit=False)
+    lost = cp.simulate(scene, q, v, duration=0.2, integrator=with_start)
+    assert lost.status is cp.RunStatus.DIVERGED
+    assert np.isfinite(lost.v).all()
+    assert "grew without bound" in lost.notices[0]
+    exact = cp.simulate(scene, q, v, duration=0.2)
+    assert np.abs(exact.energy.error).max() < 1e-4
+    assert np.abs(found.q[-1] - exact.q[-1]).max() < 0.02
+
+
+# Drift.
+
+
+def rod_pendulum() -> tuple[cp.Scene, np.ndarray, np.ndarray]:
+    """A point mass in a plane at the end of a rod of 1 m, from the horizontal."""
+    model = pin.Model()
+    x = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "x")
+    z = model.addJoint(x, pin.JointModelPZ(), pin.SE3.Identity(), "z")
+    model.appendBodyToJoint(z, pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3))), pin.SE3.Identity())
+    model.addFrame(pin.Frame("mass", z, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    made = cp.Robot("mass", model, postures={"horizontal": np.array([1.0, 0.0])})
+    rod = cp.Loop("world", "mass", "rod", length=1.0)
+    return cp.Scene(made, [rod]), np.array([1.0, 0.0]), np.zeros(2)
+
+
+@pytest.mark.parametrize(
+    ("integrator", "dt", "alpha_dt", "gap", "slip", "energy"),
+    [
+        (cp.RungeKutta4(), 1e-2, 0.03, 5.10e-08, 2.26e-07, 1.80e-06),
+        (cp.RungeKutta4(), 1e-2, 0.3, 2.70e-06, 1.39e-04, 1.43e-04),
+        (cp.SemiImplicitEuler(), 1e-3, 0.1, 1.96e-04, 9.76e-03, 1.96e-02),
+    ],
+)
+def test_drift_of_a_pendulum(integrator, dt, alpha_dt, gap, slip, energy):
+    scene, q, v = rod_pendulum()
+    drift = cp.Baumgarte.critical(alpha_dt / dt)
+    found = cp.simulate(
+        scene, q, v, duration=10.0, dt=dt, integrator=integrator, drift=drift,
+        record=round(1e-2 / dt),
+    )  # fmt: skip
+    measured = (found.violation.max(), found.slip.max(), np.abs(found.energy.error).max())
+    assert np.allclose(measured, (gap, slip, energy), rtol=0.2)
+
+
+@pytest.mark.parametrize(
+    ("integrator", "dt", "power"), [(cp.RungeKutta4(), 2e-2, 2.0), (cp.ExplicitEuler(), 1e-3, 1.0)]
+)
+def test_growth_of_gaps_that_nothing_closes(integrator, dt, power):
+    """As t^2 with high orders, as t with Euler's methods."""
+    scene, q, v = rod_pendulum()
+    found = cp.simulate(
+        scene, q, v, duration=8.0, dt=dt, integrator=integrator, drift=cp.NoDrift(),
+        record=round(2e-2 / dt),
+    )  # fmt: skip
+    half = len(found) // 2
+    early, late = found.violation[half], found.violation[-1]
+    assert np.log2(late / early) == pytest.approx(power, abs=0.2)
+
+
+def test_walls_are_those_of_linear_theory():
+    assert wall(cp.ExplicitEuler()) == pytest.approx(2.0, abs=2e-4)
+    assert wall(cp.SemiImplicitEuler()) == pytest.approx(2 * np.sqrt(2) - 2, abs=2e-4)
+    assert wall(cp.RungeKutta4()) == pytest.approx(2.7853, abs=2e-4)
+    assert wall(cp.DormandPrince()) == np.inf
+    popular = cp.Baumgarte(1e3, np.sqrt(2) * 1e3)  # Taylor's rule
+    assert growth(cp.SemiImplicitEuler(), popular, 1e-3) == pytest.approx(1 + np.sqrt(2))
+    assert growth(cp.ExplicitEuler(), popular, 1e-3) == pytest.approx(1.0)
+    assert growth(cp.SemiImplicitEuler(), cp.Baumgarte.deadbeat(1e-3), 1e-3) < 1e-7
+
+
+@pytest.mark.parametrize(("share", "stable"), [(0.82, True), (0.84, False)])
+def test_the_wall_is_where_gaps_grow(share, stable):
+    """The run itself, past the check."""
+    scene, q, v = rod_pendulum()
+    dt, tau = 1e-2, np.zeros(2)
+    workspace = cp.Workspace(scene, drift=cp.Baumgarte.critical(share / dt))
+    for _ in range(2000):
+        v = v + dt * workspace.acceleration(q, v, tau)
+        q = q + dt * v
+        if not abs(np.hypot(*q) - 1.0) < 1.0:
+            break
+    assert (abs(np.hypot(*q) - 1.0) < 0.1) == stable
+
+
+def test_gains_beyond_the_wall_are_refused():
+    scene, q, v = bar()
+    popular = cp.Baumgarte(1e3, np.sqrt(2) * 1e3)  # Taylor's rule
+    with pytest.raises(cp.InvalidArgument, match=r"2\.41 times a step; .* below 828\.4 / s"):
+        cp.simulate(
+            scene, q, v, duration=1.0, dt=1e-3, integrator=cp.SemiImplicitEuler(),
+            drift=popular,
+        )  # fmt: skip
+    assert cp.simulate(scene, q, v, duration=0.01, drift=popular).status.ok
+
+
+def test_gains_by_other_names():
+    settling = cp.Baumgarte.from_settling_time(0.1)
+    x = 0.1 * settling.alpha
+    assert (1 + x) * np.exp(-x) == pytest.approx(0.02, abs=1e-5)
+    assert settling.alpha == settling.beta
+    assert cp.Baumgarte.from_solref(0.02, 1.0) == cp.Baumgarte.critical(50.0)
+    assert cp.Baumgarte.from_solref(0.02, 0.5).to_solref() == pytest.approx((0.02, 0.5))
+    for wrong in (
+        lambda: cp.Baumgarte.from_solref(0.0, 1.0),
+        lambda: cp.Baumgarte.deadbeat(-1.0),
+        lambda: cp.Baumgarte.from_settling_time(0),
+    ):
+        with pytest.raises(cp.InvalidArgument):
+            wrong()
+
+
+def test_feet_stay_where_they_are():
+    talos = robot("talos")
+    scene = cp.Scene(talos, talos.contacts)
+    q, v = scene.state()
+    found = cp.simulate(scene, q, v, duration=0.1)
+    assert found.violation.max() < 1e-6
+    assert found.scene.constraints[0].anchor is not None
+    assert found.forces["left_sole_link"].shape == (101, 6)
+    first = cp.solve(found.scene, q, v, np.zeros(talos.nv))
+    assert np.allclose(found.forces["left_sole_link"][0], first.forces["left_sole_link"], rtol=1e-7)
+    assert np.allclose(found.a[0], first.a)
+
+
+def test_soft_constraints_and_lcaba_take_no_gains():
+    scene, q, v = bar()
+    assert cp.simulate(scene, q, v, duration=0.01, solver=cp.Soft()).run.drift == cp.NoDrift()
+    if HAS_LCABA:
+        with pytest.raises(cp.UnsupportedConstraint, match="ignores drift control"):
+            cp.simulate(scene, q, v, duration=0.01, solver=cp.LCABA())
+        assert cp.simulate(
+            scene, q, v, duration=0.01, solver=cp.LCABA(), drift=cp.NoDrift()
+        ).status.ok
+
+
+# Torques and work.
+
+
+def test_energy_changes_by_the_work_of_the_torques():
+    scene, q, v = bar()
+
+    def tau(t, q, v):
+        return np.array([3.0 * np.sin(7.0 * t) - 0.5 * v[0], 0.0, 0.0])
+
+    found = cp.simulate(scene, q, v, tau, duration=1.0)
+    assert np.ptp(found.energy.work) > 0.5
+    assert np.abs(found.energy.error).max() < 1e-6
+    assert np.array_equal(found.tau[400], tau(0.4, found.q[400], found.v[400]))
+    constant = cp.simulate(scene, q, v, [2.0, 0, 0], duration=0.5)
+    swept = found.scene.robot.nv and constant.q[-1, 0] - q[0]
+    assert constant.energy.work[-1] == pytest.approx(2.0 * swept, rel=1e-8)
+
+
+def test_a_function_that_returns_its_own_buffer():
+    buffer = np.zeros(3)
+    scene, q, v = bar()
+
+    def tau(t, q, v):
+        buffer[0] = np.cos(t)
+        return buffer
+
+    found = cp.simulate(scene, q, v, tau, duration=0.1)
+    assert np.allclose(found.tau[:, 0], np.cos(found.t))
+
+
+# Events.
+
+
+def test_landing_is_found_and_stays():
+    air, floor = falling()
+    touch = cp.Event(name="land", when=lambda m: m.position("origin")[2], scene=floor)
+    found = cp.simulate(air, [1.0], [0.0], duration=1.0, dt=7e-3, events=[touch])
+    (landed,) = found.run.happened
+    assert landed.t == pytest.approx(np.sqrt(2 / G), abs=1e-11)
+    assert landed.energy_lost == pytest.approx(G)
+    assert landed.added == ("origin",)
+    assert found.t[landed.sample - 1] == found.t[landed.sample] == landed.t
+    assert np.abs(found.q[landed.sample :]).max() < 1e-10
+    assert found.forces["origin"][-1] == pytest.approx([0.0, 0.0, G])
+    assert not found.forces["origin"][: landed.sample].any()
+    assert np.abs(found.energy.error).max() < 1e-9
+    assert found.row_names == ("origin.z",)
+    assert found.t[-1] == 1.0
+
+
+def test_rebounds_until_they_pile_up():
+    air, floor = falling()
+    bounce = cp.Event(
+        name="bounce", when=lambda m: m.position("origin")[2], met=floor, restitution=0.5
+    )
+    found = cp.simulate(air, [1.0], [0.0], duration=5.0, dt=1e-2, events=[bounce])
+    first = np.sqrt(2 / G)
+    times = [first * (1 + 2 * sum(0.5**i for i in range(1, k + 1))) for k in range(4)]
+    assert [event.t for event in found.run.happened[:4]] == pytest.approx(times, abs=1e-10)
+    assert found.status is cp.RunStatus.PILED_UP
+    assert "shorter than a step" in found.reason
+    assert found.q.min() > -1e-9
+    assert found.t[-1] < 3 * first
+
+
+def test_lift_off_when_the_force_ends():
+    """Pulled up harder and harder: the ground lets go at its weight."""
+    air, floor = falling()
+
+    def pull(t, q, v):
+        return np.array([20.0 * t])
+
+    off = cp.Event(name="off", when=lambda m: m.forces["origin"][2], scene=air)
+    found = cp.simulate(floor, [0.0], [0.0], pull, duration=1.0, dt=1e-2, events=[off])
+    (event,) = found.run.happened
+    assert event.t == pytest.approx(G / 20.0, abs=1e-10)
+    assert (event.energy_lost, event.dropped) == (0.0, ("origin",))
+    s = 1.0 - event.t
+    assert found.q[-1, 0] == pytest.approx(20.0 * s**3 / 6, abs=1e-9)
+
+
+def test_events_at_a_time_and_the_end():
+    air, floor = falling()
+    floor = cp.Scene(air.robot, [cp.PlanarContact("origin")])
+    events = [cp.Event(name="stop", at=0.25, scene=floor), cp.Event(name="end", at=0.5)]
+    found = cp.simulate(air, [0.0], [0.0], duration=1.0, dt=4e-3, events=events)
+    assert [(e.name, e.t) for e in found.run.happened] == [("stop", 0.25), ("end", 0.5)]
+    assert found.status is cp.RunStatus.ENDED
+    assert found.status.ok
+    assert found.t[-1] == 0.5
+    held = -G * 0.25**2 / 2
+    assert found.q[-1, 0] == pytest.approx(held)
+    assert found.phases[1].scene.constraints[0].height == pytest.approx(held)
+    assert len(found.phases) == 2
+
+
+def test_contacts_that_stay_keep_their_place():
+    solo = robot("solo12")
+    feet = solo.contacts
+    four, three = cp.Scene(solo, feet), cp.Scene(solo, feet[1:])
+    q, v = four.state()
+    lift = cp.Event(name="lift", at=0.05, scene=three)
+    found = cp.simulate(four, q, v, duration=0.1, dt=1e-3, events=[lift])
+    before, after = (phase.scene.constraints for phase in found.phases)
+    assert before[1:] == after
+    assert found.lam.shape == (len(found.t), 12)
+    assert not found.forces[feet[0].name][found.run.happened[0].sample :].any()
+    assert found.violation.max() < 1e-6
+
+
+def test_a_scene_that_does_not_fit_ends_the_run():
+    air, floor = falling()
+    early = cp.Event(name="floor", at=0.1, scene=floor)
+    found = cp.simulate(air, [1.0], [0.0], duration=1.0, events=[early])
+    assert found.status is cp.RunStatus.FAILED
+    assert (
+        "event 'floor': its scene does not fit the state: origin is open by 951 mm" in found.reason
+    )
+    assert found.t[-1] == pytest.approx(0.1)
+
+
+def test_a_moment_knows_where_frames_are_and_how_fast():
+    scene = cp.Scene(cp.pendulum(length=2.0))
+    seen = []
+
+    def look(moment):
+        seen.append((moment.q[0], moment.v[0], moment.a[0], *moment.position("tip"),
+                     *moment.velocity("tip")))  # fmt: skip
+        return 1.0
+
+    cp.simulate(scene, [0.4], [0.7], duration=0.01, events=[cp.Event(name="look", when=look)])
+    assert len(seen) == 11
+    for theta, speed, a, x, y, z, vx, vy, vz in seen:
+        s, c = np.sin(theta), np.cos(theta)
+        assert (x, y, z) == pytest.approx((-2 * s, 0, -2 * c))
+        assert (vx, vy, vz) == pytest.approx((-2 * c * speed, 0, 2 * s * speed))
+        assert a == pytest.approx(-G / 2 * s)
+
+
+def test_joints_that_leave_their_limits_are_told():
+    model = pin.Model(body(pin.JointModelPZ()).model)
+    model.lowerPositionLimit[:], model.upperPositionLimit[:] = -0.1, 0.1
+    scene = cp.Scene(cp.Robot("limited", model))
+    found = cp.simulate(scene, [0.0], [0.0], duration=0.2)
+    assert "joint is 96.2 mm beyond its limits; the dynamics know no limits" in str(found)
+    assert cp.simulate(scene, [0.0], [0.0], duration=0.1).notices == ()
+
+
+def test_events_are_refused():
+    air, floor = falling()
+    other = cp.Scene(robot("solo12"))
+    good = cp.Event(name="a", at=0.1, scene=floor)
+    for events, words in (
+        ([cp.Event(name="a", at=0.1, scene=other)], "another model"),
+        ([good, good], "two events are named 'a'"),
+        (good, "a list is needed"),
+        ([3], "is not an Event"),
+        ([cp.Event(name="a", at=-1.0)], "after the start"),
+    ):
+        with pytest.raises(cp.InvalidArgument, match=words):
+            cp.simulate(air, [1.0], [0.0], duration=1.0, events=events)
+    for arguments in (
+        {"name": "a"}, {"name": "", "at": 1.0}, {"name": "a", "at": np.nan},
+        {"name": "a", "when": 3.0}, {"name": "a", "at": 1.0, "scene": 3},
+    ):  # fmt: skip
+        with pytest.raises(cp.InvalidArgument):
+            cp.Event(**arguments)
+
+
+# Runs that break down.
+
+
+def test_torques_that_become_nan_end_the_run():
+    scene, q, v = bar()
+    found = cp.simulate(
+        scene, q, v, lambda t, q, v: np.full(3, np.nan if t > 0.1 else 0.0), duration=1.0
+    )
+    assert found.status is cp.RunStatus.FAILED
+    assert "tau" in found.reason
+    assert 0.09 < found.t[-1] < 0.11
+    for array in (found.q, found.v, found.a, found.lam):
+        assert np.isfinite(array).all()
+
+
+def test_a_first_state_that_cannot_be_solved_is_an_error():
+    scene, q, v = bar()
+    with pytest.raises(cp.InvalidArgument, match="tau"):
+        cp.simulate(scene, q, v, lambda t, q, v: np.full(3, np.nan), duration=1.0)
+    with pytest.raises(cp.InvalidArgument, match=r"tau\(0, q, v\) has shape \(2,\)"):
+        cp.simulate(scene, q, v, lambda t, q, v: np.zeros(2), duration=1.0)
+    with pytest.raises(ZeroDivisionError):
+        cp.simulate(scene, q, v, lambda t, q, v: 1 / 0, duration=1.0)
+
+
+def test_numbers_that_grow_stop_the_run():
+    """Negative damping by a torque."""
+    ball, _ = falling()
+    found = cp.simulate(ball, [0.0], [1.0], lambda t, q, v: 900.0 * v, duration=10.0, dt=1e-2)
+    assert found.status is cp.RunStatus.DIVERGED
+    assert np.isfinite(found.q).all()
+    assert not found.status.ok
+
+
+def test_an_open_state_is_an_error_that_names_the_gap():
+    scene, q, v = bar()
+    with pytest.raises(cp.NotAssembled, match=r"is open by .* mm; Scene.assemble"):
+        cp.simulate(scene, q + 0.01, v, duration=1.0)
+    with pytest.raises(cp.NotAssembled, match=r"slips at .*Scene.project_velocity"):
+        cp.simulate(scene, q, v + 0.1, duration=1.0)
+
+
+def test_an_interrupt_keeps_what_was_measured():
+    scene, q, v = bar()
+
+    def progress(share):
+        if share > 0.5:
+            raise KeyboardInterrupt
+
+    found = cp.simulate(scene, q, v, duration=0.1, progress=progress)
+    assert found.status is cp.RunStatus.INTERRUPTED
+    assert 0.04 < found.t[-1] < 0.06
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"duration": 0.0}, "duration"),
+        ({"duration": np.inf}, "duration"),
+        ({"dt": -1e-3}, "dt"),
+        ({"dt": np.nan}, "dt"),
+        ({"dt": 1e-300}, "steps"),
+        ({"record": 0}, "record"),
+        ({"record": True}, "record"),
+        ({"integrator": "rk4"}, "integrator"),
+        ({"integrator": cp.RungeKutta4}, "integrator"),
+        ({"drift": 10.0}, "drift"),
+        ({"gravity": 1}, "gravity"),
+        ({"tau": np.zeros(4)}, "tau"),
+        ({"tau": "none"}, "tau"),
+        ({"tau": True}, "tau"),
+        ({"q": np.zeros(2)}, "q"),
+        ({"v": [np.nan, 0, 0]}, "v"),
+        ({"scene": None}, "scene"),
+    ],
+)
+def test_bad_input_is_refused(arguments, words):
+    scene, q, v = bar()
+    given = {"scene": scene, "q": q, "v": v, "duration": 0.01} | arguments
+    with pytest.raises(cp.InvalidArgument, match=words):
+        cp.simulate(**given)
+
+
+# Samples and files.
+
+
+def test_every_tenth_sample_is_the_same_motion():
+    scene, q, v = bar()
+    shares = []
+    every = cp.simulate(scene, q, v, duration=0.105)
+    tenth = cp.simulate(scene, q, v, duration=0.105, record=10, progress=shares.append)
+    assert np.array_equal(tenth.q[:-1], every.q[::10])
+    assert np.array_equal(tenth.a[:-1], every.a[::10])
+    assert np.array_equal(tenth.lam[-1], every.lam[-1])
+    assert tenth.t[-1] == every.t[-1] == pytest.approx(0.105)
+    assert shares[-1] == 1.0
+    assert shares == sorted(shares)
+
+
+def test_a_duration_that_is_no_whole_number_of_steps():
+    scene, q, v = bar()
+    found = cp.simulate(scene, q, v, duration=0.01, dt=3e-3)
+    assert len(found) == 5
+    assert found.t[-1] == pytest.approx(0.01)
+    assert found.run.dt == pytest.approx(2.5e-3)
+
+
+def test_the_arguments_are_not_written_to():
+    scene, q, v = bar()
+    q0, v0 = q.copy(), v.copy()
+    found = cp.simulate(scene, q, v, duration=0.01)
+    found.q[0] += 1.0
+    assert np.array_equal(q, q0)
+    assert np.array_equal(v, v0)
+
+
+def test_save_and_load(tmp_path):
+    air, floor = falling()
+    floor = cp.Scene(air.robot, [cp.PlanarContact("origin")])
+    cassie = robot("cassie")
+    hanging = cp.Scene(cassie, [*cassie.loops, cp.SurfaceContact("pelvis")])
+    for scene, state, events in (
+        (air, ([0.0], [0.0]), [cp.Event(name="stop", at=0.01, scene=floor)]),
+        (hanging, hanging.state(), []),
+    ):
+        found = cp.simulate(scene, *state, duration=0.02, events=events)
+        path = tmp_path / "run.npz"
+        found.save(path)
+        again = cp.Trajectory.load(path)
+        for name in ("t", "q", "v", "a", "lam", "tau", "violation"):
+            assert np.array_equal(getattr(found, name), getattr(again, name))
+        assert again.run == found.run
+        assert again.scene == found.scene
+        assert [p.scene for p in again.phases] == [p.scene for p in found.phases]
+        assert str(again) == str(found)
+
+
+def test_files_that_are_none(tmp_path):
+    text = tmp_path / "text.npz"
+    text.write_text("no archive")
+    other = tmp_path / "other.npz"
+    np.savez(other, x=np.zeros(3))
+    for path in (text, other, tmp_path / "missing.npz"):
+        with pytest.raises(cp.InvalidArgument, match=path.name):
+            cp.Trajectory.load(path)
+
+
+def test_csv(tmp_path):
+    scene, q, v = bar()
+    found = cp.simulate(scene, q, v, duration=0.01)
+    found.to_csv(tmp_path / "run.csv")
+    with (tmp_path / "run.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(found)
+    assert float(rows[5]["q1"]) == found.q[5, 1]
+    assert float(rows[5]["kinetic [J]"]) == found.energy.kinetic[5]
+
+
+def test_what_is_printed():
+    scene, q, v = bar()
+    found = cp.simulate(scene, q, v, duration=0.01)
+    assert "RungeKutta4(), Baumgarte(alpha=30.0, beta=30.0)" in str(found)
+    assert repr(found) == "Trajectory(four_bar: 11 samples to t = 0.01 s, finished)"
+    assert found.notices == ()
