@@ -4,6 +4,7 @@
 # make wheel     build the wheel and prove it in a clean environment, outside the checkout
 # make stress    every method on every hard question, on both Pinocchios (minutes); writes results
 # make stress-slice  a minute of that, mixed
+# make peers     time MuJoCo, Drake, Crocoddyl and exudyn beside us, each in an environment of its own
 # make native    build and run the C++ timing program (about 7 minutes), write demo/native.json
 
 PYTHON ?= python3
@@ -15,7 +16,7 @@ PIP    := -m pip install --quiet --disable-pip-version-check
 
 export OMP_NUM_THREADS := 1
 
-.PHONY: test test3 demo wheel stress stress-slice native style clean
+.PHONY: test test3 demo wheel native peers stress stress-slice style clean
 
 test: style
 	$(BIN)/python -m pytest -n 2
@@ -52,6 +53,9 @@ native: $(VENV)/ready
 	mkdir -p demo
 	$(BIN)/python $(PIP) cmeel-eigen
 	$(BIN)/python benchmarks/native/run.py --output demo/native.json
+
+peers: $(VENV)/ready
+	$(BIN)/python benchmarks/peers/run.py
 
 $(VENV)/ready: pyproject.toml
 	$(PYTHON) -m venv $(VENV)

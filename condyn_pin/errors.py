@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from condyn_pin.solution import Solution
     from condyn_pin.states.assembly_report import Assembly
+    from condyn_pin.trade.table import Table
 
 
 class CondynError(Exception):
@@ -120,8 +121,9 @@ class WorkersLost(CondynError, RuntimeError):
 
     Attributes
     ----------
-    done : BatchSolution or BatchDerivatives or None
-        What was computed, of a batch; the `missing` of the former says which rows were not.
+    done : BatchSolution or BatchDerivatives or Table or None
+        What was computed, of a batch or of a study; the `missing` of the first says which rows were
+        not.
     """
 
     def __init__(self, message: str, done: Any = None) -> None:
@@ -130,6 +132,23 @@ class WorkersLost(CondynError, RuntimeError):
 
     def __reduce__(self) -> tuple[type[WorkersLost], tuple[str, Any]]:
         return WorkersLost, (str(self), self.done)
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C in a long run: no error of this library, so not a `CondynError`.
+
+    Attributes
+    ----------
+    table : Table
+        What was measured until then.
+    """
+
+    def __init__(self, table: Table) -> None:
+        super().__init__("interrupted; what was measured until then is in its `table`")
+        self.table = table
+
+    def __reduce__(self) -> tuple[type[Interrupted], tuple[Table]]:
+        return Interrupted, (self.table,)
 
 
 class StepFailed(CondynError):

@@ -21,9 +21,10 @@ from condyn_pin.simulation.fit import check_fit
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.leg import Method
 from condyn_pin.simulation.loop import Ended, Loop, PiledUp
+from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.recorder import merge
 from condyn_pin.simulation.torques import Applied, Torque
-from condyn_pin.simulation.trajectory import Run, RunStatus, Trajectory
+from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.simulation.walls import check_wall
 from condyn_pin.solvers.base import Solver
 
