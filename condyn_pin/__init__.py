@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from condyn_pin.errors import UnsupportedBackend as UnsupportedBackend
     from condyn_pin.errors import UnsupportedConstraint as UnsupportedConstraint
     from condyn_pin.errors import WorkersLost as WorkersLost
+    from condyn_pin.extremes import EXTREMES as EXTREMES
     from condyn_pin.force import ConstraintForce as ConstraintForce
     from condyn_pin.impacts import Impact as Impact
     from condyn_pin.impacts import impact as impact
@@ -220,6 +221,7 @@ _HOME = {
     "states.gaps": ("Gap",),
     "states.integrability": ("is_integrable",),
     "smaller.ladder_table": ("LadderRow", "LadderTable"),
+    "extremes": ("EXTREMES",),
     "ladders": ("LADDERS",),
     "load": ("available_robots", "load_robot"),
     "mechanisms.chain": ("chain",),

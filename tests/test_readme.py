@@ -92,5 +92,13 @@ def test_ladders_are_those_of_the_committed_results(monkeypatch):
     assert ladder.with_ladders(README, tables) == README
 
 
+def test_extremes_are_those_of_the_committed_results(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    import stress
+
+    runs = stress.load(ROOT / "benchmarks" / "results" / "stress.json")
+    assert stress.with_stress(README, runs) == README
+
+
 def test_changelog_has_this_version():
     assert f"## [{cp.__version__}]" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
