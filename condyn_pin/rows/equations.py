@@ -190,6 +190,21 @@ class Equations:
         largest : list of float
             The largest of |M a + h - tau - J^T lam|, |a|, |c|, |J v| and |J a + gamma - a_ref|.
         """
+        self._evaluate(q, v, tau, a, lam)
+        self._a[:] = a
+        everything = self._all
+        np.abs(everything, out=everything)
+        return self._dynamics, _largest(everything, self._starts).tolist()
+
+    def residuals(
+        self, q: Array, v: Array, tau: Array, a: Array, lam: Array
+    ) -> tuple[Array, Array]:
+        """Return r = M a + h - tau - J^T lam (nv,) and s = J a + gamma - a_ref (m,)."""
+        self._evaluate(q, v, tau, a, lam)
+        return self._dynamics.copy(), self._acceleration.copy()
+
+    def _evaluate(self, q: Array, v: Array, tau: Array, a: Array, lam: Array) -> None:
+        """Evaluate the residuals of an answer into the memory of this object."""
         self.motion(q, v, a)
         if self.drift:
             self._acceleration += self.drift.Kd * self._velocity + self.drift.Kp * self._c
@@ -207,10 +222,6 @@ class Equations:
         np.subtract(_rnea(self.model, self.data, q, v, a, wrenches), tau, out=self._dynamics)
         if self._couplings:
             self._dynamics -= self._couplings.torque(lam)
-        self._a[:] = a
-        everything = self._all
-        np.abs(everything, out=everything)
-        return self._dynamics, _largest(everything, self._starts).tolist()
 
     def motion(self, q: Array, v: Array, a: Array) -> None:
         """Evaluate c(q), J v and J a + gamma into the memory of this object."""

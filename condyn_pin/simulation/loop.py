@@ -20,7 +20,6 @@ _FOUND = 1e-12
 # What is left of a step after an event, and is not worth one, as a share of dt.
 _NOTHING = 1e-9
 
-
 # Events in one step, at most: more have piled up.
 _MOST = 100
 

@@ -19,7 +19,7 @@ _NAMES: Final = (
 # WebGL without a graphics card: ANGLE on SwiftShader, which draws on the processor.
 _SOFTWARE: Final = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 
-_VIRTUAL: Final = 500  # [ms] of the page's own clock, which runs as fast as the work is done
+_VIRTUAL: Final = 100  # [ms] of the page's own clock, which runs as fast as the work is done
 _LIMIT: Final = 120.0  # [s]
 
 SIZE: Final = (1280, 960)  # [px]
