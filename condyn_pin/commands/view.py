@@ -64,8 +64,8 @@ def view(
             if path:
                 console.print(f"written: {path}")
         if viewer.url:
-            console.print(f"{viewer.drawing.title}: {viewer.url} (Ctrl-C ends it)")
             try:
+                console.print(f"{viewer.drawing.title}: {viewer.url} (Ctrl-C ends it)")
                 viewer.wait()
             except KeyboardInterrupt:
                 console.print("closed")
