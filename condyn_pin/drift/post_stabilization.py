@@ -65,7 +65,8 @@ class PostStabilization(Drift):
             count += 1
             if count % self.every:
                 return q, v
-            size = float(np.abs(gaps.look(t, q, v)).max(initial=0.0))
+            found = gaps.look(t, q, v)
+            size = 0.0 if gaps.is_fresh else float(np.abs(found).max(initial=0.0))
             dq, dv = gaps.step(size > _GROWN * before)
             before = size
             q, v = integrate(q, dq), v + dv

@@ -29,7 +29,15 @@ _ENOUGH = 0.1
 
 
 class Gaps(Protocol):
-    """The gaps of one system."""
+    """The gaps of one system.
+
+    Attributes
+    ----------
+    is_fresh : bool
+        Whether the factor is that of the last look in any case, whatever `again` says.
+    """
+
+    is_fresh: bool
 
     def look(self, t: float, q: Array, v: Array) -> Array:
         """Return [c, J v] (rows, 2); overwritten by the next look."""
@@ -56,6 +64,8 @@ class SolvedGaps:
 
     The damping mu of the factor leaves a share mu / (sigma + mu) of each gap, a millionth.
     """
+
+    is_fresh = True
 
     def __init__(self, system: System) -> None:
         workspace = system.workspace
@@ -95,6 +105,8 @@ class SolvedGaps:
 
 class FactorisedGaps:
     """By the equations of the scene, with a factor that is kept while it serves."""
+
+    is_fresh = False
 
     def __init__(self, system: System, metric: str) -> None:
         self._system, self._metric = system, metric
