@@ -81,6 +81,7 @@ class System:
         self.difference: Callable[[Array, Array], Array] = partial(pin.difference, self.model)
         self.lam: Callable[[], Array] = workspace.lam
         self._solve = workspace.acceleration
+        self._implicit: tuple[float, System] | None = None
         self._last: tuple[float, Array | None, Array | None, Array] = (0.0, None, None, np.zeros(0))
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
@@ -114,21 +115,25 @@ class System:
 
             (M + dt D + dt^2 K) a + h = tau - (D + dt K) v - K (q - q0) + J^T lam,
 
-        which is stable however large D and K are. It has memory of its own.
+        which is stable however large D and K are. It has memory of its own, and is kept until
+        another dt is asked for.
         """
-        passive = self.passive
-        stiffness = passive.K.sum(axis=1)
-        inertia = dt * passive.d + dt**2 * stiffness
+        inertia = dt * self.passive.d + dt**2 * self.passive.K.sum(axis=1)
         if not inertia.any():
             return self
-        scene, workspace = self.scene, self.workspace
+        if self._implicit is None or self._implicit[0] != dt:
+            self._implicit = dt, self._heavier(dt, inertia)
+        return self._implicit[1]
+
+    def _heavier(self, dt: float, inertia: Array) -> System:
+        passive, scene, workspace = self.passive, self.scene, self.workspace
         model = pin.Model(self.model)
         model.armature = np.array(model.armature) + inertia
         heavier = replace(scene, robot=replace(scene.robot, model=model))
         # the scales of the scene are what they were but for the stiffest joints
         vars(heavier)["audit"] = scene.audit
         system = System(Workspace(heavier, workspace.solver, drift=workspace.drift), self.applied)
-        system.torque = passive.with_torques(self.applied, drag=dt * stiffness)
+        system.torque = passive.with_torques(self.applied, drag=dt * passive.K.sum(axis=1))
         return system
 
     def rate(self, theta: Array, v: Array) -> Array:
