@@ -82,27 +82,27 @@ class Projection(Drift):
             count += 1
             if count % self.every:
                 return q, v
-            size, best = self._size(gaps, t, q, v), (q, v)
+            (gap, slip), best = self._sizes(gaps, t, q, v), (q, v)
             for k in range(_MOST_STEPS):
-                if size <= self.tolerance:
+                if gap <= self.tolerance and slip <= self.tolerance:
                     break
                 dq, dv = gaps.step(k > 0)
                 q, v = best
                 q = integrate(q, dq) if self.position else q
                 v = v + dv if self.velocity else v
-                left = self._size(gaps, t, q, v)
-                if not left < size:  # rounding, or out of reach
+                gap_left, slip_left = self._sizes(gaps, t, q, v)
+                # where q moves far, a fast v slips more than before until q is there
+                if not (gap_left < gap / 2 or slip_left < slip / 2):  # rounding, or out of reach
                     break
-                size, best = left, (q, v)
+                gap, slip, best = gap_left, slip_left, (q, v)
             return best
 
         return correct
 
-    def _size(self, gaps: Gaps, t: float, q: Array, v: Array) -> float:
-        """Return the largest gap and slip among those that are to be kept."""
-        both = np.abs(gaps.look(t, q, v))
-        first, last = 0 if self.position else 1, 2 if self.velocity else 1
-        return float(both[:, first:last].max(initial=0.0))
+    def _sizes(self, gaps: Gaps, t: float, q: Array, v: Array) -> tuple[float, float]:
+        """Return the largest gap and the largest slip; 0 for what is not to be kept."""
+        gap, slip = np.abs(gaps.look(t, q, v)).max(axis=0, initial=0.0).tolist()
+        return gap if self.position else 0.0, slip if self.velocity else 0.0
 
 
 def check_projection(metric: str, every: int) -> None:

@@ -29,15 +29,7 @@ _ENOUGH = 0.1
 
 
 class Gaps(Protocol):
-    """The gaps of one system.
-
-    Attributes
-    ----------
-    is_fresh : bool
-        Whether the factor is that of the last look in any case, whatever `again` says.
-    """
-
-    is_fresh: bool
+    """The gaps of one system."""
 
     def look(self, t: float, q: Array, v: Array) -> Array:
         """Return [c, J v] (rows, 2); overwritten by the next look."""
@@ -45,7 +37,8 @@ class Gaps(Protocol):
     def step(self, again: bool) -> tuple[Array, Array]:
         """Return dq, dv (nv,) that close the gaps of the last look.
 
-        `again` says that these are what the step before has left.
+        `again` says that these are what the step before has left: its factor may serve again. One
+        that is older would move the state along the constraints too, and with it the energy.
         """
 
     def moved(self, q: Array, v: Array) -> None:
@@ -64,8 +57,6 @@ class SolvedGaps:
 
     The damping mu of the factor leaves a share mu / (sigma + mu) of each gap, a millionth.
     """
-
-    is_fresh = True
 
     def __init__(self, system: System) -> None:
         workspace = system.workspace
@@ -104,9 +95,7 @@ class SolvedGaps:
 
 
 class FactorisedGaps:
-    """By the equations of the scene, with a factor that is kept while it serves."""
-
-    is_fresh = False
+    """By the equations of the scene, with a factor that is kept while Newton's steps shrink."""
 
     def __init__(self, system: System, metric: str) -> None:
         self._system, self._metric = system, metric
@@ -123,7 +112,7 @@ class FactorisedGaps:
     def step(self, again: bool) -> tuple[Array, Array]:
         """Return dq, dv (nv,) that close the gaps of the last look."""
         size = float(np.abs(self._gaps).max(initial=0.0))
-        if self._nearest is None or (again and not size < _ENOUGH * self._size):
+        if self._nearest is None or not again or not size < _ENOUGH * self._size:
             self._nearest = self._factorise()
         self._size = size
         steps = self._nearest @ self._gaps
