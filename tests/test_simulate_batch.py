@@ -59,10 +59,8 @@ def test_motions_have_the_bits_of_single_ones(label, choices, executor):
     TAU = np.random.default_rng(1).normal(size=(N, scene.robot.nv))
     here = cp.simulate_batch(scene, Q, V, TAU, duration=DURATION, **choices)
     assert here.ok, here.counts
-    assert_same(
-        cp.simulate_batch(scene, Q, V, TAU, duration=DURATION, executor=executor, chunk=2, **choices),
-        here,
-    )  # fmt: skip
+    over = {"executor": executor, "chunk": 2}
+    assert_same(cp.simulate_batch(scene, Q, V, TAU, duration=DURATION, **over, **choices), here)
     single = {"record": 1} | choices
     for i in (0, N - 1):
         wanted = cp.simulate(scene, Q[i], V[i], TAU[i], duration=DURATION, **single)

@@ -22,7 +22,7 @@ from condyn_pin.batch.states import check_states
 from condyn_pin.batch.trajectory import RUN_STATUSES, BatchTrajectory, Samples
 from condyn_pin.batch.verbs import check_chunk
 from condyn_pin.drift.base import Drift
-from condyn_pin.errors import InvalidArgument, NotAssembled, SolveFailed, StepFailed, WorkersLost
+from condyn_pin.errors import NotAssembled, SolveFailed, StepFailed, WorkersLost
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.leg import Leg

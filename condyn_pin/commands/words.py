@@ -8,10 +8,12 @@ from typing import Any
 from condyn_pin import _pin
 from condyn_pin.constraints import Constraint
 from condyn_pin.contacts import CONTACTS
+from condyn_pin.drift import DRIFTS, Drift
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.load import load_robot
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
+from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
 from condyn_pin.solvers import SOLVERS, Solver
 
 
@@ -56,3 +58,17 @@ def solvers_of(names: str) -> tuple[Solver, ...]:
     return tuple(
         solver() for name, solver in SOLVERS.items() if name not in ("reference", *missing)
     )
+
+
+def integrator_of(name: str) -> Integrator:
+    """Return the integrator of a name, with its defaults."""
+    if name.lower() not in INTEGRATORS:
+        raise unknown_name("integrator", name, INTEGRATORS)
+    return INTEGRATORS[name.lower()]()
+
+
+def drift_of(name: str) -> Drift | None:
+    """Return the drift scheme of a name; None for Baumgarte, whose gains follow the integrator."""
+    if name.lower() not in DRIFTS:
+        raise unknown_name("drift scheme", name, DRIFTS)
+    return None if name.lower() == "baumgarte" else DRIFTS[name.lower()]()
