@@ -97,7 +97,5 @@ class Twin:
         pairs = []
         for i in range(1, self.robot.model.njoints):
             there = self.model.joint(self.robot.model.names[i])
-            pairs.append(
-                (self.robot.model.joints[i], int(there.qposadr[0]), int(there.dofadr[0]))
-            )
+            pairs.append((self.robot.model.joints[i], int(there.qposadr[0]), int(there.dofadr[0])))
         return pairs

@@ -78,7 +78,7 @@ class Problem:
     weightless: bool
 
     def effects(self) -> Effects:
-        """What acts: springs always, damping never."""
+        """Return what acts: springs always, damping never."""
         return Effects(gravity=not self.weightless, damping=False)
 
     def errors(self, Q: Sequence[np.ndarray], V: Sequence[np.ndarray]) -> tuple[float, float]:
@@ -193,8 +193,10 @@ def candidates(problem: Problem, *, quick: bool) -> list[tuple[Row, Block]]:
         for dt in steps
     ]
     for integrator in (*eulers, cp.RungeKutta4()):
-        for drift in (None, cp.PostStabilization(), cp.Projection()):
-            tried += [ours(problem, integrator, drift, dt) for dt in steps]
+        gain = 0.03 if integrator.order.q > 2 else 0.3
+        for dt in steps:
+            drifts = cp.Baumgarte.critical(gain / dt), cp.PostStabilization(), cp.Projection()
+            tried += [ours(problem, integrator, drift, dt) for drift in drifts]
     for integrator in (cp.Rattle(), cp.GearGuptaLeimkuhler()):
         tried += [ours(problem, integrator, cp.NoDrift(), dt) for dt in slow]
     return [each for each in tried if each]

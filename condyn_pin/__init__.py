@@ -41,11 +41,14 @@ if TYPE_CHECKING:
     from condyn_pin.errors import BrokenPinocchio as BrokenPinocchio
     from condyn_pin.errors import CondynError as CondynError
     from condyn_pin.errors import DerivativesDisagree as DerivativesDisagree
+    from condyn_pin.errors import Interrupted as Interrupted
     from condyn_pin.errors import InvalidArgument as InvalidArgument
     from condyn_pin.errors import InvalidConstraint as InvalidConstraint
     from condyn_pin.errors import InvalidModel as InvalidModel
     from condyn_pin.errors import MissingExtra as MissingExtra
     from condyn_pin.errors import NotAssembled as NotAssembled
+    from condyn_pin.errors import NotReached as NotReached
+    from condyn_pin.errors import NotTuned as NotTuned
     from condyn_pin.errors import SolveFailed as SolveFailed
     from condyn_pin.errors import StaleModel as StaleModel
     from condyn_pin.errors import StepFailed as StepFailed
@@ -53,6 +56,7 @@ if TYPE_CHECKING:
     from condyn_pin.errors import UnsupportedBackend as UnsupportedBackend
     from condyn_pin.errors import UnsupportedConstraint as UnsupportedConstraint
     from condyn_pin.errors import WorkersLost as WorkersLost
+    from condyn_pin.extremes import EXTREMES as EXTREMES
     from condyn_pin.force import ConstraintForce as ConstraintForce
     from condyn_pin.impacts import Impact as Impact
     from condyn_pin.impacts import impact as impact
@@ -63,6 +67,10 @@ if TYPE_CHECKING:
     from condyn_pin.mechanisms.four_bar import four_bar as four_bar
     from condyn_pin.mechanisms.n_four_bar import n_four_bar as n_four_bar
     from condyn_pin.mechanisms.pendulum import pendulum as pendulum
+    from condyn_pin.mechanisms.rolling_ball import rolling_ball as rolling_ball
+    from condyn_pin.mechanisms.rolling_disc import rolling_disc as rolling_disc
+    from condyn_pin.mechanisms.sleigh import sleigh as sleigh
+    from condyn_pin.mechanisms.unicycle import unicycle as unicycle
     from condyn_pin.motors.actuation import Actuation as Actuation
     from condyn_pin.motors.inverse import InverseDynamics as InverseDynamics
     from condyn_pin.motors.inverse import gravity_compensation as gravity_compensation
@@ -71,6 +79,13 @@ if TYPE_CHECKING:
     from condyn_pin.motors.operational import operational_space as operational_space
     from condyn_pin.motors.transmissions import Transmission as Transmission
     from condyn_pin.motors.transmissions import transmission as transmission
+    from condyn_pin.nonholonomic import Knife as Knife
+    from condyn_pin.nonholonomic import RollingBall as RollingBall
+    from condyn_pin.nonholonomic import RollingWheel as RollingWheel
+    from condyn_pin.problems import PROBLEMS as PROBLEMS
+    from condyn_pin.problems import Problem as Problem
+    from condyn_pin.problems.loading import load_problem as load_problem
+    from condyn_pin.problems.result import ProblemResult as ProblemResult
     from condyn_pin.proof import Proof as Proof
     from condyn_pin.robot import Robot as Robot
     from condyn_pin.rows.equations import Terms as Terms
@@ -98,8 +113,8 @@ if TYPE_CHECKING:
     )
     from condyn_pin.simulation.integrators.stormer_verlet import StormerVerlet as StormerVerlet
     from condyn_pin.simulation.measures import Energy as Energy
+    from condyn_pin.simulation.outcome import RunStatus as RunStatus
     from condyn_pin.simulation.run import simulate as simulate
-    from condyn_pin.simulation.trajectory import RunStatus as RunStatus
     from condyn_pin.simulation.trajectory import Trajectory as Trajectory
     from condyn_pin.smaller.climbing import Ladder as Ladder
     from condyn_pin.smaller.climbing import LadderEffort as LadderEffort
@@ -134,10 +149,31 @@ if TYPE_CHECKING:
     from condyn_pin.states.check import Check as Check
     from condyn_pin.states.completion import CompleteState as CompleteState
     from condyn_pin.states.gaps import Gap as Gap
+    from condyn_pin.states.integrability import is_integrable as is_integrable
     from condyn_pin.states.rank import Rank as Rank
     from condyn_pin.summary import Summary as Summary
     from condyn_pin.switching import Switch as Switch
     from condyn_pin.switching import switch as switch
+    from condyn_pin.trade.cheapest import Choice as Choice
+    from condyn_pin.trade.clocks import TimingEffort as TimingEffort
+    from condyn_pin.trade.comparison import Comparison as Comparison
+    from condyn_pin.trade.measures import MEASURES as MEASURES
+    from condyn_pin.trade.measures.acceleration import AccelerationMeasure as AccelerationMeasure
+    from condyn_pin.trade.measures.base import Measure as Measure
+    from condyn_pin.trade.measures.derivatives import DerivativeMeasure as DerivativeMeasure
+    from condyn_pin.trade.measures.forces import ForceMeasure as ForceMeasure
+    from condyn_pin.trade.measures.trajectory import TrajectoryMeasure as TrajectoryMeasure
+    from condyn_pin.trade.row import Row as Row
+    from condyn_pin.trade.scenes import modellings as modellings
+    from condyn_pin.trade.states import GivenStates as GivenStates
+    from condyn_pin.trade.states import NominalStates as NominalStates
+    from condyn_pin.trade.states import PostureStates as PostureStates
+    from condyn_pin.trade.states import SampledStates as SampledStates
+    from condyn_pin.trade.study import Study as Study
+    from condyn_pin.trade.sweeps import sweep as sweep
+    from condyn_pin.trade.table import Table as Table
+    from condyn_pin.trade.tuning import tune as tune
+    from condyn_pin.trade.tuning import tuned as tuned
     from condyn_pin.verbs import derivatives as derivatives
     from condyn_pin.verbs import solve as solve
     from condyn_pin.workspace import Workspace as Workspace
@@ -170,11 +206,14 @@ _HOME = {
         "BrokenPinocchio",
         "CondynError",
         "DerivativesDisagree",
+        "Interrupted",
         "InvalidArgument",
         "InvalidConstraint",
         "InvalidModel",
         "MissingExtra",
         "NotAssembled",
+        "NotReached",
+        "NotTuned",
         "SolveFailed",
         "StepFailed",
         "StaleModel",
@@ -184,17 +223,24 @@ _HOME = {
         "WorkersLost",
     ),
     "states.gaps": ("Gap",),
+    "states.integrability": ("is_integrable",),
     "smaller.ladder_table": ("LadderRow", "LadderTable"),
+    "extremes": ("EXTREMES",),
     "ladders": ("LADDERS",),
     "load": ("available_robots", "load_robot"),
     "mechanisms.chain": ("chain",),
     "mechanisms.four_bar": ("four_bar",),
     "mechanisms.n_four_bar": ("n_four_bar",),
     "mechanisms.pendulum": ("pendulum",),
+    "mechanisms.rolling_ball": ("rolling_ball",),
+    "mechanisms.rolling_disc": ("rolling_disc",),
+    "mechanisms.sleigh": ("sleigh",),
+    "mechanisms.unicycle": ("unicycle",),
     "motors.actuation": ("Actuation",),
     "motors.inverse": ("InverseDynamics", "gravity_compensation", "inverse_dynamics"),
     "motors.operational": ("OperationalSpace", "operational_space"),
     "motors.transmissions": ("Transmission", "transmission"),
+    "nonholonomic": ("Knife", "RollingBall", "RollingWheel"),
     "simulation.effects": ("Effects",),
     "simulation.events": ("Event", "Moment"),
     "simulation.integrators": ("INTEGRATORS", "Integrator"),
@@ -215,9 +261,13 @@ _HOME = {
     "simulation.integrators.semi_implicit_euler": ("SemiImplicitEuler",),
     "simulation.measures": ("Energy",),
     "simulation.run": ("simulate",),
-    "simulation.trajectory": ("RunStatus", "Trajectory"),
+    "simulation.outcome": ("RunStatus",),
+    "simulation.trajectory": ("Trajectory",),
     "smaller.minimal_report": ("Minimal", "Step"),
     "smaller.price": ("Errors",),
+    "problems": ("PROBLEMS", "Problem"),
+    "problems.loading": ("load_problem",),
+    "problems.result": ("ProblemResult",),
     "proof": ("Proof",),
     "states.rank": ("Rank",),
     "smaller.reduced_scene": ("ReducedScene",),
@@ -239,6 +289,27 @@ _HOME = {
     "spring": ("Spring",),
     "summary": ("Summary",),
     "switching": ("Switch", "switch"),
+    "trade.cheapest": ("Choice",),
+    "trade.comparison": ("Comparison",),
+    "trade.tuning": ("tune", "tuned"),
+    "trade.clocks": ("TimingEffort",),
+    "trade.measures": ("MEASURES",),
+    "trade.measures.base": ("Measure",),
+    "trade.measures.acceleration": ("AccelerationMeasure",),
+    "trade.measures.derivatives": ("DerivativeMeasure",),
+    "trade.measures.forces": ("ForceMeasure",),
+    "trade.measures.trajectory": ("TrajectoryMeasure",),
+    "trade.row": ("Row",),
+    "trade.scenes": ("modellings",),
+    "trade.states": (
+        "GivenStates",
+        "NominalStates",
+        "PostureStates",
+        "SampledStates",
+    ),
+    "trade.study": ("Study",),
+    "trade.sweeps": ("sweep",),
+    "trade.table": ("Table",),
     "verbs": ("derivatives", "solve"),
     "workspace": ("Workspace",),
 }

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from condyn_pin.solution import Solution
     from condyn_pin.states.assembly_report import Assembly
+    from condyn_pin.trade.row import Row
+    from condyn_pin.trade.table import Table
 
 
 class CondynError(Exception):
@@ -115,13 +117,35 @@ class SolveFailed(CondynError):
         return SolveFailed, (str(self), self.solution)
 
 
+class NotReached(CondynError):
+    """Nothing that was measured meets the error that was asked for.
+
+    Attributes
+    ----------
+    row : Row or None
+        The row with the smallest error; None if no solver answers every state.
+    """
+
+    def __init__(self, message: str, row: Row | None = None) -> None:
+        super().__init__(message)
+        self.row = row
+
+    def __reduce__(self) -> tuple[type[NotReached], tuple[str, Any]]:
+        return NotReached, (str(self), self.row)
+
+
+class NotTuned(CondynError):
+    """No plan was saved for this scene, error, machine and versions; `tune` makes one."""
+
+
 class WorkersLost(CondynError, RuntimeError):
     """Worker processes died, and their executor cannot go on.
 
     Attributes
     ----------
-    done : BatchSolution or BatchDerivatives or None
-        What was computed, of a batch; the `missing` of the former says which rows were not.
+    done : BatchSolution or BatchDerivatives or Table or None
+        What was computed, of a batch or of a study; the `missing` of the first says which rows were
+        not.
     """
 
     def __init__(self, message: str, done: Any = None) -> None:
@@ -130,6 +154,23 @@ class WorkersLost(CondynError, RuntimeError):
 
     def __reduce__(self) -> tuple[type[WorkersLost], tuple[str, Any]]:
         return WorkersLost, (str(self), self.done)
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C in a long run: no error of this library, so not a `CondynError`.
+
+    Attributes
+    ----------
+    table : Table
+        What was measured until then.
+    """
+
+    def __init__(self, table: Table) -> None:
+        super().__init__("interrupted; what was measured until then is in its `table`")
+        self.table = table
+
+    def __reduce__(self) -> tuple[type[Interrupted], tuple[Table]]:
+        return Interrupted, (self.table,)
 
 
 class StepFailed(CondynError):

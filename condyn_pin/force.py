@@ -18,7 +18,8 @@ from condyn_pin.arrays import Array
 from condyn_pin.constraints import Constraint, Coupling, Loop
 from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.rows.bound import POINT, Bound, Coupled
+from condyn_pin.nonholonomic import Knife, RollingBall, RollingWheel
+from condyn_pin.rows.bound import POINT, AnyBound, Bound, Coupled, Rolled
 from condyn_pin.rows.equations import Equations
 
 if TYPE_CHECKING:
@@ -83,7 +84,7 @@ class ConstraintForce(NDArrayOperatorsMixin):
         them; "world" is the ground. For a coupling, joints.
     frame : str
         Whose axes the components are in; empty for a coupling. For a `PlanarContact` it is the
-        plane, z along its normal.
+        plane, z along its normal; for what rolls, the directions of its rows.
     lam : (rows,) array
         The rows of the constraint, which both forces of the pair belong to.
     """
@@ -102,6 +103,8 @@ class ConstraintForce(NDArrayOperatorsMixin):
     def at(self) -> Array:
         """The point of the world (3,) at which it acts [m]."""
         b, (one, two) = self._bound, self._ends
+        if isinstance(b, Rolled):
+            return np.array(one.translation)  # the lowest point
         first = self._first == (b.sign > 0)  # whether it acts on body 1
         if not b.anchored and b.joint2 == 0:
             return np.array(one.translation)  # nothing says where c2 is
@@ -132,7 +135,7 @@ class ConstraintForce(NDArrayOperatorsMixin):
         return np.asarray(self._sites.jacobian[rows].T @ self.lam)
 
     @property
-    def _bound(self) -> Bound:
+    def _bound(self) -> Bound | Rolled:
         bound = self._sites.scene.bounds[self._index]
         if isinstance(bound, Coupled):
             raise self._nowhere()
@@ -195,8 +198,8 @@ class ConstraintForce(NDArrayOperatorsMixin):
 def pulling(forces: dict[str, ConstraintForce], sites: Sites, unit: str = "N") -> tuple[str, ...]:
     """Return a sentence for each contact with the world that pulls, as no ground does.
 
-    The normal is the z axis of a `SurfaceContact` and the normal of a `PlanarContact`. A point or
-    a line has none: the vertical stands for it, if there is gravity.
+    The normal is the z axis of a `SurfaceContact` and that of the plane of a `PlanarContact` and
+    of what rolls. A point or a line has none: the vertical stands for it, if there is gravity.
     """
     up = -np.array(sites.scene.robot.model.gravity.linear)
     up /= max(float(np.linalg.norm(up)), np.finfo(float).tiny)
@@ -204,7 +207,7 @@ def pulling(forces: dict[str, ConstraintForce], sites: Sites, unit: str = "N") -
     said = []
     for constraint in sites.scene.constraints:
         force, words = forces[constraint.name], ""
-        if isinstance(constraint, SurfaceContact | PlanarContact):
+        if isinstance(constraint, SurfaceContact | PlanarContact | RollingWheel | RollingBall):
             normal = float(force[2])
         elif isinstance(constraint, PointContact | LineContact):
             normal, words = float(force.in_world()[:3] @ up), " (the vertical is its normal)"
@@ -219,12 +222,12 @@ def pulling(forces: dict[str, ConstraintForce], sites: Sites, unit: str = "N") -
 
 
 def _force(
-    sites: Sites, i: int, constraint: Constraint, bound: Bound | Coupled, lam: Array
+    sites: Sites, i: int, constraint: Constraint, bound: AnyBound, lam: Array
 ) -> ConstraintForce:
     """Return the force of one constraint on its first-named body."""
     if isinstance(bound, Coupled):
         components = lam.copy()
-    elif bound.is_rod:
+    elif isinstance(bound, Bound) and bound.is_rod:
         components = np.asarray(lam[0] * sites.direction(i))
     else:
         components = bound.whole(lam)
@@ -234,7 +237,7 @@ def _force(
     )
 
 
-def _names(constraint: Constraint, bound: Bound | Coupled) -> tuple[str, str, str]:
+def _names(constraint: Constraint, bound: AnyBound) -> tuple[str, str, str]:
     """Return on whom, by whom, and in whose axes."""
     if isinstance(constraint, Loop):
         one, two = constraint.frame_a, constraint.frame_b
@@ -244,7 +247,9 @@ def _names(constraint: Constraint, bound: Bound | Coupled) -> tuple[str, str, st
         return constraint.joint_a, constraint.joint_b, ""
     if isinstance(constraint, PlanarContact):
         return constraint.frame, "world", f"{constraint.name}/plane"
-    assert isinstance(constraint, PointContact | SurfaceContact | LineContact)
+    if isinstance(constraint, RollingWheel | RollingBall):
+        return constraint.frame, "world", f"{constraint.name}/touching"
+    assert isinstance(constraint, PointContact | SurfaceContact | LineContact | Knife)
     return constraint.frame, "world", constraint.frame
 
 

@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any, Final
+
 import numpy as np
 
 from condyn_pin.arrays import finite
 from condyn_pin.errors import InvalidArgument
+
+_MOST_REFINEMENTS = 100
+# Values that are worth a look in a study: a solver declares which of its knobs take which.
+WEIGHTS: Final = tuple(float(f"1e{k}") for k in range(-12, 1))  # [1/kg]
+ITERATIONS: Final = (1, 2, 3, 5, 10, 20, 50, 100)
+ACCURACIES: Final = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+Grid = dict[str, tuple[Any, ...]]
 
 _MOST_ITERATIONS = 2**31 - 1  # Pinocchio counts in a C int
 
@@ -16,7 +25,7 @@ def check_damping(mu: float) -> None:
         raise InvalidArgument(f"mu = {mu!r}: a number >= 0 [1/kg] is needed")
 
 
-def check_knobs(mu: float | None, max_iterations: int, *, smallest_mu: float) -> None:
+def check_knobs(mu: float | str | None, max_iterations: int, *, smallest_mu: float) -> None:
     """Refuse a proximal weight or an iteration limit that cannot be used."""
     if mu is not None and not finite("mu", mu, ()) >= smallest_mu:
         limit = ">= 0" if smallest_mu == 0 else f">= {smallest_mu:g}"
@@ -36,6 +45,23 @@ def check_iterations(max_iterations: int) -> None:
             "is needed "
             "(with 0 Pinocchio returns a wrong answer without a word)"
         )
+
+
+def check_refinements(refinements: int) -> None:
+    """Refuse a number of corrections that is none."""
+    whole = isinstance(refinements, int | np.integer) and not isinstance(refinements, bool)
+    if not whole or not 0 <= refinements <= _MOST_REFINEMENTS:
+        raise InvalidArgument(
+            f"refinements = {refinements!r}: a whole number from 0 to {_MOST_REFINEMENTS}; two "
+            "reach what doubles can"
+        )
+
+
+def check_count(name: str, value: int, *, least: int = 1) -> None:
+    """Refuse what is not a whole number that is large enough."""
+    number = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if not number or value < least:
+        raise InvalidArgument(f"{name} = {value!r}: a whole number >= {least} is needed")
 
 
 def check_accuracy(name: str, value: float) -> None:

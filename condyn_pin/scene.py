@@ -17,7 +17,7 @@ from condyn_pin.constraints import Constraint
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.robot import Robot
 from condyn_pin.rows.binding import bind
-from condyn_pin.rows.bound import Bound, Coupled
+from condyn_pin.rows.bound import AnyBound
 from condyn_pin.rows.native import Natives, natives
 from condyn_pin.smaller.methods import Smaller
 from condyn_pin.states.assembly import assemble, assemble_posture
@@ -70,7 +70,7 @@ class Scene(Smaller):
         object.__setattr__(self, "_bounds", bind(self.robot, self.constraints))
 
     @property
-    def bounds(self) -> tuple[Bound | Coupled, ...]:
+    def bounds(self) -> tuple[AnyBound, ...]:
         """The constraints bound to joints, placements and columns."""
         return self._bounds  # type: ignore[attr-defined, no-any-return]
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
+from condyn_pin.nonholonomic import Nonholonomic
 from condyn_pin.states.rank import Rank
 
 if TYPE_CHECKING:
@@ -166,6 +167,11 @@ def _notes(scene: Scene, at: Rank) -> Iterator[str]:
         yield (
             f"{len(at.redundant)} redundant rows: a is unique, lam is the smallest of many; "
             "DenseKKT needs mu > 0"
+        )
+    if rolling := [c.name for c in scene.constraints if isinstance(c, Nonholonomic)]:
+        yield (
+            f"{', '.join(rolling)}: rows on the velocity; mobility counts directions of motion, "
+            "and they may lead to more places than that (is_integrable)"
         )
     outside = scene.chains.limits.beyond(at.q)
     if outside:

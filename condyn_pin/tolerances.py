@@ -66,6 +66,11 @@ DEAD_POINT: Final = 1e-6
 # other are at the same place, and smaller singular values, relative to the largest, are zeros.
 ISOLATED: Final = 1e-4
 
+# What the Lie brackets of allowed velocities leave in the rows, relative to the largest derivative
+# of a row. In loops and contacts its terms cancel to 3e-16, and to 1e-10 at worst where a loop is
+# open by CLOSED; a wheel or a blade leaves its lever as a share of the robot: 0.1 to 1 in ours.
+INTEGRABLE: Final = 1e-8
+
 # |J v| of a velocity that is consistent, relative to |v| or 1, whichever is larger [m/s, rad/s].
 # Projection ends at 1e-15; a velocity written to a file with twelve digits is still accepted.
 CONSISTENT: Final = 1e-10

@@ -23,7 +23,7 @@ from condyn_pin.drift import Baumgarte
 from condyn_pin.errors import InvalidArgument, SolveFailed, unknown_name
 from condyn_pin.judge import Judge, check_accuracy_of_a
 from condyn_pin.raw import raw_constraints
-from condyn_pin.rows.bound import Bound, Coupled
+from condyn_pin.rows.bound import AnyBound
 from condyn_pin.rows.equations import Equations, Terms
 from condyn_pin.scene import Scene
 from condyn_pin.solution import Solution, Status
@@ -105,7 +105,7 @@ class Workspace:
             )
         check_kinds(scene, self.solver)
         self.scene = scene
-        self.bounds: tuple[Bound | Coupled, ...] = scene.bounds
+        self.bounds: tuple[AnyBound, ...] = scene.bounds
         self.natives = scene.natives
         self.constraint_models, self.constraint_datas = raw_constraints(
             self.model, self.natives.constraints, self.drift

@@ -118,6 +118,26 @@ def test_steps_that_are_too_long_are_said_to_be():
         cp.simulate(scene, q, v, duration=30.0, dt=3.0, integrator=cp.Rattle())
 
 
+def test_rows_without_a_position_are_held_or_refused():
+    """A sleigh that glides on its knife."""
+    sleigh = robot("sleigh")
+    scene = cp.Scene(sleigh, sleigh.contacts)
+    q, v = scene.sample(np.random.default_rng(2))
+    exact = cp.simulate(scene, q, v, duration=0.5, dt=5e-3)
+    for integrator in CLOSED:
+        if integrator.needs_positions:
+            with pytest.raises(cp.UnsupportedConstraint, match="restrict velocities only"):
+                cp.simulate(scene, q, v, duration=0.5, dt=5e-3, integrator=integrator)
+        else:
+            found = cp.simulate(scene, q, v, duration=0.5, dt=5e-3, integrator=integrator)
+            assert found.slip.max() < 1e-12
+            assert np.abs(found.v[-1] - exact.v[-1]).max() < 1e-5
+    for drift in (cp.Projection(), cp.PostStabilization()):
+        found = cp.simulate(scene, q, v, duration=0.5, dt=5e-3, drift=drift)
+        assert found.slip.max() < 1e-9
+        assert np.abs(found.v[-1] - exact.v[-1]).max() < 1e-7
+
+
 @pytest.mark.parametrize(
     ("call", "said"),
     [

@@ -30,6 +30,10 @@ UNREADABLE = {
     "four_bar": "built without a file",
     "n_four_bar": "built without a file",
     "pendulum": "built without a file",
+    "sleigh": "built without a file",
+    "unicycle": "built without a file",
+    "rolling_disc": "built without a file",
+    "rolling_ball": "built without a file",
 }
 REFUSED = {
     "anymal_c": "inertia must satisfy A \\+ B >= C",  # its cameras, see robots/anymal_c/README.md

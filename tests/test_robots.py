@@ -51,6 +51,10 @@ ROBOTS = {
     "n_four_bar": Figures(5, 5, 5.0, 2, 6, 4, 1),
     "chain": Figures(10, 10, 10.0, 0, 0, 0, 10),
     "pendulum": Figures(1, 1, 1.0, 0, 0, 0, 1),
+    "sleigh": Figures(4, 3, 1.0, 0, 0, 0, 3),
+    "unicycle": Figures(4, 4, 2.0, 0, 0, 0, 4),
+    "rolling_disc": Figures(7, 6, 0.5, 0, 0, 0, 6),
+    "rolling_ball": Figures(7, 6, 0.5, 0, 0, 0, 6),
 }
 
 # Height of the contact frames at each posture: a sole is on the ground, a ball its radius above [m]

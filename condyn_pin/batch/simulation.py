@@ -26,10 +26,11 @@ from condyn_pin.errors import NotAssembled, SolveFailed, StepFailed, WorkersLost
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.leg import Leg
+from condyn_pin.simulation.outcome import RunStatus
 from condyn_pin.simulation.plan import Plan, plan
 from condyn_pin.simulation.run import follow, start
 from condyn_pin.simulation.torques import Torque
-from condyn_pin.simulation.trajectory import RunStatus, Trajectory
+from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.solvers.base import Solver
 from condyn_pin.workspace import Workspace
 

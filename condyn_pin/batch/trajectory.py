@@ -13,7 +13,7 @@ from condyn_pin.batch.rows import MISSING
 from condyn_pin.drift.base import Drift
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.integrators.base import Integrator
-from condyn_pin.simulation.trajectory import RunStatus
+from condyn_pin.simulation.outcome import RunStatus
 
 # A status as a number is its place here.
 RUN_STATUSES: Final = tuple(RunStatus)

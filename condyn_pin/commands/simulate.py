@@ -31,10 +31,11 @@ def simulate(
     drift: Annotated[
         str | None,
         typer.Option(
-            help="nodrift, projection, poststabilization, or baumgarte, whose gains fit the "
-            "integrator; that by default where it is needed."
+            help="nodrift, baumgarte, projection or poststabilization; the last one by default "
+            "where it is needed."
         ),
     ] = None,
+    gain: Annotated[float, typer.Option(help="alpha = beta of baumgarte [1/s].")] = 30.0,
     solver: Annotated[str | None, typer.Option(help="A name of `condyn solvers`.")] = None,
     record: Annotated[int, typer.Option(help="Every which sample is kept.")] = 1,
     save: Annotated[Path | None, typer.Option(help="Write the trajectory here (npz).")] = None,
@@ -57,7 +58,7 @@ def simulate(
         duration=duration,
         dt=dt,
         integrator=integrator_of(integrator),
-        drift=drift_of(drift) if drift else None,
+        drift=drift_of(drift, gain) if drift else None,
         solver=solver_of(solver, {}) if solver else None,
         record=record,
     )

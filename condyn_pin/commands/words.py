@@ -8,13 +8,14 @@ from typing import Any
 from condyn_pin import _pin
 from condyn_pin.constraints import Constraint
 from condyn_pin.contacts import CONTACTS
-from condyn_pin.drift import DRIFTS, Drift
+from condyn_pin.drift import DRIFTS, Baumgarte, Drift
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.load import load_robot
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
 from condyn_pin.solvers import SOLVERS, Solver
+from condyn_pin.trade.sweeps import sweep
 
 
 def scene_of(name: str, contacts: str, loops: bool) -> Scene:
@@ -67,8 +68,14 @@ def integrator_of(name: str) -> Integrator:
     return INTEGRATORS[name.lower()]()
 
 
-def drift_of(name: str) -> Drift | None:
-    """Return the drift scheme of a name; None for Baumgarte, whose gains follow the integrator."""
+def drift_of(name: str, gain: float) -> Drift:
+    """Return the drift scheme of a name; `gain` is alpha and beta of Baumgarte's [1/s]."""
     if name.lower() not in DRIFTS:
         raise unknown_name("drift scheme", name, DRIFTS)
-    return None if name.lower() == "baumgarte" else DRIFTS[name.lower()]()
+    kind = DRIFTS[name.lower()]
+    return kind(gain, gain) if kind is Baumgarte else kind()
+
+
+def swept_solvers_of(names: str) -> tuple[Solver, ...] | None:
+    """Return the solvers of a list with their knobs turned; None of an empty one."""
+    return tuple(one for solver in solvers_of(names) for one in sweep(solver)) or None

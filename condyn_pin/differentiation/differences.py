@@ -58,7 +58,7 @@ class DifferenceDerivatives(Derivatives):
         self._v, self._tau = v, tau
         self._model, self._equations = workspace.model, workspace.equations
         scene = solution.scene
-        self.along = _along(self._equations.jacobian(solution.q), bool(scene.audit.redundant))
+        self.along = directions(self._equations.jacobian(solution.q), bool(scene.audit.redundant))
         self.step = 0.0
 
     def _form(self) -> tuple[Array, Array, Array]:
@@ -92,7 +92,7 @@ class DifferenceDerivatives(Derivatives):
         return q
 
 
-def _along(J: Array, redundant: bool) -> Array:
+def directions(J: Array, redundant: bool) -> Array:
     """Return the directions in which q is moved: all, or those along the constraints."""
     if not redundant:
         return np.eye(J.shape[1])

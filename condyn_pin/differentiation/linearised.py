@@ -27,10 +27,10 @@ from condyn_pin.differentiation.partials import (
     of_frame,
     of_pair,
     of_point,
-    spatial_cross,
 )
+from condyn_pin.differentiation.rolling import RollingPartials
 from condyn_pin.drift import Baumgarte
-from condyn_pin.rows.bound import POINT, Bound, Coupled
+from condyn_pin.rows.bound import POINT, AnyBound, Bound, Coupled, Rolled
 
 
 class Linearised(NamedTuple):
@@ -59,16 +59,17 @@ class Linearisation:
     Parameters
     ----------
     model : pin.Model
-    bounds : sequence of Bound or Coupled
+    bounds : sequence of AnyBound
     drift : Baumgarte, optional
     """
 
     def __init__(
-        self, model: Any, bounds: Sequence[Bound | Coupled], drift: Baumgarte | None = None
+        self, model: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None = None
     ) -> None:
         self._model, self._data = model, model.createData()
         self._pairs = [b for b in bounds if isinstance(b, Bound)]
         self._couplings = [b for b in bounds if isinstance(b, Coupled)]
+        self._rolling = RollingPartials(self._data, bounds, drift)
         self._drift = drift
         self._m = sum(b.size for b in bounds)
         self._world = End(*np.zeros((2, 6)), *np.zeros((4, 6, model.nv)))
@@ -76,6 +77,7 @@ class Linearisation:
         for _ in range(model.njoints):
             self._wrenches.append(pin.Force.Zero())
         loaded = {j for b in self._pairs for j in (b.joint1, b.joint2) if j}
+        loaded |= self._rolling.joints
         self._on_joint = {j: self._wrenches[j].vector for j in loaded}  # views
         self._duals = [
             (b.placement1.toDualActionMatrix(), b.placement2.toDualActionMatrix())
@@ -83,7 +85,7 @@ class Linearisation:
         ]
         # their force, and where it goes: constant in the axes of their joint
         self._held = [_is_held(b) for b in self._pairs]
-        self._placed = not all(self._held)
+        self._placed = bool(self._rolling.joints) or not all(self._held)
         self._held_duals = [
             on1[:, list(b.selection)] for b, (on1, _) in zip(self._pairs, self._duals, strict=True)
         ]
@@ -93,6 +95,7 @@ class Linearisation:
         model, data, n = self._model, self._data, self._model.nv
         forces = [lam[b.rows] if b.sign > 0 else -lam[b.rows] for b in self._pairs]
         c1Mc2 = self._apply(q, forces)
+        self._rolling.apply(lam, self._on_joint)
         # it leaves behind all that the derivatives of frames read
         pin.computeRNEADerivatives(model, data, q, v, a, self._wrenches)
         rhs, J = np.empty((n + self._m, 2 * n)), np.zeros((self._m, n))
@@ -112,6 +115,7 @@ class Linearisation:
             if self._drift:
                 gap = gap_of(b, *self._ends(b), c1Mc2[k] or self._between(b))
                 by_q -= b.sign * (self._drift.Kp * gap.c_q + self._drift.Kd * gap.v_q)
+        self._rolling.write(self._end, lam, rhs, J)
         for coupled in self._couplings:
             J[coupled.rows, list(coupled.velocity)] = 1.0, -coupled.ratio
             minus_s_q[coupled.rows] = minus_s_v[coupled.rows] = 0.0
@@ -163,7 +167,7 @@ class Linearisation:
         return of
 
     def by_frame(
-        self, q: Array, v: Array, a: Array, lam: Array, b: Bound, end: int
+        self, q: Array, v: Array, a: Array, lam: Array, b: Bound | Rolled, end: int
     ) -> tuple[Array, Array]:
         """Return r (nv, 6) and s (rows, 6) by a twist of frame c1 or c2 on its body, in its axes.
 
@@ -171,12 +175,12 @@ class Linearisation:
         along. The end that stays has no part in it.
         """
         pin.computeForwardKinematicsDerivatives(self._model, self._data, q, v, a)
+        if isinstance(b, Rolled):
+            return self._rolling.by_frame(b, self._end(b.joint1, b.placement1), lam[b.rows])
         (one, two), c1Mc2 = self._ends(b), self._between(b)
         moved, rest = (one, two) if end == 1 else (two, one)
         nothing, lam = np.zeros((6, 6)), b.sign * lam[b.rows]
-        moving = End(
-            moved.v, moved.a, spatial_cross(moved.v), spatial_cross(moved.a), nothing, np.eye(6)
-        )
+        moving = moved.by_twist()
         still = End(rest.v, rest.a, nothing, nothing, nothing, nothing)
         pair = (moving, still) if end == 1 else (still, moving)
         on1, on2 = wrenches(b, c1Mc2, lam)

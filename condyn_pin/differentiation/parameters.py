@@ -16,7 +16,7 @@ import numpy as np
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument, unknown_name
-from condyn_pin.rows.bound import Bound
+from condyn_pin.rows.bound import Coupled, Rolled
 
 if TYPE_CHECKING:
     from condyn_pin.workspace import Workspace
@@ -49,8 +49,10 @@ def placement_partials(
     if frame not in ENDS:
         raise InvalidArgument(f"frame = {frame!r}: one of {', '.join(ENDS)} is needed")
     bound = found[name]
-    if not isinstance(bound, Bound):
+    if isinstance(bound, Coupled):
         raise InvalidArgument(f"name = {name!r}: a coupling has no frames")
+    if isinstance(bound, Rolled) and frame == "second":
+        raise InvalidArgument(f"{name!r} rolls on a plane of the world, which has no frame")
     end = 1 if (frame == "first") == (bound.sign > 0) else 2
     if not bound.anchored and (bound.joint1, bound.joint2)[end - 1] == 0:
         raise InvalidArgument(

@@ -42,6 +42,11 @@ class End(NamedTuple):
             self.a_v[:3] + W @ self.J[:3] - V @ self.J[3:],
         )
 
+    def by_twist(self) -> End:
+        """Return it with its partials by a twist of the frame on its body."""
+        turning = spatial_cross(self.v), spatial_cross(self.a)
+        return End(self.v, self.a, *turning, np.zeros((6, 6)), np.eye(6))
+
 
 class Partials(NamedTuple):
     """Partial derivatives of the rows of one constraint, and of its wrenches on the two bodies."""

@@ -39,7 +39,7 @@ class PostStabilization(Drift):
 
     title: ClassVar[str] = "post-stabilization"
     cost: ClassVar[str] = "a few microseconds (Proximal)"
-    use: ClassVar[str] = "the cheapest that keeps both levels"
+    use: ClassVar[str] = "by default: the cheapest that keeps both levels"
 
     metric: Metric = "mass"
     every: int = 1
@@ -52,7 +52,8 @@ class PostStabilization(Drift):
         # it needs the rows of the scene, which need this folder
         from condyn_pin.simulation.gaps import gaps_of
 
-        gaps, integrate, count = gaps_of(system, self.metric), system.integrate, 0
+        gaps, integrate = gaps_of(system, self.metric), system.integrate
+        count = 0
 
         def correct(t: float, q: Array, v: Array) -> tuple[Array, Array]:
             nonlocal count

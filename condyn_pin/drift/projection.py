@@ -82,27 +82,33 @@ class Projection(Drift):
             count += 1
             if count % self.every:
                 return q, v
-            (gap, slip), best = self._sizes(gaps, t, q, v), (q, v)
+            gap, slip = self._sizes(gaps, t, q, v)
             for k in range(_MOST_STEPS):
                 if gap <= self.tolerance and slip <= self.tolerance:
                     break
                 dq, dv = gaps.step(k > 0)
-                q, v = best
-                q = integrate(q, dq) if self.position else q
-                v = v + dv if self.velocity else v
-                gap_left, slip_left = self._sizes(gaps, t, q, v)
-                # where q moves far, a fast v slips more than before until q is there
-                if not (gap_left < gap / 2 or slip_left < slip / 2):  # rounding, or out of reach
+                q1 = integrate(q, dq) if self.position else q
+                v1 = v + dv if self.velocity else v
+                before, (gap, slip) = (gap, slip), self._sizes(gaps, t, q1, v1)
+                # the position first: where loops are open, slips contradict each other
+                if not gap <= max(before[0], self.tolerance):
                     break
-                gap, slip, best = gap_left, slip_left, (q, v)
-            return best
+                q, v = q1, v1
+                if not (_shrinks(before[0], gap) or _shrinks(before[1], slip)):
+                    break  # rounding, or out of reach
+            return q, v
 
         return correct
 
     def _sizes(self, gaps: Gaps, t: float, q: Array, v: Array) -> tuple[float, float]:
-        """Return the largest gap and the largest slip; 0 for what is not to be kept."""
-        gap, slip = np.abs(gaps.look(t, q, v)).max(axis=0, initial=0.0).tolist()
-        return gap if self.position else 0.0, slip if self.velocity else 0.0
+        """Return the largest gap and the largest slip, zero for what is not to be kept."""
+        both = np.abs(gaps.look(t, q, v))
+        gap = float(both[:, 0].max(initial=0.0)) if self.position else 0.0
+        return gap, float(both[:, 1].max(initial=0.0)) if self.velocity else 0.0
+
+
+def _shrinks(before: float, after: float) -> bool:
+    return after < before / 2
 
 
 def check_projection(metric: str, every: int) -> None:

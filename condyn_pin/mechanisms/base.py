@@ -82,6 +82,12 @@ def rod(length: float, mass: float) -> Any:
     )
 
 
+def disc(radius: float, mass: float) -> Any:
+    """Return the inertia of a thin disc with its axle along y: m r^2 / 2, and half of it across."""
+    across = mass * radius**2 / 4
+    return pin.Inertia(mass, np.zeros(3), np.diag([across, 2 * across, across]))
+
+
 def check_positive(**values: float) -> None:
     """Refuse what is not a positive number."""
     for name, value in values.items():

@@ -17,11 +17,12 @@ from condyn_pin._pin import pin
 from condyn_pin.constraints import Constraint, Coupling, Loop
 from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
 from condyn_pin.errors import InvalidConstraint, unknown_name
+from condyn_pin.nonholonomic import Knife, RollingBall, RollingWheel
 from condyn_pin.robot import Robot
-from condyn_pin.rows.bound import FRAME, POINT, Bound, Coupled
+from condyn_pin.rows.bound import DIRECTIONS, FRAME, POINT, AnyBound, Bound, Coupled, Rolled
 
 
-def bind(robot: Robot, constraints: Sequence[Constraint]) -> tuple[Bound | Coupled, ...]:
+def bind(robot: Robot, constraints: Sequence[Constraint]) -> tuple[AnyBound, ...]:
     """Bind constraints to a robot, rows in the order given.
 
     Raises
@@ -31,7 +32,7 @@ def bind(robot: Robot, constraints: Sequence[Constraint]) -> tuple[Bound | Coupl
     UnknownName
         If a frame or a joint does not exist.
     """
-    bound: list[Bound | Coupled] = []
+    bound: list[AnyBound] = []
     start = 0
     for constraint in constraints:
         if not isinstance(constraint, Constraint):
@@ -49,13 +50,18 @@ def bind(robot: Robot, constraints: Sequence[Constraint]) -> tuple[Bound | Coupl
     return tuple(bound)
 
 
-def _bind(robot: Robot, constraint: Constraint, rows: slice) -> Bound:
+def _bind(robot: Robot, constraint: Constraint, rows: slice) -> Bound | Rolled:
+    bound: Bound | Rolled
     if isinstance(constraint, Loop):
         bound = _bind_loop(robot, constraint, rows)
     elif isinstance(constraint, PointContact | SurfaceContact | LineContact):
         bound = _bind_contact(robot, constraint, rows)
     elif isinstance(constraint, PlanarContact):
         bound = _bind_plane(robot, constraint, rows)
+    elif isinstance(constraint, Knife):
+        bound = _bind_knife(robot, constraint, rows)
+    elif isinstance(constraint, RollingWheel | RollingBall):
+        bound = _bind_rolling(robot, constraint, rows)
     else:
         raise _unknown(constraint)
     if bound.joint1 == bound.joint2:
@@ -114,11 +120,34 @@ def _bind_plane(robot: Robot, contact: PlanarContact, rows: slice) -> Bound:
     """Bind the plane as c1, z along its normal, and the robot's point as c2."""
     joint, placement = robot.frame(contact.frame)
     point = placement * pin.SE3(np.eye(3), np.array(contact.offset))
-    normal = np.array(contact.normal)
-    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), normal)
-    plane = pin.SE3(turn.matrix(), (contact.height or 0.0) * normal)
+    plane = _plane(contact.normal, contact.height)
     anchored = contact.height is not None
     return Bound(contact.name, rows, 0, plane, joint, point, (2,), anchored=anchored, sign=-1.0)
+
+
+def _plane(normal: tuple[float, float, float], height: float | None) -> Any:
+    """Return a frame in a plane of the world, z along its normal."""
+    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), np.array(normal))
+    return pin.SE3(turn.matrix(), (height or 0.0) * np.array(normal))
+
+
+def _bind_knife(robot: Robot, knife: Knife, rows: slice) -> Bound:
+    joint, placement = robot.frame(knife.frame)
+    point = placement * pin.SE3(np.eye(3), np.array(knife.offset))
+    chosen = ("xyz".index(knife.axis),)
+    world = pin.SE3.Identity()
+    return Bound(knife.name, rows, joint, point, 0, world, chosen, anchored=False)
+
+
+def _bind_rolling(robot: Robot, rolling: RollingWheel | RollingBall, rows: slice) -> Rolled:
+    wheel = rolling if isinstance(rolling, RollingWheel) else None
+    holds = wheel.holds if wheel else DIRECTIONS
+    return Rolled(
+        rolling.name, rows, *robot.frame(rolling.frame), _plane(rolling.normal, rolling.height),
+        tuple(DIRECTIONS.index(each) for each in holds), rolling.radius,
+        axle="xyz".index(wheel.axis) if wheel else None,
+        anchored=rolling.height is not None,
+    )  # fmt: skip
 
 
 def _lever(robot: Robot, *placements: Any) -> float:
@@ -162,5 +191,5 @@ def _couple(robot: Robot, coupling: Coupling, rows: slice) -> Coupled:
 def _unknown(constraint: object) -> InvalidConstraint:
     return InvalidConstraint(
         f"{constraint!r}: a contact (PointContact, SurfaceContact, LineContact, PlanarContact), "
-        "a Loop or a Coupling is needed"
+        "what rolls or glides (RollingWheel, RollingBall, Knife), a Loop or a Coupling is needed"
     )

@@ -12,6 +12,8 @@ from condyn_pin.arrays import Array
 
 _AXES: Final = ("x", "y", "z", "rx", "ry", "rz")
 
+DIRECTIONS: Final = ("rolling", "lateral", "normal")  # of what rolls on a plane
+
 POINT: Final[tuple[int, ...]] = (0, 1, 2)
 FRAME: Final[tuple[int, ...]] = (0, 1, 2, 3, 4, 5)
 
@@ -60,6 +62,11 @@ class Bound:
     def size(self) -> int:
         """Number of rows."""
         return int(self.rows.stop - self.rows.start)
+
+    @property
+    def positioned(self) -> range:
+        """Its rows that have a position error."""
+        return range(self.rows.start, self.rows.stop if self.anchored else self.rows.start)
 
     @property
     def is_rod(self) -> bool:
@@ -128,3 +135,68 @@ class Coupled:
     def anchored(self) -> bool:
         """True: the two joints have a place to be in."""
         return True
+
+    @property
+    def positioned(self) -> range:
+        """Its row: it has a position error."""
+        return range(self.rows.start, self.rows.stop)
+
+
+@dataclass(frozen=True)
+class Rolled:
+    """A wheel or a ball that rolls on a plane of the world, bound.
+
+    Attributes
+    ----------
+    name : str
+    rows : slice
+    joint1, placement1 : int, pin.SE3
+        The joint that carries the frame c1 in the middle, and where.
+    placement2 : pin.SE3
+        A frame c2 of the plane in the world, z along its normal.
+    selection : tuple of int
+        Which of forward, sideways and off the plane stay zero: 0, 1 and 2.
+    radius : float
+        [m].
+    axle : int or None
+        The axis of c1 that a wheel turns about; None for a ball.
+    anchored : bool
+        Whether the plane has a height, so that row 2 has a position error; the others have none.
+    """
+
+    name: str
+    rows: slice
+    joint1: int
+    placement1: Any
+    placement2: Any
+    selection: tuple[int, ...]
+    radius: float  # [m]
+    axle: int | None
+    anchored: bool
+    joint2: int = 0
+    sign: float = 1.0
+
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return len(self.selection)
+
+    @property
+    def positioned(self) -> range:
+        """The row that has a position error: the one off the plane, if the plane has a height."""
+        held = self.anchored and 2 in self.selection
+        return range(self.rows.stop - held, self.rows.stop)
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """A name for each row: the constraint's and the direction."""
+        return tuple(f"{self.name}.{DIRECTIONS[i]}" for i in self.selection)
+
+    def whole(self, lam: Array) -> Array:
+        """Return the force (3,) with zero for the directions that slip [N]."""
+        force = np.zeros(3)
+        force[list(self.selection)] = lam
+        return force
+
+
+AnyBound = Bound | Coupled | Rolled

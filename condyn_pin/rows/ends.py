@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from condyn_pin.arrays import Array
-from condyn_pin.rows.bound import Bound
+from condyn_pin.rows.bound import Bound, Rolled
 from condyn_pin.rows.frames import Centripetal, Joints
 
 
@@ -23,10 +23,10 @@ class Ends:
     ----------
     data : pin.Data
         Holds `oMi`, `v` and `a` after forward kinematics.
-    bounds : sequence of Bound
+    bounds : sequence of Bound or Rolled
     """
 
-    def __init__(self, data: Any, bounds: Sequence[Bound]) -> None:
+    def __init__(self, data: Any, bounds: Sequence[Bound | Rolled]) -> None:
         self.k = len(bounds)
         self._joints = Joints(data, {j for b in bounds for j in (b.joint1, b.joint2)})
         numbers = self._joints.numbers

@@ -19,11 +19,12 @@ import numpy as np
 from condyn_pin._pin import LOCAL, pin
 from condyn_pin.arrays import Array
 from condyn_pin.drift import Baumgarte
-from condyn_pin.rows.bound import FRAME, POINT, Bound, Coupled
+from condyn_pin.rows.bound import FRAME, POINT, AnyBound, Bound, Coupled, Rolled
 from condyn_pin.rows.couplings import Couplings
 from condyn_pin.rows.cut_joints import CutJoints
 from condyn_pin.rows.frames import WorldContacts, Wrenches
 from condyn_pin.rows.loops import Balls, Weld
+from condyn_pin.rows.rolling import Rolling, touching
 
 # bound once: these are called in every proof, which is to cost little more than they do
 _rnea = pin.rnea
@@ -62,12 +63,12 @@ class Equations:
     Parameters
     ----------
     model : pin.Model
-    bounds : sequence of Bound or Coupled
+    bounds : sequence of AnyBound
     drift : Baumgarte, optional
     """
 
     def __init__(
-        self, model: Any, bounds: Sequence[Bound | Coupled], drift: Baumgarte | None = None
+        self, model: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None = None
     ) -> None:
         self.model = model
         self.data = model.createData()
@@ -79,7 +80,8 @@ class Equations:
             self.sign[b.rows] = b.sign
         self._flipped = bool((self.sign < 0).any())
         self._still = np.zeros(model.nv)
-        self._sort(pairs, [b for b in bounds if isinstance(b, Coupled)])
+        rolled = [b for b in bounds if isinstance(b, Rolled)]
+        self._sort(pairs, [b for b in bounds if isinstance(b, Coupled)], rolled)
         # |dynamics|, |a|, |c|, |J v| and |J a + gamma| share one array, so that one call finds the
         # largest of each; the last three end with a zero, so that none is empty.
         n, width = model.nv, self.m + 1
@@ -91,7 +93,9 @@ class Equations:
         )
         self._motion = self._all[2 * n + width :].reshape(2, width)
 
-    def _sort(self, pairs: Sequence[Bound], coupled: Sequence[Coupled]) -> None:
+    def _sort(
+        self, pairs: Sequence[Bound], coupled: Sequence[Coupled], rolled: Sequence[Rolled]
+    ) -> None:
         """Sort the constraints by the way in which their rows are evaluated."""
         held = [b for b in pairs if not (b.joint1 == 0 or b.joint2 or b.anchored)]
         loops = [b for b in pairs if b not in held]
@@ -102,12 +106,16 @@ class Equations:
         self._loops: list[Balls | Weld] = [Balls(data, balls)] if balls else []
         self._loops += [Weld(self.model, data, b) for b in loops if b.selection == FRAME]
         self._cut = CutJoints(data, cut) if cut else None
+        self._rolling = Rolling(data, rolled) if rolled else None
         self._couplings = Couplings(coupled, self.model.nv) if coupled else None
-        # Stacked forces: lam itself, and behind it force and moment of each cut joint.
+        # Stacked forces: lam itself, and behind it force and moment of each cut joint, and then of
+        # all that rolls.
+        places: list[tuple[Bound | Rolled, slice, tuple[int, ...]]]
         places = [(b, b.rows, b.selection) for b in pairs if b not in cut]
-        starts = [self.m + 6 * i for i in range(len(cut))]
-        places += [(b, slice(at, at + 6), FRAME) for b, at in zip(cut, starts, strict=True)]
-        size = self.m + 6 * len(cut)
+        wrenches: list[Bound | Rolled] = [*cut, *rolled]
+        starts = [self.m + 6 * i for i in range(len(wrenches))]
+        places += [(b, slice(at, at + 6), FRAME) for b, at in zip(wrenches, starts, strict=True)]
+        size, self._behind_cut = self.m + 6 * len(wrenches), self.m + 6 * len(cut)
         self._wrenches = Wrenches(self.model, places, size)
         self._f1, self._f2 = np.zeros((2, size))
 
@@ -154,15 +162,21 @@ class Equations:
         )
 
     def placements(self, q: Array) -> list[tuple[Any, Any] | None]:
-        """Return the placements of the frames c1 and c2 in the world; None for a coupling."""
+        """Return the placements of the frames c1 and c2 in the world; None for a coupling.
+
+        What rolls touches the plane at the origin of c1, and its rows are along the axes of that.
+        """
         pin.forwardKinematics(self.model, self.data, q)
         oMi = self.data.oMi
-        return [
-            (oMi[b.joint1] * b.placement1, oMi[b.joint2] * b.placement2)
-            if isinstance(b, Bound)
-            else None
-            for b in self.bounds
-        ]
+
+        def ends(b: AnyBound) -> tuple[Any, Any] | None:
+            if isinstance(b, Coupled):
+                return None
+            if isinstance(b, Rolled):
+                return touching(b, oMi[b.joint1]), b.placement2
+            return oMi[b.joint1] * b.placement1, oMi[b.joint2] * b.placement2
+
+        return [ends(b) for b in self.bounds]
 
     def errors(
         self, q: Array, v: Array, tau: Array, a: Array, lam: Array
@@ -176,24 +190,38 @@ class Equations:
         largest : list of float
             The largest of |M a + h - tau - J^T lam|, |a|, |c|, |J v| and |J a + gamma - a_ref|.
         """
+        self._evaluate(q, v, tau, a, lam)
+        self._a[:] = a
+        everything = self._all
+        np.abs(everything, out=everything)
+        return self._dynamics, _largest(everything, self._starts).tolist()
+
+    def residuals(
+        self, q: Array, v: Array, tau: Array, a: Array, lam: Array
+    ) -> tuple[Array, Array]:
+        """Return r = M a + h - tau - J^T lam (nv,) and s = J a + gamma - a_ref (m,)."""
+        self._evaluate(q, v, tau, a, lam)
+        return self._dynamics.copy(), self._acceleration.copy()
+
+    def _evaluate(self, q: Array, v: Array, tau: Array, a: Array, lam: Array) -> None:
+        """Evaluate the residuals of an answer into the memory of this object."""
         self.motion(q, v, a)
         if self.drift:
             self._acceleration += self.drift.Kd * self._velocity + self.drift.Kp * self._c
         f1 = lam * self.sign if self._flipped else lam
         for loops in self._loops:
             loops.turn(f1, self._f2)
-        if self._cut:
-            m, lam1, f1 = self.m, f1, self._f1
+        if self._cut or self._rolling:
+            m, end, lam1, f1 = self.m, self._behind_cut, f1, self._f1
             f1[:m] = lam1
-            self._cut.stack(lam1, f1[m:], self._f2[m:])
+            if self._cut:
+                self._cut.stack(lam1, f1[m:end], self._f2[m:end])
+            if self._rolling:
+                self._rolling.stack(lam1, f1[end:])
         wrenches = self._wrenches.of(f1, self._f2)
         np.subtract(_rnea(self.model, self.data, q, v, a, wrenches), tau, out=self._dynamics)
         if self._couplings:
             self._dynamics -= self._couplings.torque(lam)
-        self._a[:] = a
-        everything = self._all
-        np.abs(everything, out=everything)
-        return self._dynamics, _largest(everything, self._starts).tolist()
 
     def motion(self, q: Array, v: Array, a: Array) -> None:
         """Evaluate c(q), J v and J a + gamma into the memory of this object."""
@@ -205,6 +233,8 @@ class Equations:
             loops.evaluate(*rows)
         if self._cut:
             self._cut.evaluate(*rows)
+        if self._rolling:
+            self._rolling.evaluate(*rows)
         if self._couplings:
             self._couplings.evaluate(q, v, a, rows)
         if self._flipped:
@@ -230,7 +260,7 @@ class Equations:
             # a single column comes as a vector
             return np.reshape(pin.getFrameJacobian(model, data, joint, placement, LOCAL), (6, -1))
 
-        for group in (self._contacts, *self._loops, self._cut):
+        for group in (self._contacts, *self._loops, self._cut, self._rolling):
             if group:
                 group.jacobian(J, of_frame)
         if self._couplings:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.rows.bound import POINT, Bound, Coupled
+from condyn_pin.rows.bound import POINT, AnyBound, Bound, Rolled
 
 # (joint, placement) to the Jacobian (6, nv) of that frame, in its own axes.
 FrameJacobian = Callable[[int, Any], Array]
@@ -124,7 +124,7 @@ class WorldContacts:
             J[b.rows] = of_frame(b.joint1, b.placement1)[list(b.selection)]
 
 
-def rows_of(bounds: Sequence[Bound | Coupled]) -> NDArray[np.int_]:
+def rows_of(bounds: Sequence[AnyBound]) -> NDArray[np.int_]:
     """Return the row numbers of some constraints, one after the other."""
     numbers = [range(b.rows.start, b.rows.stop) for b in bounds]
     return np.array([row for rows in numbers for row in rows], dtype=np.int_)
@@ -136,14 +136,14 @@ class Wrenches:
     Parameters
     ----------
     model : pin.Model
-    places : sequence of (Bound, slice, tuple of int)
+    places : sequence of (Bound or Rolled, slice, tuple of int)
         Where the stacked force of a constraint is found, and which of the six components it has.
     size : int
         Of the stacked forces.
     """
 
     def __init__(
-        self, model: Any, places: Sequence[tuple[Bound, slice, tuple[int, ...]]], size: int
+        self, model: Any, places: Sequence[tuple[Bound | Rolled, slice, tuple[int, ...]]], size: int
     ) -> None:
         joints = sorted({j for b, _, _ in places for j in (b.joint1, b.joint2) if j})
         place = {joint: slice(6 * i, 6 * i + 6) for i, joint in enumerate(joints)}

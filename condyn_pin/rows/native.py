@@ -6,8 +6,8 @@ hinge by
 
     s(d) = s_xyz + s_rxryrz x d = E s,      and so      lam = E^T lam_native.
 
-The equivalent has 6 rows of rank 5. A slider, a planar pin, a rod, a plane and a coupling have
-none.
+The equivalent has 6 rows of rank 5. A slider, a planar pin, a rod, a plane, a coupling, a blade and
+what rolls have none.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 
 from condyn_pin._pin import LOCAL, pin
 from condyn_pin.arrays import Array
-from condyn_pin.rows.bound import Bound, Coupled
+from condyn_pin.rows.bound import AnyBound, Bound
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Natives:
     missing: tuple[str, ...]
 
 
-def natives(bounds: Sequence[Bound | Coupled]) -> Natives:
+def natives(bounds: Sequence[AnyBound]) -> Natives:
     """Return the constraints of a scene as Pinocchio takes them."""
     made: list[Native] = []
     blocks: list[Array] = []

@@ -16,6 +16,7 @@ from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.constraints import Constraint
 from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
+from condyn_pin.nonholonomic import Knife, RollingBall, RollingWheel
 from condyn_pin.rows.equations import Equations
 from condyn_pin.scene import Scene
 
@@ -54,6 +55,10 @@ def _anchor(constraint: Constraint, place: tuple[Any, Any] | None) -> Constraint
         return replace(constraint, anchor=tuple(one.translation.tolist()))
     if isinstance(constraint, SurfaceContact | LineContact):
         return replace(constraint, anchor=tuple(pin.SE3ToXYZQUAT(one).tolist()))
+    if isinstance(constraint, Knife):  # it belongs everywhere
+        return constraint
+    if isinstance(constraint, RollingWheel | RollingBall):
+        return replace(constraint, height=float(np.dot(constraint.normal, one.translation)))
     assert isinstance(constraint, PlanarContact)
     height = float(np.dot(constraint.normal, two.translation))
     return replace(constraint, height=height)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from condyn_pin.arrays import Array
 from condyn_pin.drift.base import Drift
+from condyn_pin.errors import UnsupportedConstraint
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.integrators.base import Integrator
@@ -44,6 +45,7 @@ class Leg:
 
     def __init__(self, scene: Scene, method: Method) -> None:
         self.scene, self._method = scene, method
+        _check_rows(scene, method.integrator)
         workspace = Workspace(scene, method.solver, drift=method.drift.rows)
         self.solver, effects = workspace.solver, method.effects
         self._tau = method.tau
@@ -51,16 +53,20 @@ class Leg:
         self._at_start = method.integrator.a_at == "start"
 
     def step(self, t: float, q: Array, v: Array, k: int, every: int) -> tuple[Array, Array]:
-        """Take step k, and keep its sample if it is its turn: (q, v) at the end."""
+        """Take step k, which ends at (k + 1) dt, and keep its sample if it is its turn."""
         # the first sample of a phase always is
         turn = k % every == 0 or not self.recorder.count
         keep = turn if self._at_start else (k + 1) % every == 0
-        return self._take(self._move, self._lam, self._method.dt, t, q, v, keep)
+        t1 = (k + 1) * self._method.dt
+        return self._take(self._move, self._lam, t1, t, q, v, keep)
 
-    def part(self, t: float, q: Array, v: Array, dt: float) -> tuple[Array, Array]:
-        """Take a step of another size; its sample is kept if there is none yet."""
-        move, lam = self._mover(dt)
-        return self._take(move, lam, dt, t, q, v, self._at_start and not self.recorder.count)
+    def part(
+        self, t: float, q: Array, v: Array, t1: float, *, keep: bool = False
+    ) -> tuple[Array, Array]:
+        """Take a step to t1; `keep` says whether its end is to be a sample."""
+        move, lam = self._mover(t1 - t)
+        keep = not self.recorder.count if self._at_start else keep
+        return self._take(move, lam, t1, t, q, v, keep)
 
     def take_back(self, t: float) -> None:
         """Forget the sample of a step from t that does not count."""
@@ -87,7 +93,7 @@ class Leg:
             self.sample(t, q, v)
 
     def _take(
-        self, move: Move, lam: Callable[[], Array], dt: float, t: float, q: Array, v: Array,
+        self, move: Move, lam: Callable[[], Array], t1: float, t: float, q: Array, v: Array,
         keep: bool,
     ) -> tuple[Array, Array]:  # fmt: skip
         tau = self._tau
@@ -95,7 +101,7 @@ class Leg:
         q1, v1, a = move(t, q, v)
         if keep:
             if not self._at_start:
-                t, q, v = t + dt, q1, v1
+                t, q, v = t1, q1, v1
                 tau.forget()
             self.recorder.add((t, q, v, a, lam(), tau.first(t, q, v)))
         return q1, v1
@@ -116,3 +122,15 @@ class Leg:
             return *correct(t + dt, q1, v1), a
 
         return corrected, lambda: forces[0]()
+
+
+def _check_rows(scene: Scene, integrator: Integrator) -> None:
+    """Refuse rows that an integrator cannot hold."""
+    if not integrator.needs_positions:
+        return
+    for bound in scene.bounds:
+        if len(bound.positioned) < bound.size:
+            raise UnsupportedConstraint(
+                f"{bound.name}: {integrator.title} holds positions, and it has rows that restrict "
+                "velocities only; use RungeKutta4() or GearGuptaLeimkuhler()"
+            )

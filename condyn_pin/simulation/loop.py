@@ -10,6 +10,7 @@ from condyn_pin.constraints import Constraint
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.anchoring import anchored
 from condyn_pin.simulation.events import Event, Happened, Moment
+from condyn_pin.simulation.fit import check_fit
 from condyn_pin.simulation.leg import Leg, Method
 from condyn_pin.switching import Switch, switch
 
@@ -18,7 +19,6 @@ _FOUND = 1e-12
 
 # What is left of a step after an event, and is not worth one, as a share of dt.
 _NOTHING = 1e-9
-
 
 # Events in one step, at most: more have piled up.
 _MOST = 100
@@ -89,25 +89,24 @@ class Loop:
             q, v = self.leg.step(self.t, self.q, self.v, k, every)
             t1 = (k + 1) * dt
             if self._events:
-                q, v = self._watch(t1, q, v)
+                q, v = self._watch(t1, q, v, (k + 1) % every == 0)
             self.t, self.q, self.v = t1, q, v
             tick(k + 1)
         self.leg.end(self.t, self.q, self.v)
 
-    def _watch(self, t1: float, q1: Array, v1: Array) -> tuple[Array, Array]:
-        """Return the state at t1, from that without events on the way."""
+    def _watch(self, t1: float, q1: Array, v1: Array, keep: bool) -> tuple[Array, Array]:
+        """Return the state at t1, a sample if it is to be kept, from that without events."""
         for _ in range(_MOST):
             values = self._look(t1, q1, v1)
             event, share = self._first(t1, values)
             if event is None:
                 break
             self.leg.take_back(self.t)
-            self._go(event, share * (t1 - self.t))
+            self._go(event, self.t + share * (t1 - self.t))
             self._happen(event)
-            left = t1 - self.t
-            if left <= _NOTHING * self._method.dt:
+            if t1 - self.t <= _NOTHING * self._method.dt:
                 return self.q, self.v
-            q1, v1 = self.leg.part(self.t, self.q, self.v, left)
+            q1, v1 = self.leg.part(self.t, self.q, self.v, t1, keep=keep)
         else:
             raise PiledUp(f"more than {_MOST} events from t = {self.t:g} s to {t1:g} s")
         self._rebounding -= {name for name in self._rebounding if values[name] > 0}
@@ -150,16 +149,18 @@ class Loop:
         def value(share: float) -> float:
             if share in (0.0, 1.0):
                 return after if share else before
-            q, v = self.leg.part(self.t, self.q, self.v, share * way)
-            return event.value(Moment(self.t + share * way, q, v, self.leg.system))
+            t = self.t + share * way
+            q, v = self.leg.part(self.t, self.q, self.v, t)
+            return event.value(Moment(t, q, v, self.leg.system))
 
         return float(brentq(value, 0.0, 1.0, xtol=_FOUND, rtol=_FOUND))
 
-    def _go(self, event: Event, dt: float) -> None:
-        """Go on by less than a step, to an event."""
-        if dt > _NOTHING * self._method.dt:
-            self.q, self.v = self.leg.part(self.t, self.q, self.v, dt)
-            self.t = self.t + dt if event.at is None else event.at
+    def _go(self, event: Event, t: float) -> None:
+        """Go on by less than a step, to an event at t."""
+        t = t if event.at is None else event.at
+        if t - self.t > _NOTHING * self._method.dt:
+            self.q, self.v = self.leg.part(self.t, self.q, self.v, t)
+            self.t = t
 
     def _happen(self, event: Event) -> None:
         """Let an event happen here; Ended if it ends the run."""
@@ -174,8 +175,11 @@ class Loop:
         change = switch(before, self._placed(met), self.q, self.v, restitution=event.restitution)
         self.v = change.v
         if event.scene is not None:
+            after = self._placed(event.scene)
+            what = f"event {event.name!r}: its scene does not fit the state: "
+            check_fit(after, self.q, self.v, what=what)
             self._asked = event.scene
-            self.leg = Leg(self._placed(event.scene), self._method)
+            self.leg = Leg(after, self._method)
         else:
             self._rebounding.add(event.name)
         self.recorders.append(self.leg.begin(self.t, self.q, self.v))

@@ -63,9 +63,9 @@ class Manifold:
 def _rate(kind: str, theta: Array, v: Array) -> Array:
     """Return the rate of one joint's coordinates."""
     if kind == _BALL:
-        return np.asarray(pin.Jlog3(pin.exp3(theta)) @ v)
+        return np.asarray(pin.Jlog3(pin.exp3(theta)).dot(v))
     if kind == _FREE:
-        return np.asarray(pin.Jlog6(pin.exp6(theta)) @ v)
+        return np.asarray(pin.Jlog6(pin.exp6(theta)).dot(v))
     twist, velocity = np.zeros((2, 6))
     twist[_PLANAR], velocity[_PLANAR] = theta, v
-    return np.asarray((pin.Jlog6(pin.exp6(twist)) @ velocity)[_PLANAR])
+    return np.asarray(pin.Jlog6(pin.exp6(twist)).dot(velocity)[_PLANAR])

@@ -60,7 +60,7 @@ def plan(
         raise InvalidArgument(
             f"integrator = {integrator!r}: an integrator is needed, such as RungeKutta4()"
         )
-    drift = default_drift(scene, integrator, solver, dt) if drift is None else drift
+    drift = default_drift(scene, integrator, solver) if drift is None else drift
     if not isinstance(drift, Drift):
         raise InvalidArgument(f"drift = {drift!r}: a drift scheme is needed, such as Baumgarte")
     _check_drift(integrator, drift, dt)

@@ -9,7 +9,6 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin import tolerances
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
 from condyn_pin.drift.base import Drift
@@ -17,13 +16,15 @@ from condyn_pin.errors import CondynError, InvalidArgument
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Event
+from condyn_pin.simulation.fit import check_fit
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.leg import Leg
 from condyn_pin.simulation.loop import Ended, Loop, PiledUp
+from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.plan import Plan, plan
 from condyn_pin.simulation.recorder import merge
 from condyn_pin.simulation.torques import Torque
-from condyn_pin.simulation.trajectory import Run, RunStatus, Trajectory
+from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.solvers.base import Solver
 
 # A velocity beyond this is no motion of a machine [rad/s, m/s].
@@ -72,10 +73,8 @@ def simulate(
         Euler's, for six digits. Over very long times, and where energy is all that counts, take one
         that keeps the constraints.
     drift : Drift, optional
-        What keeps the constraints closed. By default `Baumgarte.critical` with alpha dt = 0.03 for
-        methods of order 4 and more, and 0.3 for those of order 1, which leave the smallest gaps
-        with little noise (`condyn_pin.simulation.defaults`); `NoDrift` where there is nothing to
-        do.
+        What keeps the constraints closed. By default `PostStabilization()`, which has no gains to
+        choose; `NoDrift()` where there is nothing to do.
     solver : Solver, optional
         As in `solve`.
     record : int
@@ -178,8 +177,8 @@ def start(scene: Scene, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
     """Return the first state, which has to satisfy the constraints."""
     q_ = normalised(scene.robot.model, "q", q)
     v_ = np.array(finite("v", v, scene.robot.nv))
-    limit = tolerances.NEARLY_CLOSED
-    scene.check(q_, v_).raise_if_open(gap=limit, slip=limit)
+    scene.robot.check_unedited()
+    check_fit(scene, q_, v_)
     return q_, v_
 
 

@@ -8,8 +8,7 @@ on the manifold of configurations.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from math import isclose
 from typing import TYPE_CHECKING, Any
 
@@ -81,7 +80,6 @@ class System:
         self.difference: Callable[[Array, Array], Array] = partial(pin.difference, self.model)
         self.lam: Callable[[], Array] = workspace.lam
         self._solve = workspace.acceleration
-        self._implicit: tuple[float, System] | None = None
         self._last: tuple[float, Array | None, Array | None, Array] = (0.0, None, None, np.zeros(0))
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
@@ -115,26 +113,17 @@ class System:
 
             (M + dt D + dt^2 K) a + h = tau - (D + dt K) v - K (q - q0) + J^T lam,
 
-        which is stable however large D and K are. It has memory of its own, and is kept until
-        another dt is asked for.
+        which is stable however large D and K are. All of them share the memory of `spare`.
         """
-        inertia = dt * self.passive.d + dt**2 * self.passive.K.sum(axis=1)
-        if not inertia.any():
+        if not (self.passive.d.any() or self.passive.k.any()):
             return self
-        if self._implicit is None or self._implicit[0] != dt:
-            self._implicit = dt, self._heavier(dt, inertia)
-        return self._implicit[1]
+        return _Implicit(self, dt)
 
-    def _heavier(self, dt: float, inertia: Array) -> System:
-        passive, scene, workspace = self.passive, self.scene, self.workspace
-        model = pin.Model(self.model)
-        model.armature = np.array(model.armature) + inertia
-        heavier = replace(scene, robot=replace(scene.robot, model=model))
-        # the scales of the scene are what they were but for the stiffest joints
-        vars(heavier)["audit"] = scene.audit
-        system = System(Workspace(heavier, workspace.solver, drift=workspace.drift), self.applied)
-        system.torque = passive.with_torques(self.applied, drag=dt * passive.K.sum(axis=1))
-        return system
+    @cached_property
+    def spare(self) -> Workspace:
+        """Another workspace of the same scene, whose model may be changed."""
+        workspace = self.workspace
+        return Workspace(self.scene, workspace.solver, drift=workspace.drift)
 
     def rate(self, theta: Array, v: Array) -> Array:
         """Return theta' (nv,) of q = integrate(q0, theta) at velocity v; see `Manifold`."""
@@ -168,3 +157,21 @@ class System:
     @property
     def _data(self) -> Any:
         return self.equations.data
+
+
+class _Implicit(System):
+    """A system whose springs and damping act at the end of a step."""
+
+    def __init__(self, system: System, dt: float) -> None:
+        super().__init__(system.spare, system.applied)
+        passive = system.passive
+        stiffness = passive.K.sum(axis=1)
+        self.torque = passive.with_torques(system.applied, drag=dt * stiffness)
+        inertia = dt * passive.d + dt**2 * stiffness
+        self._armature = self.model.armature  # a view: Pinocchio reads it in every call
+        self._heavier = np.array(system.model.armature) + inertia
+
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        """Return a (nv,), with the inertia that stands for the end of the step."""
+        self._armature[:] = self._heavier
+        return super().acceleration(t, q, v)

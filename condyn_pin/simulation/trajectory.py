@@ -2,78 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
-from enum import Enum
+from dataclasses import dataclass, fields
 from functools import cached_property
 from os import PathLike
-from typing import Any
 
 import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array
-from condyn_pin.drift.base import Drift
-from condyn_pin.rows.bound import Bound
+from condyn_pin.rows.bound import Bound, Rolled
 from condyn_pin.scene import Scene
-from condyn_pin.simulation.effects import Effects
-from condyn_pin.simulation.events import Happened
-from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.measures import Energy, Kinematics, kinematics, work
+from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.recorder import Phase
 from condyn_pin.simulation.torques import Passive
-from condyn_pin.solvers.base import Solver
-
-
-class RunStatus(Enum):
-    """How a run ended."""
-
-    FINISHED = "it went to its end"
-    ENDED = "an event ended it"
-    DIVERGED = "its numbers grew without bound: use a smaller dt, or other gains"
-    FAILED = "a step could not be taken"
-    PILED_UP = "events piled up"
-    INTERRUPTED = "it was interrupted"
-
-    @property
-    def ok(self) -> bool:
-        """Whether it went to its end, or to that of an event."""
-        return self in (RunStatus.FINISHED, RunStatus.ENDED)
-
-    def __str__(self) -> str:
-        return f"{self.name.lower()}: {self.value}"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Run:
-    """How a trajectory was made.
-
-    Attributes
-    ----------
-    duration, dt : float
-        What was asked for, and the step [s].
-    integrator, drift, solver
-        What was used.
-    effects : Effects
-        What of the robot's model was on.
-    status : RunStatus
-    reason : str
-        Why it ended where it did; empty if it went to its end.
-    happened : tuple of Happened
-        The events.
-    wall_time : float
-        [s]
-    """
-
-    duration: float  # [s]
-    dt: float  # [s]
-    integrator: Integrator
-    drift: Drift
-    solver: Solver
-    effects: Effects = field(default_factory=Effects)
-    status: RunStatus = RunStatus.FINISHED
-    reason: str = ""
-    happened: tuple[Happened, ...] = ()
-    wall_time: float = 0.0  # [s]
+from condyn_pin.states.gaps import Gap, beyond_text
+from condyn_pin.states.limits import Limits
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -142,7 +86,7 @@ class Trajectory:
             for bound in phase.scene.bounds:
                 lam = self.lam[phase.samples][:, list(phase.columns[bound.rows])]
                 force = lam
-                if isinstance(bound, Bound) and not bound.is_rod:
+                if isinstance(bound, Rolled) or (isinstance(bound, Bound) and not bound.is_rod):
                     force = np.array([bound.whole(row) for row in lam])
                 found.setdefault(bound.name, np.zeros((len(self.t), force.shape[1])))
                 found[bound.name][phase.samples] = force
@@ -208,7 +152,16 @@ class Trajectory:
             said.append(
                 f"{error:.3g} J of energy came or went without work, of {scale:.3g} J exchanged"
             )
+        if beyond := self._beyond_limits():
+            said.append(f"{beyond_text(beyond)}; the dynamics know no limits")
         return tuple(said)
+
+    def _beyond_limits(self) -> dict[str, Gap]:
+        """Return the joints that leave their limits, and how far at most, unless they began so."""
+        limits = Limits.of(self.scene.robot.model)
+        inside = limits.beyond(self.q[0]).keys()
+        most = limits.beyond(self.q.min(axis=0)) | limits.beyond(self.q.max(axis=0))
+        return {joint: gap for joint, gap in most.items() if joint not in inside}
 
     @cached_property
     def _kinematics(self) -> Kinematics:
@@ -218,8 +171,8 @@ class Trajectory:
     def save(self, path: str | PathLike[str]) -> None:
         """Write it to a file (npz): the samples, the robot's model, and how it was made.
 
-        Nothing in it is executed when it is read. A model can be read by the same major version of
-        Pinocchio.
+        Nothing in it is executed when it is read. The model can be read by the same Pinocchio only,
+        in its first two numbers.
         """
         from condyn_pin.simulation.files import save
 
@@ -259,7 +212,7 @@ class Trajectory:
         lines = [
             f"{self.scene.robot.name}, {self.scene.rows} rows: {self.t[-1]:.6g} s in steps of "
             f"{1e3 * run.dt:.4g} ms, {len(self.t)} samples, {self.status.name.lower()}",
-            ", ".join(_short(x) for x in (run.integrator, run.drift, run.solver)),
+            run.choices,
             run.effects.text(self.scene.robot),
             f"took        {run.wall_time:.3g} s, {ratio:.3g} x real time",
             f"violation   {self.violation.max():.1e} m, rad at most; "
@@ -281,12 +234,6 @@ def _chained(parts: list[Array]) -> Array:
         chained.append(start + part)
         start = chained[-1][-1]
     return np.concatenate(chained)
-
-
-def _short(value: Any) -> str:
-    """Return the repr of a choice with those knobs that are not at their defaults."""
-    knobs = (f"{f.name}={x!r}" for f in fields(value) if (x := getattr(value, f.name)) != f.default)
-    return f"{type(value).__name__}({', '.join(knobs)})"
 
 
 def _columns(found: Kinematics) -> tuple[Array, ...]:

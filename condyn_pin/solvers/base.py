@@ -34,6 +34,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.knobs import Grid
 
 if TYPE_CHECKING:
     from condyn_pin.workspace import Workspace
@@ -71,6 +72,8 @@ class Solver(ABC):
     takes_every_kind: ClassVar[bool] = True  # or only kinds that Pinocchio has, or can imitate
     takes_imitated: ClassVar[bool] = True  # or only kinds that Pinocchio has
     exact: ClassVar[bool] = True  # whether it solves the two equations, or others near them
+
+    sweeps: ClassVar[tuple[Grid, ...]] = ()  # values of knobs that are worth a look
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

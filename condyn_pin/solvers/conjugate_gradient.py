@@ -10,7 +10,15 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.knobs import check_accuracy, check_damping, check_iterations
+from condyn_pin.knobs import (
+    ACCURACIES,
+    ITERATIONS,
+    WEIGHTS,
+    Grid,
+    check_accuracy,
+    check_damping,
+    check_iterations,
+)
 from condyn_pin.minimum_norm import factorise
 from condyn_pin.solvers.base import Method, Solver
 from condyn_pin.tolerances import RANK
@@ -59,6 +67,11 @@ class ConjugateGradient(Solver):
     cost: ClassVar[str] = "O(n + m n) an iteration, about as many iterations as independent rows"
     use: ClassVar[str] = "any rows on models so large that no matrix is to be factorised"
     takes_redundant: ClassVar[bool] = True
+    sweeps: ClassVar[tuple[Grid, ...]] = (
+        {"mu": WEIGHTS},
+        {"max_iterations": ITERATIONS},
+        {"tolerance": ACCURACIES},
+    )
 
     tolerance: float | None = None  # [m/s^2]
     max_iterations: int = 500

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from condyn_pin.arrays import Array
-from condyn_pin.knobs import check_damping
+from condyn_pin.knobs import WEIGHTS, Grid, check_damping
 from condyn_pin.range_space import range_space
 from condyn_pin.solvers.base import Method, Singular, Solver, free_force
 
@@ -46,6 +46,7 @@ class DelassusCholesky(Solver):
     cost: ClassVar[str] = "O(n^3 + n^2 m + m^3)"
     use: ClassVar[str] = "independent rows of any kind; few rows on many joints"
     takes_redundant: ClassVar[bool] = False
+    sweeps: ClassVar[tuple[Grid, ...]] = ({"mu": WEIGHTS},)
 
     mu: float = 0.0  # [1/kg]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array
-from condyn_pin.knobs import check_damping
+from condyn_pin.knobs import WEIGHTS, Grid, check_damping, check_refinements
 from condyn_pin.solvers.base import Method, Singular, Solver
 
 if TYPE_CHECKING:
@@ -30,6 +30,9 @@ class DenseKKT(Solver):
         Regularisation of the lower right block [1/kg]. With 0 the answer is exact where the rows
         are independent, and `singular` where they are not. With mu > 0 it always exists, and a is
         off by about mu / sigma relative, sigma the smallest nonzero eigenvalue of J M^-1 J^T.
+    refinements : int
+        Corrections by residuals of Newton-Euler and forward kinematics with the same factor: they
+        make up for mu and for rounding, each for the price of a look as in `solve`.
 
     Notes
     -----
@@ -48,11 +51,14 @@ class DenseKKT(Solver):
     cost: ClassVar[str] = "O((n + m)^3)"
     use: ClassVar[str] = "to compare with; independent rows of any kind"
     takes_redundant: ClassVar[bool] = False
+    sweeps: ClassVar[tuple[Grid, ...]] = ({"mu": WEIGHTS},)
 
     mu: float = 0.0  # [1/kg]
+    refinements: int = 0
 
     def __post_init__(self) -> None:
         check_damping(self.mu)
+        check_refinements(self.refinements)
 
     def start(self, workspace: Workspace) -> Method:
         """Return the assembled solve bound to the memory of `workspace`."""
@@ -81,9 +87,13 @@ class DenseKKT(Solver):
             rhs = np.concatenate([tau, terms.a_ref]) - np.concatenate([terms.h, terms.gamma])
             rhs *= d
             np.multiply(d, dsytrs(factor, pivots, rhs, lower=1)[0].ravel(), out=answer)
+            for _ in range(self.refinements):
+                left = workspace.equations.residuals(q, v, tau, answer[:n], -answer[n:])
+                rhs = d * np.concatenate(left)
+                answer[:] -= d * dsytrs(factor, pivots, rhs, lower=1)[0].ravel()
             return answer[:n].copy()
 
-        return Method(acceleration, lambda: -answer[n:], lambda: 1)
+        return Method(acceleration, lambda: -answer[n:], lambda: 1 + self.refinements)
 
 
 def scaling(terms: Terms) -> Array:

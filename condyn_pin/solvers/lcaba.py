@@ -12,7 +12,14 @@ from condyn_pin import _pin, tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.errors import UnsupportedConstraint
-from condyn_pin.knobs import check_accuracy, check_knobs
+from condyn_pin.knobs import (
+    ACCURACIES,
+    ITERATIONS,
+    WEIGHTS,
+    Grid,
+    check_accuracy,
+    check_knobs,
+)
 from condyn_pin.solvers.base import Method, Solver
 
 if TYPE_CHECKING:
@@ -68,6 +75,11 @@ class LCABA(Solver):
     use: ClassVar[str] = "the fastest for contacts with the world; needs Pinocchio 4"
     takes_redundant: ClassVar[bool] = True
     takes_every_kind: ClassVar[bool] = False
+    sweeps: ClassVar[tuple[Grid, ...]] = (
+        {"mu": WEIGHTS, "max_iterations": (1, 20)},
+        {"max_iterations": ITERATIONS},
+        {"absolute_accuracy": ACCURACIES},
+    )
 
     mu: float | None = None  # [1/kg]
     max_iterations: int = 200

@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.knobs import check_accuracy, check_knobs
+from condyn_pin.knobs import (
+    ACCURACIES,
+    ITERATIONS,
+    WEIGHTS,
+    Grid,
+    check_accuracy,
+    check_knobs,
+    check_refinements,
+)
+from condyn_pin.refinement import Refinement
 from condyn_pin.solvers.base import Method, Solver
 
 if TYPE_CHECKING:
@@ -31,13 +40,13 @@ class Proximal(Solver):
 
     Parameters
     ----------
-    mu : float, optional
+    mu : float or "auto", optional
         Proximal weight [1/kg]. Larger: more iterations, less noise in lam along redundant rows
-        (it is about 1e-16 |a| / mu). Zero is a plain solve and gives NaN on redundant rows. By
-        default 1e-6 of the largest eigenvalue of G at the nominal state of the scene, so that it
-        means the same on a hand and on an excavator: three iterations on Talos and on Cassie. A
-        hundredth of the smallest nonzero eigenvalue if that is less, as it is for hinges that are
-        closed by two points, and never less than 1e-10 of the largest.
+        (it is about 1e-16 |a| / mu). Zero is a plain solve and gives NaN on redundant rows. "auto",
+        the default, is 1e-6 of the largest eigenvalue of G at the nominal state of the scene, so
+        that it means the same on a hand and on an excavator: three iterations on Talos and on
+        Cassie. A hundredth of the smallest nonzero eigenvalue if that is less, as it is for hinges
+        that are closed by two points, and never less than 1e-10 of the largest.
     max_iterations : int
         Upper limit. It is met without harm where lam keeps a little noise; convergence is judged
         by the errors of the `Solution`, never by this.
@@ -46,6 +55,10 @@ class Proximal(Solver):
         absolute number. By default 1e-9 of the robot's weight: above the noise of redundant rows,
         where Pinocchio's 1e-12 never fires and doubles the time for nothing, and small enough,
         since the next iterate is better by mu / sigma again.
+    refinements : int
+        Corrections with residuals of our own and the same factor (`condyn_pin.refinement`). Each
+        costs a look as in `solve`, and gains what rounding took where M is badly conditioned: light
+        bodies under heavy ones, long chains.
     absolute_accuracy : float
         Handed to Pinocchio as it is. Pinocchio compares it with a number that is not a residual
         (|J a_free - 2 b|_inf), so it has no use; 0 keeps it from ever stopping the iteration.
@@ -65,13 +78,22 @@ class Proximal(Solver):
     use: ClassVar[str] = "by default; the fastest for closed chains"
     takes_redundant: ClassVar[bool] = True
     takes_every_kind: ClassVar[bool] = False
+    sweeps: ClassVar[tuple[Grid, ...]] = (
+        {"mu": WEIGHTS, "max_iterations": (1, 20)},
+        {"max_iterations": ITERATIONS},
+        {"relative_accuracy": ACCURACIES},
+    )
 
-    mu: float | None = None  # [1/kg]
+    mu: float | Literal["auto"] | None = None  # [1/kg]
     max_iterations: int = 20
     relative_accuracy: float | None = None  # [N]
     absolute_accuracy: float = 0.0
+    refinements: int = 0
 
     def __post_init__(self) -> None:
+        if self.mu == "auto":
+            object.__setattr__(self, "mu", None)
+        check_refinements(self.refinements)
         check_knobs(self.mu, self.max_iterations, smallest_mu=0.0)
         if self.relative_accuracy is not None:
             check_accuracy("relative_accuracy", self.relative_accuracy)
@@ -80,7 +102,7 @@ class Proximal(Solver):
     def start(self, workspace: Workspace) -> Method:
         """Return `pin.constraintDynamics` bound to the memory of `workspace`."""
         audit = workspace.scene.audit
-        mu = default_mu(audit) if self.mu is None else self.mu
+        mu = default_mu(audit) if self.mu is None else float(self.mu)
         accuracy = 1e-9 * audit.weight if self.relative_accuracy is None else self.relative_accuracy
         settings = pin.ProximalSettings(self.absolute_accuracy, accuracy, mu, self.max_iterations)
         workspace.proximal_settings = settings
@@ -94,7 +116,14 @@ class Proximal(Solver):
         def lam() -> Array:
             return workspace.scene_forces(np.array(data.lambda_c))
 
-        return Method(acceleration, lam, lambda: int(settings.iter))
+        if not self.refinements:
+            return Method(acceleration, lam, lambda: int(settings.iter))
+        refinement = Refinement(workspace, self.refinements)
+        return Method(
+            lambda q, v, tau: refinement.correct(q, v, tau, acceleration(q, v, tau)),
+            lambda: workspace.scene_forces(refinement.lam),
+            lambda: int(settings.iter) + self.refinements,
+        )
 
 
 def default_mu(audit: Audit) -> float:

@@ -10,12 +10,16 @@ import numpy as np
 from condyn_pin._pin import LOCAL, pin
 from condyn_pin.arrays import Array, finite
 from condyn_pin.errors import InvalidArgument, InvalidModel
+from condyn_pin.knobs import Grid
 from condyn_pin.range_space import whiten
 from condyn_pin.rows.bound import Coupled
 from condyn_pin.solvers.base import Method, Singular, Solver, free_force
 
 if TYPE_CHECKING:
     from condyn_pin.workspace import Workspace
+
+# Compliance in decades: 1 - d from 0.1 to 1e-12, the same at every gap.
+_STIFFER = tuple((d, d, 0.001, 0.5, 2.0) for d in (1 - float(f"1e-{k}") for k in range(1, 13)))
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,7 @@ class Soft(Solver):
     use: ClassVar[str] = "to see what MuJoCo sees; not the hard answer, and says so"
     takes_redundant: ClassVar[bool] = True
     exact: ClassVar[bool] = False
+    sweeps: ClassVar[tuple[Grid, ...]] = ({"solimp": _STIFFER},)
 
     solref: tuple[float, float] = (0.02, 1.0)  # [s, 1], or [1/s^2, 1/s]
     solimp: tuple[float, float, float, float, float] = (0.9, 0.95, 0.001, 0.5, 2.0)

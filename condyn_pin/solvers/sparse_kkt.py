@@ -10,7 +10,7 @@ import numpy as np
 from condyn_pin import _pin, tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.knobs import check_damping
+from condyn_pin.knobs import WEIGHTS, Grid, check_damping
 from condyn_pin.range_space import whiten
 from condyn_pin.solvers.base import Method, Singular, Solver, free_force
 
@@ -57,6 +57,7 @@ class SparseKKT(Solver):
     takes_redundant: ClassVar[bool] = False
     takes_every_kind: ClassVar[bool] = False
     takes_imitated: ClassVar[bool] = False
+    sweeps: ClassVar[tuple[Grid, ...]] = ({"mu": WEIGHTS},)
 
     mu: float = 0.0  # [1/kg]
 

@@ -134,8 +134,7 @@ def chains(scene: Scene) -> Chains:
 
 def positioned(scene: Scene) -> Indices:
     """Return the rows that have a position error."""
-    spans = [range(b.rows.start, b.rows.stop) for b in scene.bounds if b.anchored]
-    return np.array([row for span in spans for row in span], dtype=np.int_)
+    return np.array([row for b in scene.bounds for row in b.positioned], dtype=np.int_)
 
 
 def _nearby(

@@ -12,7 +12,7 @@ import numpy as np
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.joints import Indices
-from condyn_pin.rows.bound import Bound, Coupled
+from condyn_pin.rows.bound import AnyBound
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
@@ -66,7 +66,7 @@ def clusters(
 ) -> Iterator[Cluster]:
     """Group the loops that share dependent joints: the blocks of J_D, at a reference and nearby."""
     for names, touched in _groups(scene, J, rows, columns):
-        own = np.concatenate([np.arange(b.rows.start, b.rows.stop) for b in _bounds(scene, names)])
+        own = _rows(scene, names)
         moved = np.array(sorted(touched), dtype=np.int_)
         block = J[np.ix_(own, moved)]
         Q = np.linalg.qr(block)[0]
@@ -88,9 +88,9 @@ def _groups(
     groups: list[tuple[set[str], set[int]]] = []
     scale = np.abs(J[rows]).max(initial=0.0)
     for bound in scene.bounds:
-        if not bound.anchored:
+        if not bound.positioned:
             continue
-        size = np.abs(J[bound.rows][:, columns]).max(axis=0, initial=0.0)
+        size = np.abs(J[bound.positioned][:, columns]).max(axis=0, initial=0.0)
         names, touched = {bound.name}, set(columns[size > tolerances.DEAD_POINT * scale].tolist())
         apart = [group for group in groups if not group[1] & touched]
         for group in groups:
@@ -119,7 +119,7 @@ def isolated(
     """
     found = []
     for names, touched in _groups(scene, jacobians[0], rows, np.arange(len(moved))):
-        own = np.concatenate([np.arange(b.rows.start, b.rows.stop) for b in _bounds(scene, names)])
+        own = _rows(scene, names)
         for J in jacobians:
             S = np.linalg.svd(J[own], compute_uv=False)
             vanishing = (tolerances.REFERENCE_RANK * S[0] < S) & (tolerances.ISOLATED * S[0] > S)
@@ -129,7 +129,12 @@ def isolated(
     return tuple(found)
 
 
-def _bounds(scene: Scene, names: set[str]) -> list[Bound | Coupled]:
+def _rows(scene: Scene, names: set[str]) -> Indices:
+    """Return the rows of some loops that have a position error."""
+    return np.array([row for b in _bounds(scene, names) for row in b.positioned], dtype=np.int_)
+
+
+def _bounds(scene: Scene, names: set[str]) -> list[AnyBound]:
     return [bound for bound in scene.bounds if bound.name in names]
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.joints import lengths
-from condyn_pin.rows.bound import Bound, Coupled
+from condyn_pin.rows.bound import AnyBound, Coupled
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
@@ -61,7 +61,7 @@ def worst(gap: Mapping[str, Gap]) -> tuple[str, Gap]:
 
 def gaps(scene: Scene, c: Array) -> dict[str, Gap]:
     """Return how far each constraint that has a position is open, from c (m,)."""
-    return {b.name: _gap(scene, b, c[b.rows]) for b in scene.bounds if b.anchored}
+    return {b.name: _gap(scene, b, c[b.rows]) for b in scene.bounds if b.positioned}
 
 
 def slips(scene: Scene, velocity: Array) -> dict[str, Gap]:
@@ -69,7 +69,7 @@ def slips(scene: Scene, velocity: Array) -> dict[str, Gap]:
     return {b.name: _gap(scene, b, velocity[b.rows]) for b in scene.bounds}
 
 
-def _gap(scene: Scene, bound: Bound | Coupled, rows: Array) -> Gap:
+def _gap(scene: Scene, bound: AnyBound, rows: Array) -> Gap:
     """Return the norms of the linear and of the angular rows of one constraint."""
     if isinstance(bound, Coupled):
         angular = np.array([not _slides(scene.robot.model, bound.velocity[0])])

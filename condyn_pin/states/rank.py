@@ -45,7 +45,8 @@ class Rank:
         m; independent rows at q; independent rows at configurations near the first posture that
         are not singular by accident.
     mobility, gruebler : int
-        nv - rank, the degrees of freedom left; nv - m, as if every row counted.
+        nv - rank, the degrees of freedom left, as directions of the velocity; nv - m, as if every
+        row counted.
     redundant : tuple of str
         Rows that can go at q without changing the motion, as ``constraint.axis``.
     generic_redundant : tuple of str

@@ -17,6 +17,7 @@
    exponential map stands `system.rate`.
 6. An integrator that satisfies c(q) = 0 or J v = 0 itself sets `keeps_constraints`; then nothing
    else is asked of the rows (`system.workspace.drift` is None), and no drift scheme is the default.
+   One that holds c(q) = 0 alone sets `needs_positions`: wheels and knives have none.
 7. Iterations that do not converge raise `StepFailed`, which names what would do, such as a smaller
    dt. Numbers that are not finite need no care: the next solve finds them.
 8. Sources: cite the paper in the docstring.
@@ -66,6 +67,7 @@ class Integrator(ABC):
     a_at: ClassVar[Literal["start", "end"]] = "start"  # which end of the step a and lam belong to
     keeps_constraints: ClassVar[bool] = False
     is_adaptive: ClassVar[bool] = False  # whether it takes smaller steps where it must
+    needs_positions: ClassVar[bool] = False  # whether it holds c(q) = 0 only, no bare J v = 0
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

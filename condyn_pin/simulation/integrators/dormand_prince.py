@@ -42,7 +42,7 @@ class DormandPrince(Integrator):
     """
 
     title: ClassVar[str] = "Dormand-Prince, adaptive"
-    order: ClassVar[Order] = Order(8, 8, 8)
+    order: ClassVar[Order] = Order(8, 8, 8)  # of the default method
     symplectic: ClassVar[bool] = False
     solves_per_step: ClassVar[float] = 14
     use: ClassVar[str] = "where the error is to be chosen instead of dt"
@@ -82,7 +82,9 @@ class DormandPrince(Integrator):
 
             y0 = np.concatenate([np.zeros(n), v])
             method = kind(slope, 0.0, y0, dt, first_step=min(size[0], dt), **tolerances)
+            size[0] = 0.0
             while method.status == "running":
+                size[0] = max(size[0], method.h_abs)  # the last substep is cut off, and says less
                 method.step()
                 if method.step_size and method.step_size < _SMALLEST * dt:
                     break
@@ -91,7 +93,6 @@ class DormandPrince(Integrator):
                     f"{self!r}: no step from t = {t:g} s is small enough; the motion is too fast "
                     "or not smooth there: use larger tolerances, or a tau without jumps"
                 )
-            size[0] = float(method.h_abs)
             return integrate(q, method.y[:n]), method.y[n:].copy(), a
 
         return Stepper(step, lambda: lam[0]())

@@ -62,6 +62,7 @@ class RadauIIA(Integrator):
     use: ClassVar[str] = "to compare: with the second multiplier v and lam are better"
     a_at = "end"
     keeps_constraints: ClassVar[bool] = True
+    needs_positions: ClassVar[bool] = True
 
     stages: int = 2
 

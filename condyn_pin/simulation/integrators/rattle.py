@@ -48,6 +48,7 @@ class Rattle(Integrator):
     solves_per_step: ClassVar[float] = 8
     use: ClassVar[str] = "over very long times, where energy may not drift"
     keeps_constraints: ClassVar[bool] = True
+    needs_positions: ClassVar[bool] = True
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
@@ -70,6 +71,7 @@ class Shake(Integrator):
     solves_per_step: ClassVar[float] = 8
     use: ClassVar[str] = "to compare: RATTLE costs no more"
     keeps_constraints: ClassVar[bool] = True
+    needs_positions: ClassVar[bool] = True
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""

@@ -1,0 +1,1 @@
+"""condyn_pin beside what users would pick instead; `README.md` has the method."""

@@ -1,0 +1,211 @@
+"""Curves that are known, measured again; a full study, timed; and what two processes bring.
+
+    python benchmarks/study.py [--curves] [--full] [--processes]
+
+All three by default. Curves are errors after one proximal iteration, which fall with mu; of a
+parallelogram by the mass of its coupler, against its closed form; of Pinocchio's derivatives, as
+the library calls them and as they are called without the settings of the solve; and of a motion.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+from collections.abc import Mapping
+from dataclasses import dataclass
+from time import perf_counter, process_time, sleep
+from typing import ClassVar
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import numpy as np
+
+import condyn_pin as cp
+from condyn_pin._pin import pin
+from condyn_pin.arrays import Array
+from condyn_pin.drift.no_drift import NoDrift
+from condyn_pin.mechanisms.base import add_rod
+from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4
+from condyn_pin.timing import Call, State
+from condyn_pin.trade.measures.base import Answer, relative
+from condyn_pin.workspace import Workspace
+
+GRAVITY = 9.81  # [m/s^2]
+
+# How crank, coupler and rocker of a parallelogram turn, and where it is looked at.
+TOGETHER = np.array([1.0, -1.0, 1.0])
+RAISED = np.pi / 2 + 0.9  # of the cranks, 0.9 beyond the vertical [rad]
+
+
+def parallelogram(coupler: float) -> cp.Scene:
+    """Return cranks of 1 kg and 1 m that carry a coupler of some mass [kg] and 1 m."""
+    model = pin.Model()
+    model.name = f"parallelogram {coupler:g}"
+    crank = add_rod(model, "crank", 0, 0.0, 1.0, 1.0)
+    add_rod(model, "coupler", crank, 1.0, 1.0, coupler)
+    add_rod(model, "rocker", 0, 1.0, 1.0, 1.0)
+    robot = cp.Robot(model.name, model, postures={"raised": RAISED * TOGETHER})
+    return cp.Scene(robot, [cp.Loop("coupler_tip", "rocker_tip")])
+
+
+@dataclass(frozen=True)
+class ParallelogramMeasure(cp.AccelerationMeasure):
+    """The error of the crank of `parallelogram`, relative to its closed form.
+
+    (2/3 + s) theta'' = -g (1 + s) cos theta, for cranks of 1 kg and 1 m, and a coupler of s kg.
+    """
+
+    name: ClassVar[str] = "parallelogram"
+
+    def truth(self, scene: cp.Scene, state: State) -> Array:
+        """Return theta''."""
+        s = scene.robot.model.inertias[scene.robot.model.getJointId("coupler")].mass
+        return np.array([-GRAVITY * (1 + s) * np.cos(state[0][0]) / (2 / 3 + s)])
+
+    def answer(self, workspace: Workspace, state: State, truth: Array, accuracy: float) -> Answer:
+        """Return the answer, judged by the crank alone."""
+        solution = workspace.solve(*state, accuracy=accuracy, throw=False)
+        return Answer.of(solution, relative(solution.a[:1], truth, 0.0), accuracy)
+
+
+@dataclass(frozen=True)
+class BareDerivativeMeasure(cp.DerivativeMeasure):
+    """Pinocchio's derivatives with settings of their own: the protocol that is not kept.
+
+    Fresh settings have not counted an iteration, and the derivative is then one of a damped system.
+    """
+
+    name: ClassVar[str] = "derivatives, fresh settings"
+
+    method: str = "pinocchio"
+
+    def answer(self, workspace: Workspace, state: State, truth: Array, accuracy: float) -> Answer:
+        """Return the answer of Pinocchio, copied."""
+        solution = workspace.solve(*state, accuracy=accuracy, throw=False)
+        model, data = workspace.model, workspace.data
+        models, datas = workspace.constraint_models, workspace.constraint_datas
+        used = workspace.proximal_settings
+        pin.constraintDynamics(model, data, *state, models, datas, used)
+        fresh = pin.ProximalSettings(0.0, 0.0, used.mu, used.max_iter)
+        parts = pin.computeConstraintDynamicsDerivatives(model, data, models, datas, fresh)
+        pairs = zip(parts[:3], np.hsplit(truth, 3), strict=True)
+        error = max(relative(found, true, 1.0) for found, true in pairs)
+        return Answer.of(solution, error, promised=np.inf)
+
+    def calls(self, workspace: Workspace) -> Mapping[str, Call]:
+        """Return nothing: it is wrong, and not worth a time."""
+        return {}
+
+
+def one_iteration(mus: list[float]) -> cp.Table:
+    """Return the error of a on Talos after one proximal iteration."""
+    talos = cp.load_robot("talos")
+    solvers = cp.sweep(cp.Proximal(max_iterations=1), mu=mus)
+    return cp.Study(cp.Scene(talos, talos.contacts), solvers, states=10).run(timed=False)
+
+
+def mass_ratios(couplers: list[float]) -> cp.Table:
+    """Return the error of a parallelogram after one proximal iteration at mu = 1e-8."""
+    scenes = [parallelogram(s) for s in couplers]
+    solvers = [cp.Proximal(mu=1e-8, max_iterations=1)]
+    turning = cp.GivenStates("turning", [(RAISED * TOGETHER, -TOGETHER, np.zeros(3))])
+    study = cp.Study(scenes, solvers, states=turning, measure=ParallelogramMeasure())
+    return study.run(timed=False)
+
+
+def protocols(mus: list[float]) -> cp.Table:
+    """Return the error of Pinocchio's derivatives on Talos, with the protocol and without."""
+    talos = cp.load_robot("talos")
+    solvers = cp.sweep(cp.Proximal(), mu=mus)
+    measures = [cp.DerivativeMeasure("pinocchio"), BareDerivativeMeasure()]
+    scene = cp.Scene(talos, talos.contacts)
+    return cp.Study(scene, solvers, states=3, measure=measures).run(timed=False)
+
+
+def motions(solvers: list[cp.Solver]) -> cp.Table:
+    """Return the error of Bricard's linkage after a second in steps of a millisecond."""
+    bricard = cp.load_robot("bricard")
+    measure = cp.TrajectoryMeasure(duration=1.0, integrator=RungeKutta4(), drift=NoDrift())
+    scene, states = cp.Scene(bricard, bricard.loops), cp.PostureStates(["home"])
+    return cp.Study(scene, solvers, states=states, measure=measure).run(timed=False)
+
+
+def show_curves() -> None:
+    """Print the known curves."""
+    print("Talos, one iteration: mu, median and worst error of a, over mu")
+    for row in one_iteration([10.0**-k for k in range(2, 11)]).rows:
+        mu = row.knobs["mu"]
+        print(
+            f"{mu:8.0e} {row.error_median:9.2e} {row.error_worst:9.2e} {row.error_worst / mu:7.2f}"
+        )
+    print("parallelogram, one iteration at mu = 1e-8: coupler [kg], error, over its mass")
+    couplers = [10.0**k for k in range(7)]
+    for s, row in zip(couplers, mass_ratios(couplers).rows, strict=True):
+        print(f"{s:8.0e} {row.error_worst:9.2e} {row.error_worst / s:9.2e}")
+    print("Talos, Pinocchio's derivatives: mu, error with the protocol, and without")
+    mus = [10.0**-k for k in range(2, 13, 2)]
+    rows = protocols(mus).rows
+    for mu, kept, not_kept in zip(mus, rows[: len(mus)], rows[len(mus) :], strict=True):
+        print(f"{mu:8.0e} {kept.error_worst:9.2e} {not_kept.error_worst:9.2e}")
+    print("Bricard, 1 s of Runge-Kutta 4 at 1 ms: mu, error after one iteration a solve, converged")
+    mus = [10.0**-k for k in range(2, 11, 2)]
+    once = cp.sweep(cp.Proximal(max_iterations=1), mu=mus)
+    rows = motions([*once, *cp.sweep(cp.Proximal(), mu=mus)]).rows
+    for mu, one, many in zip(mus, rows[: len(mus)], rows[len(mus) :], strict=True):
+        print(f"{mu:8.0e} {one.error_worst:9.2e} {many.error_worst:9.2e}")
+
+
+def show_full() -> None:
+    """Time a full study of Talos and Cassie."""
+    start, work = perf_counter(), process_time()
+    table = cp.Study(["talos", "cassie"]).run()
+    passed, worked = perf_counter() - start, process_time() - work
+    said = dict.fromkeys(row.timed for row in table.rows if row.median_us)
+    print(
+        f"full study of Talos and Cassie: {len(table.rows)} rows in {passed:.0f} s, of which "
+        f"{worked:.0f} s of processor time; {'; '.join(said)}"
+    )
+
+
+def get_ready(_: int) -> None:
+    """Import what a study needs, and give the other process time for it too."""
+    cp.load_robot("talos")
+    sleep(0.5)
+
+
+def show_processes() -> None:
+    """Compare the errors of a study here with those of two processes."""
+    study = cp.Study(["talos", "cassie"])
+    start, work = perf_counter(), process_time()
+    alone = study.run(timed=False)
+    serial, serial_work = perf_counter() - start, process_time() - work
+    with cp.Processes(2) as executor:
+        list(executor.map(get_ready, range(4)))
+        start, work = perf_counter(), process_time()
+        together = study.run(timed=False, executor=executor)
+        parallel, own_work = perf_counter() - start, process_time() - work
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    theirs = children.ru_utime + children.ru_stime
+    print(
+        f"errors here {serial:.1f} s ({serial_work:.1f} s of processor time), in two processes "
+        f"{parallel:.1f} s ({theirs:.1f} s in both, {own_work:.1f} s here): "
+        f"{serial / parallel:.2f} times as fast, same rows: {alone.rows == together.rows}; "
+        f"load {os.getloadavg()[0]:.1f}"
+    )
+
+
+def main() -> None:
+    """Run what was asked for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parts = {"curves": show_curves, "full": show_full, "processes": show_processes}
+    for name in parts:
+        parser.add_argument(f"--{name}", action="store_true")
+    wanted = {name for name, asked in vars(parser.parse_args()).items() if asked}
+    for name, show in parts.items():
+        if not wanted or name in wanted:
+            show()
+
+
+if __name__ == "__main__":
+    main()

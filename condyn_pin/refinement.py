@@ -1,0 +1,50 @@
+"""Refinement: the residuals of an answer, solved for with the factor that it came from.
+
+    [ -mu 1  J ] [ -dlam ]     [ s ]
+    [  J^T   M ] [   da  ] = - [ r ],     r = M a + h - tau - J^T lam,   s = J a + gamma - a_ref
+
+The residuals are recomputed by Newton-Euler and forward kinematics. So the damping mu and what the
+factor lost to rounding are both made up for; each correction leaves a share mu / (sigma + mu).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from condyn_pin import _pin
+from condyn_pin.arrays import Array
+
+if TYPE_CHECKING:
+    from condyn_pin.workspace import Workspace
+
+
+class Refinement:
+    """Corrections by the factor that `pin.constraintDynamics` leaves behind.
+
+    Attributes
+    ----------
+    lam : (m,) array
+        Forces of the rows that Pinocchio has, after the last correction.
+    """
+
+    def __init__(self, workspace: Workspace, times: int) -> None:
+        self._workspace, self._times = workspace, times
+        self._cholesky = _pin.constraint_cholesky(workspace.data)
+        self._m = sum(native.size for native in workspace.natives.constraints)
+        self.lam = np.zeros(self._m)
+
+    def correct(self, q: Array, v: Array, tau: Array, a: Array) -> Array:
+        """Return a (nv,) after the corrections."""
+        workspace, m = self._workspace, self._m
+        to_scene, residuals = workspace.natives.to_scene, workspace.equations.residuals
+        self.lam = np.array(workspace.data.lambda_c)
+        for _ in range(self._times):
+            r, s = residuals(q, v, tau, a, workspace.scene_forces(self.lam))
+            if to_scene is not None:  # the slips of Pinocchio's rows, as lam goes the other way
+                s = to_scene.T.dot(s)
+            steps = self._cholesky.solve(np.concatenate([s, r])).ravel()
+            a = a - steps[m:]
+            self.lam = self.lam + steps[:m]
+        return a

@@ -1,0 +1,35 @@
+"""Whether a state fits a scene well enough to go on from."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from condyn_pin import tolerances
+from condyn_pin.arrays import Array
+from condyn_pin.errors import NotAssembled
+from condyn_pin.rows.equations import Equations
+from condyn_pin.scene import Scene
+from condyn_pin.states.check import Check
+from condyn_pin.states.gaps import gaps, slips
+
+
+def check_fit(scene: Scene, q: Array, v: Array, *, what: str = "") -> None:
+    """Raise NotAssembled if a loop or an anchored contact is open, or slips.
+
+    Parameters
+    ----------
+    scene : Scene
+    q, v : (nq,), (nv,) array
+    what : str
+        What the text begins with.
+    """
+    equations = Equations(scene.robot.model, scene.bounds)
+    c = equations.violation(q)
+    velocity = equations.jacobian(q) @ v
+    speed = max(1.0, float(np.abs(v).max(initial=0.0)))
+    fit = Check(gaps(scene, c), slips(scene, velocity), speed, {})
+    limit = tolerances.NEARLY_CLOSED
+    try:
+        fit.raise_if_open(gap=limit, slip=limit)
+    except NotAssembled as error:
+        raise NotAssembled(f"{what}{error}") from None

@@ -1,0 +1,1 @@
+"""What accuracy costs: studies, their tables, and what they answer."""

@@ -1,0 +1,165 @@
+"""Sets of states that a study looks at: closed, consistent, and the same every time."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from condyn_pin.arrays import finite
+from condyn_pin.catalogue import motor_torque
+from condyn_pin.errors import InvalidArgument
+from condyn_pin.knobs import check_count
+from condyn_pin.scene import Scene
+from condyn_pin.timing import State
+
+
+class States(ABC):
+    """A way to get states (q, v, tau) of a scene; a frozen value."""
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """What tables call the set."""
+
+    @abstractmethod
+    def of(self, scene: Scene) -> tuple[State, ...]:
+        """Return the states of a scene."""
+
+
+@dataclass(frozen=True)
+class SampledStates(States):
+    """Random states of `Scene.sample`, under random torques in the motors.
+
+    Parameters
+    ----------
+    count : int
+    seed : int
+        The same seed gives the same states.
+    spread, speed : float
+        As in `Scene.sample`.
+    """
+
+    count: int = 20
+    seed: int = 0
+    spread: float = 0.2  # [rad, m]
+    speed: float = 1.0  # [rad/s, m/s]
+
+    def __post_init__(self) -> None:
+        check_count("count", self.count)
+        check_count("seed", self.seed, least=0)
+
+    @property
+    def name(self) -> str:
+        """Count and seed, and what is not as usual."""
+        usual = (self.spread, self.speed) == (0.2, 1.0)
+        other = "" if usual else f", spread {self.spread:g}, speed {self.speed:g}"
+        return f"{self.count} sampled, seed {self.seed}{other}"
+
+    def of(self, scene: Scene) -> tuple[State, ...]:
+        """Return the states of a scene."""
+        rng = np.random.default_rng(self.seed)
+        return tuple(
+            (
+                *scene.sample(rng, spread=self.spread, speed=self.speed),
+                motor_torque(scene.robot, rng),
+            )
+            for _ in range(self.count)
+        )
+
+
+@dataclass(frozen=True)
+class NominalStates(States):
+    """The nominal configuration: at rest, and moving along the constraints under torques."""
+
+    @property
+    def name(self) -> str:
+        """``nominal``."""
+        return "nominal"
+
+    def of(self, scene: Scene) -> tuple[State, ...]:
+        """Return the states of a scene."""
+        return tuple((s.q, s.v, s.tau) for s in scene.audit.states)
+
+
+@dataclass(frozen=True)
+class PostureStates(States):
+    """The postures of the robot, closed, at rest and without torques.
+
+    Parameters
+    ----------
+    postures : sequence of str, optional
+        All of them by default.
+    """
+
+    postures: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        if isinstance(self.postures, str):
+            raise InvalidArgument(f"postures = {self.postures!r}: a list is needed")
+        object.__setattr__(self, "postures", tuple(self.postures))
+
+    @property
+    def name(self) -> str:
+        """The names of the postures."""
+        return f"postures: {', '.join(self.postures) or 'all'}"
+
+    def of(self, scene: Scene) -> tuple[State, ...]:
+        """Return the states of a scene."""
+        names = self.postures or tuple(scene.robot.postures) or (None,)
+        return tuple((*scene.state(name), np.zeros(scene.robot.nv)) for name in names)
+
+
+@dataclass(frozen=True, eq=False)
+class GivenStates(States):
+    """States of your own: loops closed, and velocities along the constraints.
+
+    Parameters
+    ----------
+    label : str
+        What tables call the set.
+    states : sequence of (q, v, tau)
+    """
+
+    label: str
+    states: Sequence[State]
+
+    @property
+    def name(self) -> str:
+        """The label."""
+        return self.label
+
+    def of(self, scene: Scene) -> tuple[State, ...]:
+        """Return the states.
+
+        Raises
+        ------
+        InvalidArgument
+            If there is none, or one has a wrong size.
+        NotAssembled
+            If a loop is open, or a velocity not along the constraints: off the constraints correct
+            methods differ, and there is no error to speak of.
+        """
+        if not self.states:
+            raise InvalidArgument(f"states {self.label!r}: at least one is needed")
+        for q, v, _ in self.states:
+            scene.check(q, v).raise_if_open()
+        nv = scene.robot.nv
+        return tuple(
+            (np.array(q, dtype=np.float64), np.array(v, dtype=np.float64), finite("tau", tau, nv))
+            for q, v, tau in self.states
+        )
+
+
+def as_states(states: States | int) -> States:
+    """Return a set of states; a number is that many sampled ones."""
+    if isinstance(states, States):
+        return states
+    if isinstance(states, bool) or not isinstance(states, (int, np.integer)):
+        raise InvalidArgument(
+            f"states = {states!r}: a number of them is needed, or a set such as "
+            "SampledStates(20, seed=0) or NominalStates()"
+        )
+    return SampledStates(int(states))

@@ -1,0 +1,530 @@
+"""The study: what a row says, what is never hidden, and that a run can stop and go on."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sys
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from shared import all_scenes, relative
+
+import condyn_pin as cp
+from condyn_pin._pin import HAS_LCABA
+from condyn_pin.drift.no_drift import NoDrift
+from condyn_pin.knobs import ITERATIONS, WEIGHTS
+from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
+from condyn_pin.trade import case, running
+from condyn_pin.trade.row import ALONE
+from condyn_pin.trade.sweeps import default_sweep
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "benchmarks"))
+
+BAR = all_scenes()["four_bar loops"]
+BRIEF = cp.TimingEffort(rounds=4, repeats=1)
+FEW = (cp.Proximal(), cp.DenseKKT(), *cp.sweep(cp.Proximal(max_iterations=1), mu=[1e-8, 1e-2]))
+
+
+def brief(scenes=BAR, solvers=FEW, **options) -> cp.Study:
+    return cp.Study(scenes, solvers, **{"states": 3, "effort": BRIEF} | options)
+
+
+def errors(table: cp.Table) -> list[tuple]:
+    """Everything of a table but its times."""
+    times = ("build_us", "median_us", "p95_us", "bare_us", "solve_us", "timed")
+    names = [field.name for field in fields(cp.Row) if field.name not in times]
+    return [tuple(getattr(row, name) for name in names) for row in table.rows]
+
+
+# Motions that are short, and in which only the solver makes an error.
+MEASURES = {name: name for name in cp.MEASURES} | {
+    "trajectory": cp.TrajectoryMeasure(
+        duration=2e-3, dt=1e-3, integrator=DormandPrince(1e-12, 1e-13), drift=NoDrift()
+    )
+}
+
+
+# --- solvers that are wrong on purpose; nothing else gets to see them ---
+
+
+@dataclass(frozen=True)
+class OffByAThousandth(cp.Proximal):
+    title: ClassVar[str] = "Off by a thousandth"
+
+    def start(self, workspace):
+        method = super().start(workspace)
+        return cp.Method(
+            lambda q, v, tau: 1.001 * method.acceleration(q, v, tau), method.lam, method.iterations
+        )
+
+
+@dataclass(frozen=True)
+class WrongEverySecondTime(cp.Proximal):
+    """As Pinocchio's lcaba is, if its state is not cured."""
+
+    title: ClassVar[str] = "Wrong every second time"
+
+    def start(self, workspace):
+        method, calls = super().start(workspace), [0]
+
+        def acceleration(q, v, tau):
+            calls[0] += 1
+            return (1.0 + 1e-3 * (calls[0] % 2)) * method.acceleration(q, v, tau)
+
+        return cp.Method(acceleration, method.lam, method.iterations)
+
+
+@dataclass(frozen=True)
+class Raises(cp.Proximal):
+    title: ClassVar[str] = "Raises"
+
+    def start(self, workspace):
+        raise ZeroDivisionError("a bug")
+
+
+@dataclass(frozen=True)
+class KillsItsProcess(cp.Proximal):
+    title: ClassVar[str] = "Kills its process"
+
+    parent: int = 0
+
+    def start(self, workspace):
+        if os.getpid() != self.parent:
+            os._exit(1)
+        return super().start(workspace)
+
+
+@dataclass(frozen=True)
+class KillsTheFirst(cp.Proximal):
+    """Kills the first process that it gets into, and leaves a file to know it by."""
+
+    title: ClassVar[str] = "Kills the first"
+
+    trace: str = ""
+
+    def start(self, workspace):
+        if not Path(self.trace).exists():
+            Path(self.trace).touch()
+            os._exit(1)
+        return super().start(workspace)
+
+
+BROKEN = (OffByAThousandth, WrongEverySecondTime, Raises, KillsItsProcess, KillsTheFirst)
+for kind in BROKEN:
+    del cp.SOLVERS[kind.__name__.lower()]
+
+
+# --- rows ---
+
+
+def test_rows_say_what_was_measured():
+    table = brief().run()
+    assert [row.solver for row in table.rows] == [repr(solver) for solver in FEW]
+    good, dense, _, coarse = table.rows
+    assert (good.scene, good.rows, good.nv) == ("four_bar, 3 rows", BAR.rows, BAR.robot.nv)
+    assert (good.measure, good.states, good.n) == ("acceleration", "3 sampled, seed 0", 3)
+    assert good.knobs["max_iterations"] == 20
+    assert good.ok
+    assert good.error_median <= good.error_worst < 1e-12
+    assert good.iterations > 1
+    assert coarse.statuses == {"inaccurate": 3}
+    assert coarse.error_worst > 1e-3
+    assert coarse.constraint_error > 1e3 * good.constraint_error
+    assert dense.statuses == {"singular": 3}
+    assert dense.error_worst == math.inf
+    assert set(table.floors) == {"four_bar, 3 rows"}
+    assert 0 < table.floors["four_bar, 3 rows"] < 1e-12
+    assert table.machine["pinocchio"]
+
+
+def test_times_stand_beside_errors_and_say_how_they_were_taken():
+    good, dense, _, coarse = brief().run().rows
+    for row in (good, coarse):
+        assert row.timed == ALONE or row.timed.startswith("timed on a shared core: had it ")
+        assert row.build_us > row.median_us > 0
+        assert row.p95_us >= row.median_us
+    assert good.solve_us > good.median_us
+    assert good.bare_us > 0
+    assert coarse.solve_us is None  # a doubtful answer is looked at twice
+    assert dense.median_us is None
+    assert dense.timed == "not timed: no finite answer at every state (3 singular)"
+
+
+def test_a_row_that_is_not_timed_says_so():
+    assert {row.timed for row in brief().run(timed=False).rows} == {"not timed"}
+
+
+def test_json_keeps_every_field_and_has_no_infinity():
+    for row in brief().run().rows:
+        text = json.dumps(row.as_dict(), allow_nan=False)
+        assert cp.Row.from_dict(json.loads(text)) == row
+
+
+@pytest.mark.parametrize("row", [{}, {"scene": "s"}, {"nonsense": 1}])
+def test_what_is_no_row_is_refused(row):
+    with pytest.raises(cp.InvalidArgument, match="row: missing, or not a field"):
+        cp.Row.from_dict(row)
+
+
+# --- what is never hidden ---
+
+
+def test_a_solver_that_does_not_take_a_scene_is_in_the_table_with_the_reason():
+    hinge = all_scenes()["four_bar hinge"]
+    taken, refused = brief(hinge, [cp.Proximal(), cp.SparseKKT()]).run().rows
+    assert taken.ok
+    assert refused.statuses == {"refused": 3}
+    assert refused.error_worst == math.inf
+    assert "SparseKKT takes" in refused.note
+    assert refused.median_us is None
+
+
+@pytest.mark.parametrize(
+    ("kind", "status"),
+    [
+        (OffByAThousandth, "inaccurate"),  # its own residuals tell
+        (WrongEverySecondTime, "wrong"),  # ok, and off beside Reference
+        (Raises, "raised"),
+    ],
+)
+def test_a_broken_solver_is_reported_broken_and_ends_no_study(kind, status):
+    broken, good = brief(solvers=[kind(), cp.Proximal()]).run().rows
+    assert broken.statuses == {status: 3}
+    assert not broken.ok
+    assert broken.error_worst > 1e-4
+    assert good.ok
+    assert "ZeroDivisionError: a bug" in broken.note or kind is not Raises
+
+
+# --- the same again, elsewhere, later ---
+
+
+class Here(Executor):
+    """Runs a task when it is submitted."""
+
+    def submit(self, call, /, *args, **kwargs):
+        future = Future()
+        future.set_result(call(*args, **kwargs))
+        return future
+
+
+def test_the_same_study_gives_the_same_errors_to_the_bit():
+    study = brief({"a": BAR, "b": all_scenes()["talos contacts"]}, measure=list(MEASURES.values()))
+    first = errors(study.run(timed=False))
+    assert len(first) == 2 * len(cp.MEASURES) * len(FEW)
+    assert errors(study.run(timed=False)) == first
+    with ProcessPoolExecutor(2) as executor:
+        assert errors(study.run(timed=False, executor=executor)) == first
+
+
+def test_times_are_taken_here_also_with_an_executor():
+    table = brief().run(executor=Here())
+    assert errors(table) == errors(brief().run(timed=False))
+    assert table.rows[0].median_us > 0
+
+
+def stop_after(count: int):
+    seen: list[str] = []
+
+    def progress(what: str, done: int, total: int) -> None:
+        seen.append(what)
+        if len(seen) == count:
+            raise KeyboardInterrupt
+
+    return progress
+
+
+@pytest.mark.parametrize("count", [1, 3, 8])
+def test_ctrl_c_keeps_what_was_measured_and_the_study_goes_on(tmp_path, count, monkeypatch):
+    path = tmp_path / "rows.jsonl"
+    with pytest.raises(cp.Interrupted) as stopped:
+        brief().run(progress=stop_after(count), results=path)
+    kept = stopped.value.table.rows
+    assert len(kept) == {1: 0, 3: 1, 8: 4}[count]
+    measured: list[object] = []
+    plain = running.measure_errors
+    monkeypatch.setattr(
+        running,
+        "measure_errors",
+        lambda of, solver: measured.append(solver) or plain(of, solver),
+    )
+    table = brief().run(results=path)
+    assert measured == list(FEW[len(kept) :])
+    assert errors(table) == errors(brief().run(timed=False))
+    assert table.rows[0].median_us > 0
+
+
+def test_what_is_in_the_file_is_not_measured_again(tmp_path, monkeypatch):
+    path = tmp_path / "rows.jsonl"
+    table = brief().run(results=path)
+    for name in ("measure_errors", "measure_times"):
+        monkeypatch.setattr(running, name, lambda *_: pytest.fail("measured again"))
+    assert brief().run(results=path).rows == table.rows
+    assert brief(solvers=FEW[:2]).run(results=path).rows == table.rows[:2]
+
+
+def test_other_states_are_another_study(tmp_path):
+    path = tmp_path / "rows.jsonl"
+    brief().run(results=path, timed=False)
+    other = cp.SampledStates(3, seed=1)
+    fresh = brief(states=other).run(timed=False)
+    assert errors(brief(states=other).run(results=path, timed=False)) == errors(fresh)
+
+
+def test_another_machine_is_another_study(tmp_path, monkeypatch):
+    path = tmp_path / "rows.jsonl"
+    brief().run(results=path, timed=False)
+    monkeypatch.setattr(case, "machine", lambda: {"processor": "another"})
+    brief().run(results=path, timed=False)
+    assert len(path.read_text().splitlines()) == 2 * len(FEW)
+
+
+def test_a_line_that_was_cut_is_measured_again(tmp_path):
+    path = tmp_path / "rows.jsonl"
+    table = brief().run(results=path, timed=False)
+    path.write_bytes(path.read_bytes()[:-40])
+    assert brief().run(results=path, timed=False).rows == table.rows
+    assert len([json.loads(line) for line in path.read_text().splitlines()]) == len(FEW)
+
+
+@pytest.mark.parametrize("text", ["notes of mine", "notes\nof mine\n", '{"row": {}}\n'])
+def test_a_file_of_something_else_is_refused_and_left_alone(tmp_path, text):
+    path = tmp_path / "notes.txt"
+    path.write_text(text)
+    with pytest.raises(cp.InvalidArgument, match=r"notes\.txt', line 1: not a row"):
+        brief().run(results=path)
+    assert path.read_text() == text
+
+
+def test_a_path_that_cannot_be_written_is_refused(tmp_path):
+    with pytest.raises(cp.InvalidArgument, match=r"results = .*: No such file or directory"):
+        brief().run(results=tmp_path / "nowhere" / "rows.jsonl")
+
+
+def test_a_killed_worker_loses_nothing(tmp_path):
+    path = tmp_path / "rows.jsonl"
+    weights = [10.0**-k for k in range(1, 9)]
+    solvers = [*cp.sweep(cp.Proximal(), mu=weights), KillsItsProcess(parent=os.getpid())]
+    study = brief(solvers=solvers)
+    with ProcessPoolExecutor(1) as executor, pytest.raises(cp.WorkersLost) as lost:
+        study.run(timed=False, executor=executor, results=path)
+    assert len(lost.value.done.rows) == len(weights)
+    assert "results=PATH" in str(lost.value)
+    # here, where it does not kill, only what is missing is measured
+    assert len(study.run(timed=False, results=path).rows) == len(solvers)
+    assert len(path.read_text().splitlines()) == len(solvers)
+
+
+def test_a_worker_that_is_replaced_does_not_even_stop_the_study(tmp_path):
+    trace = tmp_path / "trace"
+    study = brief(solvers=[*FEW, KillsTheFirst(trace=str(trace))])
+    with cp.Processes(1, start_method="fork") as executor:
+        table = study.run(timed=False, executor=executor)
+    assert trace.exists()
+    assert table.rows == study.run(timed=False).rows
+
+
+def test_progress_ends_where_it_said():
+    seen: list[tuple[str, int, int]] = []
+    brief().run(progress=lambda *step: seen.append(step))
+    assert {total for _, _, total in seen} == {1 + 2 * len(FEW)}
+    assert [done for _, done, _ in seen] == sorted(done for _, done, _ in seen)
+    assert seen[-1][1] == seen[-1][2]
+
+
+# --- states ---
+
+
+@pytest.mark.parametrize(
+    "states", [cp.SampledStates(2), cp.NominalStates(), cp.PostureStates()], ids=repr
+)
+@pytest.mark.parametrize("label", ["cassie loops + contacts", "four_bar loops"])
+def test_states_are_closed_consistent_and_the_same_every_time(label, states):
+    scene = all_scenes()[label]
+    once, again = states.of(scene), states.of(scene)
+    assert once
+    for one, other in zip(once, again, strict=True):
+        scene.check(one[0], one[1]).raise_if_open()
+        assert all(np.array_equal(x, y) for x, y in zip(one, other, strict=True))
+
+
+def test_given_states_have_to_be_closed():
+    q, v = BAR.state()
+    given = cp.GivenStates("mine", [(q, v, np.ones(3))])
+    assert brief(states=given).run(timed=False).rows[0].states == "mine"
+    with pytest.raises(cp.NotAssembled):
+        brief(states=cp.GivenStates("open", [(q + 0.1, v, v)])).run()
+    with pytest.raises(cp.InvalidArgument, match="tau"):
+        brief(states=cp.GivenStates("short", [(q, v, v[:2])])).run()
+    with pytest.raises(cp.InvalidArgument, match="at least one"):
+        brief(states=cp.GivenStates("none", [])).run()
+
+
+# --- scenes and knobs ---
+
+
+def test_names_of_robots_stand_for_their_scenes():
+    table = cp.Study(["four_bar", "pendulum"], [cp.Proximal()], states=1).run(timed=False)
+    assert [row.scene for row in table.rows] == ["four_bar loops", "pendulum free"]
+
+
+@pytest.mark.parametrize(
+    ("label", "more"),
+    [
+        ("talos contacts", {"corners for surfaces"}),
+        ("talos on edges and planes", {"ends for edges"}),
+        ("four_bar hinge", {"two points for hinges"}),
+        ("talos foot to foot, welded", {"corners for surfaces", "three points for welds"}),
+    ],
+)
+def test_other_constraints_that_hold_the_same(label, more):
+    scene = all_scenes()[label]
+    made = cp.modellings(scene)
+    assert set(made) == {"as it is", *more}
+    rng = np.random.default_rng(0)
+    q, v = scene.sample(rng)
+    answers = [
+        cp.solve(other, q, v, 0 * v, solver=cp.Reference(), throw=False).a
+        for other in made.values()
+    ]
+    for a in answers:
+        assert relative(a, answers[0]) < 1e-9
+    assert len(cp.Study(made, [cp.Proximal()], states=1).run(timed=False).rows) == len(made)
+
+
+def test_rungs_of_a_ladder_are_scenes_of_a_study():
+    rungs = cp.LADDERS["talos"].scenes()
+    table = cp.Study(rungs, [cp.Proximal()], states=1).run(timed=False)
+    assert [row.scene for row in table.rows] == list(rungs)
+    assert all(row.ok for row in table.rows)
+
+
+def test_sweep_is_the_product_of_its_knobs():
+    solvers = cp.sweep(cp.Proximal(relative_accuracy=0.0), mu=[1e-8, 1e-4], max_iterations=[1, 20])
+    assert [(s.mu, s.max_iterations) for s in solvers] == [
+        (1e-8, 1), (1e-8, 20), (1e-4, 1), (1e-4, 20)
+    ]  # fmt: skip
+    assert {s.relative_accuracy for s in solvers} == {0.0}
+
+
+@pytest.mark.parametrize(
+    ("solver", "knobs", "error"),
+    [
+        (cp.Proximal(), {"muu": [1.0]}, cp.UnknownName),
+        (cp.Proximal(), {"mu": 1.0}, cp.InvalidArgument),
+        (cp.Proximal(), {"mu": [-1.0]}, cp.InvalidArgument),
+        ("Proximal", {}, cp.InvalidArgument),
+    ],
+)
+def test_what_cannot_be_swept_is_refused(solver, knobs, error):
+    with pytest.raises(error):
+        cp.sweep(solver, **knobs)
+
+
+def test_default_sweep_turns_the_knobs_of_every_solver():
+    scene = all_scenes()["four_bar loops"]
+    solvers = default_sweep(scene)
+    assert len(set(solvers)) == len(solvers)
+    assert {type(solver) for solver in solvers} == {*cp.SOLVERS.values()} - {cp.Reference}
+    iterative = [cp.Proximal, cp.LCABA] if HAS_LCABA else [cp.Proximal]
+    for kind in iterative:
+        mine = [solver for solver in solvers if isinstance(solver, kind)]
+        assert {*WEIGHTS, None} == {solver.mu for solver in mine}
+        assert {*ITERATIONS} <= {solver.max_iterations for solver in mine}
+    assert (WEIGHTS[0], WEIGHTS[-1]) == (1e-12, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "error"),
+    [
+        ({"scenes": []}, cp.InvalidArgument),
+        ({"scenes": [3]}, cp.InvalidArgument),
+        ({"scenes": {"x": 3}}, cp.InvalidArgument),
+        ({"scenes": [BAR, BAR]}, cp.InvalidArgument),
+        ({"scenes": "nobody"}, cp.UnknownName),
+        ({"solvers": []}, cp.InvalidArgument),
+        ({"solvers": ["Proximal"]}, cp.InvalidArgument),
+        ({"states": 0}, cp.InvalidArgument),
+        ({"states": 1.5}, cp.InvalidArgument),
+        ({"states": True}, cp.InvalidArgument),
+        ({"measure": "speed"}, cp.UnknownName),
+        ({"measure": []}, cp.InvalidArgument),
+        ({"measure": [3]}, cp.UnknownName),
+        ({"accuracy": 1e-20}, cp.InvalidArgument),
+        ({"effort": cp.TimingEffort}, cp.InvalidArgument),
+    ],
+)
+def test_a_study_of_nonsense_is_refused(options, error):
+    with pytest.raises(error):
+        brief(**options)
+
+
+@pytest.mark.parametrize("effort", [{"rounds": 0}, {"repeats": 0}, {"rounds": 1.5}])
+def test_an_effort_of_nothing_is_refused(effort):
+    with pytest.raises(cp.InvalidArgument, match="whole number"):
+        cp.TimingEffort(**effort)
+
+
+# --- measures ---
+
+
+@pytest.mark.parametrize("label", ["four_bar loops", "talos contacts", "cassie on lines"])
+@pytest.mark.parametrize("measure", MEASURES.values(), ids=MEASURES)
+def test_every_measure_finds_the_default_solver_right_and_a_coarse_one_not(label, measure):
+    scene = all_scenes()[label]
+    solvers = [cp.Proximal(), cp.Proximal(mu=1.0, max_iterations=1), cp.NullSpace()]
+    good, coarse, other = brief(scene, solvers, measure=measure, states=2).run(timed=False).rows
+    assert good.ok
+    assert good.error_worst < 1e-9
+    assert other.error_worst < 1e-9
+    assert coarse.error_worst > 1e-3
+
+
+def test_derivatives_of_soft_constraints_are_refused_by_name():
+    (row,) = brief(solvers=[cp.Soft()], measure="derivatives").run().rows
+    assert row.statuses == {"refused": 3}
+    assert "Soft solves other equations" in row.note
+
+
+def test_a_knob_of_a_measure_is_in_its_label():
+    table = brief(solvers=[cp.Proximal()], measure=cp.DerivativeMeasure("pinocchio")).run()
+    assert table.rows[0].measure == "derivatives(method='pinocchio')"
+    assert table.rows[0].error_worst < 1e-9
+
+
+# --- curves that are known ---
+
+
+def test_the_error_of_one_iteration_goes_with_mu():
+    from study import one_iteration
+
+    mus = [1e-3, 1e-5, 1e-7, 1e-9]
+    shares = [row.error_worst / row.knobs["mu"] for row in one_iteration(mus).rows]
+    assert 0.05 < min(shares) < max(shares) < 0.5
+    assert max(shares) < 1.1 * min(shares)
+
+
+def test_mu_is_read_against_the_heaviest_mass():
+    """After one iteration at mu = 1e-8 a parallelogram is off by 2.1e-9 of its mass ratio."""
+    from study import mass_ratios
+
+    couplers = [1.0, 1e2, 1e4, 1e6]
+    for s, row in zip(couplers, mass_ratios(couplers).rows, strict=True):
+        assert row.error_worst == pytest.approx(2.1e-9 * s, rel=0.1)
+
+
+def test_derivatives_without_the_protocol_are_off_by_mu():
+    from study import protocols
+
+    mus = [1e-4, 1e-6, 1e-8]
+    rows = protocols(mus).rows
+    for mu, kept, not_kept in zip(mus, rows[:3], rows[3:], strict=True):
+        assert kept.error_worst < 1e-11
+        assert 1.0 < not_kept.error_worst / mu < 1e3

@@ -1,0 +1,96 @@
+"""Motions in a study: step, integrator and drift scheme beside the solver."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from shared import all_scenes
+
+import condyn_pin as cp
+from condyn_pin.drift.no_drift import NoDrift
+from condyn_pin.simulation.integrators import INTEGRATORS
+from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4
+from condyn_pin.trade.measures.trajectory import TrajectoryMeasure
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+
+BAR = all_scenes()["four_bar loops"]
+
+
+PLAIN = (cp.Proximal(),)
+
+
+def study(measures, scene=BAR, solvers=PLAIN, **options) -> cp.Study:
+    return cp.Study(scene, solvers, measure=measures, **{"states": 2} | options)
+
+
+def test_the_error_falls_with_the_step_as_the_order_says():
+    measures = cp.sweep(
+        TrajectoryMeasure(integrator=RungeKutta4(), drift=NoDrift()), dt=[1e-2, 5e-3, 2.5e-3]
+    )
+    rows = study(measures).run(timed=False).rows
+    errors = [row.error_median for row in rows]
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert np.abs(orders - 4).max() < 0.4
+    assert [row.iterations for row in rows] == [10, 20, 40]
+    gaps = [row.constraint_error for row in rows]
+    assert gaps == sorted(gaps, reverse=True)
+
+
+def test_steps_integrators_and_schemes_are_rows_of_one_question():
+    measures = cp.sweep(TrajectoryMeasure(duration=0.02), dt=[1e-2, 5e-3], drift=[None, NoDrift()])
+    table = study(measures, effort=cp.TimingEffort(rounds=2, repeats=1)).run()
+    assert {row.measure for row in table.rows} == {"trajectory(duration=0.02)"}
+    assert [(row.how["dt"], row.how["drift"]) for row in table.rows] == [
+        (1e-2, None), (1e-2, "NoDrift()"), (5e-3, None), (5e-3, "NoDrift()")
+    ]  # fmt: skip
+    assert len({row.key for row in table.rows}) == 4
+    assert len({row.timed for row in table.rows}) == 1  # in one interleaved run
+    assert all(row.median_us > 0 and row.build_us > 0 for row in table.rows)
+
+
+def test_a_study_of_motions_is_resumed(tmp_path):
+    measures = cp.sweep(TrajectoryMeasure(duration=0.02), dt=[1e-2, 5e-3])
+    path = tmp_path / "rows.jsonl"
+    table = study(measures).run(timed=False, results=path)
+    assert study(measures).run(timed=False, results=path).rows == table.rows
+    assert len(path.read_text().splitlines()) == 2
+
+
+def test_every_integrator_is_swept():
+    swept = {type(measure.integrator).__name__.lower() for measure in cp.sweep(TrajectoryMeasure())}
+    assert set(INTEGRATORS) <= swept
+
+
+def test_a_motion_that_a_solver_cannot_have_is_refused_with_the_reason():
+    measures = [TrajectoryMeasure(duration=0.01)]
+    (row,) = (
+        study(measures, solvers=[cp.Soft(solimp=(0.9, 0.9, 0.001, 0.5, 2.0))]).run(timed=False).rows
+    )
+    assert row.statuses == {"ok": 2}  # it has a spring of its own, and no drift scheme
+    assert row.error_worst > 1e-4
+    measures = [TrajectoryMeasure(duration=0.01, integrator=3)]
+    (row,) = study(measures).run(timed=False).rows
+    assert row.statuses == {"refused": 2}
+    assert "an integrator is needed" in row.note
+
+
+@pytest.mark.parametrize("knobs", [{"duration": 0.0}, {"dt": -1.0}, {"dt": "small"}])
+def test_times_that_are_none_are_refused(knobs):
+    with pytest.raises(cp.InvalidArgument, match="a number > 0"):
+        TrajectoryMeasure(**knobs)
+
+
+def test_bricard_after_one_iteration_is_off_by_mu():
+    """1 s in steps of 1 ms: by 3.5 mu in the angles, and by 12 mu in their speeds."""
+    from study import motions
+
+    mus = [1e-8, 1e-6, 1e-4]
+    solvers = [*cp.sweep(cp.Proximal(max_iterations=1), mu=mus), cp.Proximal(mu=1e-6)]
+    *once, converged = motions(solvers).rows
+    for mu, row in zip(mus, once, strict=True):
+        assert row.error_worst * 9.81 == pytest.approx(11.6 * mu, rel=0.05)
+    assert converged.error_worst < 1e-12
