@@ -43,15 +43,22 @@ class Twin:
 
     @classmethod
     def of(
-        cls, robot: cp.Robot, setting: str, integrator: str, dt: float, *, conservative: bool
+        cls,
+        robot: cp.Robot,
+        setting: str,
+        integrator: str,
+        dt: float,
+        *,
+        conservative: bool,
+        weightless: bool,
     ) -> Twin:
-        """Return a robot in MuJoCo; without gravity and damping if it is to conserve energy."""
+        """Return a robot in MuJoCo; without damping if it is to conserve energy."""
         model = mujoco.MjModel.from_xml_string(robot.to_mjcf())
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT
         if conservative:
             model.dof_damping[:] = 0.0
-        if robot.model.joints[1].nq == 7:
+        if weightless:
             model.opt.gravity[:] = 0.0
         stiff = SETTINGS[setting]
         if stiff:
