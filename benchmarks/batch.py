@@ -85,7 +85,7 @@ def theirs(scene: cp.Scene, setting: str, integrator: str, threads: int) -> tupl
     from mujoco.rollout import Rollout
     from mujoco_twin import Twin
 
-    twin = Twin.of(scene.robot, setting, integrator, DT, conservative=False, weightless=False)
+    twin = Twin.of(scene.robot, setting, integrator, DT, conservative=False)
     starts = []
     for q, v in zip(*moving(scene), strict=True):
         twin.set(q, v)

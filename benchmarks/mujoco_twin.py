@@ -50,7 +50,6 @@ class Twin:
         dt: float,
         *,
         conservative: bool,
-        weightless: bool,
     ) -> Twin:
         """Return a robot in MuJoCo; without damping if it is to conserve energy."""
         model = mujoco.MjModel.from_xml_string(robot.to_mjcf())
@@ -58,8 +57,6 @@ class Twin:
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT
         if conservative:
             model.dof_damping[:] = 0.0
-        if weightless:
-            model.opt.gravity[:] = 0.0
         stiff = SETTINGS[setting]
         if stiff:
             model.eq_solref[:, 0], model.eq_solref[:, 1] = stiff[0], 1.0

@@ -17,7 +17,7 @@ import argparse
 import json
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import thread_time
 from typing import Any
@@ -27,6 +27,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 
 import condyn_pin as cp
+from condyn_pin._pin import pin
 from condyn_pin.machine import machine
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.measures import kinematics
@@ -75,11 +76,10 @@ class Problem:
     q: np.ndarray
     v: np.ndarray
     duration: float  # [s]
-    weightless: bool
 
     def effects(self) -> Effects:
         """Return what acts: springs always, damping never."""
-        return Effects(gravity=not self.weightless, damping=False)
+        return Effects(damping=False)
 
     def errors(self, Q: Sequence[np.ndarray], V: Sequence[np.ndarray]) -> tuple[float, float]:
         """Return the largest gap [m] and change of energy [J] among some states."""
@@ -95,13 +95,16 @@ class Problem:
 def problems() -> tuple[Problem, ...]:
     """Return the four-bar for 2 s, and Cassie afloat without gravity on its springs for 1 s."""
     bar, cassie = cp.load_robot("four_bar"), cp.load_robot("cassie")
+    model = pin.Model(cassie.model)
+    model.gravity = pin.Motion.Zero()
+    cassie = replace(cassie, model=model)
     closed, legs = cp.Scene(bar, bar.loops), cp.Scene(cassie, cassie.loops)
     q, _ = legs.state()
     v = legs.project_velocity(q, np.random.default_rng(0).normal(size=cassie.nv))
     kinetic = 0.5 * v @ cp.Workspace(legs).terms(q, v).M @ v
     return (
-        Problem("four_bar", closed, *closed.state(), duration=2.0, weightless=False),
-        Problem("cassie", legs, q, v * np.sqrt(2.0 / kinetic), duration=1.0, weightless=True),
+        Problem("four_bar", closed, *closed.state(), duration=2.0),
+        Problem("cassie", legs, q, v * np.sqrt(2.0 / kinetic), duration=1.0),
     )
 
 
@@ -152,10 +155,7 @@ def theirs(problem: Problem, setting: str, integrator: str, dt: float) -> tuple[
     import mujoco
     from mujoco_twin import Twin
 
-    twin = Twin.of(
-        problem.scene.robot, setting, integrator, dt, conservative=True,
-        weightless=problem.weightless,
-    )  # fmt: skip
+    twin = Twin.of(problem.scene.robot, setting, integrator, dt, conservative=True)
     twin.set(problem.q, problem.v)
     every, Q, V = max(round(SAMPLED / dt), 1), [problem.q], [problem.v]
     begun = thread_time()
@@ -238,13 +238,11 @@ def markdown(rows: Sequence[Row], about: dict[str, str]) -> str:
         "[m] | energy [J] | us/ms | x |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
-    behind, ratios = [], []
+    ratios: dict[str, list[float]] = {}
     for row in theirs:
         found = answer(rows, row)
         ratio = row.us / found.us if found else 0.0
-        ratios.append(ratio)
-        if not ratio >= 1.0:
-            behind.append(f"{row.problem}: {row.name} ({ratio:.2f})")
+        ratios.setdefault(row.problem, []).append(ratio)
         if row.dt not in (1e-3, 4e-3):
             continue
         mine = "none | | | |"
@@ -254,15 +252,17 @@ def markdown(rows: Sequence[Row], about: dict[str, str]) -> str:
             f"| {row.problem} | {row.name} | {row.gap:.0e} | {row.energy:.0e} | {row.us:.1f} | "
             f"{mine} {ratio:.2f} |"
         )
-    ahead = len(theirs) - len(behind)
+    counts = ", ".join(
+        f"{sum(r >= 1 for r in found)} of {len(found)} on {name} (x from {min(found):.2g} to "
+        f"{max(found):.2g})"
+        for name, found in ratios.items()
+    )
     lines += [
         "",
-        f"us/ms: CPU time a simulated millisecond. x: MuJoCo's over ours, at no larger gap and no "
-        f"larger energy error; below 1 MuJoCo is ahead. Of its {len(theirs)} points (steps of 0.5 "
-        f"to 16 ms), condyn_pin is ahead at {ahead}.",
+        "us/ms: CPU time a simulated millisecond. x: MuJoCo's over ours, at no larger gap and no "
+        "larger energy error; **below 1 MuJoCo is ahead**, 0 where no way of ours is as accurate. "
+        f"Of its points with steps from 0.5 to 16 ms condyn_pin is ahead at {counts}.",
     ]
-    if behind:
-        lines.append(f"MuJoCo is ahead, and by how much, at {'; '.join(behind)}.")
     where = (
         "`python benchmarks/simulation_vs_mujoco.py` on {processor} ({cores} cores, one thread), "
         "{system}, Python {python}, Pinocchio {pinocchio}, MuJoCo {mujoco}, {date}."
@@ -330,6 +330,7 @@ def main() -> None:
     else:
         import mujoco
 
+        mujoco.set_mju_user_warning(lambda text: None)  # what diverges is a row that says so
         rows, about = measure(quick=given.quick), machine() | {"mujoco": mujoco.__version__}
     print(markdown(rows, about))
     if given.quick:
