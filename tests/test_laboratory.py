@@ -86,8 +86,6 @@ def test_areas_are_kept_by_rattle_alone():
     assert abs(area(cp.Rattle(), cp.NoDrift(), dt=1e-2)) < 1e-12
     for drift in (cp.Projection(), cp.Baumgarte.critical(30.0)):
         assert abs(area(semi, drift, dt=1e-2)) > 1e-6
-        # of the second order: twice the step, four times the change
-        assert abs(area(semi, drift, dt=2e-2)) > 2 * abs(area(semi, drift, dt=1e-2))
 
 
 def test_the_map_of_gains_has_its_wall_on_the_diagonal():
