@@ -52,6 +52,16 @@ def test_committed_table_is_reproduced_in_every_row(table):
     assert len(cases) >= 30
     for row, case in zip(saved["rows"], cases, strict=True):
         assert table.agrees(row, case), row
+    assert saved["walls"]["semi-implicit Euler"] == pytest.approx(0.828, abs=0.01)
+    assert saved["growth"]["Runge-Kutta 4"] == pytest.approx(2.0, abs=0.05)
+    assert saved["growth"]["explicit Euler"] == pytest.approx(1.0, abs=0.05)
+    found = {one["label"]: one for one in saved["contest"]}
+    rattle, euler = found["RATTLE"], found["semi-implicit Euler, projection"]
+    assert rattle["steps"] >= 10_000
+    assert rattle["late"] == pytest.approx(rattle["early"], rel=1e-3)
+    assert rattle["gap"] < 1e-13
+    assert euler["gap"] < 1e-9
+    assert euler["late"] > 1e3
 
 
 def test_a_row_that_is_wrong_does_not_agree(table):
