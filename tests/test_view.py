@@ -178,6 +178,16 @@ def test_forces_are_arrows_where_and_how_they_act(standing):
     assert not [p for p in parts(sol, forces=False) if p.startswith("forces/")]
 
 
+def test_a_force_is_on_a_body_and_not_on_a_mere_frame():
+    stewart = cp.load_robot("stewart")
+    scene = cp.Scene(stewart, stewart.loops)
+    found = parts(cp.gravity_compensation(scene, scene.state()[0]))
+    bodies = {frame.name for frame in stewart.model.frames if frame.type == pin.FrameType.BODY}
+    on = {p.split("/on ")[1] for p in found if p.startswith("forces/") and "label" not in p}
+    assert on <= bodies
+    assert "platform" in on
+
+
 def test_a_contact_patch_has_its_size():
     talos = cp.load_robot("talos")
     foot = cp.SurfaceContact("left_sole_link", half_length=0.1, half_width=0.06)

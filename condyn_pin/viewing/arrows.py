@@ -56,14 +56,20 @@ class _Arrow:
 
 
 def body_of(robot: Robot, name: str) -> str:
-    """Return the body that carries a frame: its own name, or that of the link it is fixed to."""
+    """Return the body that carries a frame: its own name, or that of the link it is fixed to.
+
+    Frames of an MJCF name no link; then it is the first body of the joint.
+    """
     frames = robot.model.frames
-    found = next((frame for frame in frames if frame.name == name), None)
+    named = found = next((frame for frame in frames if frame.name == name), None)
     while found is not None and found.parentFrame:
         if found.type == pin.FrameType.BODY:
             return str(found.name)
         found = frames[found.parentFrame]
-    return name
+    if named is None or not named.parentJoint:
+        return name
+    bodies = (f for f in frames if f.type == pin.FrameType.BODY)
+    return next((str(f.name) for f in bodies if f.parentJoint == named.parentJoint), name)
 
 
 def arrow_parts(scene: Scene, moments: Sequence[Moment], size: float) -> Iterator[Part]:
@@ -113,7 +119,7 @@ def _drawn(arrow: _Arrow, most: float, on: str, scale: float, size: float) -> It
     path = f"{kind}/{arrow.name}/on {on.replace('/', ' ')}"
     yield Part(path, pose, ((_unit_arrow(0.007 * size), arrow.colour),), on_top=True)
     text = f"{most:.3g} {arrow.unit} on {on}"
-    yield label(f"{path} label", text, arrow.colour, tip, 0.03 * size)
+    yield label(f"{path} label", text, arrow.colour, tip, 0.024 * size)
 
 
 def _unit_arrow(radius: float) -> meshes.Mesh:

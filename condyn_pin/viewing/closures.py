@@ -37,7 +37,7 @@ def closure_parts(scene: Scene, worst: Mapping[str, Gap], size: float) -> Iterat
             yield _knob(f"closures/{name}/state", name, size)
             gap = worst.get(name)
             if gap is not None:
-                yield _label(f"closures/{name}/label", name, gap, 0.03 * size)
+                yield _label(f"closures/{name}/label", name, gap, 0.024 * size)
 
 
 def gap_part(path: str, name: str, size: float) -> Part:
@@ -68,7 +68,7 @@ def _frame(path: str, name: str, which: int, length: float, radius: float) -> Pa
 
 def _knob(path: str, name: str, size: float) -> Part:
     """Return a ball in the middle of the gap, which also a closed loop shows."""
-    ball = meshes.sphere(0.018 * size)
+    ball = meshes.sphere(0.016 * size)
     return Part(path, middle(name), ((ball, gap_colour(0.0)),), on_top=True, tint=_tint(name))
 
 

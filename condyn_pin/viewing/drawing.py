@@ -25,7 +25,7 @@ from condyn_pin.viewing.page import page
 from condyn_pin.viewing.part import Part
 
 _TINY = 0.05  # [m] a scene is drawn as if it were at least this large
-_FAR = 0.95  # of the size of a scene, from its middle to the camera
+_FAR = 1.15  # of the size of a scene, from its middle to the camera
 _FROM = np.array([0.78, 0.55, 0.3])  # the direction from there to the camera
 
 

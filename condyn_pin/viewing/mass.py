@@ -16,4 +16,4 @@ def mass_parts(size: float) -> Iterator[Part]:
     yield Part(
         "mass/centre", lambda at: at_point(at.com), ((ball, MASS),), opacity=0.9, on_top=True
     )
-    yield label("mass/label", "centre of mass", MASS, lambda at: at_point(at.com), 0.03 * size)
+    yield label("mass/label", "centre of mass", MASS, lambda at: at_point(at.com), 0.024 * size)

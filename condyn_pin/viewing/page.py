@@ -33,6 +33,7 @@ function draw(text) {{
   viewer.handle_command_bytearray(Uint8Array.from(atob(text), c => c.charCodeAt(0)));
 }}
 {commands}
+viewer.camera.fov = 50;
 viewer.camera.position.set(...{position});
 viewer.controls.target.set(...{target});
 viewer.controls.update();
