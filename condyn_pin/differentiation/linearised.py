@@ -84,7 +84,7 @@ class Linearisation:
             for b in self._pairs
         ]
         # their force, and where it goes: constant in the axes of their joint
-        self._held = [_is_held(b) for b in self._pairs]
+        self._held = [b.is_held for b in self._pairs]
         self._placed = bool(self._rolling.joints) or not all(self._held)
         self._held_duals = [
             on1[:, list(b.selection)] for b, (on1, _) in zip(self._pairs, self._duals, strict=True)
@@ -184,7 +184,7 @@ class Linearisation:
         still = End(rest.v, rest.a, nothing, nothing, nothing, nothing)
         pair = (moving, still) if end == 1 else (still, moving)
         on1, on2 = wrenches(b, c1Mc2, lam)
-        if not _is_held(b):
+        if not b.is_held:
             of = of_pair(b, *pair, c1Mc2, lam)
         elif b.selection == POINT:
             of = of_point(moving)
@@ -227,11 +227,6 @@ class Linearisation:
         return v_q, a_q, a_v, J
 
 
-def _is_held(b: Bound) -> bool:
-    """Whether the rows are those of a frame in its own axes: nothing of the world enters."""
-    return b.joint2 == 0 and (b.is_plain or not b.anchored)
-
-
 def wrenches(b: Bound, c1Mc2: Any, lam: Array) -> tuple[Array, Array]:
     """Return the force of a constraint at the origin of c1 in its axes, and the same for c2."""
     six = np.zeros(6)
@@ -239,7 +234,7 @@ def wrenches(b: Bound, c1Mc2: Any, lam: Array) -> tuple[Array, Array]:
         six[:3] = lam[0] * c1Mc2.translation / np.linalg.norm(c1Mc2.translation)
     else:
         six[list(b.selection)] = lam
-    if _is_held(b):  # nothing says where c2 is
+    if b.is_held:  # nothing says where c2 is
         return six, np.zeros(6)
     if b.is_plain and b.size == 6:
         return six, c1Mc2.toActionMatrix().T @ six

@@ -97,7 +97,7 @@ class Equations:
         self, pairs: Sequence[Bound], coupled: Sequence[Coupled], rolled: Sequence[Rolled]
     ) -> None:
         """Sort the constraints by the way in which their rows are evaluated."""
-        held = [b for b in pairs if not (b.joint1 == 0 or b.joint2 or b.anchored)]
+        held = [b for b in pairs if b.is_held]
         loops = [b for b in pairs if b not in held]
         balls = [b for b in loops if b.selection == POINT]
         cut = [b for b in loops if not b.is_plain]
@@ -228,7 +228,7 @@ class Equations:
         _forward_kinematics(self.model, self.data, q, v, a)
         rows = self._c, self._velocity, self._acceleration
         if self._contacts:
-            self._contacts.evaluate(self._motion)
+            self._contacts.evaluate(self._c, self._motion)
         for loops in self._loops:
             loops.evaluate(*rows)
         if self._cut:

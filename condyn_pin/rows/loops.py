@@ -1,4 +1,4 @@
-"""Loops that Pinocchio has itself: balls and welds, and contacts with an anchor.
+"""Loops that Pinocchio has itself: balls and welds between two bodies.
 
 With E1, E2 the frames c1, c2 in the world, R = R1^T R2, and every velocity and acceleration in the
 axes of its own frame,
@@ -43,15 +43,14 @@ class Balls:
         """Write the rows of these loops into the three vectors of all rows."""
         rows = self._rows
         self._R, r = self._ends.apart()
-        c[rows] = -r.ravel()
-        ends = self._ends.linear()[..., None]
-        relative = ends[:, 0] - self._R @ ends[:, 1]
+        c[rows] = (-r).reshape(-1)
+        one, two = self._ends.linear()[..., None].swapaxes(0, 1)
+        relative = one - self._R @ two
         velocity[rows], acceleration[rows] = relative.reshape(2, -1)
 
     def turn(self, lam: Array, out: Array) -> None:
         """Write R^T lam, the forces in the axes of c2, for the rows of these loops."""
-        forces = lam[self._rows].reshape(-1, 3, 1)
-        out[self._rows] = (self._R.transpose(0, 2, 1) @ forces).ravel()
+        out[self._rows] = (lam[self._rows].reshape(-1, 1, 3) @ self._R).reshape(-1)
 
     def jacobian(self, J: Array, of_frame: FrameJacobian) -> None:
         """Write the rows of these loops into J (m, nv), at the last evaluation."""
