@@ -11,7 +11,9 @@ that of M and a product of rank m:
     [ J    0  ]    = [  0    0 ] + [ U^-1 ] [ -W^T  U^-T ].
 
 Where rows are redundant, the derivative is that of the smallest lam (`condyn_pin.minimum_norm`).
-With N a basis of the left null space of J, that lam keeps N^T lam = 0: with lam = J w
+With J L^-T = U S V^T and U_r the columns of U that belong to singular values above zero, U_r S^-1
+takes the place of U^-1. The other columns N span the left null space of J, and that lam keeps
+N^T lam = 0: with lam = J w, for which w is the a that lam in place of -s gives,
 
     N^T dlam = N^T (dJ w).
 """
@@ -62,10 +64,9 @@ class KktDerivatives(Derivatives):
         inverse = _inverse(of)
         if inverse is None:
             factors = factorise(linearisation.mass_matrix(q), of.J, tolerances.RANK)
-            inverse = _pseudo_inverse(factors)
-            self._null = turning_null_space(
-                linearisation, q, lam, of.J, factors, drift=workspace.drift is not None
-            )
+            inverse = _pseudo_inverse(of, factors)
+            w = inverse[: self._n, self._n :] @ lam
+            self._null = turning_null_space(linearisation, q, w, factors)
         self._inverse, self._workspace, self._v = inverse, workspace, v
 
     def by_gravity(self) -> tuple[Array, Array]:
@@ -141,13 +142,25 @@ def _inverse(of: Linearised) -> Array | None:
     pivots = U.diagonal().tolist()
     if info or not min(pivots) > tolerances.RANK * max(pivots):
         return None
-    left = np.empty((n + m, m))
-    left[n:] = trtri(U)[0]
+    return _assembled(of.M_inv, Y, trtri(U)[0])
+
+
+def _pseudo_inverse(of: Linearised, factors: MinimumNorm) -> Array:
+    """Return the same of redundant rows: it gives a, and the smallest lam."""
+    K = factors.U[:, : factors.rank] / factors.S[: factors.rank]
+    return _assembled(of.M_inv, of.M_inv.dot(of.J.T), K)
+
+
+def _assembled(M_inv: Array, Y: Array, K: Array) -> Array:
+    """Return the inverse from its parts: K is U^-1, or U_r S^-1 of redundant rows."""
+    n, m = Y.shape
+    left = np.empty((n + m, K.shape[1]))
+    left[n:] = K
     np.dot(Y, left[n:], out=left[:n])
     right = left.copy()
     np.negative(right[:n], out=right[:n])
     inverse: Array = left.dot(right.T)
-    inverse[:n, :n] += of.M_inv
+    inverse[:n, :n] += M_inv
     return inverse
 
 
@@ -159,27 +172,9 @@ def _lapack() -> tuple[Any, Any]:
     return dpotrf, dtrtri
 
 
-def _pseudo_inverse(factors: MinimumNorm) -> Array:
-    """Return the same of redundant rows: it gives a, and the smallest lam."""
-    (m, _), n = factors.U.shape, len(factors.L)
-    right = np.eye(n + m)
-    return np.vstack(factors.solve(right[:n], right[n:]))
-
-
 def turning_null_space(
-    linearisation: Linearisation,
-    q: Array,
-    lam: Array,
-    J: Array,
-    factors: MinimumNorm,
-    *,
-    drift: bool = False,
+    linearisation: Linearisation, q: Array, w: Array, factors: MinimumNorm
 ) -> Array:
-    """Return N N^T (dJ w) (m, nv): what keeps lam the smallest as the rows turn."""
+    """Return N N^T (dJ w) (m, nv): what keeps lam = J w the smallest as the rows turn."""
     N = factors.U[:, factors.rank :]
-    w = np.asarray(np.linalg.lstsq(J, lam, rcond=tolerances.RANK)[0], dtype=np.float64)
-    still, no_force = np.zeros_like(w), np.zeros_like(lam)
-    dJ_w = linearisation.at(q, still, w, no_force).s_q
-    if drift:  # what it adds at rest is no part of J w
-        dJ_w = dJ_w - linearisation.at(q, still, still, no_force).s_q
-    return np.asarray(N @ (N.T @ dJ_w))
+    return np.asarray(N @ (N.T @ linearisation.turning(q, w)))
