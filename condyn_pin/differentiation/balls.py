@@ -68,6 +68,7 @@ class BallPartials:
                     self._moved[end, i, ..., at : at + model.nvs[above]] = 1.0
         self._turned = self._moved[0, :, 0] - self._moved[1, :, 0]  # (k, 1, nv)
         self._columns = np.zeros((9, 4, n))  # lin and ang of J, dV, dA and dA_v; ang of dV and J
+        self._points = np.zeros((3, 2 * k, 3))  # p, p' and p'' of the ends
         self._crosses = np.tile(np.eye(3, 9), (2 * k, 1, 1))  # 1, -p x and -2 p' x
 
         ends = [b.placement1 for b in balls] + [b.placement2 for b in balls]
@@ -85,52 +86,47 @@ class BallPartials:
     def write(self, lam: Array, rhs: Array, J: Array) -> None:
         """Write the rows into J (m, nv) and -[s_q, s_v], and add the turning of J^T lam to -r_q."""
         n, rows, of = J.shape[1], self._rows, self._evaluate()
-        J[rows] = of.J.reshape(-1, n)
-        s_q = of.s_q
+        of_J, v_q, s_q, s_v = of.parts.reshape(-1, 4, n).swapaxes(0, 1)
         if self._drift:
-            s_q = s_q + self._drift.Kp * of.c_q() + self._drift.Kd * of.v_q
-        rhs[n:, :n][rows], rhs[n:, n:][rows] = -s_q.reshape(-1, n), -of.s_v.reshape(-1, n)
+            s_q = s_q + self._drift.Kp * self._c_q(of_J, of.axes) + self._drift.Kd * v_q
+        J[rows], rhs[n:, :n][rows], rhs[n:, n:][rows] = of_J, -s_q, -s_v
         F = (lam[rows].reshape(-1, 1, 3) @ of.axes)[:, 0]
         rhs[:n, :n] += of.J2.reshape(-1, n).T @ (skews(F) @ of.Ja).reshape(-1, n)
 
     def turning(self, out: Array) -> None:
         """Write v_q (m, nv) of these rows."""
-        out[self._rows] = self._evaluate().v_q.reshape(-1, out.shape[1])
+        out[self._rows] = self._evaluate().parts[:, :, 1].reshape(-1, out.shape[1])
+
+    def _c_q(self, J: Array, axes: Array) -> Array:
+        """Return the partials of the violation (3 k, nv), right after `_evaluate`."""
+        p1, p2 = self._points[0].reshape(2, self.k, 3)
+        Ja_1 = self._moved[0, :, 0] * self._columns[3:6, 0]
+        return np.asarray(J - (axes @ skews(p2 - p1) @ Ja_1).reshape(J.shape))
 
     def _evaluate(self) -> _Rows:
         data, k, columns, crosses = self._data, self.k, self._columns, self._crosses
-        columns[:6, 0], columns[:6, 2], columns[:6, 3] = data.J, data.dAdq, data.dAdv
-        np.subtract(data.dAdv, data.dJ, out=columns[:6, 1])
-        columns[6:, 2], columns[6:, 3] = columns[3:6, 1], columns[3:6, 0]
-        E, motion = self._ends.placements(), self._ends.linear()
-        axes, p = E[:, :3], E[:, 3]
-        v, a = (motion.reshape(2, 2 * k, 1, 3) @ axes)[:, :, 0]
-        p_x, v_x, a_x = skews(np.stack([p, v, a]))
-        crosses[:, :, 3:6], crosses[:, :, 6:] = -p_x, -2 * v_x
-        n = columns.shape[2]
+        J, A_v = data.J, data.dAdv
+        columns[:6, 0], columns[:6, 2], columns[:6, 3] = J, data.dAdq, A_v
+        dV = np.subtract(A_v, data.dJ, out=columns[:6, 1])
+        columns[6:, 2], columns[6:, 3] = dV[3:], J[3:]
+        E, x = self._ends.placements(), self._points
+        axes = E[:, :3]
+        x[0] = E[:, 3]
+        np.matmul(self._ends.linear().reshape(2, 2 * k, 1, 3), axes, out=x[1:, :, None])
+        p_v_a = skews(x)
+        crosses[:, :, 3:6], crosses[:, :, 6:] = -p_v_a[0], -2 * p_v_a[1]
         points = crosses.reshape(-1, 9) @ columns.reshape(9, -1)
-        one, two = self._moved * points.reshape(2, k, 3, 4, n)
-        slip, Ja = one - two, self._turned * columns[3:6, 0]
-        slip[:, :, 1] -= v_x[k:] @ Ja
-        slip[:, :, 2] -= a_x[k:] @ Ja
-        rows = (axes[:k] @ slip.reshape(k, 3, -1)).reshape(k, 3, 4, n)
-        Ja1 = self._moved[0, :, 0] * columns[3:6, 0]
-        return _Rows(*rows.transpose(2, 0, 1, 3), axes[:k], p[k:] - p[:k], two[:, :, 0], Ja, Ja1)
+        points = points.reshape(self._moved.shape[:2] + (3, 4, -1)) * self._moved
+        slip, Ja = points[0] - points[1], self._turned * J[3:]
+        slip[:, :, 1:3] -= (p_v_a[1:, k:] @ Ja).transpose(1, 2, 0, 3)
+        rows = (axes[:k] @ slip.reshape(k, 3, -1)).reshape(slip.shape)
+        return _Rows(rows, axes[:k], points[1, :, :, 0], Ja)
 
 
 class _Rows(NamedTuple):
-    """Partial derivatives of the rows of k balls in the axes of c1, and what they are made of."""
+    """Partial derivatives of the rows of k balls, and what they are made of."""
 
-    J: Array  # (k, 3, nv)
-    v_q: Array  # (k, 3, nv), of J v
-    s_q: Array  # (k, 3, nv), of J a + gamma
-    s_v: Array  # (k, 3, nv)
+    parts: Array  # (k, 3, 4, nv), in the axes of c1: J and v_q, s_q, s_v
     axes: Array  # (k, 3, 3), those of c1 in the world, one a row
-    r: Array  # (k, 3), p2 - p1
-    J2: Array  # (k, 3, nv), of the point on body 2
-    Ja: Array  # (k, 3, nv), of the turn of body 1 past body 2
-    Ja1: Array  # (k, 3, nv), of the turn of body 1
-
-    def c_q(self) -> Array:
-        """(k, 3, nv), of the violation."""
-        return np.asarray(self.J - self.axes @ skews(self.r) @ self.Ja1)
+    J2: Array  # (k, 3, nv), of the point on body 2, in the world
+    Ja: Array  # (k, 3, nv), of the turn of body 1 past body 2, in the world

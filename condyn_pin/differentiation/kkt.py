@@ -28,7 +28,7 @@ import numpy as np
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.base import Derivatives
-from condyn_pin.differentiation.linearised import Linearisation, Linearised
+from condyn_pin.differentiation.linearised import Linearisation
 from condyn_pin.differentiation.parameters import (
     gravity_regressor,
     inertia_regressor,
@@ -61,10 +61,14 @@ class KktDerivatives(Derivatives):
         linearisation, q, lam = workspace.linearisation, solution.q, solution.lam
         self._of = of = linearisation.at(q, v, solution.a, lam)
         self._null: Array | None = None  # (m, nv): what keeps lam the smallest as the rows turn
-        inverse = _inverse(of)
-        if inverse is None:
+        Y = of.M_inv.dot(of.J.T)
+        K = _independent(of.J.dot(Y))
+        if K is not None:
+            inverse = _inverse(of.M_inv, Y, K)
+        else:
             factors = factorise(linearisation.mass_matrix(q), of.J, tolerances.RANK)
-            inverse = _pseudo_inverse(of, factors)
+            K = factors.U[:, : factors.rank] / factors.S[: factors.rank]
+            inverse = _inverse(of.M_inv, Y, K)
             w = inverse[: self._n, self._n :] @ lam
             self._null = turning_null_space(linearisation, q, w, factors)
         self._inverse, self._workspace, self._v = inverse, workspace, v
@@ -131,32 +135,24 @@ class KktDerivatives(Derivatives):
         return by_state[:n], by_state[n:], x[:n]
 
 
-def _inverse(of: Linearised) -> Array | None:
-    """Return the inverse (nv + m, nv + m) of [[M, -J^T], [J, 0]]; None without independent rows."""
-    m, n = of.J.shape
-    if m == 0:
-        return of.M_inv
+def _independent(G: Array) -> Array | None:
+    """Return U^-1 with U^T U = G (m, m); None without independent rows."""
+    if not len(G):
+        return G
     potrf, trtri = _lapack()
-    Y = of.M_inv.dot(of.J.T)
-    U, info = potrf(of.J.dot(Y))
+    U, info = potrf(G)
     pivots = U.diagonal().tolist()
     if info or not min(pivots) > tolerances.RANK * max(pivots):
         return None
-    return _assembled(of.M_inv, Y, trtri(U)[0])
+    return trtri(U)[0]  # type: ignore[no-any-return]
 
 
-def _pseudo_inverse(of: Linearised, factors: MinimumNorm) -> Array:
-    """Return the same of redundant rows: it gives a, and the smallest lam."""
-    K = factors.U[:, : factors.rank] / factors.S[: factors.rank]
-    return _assembled(of.M_inv, of.M_inv.dot(of.J.T), K)
-
-
-def _assembled(M_inv: Array, Y: Array, K: Array) -> Array:
-    """Return the inverse from its parts: K is U^-1, or U_r S^-1 of redundant rows."""
+def _inverse(M_inv: Array, Y: Array, K: Array) -> Array:
+    """Return the inverse (nv + m, nv + m) of [[M, -J^T], [J, 0]] with K for U^-1."""
     n, m = Y.shape
     left = np.empty((n + m, K.shape[1]))
     left[n:] = K
-    np.dot(Y, left[n:], out=left[:n])
+    np.dot(Y, K, out=left[:n])
     right = left.copy()
     np.negative(right[:n], out=right[:n])
     inverse: Array = left.dot(right.T)
