@@ -109,7 +109,7 @@ class BallPartials:
         columns[:6, 0], columns[:6, 2], columns[:6, 3] = J, data.dAdq, A_v
         dV = np.subtract(A_v, data.dJ, out=columns[:6, 1])
         columns[6:, 2], columns[6:, 3] = dV[3:], J[3:]
-        E, x = self._ends.placements(), self._points
+        E, x = self._ends.placements().reshape(2 * k, 4, 3), self._points
         axes = E[:, :3]
         x[0] = E[:, 3]
         np.matmul(self._ends.linear().reshape(2, 2 * k, 1, 3), axes, out=x[1:, :, None])

@@ -35,9 +35,9 @@ class Ends:
         # and its origin
         parts = [(data.oMi[j].rotation.T, data.oMi[j].translation[None]) for j, _ in ends]
         self._sources = [part for both in parts for part in both]
-        self._of_joints = np.zeros((2 * self.k, 4, 3))
+        self._of_joints = np.zeros((2, self.k, 4, 3))
         self._rows_of_joints = self._of_joints.reshape(-1, 3)
-        self._in_joints = np.array([p.homogeneous.T for _, p in ends]).reshape(-1, 4, 4)
+        self._in_joints = np.array([p.homogeneous.T for _, p in ends]).reshape(2, -1, 4, 4)
         self._joints = Joints(data, {j for j, _ in ends})
         linear, angular = self._joints.maps(ends)
         self._linearT = np.ascontiguousarray(linear.T)
@@ -46,16 +46,15 @@ class Ends:
         self._motion = np.zeros((2, self._joints.size))
 
     def placements(self) -> Array:
-        """Return E (2 k, 4, 3): the axes of each frame in the world, one a row, and its origin."""
+        """Return E (2, k, 4, 3): the axes of c1 and c2 in the world, one a row, and their origins."""
         np.concatenate(self._sources, out=self._rows_of_joints)
         return np.asarray(self._in_joints @ self._of_joints)
 
     def apart(self) -> tuple[Array, Array]:
         """Return R (k, 3, 3) and r (k, 3)."""
-        E = self.placements()
-        one, two = E[: self.k], E[self.k :]
+        one, two = self.placements()
         two[:, 3] -= one[:, 3]
-        both = one[:, :3] @ two.transpose(0, 2, 1)  # R1^T [R2, p2 - p1]
+        both = one[:, :3] @ two.swapaxes(1, 2)  # R1^T [R2, p2 - p1]
         return both[:, :, :3], both[:, :, 3]
 
     def linear(self) -> Array:

@@ -117,7 +117,8 @@ class Equations:
         places += [(b, slice(at, at + 6), FRAME) for b, at in zip(wrenches, starts, strict=True)]
         size, self._behind_cut = self.m + 6 * len(wrenches), self.m + 6 * len(cut)
         self._wrenches = Wrenches(self.model, places, size)
-        self._f1, self._f2 = np.zeros((2, size))
+        self._forces = np.zeros(2 * size)
+        self._f1, self._f2 = self._forces[:size], self._forces[size:]
 
     def terms(self, q: Array, v: Array) -> Terms:
         """Return M, h, J, gamma and a_ref; they are owned by the caller."""
@@ -208,17 +209,15 @@ class Equations:
         self.motion(q, v, a)
         if self.drift:
             self._acceleration += self.drift.Kd * self._velocity + self.drift.Kp * self._c
-        f1 = lam * self.sign if self._flipped else lam
+        m, end, f1, f2 = self.m, self._behind_cut, self._f1, self._f2
+        f1[:m] = lam1 = lam * self.sign if self._flipped else lam
         for loops in self._loops:
-            loops.turn(f1, self._f2)
-        if self._cut or self._rolling:
-            m, end, lam1, f1 = self.m, self._behind_cut, f1, self._f1
-            f1[:m] = lam1
-            if self._cut:
-                self._cut.stack(lam1, f1[m:end], self._f2[m:end])
-            if self._rolling:
-                self._rolling.stack(lam1, f1[end:])
-        wrenches = self._wrenches.of(f1, self._f2)
+            loops.turn(lam1, f2)
+        if self._cut:
+            self._cut.stack(lam1, f1[m:end], f2[m:end])
+        if self._rolling:
+            self._rolling.stack(lam1, f1[end:])
+        wrenches = self._wrenches.of(self._forces)
         np.subtract(_rnea(self.model, self.data, q, v, a, wrenches), tau, out=self._dynamics)
         if self._couplings:
             self._dynamics -= self._couplings.torque(lam)

@@ -175,15 +175,16 @@ class Wrenches:
     ) -> None:
         joints = sorted({j for b, _, _ in places for j in (b.joint1, b.joint2) if j})
         place = {joint: slice(6 * i, 6 * i + 6) for i, joint in enumerate(joints)}
-        self._on_joint1, self._on_joint2 = np.zeros((2, 6 * len(joints), size))
+        # side by side, so that one product does for both ends
+        self._on_joints = np.zeros((6 * len(joints), 2 * size))
+        on_joint1, on_joint2 = self._on_joints[:, :size], self._on_joints[:, size:]
         for b, at, components in places:
             if b.joint1:
                 dual = b.placement1.toDualActionMatrix()
-                self._on_joint1[place[b.joint1], at] = dual[:, list(components)]
+                on_joint1[place[b.joint1], at] = dual[:, list(components)]
             if b.joint2:
                 dual = b.placement2.toDualActionMatrix()
-                self._on_joint2[place[b.joint2], at] = dual[:, list(components)]
-        self._has_loops = bool(self._on_joint2.any())
+                on_joint2[place[b.joint2], at] = -dual[:, list(components)]
         self._wrenches = pin.StdVec_Force()
         for _ in range(model.njoints):
             self._wrenches.append(pin.Force.Zero())
@@ -191,18 +192,16 @@ class Wrenches:
         # views into the memory of the wrenches, and what goes there
         self._targets = [(self._wrenches[j].vector, self._stacked[place[j]]) for j in joints]
 
-    def of(self, f1: Array, f2: Array) -> Any:
+    def of(self, forces: Array) -> Any:
         """Return the wrench on each joint, in its axes, in memory of this object.
 
         Parameters
         ----------
-        f1, f2 : (size,) array
+        forces : (2 size,) array
             The stacked forces in the axes and at the origin of c1, and the same ones in the axes
             and at the origin of c2.
         """
-        np.dot(self._on_joint1, f1, out=self._stacked)
-        if self._has_loops:
-            self._stacked -= self._on_joint2.dot(f2)
+        np.dot(self._on_joints, forces, out=self._stacked)
         for wrench, force in self._targets:
             wrench[:] = force
         return self._wrenches

@@ -37,24 +37,30 @@ class Balls:
     def __init__(self, data: Any, bounds: Sequence[Bound]) -> None:
         self._bounds, self._ends = tuple(bounds), Ends(data, bounds)
         self._rows = rows_of(bounds)
-        self._R = np.zeros((len(bounds), 3, 3))
+        k = len(bounds)
+        self._axes1, self._axes2 = np.zeros((2, k, 3, 3))  # in the world, one a row
+        # of each end the rows (v, 0), (a, 0) and (0, 1): times its placement v, a and p in the world
+        self._motion = np.zeros((2, k, 3, 4))
+        self._motion[:, :, 2, 3] = 1.0
+        self._linear = self._motion[:, :, :2, :3].transpose(2, 0, 1, 3)  # a view
 
     def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
         """Write the rows of these loops into the three vectors of all rows."""
-        rows = self._rows
-        self._R, r = self._ends.apart()
-        c[rows] = (-r).reshape(-1)
-        one, two = self._ends.linear()[..., None].swapaxes(0, 1)
-        relative = one - self._R @ two
-        velocity[rows], acceleration[rows] = relative.reshape(2, -1)
+        rows, E = self._rows, self._ends.placements()
+        self._axes1, self._axes2 = E[:, :, :3]
+        self._linear[:] = self._ends.linear()
+        one, two = self._motion @ E
+        slip = (one - two) @ self._axes1.swapaxes(1, 2)
+        velocity[rows], acceleration[rows], c[rows] = slip.swapaxes(0, 1).reshape(3, -1)
 
     def turn(self, lam: Array, out: Array) -> None:
         """Write R^T lam, the forces in the axes of c2, for the rows of these loops."""
-        out[self._rows] = (lam[self._rows].reshape(-1, 1, 3) @ self._R).reshape(-1)
+        forces = lam[self._rows].reshape(-1, 1, 3) @ self._axes1
+        out[self._rows] = (forces @ self._axes2.swapaxes(1, 2)).reshape(-1)
 
     def jacobian(self, J: Array, of_frame: FrameJacobian) -> None:
         """Write the rows of these loops into J (m, nv), at the last evaluation."""
-        for b, R in zip(self._bounds, self._R, strict=True):
+        for b, R in zip(self._bounds, self._axes1 @ self._axes2.swapaxes(1, 2), strict=True):
             J1, J2 = of_frame(b.joint1, b.placement1), of_frame(b.joint2, b.placement2)
             J[b.rows] = J1[:3] - R @ J2[:3]
 
