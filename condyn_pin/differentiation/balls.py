@@ -116,7 +116,7 @@ class BallPartials:
         p_v_a = skews(x)
         crosses[:, :, 3:6], crosses[:, :, 6:] = -p_v_a[0], -2 * p_v_a[1]
         points = crosses.reshape(-1, 9) @ columns.reshape(9, -1)
-        points = points.reshape(self._moved.shape[:2] + (3, 4, -1)) * self._moved
+        points = points.reshape(2, k, 3, 4, -1) * self._moved
         slip, Ja = points[0] - points[1], self._turned * J[3:]
         slip[:, :, 1:3] -= (p_v_a[1:, k:] @ Ja).transpose(1, 2, 0, 3)
         rows = (axes[:k] @ slip.reshape(k, 3, -1)).reshape(slip.shape)

@@ -20,7 +20,7 @@ N^T lam = 0: with lam = J w, for which w is the a that lam in place of -s gives,
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -58,20 +58,35 @@ class KktDerivatives(Derivatives):
 
     def __init__(self, workspace: Workspace, solution: Solution, v: Array, tau: Array) -> None:
         super().__init__(solution)
-        linearisation, q, lam = workspace.linearisation, solution.q, solution.lam
-        self._of = of = linearisation.at(q, v, solution.a, lam)
-        self._null: Array | None = None  # (m, nv): what keeps lam the smallest as the rows turn
+        self._linearisation = linearisation = workspace.linearisation
+        q = solution.q
+        self._of = of = linearisation.at(q, v, solution.a, solution.lam)
+        self._factors: MinimumNorm | None = None  # of redundant rows
         Y = of.M_inv.dot(of.J.T)
         K = _independent(of.J.dot(Y))
-        if K is not None:
-            inverse = _inverse(of.M_inv, Y, K)
-        else:
-            factors = factorise(linearisation.mass_matrix(q), of.J, tolerances.RANK)
-            K = factors.U[:, : factors.rank] / factors.S[: factors.rank]
-            inverse = _inverse(of.M_inv, Y, K)
-            w = inverse[: self._n, self._n :] @ lam
-            self._null = turning_null_space(linearisation, q, w, factors)
-        self._inverse, self._workspace, self._v = inverse, workspace, v
+        if K is None:
+            self._factors = factorise(linearisation.mass_matrix(q), of.J, tolerances.RANK)
+            K = self._factors.U[:, : self._factors.rank] / self._factors.S[: self._factors.rank]
+        self._inverse, self._workspace, self._v = _inverse(of.M_inv, Y, K), workspace, v
+
+    @cached_property
+    def _null(self) -> Array | None:
+        """What keeps lam the smallest as redundant rows turn (m, nv)."""
+        if self._factors is None:
+            return None
+        n, solution = self._n, self.solution
+        w = self._inverse[:n, n:] @ solution.lam
+        return turning_null_space(self._linearisation, solution.q, w, self._factors)
+
+    @cached_property
+    def _lam_by_q(self) -> Array:
+        by_q: Array = self._blocks[0][self._n :]
+        return by_q if self._null is None else by_q + self._null
+
+    @property
+    def dlam_dq(self) -> Array:
+        """(m, nv); where rows are redundant, it takes its time when it is asked for first."""
+        return self._lam_by_q
 
     def by_gravity(self) -> tuple[Array, Array]:
         """Return the derivatives of a (nv, 3) and lam (m, 3) by the vector of gravity [m/s^2]."""
@@ -113,8 +128,6 @@ class KktDerivatives(Derivatives):
     def _form(self) -> tuple[Array, Array, Array]:
         n = self._n
         by_state = self._inverse.dot(self._of.rhs)
-        if self._null is not None:
-            by_state[n:, :n] += self._null
         return by_state[:, :n], by_state[:, n:], self._inverse[:, :n].copy()
 
     def _forward(self, dq: Array, dv: Array, dtau: Array) -> tuple[Array, Array]:

@@ -46,7 +46,7 @@ class Ends:
         self._motion = np.zeros((2, self._joints.size))
 
     def placements(self) -> Array:
-        """Return E (2, k, 4, 3): the axes of c1 and c2 in the world, one a row, and their origins."""
+        """Return E (2, k, 4, 3): axes of c1 and c2 in the world, one a row, and their origins."""
         np.concatenate(self._sources, out=self._rows_of_joints)
         return np.asarray(self._in_joints @ self._of_joints)
 

@@ -104,7 +104,7 @@ class Equations:
         data = self.data
         self._contacts = WorldContacts(data, held, self.m + 1) if held else None
         self._loops: list[Balls | Weld] = [Balls(data, balls)] if balls else []
-        self._loops += [Weld(self.model, data, b) for b in loops if b.selection == FRAME]
+        self._loops += [Weld(data, b) for b in loops if b.selection == FRAME]
         self._cut = CutJoints(data, cut) if cut else None
         self._rolling = Rolling(data, rolled) if rolled else None
         self._couplings = Couplings(coupled, self.model.nv) if coupled else None
