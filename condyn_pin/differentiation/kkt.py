@@ -13,7 +13,7 @@ that of M and a product of rank m:
 Where rows are redundant, the derivative is that of the smallest lam (`condyn_pin.minimum_norm`).
 With J L^-T = U S V^T and U_r the columns of U that belong to singular values above zero, U_r S^-1
 takes the place of U^-1. The other columns N span the left null space of J, and that lam keeps
-N^T lam = 0: with lam = J w, for which w is the a that lam in place of -s gives,
+N^T lam = 0: with lam = J w
 
     N^T dlam = N^T (dJ w).
 """
@@ -74,9 +74,8 @@ class KktDerivatives(Derivatives):
         """What keeps lam the smallest as redundant rows turn (m, nv)."""
         if self._factors is None:
             return None
-        n, solution = self._n, self.solution
-        w = self._inverse[:n, n:] @ solution.lam
-        return turning_null_space(self._linearisation, solution.q, w, self._factors)
+        q, lam = self.solution.q, self.solution.lam
+        return turning_null_space(self._linearisation, q, lam, self._of.J, self._factors)
 
     @cached_property
     def _lam_by_q(self) -> Array:
@@ -182,8 +181,9 @@ def _lapack() -> tuple[Any, Any]:
 
 
 def turning_null_space(
-    linearisation: Linearisation, q: Array, w: Array, factors: MinimumNorm
+    linearisation: Linearisation, q: Array, lam: Array, J: Array, factors: MinimumNorm
 ) -> Array:
     """Return N N^T (dJ w) (m, nv): what keeps lam = J w the smallest as the rows turn."""
     N = factors.U[:, factors.rank :]
+    w = np.asarray(np.linalg.lstsq(J, lam, rcond=tolerances.RANK)[0], dtype=np.float64)
     return np.asarray(N @ (N.T @ linearisation.turning(q, w)))
