@@ -10,10 +10,16 @@ from shared import robot
 
 import condyn_pin as cp
 from condyn_pin._pin import HAS_LCABA, pin
+from condyn_pin.drift.post_stabilization import PostStabilization
+from condyn_pin.drift.projection import Projection
 from condyn_pin.simulation.files import _KINDS
+from condyn_pin.simulation.integrators import INTEGRATORS
 from condyn_pin.simulation.walls import growth, wall
 
 G = 9.81
+
+# Corrections after a step: what they solve, the next step need not.
+KEEPERS = [PostStabilization(), PostStabilization(every=2), Projection()]
 
 
 def body(joint, *, inertia=0.01, mass=1.0, centre=(0.0, 0.0, 0.0), name="body") -> cp.Robot:
@@ -458,6 +464,24 @@ def test_a_function_that_returns_its_own_buffer():
     assert np.allclose(found.tau[:, 0], np.cos(found.t))
 
 
+@pytest.mark.parametrize("drift", KEEPERS, ids=repr)
+@pytest.mark.parametrize("integrator", INTEGRATORS.values(), ids=lambda kind: kind.__name__)
+def test_torques_belong_to_their_sample(integrator, drift):
+    """Also where two steps share a solve, and where a function returns a buffer of its own."""
+    scene, q, v = bar()
+    buffer = np.zeros(3)
+
+    def tau(t, q, v):
+        buffer[:] = np.cos(40 * t) - 0.1 * v
+        return buffer
+
+    found = cp.simulate(
+        scene, q, v, tau, duration=0.03, dt=5e-3, integrator=integrator(), drift=drift
+    )
+    wanted = np.cos(40 * found.t)[:, None] - 0.1 * found.v
+    assert np.abs(found.tau - wanted).max() < 1e-14
+
+
 # Events.
 
 
@@ -782,6 +806,6 @@ def test_csv(tmp_path):
 def test_what_is_printed():
     scene, q, v = bar()
     found = cp.simulate(scene, q, v, duration=0.01)
-    assert "RungeKutta4(), Baumgarte(alpha=30.0, beta=30.0)" in str(found)
+    assert "RungeKutta4(), PostStabilization(), Proximal()" in str(found)
     assert repr(found) == "Trajectory(four_bar: 11 samples to t = 0.01 s, finished)"
     assert found.notices == ()
