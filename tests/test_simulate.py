@@ -517,6 +517,17 @@ def test_rebounds_until_they_pile_up():
     assert found.t[-1] < 3 * first
 
 
+@pytest.mark.parametrize("at", [0.055, 0.06])
+def test_a_blow_at_a_time_happens_once(at):
+    air, _ = falling()
+    wall = cp.Scene(air.robot, [cp.PlanarContact("origin")])
+    blow = cp.Event(name="blow", at=at, met=wall, restitution=0.5)
+    found = cp.simulate(air, [1.0], [-1.0], duration=0.2, dt=1e-2, events=[blow])
+    assert found.status is cp.RunStatus.FINISHED
+    assert [(e.name, e.t) for e in found.run.happened] == [("blow", pytest.approx(at))]
+    assert found.v[-1, 0] == pytest.approx(0.5 * (1.0 + G * at) - G * (0.2 - at))
+
+
 def test_lift_off_when_the_force_ends():
     """Pulled up harder and harder: the ground lets go at its weight."""
     air, floor = falling()
