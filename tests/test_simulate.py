@@ -13,7 +13,8 @@ from condyn_pin._pin import HAS_LCABA, pin
 from condyn_pin.drift.post_stabilization import PostStabilization
 from condyn_pin.drift.projection import Projection
 from condyn_pin.simulation.files import _KINDS
-from condyn_pin.simulation.integrators import INTEGRATORS
+from condyn_pin.simulation.integrators import INTEGRATORS, dormand_prince
+from condyn_pin.simulation.integrators.generalised_alpha import GeneralisedAlpha
 from condyn_pin.simulation.walls import growth, wall
 
 G = 9.81
@@ -288,6 +289,16 @@ def test_substeps_that_just_do_not_fit_are_no_trouble():
         assert found.status.ok
         calls.append(len(called))
     assert max(calls) < 2000
+
+
+def test_adaptive_steps_give_up_where_damping_is_stiff(monkeypatch):
+    monkeypatch.setattr(dormand_prince, "_MOST", 100)
+    damped = body(pin.JointModelRZ())
+    damped.model.damping[:] = 2.5e4  # a millionth of a second
+    scene = cp.Scene(cp.Robot("damped", damped.model))
+    choice = cp.DormandPrince()
+    with pytest.raises(cp.StepFailed, match=r"more than 100 substeps .* stiff; use SemiImplicit"):
+        cp.simulate(scene, [0.0], [1.0], duration=1e-2, dt=1e-2, integrator=choice)
 
 
 def test_damping_of_light_rods_asks_for_no_small_dt():
@@ -645,6 +656,22 @@ def test_torques_that_become_nan_end_the_run():
     assert 0.09 < found.t[-1] < 0.11
     for array in (found.q, found.v, found.a, found.lam):
         assert np.isfinite(array).all()
+
+
+@pytest.mark.parametrize("record", [1, 5])
+@pytest.mark.parametrize("integrator", [cp.RungeKutta4(), GeneralisedAlpha()], ids=repr)
+def test_a_run_that_fails_goes_to_the_last_state_that_could_be_solved(integrator, record):
+    def tau(t, q, v):
+        return np.array([np.nan if t > 0.0731 else 1.0])
+
+    air, _ = falling()
+    found = cp.simulate(
+        air, [1.0], [0.0], tau, duration=0.2, dt=1e-2, integrator=integrator, record=record
+    )
+    assert found.status is cp.RunStatus.FAILED
+    assert found.t[-1] == pytest.approx(0.07)
+    assert (np.diff(found.t) > 0).all()
+    assert found.q[-1, 0] == pytest.approx(1.0 - (G - 1.0) * 0.07**2 / 2)
 
 
 def test_a_first_state_that_cannot_be_solved_is_an_error():
