@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from math import isfinite
 from time import perf_counter
 
@@ -166,6 +167,8 @@ def _run(
     except CondynError as error:
         if not any(recorder.count for recorder in loop.recorders):
             raise
+        with suppress(CondynError):  # the last state, if it is none of the samples
+            loop.leg.end(loop.t, loop.q, loop.v)
         speed = float(np.abs(loop.v).max(initial=0.0))
         lost = not (isfinite(speed) and speed < _LOST)
         status = RunStatus.DIVERGED if lost else RunStatus.FAILED

@@ -46,6 +46,7 @@ class Applied:
             self.constant = np.array(finite("tau", np.zeros(nv) if _is_zero(tau) else tau, nv))
             self.constant.flags.writeable = False
         self._first = self.constant
+        self._state: tuple[Array, Array] | None = None  # q and v that the first were asked for
 
     def __call__(self, t: float, q: Array, v: Array) -> Array:
         """Return the torques (nv,), not to be written to."""
@@ -55,7 +56,7 @@ class Applied:
         if not (type(tau) is np.ndarray and tau.shape == self._shape and tau.dtype is FLOAT):
             tau = finite(f"tau({t:g}, q, v)", tau, self._shape)
         if self._first is None:
-            self._first = tau.copy()
+            self._first, self._state = tau.copy(), (q, v)
         return tau
 
     def forget(self) -> None:
@@ -63,8 +64,14 @@ class Applied:
         self._first = self.constant
 
     def first(self, t: float, q: Array, v: Array) -> Array:
-        """Return the first torques since then; they are asked for now if nobody has."""
-        return self(t, q, v) if self._first is None else self._first
+        """Return the torques at the start of the step (nv,), not to be written to.
+
+        Where the answer at its start was known from before, the first that were asked for are those
+        of a later stage: then they are asked for now.
+        """
+        if self._first is None or (self._state and not _same(self._state, (q, v))):
+            return self(t, q, v).copy()
+        return self._first
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +136,11 @@ class Passive:
             return tau
 
         return torque
+
+
+def _same(one: tuple[Array, Array], other: tuple[Array, Array]) -> bool:
+    """Whether two states are the very same arrays."""
+    return one[0] is other[0] and one[1] is other[1]
 
 
 def _is_zero(tau: object) -> bool:

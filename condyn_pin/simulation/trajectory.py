@@ -148,7 +148,7 @@ class Trajectory:
                 "smaller dt, a higher order, or another drift scheme"
             )
         error, scale = float(np.abs(self.energy.error).max()), self.energy.scale
-        if error > tolerances.BALANCED * scale:
+        if error > max(tolerances.BALANCED * scale, self.energy.kept):
             said.append(
                 f"{error:.3g} J of energy came or went without work, of {scale:.3g} J exchanged"
             )
