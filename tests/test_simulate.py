@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -522,6 +523,40 @@ def test_events_at_a_time_and_the_end():
     assert found.q[-1, 0] == pytest.approx(held)
     assert found.phases[1].scene.constraints[0].height == pytest.approx(held)
     assert len(found.phases) == 2
+
+
+def test_events_of_one_instant_all_happen():
+    scene, q, v = bar()
+    loose = cp.Scene(scene.robot)
+    let_go, end = cp.Event(name="let go", at=0.05, scene=loose), cp.Event(name="end", at=0.05)
+    for integrator in (cp.RungeKutta4(), cp.GeneralisedAlpha()):
+        for at in (0.05, 0.0503):
+            events = [replace(let_go, at=at), replace(end, at=at)]
+            found = cp.simulate(scene, q, v, duration=0.1, events=events, integrator=integrator)
+            assert [event.name for event in found.run.happened] == ["let go", "end"]
+            assert found.status is cp.RunStatus.ENDED
+            assert found.t[-1] == at
+
+
+def test_two_feet_that_land_together_both_stay():
+    """Two balls fall side by side, each with an event of its own."""
+    model = pin.Model(body(pin.JointModelPZ()).model)
+    j = model.addJoint(0, pin.JointModelPZ(), pin.SE3.Identity(), "second")
+    model.appendBodyToJoint(j, pin.Inertia.FromSphere(2.0, 0.1), pin.SE3.Identity())
+    model.addFrame(pin.Frame("other", j, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    balls = cp.Robot("balls", model)
+    one = cp.PlanarContact("origin", height=0.0)
+    both = [one, cp.PlanarContact("other", height=0.0)]
+    events = [
+        cp.Event(name="one", when=lambda m: m.q[0], scene=cp.Scene(balls, [one])),
+        cp.Event(name="both", when=lambda m: m.q[1], scene=cp.Scene(balls, both)),
+    ]
+    for height in np.linspace(0.5, 1.0, 6):  # the root is found above zero, or below
+        start = cp.Scene(balls), [height, height], [0.0, 0.0]
+        found = cp.simulate(*start, duration=0.6, events=events)
+        assert [event.name for event in found.run.happened] == ["one", "both"]
+        assert found.run.happened[1].t == pytest.approx(np.sqrt(2 * height / G))
+        assert np.abs(found.q[-1]).max() < 1e-9
 
 
 def test_contacts_that_stay_keep_their_place():
