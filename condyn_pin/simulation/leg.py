@@ -75,9 +75,9 @@ class Leg:
 
     def sample(self, t: float, q: Array, v: Array) -> None:
         """Keep a state at which no step begins, or none has ended."""
-        self._tau.forget()
+        self._tau.begin()
         a = self.system.acceleration(t, q, v)
-        self.recorder.add((t, q, v, a, self.system.lam(), self._tau.first(t, q, v)))
+        self.recorder.add((t, q, v, a, self.system.lam(), self._tau.at(t, q, v)))
 
     def begin(self, t: float, q: Array, v: Array) -> Recorder:
         """Begin to keep samples, with another stepper; return what they go to."""
@@ -97,13 +97,13 @@ class Leg:
         keep: bool,
     ) -> tuple[Array, Array]:  # fmt: skip
         tau = self._tau
-        tau.forget()
+        tau.begin()
         q1, v1, a = move(t, q, v)
         if keep:
             if not self._at_start:
                 t, q, v = t1, q1, v1
-                tau.forget()
-            self.recorder.add((t, q, v, a, lam(), tau.first(t, q, v)))
+                tau.begin()
+            self.recorder.add((t, q, v, a, lam(), tau.at(t, q, v)))
         return q1, v1
 
     def _mover(self, dt: float) -> tuple[Move, Callable[[], Array]]:

@@ -21,7 +21,7 @@ Torque = Callable[[float, Array, Array], Array]  # (t, q, v) -> (nv,) [N, N m]
 
 
 class Applied:
-    """The torques that are applied, and what they were when they were first asked for in a step.
+    """The torques that are applied, and what they were where a step began.
 
     What a user's function returns is looked at: numbers of another shape would be broadcast
     without a word.
@@ -45,7 +45,8 @@ class Applied:
         if not callable(tau):
             self.constant = np.array(finite("tau", np.zeros(nv) if _is_zero(tau) else tau, nv))
             self.constant.flags.writeable = False
-        self._first = self.constant
+        self._first: Array | None = None  # in this step
+        self._last: Array | None = None
 
     def __call__(self, t: float, q: Array, v: Array) -> Array:
         """Return the torques (nv,), not to be written to."""
@@ -54,17 +55,25 @@ class Applied:
         tau = self._function(t, q, v)
         if not (type(tau) is np.ndarray and tau.shape == self._shape and tau.dtype is FLOAT):
             tau = finite(f"tau({t:g}, q, v)", tau, self._shape)
+        self._last = tau.copy()
         if self._first is None:
-            self._first = tau.copy()
+            self._first = self._last
         return tau
 
-    def forget(self) -> None:
+    def begin(self) -> None:
         """Begin another step."""
-        self._first = self.constant
+        self._first = None
 
-    def first(self, t: float, q: Array, v: Array) -> Array:
-        """Return the first torques since then; they are asked for now if nobody has."""
-        return self(t, q, v) if self._first is None else self._first
+    def repeat(self) -> None:
+        """Take the last torques for those that a step begins with: their solve is used again."""
+        if self._first is None:
+            self._first = self._last
+
+    def at(self, t: float, q: Array, v: Array) -> Array:
+        """Return the first torques of this step; they are asked for now if nobody has."""
+        if self.constant is not None:
+            return self.constant
+        return self(t, q, v).copy() if self._first is None else self._first
 
 
 @dataclass(frozen=True, eq=False)
