@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -639,7 +640,34 @@ def test_events_are_refused():
             cp.Event(**arguments)
 
 
-# Runs that break down.
+# Runs that break down, or are not what they seem.
+
+
+@pytest.mark.parametrize(
+    ("solver", "words"),
+    [
+        (cp.DenseKKT(mu=1e-2), "accelerations may be off by .* give Dense KKT more iterations"),
+        (cp.ConjugateGradient(max_iterations=1), "accelerations may be off"),
+        (cp.Proximal(mu=1e-2, max_iterations=1), "accelerations may be off"),
+        (cp.Soft(), "Soft lets them give way; use a stiffer solref"),
+        (cp.NullSpace(), ""),
+        (None, ""),
+    ],
+)
+def test_what_a_projection_hides_is_told(solver, words):
+    scene, q, v = bar()
+    found = cp.simulate(scene, q, v, duration=0.5, solver=solver)
+    assert found.status is cp.RunStatus.FINISHED
+    assert re.search(words, " ".join(found.notices)) if words else found.notices == ()
+
+
+def test_each_phase_has_its_own_default_solver():
+    air, floor = falling()
+    land = cp.Event(name="land", when=lambda m: m.q[0], scene=floor)
+    found = cp.simulate(air, [0.1], [0.0], duration=0.3, events=[land])
+    assert found.notices == ()
+    lifted = [land, cp.Event(name="lift", at=0.25, scene=air)]
+    assert cp.simulate(air, [0.1], [0.0], duration=0.3, events=lifted).notices == ()
 
 
 def test_torques_that_become_nan_end_the_run():

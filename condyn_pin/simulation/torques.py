@@ -120,6 +120,10 @@ class Passive:
         """Return the energy of the springs at configurations q (..., nq) [J]."""
         return np.asarray(0.5 * (q[..., self.at_q] - self.rest) ** 2 @ self.k)
 
+    def torque(self, q: Array, v: Array) -> Array:
+        """Return the torques of springs and damping (nv,) [N, N m]."""
+        return np.asarray(-self.d * v - self.K.dot(q[self.at_q] - self.rest))
+
     def with_torques(self, applied: Applied, drag: Array | None = None) -> Torque:
         """Return the torques applied with those of springs and damping; drag is more damping."""
         d = self.d if drag is None else self.d + drag
