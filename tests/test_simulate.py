@@ -467,6 +467,19 @@ def test_torques_are_those_at_the_samples(kind, drift):
     assert np.allclose(found.tau[:, 0], np.cos(20.0 * found.t) - found.v[:, 1], rtol=0, atol=1e-5)
 
 
+@pytest.mark.parametrize("written", [1, 2])
+@pytest.mark.parametrize("kind", cp.INTEGRATORS.values())
+def test_a_function_cannot_write_to_the_state(kind, written):
+    scene, q, v = bar()
+
+    def tau(*arguments):
+        arguments[written][:] = 0.0
+        return np.zeros(3)
+
+    with pytest.raises(ValueError, match="read-only"):
+        cp.simulate(scene, q, v, tau, duration=0.01, integrator=kind())
+
+
 # Events.
 
 
@@ -735,6 +748,8 @@ def test_an_interrupt_keeps_what_was_measured():
         ({"integrator": cp.RungeKutta4}, "integrator"),
         ({"drift": 10.0}, "drift"),
         ({"gravity": 1}, "gravity"),
+        ({"solver": "proximal"}, "solver = 'proximal'"),
+        ({"solver": cp.Soft(), "integrator": cp.Rattle()}, "RATTLE keeps hard constraints"),
         ({"tau": np.zeros(4)}, "tau"),
         ({"tau": "none"}, "tau"),
         ({"tau": True}, "tau"),

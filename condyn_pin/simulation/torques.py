@@ -52,7 +52,7 @@ class Applied:
         """Return the torques (nv,), not to be written to."""
         if self._function is None:
             return self.constant  # type: ignore[return-value]
-        tau = self._function(t, q, v)
+        tau = self._function(t, _locked(q), _locked(v))
         if not (type(tau) is np.ndarray and tau.shape == self._shape and tau.dtype is FLOAT):
             tau = finite(f"tau({t:g}, q, v)", tau, self._shape)
         self._last = tau.copy()
@@ -142,6 +142,13 @@ class Passive:
             return tau
 
         return torque
+
+
+def _locked(array: Array) -> Array:
+    """Return the same numbers, not to be written to: they are the state itself."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
 
 
 def _is_zero(tau: object) -> bool:
