@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from math import ceil, isfinite
 from time import perf_counter
 
@@ -160,10 +161,13 @@ def _run(
     except KeyboardInterrupt:
         return RunStatus.INTERRUPTED, f"interrupted after t = {loop.t:g} s"
     except CondynError as error:
-        if not any(recorder.count for recorder in loop.recorders):
-            raise
         speed = float(np.abs(loop.v).max(initial=0.0))
         lost = not (isfinite(speed) and speed < _LOST)
+        if not lost:
+            with suppress(CondynError):  # no step leads away from it, but it may be a sample
+                loop.leg.end(loop.t, loop.q, loop.v)
+        if not any(recorder.count for recorder in loop.recorders):
+            raise
         status = RunStatus.DIVERGED if lost else RunStatus.FAILED
         return status, f"after t = {loop.t:g} s: {error}"
     return RunStatus.FINISHED, ""

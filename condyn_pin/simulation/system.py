@@ -26,6 +26,10 @@ if TYPE_CHECKING:
     from condyn_pin.scene import Scene
 
 
+# t, q, v and a of a solve that there was not.
+_NOTHING: tuple[float, Array | None, Array | None, Array] = (0.0, None, None, np.zeros(0))
+
+
 class System:
     """A scene with the torques that act on it.
 
@@ -80,7 +84,7 @@ class System:
         self.difference: Callable[[Array, Array], Array] = partial(pin.difference, self.model)
         self.lam: Callable[[], Array] = workspace.lam
         self._solve = workspace.acceleration
-        self._last: tuple[float, Array | None, Array | None, Array] = (0.0, None, None, np.zeros(0))
+        self._last = _NOTHING
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return a (nv,) by the solver; `lam()` then returns its constraint forces (m,).
@@ -98,6 +102,7 @@ class System:
         if q is last[1] and v is last[2] and isclose(t, last[0], rel_tol=1e-14):
             self.applied.repeat()
             return last[3]
+        self._last = _NOTHING  # a solve that fails leaves no forces
         a = self._solve(q, v, self.torque(t, q, v))
         self._last = t, q, v, a
         return a
