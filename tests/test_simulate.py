@@ -653,6 +653,26 @@ def test_events_are_refused():
             cp.Event(**arguments)
 
 
+def test_no_energy_is_missed_where_none_is_exchanged():
+    """What rounding makes of a constant energy is no notice; what a bad method does, is."""
+    spinning = cp.Scene(body(pin.JointModelFreeFlyer(), inertia=1.0))
+    start = spinning, pin.neutral(spinning.robot.model), [1.0, 0.0, 0.0, 0.1, 3.0, 0.1]
+    assert cp.simulate(*start, duration=0.2, gravity=False).notices == ()
+    sleigh = cp.Scene(cp.sleigh(), cp.sleigh().contacts)
+    state = sleigh.sample(np.random.default_rng(0))
+    assert cp.simulate(sleigh, *state, duration=0.1).notices == ()
+    crude = cp.simulate(*start, duration=1.0, dt=0.1, gravity=False, integrator=cp.ExplicitEuler())
+    assert "energy came or went without work" in " ".join(crude.notices)
+
+
+def test_a_limit_that_is_met_to_rounding_is_not_left():
+    model = pin.Model(body(pin.JointModelPZ()).model)
+    model.lowerPositionLimit[:], model.upperPositionLimit[:] = 0.0, 1.0
+    scene = cp.Scene(cp.Robot("resting", model))
+    weight = np.array([G * (1.0 - 1e-9)])
+    assert cp.simulate(scene, [0.0], [0.0], weight, duration=0.1).notices == ()
+
+
 # Runs that break down, or are not what they seem.
 
 
@@ -693,6 +713,34 @@ def test_torques_that_become_nan_end_the_run():
     assert 0.09 < found.t[-1] < 0.11
     for array in (found.q, found.v, found.a, found.lam):
         assert np.isfinite(array).all()
+
+
+@pytest.mark.parametrize("kind", [cp.ImplicitMidpoint, cp.Rattle, cp.Shake])
+def test_a_first_step_that_cannot_be_taken_leaves_the_first_state(kind):
+    """A spring of 20 kHz in steps of 1 ms."""
+    scene, q, v = bar()
+    sprung = replace(scene.robot, springs=[cp.Spring("crank", 5e6, 1.0)])
+    stiff = cp.Scene(sprung, sprung.loops)
+    found = cp.simulate(stiff, q, v, duration=0.01, integrator=kind())
+    assert found.status is cp.RunStatus.FAILED
+    assert f"{kind.title} at t = 0 s" in found.reason
+    assert "take a smaller dt than 0.001 s" in found.reason
+    assert np.array_equal(found.q, [q])
+    assert np.isfinite(found.a).all()
+
+
+@pytest.mark.parametrize("drift", [cp.NoDrift(), cp.PostStabilization()])
+def test_the_last_state_that_was_reached_is_a_sample(drift):
+    scene, q, v = bar()
+
+    def tau(t, q, v):
+        return np.full(3, np.nan if t > 0.0105 else 2.0)
+
+    found = cp.simulate(scene, q, v, tau, duration=0.1, drift=drift)
+    whole = cp.simulate(scene, q, v, [2.0, 2.0, 2.0], duration=0.01, drift=drift)
+    assert found.status is cp.RunStatus.FAILED
+    for name in ("t", "q", "v", "a", "lam", "tau"):
+        assert np.allclose(getattr(found, name), getattr(whole, name), rtol=1e-12, atol=1e-12), name
 
 
 def test_a_first_state_that_cannot_be_solved_is_an_error():
@@ -831,6 +879,33 @@ def test_files_that_are_none(tmp_path):
 
 def kinds_below(kind: type) -> set[type]:
     return {kind}.union(*(kinds_below(each) for each in kind.__subclasses__()))
+
+
+def test_files_that_were_damaged(tmp_path):
+    scene, q, v = bar()
+    good, bad = tmp_path / "good.npz", tmp_path / "bad.npz"
+    cp.simulate(scene, q, v, duration=0.01).save(good)
+    with np.load(good) as file:
+        content = dict(file)
+    for name, array in (
+        ("q", content["q"][:-1]), ("t", content["t"][:-1]), ("lam", content["lam"][:, :1]),
+        ("v", np.nan * content["v"]), ("a", content["a"].astype(str)), ("tau", np.zeros(3)),
+    ):  # fmt: skip
+        np.savez(bad, **{**content, name: array})
+        with pytest.raises(cp.InvalidArgument, match=f"no file of a trajectory.*{name}"):
+            cp.Trajectory.load(bad)
+    np.save(tmp_path / "array.npy", q)
+    with pytest.raises(cp.InvalidArgument, match="no file of a trajectory"):
+        cp.Trajectory.load(tmp_path / "array.npy")
+    whole = good.read_bytes()
+    refused = 0
+    for i in range(0, len(whole), len(whole) // 60):
+        bad.write_bytes(whole[:i] + bytes([whole[i] ^ 0xFF]) + whole[i + 1 :])
+        try:
+            cp.Trajectory.load(bad)  # a byte that says nothing, such as a date, may be any
+        except cp.InvalidArgument:
+            refused += 1
+    assert refused > 30
 
 
 def test_every_kind_of_constraint_can_be_in_a_file():

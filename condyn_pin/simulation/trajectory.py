@@ -152,7 +152,9 @@ class Trajectory:
             )
         said += solver_notices(self)
         error, scale = float(np.abs(self.energy.error).max()), self.energy.scale
-        if error > tolerances.BALANCED * scale:
+        parts = (self.energy.kinetic, self.energy.potential, self.energy.springs)
+        there = max(float(np.abs(part).max()) for part in parts)
+        if error > max(tolerances.BALANCED * scale, tolerances.ENERGY_KEPT * there):
             said.append(
                 f"{error:.3g} J of energy came or went without work, of {scale:.3g} J exchanged"
             )
@@ -165,7 +167,11 @@ class Trajectory:
         limits = Limits.of(self.scene.robot.model)
         inside = limits.beyond(self.q[0]).keys()
         most = limits.beyond(self.q.min(axis=0)) | limits.beyond(self.q.max(axis=0))
-        return {joint: gap for joint, gap in most.items() if joint not in inside}
+        return {
+            joint: gap
+            for joint, gap in most.items()
+            if joint not in inside and gap.size > tolerances.CLOSED
+        }
 
     @cached_property
     def _kinematics(self) -> Kinematics:
