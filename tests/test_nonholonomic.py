@@ -795,3 +795,8 @@ def test_motors_find_their_torques_through_the_wheels():
     a = cp.solve(scene, q, v, tau, solver=cp.Reference()).a
     found = cp.inverse_dynamics(scene, q, v, a)
     assert np.allclose(found.tau, tau, atol=1e-10)
+
+
+def test_integrability_is_one_of_scenes():
+    with pytest.raises(cp.InvalidArgument, match="scene = NoneType: a Scene is needed"):
+        cp.is_integrable(None)

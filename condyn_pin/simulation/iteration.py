@@ -32,7 +32,9 @@ def to_the_end(iteration: Callable[[], float], title: str, t: float, dt: float) 
         If the iteration stops to converge too early.
     """
     size = float("inf")
-    for count in range(1, _MOST + 1):
+    count = 0
+    while count < _MOST:
+        count += 1
         try:
             left = iteration()
         except SolveFailed:  # it has led to a state that no machine can have
