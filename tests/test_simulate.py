@@ -640,6 +640,9 @@ def test_events_are_refused():
         ([cp.Event(name="a", at=0.1, scene=other)], "another model"),
         ([good, good], "two events are named 'a'"),
         (good, "a list is needed"),
+        (None, "a list is needed"),
+        ([cp.Event(name="a", when=lambda m: None)], "event 'a': its condition returns None"),
+        ([cp.Event(name="a", when=lambda m: m.q[[0, 0]])], "event 'a': its condition returns"),
         ([3], "is not an Event"),
         ([cp.Event(name="a", at=-1.0)], "after the start"),
     ):
@@ -648,9 +651,13 @@ def test_events_are_refused():
     for arguments in (
         {"name": "a"}, {"name": "", "at": 1.0}, {"name": "a", "at": np.nan},
         {"name": "a", "when": 3.0}, {"name": "a", "at": 1.0, "scene": 3},
+        {"name": "a", "at": 1.0, "scene": floor, "restitution": 3.0},
+        {"name": "a", "at": 1.0, "scene": floor, "restitution": "hard"},
     ):  # fmt: skip
         with pytest.raises(cp.InvalidArgument):
             cp.Event(**arguments)
+    with pytest.raises(cp.UnknownName, match="no constraint named 'ceiling'"):
+        cp.Event(name="a", at=1.0, scene=floor, restitution={"ceiling": 0.5})
 
 
 def test_no_energy_is_missed_where_none_is_exchanged():

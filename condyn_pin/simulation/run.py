@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from math import ceil, isfinite
 from time import perf_counter
@@ -216,7 +216,7 @@ def _check_record(record: int) -> None:
 
 def _events(scene: Scene, events: Sequence[Event]) -> tuple[Event, ...]:
     """Return the events, which have to fit the scene and to have names of their own."""
-    if isinstance(events, Event):
+    if isinstance(events, Event) or not isinstance(events, Iterable):
         raise InvalidArgument("events: a list is needed, also for a single event")
     checked = tuple(events)
     for event in checked:
