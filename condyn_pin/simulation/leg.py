@@ -76,9 +76,9 @@ class Leg:
 
     def sample(self, t: float, q: Array, v: Array) -> None:
         """Keep a state at which no step begins, or none has ended."""
-        self._tau.begin()
+        self._tau.forget()
         a = self.system.acceleration(t, q, v)
-        self.recorder.add((t, q, v, a, self.system.lam(), self._tau.at(t, q, v)))
+        self.recorder.add((t, q, v, a, self.system.lam(), self._tau.first(t, q, v)))
 
     def begin(self, t: float, q: Array, v: Array) -> Recorder:
         """Begin to keep samples, with another stepper; return what they go to."""
@@ -98,19 +98,20 @@ class Leg:
         keep: bool,
     ) -> tuple[Array, Array]:  # fmt: skip
         tau = self._tau
-        tau.begin()
+        tau.forget()
         q1, v1, a = move(t, q, v)
         if keep:
             if not self._at_start:
                 t, q, v = t1, q1, v1
-                tau.begin()
-            self.recorder.add((t, q, v, a, lam(), tau.at(t, q, v)))
+                tau.forget()
+            self.recorder.add((t, q, v, a, lam(), tau.first(t, q, v)))
         return q1, v1
 
     def _mover(self, dt: float) -> tuple[Move, Callable[[], Array]]:
         """Return the stepper of a size with the corrections behind it."""
         stepper = self._method.integrator.start(self.system, dt)
-        correct = self._method.drift.start(self.system, dt)
+        # a correction reads what the solve of the next step leaves behind
+        correct = self._method.drift.start(stepper.system or self.system, dt)
         if correct is None:
             return stepper.step, stepper.lam
         step, forces = stepper.step, [stepper.lam]

@@ -21,7 +21,7 @@ Torque = Callable[[float, Array, Array], Array]  # (t, q, v) -> (nv,) [N, N m]
 
 
 class Applied:
-    """The torques that are applied, and what they were where a step began.
+    """The torques that are applied, and what they were when they were first asked for in a step.
 
     What a user's function returns is looked at: numbers of another shape would be broadcast
     without a word.
@@ -45,8 +45,8 @@ class Applied:
         if not callable(tau):
             self.constant = np.array(finite("tau", np.zeros(nv) if _is_zero(tau) else tau, nv))
             self.constant.flags.writeable = False
-        self._first: Array | None = None  # in this step
-        self._last: Array | None = None
+        self._first = self.constant
+        self._state: tuple[Array, Array] | None = None  # q and v that the first were asked for
 
     def __call__(self, t: float, q: Array, v: Array) -> Array:
         """Return the torques (nv,), not to be written to."""
@@ -55,25 +55,23 @@ class Applied:
         tau = self._function(t, _locked(q), _locked(v))
         if not (type(tau) is np.ndarray and tau.shape == self._shape and tau.dtype is FLOAT):
             tau = finite(f"tau({t:g}, q, v)", tau, self._shape)
-        self._last = tau.copy()
         if self._first is None:
-            self._first = self._last
+            self._first, self._state = tau.copy(), (q, v)
         return tau
 
-    def begin(self) -> None:
+    def forget(self) -> None:
         """Begin another step."""
-        self._first = None
+        self._first = self.constant
 
-    def repeat(self) -> None:
-        """Take the last torques for those that a step begins with: their solve is used again."""
-        if self._first is None:
-            self._first = self._last
+    def first(self, t: float, q: Array, v: Array) -> Array:
+        """Return the torques at the start of the step (nv,), not to be written to.
 
-    def at(self, t: float, q: Array, v: Array) -> Array:
-        """Return the first torques of this step; they are asked for now if nobody has."""
-        if self.constant is not None:
-            return self.constant
-        return self(t, q, v).copy() if self._first is None else self._first
+        Where the answer at its start was known from before, the first that were asked for are those
+        of a later stage: then they are asked for now.
+        """
+        if self._first is None or (self._state and not _same(self._state, (q, v))):
+            return self(t, q, v).copy()
+        return self._first
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,13 +142,18 @@ class Passive:
         return torque
 
 
-def _locked(array: Array) -> Array:
-    """Return the same numbers, not to be written to: they are the state itself."""
-    view = array.view()
-    view.flags.writeable = False
-    return view
+def _same(one: tuple[Array, Array], other: tuple[Array, Array]) -> bool:
+    """Whether two states are the very same arrays."""
+    return one[0] is other[0] and one[1] is other[1]
 
 
 def _is_zero(tau: object) -> bool:
     """Whether it is the number zero, which stands for no torque."""
     return isinstance(tau, (int, float)) and tau == 0
+
+
+def _locked(array: Array) -> Array:
+    """Return the same numbers, not to be written to: they are the state itself."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
