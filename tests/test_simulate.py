@@ -12,10 +12,17 @@ from shared import robot
 
 import condyn_pin as cp
 from condyn_pin._pin import HAS_LCABA, pin
+from condyn_pin.drift.post_stabilization import PostStabilization
+from condyn_pin.drift.projection import Projection
 from condyn_pin.simulation.files import _KINDS
+from condyn_pin.simulation.integrators import INTEGRATORS, dormand_prince
+from condyn_pin.simulation.integrators.generalised_alpha import GeneralisedAlpha
 from condyn_pin.simulation.walls import growth, wall
 
 G = 9.81
+
+# Corrections after a step: what they solve, the next step need not.
+KEEPERS = [PostStabilization(), PostStabilization(every=2), Projection()]
 
 
 def body(joint, *, inertia=0.01, mass=1.0, centre=(0.0, 0.0, 0.0), name="body") -> cp.Robot:
@@ -286,6 +293,16 @@ def test_substeps_that_just_do_not_fit_are_no_trouble():
     assert max(calls) < 2000
 
 
+def test_adaptive_steps_give_up_where_damping_is_stiff(monkeypatch):
+    monkeypatch.setattr(dormand_prince, "_MOST", 100)
+    damped = body(pin.JointModelRZ())
+    damped.model.damping[:] = 2.5e4  # a millionth of a second
+    scene = cp.Scene(cp.Robot("damped", damped.model))
+    choice = cp.DormandPrince()
+    with pytest.raises(cp.StepFailed, match=r"more than 100 substeps .* stiff; use SemiImplicit"):
+        cp.simulate(scene, [0.0], [1.0], duration=1e-2, dt=1e-2, integrator=choice)
+
+
 def test_damping_of_light_rods_asks_for_no_small_dt():
     cassie = robot("cassie")
     scene = cp.Scene(cassie, [*cassie.loops, cp.SurfaceContact("pelvis")])
@@ -460,6 +477,24 @@ def test_a_function_that_returns_its_own_buffer():
     assert np.allclose(found.tau[:, 0], np.cos(found.t))
 
 
+@pytest.mark.parametrize("drift", KEEPERS, ids=repr)
+@pytest.mark.parametrize("integrator", INTEGRATORS.values(), ids=lambda kind: kind.__name__)
+def test_torques_belong_to_their_sample(integrator, drift):
+    """Also where two steps share a solve, and where a function returns a buffer of its own."""
+    scene, q, v = bar()
+    buffer = np.zeros(3)
+
+    def tau(t, q, v):
+        buffer[:] = np.cos(40 * t) - 0.1 * v
+        return buffer
+
+    found = cp.simulate(
+        scene, q, v, tau, duration=0.03, dt=5e-3, integrator=integrator(), drift=drift
+    )
+    wanted = np.cos(40 * found.t)[:, None] - 0.1 * found.v
+    assert np.abs(found.tau - wanted).max() < 1e-14
+
+
 # Events.
 
 
@@ -493,6 +528,17 @@ def test_rebounds_until_they_pile_up():
     assert "shorter than a step" in found.reason
     assert found.q.min() > -1e-9
     assert found.t[-1] < 3 * first
+
+
+@pytest.mark.parametrize("at", [0.055, 0.06])
+def test_a_blow_at_a_time_happens_once(at):
+    air, _ = falling()
+    wall = cp.Scene(air.robot, [cp.PlanarContact("origin")])
+    blow = cp.Event(name="blow", at=at, met=wall, restitution=0.5)
+    found = cp.simulate(air, [1.0], [-1.0], duration=0.2, dt=1e-2, events=[blow])
+    assert found.status is cp.RunStatus.FINISHED
+    assert [(e.name, e.t) for e in found.run.happened] == [("blow", pytest.approx(at))]
+    assert found.v[-1, 0] == pytest.approx(0.5 * (1.0 + G * at) - G * (0.2 - at))
 
 
 def test_lift_off_when_the_force_ends():
@@ -728,6 +774,22 @@ def test_the_last_state_that_was_reached_is_a_sample(drift):
     assert found.status is cp.RunStatus.FAILED
     for name in ("t", "q", "v", "a", "lam", "tau"):
         assert np.allclose(getattr(found, name), getattr(whole, name), rtol=1e-12, atol=1e-12), name
+
+
+@pytest.mark.parametrize("record", [1, 5])
+@pytest.mark.parametrize("integrator", [cp.RungeKutta4(), GeneralisedAlpha()], ids=repr)
+def test_a_run_that_fails_goes_to_the_last_state_that_could_be_solved(integrator, record):
+    def tau(t, q, v):
+        return np.array([np.nan if t > 0.0731 else 1.0])
+
+    air, _ = falling()
+    found = cp.simulate(
+        air, [1.0], [0.0], tau, duration=0.2, dt=1e-2, integrator=integrator, record=record
+    )
+    assert found.status is cp.RunStatus.FAILED
+    assert found.t[-1] == pytest.approx(0.07)
+    assert (np.diff(found.t) > 0).all()
+    assert found.q[-1, 0] == pytest.approx(1.0 - (G - 1.0) * 0.07**2 / 2)
 
 
 def test_a_first_state_that_cannot_be_solved_is_an_error():

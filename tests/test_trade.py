@@ -21,7 +21,7 @@ from condyn_pin.trade.cheapest import measure_of, solver_of
 from condyn_pin.trade.exports import short
 from condyn_pin.trade.fresh import Fresh
 from condyn_pin.trade.row import ALONE, Row
-from condyn_pin.trade.states import SampledStates
+from condyn_pin.trade.states import NominalStates, SampledStates
 from condyn_pin.trade.table import Table
 
 
@@ -247,6 +247,13 @@ def test_the_tail_is_continued_as_it_is():
     assert fresh.expected == pytest.approx(math.sqrt(100_000))
     assert Fresh.of([1.0, math.nan] + [1.0] * 30).expected == math.inf
     assert Fresh.of([0.0] * 30) == Fresh(30, 0.0, 0.0)
+    assert Fresh.of([1e-3] + [0.0] * 199).expected > 1.0  # the rest of the tail cannot be seen
+    assert Fresh.of([1e-16] * 3 + [0.0] * 197).expected == 1e-16  # rounding
+
+
+def test_a_handful_of_states_says_nothing_of_a_tail():
+    with pytest.raises(cp.InvalidArgument, match="2, and at least 20 are needed"):
+        measured(FINE).cheapest(1e-8, states=NominalStates())
 
 
 # files

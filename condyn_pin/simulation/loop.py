@@ -189,7 +189,7 @@ class Loop:
             check_fit(after, self.q, self.v, what=what)
             self._asked = event.scene
             self.leg = Leg(after, self._method)
-        else:
+        elif event.at is None:  # a time does not come again
             self._rebounding.add(event.name)
         self.recorders.append(self.leg.begin(self.t, self.q, self.v))
         self.happened.append(_happened(event, self.t, sample, before, self.leg.scene, change))
