@@ -34,7 +34,7 @@ Path_ = str | PathLike[str]
 
 _FORMAT = "condyn_pin trajectory 1"
 _LISTS = ("loops", "contacts", "springs")
-_WORDS = ("name", "actuated", "unused", "source", "licence")
+_WORDS = ("name", "actuated", "unused", "source", "licence", "description")
 _ARRAYS = ("t", "q", "v", "a", "lam", "tau")
 
 # A damaged archive is all of these; a single array is no context manager.
