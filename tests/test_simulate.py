@@ -1002,6 +1002,18 @@ def test_csv(tmp_path):
     assert float(rows[5]["kinetic [J]"]) == found.energy.kinetic[5]
 
 
+def test_next_to_nothing_is_no_lost_energy():
+    """A motion that exchanges nothing: what is left over is small beside the energy itself."""
+    made = cp.rolling_ball()
+    scene = cp.Scene(made, made.contacts)
+    q, v = scene.sample(np.random.default_rng(3))
+    found = cp.simulate(scene, q, v, duration=0.05)
+    assert found.energy.scale < 1e-10 < found.energy.kinetic[0]
+    assert found.notices == ()
+    pushed = replace(found, tau=np.ones_like(found.tau))
+    assert "without work" in "".join(pushed.notices)
+
+
 def test_what_is_printed():
     scene, q, v = bar()
     found = cp.simulate(scene, q, v, duration=0.01)
