@@ -145,6 +145,20 @@ def test_when_fresh_states_reject_everything_the_error_says_what_was_found_there
         measured(lucky).cheapest(1e-8, states=20)
 
 
+def test_an_error_that_is_met_by_rows_without_a_time_is_not_called_out_of_reach():
+    untimed = row(cp.Proximal(mu=1e-8), None, 1e-12)
+    with pytest.raises(cp.NotReached, match=r"meets acceleration to 1e-08 .* but has no time"):
+        table((untimed,)).cheapest(1e-8)
+
+
+def test_a_table_is_printed_as_one():
+    found = table(ROWS)
+    assert str(found) == found.to_markdown()
+    assert len(found) == len(ROWS)
+    with pytest.raises(cp.InvalidArgument, match="a Table is needed"):
+        found.compare(None)
+
+
 def test_when_nothing_meets_the_error_the_best_is_named():
     with pytest.raises(
         cp.NotReached, match=r"1e-15 on 's'; the best is Proximal\(\) with 2"

@@ -52,7 +52,7 @@ class Applied:
         """Return the torques (nv,), not to be written to."""
         if self._function is None:
             return self.constant  # type: ignore[return-value]
-        tau = self._function(t, q, v)
+        tau = self._function(t, _locked(q), _locked(v))
         if not (type(tau) is np.ndarray and tau.shape == self._shape and tau.dtype is FLOAT):
             tau = finite(f"tau({t:g}, q, v)", tau, self._shape)
         if self._first is None:
@@ -118,6 +118,10 @@ class Passive:
         """Return the energy of the springs at configurations q (..., nq) [J]."""
         return np.asarray(0.5 * (q[..., self.at_q] - self.rest) ** 2 @ self.k)
 
+    def torque(self, q: Array, v: Array) -> Array:
+        """Return the torques of springs and damping (nv,) [N, N m]."""
+        return np.asarray(-self.d * v - self.K.dot(q[self.at_q] - self.rest))
+
     def with_torques(self, applied: Applied, drag: Array | None = None) -> Torque:
         """Return the torques applied with those of springs and damping; drag is more damping."""
         d = self.d if drag is None else self.d + drag
@@ -146,3 +150,10 @@ def _same(one: tuple[Array, Array], other: tuple[Array, Array]) -> bool:
 def _is_zero(tau: object) -> bool:
     """Whether it is the number zero, which stands for no torque."""
     return isinstance(tau, (int, float)) and tau == 0
+
+
+def _locked(array: Array) -> Array:
+    """Return the same numbers, not to be written to: they are the state itself."""
+    view = array.view()
+    view.flags.writeable = False
+    return view

@@ -188,7 +188,9 @@ def _not_reached(
         text += f" at fresh states too; the best there is {short(best)}, {fresh}"
     elif row is None:
         text += ": no solver answers every state"
+    elif row.error_worst <= error:
+        text = f"{short(row)} meets {row.measure} to {error:g} on {row.scene!r}, but has no time "
+        return NotReached(f"{text}({row.timed}); run the study with timed=True", row)
     else:
-        timed = f", {row.timed}" if row.error_worst <= error else ""
-        text += f"; the best is {short(row)} with {row.error_worst:.1e}{timed}"
+        text += f"; the best is {short(row)} with {row.error_worst:.1e}"
     return NotReached(f"{text}; ask for less, or try more knobs", row)
