@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
+import typer
 from rich.console import Console
 
 from condyn_pin.errors import InvalidArgument
@@ -31,8 +35,23 @@ def check_files(
         BenchTable((), {}).with_native(native)
 
 
-def finite(value: Any) -> Any:
-    """Return the value with None in place of what json has no word for."""
-    if isinstance(value, list):
-        return [finite(entry) for entry in value]
-    return value if -float("inf") < value < float("inf") else None
+def print_json(answer: Any) -> None:
+    """Print an answer as json; see `plain`."""
+    typer.echo(json.dumps(plain(answer), indent=1))
+
+
+def plain(value: Any) -> Any:
+    """Return a value in the words of json: None for what is not finite, tables for dataclasses."""
+    if hasattr(value, "tolist"):  # arrays and numbers of numpy
+        return plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {str(key): plain(entry) for key, entry in value.items()}
+    if hasattr(value, "_asdict"):  # tuples with names
+        return plain(value._asdict())
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, (list, tuple)):
+        return [plain(entry) for entry in value]
+    if isinstance(value, float):
+        return value if -float("inf") < value < float("inf") else None
+    return value if isinstance(value, (bool, int, str, type(None))) else str(value)
