@@ -2,6 +2,8 @@
 # make test3     the same tests on Pinocchio 3.9, in an environment of its own
 # make demo      set up, run `condyn bench talos cassie`, write demo/bench.{csv,json,png}
 # make wheel     build the wheel and prove it in a clean environment, outside the checkout
+# make stress    every method on every hard question, on both Pinocchios (minutes); writes results
+# make stress-slice  a minute of that, mixed
 # make peers     time MuJoCo, Drake, Crocoddyl and exudyn beside us, each in an environment of its own
 # make native    build and run the C++ timing program (about 7 minutes), write demo/native.json
 
@@ -14,7 +16,7 @@ PIP    := -m pip install --quiet --disable-pip-version-check
 
 export OMP_NUM_THREADS := 1
 
-.PHONY: test test3 demo wheel native peers style clean
+.PHONY: test test3 demo wheel native peers stress stress-slice style clean
 
 test: style
 	$(BIN)/python -m pytest -n 2
@@ -39,6 +41,13 @@ wheel: $(VENV)/ready
 	$(VENVW)/bin/python $(PIP) dist/*.whl
 	cd / && $(CURDIR)/$(VENVW)/bin/condyn robots
 	cd / && $(CURDIR)/$(VENVW)/bin/condyn bench talos --quick
+
+stress: $(VENV)/ready $(VENV3)/ready
+	$(VENV3)/bin/python benchmarks/stress.py
+	$(BIN)/python benchmarks/stress.py
+
+stress-slice: $(VENV)/ready
+	$(BIN)/condyn stress --seconds 60
 
 native: $(VENV)/ready
 	mkdir -p demo

@@ -63,7 +63,7 @@ def steps(
     scene: cp.Scene, q: np.ndarray, v: np.ndarray, integrator: cp.Integrator
 ) -> Callable[..., object]:
     """Return a step as `simulate` takes it, its sample kept."""
-    drift = default_drift(scene, integrator, None, DT)
+    drift = default_drift(scene, integrator, None)
     leg = Leg(scene, Method(Applied(len(v), 0.0), DT, integrator, drift, None, cp.Effects()))
     leg.begin(0.0, q, v)
     return lambda q, v, tau: leg.step(0.0, q, v, 0, 1)

@@ -45,6 +45,8 @@ if TYPE_CHECKING:
     from condyn_pin.errors import InvalidModel as InvalidModel
     from condyn_pin.errors import MissingExtra as MissingExtra
     from condyn_pin.errors import NotAssembled as NotAssembled
+    from condyn_pin.errors import NotReached as NotReached
+    from condyn_pin.errors import NotTuned as NotTuned
     from condyn_pin.errors import SolveFailed as SolveFailed
     from condyn_pin.errors import StaleModel as StaleModel
     from condyn_pin.errors import StepFailed as StepFailed
@@ -52,6 +54,7 @@ if TYPE_CHECKING:
     from condyn_pin.errors import UnsupportedBackend as UnsupportedBackend
     from condyn_pin.errors import UnsupportedConstraint as UnsupportedConstraint
     from condyn_pin.errors import WorkersLost as WorkersLost
+    from condyn_pin.extremes import EXTREMES as EXTREMES
     from condyn_pin.force import ConstraintForce as ConstraintForce
     from condyn_pin.impacts import Impact as Impact
     from condyn_pin.impacts import impact as impact
@@ -149,7 +152,9 @@ if TYPE_CHECKING:
     from condyn_pin.summary import Summary as Summary
     from condyn_pin.switching import Switch as Switch
     from condyn_pin.switching import switch as switch
+    from condyn_pin.trade.cheapest import Choice as Choice
     from condyn_pin.trade.clocks import TimingEffort as TimingEffort
+    from condyn_pin.trade.comparison import Comparison as Comparison
     from condyn_pin.trade.measures import MEASURES as MEASURES
     from condyn_pin.trade.measures.acceleration import AccelerationMeasure as AccelerationMeasure
     from condyn_pin.trade.measures.base import Measure as Measure
@@ -165,6 +170,8 @@ if TYPE_CHECKING:
     from condyn_pin.trade.study import Study as Study
     from condyn_pin.trade.sweeps import sweep as sweep
     from condyn_pin.trade.table import Table as Table
+    from condyn_pin.trade.tuning import tune as tune
+    from condyn_pin.trade.tuning import tuned as tuned
     from condyn_pin.verbs import derivatives as derivatives
     from condyn_pin.verbs import solve as solve
     from condyn_pin.workspace import Workspace as Workspace
@@ -201,6 +208,8 @@ _HOME = {
         "InvalidModel",
         "MissingExtra",
         "NotAssembled",
+        "NotReached",
+        "NotTuned",
         "SolveFailed",
         "StepFailed",
         "StaleModel",
@@ -212,6 +221,7 @@ _HOME = {
     "states.gaps": ("Gap",),
     "states.integrability": ("is_integrable",),
     "smaller.ladder_table": ("LadderRow", "LadderTable"),
+    "extremes": ("EXTREMES",),
     "ladders": ("LADDERS",),
     "load": ("available_robots", "load_robot"),
     "mechanisms.chain": ("chain",),
@@ -275,6 +285,9 @@ _HOME = {
     "spring": ("Spring",),
     "summary": ("Summary",),
     "switching": ("Switch", "switch"),
+    "trade.cheapest": ("Choice",),
+    "trade.comparison": ("Comparison",),
+    "trade.tuning": ("tune", "tuned"),
     "trade.clocks": ("TimingEffort",),
     "trade.measures": ("MEASURES",),
     "trade.measures.base": ("Measure",),

@@ -13,6 +13,7 @@ from condyn_pin.errors import BranchChanged, NotAssembled
 from condyn_pin.minimum_norm import MinimumNorm, factorise
 from condyn_pin.proof import Yardstick
 from condyn_pin.rows.equations import Equations, Terms
+from condyn_pin.rows.reach import reach
 from condyn_pin.solvers.reference import Reference
 from condyn_pin.states.chains import redundant_rows
 
@@ -104,7 +105,7 @@ def audit(scene: Scene) -> Audit:
         condition=float(np.linalg.cond(terms.M)),
         delassus_norm=float(S[0] ** 2) if rank else 1 / robot.mass,
         weight=weight,
-        yardstick=Yardstick.of(factors, scene.rows, gravity, weight),
+        yardstick=Yardstick.of(factors, reach(equations, q), gravity, weight),
         states=_nominal_states(equations, q, factors),
         terms=terms,
     )

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from condyn_pin.solution import Solution
     from condyn_pin.states.assembly_report import Assembly
+    from condyn_pin.trade.row import Row
     from condyn_pin.trade.table import Table
 
 
@@ -114,6 +115,27 @@ class SolveFailed(CondynError):
 
     def __reduce__(self) -> tuple[type[SolveFailed], tuple[str, Solution]]:
         return SolveFailed, (str(self), self.solution)
+
+
+class NotReached(CondynError):
+    """Nothing that was measured meets the error that was asked for.
+
+    Attributes
+    ----------
+    row : Row or None
+        The row with the smallest error; None if no solver answers every state.
+    """
+
+    def __init__(self, message: str, row: Row | None = None) -> None:
+        super().__init__(message)
+        self.row = row
+
+    def __reduce__(self) -> tuple[type[NotReached], tuple[str, Any]]:
+        return NotReached, (str(self), self.row)
+
+
+class NotTuned(CondynError):
+    """No plan was saved for this scene, error, machine and versions; `tune` makes one."""
 
 
 class WorkersLost(CondynError, RuntimeError):

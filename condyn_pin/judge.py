@@ -12,6 +12,7 @@ from condyn_pin.arrays import Array, finite
 from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.minimum_norm import factorise
 from condyn_pin.proof import Proof, Yardstick
+from condyn_pin.rows.reach import reach
 from condyn_pin.solution import Solution, Status
 from condyn_pin.solvers.base import Method
 
@@ -46,7 +47,7 @@ class Judge:
         singular = False
         if doubtful and isfinite(proof.bound):
             try:
-                proof, _ = self._yardstick_at(q).prove(dynamics, largest, tau)
+                proof = self._careful_proof(q, tau, lam, dynamics, largest)
             except InvalidModel:  # M is not positive definite to working precision
                 singular, proof = True, proof._replace(bound=inf)
         if proof.bound <= accuracy:
@@ -62,9 +63,10 @@ class Judge:
         """Return the solution of a method that met a singular matrix."""
         nothing = np.zeros(self._workspace.model.nv)
         lam = np.zeros(self._scene.rows)
-        _, (*_, violation, velocity, _) = self._workspace.equations.errors(
-            q, v, nothing, nothing, lam
-        )
+        with np.errstate(all="ignore"):  # what overflows was said already
+            _, (*_, violation, velocity, _) = self._workspace.equations.errors(
+                q, v, nothing, nothing, lam
+            )
         return Solution(
             np.full(self._workspace.model.nv, nan),
             np.full(self._scene.rows, nan),
@@ -76,12 +78,19 @@ class Judge:
             q.copy(),
         )
 
-    def _yardstick_at(self, q: Array) -> Yardstick:
-        """Return the yardstick of a state that may be near a singular one."""
-        terms = self._workspace.equations.terms(q, np.zeros(self._workspace.model.nv))
+    def _careful_proof(
+        self, q: Array, tau: Array, lam: Array, dynamics: Array, largest: list[float]
+    ) -> Proof:
+        """Return the proof by w and sigma of the state itself, and by the rounding of J^T lam."""
+        equations, nominal = self._workspace.equations, self._yardstick
+        terms = equations.terms(q, np.zeros(self._workspace.model.nv))
+        P = reach(equations, q)
         factors = factorise(terms.M, terms.J, tolerances.REFERENCE_RANK)
-        nominal = self._yardstick
-        return Yardstick.of(factors, self._scene.rows, nominal.gravity, nominal.weight)
+        yardstick = Yardstick.of(factors, P, nominal.gravity, nominal.weight)
+        proof, _ = yardstick.prove(dynamics, largest, tau)
+        scale = max(largest[1], nominal.gravity)
+        rounded = yardstick.rounding_of(np.abs(lam) @ P)
+        return proof._replace(bound=proof.bound + (rounded / scale if scale else 0.0))
 
 
 def check_accuracy_of_a(accuracy: float) -> None:

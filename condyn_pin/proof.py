@@ -20,7 +20,9 @@ w and sigma are taken once, at the nominal state of the scene, so this is a boun
 estimate elsewhere: sigma falls to zero at a singular configuration, and w grows where M nearly is.
 So unless the part of s is a thousand times smaller than SOLVED, as it is for a converged answer,
 and a is of a size that the robot can have, both are computed anew at the state.
-Rows whose singular value is below REFERENCE_RANK count as redundant there.
+Rows whose singular value is below REFERENCE_RANK count as redundant there, and rounding of J^T lam
+is added: eps max(w) sum_j w_j (|lam| P)_j, with P what the two bodies of a row bring to J before
+they cancel. A row of which rounding is all that is left takes a lam of 1e17, and is found by that.
 """
 
 from __future__ import annotations
@@ -40,6 +42,10 @@ _EPS = float(np.finfo(np.float64).eps)
 
 # Relative errors below this are not worth a look at what rounding of tau does.
 _NEAR_ROUNDING = tolerances.SOLVED
+
+
+# A sigma that is no more than so many times the rounding of J says nothing about a row.
+_BLURRED = 100.0
 
 
 class Proof(NamedTuple):
@@ -70,6 +76,10 @@ class Yardstick:
         Mass times gravity [N].
     rounding : float
         eps cond(D M D): what no answer can be better than.
+    blur : float
+        What rounding of J may do to sigma.
+    shaking : float
+        What rounding of J^T lam does to a, relative to gravity, where a row carries the weight.
     """
 
     weights: Array
@@ -78,19 +88,27 @@ class Yardstick:
     gravity: float
     weight: float
     rounding: float = 0.0
+    blur: float = 0.0
+    shaking: float = 0.0
 
     @classmethod
-    def of(cls, factors: MinimumNorm, rows: int, gravity: float, weight: float) -> Yardstick:
-        """Return the yardstick of a state, from the factors of its M and J."""
+    def of(cls, factors: MinimumNorm, P: Array, gravity: float, weight: float) -> Yardstick:
+        """Return the yardstick of a state, from the factors of its M and J, and `reach`."""
         L = factors.L  # its rows have the norms M_jj^1/2
         L_inverse = np.linalg.inv(L)
+        weights = np.sqrt(np.einsum("ij,ij->j", L_inverse, L_inverse))
         return cls(
-            weights=np.sqrt(np.einsum("ij,ij->j", L_inverse, L_inverse)),
+            weights=weights,
             sigma=float(factors.S[factors.rank - 1]) if factors.rank else inf,
-            rows=rows,
+            rows=len(P),
             gravity=gravity,
             weight=weight,
             rounding=_EPS * float(np.linalg.cond(L / np.linalg.norm(L, axis=1)[:, None])) ** 2,
+            blur=_EPS * float(np.linalg.norm(P * weights)),
+            shaking=_EPS
+            * float(weights.max() * weights.dot(P.max(axis=0, initial=0.0)))
+            * weight
+            / (gravity or 1.0),
         )
 
     def prove(self, dynamics: Array, largest: list[float], tau: Array) -> tuple[Proof, bool]:
@@ -113,7 +131,7 @@ class Yardstick:
         error = float(self.largest_weight * e_M)
         scale = max_a if max_a > self.gravity else self.gravity
         if not error <= _NEAR_ROUNDING * scale:
-            error -= self._rounding(tau)
+            error -= self.rounding_of(np.abs(tau))
         bound = max(error, 0.0) / scale if scale else (0.0 if error <= 0.0 else inf)
         bound += self.rounding
         doubtful = (
@@ -123,12 +141,12 @@ class Yardstick:
         )
         return Proof(max_dynamics, constraint, violation, velocity, bound), doubtful
 
-    def _rounding(self, tau: Array) -> float:
-        """Return what rounding of tau alone does to a.
+    def rounding_of(self, torques: Array) -> float:
+        """Return what rounding of some torques (nv,), all positive, does to a: eps max(w) w.tau.
 
         Forces that balance to the last bit leave a = 0, and a relative error means nothing there.
         """
-        return self.largest_weight * float(self.weights.dot(np.abs(tau))) * _EPS
+        return self.largest_weight * float(self.weights.dot(torques)) * _EPS
 
     @cached_property
     def no_machine(self) -> float:
@@ -140,7 +158,15 @@ class Yardstick:
 
     @cached_property
     def unquestioned(self) -> float:
-        """The |s|_inf, relative to the size of a, that is never in doubt [1]."""
+        """The |s|_inf, relative to the size of a, that is never in doubt [1].
+
+        Everything is where all rows are rounding, also a residual of nothing, and where joints
+        are so light that rounding of J^T lam shakes them.
+        """
+        if self.shaking > tolerances.SOLVED:
+            return -1.0
+        if self.rows and not _BLURRED * self.blur < self.sigma < inf:
+            return -1.0
         scale = self.largest_weight * self.per_row
         return tolerances.SOLVED / 1000 / scale if scale else inf
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))
-
 import condyn_pin
+
+sys.path.insert(0, str(Path(__file__).parent))  # for the extensions beside this file
 
 project = "condyn_pin"
 author = "The condyn_pin developers"

@@ -24,13 +24,15 @@ STYLE = {"svg.hashsalt": "condyn_pin", "font.size": 9, "axes.grid": False, "line
 
 
 def cut() -> Any:
-    """A four-bar, closed and cut open: what a loop says, and what the tree is."""
+    """Draw a four-bar closed and cut open: what a loop says, and what the tree is."""
     bar = cp.four_bar()
     scene = cp.Scene(bar, bar.loops)
     closed, _ = scene.state()
-    opened = closed + [0.0, 0.25, 0.2]
+    opened = closed + np.array([0.0, 0.25, 0.2])
     figure, axes = plt.subplots(1, 2, figsize=(6.4, 2.9), sharex=True, sharey=True)
-    for ax, q, title in zip(axes, (closed, opened), ("closed: c(q) = 0", "cut: a tree"), strict=True):
+    for ax, q, title in zip(
+        axes, (closed, opened), ("closed: c(q) = 0", "cut: a tree"), strict=True
+    ):
         chains = _chains(bar, q)
         for chain, colour in zip(chains, (BLUE, GREEN), strict=True):
             ax.plot(*chain.T, "-", color=colour, solid_capstyle="round", lw=4)
@@ -67,38 +69,49 @@ def _chains(bar: cp.Robot, q: Any) -> list[Any]:
 
 
 def loop() -> Any:
-    """The two frames of a loop, r between them, and on whom the force is."""
+    """Draw the two frames of a loop, r between them, and on whom the force is."""
     figure, ax = plt.subplots(figsize=(6.4, 2.7))
-    one, two = np.array([1.5, 0.6]), np.array([2.9, 1.1])
+    one, two, up = np.array([1.5, 0.6]), np.array([2.9, 1.1]), np.array([0.1, 0.85])
     _body(ax, np.array([0.2, 0.1]), one, BLUE, "body 1, of the first frame")
     _body(ax, np.array([4.3, 0.3]), two, GREEN, "body 2, of the second frame")
     _frame(ax, one, 0.25, "c1", (0.1, -0.22))
     _frame(ax, two, -0.35, "c2", (0.34, 0.02))
     _arrow(ax, one, two, GREY, "r = c2 in c1", (-0.2, 0.12))
-    _arrow(ax, two, two + [0.1, 0.85], BLUE, "lam: on body 1, axes of c1", (0.08, -0.05))
-    _arrow(ax, two, two - [0.1, 0.85], GREEN, "- lam: on body 2", (0.08, 0.05))
+    _arrow(ax, two, two + up, BLUE, "lam: on body 1, axes of c1", (0.08, -0.05))
+    _arrow(ax, two, two - up, GREEN, "- lam: on body 2", (0.08, 0.05))
     ax.set(xlim=(-0.1, 5.6), ylim=(-0.2, 2.1), aspect="equal")
     ax.axis("off")
     return figure
 
 
 def contact() -> Any:
-    """A foot on the ground: the force is the one on the robot."""
+    """Draw a foot on the ground: the force is the one on the robot."""
     figure, ax = plt.subplots(figsize=(6.4, 2.3))
     ax.fill_between([-1.0, 4.6], -0.25, 0.0, color="0.9", lw=0)
     ax.plot([-1.0, 4.6], [0, 0], color="0.4", lw=1.2)
     ax.fill([0.2, 1.4, 1.2, 0.75, 0.6, 0.2], [0, 0, 0.2, 0.3, 0.9, 0.9], color=BLUE, alpha=0.25)
     ax.text(0.32, 0.95, "robot", color=BLUE)
     _frame(ax, np.array([0.8, 0.0]), 0.0, "frame of the contact", (0.42, -0.2))
-    _arrow(ax, np.array([0.8, 0.0]), np.array([0.8, 1.5]), ORANGE, "lam: of the ground on the robot", (0.1, 0.0))
-    ax.text(1.6, 0.85, "a foot that stands: lam_z > 0\na foot that is pulled down: lam_z < 0,\nand a notice says so")
+    _arrow(
+        ax,
+        np.array([0.8, 0.0]),
+        np.array([0.8, 1.5]),
+        ORANGE,
+        "lam: of the ground on the robot",
+        (0.1, 0.0),
+    )
+    ax.text(
+        1.6,
+        0.85,
+        "a foot that stands: lam_z > 0\na foot that is held down: lam_z < 0,\nand a notice says so",
+    )
     ax.set(xlim=(-1.0, 4.6), ylim=(-0.3, 1.7), aspect="equal")
     ax.axis("off")
     return figure
 
 
 def wall() -> Any:
-    """What semi-implicit Euler makes of critical Baumgarte gains: the wall at 0.828."""
+    """Draw what semi-implicit Euler makes of critical Baumgarte gains: the wall at 0.828."""
     x = np.linspace(0.0, 1.2, 400)  # alpha dt
     radius = [_radius(value) for value in x]
     figure, ax = plt.subplots(figsize=(6.4, 2.7))
@@ -106,7 +119,9 @@ def wall() -> Any:
     ax.axhline(1.0, color=GREY, lw=0.9, ls="--")
     edge = 2.0 * (np.sqrt(2.0) - 1.0)
     ax.axvline(edge, color=ORANGE, lw=0.9, ls="--")
-    ax.annotate(f"alpha dt = {edge:.3f}", (edge, 0.2), (6, 0), textcoords="offset points", color=ORANGE)
+    ax.annotate(
+        f"alpha dt = {edge:.3f}", (edge, 0.2), (6, 0), textcoords="offset points", color=ORANGE
+    )
     ax.set(xlabel="alpha dt, with beta = alpha", ylabel="growth of a gap a step", ylim=(0, 2.2))
     ax.spines[["top", "right"]].set_visible(False)
     return figure
@@ -119,7 +134,7 @@ def _radius(x: float) -> float:
 
 
 def drift() -> Any:
-    """The gap of a four-bar without stabilisation: t for Euler, t^2 for Runge and Kutta."""
+    """Draw the gap of a four-bar over time, with stabilisation and without."""
     bar = cp.four_bar()
     scene = cp.Scene(bar, bar.loops)
     q, v = scene.state()
@@ -142,7 +157,7 @@ def drift() -> Any:
 
 def _body(ax: Any, start: Any, end: Any, colour: str, text: str) -> None:
     ax.plot(*np.array([start, end]).T, color=colour, lw=12, alpha=0.25, solid_capstyle="round")
-    ax.text(*(start + [-0.2, -0.25]), text, color=colour)
+    ax.text(start[0] - 0.2, start[1] - 0.25, text, color=colour)
 
 
 def _frame(ax: Any, origin: Any, turn: float, text: str, where: tuple[float, float]) -> None:
@@ -169,7 +184,9 @@ def draw(folder: Path) -> None:
     with plt.rc_context(STYLE):
         for make in FIGURES:
             figure = make()
-            figure.savefig(folder / f"{make.__name__}.svg", bbox_inches="tight", metadata={"Date": None})
+            figure.savefig(
+                folder / f"{make.__name__}.svg", bbox_inches="tight", metadata={"Date": None}
+            )
             plt.close(figure)
 
 

@@ -1,4 +1,4 @@
-"""Formulas as MathML, by docutils' own converter: no script and no network is needed to read them."""
+"""Formulas as MathML, by docutils' own converter: neither script nor network is needed."""
 
 from __future__ import annotations
 

@@ -46,7 +46,9 @@ def write(app: Sphinx) -> None:
     folder.mkdir(exist_ok=True)
     wanted = {f"{_file(area)}.rst": _page(area, names) for area, names in areas().items()}
     pages = "\n".join(f"   {_file(area)}" for area in areas())
-    wanted["index.rst"] = f"{_title('API')}{_INTRODUCTION}.. toctree::\n   :maxdepth: 1\n\n{pages}\n"
+    wanted["index.rst"] = (
+        f"{_title('API')}{_INTRODUCTION}.. toctree::\n   :maxdepth: 1\n\n{pages}\n"
+    )
     for old in folder.glob("*.rst"):
         if old.name not in wanted:
             old.unlink()
@@ -58,8 +60,8 @@ def write(app: Sphinx) -> None:
 
 _INTRODUCTION = """\
 Everything here is ``import condyn_pin as cp`` and ``cp.NAME``. Shapes are in round brackets with nq
-coordinates, nv velocities and m rows; units are SI and in square brackets; frames and signs are those
-of :doc:`../conventions`. Arguments after a star go by name.
+coordinates, nv velocities and m rows; units are SI and in square brackets; frames and signs are
+those of :doc:`../conventions`. Arguments after a star go by name.
 
 """
 
@@ -93,7 +95,9 @@ def _file(area: str) -> str:
     return area.lower().replace(" ", "-")
 
 
-def as_it_stands(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+def as_it_stands(
+    app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]
+) -> None:
     """Keep what is indented at the start of a docstring, or in its notes: equations, pictures."""
     shown: list[str] = []
     section = ""

@@ -1,4 +1,4 @@
-"""The documentation runs: the Python of each page in one session, every command of it one by one."""
+"""The documentation runs: the Python of each page in one session, its commands one by one."""
 
 from __future__ import annotations
 

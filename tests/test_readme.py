@@ -28,7 +28,9 @@ def commands() -> list[str]:
     return [line for line in dict.fromkeys(lines) if line]
 
 
-def test_python_blocks_run_in_one_session(capsys):
+def test_python_blocks_run_in_one_session(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     session: dict[str, object] = {}
     for block in blocks("python"):
         if not HAS_LCABA:
@@ -44,6 +46,8 @@ def test_python_blocks_run_in_one_session(capsys):
 @pytest.mark.parametrize("line", [line for line in commands() if line.startswith("condyn ")])
 def test_condyn_commands_run(line, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    if "tune" in line:
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     result = CliRunner().invoke(app, shlex.split(line)[1:])
     assert result.exit_code == 0, result.output
 
@@ -86,6 +90,14 @@ def test_ladders_are_those_of_the_committed_results(monkeypatch):
 
     tables = ladder.load(ROOT / "benchmarks" / "results" / "ladder.json")
     assert ladder.with_ladders(README, tables) == README
+
+
+def test_extremes_are_those_of_the_committed_results(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    import stress
+
+    runs = stress.load(ROOT / "benchmarks" / "results" / "stress.json")
+    assert stress.with_stress(README, runs) == README
 
 
 def test_changelog_has_this_version():

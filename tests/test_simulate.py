@@ -420,10 +420,12 @@ def test_soft_constraints_and_lcaba_take_no_gains():
     assert cp.simulate(scene, q, v, duration=0.01, solver=cp.Soft()).run.drift == cp.NoDrift()
     if HAS_LCABA:
         with pytest.raises(cp.UnsupportedConstraint, match="ignores drift control"):
-            cp.simulate(scene, q, v, duration=0.01, solver=cp.LCABA())
-        assert cp.simulate(
-            scene, q, v, duration=0.01, solver=cp.LCABA(), drift=cp.NoDrift()
-        ).status.ok
+            cp.simulate(
+                scene, q, v, duration=0.01, solver=cp.LCABA(), drift=cp.Baumgarte.critical(9.0)
+            )
+        found = cp.simulate(scene, q, v, duration=0.1, solver=cp.LCABA())
+        assert found.status.ok
+        assert found.violation[1:].max() < 1e-12
 
 
 # Torques and work.

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any
+from time import monotonic
+from typing import Any, Final
 
 import typer
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from condyn_pin.errors import InvalidArgument
 
 # Tables keep their columns: a narrow terminal, or a file, gets long lines rather than cut numbers.
 console = Console(width=max(Console().width, 118), markup=False)
+
+_REDRAW: Final = 0.2  # [s]
 
 
 def check_files(
@@ -55,3 +60,25 @@ def plain(value: Any) -> Any:
     if isinstance(value, float):
         return value if -float("inf") < value < float("inf") else None
     return value if isinstance(value, (bool, int, str, type(None))) else str(value)
+
+
+@contextmanager
+def progress_bar() -> Iterator[Callable[[str, int, int], None]]:
+    """Give what is called with (what, done, total), and shows it with the time that is left.
+
+    Drawn when it is called, five times a second at most, and never in between: a thread that draws
+    would take the interpreter from what is timed.
+    """
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    screen = Console(stderr=True)
+    with Progress(*columns, console=screen, transient=True, auto_refresh=False) as bar:
+        task, drawn = bar.add_task("", total=None), 0.0
+
+        def show(what: str, done: int, total: int) -> None:
+            nonlocal drawn
+            now = monotonic()
+            due = now - drawn > _REDRAW
+            bar.update(task, description=what, completed=done, total=total, refresh=due)
+            drawn = now if due else drawn
+
+        yield show

@@ -16,6 +16,7 @@ from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
 from condyn_pin.solvers import SOLVERS, Solver
+from condyn_pin.trade.sweeps import sweep
 
 
 def scene_of(name: str, contacts: str, loops: bool, variant: Sequence[str] | None = None) -> Scene:
@@ -87,3 +88,8 @@ def drift_of(name: str, gain: float) -> Drift:
         raise unknown_name("drift scheme", name, DRIFTS)
     kind = DRIFTS[name.lower()]
     return kind(gain, gain) if kind is Baumgarte else kind()
+
+
+def swept_solvers_of(names: str) -> tuple[Solver, ...] | None:
+    """Return the solvers of a list with their knobs turned; None of an empty one."""
+    return tuple(one for solver in solvers_of(names) for one in sweep(solver)) or None

@@ -5,17 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
-
 from condyn_pin.arrays import Array
 from condyn_pin.drift.base import Correction, Drift
 from condyn_pin.drift.projection import Metric, check_projection
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.system import System
-
-# A gap that has grown by this from one step to the next says that the factor is old.
-_GROWN = 2.0
 
 
 @dataclass(frozen=True)
@@ -44,7 +39,7 @@ class PostStabilization(Drift):
 
     title: ClassVar[str] = "post-stabilization"
     cost: ClassVar[str] = "a few microseconds (Proximal)"
-    use: ClassVar[str] = "the cheapest that keeps both levels"
+    use: ClassVar[str] = "by default: the cheapest that keeps both levels"
 
     metric: Metric = "mass"
     every: int = 1
@@ -58,16 +53,15 @@ class PostStabilization(Drift):
         from condyn_pin.simulation.gaps import gaps_of
 
         gaps, integrate = gaps_of(system, self.metric), system.integrate
-        count, before = 0, np.inf
+        count = 0
 
         def correct(t: float, q: Array, v: Array) -> tuple[Array, Array]:
-            nonlocal count, before
+            nonlocal count
             count += 1
             if count % self.every:
                 return q, v
-            size = float(np.abs(gaps.look(t, q, v)).max(initial=0.0))
-            dq, dv = gaps.step(size > _GROWN * before)
-            before = size
+            gaps.look(t, q, v)
+            dq, dv = gaps.step(again=False)
             q, v = integrate(q, dq), v + dv
             gaps.moved(q, v)
             return q, v

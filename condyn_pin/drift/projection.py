@@ -82,27 +82,33 @@ class Projection(Drift):
             count += 1
             if count % self.every:
                 return q, v
-            size, best = self._size(gaps, t, q, v), (q, v)
+            gap, slip = self._sizes(gaps, t, q, v)
             for k in range(_MOST_STEPS):
-                if size <= self.tolerance:
+                if gap <= self.tolerance and slip <= self.tolerance:
                     break
                 dq, dv = gaps.step(k > 0)
-                q, v = best
-                q = integrate(q, dq) if self.position else q
-                v = v + dv if self.velocity else v
-                left = self._size(gaps, t, q, v)
-                if not left < size:  # rounding, or out of reach
+                q1 = integrate(q, dq) if self.position else q
+                v1 = v + dv if self.velocity else v
+                before, (gap, slip) = (gap, slip), self._sizes(gaps, t, q1, v1)
+                # the position first: where loops are open, slips contradict each other
+                if not gap <= max(before[0], self.tolerance):
                     break
-                size, best = left, (q, v)
-            return best
+                q, v = q1, v1
+                if not (_shrinks(before[0], gap) or _shrinks(before[1], slip)):
+                    break  # rounding, or out of reach
+            return q, v
 
         return correct
 
-    def _size(self, gaps: Gaps, t: float, q: Array, v: Array) -> float:
-        """Return the largest gap and slip among those that are to be kept."""
+    def _sizes(self, gaps: Gaps, t: float, q: Array, v: Array) -> tuple[float, float]:
+        """Return the largest gap and the largest slip, zero for what is not to be kept."""
         both = np.abs(gaps.look(t, q, v))
-        first, last = 0 if self.position else 1, 2 if self.velocity else 1
-        return float(both[:, first:last].max(initial=0.0))
+        gap = float(both[:, 0].max(initial=0.0)) if self.position else 0.0
+        return gap, float(both[:, 1].max(initial=0.0)) if self.velocity else 0.0
+
+
+def _shrinks(before: float, after: float) -> bool:
+    return after < before / 2
 
 
 def check_projection(metric: str, every: int) -> None:

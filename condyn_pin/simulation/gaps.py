@@ -24,8 +24,10 @@ from condyn_pin.solvers.proximal import Proximal
 if TYPE_CHECKING:
     from condyn_pin.simulation.system import System
 
-# A factor is used as long as a step leaves less than this share of what it was to close.
+# A factor is used as long as a second step has less than this share of the gap to close, and no
+# joint has moved by more than this [rad, m] since: it leaves about that share of what it closes.
 _ENOUGH = 0.1
+_NEAR = 0.02
 
 
 class Gaps(Protocol):
@@ -100,7 +102,7 @@ class FactorisedGaps:
         self._system, self._metric = system, metric
         self._nearest: Array | None = None  # (nv, m), W^-1 J^T G^+
         self._gaps, self._size = np.zeros((system.m, 2)), 0.0
-        self._q = np.zeros(0)
+        self._q = self._made_at = np.zeros(0)
 
     def look(self, t: float, q: Array, v: Array) -> Array:
         """Return [c, J v] of the scene's rows."""
@@ -111,14 +113,19 @@ class FactorisedGaps:
     def step(self, again: bool) -> tuple[Array, Array]:
         """Return dq, dv (nv,) that close the gaps of the last look."""
         size = float(np.abs(self._gaps).max(initial=0.0))
-        if self._nearest is None or (again and not size < _ENOUGH * self._size):
-            self._nearest = self._factorise()
+        if self._nearest is None or (again and not size < _ENOUGH * self._size) or self._is_far():
+            self._nearest, self._made_at = self._factorise(), self._q
         self._size = size
         steps = self._nearest @ self._gaps
         return -steps[:, 0], -steps[:, 1]
 
     def moved(self, q: Array, v: Array) -> None:
         """Nothing was found that could be taken over."""
+
+    def _is_far(self) -> bool:
+        """Whether the factor is that of another place."""
+        moved = self._system.difference(self._made_at, self._q)
+        return bool(np.abs(moved).max(initial=0.0) > _NEAR)
 
     def _factorise(self) -> Array:
         system = self._system

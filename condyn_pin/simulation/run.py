@@ -77,10 +77,8 @@ def simulate(
         Euler's, for six digits. Over very long times, and where energy is all that counts, take one
         that keeps the constraints.
     drift : Drift, optional
-        What keeps the constraints closed. By default `Baumgarte.critical` with alpha dt = 0.03 for
-        methods of order 4 and more, and 0.3 for those of order 1, which leave the smallest gaps
-        with little noise (`condyn_pin.simulation.defaults`); `NoDrift` where there is nothing to
-        do.
+        What keeps the constraints closed. By default `PostStabilization()`, which has no gains to
+        choose; `NoDrift()` where there is nothing to do.
     solver : Solver, optional
         As in `solve`.
     record : int
@@ -123,7 +121,7 @@ def simulate(
         raise InvalidArgument(
             f"integrator = {integrator!r}: an integrator is needed, such as RungeKutta4()"
         )
-    drift = default_drift(scene, integrator, solver, dt) if drift is None else drift
+    drift = default_drift(scene, integrator, solver) if drift is None else drift
     if not isinstance(drift, Drift):
         raise InvalidArgument(f"drift = {drift!r}: a drift scheme is needed, such as Baumgarte")
     _check_drift(integrator, drift, dt)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -88,8 +89,16 @@ class Reference(Solver):
             raise Singular from error
         K = np.block([[terms.M, -terms.J.T], [terms.J, np.zeros((m, m))]])
         b = (np.concatenate([tau, terms.a_ref]), -np.concatenate([terms.h, terms.gamma]))
+        unit = _power_of_two(*b)  # splitting a huge number overflows
+        b = (b[0] / unit, b[1] / unit)
         x = (np.zeros(n + m), np.zeros(n + m))
         for _ in range(1 + self.refinements):
             r = exact_residual(K, b, x)
             x = add(x, np.concatenate(factors.solve(r[:n], r[n:])))
-        return x[0][:n], x[0][n:]
+        return unit * x[0][:n], unit * x[0][n:]
+
+
+def _power_of_two(*parts: Array) -> float:
+    """Return a power of two by which huge numbers are divided without rounding; 1 for all else."""
+    largest = max(float(np.abs(part).max(initial=0.0)) for part in parts)
+    return 2.0 ** math.frexp(largest)[1] if 1e150 < largest < 8e307 else 1.0

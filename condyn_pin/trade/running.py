@@ -63,7 +63,8 @@ class Run:
     def _found(self) -> Table:
         rows = [self._row(case, solver) for case, solvers in self._cases for solver in solvers]
         floors = {case.label: case.floor for case, _ in self._cases}
-        return Table(tuple(row for row in rows if row is not None), machine(), floors)
+        scenes = {case.label: case.scene for case, _ in self._cases}
+        return Table(tuple(row for row in rows if row is not None), machine(), floors, scenes)
 
     def _row(self, case: Case, solver: Solver) -> Row | None:
         return self._results.find(case.fingerprint, case.key(solver))

@@ -1,0 +1,117 @@
+"""Put every method through every extreme; write results/stress.{csv,json,png}, and the README.
+
+    python benchmarks/stress.py [--seeds 2]
+
+Lines of other versions of Pinocchio are kept: run it once with each. With --from-json the README's
+table is made from the committed results, without running anything.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+from condyn_pin._pin import HAS_LCABA, VERSION_TEXT
+from condyn_pin.extremes.base import EXTREMES
+from condyn_pin.extremes.stress import stress, tasks
+from condyn_pin.extremes.stress_plot import save_maps
+from condyn_pin.extremes.stress_table import counts, maps, write_csv
+from condyn_pin.extremes.verdict import Outcome, Verdict
+from condyn_pin.machine import machine
+
+ROOT = Path(__file__).resolve().parent.parent
+RESULTS = ROOT / "benchmarks" / "results"
+BEGIN, END = "<!-- stress:begin -->", "<!-- stress:end -->"
+DRAWN = ("", "cassie")  # of the robots, in the picture
+
+
+def summary(outcomes: Sequence[Outcome], seeds: int) -> dict[str, Any]:
+    """Return the counts of a run, by method, and what it ran on."""
+    methods = dict.fromkeys(outcome.method for outcome in outcomes)
+    return {
+        "cases": len(outcomes),
+        "families": len({outcome.task.family for outcome in outcomes}),
+        "seeds": seeds,
+        "counts": counts(outcomes),
+        "methods": {m: counts(o for o in outcomes if o.method == m) for m in methods},
+        "machine": machine(),
+    }
+
+
+def markdown(runs: Mapping[str, Any]) -> str:
+    """Return the README's table: a line a method, its verdicts on all versions of Pinocchio."""
+    names = [verdict.name.lower() for verdict in Verdict]
+    total = sum(run["cases"] for run in runs.values())
+    families = max(run["families"] for run in runs.values())
+    defects = sum(
+        run["counts"][v.name.lower()] for run in runs.values() for v in Verdict if v.defect
+    )
+    lines = [
+        f"{total} cases of {families} families on Pinocchio {' and '.join(runs)}: "
+        f"**{defects} wrong, crashed or hung**.",
+        "",
+        "| method | " + " | ".join(name.replace("_", " ") for name in names) + " |",
+        "|---" * (len(names) + 1) + "|",
+    ]
+    for method in sorted({method for run in runs.values() for method in run["methods"]}):
+        found = [run["methods"][method] for run in runs.values() if method in run["methods"]]
+        numbers = [str(sum(each[name] for each in found)) for name in names]
+        lines.append(f"| {method} | {' | '.join(numbers)} |")
+    last = list(runs.values())[-1]
+    where = "`make stress`, {seeds} seeds; {processor}, {system}, Python {python}, {date}."
+    return "\n".join([*lines, "", where.format(seeds=last["seeds"], **last["machine"])])
+
+
+def with_stress(readme: str, runs: Mapping[str, Any]) -> str:
+    """Return the README with the table between its two marks."""
+    head, rest = readme.split(BEGIN)
+    return f"{head}{BEGIN}\n{markdown(runs)}\n{END}{rest.split(END)[1]}"
+
+
+def load(path: Path) -> dict[str, Any]:
+    """Return the runs that were committed, by version of Pinocchio."""
+    return dict(json.loads(path.read_text(encoding="utf-8"))) if path.exists() else {}
+
+
+def main() -> int:
+    """Run, write, and update the README; 1 if there is a defect."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")
+    arguments = parser.parse_args()
+    bad = 0
+    if not arguments.from_json:
+        start = monotonic()
+        outcomes = stress(tasks(seeds=arguments.seeds))
+        for outcome in outcomes:
+            if outcome.verdict.defect:
+                print(outcome.verdict.name, outcome.method, outcome.task, outcome.said)
+                bad = 1
+        run = summary(outcomes, arguments.seeds)
+        found = maps(outcomes)
+        write_csv(found, RESULTS / "stress.csv", VERSION_TEXT)
+        if HAS_LCABA:
+            drawn = [each for each in found if each.robot in DRAWN]
+            save_maps(drawn, RESULTS / "stress.png", f"Pinocchio {VERSION_TEXT}; ")
+        runs = dict(sorted((load(RESULTS / "stress.json") | {VERSION_TEXT: run}).items()))
+        text = json.dumps(runs, indent=1)
+        (RESULTS / "stress.json").write_text(text + "\n", encoding="utf-8")
+        print(f"{len(outcomes)} cases of {len(EXTREMES)} families in {monotonic() - start:.0f} s")
+    readme = ROOT / "README.md"
+    runs = load(RESULTS / "stress.json")
+    if BEGIN in readme.read_text(encoding="utf-8"):
+        readme.write_text(with_stress(readme.read_text(encoding="utf-8"), runs), encoding="utf-8")
+    print(markdown(runs))
+    return bad
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,138 @@
+"""What README and docs say of the study: tables made of committed rows, between marks.
+
+A block stands between ``<!-- NAME:begin -->`` and ``<!-- NAME:end -->``; `filled` replaces it.
+Every figure in a block is one of a row of results/trade.json or of results/cheapest.csv.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+from cheapest import LEVELS, Verdict
+
+import condyn_pin as cp
+from condyn_pin.trade.exports import short
+from condyn_pin.trade.front import answered, comparable, front, microseconds
+
+README = "README.md"
+PAGE = "docs/how-to-choose-a-solver.md"
+
+
+def pages(
+    table: cp.Table, found: Sequence[Verdict], shown: Sequence[str]
+) -> dict[str, dict[str, str]]:
+    """Return the blocks of every page, by name."""
+    return {
+        README: {"trade": f"{choices([v for v in found if v.scene in shown])}\n\n{where(table)}"},
+        PAGE: {
+            "choices": f"{choices(found)}\n\n{where(table)}",
+            "wins": wins(found),
+            "methods": methods(table),
+            "exact": exact(table, shown),
+            "failures": failures(table),
+        },
+    }
+
+
+def filled(page: str, blocks: Mapping[str, str]) -> str:
+    """Return a page with its blocks replaced."""
+    for name, text in blocks.items():
+        begin, end = f"<!-- {name}:begin -->", f"<!-- {name}:end -->"
+        head, rest = page.split(begin)
+        page = f"{head}{begin}\n{text}\n{end}{rest.split(end)[1]}"
+    return page
+
+
+def choices(found: Sequence[Verdict]) -> str:
+    """Return the cheapest solver of each scene, a column an error."""
+    lines = ["| scene | " + " | ".join(f"error {level:g}" for level in LEVELS) + " |"]
+    lines.append("|---" * (1 + len(LEVELS)) + "|")
+    for scene in dict.fromkeys(one.scene for one in found):
+        mine = {one.error: one for one in found if one.scene == scene}
+        rows = next(iter(mine.values())).rows
+        cells = [f"{scene} ({rows} rows)", *(_choice(mine[level]) for level in LEVELS)]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def _choice(one: Verdict) -> str:
+    if not one.solver:
+        return "none"
+    return f"`{one.solver}` {one.us:.1f} us, {one.worst:.0e}" + ("" if one.holds else " (missed)")
+
+
+def where(table: cp.Table) -> str:
+    """Return what was measured how, and on what."""
+    machine = (
+        "`python benchmarks/trade.py` on {processor} ({cores} cores, one thread), {system}, "
+        "Python {python}, Pinocchio {pinocchio}, {date}."
+    ).format(**table.machine)
+    n = table.rows[0].n
+    return (
+        f"{machine} Median time of `Workspace.acceleration`; worst error at 1000 states that "
+        f"neither the study ({n} states) nor the choice (200) had seen. {timed(table)}"
+    )
+
+
+def timed(table: cp.Table) -> str:
+    """Return how many of the rows with a time had a core for themselves."""
+    rows = [row for row in table.rows if row.median_us is not None]
+    alone = sum(row.timed == "timed alone on its core" for row in rows)
+    return f"{alone} of {len(rows)} times were taken with a core alone."
+
+
+def wins(found: Sequence[Verdict]) -> str:
+    """Return how often each method is the cheapest, by error."""
+    names = Counter(one.solver.split("(")[0] for one in found if one.solver)
+    lines = ["| method | " + " | ".join(f"error {level:g}" for level in LEVELS) + " |"]
+    lines.append("|---" * (1 + len(LEVELS)) + "|")
+    for name, _ in names.most_common():
+        mine = Counter(one.error for one in found if one.solver.split("(")[0] == name)
+        lines.append(f"| `{name}` | " + " | ".join(str(mine[level]) for level in LEVELS) + " |")
+    return "\n".join(lines)
+
+
+def methods(table: cp.Table) -> str:
+    """Return of every method how it does with its default knobs, over all scenes."""
+    lines = [
+        "| method, default knobs | scenes with every answer ok | times slower than the fastest "
+        "that is ok: least, median, most | worst error |",
+        "|---|---|---|---|",
+    ]
+    fastest = {
+        scene: min(
+            (microseconds(r) for r in table.rows if r.scene == scene and comparable(r) and r.ok),
+            default=None,
+        )
+        for scene in dict.fromkeys(row.scene for row in table.rows)
+    }
+    plain = [row for row in table.rows if short(row).endswith("()")]
+    for name in dict.fromkeys(short(row) for row in plain):
+        rows = [row for row in plain if short(row) == name]
+        good = [row for row in rows if row.ok and comparable(row)]
+        times = sorted(microseconds(row) / (fastest[row.scene] or 1.0) for row in good)
+        spread = f"{times[0]:.2f}, {times[len(times) // 2]:.2f}, {times[-1]:.2f}" if times else ""
+        worst = f"{max(row.error_worst for row in good):.0e}" if good else ""
+        lines.append(f"| `{name}` | {len(good)} of {len(rows)} | {spread} | {worst} |")
+    return "\n".join(lines)
+
+
+def exact(table: cp.Table, shown: Sequence[str]) -> str:
+    """Return the front of some scenes: what each further digit costs."""
+    lines = ["| scene | solver | time [us] | worst error |", "|---|---|---|---|"]
+    for scene in shown:
+        for row in front([r for r in table.rows if r.scene == scene]):
+            time, error = microseconds(row), row.error_worst
+            lines.append(f"| {scene} | `{short(row)}` | {time:.1f} | {error:.0e} |")
+    return "\n".join(lines)
+
+
+def failures(table: cp.Table) -> str:
+    """Return which methods do not answer on which scenes, with their default knobs."""
+    lines = ["| method | scene | statuses |", "|---|---|---|"]
+    for row in table.rows:
+        if short(row).endswith("()") and not answered(row):
+            said = ", ".join(f"{n} {status}" for status, n in row.statuses.items())
+            lines.append(f"| `{short(row)}` | {row.scene} | {said} |")
+    return "\n".join(lines)

@@ -1,0 +1,50 @@
+"""condyn tune: choose the solver of a scene by measurement, and keep the choice."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from condyn_pin.commands.arguments import AsJson, Contacts, Loops, RobotName, Variant
+from condyn_pin.commands.output import console, print_json, progress_bar
+from condyn_pin.tolerances import SOLVED
+
+PANEL = "Measure"
+
+
+def tune(
+    robot: RobotName,
+    contacts: Contacts = "",
+    loops: Loops = True,
+    error: Annotated[float, typer.Option(help="The worst error that is good enough.")] = SOLVED,
+    measure: Annotated[str, typer.Option(help="As in `condyn trade`.")] = "acceleration",
+    solvers: Annotated[
+        str, typer.Option(help="Names of `condyn solvers`, all knobs turned; all by default.")
+    ] = "",
+    save: Annotated[bool, typer.Option(help="Keep the choice, for `tuned`.")] = True,
+    variant: Variant = None,
+    as_json: AsJson = False,
+) -> None:
+    """Choose the fastest solver that meets an error; exits with 1 if there is none."""
+    from condyn_pin.commands.words import scene_of, swept_solvers_of
+    from condyn_pin.errors import NotReached
+    from condyn_pin.trade.plan import path_of
+    from condyn_pin.trade.tuning import choose, keep, plan_for
+
+    scene = scene_of(robot, contacts, loops, variant)
+    chosen = swept_solvers_of(solvers)
+    try:
+        with progress_bar() as progress:
+            choice = choose(scene, error, measure=measure, solvers=chosen, progress=progress)
+    except NotReached as reason:
+        typer.echo(f"condyn: {reason}", err=True)
+        raise typer.Exit(1) from reason
+    plan = keep(scene, choice) if save else plan_for(scene, choice)
+    if as_json:
+        print_json(plan)
+        return
+    console.print(str(choice))
+    if save:
+        console.print(f"kept in {path_of(plan.fingerprint, plan.measure, plan.error)}")
+        console.print(f"solve(scene, q, v, tau, solver=tuned(scene, {error:g}))")

@@ -1,0 +1,137 @@
+"""The registry of hard questions, and how to write a family of them.
+
+1. Add one file to this folder with one function marked with `extreme`. It takes a severity and a
+   random generator, and returns a `Case`. The first line of its docstring says what its dial is.
+2. The severities go from tame to absurd. The same severity and the same seed give the same case.
+3. A family that any robot can be put through sets `any_scene=True`, and takes a closed scene as its
+   third argument.
+4. The truth goes into `Case.right`, if there is a closed form. Without one it is what `Reference`
+   says; the tests hold that against an implementation in 50 digits.
+5. A case that cannot be made may raise a `CondynError`: then every method has refused it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from condyn_pin.arrays import Array
+from condyn_pin.drift import Baumgarte
+from condyn_pin.errors import InvalidArgument
+from condyn_pin.scene import Scene
+
+EXTREMES: dict[str, Extreme] = {}
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One question, and its answer where that is known.
+
+    Attributes
+    ----------
+    scene : Scene
+    q, v, tau : (nq,), (nv,), (nv,) array
+    right : tuple of (nv,) array
+        The acceleration, in closed form; empty where `Reference` has to say it.
+    knobs : mapping of str to number
+        Knobs that are turned on every solver that has them.
+    drift : Baumgarte, optional
+    """
+
+    scene: Scene
+    q: Array
+    v: Array
+    tau: Array
+    right: tuple[Array, ...] = ()
+    knobs: Mapping[str, float | int] = field(default_factory=dict)
+    drift: Baumgarte | None = None
+
+
+@dataclass(frozen=True)
+class Extreme:
+    """A family of hard questions with a dial.
+
+    Attributes
+    ----------
+    name : str
+    title : str
+        What the dial is.
+    severities : tuple of float
+        Values of the dial, from tame to absurd.
+    any_scene : bool
+        Whether the family is made of a scene that is handed in.
+    make : callable
+    """
+
+    name: str
+    title: str
+    severities: tuple[float, ...]
+    any_scene: bool
+    make: Callable[..., Case]
+
+    def case(self, severity: float, seed: int = 0, scene: Scene | None = None) -> Case:
+        """Return the case of a severity and a seed.
+
+        Raises
+        ------
+        CondynError
+            If the library refuses to make it.
+        """
+        rng = np.random.default_rng(seed)
+        if not self.any_scene:
+            return self.make(severity, rng)
+        if scene is None:
+            raise InvalidArgument(f"scene: {self.name} needs one, such as Scene(robot, loops)")
+        return self.make(severity, rng, scene)
+
+
+def extreme(
+    *, severities: Sequence[float], any_scene: bool = False
+) -> Callable[[Callable[..., Case]], Callable[..., Case]]:
+    """Enter a function into `EXTREMES`."""
+
+    def enter(make: Callable[..., Case]) -> Callable[..., Case]:
+        name = make.__name__
+        if name in EXTREMES:
+            raise InvalidArgument(f"an extreme named {name} exists: choose another name")
+        title = (make.__doc__ or "").split("\n", 1)[0].rstrip(".")
+        dial = tuple(float(severity) for severity in severities)
+        EXTREMES[name] = Extreme(name, title, dial, any_scene, make)
+        return make
+
+    return enter
+
+
+def powers(first: int, last: int, step: int = 1) -> tuple[float, ...]:
+    """Return powers of ten from 10^first to 10^last."""
+    return tuple(10.0**k for k in range(first, last + (1 if step > 0 else -1), step))
+
+
+def torques(scene: Scene, rng: np.random.Generator) -> Array:
+    """Return torques that alone would accelerate every joint by about 1 rad/s^2 or 1 m/s^2."""
+    M = scene.audit.terms.M
+    return np.asarray(M @ rng.normal(size=scene.robot.nv))
+
+
+def moving(scene: Scene, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+    """Return a closed state that moves along the constraints, under random torques."""
+    q, v = scene.sample(rng)
+    return q, v, torques(scene, rng)
+
+
+def whole(value: float) -> int:
+    """Return a severity that counts something."""
+    return round(value)
+
+
+def with_inertias(model: Any, inertias: Sequence[Any]) -> Any:
+    """Return a copy of a model with other bodies."""
+    from condyn_pin._pin import pin
+
+    copy = pin.Model(model)
+    for joint, inertia in enumerate(inertias):
+        copy.inertias[joint] = inertia
+    return copy

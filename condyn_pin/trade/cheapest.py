@@ -1,0 +1,191 @@
+"""cheapest: the fastest solver of a table that meets an error, where it was not chosen too."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from typing import Any
+
+from condyn_pin.arrays import finite
+from condyn_pin.errors import CondynError, InvalidArgument, NotReached, unknown_name
+from condyn_pin.scene import Scene
+from condyn_pin.solvers import SOLVERS
+from condyn_pin.solvers.base import Solver
+from condyn_pin.trade.exports import short
+from condyn_pin.trade.fresh import Fresh, FreshErrors, as_fresh
+from condyn_pin.trade.front import answered, comparable, microseconds
+from condyn_pin.trade.measures import MEASURES, Measure
+from condyn_pin.trade.row import Knob, Row
+from condyn_pin.trade.states import States
+
+# Several errors are asked of one table after the other: the states and the truth stay the same.
+_fresh_errors = lru_cache(maxsize=1)(FreshErrors)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A solver chosen by measurement.
+
+    Attributes
+    ----------
+    solver : Solver
+    error : float
+        What was asked for, relative.
+    row : Row
+        What the study found of it.
+    fresh : Fresh
+        What it gave at states that it was not chosen by.
+    rejected : tuple of (Row, Fresh)
+        What is faster, met the error in the study, and not at the fresh states.
+    """
+
+    solver: Solver
+    error: float
+    row: Row
+    fresh: Fresh
+    rejected: tuple[tuple[Row, Fresh], ...]
+
+    def __str__(self) -> str:
+        lines = [
+            f"{self.row.scene}, {self.row.measure} to {self.error:g}: {short(self.row)}",
+            f"{microseconds(self.row):.1f} us; {self.fresh}",
+        ]
+        lines += [f"not {short(row)}: {fresh}" for row, fresh in self.rejected]
+        return "\n".join(lines)
+
+
+def cheapest(
+    rows: Sequence[Row],
+    scenes: Mapping[str, Scene],
+    *,
+    error: float,
+    measure: str,
+    scene: str | None,
+    states: States | int,
+) -> Choice:
+    """Return the fastest solver that meets an error; see `Table.cheapest`."""
+    check_error(error)
+    label = _label(rows, scene)
+    asked = [row for row in rows if (row.scene, row.measure) == (label, measure)]
+    if not asked:
+        known = dict.fromkeys(row.measure for row in rows if row.scene == label)
+        raise unknown_name(f"measure of {label!r} in this table", measure, known)
+    rivals = sorted(filter(comparable, asked), key=microseconds)
+    meeting = [row for row in rivals if row.error_worst <= error]
+    if not meeting:
+        raise _not_reached(asked, error, [])
+    if label not in scenes:
+        raise InvalidArgument(
+            f"this table has no scene {label!r} to make fresh states with; "
+            f"hand it in: table.with_scenes({{{label!r}: scene}})"
+        )
+    return _first_that_holds(meeting, asked, scenes[label], error, states)
+
+
+def check_error(error: float) -> None:
+    """Refuse an error that cannot be asked for."""
+    if not finite("error", error, ()) > 0:
+        raise InvalidArgument(f"error = {error!r}: a number > 0 is needed, relative")
+
+
+def _first_that_holds(
+    meeting: Sequence[Row],
+    asked: Sequence[Row],
+    scene: Scene,
+    error: float,
+    states: States | int,
+) -> Choice:
+    fresh_states = as_fresh(states)
+    seen = {row.states for row in meeting}
+    if fresh_states.name in seen:
+        raise InvalidArgument(f"states: {fresh_states.name} are those of the study, not fresh ones")
+    judge = _fresh_errors(scene, measure_of(meeting[0].measure), fresh_states)
+    rejected: list[tuple[Row, Fresh]] = []
+    for row in meeting:
+        solver = solver_of(row)
+        fresh = judge(solver, measured_as(row))
+        if fresh.expected <= error:
+            return Choice(solver, error, row, fresh, tuple(rejected))
+        rejected.append((row, fresh))
+    raise _not_reached(asked, error, rejected)
+
+
+def solver_of(row: Row) -> Solver:
+    """Return the solver of a row, with its knobs."""
+    solver = made(row.solver.split("(")[0], row.knobs)
+    if repr(solver) != row.solver:
+        raise InvalidArgument(f"{row.solver}: with its knobs it is {solver!r}; run the study again")
+    return solver
+
+
+def made(name: str, knobs: Mapping[str, Knob]) -> Solver:
+    """Return the solver of a class with knobs as rows keep them: a tuple as text."""
+    if name.lower() not in SOLVERS:
+        raise unknown_name("solver", name, [kind.__name__ for kind in SOLVERS.values()])
+    kind = SOLVERS[name.lower()]
+    usual = {f.name: f.default for f in fields(kind)}  # type: ignore[arg-type]
+    try:
+        return kind(**{key: _value(knob, usual[key]) for key, knob in knobs.items()})
+    except (KeyError, TypeError, SyntaxError, ValueError) as error:
+        if isinstance(error, CondynError):
+            raise
+        raise InvalidArgument(f"{dict(knobs)}: not the knobs of {kind.__name__}") from error
+
+
+def _value(knob: Knob, usual: Any) -> Any:
+    is_text = isinstance(knob, str) and not isinstance(usual, str)
+    return ast.literal_eval(knob) if is_text else knob  # type: ignore[arg-type]
+
+
+def measure_of(label: str) -> Measure:
+    """Return the measure that tables call so: a name, with the knobs that are not as usual."""
+    try:
+        call = ast.parse(label, mode="eval").body
+        name, words = (call.func, call.keywords) if isinstance(call, ast.Call) else (call, [])
+        knobs = {str(word.arg): ast.literal_eval(word.value) for word in words}
+        return MEASURES[name.id](**knobs)  # type: ignore[attr-defined]
+    except (SyntaxError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise unknown_name("measure", label, MEASURES) from error
+
+
+def measured_as(row: Row) -> Measure:
+    """Return the measure of a row, with the knobs that belong to its answer."""
+    measure = measure_of(row.measure)
+    if not row.how:
+        return measure
+    try:
+        again = replace(measure, **row.how)  # type: ignore[type-var]
+    except TypeError as error:
+        raise InvalidArgument(f"{row.measure}: it has no knobs {row.how}") from error
+    if dict(again.how) != row.how:
+        raise InvalidArgument(f"{row.measure}: {row.how} in a table do not make it again")
+    return again
+
+
+def _label(rows: Sequence[Row], scene: str | None) -> str:
+    labels = list(dict.fromkeys(row.scene for row in rows))
+    if scene is None:
+        if len(labels) == 1:
+            return labels[0]
+        raise InvalidArgument(f"scene: this table has {len(labels)}, name one: {labels}")
+    if scene not in labels:
+        raise unknown_name("scene in this table", scene, labels)
+    return scene
+
+
+def _not_reached(
+    asked: Sequence[Row], error: float, rejected: Sequence[tuple[Row, Fresh]]
+) -> NotReached:
+    row = min(filter(answered, asked), key=lambda r: r.error_worst, default=None)
+    text = f"nothing in this table meets {asked[0].measure} to {error:g} on {asked[0].scene!r}"
+    if rejected:
+        best, fresh = min(rejected, key=lambda pair: pair[1].expected)
+        text += f" at fresh states too; the best there is {short(best)}, {fresh}"
+    elif row is None:
+        text += ": no solver answers every state"
+    else:
+        timed = f", {row.timed}" if row.error_worst <= error else ""
+        text += f"; the best is {short(row)} with {row.error_worst:.1e}{timed}"
+    return NotReached(f"{text}; ask for less, or try more knobs", row)

@@ -1,0 +1,124 @@
+"""A Table as csv, json and Markdown, and back from json."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from condyn_pin.errors import InvalidArgument
+from condyn_pin.trade.row import Row
+
+if TYPE_CHECKING:
+    from condyn_pin.trade.table import Table
+
+FORMAT = 1  # of the json file; one more whenever a field changes its meaning
+
+
+def write_csv(table: Table, path: str | Path) -> None:
+    """Write the rows, after comment lines with the machine."""
+    with Path(path).open("w", newline="", encoding="utf-8") as file:
+        for key, value in table.machine.items():
+            file.write(f"# {key}: {value}\n")
+        writer = csv.DictWriter(file, [field.name for field in fields(Row)])
+        writer.writeheader()
+        for row in table.rows:
+            words = {name: words_of(getattr(row, name)) for name in ("knobs", "how")}
+            writer.writerow(asdict(row) | words | {"statuses": status_words(row)})
+
+
+def as_dict(table: Table) -> dict[str, Any]:
+    """Return machine, floors and rows as plain values."""
+    return {
+        "format": FORMAT,
+        "machine": table.machine,
+        "floors": table.floors,
+        "rows": [row.as_dict() for row in table.rows],
+    }
+
+
+def write_json(table: Table, path: str | Path) -> None:
+    """Write machine, floors and rows, a line each; what was not measured is null."""
+    parts = as_dict(table)
+    rows = ",\n".join(json.dumps(row, allow_nan=False) for row in parts.pop("rows"))
+    head = json.dumps(parts, indent=1, allow_nan=False).removesuffix("\n}")
+    Path(path).write_text(f'{head},\n "rows": [\n{rows}\n]}}\n', encoding="utf-8")
+
+
+def read_json(path: str | Path) -> tuple[tuple[Row, ...], dict[str, str], dict[str, float]]:
+    """Return rows, machine and floors of a file that `write_json` wrote."""
+    try:
+        saved = json.loads(Path(path).read_text(encoding="utf-8"))
+        if saved["format"] != FORMAT:
+            raise ValueError(f"its format is {saved['format']!r}, and {FORMAT} is known here")
+        rows = tuple(Row.from_dict(row) for row in saved["rows"])
+        return rows, dict(saved["machine"]), dict(saved["floors"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InvalidArgument(
+            f"{path}: not a table that Table.to_json wrote ({error}); run the study again"
+        ) from error
+
+
+def markdown(rows: Sequence[Row]) -> str:
+    """Return rows as a table in Markdown."""
+    lines = ["| " + " | ".join(COLUMNS) + " |", "|" + "---|" * len(COLUMNS)]
+    lines += ["| " + " | ".join(cells(row)) + " |" for row in rows]
+    return "\n".join(lines)
+
+
+COLUMNS = (
+    "scene",
+    "solver",
+    "measure",
+    "median [us]",
+    "p95 [us]",
+    "error",
+    "worst error",
+    "status",
+)
+
+
+def cells(row: Row) -> tuple[str, ...]:
+    """Return a row as text, the columns being `COLUMNS`."""
+    return (
+        f"{row.scene} ({row.rows} rows)",
+        short(row),
+        row.measure,
+        _number(row.median_us, ".1f"),
+        _number(row.p95_us, ".1f"),
+        _number(row.error_median, ".1e"),
+        _number(row.error_worst, ".1e"),
+        status_words(row),
+    )
+
+
+def short(row: Row) -> str:
+    """Return the solver with the knobs that were set, as one would type it, and those of `how`."""
+    name = row.solver.split("(")[0]
+    chosen = {key: value for key, value in row.knobs.items() if value != _defaults(name).get(key)}
+    how = f", {words_of(row.how)}" if row.how else ""
+    return f"{name}({words_of(chosen)}){how}"
+
+
+def _defaults(name: str) -> dict[str, Any]:
+    from condyn_pin.solvers import SOLVERS
+
+    kind = SOLVERS.get(name.lower())
+    return {} if kind is None else {f.name: f.default for f in fields(kind)}  # type: ignore[arg-type]
+
+
+def words_of(knobs: dict[str, Any]) -> str:
+    """Return knobs as they stand in a call."""
+    return ", ".join(f"{key}={value!r}" for key, value in knobs.items())
+
+
+def status_words(row: Row) -> str:
+    """Return how many states ended how: ``18 ok, 2 singular``."""
+    return ", ".join(f"{count} {status}" for status, count in sorted(row.statuses.items()))
+
+
+def _number(value: float | None, form: str) -> str:
+    return "" if value is None else format(value, form)

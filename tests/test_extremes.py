@@ -1,0 +1,228 @@
+"""The extremes: families, verdicts, the process that may die, and the table that is committed."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from shared import SOLVERS, all_scenes, each_scene, relative, states
+from typer.testing import CliRunner
+
+import condyn_pin as cp
+from condyn_pin._pin import VERSION_TEXT
+from condyn_pin.cli import app
+from condyn_pin.errors import CondynError
+from condyn_pin.extremes import EXTREMES
+from condyn_pin.extremes.planar_chain import accelerations
+from condyn_pin.extremes.stress import ROBOTS, methods, mixed, stress, tasks
+from condyn_pin.extremes.stress_table import counts, maps, read_csv
+from condyn_pin.extremes.units import scaled, shifts
+from condyn_pin.extremes.verdict import Task, Verdict, right_answers
+from condyn_pin.extremes.worker import Memory, answers
+from condyn_pin.rows.equations import Equations
+
+ROOT = Path(__file__).parent.parent
+RESULTS = ROOT / "benchmarks" / "results"
+
+each_family = pytest.mark.parametrize("name", list(EXTREMES))
+
+
+def scene_for(family):
+    return all_scenes()["four_bar loops"] if family.any_scene else None
+
+
+@each_family
+def test_family_is_a_dial_that_repeats_itself(name):
+    family = EXTREMES[name]
+    assert family.title
+    assert not family.title.endswith(".")
+    assert len(set(map(repr, family.severities))) == len(family.severities) > 4
+    tame = family.severities[0]
+    made = []
+    for seed in (5, 5, 6):
+        try:
+            case = family.case(tame, seed, scene_for(family))
+        except CondynError:
+            assert name == "loose_quaternion"  # the four-bar has none
+            return
+        made.append(np.concatenate([case.q, case.v, case.tau]))
+    assert np.array_equal(made[0], made[1])
+    assert not np.array_equal(made[0], made[2]) or name == "immobile"
+
+
+@each_family
+def test_tame_cases_are_closed_and_have_one_answer(name):
+    family = EXTREMES[name]
+    solo = all_scenes()["solo12 contacts"]
+    scene = solo if name == "loose_quaternion" else scene_for(family)
+    case = family.case(family.severities[0], 0, scene)
+    if case.drift is None and name != "bad_q":  # one entry of q is zero there
+        assert case.scene.check(case.q).ok
+    right = right_answers(case)
+    assert right
+    for other in right[1:]:
+        assert relative(other, right[0]) < 1e-12
+
+
+@pytest.mark.parametrize("n", [1, 2, 7])
+def test_decimal_chain_agrees_with_pinocchio(n):
+    links, (q, v, tau) = cp.chain(n), np.random.default_rng(n).normal(size=(3, n))
+    a = cp.solve(cp.Scene(links), q, v, tau, solver=cp.Reference()).a
+    assert np.abs(accelerations(q, v, tau) - a).max() < 1e-13 * np.abs(a).max()
+
+
+@pytest.mark.parametrize(("length", "mass"), [(2.0**10, 1.0), (1.0, 2.0**-12), (2.0**-9, 2.0**8)])
+@pytest.mark.parametrize(
+    "label", ["four_bar loops", "delta loops", "cassie loops", "talos contacts"]
+)
+def test_units_do_not_matter(label, length, mass):
+    """Powers of two change no digit of the equations, and none but the last ones of an answer."""
+    scene, (q, v, tau) = all_scenes()[label], states(label)[0]
+    other = scaled(scene, length, mass)
+    of_q, of_v = shifts(scene.robot.model)
+    q_, v_ = np.where(of_q, length, 1.0) * q, np.where(of_v, length, 1.0) * v
+    torque = mass * length * np.where(of_v, 1.0, length)
+    one = Equations(scene.robot.model, scene.bounds).terms(q, v)
+    two = Equations(other.robot.model, other.bounds).terms(q_, v_)
+    assert np.array_equal(two.M, mass * np.outer(*2 * [np.where(of_v, 1.0, length)]) * one.M)
+    assert np.array_equal(two.h, torque * one.h)
+    for solver in (cp.Reference(), cp.NullSpace(), cp.GaussPrinciple()):
+        a = cp.solve(scene, q, v, tau, solver=solver, throw=False).a
+        a_ = cp.solve(other, q_, v_, torque * tau, solver=solver, throw=False).a
+        back = a_ / np.where(of_v, length, 1.0)
+        assert np.abs(back - a).max() <= 1e-12 * np.abs(a).max(), solver
+
+
+@pytest.mark.parametrize("solver", [kind() for kind in SOLVERS.values() if kind.takes_every_kind])
+@pytest.mark.parametrize("severity", [0.0, 1e-17, 1e-14, 1e-9, 1e-3, 1.0])
+def test_a_row_that_is_only_rounding_is_no_row(solver, severity):
+    """A rod from a tip to its own pivot took a force of 1e17 N, and nothing said so."""
+    case = EXTREMES["empty_row"].case(severity, 0)
+    solution = cp.solve(case.scene, case.q, case.v, case.tau, solver=solver, throw=False)
+    if solution.status.ok:
+        assert min(relative(solution.a, right) for right in case.right) < 1e-8
+        assert np.abs(solution.lam).max() < 1e17
+    elif severity >= 1e-3 and solver.exact:
+        pytest.fail(f"{solver} is right at {severity} and does not say so")
+
+
+@each_scene
+def test_usual_scenes_are_judged_without_a_second_look(label):
+    """The careful proof takes a factorisation: no robot pays for it at every solve."""
+    assert all_scenes()[label].audit.yardstick.unquestioned > 0.0
+
+
+@pytest.mark.parametrize("label", ["four_bar loops", "talos contacts"])
+def test_reference_scales_what_would_overflow(label):
+    scene, (q, v, tau) = all_scenes()[label], states(label)[0]
+    huge = cp.solve(scene, q, v, 2.0**1000 * tau, solver=cp.Reference(), throw=False)
+    small = cp.solve(scene, q, 0 * v, tau, solver=cp.Reference(), throw=False)
+    weight = cp.solve(scene, q, 0 * v, 0 * tau, solver=cp.Reference(), throw=False)
+    wanted = small.a - weight.a  # beside 2^1000, gravity and v are nothing
+    assert np.abs(huge.a * 2.0**-1000 - wanted).max() < 1e-11 * np.abs(wanted).max()
+
+
+def test_singular_and_overflowing_comes_without_a_warning():
+    """Warnings are errors here."""
+    scene, (q, _, tau) = all_scenes()["four_bar loops"], states("four_bar loops")[0]
+    solution = cp.solve(scene, q, 1e200 * np.ones(3), tau, solver=cp.DenseKKT(), throw=False)
+    assert solution.status is cp.Status.SINGULAR
+
+
+def test_broken_solvers_are_found_and_do_not_stop_the_run():
+    """They are known to the other process alone."""
+    todo = [Task("strong", 1.0, 0, "four_bar"), Task("strong", 0.0, 0, "four_bar")]
+    wanted = {
+        "lying": Verdict.WRONG,
+        "raising": Verdict.CRASHED,
+        "reference": Verdict.OK,
+        "dying": Verdict.CRASHED,
+        "hanging": Verdict.HUNG,
+        "proximal": Verdict.OK,
+    }
+    found = stress(todo[:1], list(wanted), patience=3.0, imports=["broken_solvers"])
+    assert {outcome.method: outcome.verdict for outcome in found} == wanted
+    assert "exit code -11" in next(o.said for o in found if o.method == "dying")
+    assert "RuntimeError: lost" in next(o.said for o in found if o.method == "raising")
+
+
+def test_time_is_kept_and_every_family_comes_early():
+    todo = mixed(tasks())
+    assert sorted(map(repr, todo)) == sorted(map(repr, tasks()))
+    assert len({task.family for task in todo[:300]}) > 0.8 * len(EXTREMES)
+    assert stress(todo, ["reference"], seconds=0.0) == []
+
+
+def test_unknown_names_are_refused():
+    with pytest.raises(cp.UnknownName, match="parallelogram"):
+        tasks(["paralelogram"])
+    with pytest.raises(cp.UnknownName, match="proximal"):
+        methods(["proximl"])
+
+
+def test_committed_table_has_every_case_and_no_defect():
+    rows = read_csv(RESULTS / "stress.csv")
+    versions = {row["pinocchio"] for row in rows}
+    assert {version[0] for version in versions} == {"3", "4"}
+    wanted = {(t.family, t.robot, repr(t.severity)) for t in tasks()}
+    for version in versions:
+        own = [row for row in rows if row["pinocchio"] == version]
+        assert {(row["family"], row["robot"], row["severity"]) for row in own} == wanted
+    for row in rows:
+        for cell in list(row.values())[4:]:
+            assert not any(v.defect and v.name.lower() in cell for v in Verdict), row
+
+
+@pytest.mark.parametrize(
+    "name", ["parallelogram", "mass_ratio", "immobile", "short_rod", "bad_tau"]
+)
+def test_verdicts_are_the_expected_ones(name):
+    expected: dict[tuple[str, str], str] = {}
+    for row in read_csv(RESULTS / "stress.csv"):
+        if row["family"] == name and row["robot"] in ("", "four_bar"):
+            for method, cell in row.items():
+                key = row["severity"], method
+                expected[key] = f"{expected.get(key, '')}/{cell.split(' ')[0]}"
+    memory = Memory({})
+    robot = "four_bar" if EXTREMES[name].any_scene else ""
+    for severity in EXTREMES[name].severities:
+        for answer in answers(Task(name, severity, 0, robot), methods(), memory):
+            if not isinstance(answer, str):
+                wanted = expected[repr(severity), answer.method].split("/")
+                assert answer.verdict.name.lower() in wanted, answer
+
+
+def test_maps_count_and_advise():
+    memory = Memory({})
+    outcomes = [
+        answer
+        for severity in EXTREMES["parallelogram"].severities
+        for answer in answers(Task("parallelogram", severity), ["proximal", "reference"], memory)
+        if not isinstance(answer, str)
+    ]
+    (found,) = maps(outcomes)
+    assert found.advice("reference") == "reference: right at every severity"
+    assert found.advice("proximal").startswith("proximal: right at 1 ... ")
+    assert "says inaccurate at 0.001" in found.advice("proximal")
+    assert sum(counts(outcomes).values()) == len(outcomes) == 2 * len(found.severities)
+
+
+def test_command_prints_advice_and_counts_and_draws(tmp_path):
+    plot, table = tmp_path / "s.png", tmp_path / "s.csv"
+    line = ["stress", "four_bar", "--solver", "proximal,reference", "--families", "few_iterations"]
+    result = CliRunner().invoke(app, [*line, "--plot", str(plot), "--csv", str(table)])
+    assert result.exit_code == 0, result.output
+    assert "reference: right at every severity" in result.output
+    assert f"20 cases on Pinocchio {VERSION_TEXT}" in result.output
+    assert plot.stat().st_size > 5000
+    assert len(read_csv(table)) == len(EXTREMES["few_iterations"].severities)
+
+
+def test_severities_are_numbers_that_can_be_written():
+    for family in EXTREMES.values():
+        for severity in family.severities:
+            again = float(repr(severity))
+            assert again == severity or (math.isnan(again) and math.isnan(severity))
+    assert set(ROBOTS) <= set(cp.available_robots())

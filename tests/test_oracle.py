@@ -1,0 +1,128 @@
+"""The oracle in 50 digits against Pinocchio's terms, against `Reference`, and against EXTREMES."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from oracle import Oracle, mp
+from shared import all_scenes, states
+
+import condyn_pin as cp
+from condyn_pin._pin import pin
+from condyn_pin.extremes import EXTREMES
+from condyn_pin.extremes.verdict import right_answers
+from condyn_pin.rows.equations import Equations
+from condyn_pin.tolerances import REFERENCE_RANK
+
+KINDS = {
+    **{kind: (cp.Loop("hand", "foot", kind, axis="y"),) for kind in
+       ("ball", "weld", "hinge", "slider", "planar")},
+    "rod": (cp.Loop("hand", "foot", "rod", length=0.7),),
+    "to the world": (cp.Loop("world", "hand"), cp.Loop("foot", "world", "slider", axis="x")),
+    "point": (cp.PointContact("foot", (0.1, 0.2, 0.3)),),
+    "surface and line": (cp.SurfaceContact("hand"), cp.LineContact("foot", "x")),
+    "anchored": (
+        cp.SurfaceContact("hand", anchor=(0.1, 0.2, 0.3, 0.5, 0.5, 0.5, 0.5)),
+        cp.PointContact("foot", anchor=(0.0, 0.1, 0.0)),
+    ),
+    "plane": (cp.PlanarContact("foot", (0.1, 0.0, 0.0), (1.0, 2.0, 3.0)),),
+    "gear": (cp.Coupling("slide", "turn", 0.3, 0.1),),
+}  # fmt: skip
+
+
+def every_joint() -> cp.Robot:
+    """A free body with two arms, of every kind of joint that the oracle knows."""
+    rng = np.random.default_rng(1)
+    model = pin.Model()
+
+    def add(parent, joint, name):
+        place = pin.SE3(pin.exp3(rng.normal(size=3)), rng.normal(size=3))
+        number = model.addJoint(parent, joint, place, name)
+        root = rng.normal(size=(3, 3))
+        body = pin.Inertia(1.0 + rng.random(), rng.normal(size=3), root @ root.T + np.eye(3))
+        model.appendBodyToJoint(number, body, pin.SE3.Identity())
+        return number
+
+    base = add(0, pin.JointModelFreeFlyer(), "base")
+    arm = add(base, pin.JointModelSpherical(), "shoulder")
+    arm = add(arm, pin.JointModelRevoluteUnaligned(np.array([0.6, 0.0, 0.8])), "turn")
+    leg = add(base, pin.JointModelPX(), "slide")
+    leg = add(leg, pin.JointModelRUBZ(), "wheel")
+    leg = add(leg, pin.JointModelSphericalZYX(), "hip")
+    for name, joint in (("hand", arm), ("foot", leg)):
+        place = pin.SE3(pin.exp3(rng.normal(size=3)), rng.normal(size=3))
+        model.addFrame(pin.Frame(name, joint, 0, place, pin.FrameType.OP_FRAME))
+    model.armature = rng.random(model.nv)
+    return cp.Robot("every joint", model)
+
+
+def largest(found, wanted) -> float:
+    """Largest difference, relative to the largest entry."""
+    apart = np.abs(np.array(found - wanted, dtype=float)).max(initial=0.0)
+    return float(apart / max(np.abs(wanted).max(initial=0.0), 1e-3))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_terms_of_every_kind_at_any_state(kind):
+    """Off the constraints too, where each kind has its own gamma."""
+    robot = every_joint()
+    scene = cp.Scene(robot, KINDS[kind])
+    rng = np.random.default_rng(2)
+    q = pin.integrate(robot.model, pin.neutral(robot.model), rng.normal(size=robot.nv))
+    v = rng.normal(size=robot.nv)
+    terms = Equations(robot.model, scene.bounds).terms(q, v)
+    for found, wanted in zip(
+        Oracle(scene).terms(q, v), (terms.M, terms.h, terms.J, terms.gamma), strict=True
+    ):
+        assert largest(found, wanted) < 1e-14
+
+
+@pytest.mark.parametrize("label", ["four_bar loops", "cassie loops"])
+def test_reference_is_right(label):
+    """Rows of rank 2 of 3 and of 10 of 12 among them."""
+    scene, (q, v, tau) = all_scenes()[label], states(label)[0]
+    a, lam = Oracle(scene).solve(q, v, tau)
+    found = cp.solve(scene, q, v, tau, solver=cp.Reference())
+    assert largest(a, found.a) < 1e-13
+    assert largest(lam, found.lam) < 1e-13
+
+
+CASES = [
+    ("parallelogram", 0.1), ("parallelogram", 1e-3), ("parallelogram", 1e-6),
+    ("parallelogram", 0.0), ("dead_point", 1e-3), ("dead_point", 0.0), ("straight_knee", 1e-4),
+    ("straight_knee", 1e-6), ("mass_ratio", 1e6), ("mass_ratio", 1e12), ("mass_ratio", 1e-9),
+    ("light_rod", 0.1), ("gimbal", 1e-2), ("short_rod", 1e-3), ("short_rod", 1e-6),
+    ("straight_chain", 10), ("bent_chain", 15), ("held_chain", 5), ("many_cells", 3),
+    ("immobile", 1e3), ("empty_row", 1e-6),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("family", "severity"), CASES)
+def test_what_extremes_call_right_is_right(family, severity):
+    """To a tenth of what they judge by."""
+    case = EXTREMES[family].case(severity, seed=3)
+    a, _ = Oracle(case.scene).solve(case.q, case.v, case.tau, REFERENCE_RANK)
+    scale = max(float(max(abs(a))), 9.81)
+    right = right_answers(case)[0]
+    assert float(max(abs(a - right))) < 1e-9 * scale
+
+
+@pytest.mark.parametrize("solver", [cp.Reference(), cp.DenseKKT(), cp.Proximal()])
+def test_where_reference_is_not_right_nothing_says_ok(solver):
+    """A rod so thin that rounding of J^T lam spins it: the proof knows."""
+    case = EXTREMES["light_rod"].case(1e-3, seed=3)
+    a, _ = Oracle(case.scene).solve(case.q, case.v, case.tau, REFERENCE_RANK)
+    found = cp.solve(case.scene, case.q, case.v, case.tau, solver=solver, throw=False)
+    error = float(max(abs(a - found.a)) / max(abs(a)))
+    assert error > 1e-9
+    assert found.error_bound > error
+    assert not found.status.ok
+
+
+def test_the_oracle_has_its_digits():
+    """A pendulum of 1 m and 1 kg, by its formula, to 45 digits."""
+    scene = cp.Scene(cp.pendulum())
+    q = np.array([0.3])
+    a, _ = Oracle(scene).solve(q, np.array([2.0]), np.array([0.5]))
+    wanted = mp.mpf(0.5) - mp.mpf(9.81) * mp.sin(mp.mpf(q[0]))
+    assert abs(a[0] - wanted) < mp.mpf(10) ** -45

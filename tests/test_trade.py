@@ -1,0 +1,496 @@
+"""Tables of a study: the front, the cheapest, files, comparisons and pictures."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+import math
+import pickle
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from shared import all_scenes
+from typer.testing import CliRunner
+
+import condyn_pin as cp
+from condyn_pin.cli import app
+from condyn_pin.trade.case import knobs_of
+from condyn_pin.trade.cheapest import measure_of, solver_of
+from condyn_pin.trade.exports import short
+from condyn_pin.trade.fresh import Fresh
+from condyn_pin.trade.row import ALONE, Row
+from condyn_pin.trade.states import SampledStates
+from condyn_pin.trade.table import Table
+
+
+def row(solver: cp.Solver, us: float | None, error: float, scene: str = "s", **other) -> Row:
+    """Return a row of invented figures."""
+    values = {
+        "scene": scene,
+        "rows": 3,
+        "nv": 3,
+        "method": solver.title,
+        "solver": repr(solver),
+        "knobs": knobs_of(solver),
+        "measure": "acceleration",
+        "states": "20 sampled, seed 0",
+        "n": 20,
+        "error_median": error / 10,
+        "error_worst": error,
+        "dynamics_error": error,
+        "constraint_error": error,
+        "iterations": 1,
+        "statuses": {"ok": 20},
+        "median_us": us,
+        "p95_us": None if us is None else 1.05 * us,
+        "timed": ALONE if us else "not timed: 2 processes shared the machine",
+    }
+    return Row(**values | other)
+
+
+COARSE = row(cp.Proximal(mu=1e-2, max_iterations=1), 2.0, 1e-3, statuses={"inaccurate": 20})
+FINE = row(cp.Proximal(mu=1e-8), 3.0, 1e-9)
+SLOW = row(cp.NullSpace(), 30.0, 1e-14)
+BEATEN = row(cp.GaussPrinciple(), 40.0, 1e-13)
+BROKEN = row(cp.DenseKKT(), 1.0, 1e-15, statuses={"ok": 19, "singular": 1})
+UNTIMED = row(cp.Proximal(mu=1e-9), None, 1e-15)
+ROWS = (SLOW, BROKEN, FINE, BEATEN, COARSE, UNTIMED)
+MACHINE = {"processor": "p", "pinocchio": "4"}
+
+
+def table(rows=ROWS, **other) -> Table:
+    return Table(tuple(rows), MACHINE, {"s": 3e-14}, **other)
+
+
+# the front
+
+
+def test_the_front_is_what_no_row_beats_fastest_first():
+    assert table().pareto().rows == (COARSE, FINE, SLOW)
+
+
+def test_the_front_does_not_depend_on_the_order_of_the_rows():
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        shuffled = [ROWS[i] for i in rng.permutation(len(ROWS))]
+        assert table(shuffled).pareto().rows == (COARSE, FINE, SLOW)
+
+
+def test_the_front_of_random_rows_against_its_definition():
+    rng = np.random.default_rng(1)
+    rows = [
+        row(cp.Proximal(mu=float(i + 1)), *rng.integers(1, 9, 2).astype(float)) for i in range(60)
+    ]
+    kept = table(rows).pareto().rows
+    for one in rows:
+        beaten = any(
+            (other.median_us <= one.median_us and other.error_worst < one.error_worst)
+            or (other.median_us < one.median_us and other.error_worst <= one.error_worst)
+            for other in rows
+        )
+        same = any((k.median_us, k.error_worst) == (one.median_us, one.error_worst) for k in kept)
+        assert same != beaten
+
+
+def test_scenes_and_measures_have_fronts_of_their_own():
+    other = dataclasses.replace(BEATEN, scene="t")
+    forces = dataclasses.replace(BEATEN, measure="forces")
+    assert table((*ROWS, other, forces)).pareto().rows == (COARSE, FINE, SLOW, other, forces)
+
+
+def test_a_solver_that_failed_once_is_on_no_front_and_is_never_cheapest():
+    assert table((BROKEN,)).pareto().rows == ()
+    with pytest.raises(cp.NotReached, match="no solver answers every state") as caught:
+        table((BROKEN,)).cheapest(1.0)
+    assert caught.value.row is None
+
+
+# the cheapest
+
+
+LABEL = "four_bar loops"
+
+
+def measured(*rows: Row) -> Table:
+    return table([dataclasses.replace(r, scene=LABEL) for r in rows]).with_scenes(
+        {LABEL: all_scenes()[LABEL]}
+    )
+
+
+def test_cheapest_is_checked_at_fresh_states_and_says_so():
+    choice = measured(FINE, SLOW).cheapest(1e-8, states=20)
+    assert choice.solver == cp.Proximal(mu=1e-8)
+    assert choice.row.solver == FINE.solver
+    assert choice.fresh.states == 20
+    assert 0 < choice.fresh.error <= choice.fresh.expected <= 1e-8
+    assert choice.rejected == ()
+    assert "20 fresh states" in str(choice)
+
+
+def test_what_only_looked_good_in_the_study_is_rejected():
+    lucky = row(cp.Proximal(mu=1.0, max_iterations=1), 1.0, 1e-12)  # it has 1e-1, not 1e-12
+    choice = measured(lucky, FINE, SLOW).cheapest(1e-8, states=20)
+    assert choice.solver == cp.Proximal(mu=1e-8)
+    ((rejected, fresh),) = choice.rejected
+    assert rejected.solver == lucky.solver
+    assert fresh.error > 1e-8
+    assert f"not {short(lucky)}" in str(choice)
+
+
+def test_when_fresh_states_reject_everything_the_error_says_what_was_found_there():
+    lucky = row(cp.Proximal(mu=1.0, max_iterations=1), 1.0, 1e-12)
+    with pytest.raises(cp.NotReached, match=r"at fresh states too; the best there is Proximal"):
+        measured(lucky).cheapest(1e-8, states=20)
+
+
+def test_when_nothing_meets_the_error_the_best_is_named():
+    with pytest.raises(
+        cp.NotReached, match=r"1e-15 on 's'; the best is Proximal\(\) with 2"
+    ) as caught:
+        table((SLOW, row(cp.Proximal(), None, 2e-15))).cheapest(1e-15)
+    assert caught.value.row.solver == repr(cp.Proximal())
+    assert pickle.loads(pickle.dumps(caught.value)).row == caught.value.row
+
+
+def test_a_solver_that_fails_at_a_fresh_state_is_rejected():
+    dense = row(cp.DenseKKT(), 1.0, 1e-12)  # singular on the four-bar
+    choice = measured(dense, FINE).cheapest(1e-8, states=20)
+    assert math.isinf(choice.rejected[0][1].error)
+    assert choice.solver == cp.Proximal(mu=1e-8)
+
+
+def test_fresh_states_are_the_same_for_one_seed_and_others_for_another():
+    sets = [20, 20, SampledStates(20, seed=1)]
+    found = [measured(FINE).cheapest(1e-8, states=each).fresh for each in sets]
+    assert found[0] == found[1] != found[2]
+
+
+def test_the_states_of_the_study_are_not_fresh():
+    with pytest.raises(cp.InvalidArgument, match="20 sampled, seed 0 are those of the study"):
+        measured(FINE).cheapest(1e-8, states=SampledStates(20, seed=0))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"error": 0.0}, "error = 0.0"),
+        ({"error": math.nan}, "error = nan"),
+        ({"states": 3}, "states = 3"),
+        ({"measure": "force"}, "acceleration"),
+        ({"scene": "cassie"}, LABEL),
+    ],
+)
+def test_questions_without_an_answer(arguments, said):
+    with pytest.raises(cp.CondynError, match=said):
+        measured(FINE).cheapest(**arguments)
+
+
+def test_a_table_without_its_scene_says_how_to_hand_it_in():
+    with pytest.raises(cp.InvalidArgument, match="with_scenes"):
+        table().cheapest(1e-8)
+    with pytest.raises(cp.InvalidArgument, match="name one"):
+        table((FINE, dataclasses.replace(FINE, scene="t"))).cheapest(1e-8)
+
+
+@pytest.mark.parametrize(
+    "solver", [cp.Proximal(), cp.LCABA(mu=1e-5), cp.NullSpace(), cp.DenseKKT(mu=1e-11), cp.Soft()]
+)
+def test_a_row_gives_its_solver_back(solver):
+    assert solver_of(row(solver, 1.0, 1e-9)) == solver
+
+
+def test_a_row_whose_knobs_do_not_make_its_solver_is_refused():
+    with pytest.raises(cp.InvalidArgument, match="run the study again"):
+        solver_of(dataclasses.replace(FINE, solver="Proximal(mu=1)"))
+    with pytest.raises(cp.UnknownName, match="Proximal"):
+        solver_of(dataclasses.replace(FINE, solver="Proximale(mu=1)"))
+
+
+def test_a_label_gives_its_measure_back():
+    from condyn_pin.trade.measures import MEASURES
+
+    changed = MEASURES["derivatives"](method="differences")
+    for measure in (*(kind() for kind in MEASURES.values()), changed):
+        assert measure_of(measure.label) == measure
+    for label in ("nothing", "forces(", "forces(x=1)", "forces.a", "__import__('os')"):
+        with pytest.raises(cp.UnknownName, match="no measure named"):
+            measure_of(label)
+
+
+def test_a_measure_that_a_row_cannot_make_again_is_refused():
+    with pytest.raises(cp.InvalidArgument, match="dt"):
+        measured(dataclasses.replace(FINE, how={"dt": 1e-3})).cheapest(1e-8, states=20)
+    assert short(dataclasses.replace(FINE, how={"dt": 1e-3})) == "Proximal(mu=1e-08), dt=0.001"
+
+
+def test_the_tail_is_continued_as_it_is():
+    # a power: the k-th largest of n is (n / k)^(1/2); a hundred times as many give ten times more
+    errors = [math.sqrt(1000 / k) for k in range(1, 1001)]
+    fresh = Fresh.of(errors)
+    assert fresh.error == math.sqrt(1000)
+    assert fresh.expected == pytest.approx(math.sqrt(100_000))
+    assert Fresh.of([1.0, math.nan] + [1.0] * 30).expected == math.inf
+    assert Fresh.of([0.0] * 30) == Fresh(30, 0.0, 0.0)
+
+
+# files
+
+
+def test_json_comes_back_equal(tmp_path):
+    rows = (*ROWS, row(cp.Reference(), None, math.inf, statuses={"refused": 20}, note="why"))
+    table(rows).to_json(tmp_path / "t.json")
+    text = (tmp_path / "t.json").read_text()
+    assert "Infinity" not in text
+    assert "NaN" not in text
+    assert Table.from_json(tmp_path / "t.json") == table(rows)
+    scenes = {"s": all_scenes()[LABEL]}
+    assert Table.from_json(tmp_path / "t.json", scenes).scenes == scenes
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", "{}", '{"format": 0}', '{"format": 1, "rows": [{}], "machine": {}}']
+)
+def test_a_file_that_is_no_table_is_refused(tmp_path, text):
+    (tmp_path / "t.json").write_text(text)
+    with pytest.raises(cp.InvalidArgument, match=r"t\.json: not a table"):
+        Table.from_json(tmp_path / "t.json")
+
+
+def test_a_file_that_was_cut_off_or_is_not_there_is_refused(tmp_path):
+    table().to_json(tmp_path / "t.json")
+    text = (tmp_path / "t.json").read_text()
+    (tmp_path / "t.json").write_text(text[: len(text) // 2])
+    for name in ("t.json", "missing.json"):
+        with pytest.raises(cp.InvalidArgument, match="run the study again"):
+            Table.from_json(tmp_path / name)
+
+
+def test_csv_has_the_machine_and_every_row(tmp_path):
+    table().to_csv(tmp_path / "t.csv")
+    lines = (tmp_path / "t.csv").read_text().splitlines()
+    assert lines[0] == "# processor: p"
+    read = list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    assert len(read) == len(ROWS)
+    assert float(read[0]["median_us"]) == SLOW.median_us
+    assert read[1]["statuses"] == "19 ok, 1 singular"
+    assert read[5]["median_us"] == ""
+
+
+def test_markdown_has_a_line_a_row_and_shows_failures():
+    lines = table().to_markdown().splitlines()
+    assert len(lines) == 2 + len(ROWS)
+    assert len({line.count("|") for line in lines}) == 1
+    assert "| 19 ok, 1 singular |" in lines[3]
+    assert "Proximal(mu=0.01, max_iterations=1)" in lines[6]
+
+
+# comparisons
+
+
+def again(factor: float = 1.0, rows=ROWS) -> Table:
+    return table(
+        r
+        if r.median_us is None
+        else dataclasses.replace(r, median_us=factor * r.median_us, p95_us=factor * r.p95_us)
+        for r in rows
+    )
+
+
+def test_the_same_table_twice_is_no_worse():
+    found = table().compare(table())
+    assert found.ok
+    assert found.common == 1.0
+    assert all(change.error == 1.0 for change in found.changes)
+    assert "0 worse" in str(found)
+
+
+def test_a_slower_machine_slows_no_row_and_is_said():
+    found = again(2.0).compare(table())
+    assert found.ok
+    assert found.common == 2.0
+    assert "take 2.00 of the time" in str(found)
+
+
+def test_one_slower_row_is_named():
+    slow = dataclasses.replace(FINE, median_us=1.5 * FINE.median_us, p95_us=1.5 * FINE.p95_us)
+    found = again(2.0, [slow if r is FINE else r for r in ROWS]).compare(table())
+    (change,) = found.worse
+    assert change.new.solver == FINE.solver
+    assert change.slower == pytest.approx(1.5)
+    assert "1.50 times slower" in str(found)
+
+
+def test_what_is_within_the_spread_is_not_slower():
+    wide = dataclasses.replace(FINE, p95_us=2 * FINE.median_us)
+    slow = dataclasses.replace(FINE, median_us=1.5 * FINE.median_us)
+    old, new = ([x if r is FINE else r for r in ROWS] for x in (wide, slow))
+    assert table(new).compare(table(old)).ok
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"error_worst": 3e-9}, "3 times that of before"),
+        ({"error_worst": math.inf}, "inf times"),
+        ({"statuses": {"ok": 19, "not_finite": 1}}, "not_finite"),
+        ({"statuses": {"ok": 10, "inaccurate": 10}}, "fewer say ok"),
+    ],
+)
+def test_what_became_worse_is_named(change, said):
+    rows = [dataclasses.replace(r, **change) if r is FINE else r for r in ROWS]
+    found = table(rows).compare(table())
+    (worse,) = found.worse
+    assert said in str(worse)
+    assert not found.ok
+    assert table().compare(table(rows)).ok  # the other way round it became better
+
+
+def test_rounding_is_no_regression():
+    small = dataclasses.replace(SLOW, error_worst=9e-14)
+    assert table([small if r is SLOW else r for r in ROWS]).compare(table()).ok
+
+
+def test_missing_and_new_rows_and_other_machines_are_named():
+    other = Table(ROWS[1:], MACHINE | {"pinocchio": "5", "date": "now"})
+    found = other.compare(table(ROWS[:-1]))
+    assert found.missing == (SLOW,)
+    assert found.added == (UNTIMED,)
+    assert found.machines == ("pinocchio: 5, before 4",)
+    assert not found.ok
+    assert "missing: s, NullSpace()" in str(found)
+
+
+# pictures
+
+
+def drawn(t: Table, **which):
+    import matplotlib
+
+    matplotlib.use("agg")
+    ax = t.plot(**which)
+    return ax, {line.get_label(): line for line in ax.get_lines()}
+
+
+def test_the_picture_has_a_line_a_method_the_front_and_both_floors():
+    ax, lines = drawn(table())
+    assert list(lines["Pareto front"].get_xdata()) == [2.0, 3.0, 30.0]
+    assert list(lines["Pareto front"].get_ydata()) == [1e-3, 1e-9, 1e-14]
+    assert list(lines["Proximal"].get_xdata()) == [2.0, 3.0]
+    assert lines["rounding"].get_ydata()[0] == np.finfo(float).eps
+    assert lines["floor of Reference"].get_ydata()[0] == 3e-14
+    assert "Dense KKT: singular" in lines
+    assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
+    assert table().plot(ax=ax) is ax
+
+
+def test_no_two_methods_look_the_same_and_none_by_colour_alone():
+    from condyn_pin.plots_trade import style
+
+    looks = [style(name) for name in cp.SOLVERS]
+    assert len({look["marker"] for look in looks}) == len(looks)
+
+
+def test_a_picture_of_several_scenes_wants_one_named():
+    both = table((*ROWS, dataclasses.replace(FINE, scene="t")))
+    with pytest.raises(cp.InvalidArgument, match="name one"):
+        drawn(both)
+    assert drawn(both, scene="t")[0].get_title() == "t: 3 rows"
+    with pytest.raises(cp.InvalidArgument, match="nothing to draw"):
+        drawn(table(()))
+
+
+def test_a_picture_is_written(tmp_path):
+    from condyn_pin.plots_trade import save_trade
+
+    save_trade(table((*ROWS, dataclasses.replace(FINE, scene="t"))), tmp_path / "t.png")
+    assert (tmp_path / "t.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_json_of_every_row_has_the_fields_of_a_row(tmp_path):
+    table().to_json(tmp_path / "t.json")
+    saved = json.loads((tmp_path / "t.json").read_text())
+    assert {frozenset(r) for r in saved["rows"]} == {
+        frozenset(f.name for f in dataclasses.fields(Row))
+    }
+
+
+# on the command line
+
+
+def run(*words: str):
+    return CliRunner().invoke(app, list(words))
+
+
+def test_condyn_trade_prints_the_front_chooses_and_writes_everything(tmp_path):
+    files = {name: str(tmp_path / f"t.{name}") for name in ("csv", "json", "markdown")}
+    words = [word for name, path in files.items() for word in (f"--{name}", path)]
+    result = run(
+        "trade", "four_bar", "--quick", "--solvers", "nullspace", "--error", "1e-8", *words
+    )
+    assert result.exit_code == 0, result.output
+    for said in ("four_bar loops, acceleration: ", "NullSpace()", "200 fresh states"):
+        assert said in result.output
+    read = Table.from_json(files["json"])
+    assert {r.scene for r in read.rows} == {LABEL}
+    assert (tmp_path / "t.markdown").read_text() == read.to_markdown() + "\n"
+    assert (tmp_path / "t.csv").read_text().startswith("# processor")
+
+
+def test_condyn_trade_fails_where_nothing_is_good_enough():
+    result = run("trade", "four_bar", "--quick", "--solvers", "densekkt", "--error", "1e-20")
+    assert result.exit_code == 1
+    assert "DenseKKT(): 20 singular" in result.output
+    assert "nothing in this table meets acceleration to 1e-20" in result.output
+
+
+def test_condyn_trade_takes_other_measures():
+    words = ("--quick", "--solvers", "nullspace", "--states", "3")
+    result = run("trade", "four_bar", "--measure", "forces", *words)
+    assert result.exit_code == 0, result.output
+    assert "four_bar loops, forces: " in result.output
+    wrong = run("trade", "four_bar", "--measure", "force", *words)
+    assert isinstance(wrong.exception, cp.UnknownName)
+    assert "forces" in str(wrong.exception)
+
+
+def test_ctrl_c_keeps_what_was_measured(tmp_path, monkeypatch):
+    @contextmanager
+    def stopping():
+        def progress(what: str, done: int, total: int) -> None:
+            if "times" in what:
+                raise KeyboardInterrupt
+
+        yield progress
+
+    monkeypatch.setattr("condyn_pin.commands.trade.progress_bar", stopping)
+    path = tmp_path / "t.json"
+    words = ("--quick", "--solvers", "nullspace", "--states", "3", "--json", str(path))
+    result = run("trade", "four_bar", *words)
+    assert result.exit_code == 130
+    assert "rows were measured" in result.output
+    rows = Table.from_json(path).rows
+    assert rows
+    assert all(r.median_us is None and math.isfinite(r.error_worst) for r in rows)
+
+
+def test_a_file_that_cannot_be_written_is_refused_before_the_run(tmp_path):
+    for option in ("--csv", "--json", "--markdown", "--plot"):
+        result = run("trade", "four_bar", option, str(tmp_path / "no" / "t.png"))
+        assert isinstance(result.exception, cp.InvalidArgument), option
+        assert "make it first" in str(result.exception)
+
+
+def test_an_error_that_cannot_be_is_refused_before_the_run():
+    result = run("trade", "four_bar", "--error", "0")
+    assert isinstance(result.exception, cp.InvalidArgument)
+    assert result.output == ""
+
+
+def test_the_bar_knows_how_much_time_is_left():
+    from condyn_pin.commands.output import progress_bar
+
+    with progress_bar() as progress:
+        for done in range(3):
+            progress("some: times", done, 3)

@@ -1,0 +1,79 @@
+"""README and docs quote the committed study, and nothing else."""
+
+from __future__ import annotations
+
+import math
+import re
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import condyn_pin as cp
+
+ROOT = Path(__file__).parent.parent
+sys.path.insert(0, str(ROOT / "benchmarks"))
+
+cheapest, trade, trade_text = map(import_module, ("cheapest", "trade", "trade_text"))
+
+TABLE = cp.Table.from_json(ROOT / "benchmarks" / "results" / "trade.json")
+VERDICTS = cheapest.read()
+PAGES = trade_text.pages(TABLE, VERDICTS, trade.SHOWN)
+
+
+@pytest.mark.parametrize("path", list(PAGES))
+def test_a_page_is_what_the_results_make_of_it(path):
+    page = (ROOT / path).read_text(encoding="utf-8")
+    assert trade_text.filled(page, PAGES[path]) == page
+
+
+def test_every_robot_is_measured_and_every_solver_is_in_the_study():
+    scenes = {row.scene for row in TABLE.rows}
+    for folder in (ROOT / "robots").glob("*/robot.toml"):
+        assert any(scene.startswith(f"{folder.parent.name} ") for scene in scenes), folder
+    solvers = {row.solver.split("(")[0] for row in TABLE.rows}
+    assert solvers == {kind.__name__ for kind in cp.SOLVERS.values()} - {"Reference"}
+
+
+def test_every_choice_is_a_row_of_the_study_and_holds_at_1000_fresh_states():
+    assert {one.error for one in VERDICTS} == set(cheapest.LEVELS)
+    rows = {(r.scene, trade_text.short(r)): r for r in TABLE.rows}
+    for one in VERDICTS:
+        row = rows[one.scene, one.solver]
+        assert (one.us, one.study) == (row.median_us, row.error_worst)
+        assert one.states == 1000
+        assert one.holds == (one.worst <= one.error), one
+        assert one.holds, one
+
+
+def test_nothing_in_the_study_says_ok_and_is_wrong():
+    wrong = [row for row in TABLE.rows if {"wrong", "raised"} & set(row.statuses)]
+    assert not wrong, [(row.scene, row.solver, row.statuses) for row in wrong]
+
+
+def test_verdicts_come_back_from_the_file(tmp_path):
+    some = [cheapest.Verdict("s", 3, 1e-3, note="why"), VERDICTS[0]]
+    cheapest.write(some, tmp_path / "c.csv", {"processor": "p"})
+    assert cheapest.read(tmp_path / "c.csv") == some
+
+
+def test_a_choice_that_does_not_hold_is_marked():
+    missed = cheapest.Verdict("s", 3, 1e-3, "P()", 1.0, worst=2e-3, holds=False, states=9)
+    none = cheapest.Verdict("s", 3, 1e-6, note="nothing")
+    met = cheapest.Verdict("s", 3, 1e-9, "Q()", 2.0, worst=1e-10, holds=True, states=9)
+    line = trade_text.choices([missed, none, met]).splitlines()[-1]
+    assert line == "| s (3 rows) | `P()` 1.0 us, 2e-03 (missed) | none | `Q()` 2.0 us, 1e-10 |"
+
+
+def test_code_of_the_page_runs(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    fewer = (cp.NullSpace(), cp.Proximal())  # to choose from: the page takes all
+    monkeypatch.setattr("condyn_pin.trade.study.default_sweep", lambda scene: fewer)
+    page = (ROOT / trade_text.PAGE).read_text(encoding="utf-8")
+    session: dict[str, object] = {}
+    for block in re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL):
+        exec(compile(block, trade_text.PAGE, "exec"), session)
+    assert session["solver"] in fewer
+    assert session["solution"].status.ok
+    assert math.isfinite(session["solution"].a.max())

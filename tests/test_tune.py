@@ -1,0 +1,260 @@
+"""Plans: a solver chosen once, found again, and refused where it does not hold."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import json
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from shared import all_scenes
+from typer.testing import CliRunner
+
+import condyn_pin as cp
+from condyn_pin._pin import pin
+from condyn_pin.cli import app
+from condyn_pin.trade import plan as plans
+from condyn_pin.trade import tuning
+from condyn_pin.trade.cheapest import Choice
+from condyn_pin.trade.fingerprint import fingerprint
+from condyn_pin.trade.fresh import Fresh, FreshErrors
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path, monkeypatch):
+    """Keep the plans of a test in a folder of its own."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    return tmp_path / "condyn_pin" / "plans"
+
+
+@pytest.fixture(scope="module")
+def scene() -> cp.Scene:
+    bar = cp.four_bar()
+    return cp.Scene(bar, bar.loops)
+
+
+def choice(solver: cp.Solver, error: float = 1e-8) -> Choice:
+    from test_trade import row
+
+    return Choice(solver, error, row(solver, 2.0, 1e-10), Fresh(200, 1e-10, 2e-10), ())
+
+
+def test_without_a_plan_the_error_says_tune(scene):
+    with pytest.raises(cp.NotTuned, match=r"condyn_pin\.tune\(scene, 1e-08\)"):
+        cp.tuned(scene, 1e-8)
+    with pytest.raises(cp.NotTuned, match=r"measure='forces'"):
+        cp.tuned(scene, 1e-8, measure="forces")
+
+
+@pytest.mark.parametrize(
+    "solver", [cp.Proximal(), cp.Proximal(mu=1 / 3, max_iterations=7), cp.DenseKKT(mu=1e-11)]
+)
+def test_what_was_kept_is_found_by_an_equal_scene(scene, solver):
+    tuning.keep(scene, choice(solver))
+    bar = cp.four_bar()
+    assert cp.tuned(cp.Scene(bar, bar.loops), 1e-8) == solver
+    q, v = scene.sample(np.random.default_rng(0))
+    assert cp.solve(scene, q, v, np.zeros(3), solver=cp.tuned(scene), throw=False).a.size == 3
+
+
+def test_another_scene_another_error_and_another_measure_have_no_plan(scene):
+    tuning.keep(scene, choice(cp.Proximal()))
+    bar = cp.four_bar(crank=0.21)
+    for other in (cp.Scene(bar, bar.loops), cp.Scene(scene.robot)):
+        with pytest.raises(cp.NotTuned):
+            cp.tuned(other, 1e-8)
+    with pytest.raises(cp.NotTuned, match=r"there is one for acceleration to 1e-08\)"):
+        cp.tuned(scene, 1e-6)
+    with pytest.raises(cp.NotTuned):
+        cp.tuned(scene, 1e-8, measure="forces")
+
+
+def test_a_plan_of_another_version_is_not_used_and_is_named(scene, monkeypatch):
+    tuning.keep(scene, choice(cp.Proximal()))
+    now = plans.machine()
+    monkeypatch.setattr(plans, "machine", lambda: now | {"pinocchio": "9.9"})
+    with pytest.raises(cp.NotTuned, match=f"1e-08 with pinocchio {now['pinocchio']}"):
+        cp.tuned(scene, 1e-8)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda text: "",
+        lambda text: text[: len(text) // 2],
+        lambda text: "[1, 2]",
+        lambda text: text.replace('"format": 1', '"format": 0'),
+        lambda text: text.replace('"knobs": {', '"knobs": {"weight": 1, '),
+        lambda text: text.replace('"max_iterations": 20', '"max_iterations": -1'),
+        lambda text: text.replace('"Proximal"', '"Distal"'),
+        lambda text: text.replace('"states"', '"stats"'),
+        lambda text: text + "}",
+    ],
+)
+def test_a_broken_plan_is_named_and_made_anew(scene, cache, damage):
+    tuning.keep(scene, choice(cp.Proximal()))
+    (path,) = cache.glob("*/*.json")
+    broken = damage(path.read_text())
+    assert broken != path.read_text()
+    path.write_text(broken)
+    with pytest.raises(cp.NotTuned, match=r"tune\(scene, 1e-08\) makes a new one"):
+        cp.tuned(scene, 1e-8)
+    tuning.keep(scene, choice(cp.Proximal()))
+    assert cp.tuned(scene, 1e-8) == cp.Proximal()
+
+
+def test_a_plan_that_is_no_text_is_named(scene, cache):
+    tuning.keep(scene, choice(cp.Proximal()))
+    (path,) = cache.glob("*/*.json")
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(cp.NotTuned, match="not a plan"):
+        cp.tuned(scene, 1e-8)
+
+
+def test_plans_written_at_the_same_time_are_whole(scene, cache):
+    kept = [choice(cp.Proximal(mu=10.0**-i)) for i in range(1, 9)]
+    with ThreadPoolExecutor(8) as threads:
+        list(threads.map(lambda one: tuning.keep(scene, one), kept * 5))
+    assert cp.tuned(scene, 1e-8) in [one.solver for one in kept]
+    assert [path.suffix for path in cache.glob("*/*")] == [".json"]
+
+
+def test_a_folder_that_cannot_be_written_is_named(scene, tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    with pytest.raises(cp.InvalidArgument, match="XDG_CACHE_HOME"):
+        tuning.keep(scene, choice(cp.Proximal()))
+
+
+def test_a_plan_keeps_what_was_found(scene, cache):
+    tuning.keep(scene, choice(cp.Proximal()))
+    (path,) = cache.glob("*/*.json")
+    saved = json.loads(path.read_text())
+    assert (saved["found"], saved["expected"], saved["states"]) == (1e-10, 2e-10, 200)
+    assert saved["where"] == plans.here()
+
+
+def test_the_fingerprint_is_that_of_the_content(scene):
+    known = fingerprint(scene)
+    words = (
+        "import condyn_pin as cp; from condyn_pin.trade.fingerprint import fingerprint;"
+        "bar = cp.four_bar(); print(fingerprint(cp.Scene(bar, bar.loops)))"
+    )
+    other = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True)
+    assert other.stdout.split() == [known], other.stderr
+    heavier = pin.Model(scene.robot.model)
+    inertia = heavier.inertias[1]
+    inertia.mass = np.nextafter(inertia.mass, 1e9)
+    heavier.inertias[1] = inertia
+    weightless = pin.Model(scene.robot.model)
+    weightless.gravity.linear = np.zeros(3)
+    robots = [dataclasses.replace(scene.robot, model=m) for m in (heavier, weightless)]
+    loop = dataclasses.replace(scene.constraints[0], kind="planar", axis="y")
+    changed = [cp.Scene(robot, robot.loops) for robot in robots]
+    changed.append(cp.Scene(scene.robot, [loop]))
+    found = {known, *map(fingerprint, changed)}
+    assert len(found) == 4
+
+
+def test_arguments_that_cannot_be():
+    with pytest.raises(cp.InvalidArgument, match="a Scene is needed"):
+        cp.tuned("cassie", 1e-8)
+    for error in (0.0, -1.0, float("nan"), "small"):
+        with pytest.raises(cp.InvalidArgument, match="error"):
+            cp.tuned(cp.Scene(cp.four_bar()), error)
+
+
+# with measurements
+
+
+CANDIDATES = [cp.Proximal(mu=1.0, max_iterations=1), cp.Proximal(mu=1e-8), cp.NullSpace()]
+
+
+def test_tune_measures_keeps_and_tuned_finds(scene):
+    seen: list[str] = []
+    solver = cp.tune(
+        scene, 1e-8, solvers=CANDIDATES, progress=lambda what, done, total: seen.append(what)
+    )
+    assert solver == cp.Proximal(mu=1e-8)  # Null space is right too, and ten times slower
+    assert cp.tuned(scene, 1e-8) == solver
+    assert any("errors" in what for what in seen)
+    assert any("times" in what for what in seen)
+
+
+def test_tune_may_keep_nothing(scene, cache):
+    cp.tune(scene, 1e-8, solvers=CANDIDATES[2:], save=False)
+    assert not cache.exists()
+
+
+def test_tune_that_finds_nothing_says_the_best_and_keeps_nothing(scene, cache):
+    with pytest.raises(cp.NotReached, match=r"1e-08 on .*; the best is Proximal\(mu=1\.0, max_"):
+        cp.tune(scene, 1e-8, solvers=CANDIDATES[:1])
+    assert not cache.exists()
+
+
+def test_tune_by_another_measure_is_a_plan_of_its_own(scene):
+    cp.tune(scene, 1e-6, measure="forces", solvers=CANDIDATES[1:2])
+    assert cp.tuned(scene, 1e-6, measure="forces") == CANDIDATES[1]
+    with pytest.raises(cp.NotTuned, match="there is one for forces to 1e-06"):
+        cp.tuned(scene, 1e-6)
+
+
+@pytest.mark.parametrize("solver", [cp.Soft(solref=(0.01, 1.0)), cp.Soft()])
+def test_knobs_that_are_tuples_come_back(scene, solver):
+    tuning.keep(scene, choice(solver))
+    assert cp.tuned(scene) == solver
+    assert isinstance(cp.tuned(scene).solref, tuple)
+
+
+@pytest.mark.parametrize("level", [1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("label", ["four_bar loops", "solo12 contacts"])
+def test_the_cheapest_meets_its_error_where_nobody_has_looked(label, level):
+    """A small `benchmarks/cheapest.py`: other states than those of the study and of the choice."""
+    table, others = small_study(label)
+    choice = table.cheapest(level, states=100)
+    there = others(choice.solver)
+    assert there.states == 300
+    assert there.error <= level
+
+
+@functools.cache
+def small_study(label: str) -> tuple[cp.Table, FreshErrors]:
+    solvers = (*cp.sweep(cp.Proximal(), mu=[1e-9, 1e-6, 1e-3, 1.0], max_iterations=[1, 20]),)
+    scene = all_scenes()[label]
+    effort = cp.TimingEffort(rounds=10, overhead=False)
+    table = cp.Study({label: scene}, solvers, effort=effort).run()
+    return table, FreshErrors(scene, cp.AccelerationMeasure(), cp.SampledStates(300, seed=99))
+
+
+# on the command line
+
+
+def run(*words: str):
+    return CliRunner().invoke(app, list(words))
+
+
+def test_condyn_tune_chooses_keeps_and_says_how_to_use_it(scene):
+    result = run("tune", "four_bar", "--solvers", "nullspace", "--error", "1e-8")
+    assert result.exit_code == 0, result.output
+    for said in ("NullSpace()", "200 fresh states", "kept in", "solver=tuned(scene, 1e-08)"):
+        assert said in result.output
+    assert cp.tuned(scene, 1e-8) == cp.NullSpace()
+
+
+def test_condyn_tune_prints_json_and_may_keep_nothing(cache):
+    result = run("tune", "four_bar", "--solvers", "nullspace", "--json", "--no-save")
+    assert result.exit_code == 0, result.output
+    plan = json.loads(result.stdout)
+    assert (plan["solver"], plan["error"]) == ("NullSpace", 1e-8)
+    assert plan["expected"] <= 1e-8
+    assert not cache.exists()
+
+
+def test_condyn_tune_fails_where_nothing_is_good_enough():
+    result = run("tune", "four_bar", "--solvers", "nullspace", "--error", "1e-20")
+    assert result.exit_code == 1
+    assert "nothing in this table meets acceleration to 1e-20" in result.output
