@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections import defaultdict
 from pathlib import Path
 from typing import Any
@@ -95,32 +96,40 @@ def _file(area: str) -> str:
     return area.lower().replace(" ", "-")
 
 
-def as_it_stands(
-    app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]
-) -> None:
+def as_it_stands(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
     """Keep what is indented at the start of a docstring, or in its notes: equations, pictures."""
     shown: list[str] = []
-    section = ""
+    section, verbatim = "", False
     for index, line in enumerate(lines):
-        below = lines[index + 1] if index + 1 < len(lines) else ""
-        if below.startswith("---"):
+        if index + 1 < len(lines) and lines[index + 1].startswith("---"):
             section = line.strip()
-        prose = section in ("", "Notes")
-        first = prose and line.startswith("    ") and not (shown and shown[-1].strip())
-        if first and not _within(shown):
-            shown += [".. code-block:: none", ""]
-        shown.append(line)
+        if line.strip():
+            indented = line.startswith("    ") and section in ("", "Notes")
+            if indented and not verbatim and not _opened(shown):
+                shown += [".. code-block:: none", ""]
+            verbatim = indented
+        shown.append(line if verbatim else _prose(line))
     lines[:] = shown
 
 
-def _within(shown: list[str]) -> bool:
-    """Whether a block of code is open: nothing but blanks and indented lines since it began."""
-    for line in reversed(shown):
-        if line.startswith(".. code-block"):
-            return True
-        if line.strip() and not line.startswith("    "):
-            return line.rstrip().endswith("::")
-    return False
+def _opened(shown: list[str]) -> bool:
+    """Whether the last words end with two colons: a literal block follows."""
+    return next((line for line in reversed(shown) if line.strip()), "").rstrip().endswith("::")
+
+
+def _prose(line: str) -> str:
+    """Return a line of a docstring for Sphinx: public names are links, other names are code."""
+    parts = re.split(r"(``.*?``|`[^`]+`(?:_)?)", line)
+    for index, part in enumerate(parts):
+        if index % 2 == 0:
+            parts[index] = part.replace("|", r"\|")  # a norm is no substitution
+        elif not part.startswith("``") and not _is_public(part.strip("`")):
+            parts[index] = f"`{part}`"
+    return "".join(parts)
+
+
+def _is_public(name: str) -> bool:
+    return name.removeprefix("condyn_pin.").split(".")[0] in condyn_pin.__all__
 
 
 def not_ours(app: Any, what: str, name: str, thing: Any, skip: bool, options: Any) -> bool | None:
