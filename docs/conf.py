@@ -43,5 +43,7 @@ add_module_names = False
 autodoc_typehints = "none"  # docstrings say more: shapes, units, frames
 autodoc_member_order = "bysource"
 napoleon_google_docstring = False
-napoleon_use_ivar = True
+# Types are words such as "(nq,) array": as text, for as references they find the wrong names.
+napoleon_use_param = False
 napoleon_use_rtype = False
+napoleon_custom_sections = [("Attributes", "params_style")]

@@ -17,7 +17,9 @@ def _inline(writer: Any, node: nodes.math) -> None:
 
 
 def _block(writer: Any, node: nodes.math_block) -> None:
-    writer.body.append(f'<div class="math">{_converted(node, block=True)}</div>')
+    writer.body.append(
+        f'<div class="formula" style="text-align: center">{_converted(node, block=True)}</div>'
+    )
     raise nodes.SkipNode
 
 

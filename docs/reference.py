@@ -96,20 +96,38 @@ def _file(area: str) -> str:
     return area.lower().replace(" ", "-")
 
 
-def as_it_stands(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
-    """Keep what is indented at the start of a docstring, or in its notes: equations, pictures."""
+def as_it_stands(
+    app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]
+) -> None:
+    """Keep equations and pictures at the start of a docstring, and in its notes, as they stand."""
     shown: list[str] = []
-    section, verbatim = "", False
-    for index, line in enumerate(lines):
-        if index + 1 < len(lines) and lines[index + 1].startswith("---"):
-            section = line.strip()
-        if line.strip():
-            indented = line.startswith("    ") and section in ("", "Notes")
-            if indented and not verbatim and not _opened(shown):
-                shown += [".. code-block:: none", ""]
-            verbatim = indented
-        shown.append(line if verbatim else _prose(line))
+    section = ""
+    for paragraph in _paragraphs(lines):
+        if len(paragraph) > 1 and paragraph[1].startswith("---"):
+            section = paragraph[0].strip()
+        if section in ("", "Notes") and _is_picture(paragraph) and not _opened(shown):
+            shown += [".. code-block:: none", "", *(f"    {line}" for line in paragraph), ""]
+        elif section in ("", "Notes") and paragraph[0].startswith("    "):
+            shown += [*paragraph, ""]
+        else:
+            shown += [*map(_prose, paragraph), ""]
     lines[:] = shown
+
+
+def _paragraphs(lines: list[str]) -> list[list[str]]:
+    """Return the lines between blank ones."""
+    text = "\n".join(lines).strip("\n")
+    return [part.split("\n") for part in re.split(r"\n\s*\n", text)]
+
+
+def _is_picture(paragraph: list[str]) -> bool:
+    """Whether a paragraph is an equation or a drawing: indented, or no sentence with a sign in it."""
+    if len(paragraph) > 1 and paragraph[1].startswith("---"):
+        return False
+    if all(line.startswith("    ") for line in paragraph):
+        return True
+    sentence = paragraph[-1].rstrip().endswith((".", ":", ";"))
+    return not sentence and any(" = " in line or " <= " in line for line in paragraph)
 
 
 def _opened(shown: list[str]) -> bool:
