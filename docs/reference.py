@@ -64,6 +64,21 @@ Everything here is ``import condyn_pin as cp`` and ``cp.NAME``. Shapes are in ro
 coordinates, nv velocities and m rows; units are SI and in square brackets; frames and signs are
 those of :doc:`../conventions`. Arguments after a star go by name.
 
+Some names mean the same everywhere:
+
+``q``, ``v``, ``a``
+    configuration (nq,), velocity (nv,) and acceleration (nv,)
+``tau``
+    generalised forces (nv,) [N m, N]
+``lam``
+    constraint forces (m,), rows in the order of the scene, on the first-named bodies [N, N m]
+``t``, ``dt``
+    time and step [s]
+``scene``, ``workspace``, ``system``, ``terms``
+    a `Scene`; a `Workspace` of it; what an integrator sees of it; its M, h, J, gamma at a state
+``path``
+    of a file, a text or a `pathlib.Path`
+
 """
 
 
@@ -121,7 +136,7 @@ def _paragraphs(lines: list[str]) -> list[list[str]]:
 
 
 def _is_picture(paragraph: list[str]) -> bool:
-    """Whether a paragraph is an equation or a drawing: indented, or no sentence with a sign in it."""
+    """Whether a paragraph is an equation or a drawing: indented, or a sign and no full stop."""
     if len(paragraph) > 1 and paragraph[1].startswith("---"):
         return False
     if all(line.startswith("    ") for line in paragraph):
