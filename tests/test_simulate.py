@@ -782,6 +782,6 @@ def test_csv(tmp_path):
 def test_what_is_printed():
     scene, q, v = bar()
     found = cp.simulate(scene, q, v, duration=0.01)
-    assert "RungeKutta4(), Baumgarte(alpha=30.0, beta=30.0)" in str(found)
+    assert "RungeKutta4(), PostStabilization()" in str(found)
     assert repr(found) == "Trajectory(four_bar: 11 samples to t = 0.01 s, finished)"
     assert found.notices == ()
