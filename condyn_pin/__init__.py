@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from condyn_pin.batch.chunks import map_chunks as map_chunks
     from condyn_pin.batch.derivatives import BatchDerivatives as BatchDerivatives
     from condyn_pin.batch.processes import Processes as Processes
+    from condyn_pin.batch.simulation import simulate_batch as simulate_batch
     from condyn_pin.batch.solution import BatchSolution as BatchSolution
+    from condyn_pin.batch.trajectory import BatchTrajectory as BatchTrajectory
     from condyn_pin.batch.verbs import derivatives_batch as derivatives_batch
     from condyn_pin.batch.verbs import solve_batch as solve_batch
     from condyn_pin.constraints import Constraint as Constraint
@@ -182,7 +184,9 @@ _HOME = {
     "batch.chunks": ("map_chunks",),
     "batch.derivatives": ("BatchDerivatives",),
     "batch.processes": ("Processes",),
+    "batch.simulation": ("simulate_batch",),
     "batch.solution": ("BatchSolution",),
+    "batch.trajectory": ("BatchTrajectory",),
     "batch.verbs": ("derivatives_batch", "solve_batch"),
     "states.check": ("Check",),
     "states.completion": ("CompleteState",),

@@ -109,7 +109,8 @@ class Leg:
     def _mover(self, dt: float) -> tuple[Move, Callable[[], Array]]:
         """Return the stepper of a size with the corrections behind it."""
         stepper = self._method.integrator.start(self.system, dt)
-        correct = self._method.drift.start(self.system, dt)
+        # a correction reads what the solve of the next step leaves behind
+        correct = self._method.drift.start(stepper.system or self.system, dt)
         if correct is None:
             return stepper.step, stepper.lam
         step, forces = stepper.step, [stepper.lam]

@@ -42,6 +42,8 @@ class Loop:
         Owned.
     method : Method
     events : sequence of Event
+    leg : Leg, optional
+        Of the same method; used again if its scene is the one that it starts with.
 
     Attributes
     ----------
@@ -55,13 +57,20 @@ class Loop:
     """
 
     def __init__(
-        self, scene: Scene, q: Array, v: Array, method: Method, events: Sequence[Event]
+        self,
+        scene: Scene,
+        q: Array,
+        v: Array,
+        method: Method,
+        events: Sequence[Event],
+        leg: Leg | None = None,
     ) -> None:
         self.t, self.q, self.v = 0.0, q, v
         self._method, self._events = method, tuple(events)
         self._places: dict[Constraint, Constraint] = {}
         self._asked = scene  # as the user wrote it: its contacts may lack a place
-        self.leg = Leg(self._placed(scene), method)
+        placed = self._placed(scene)
+        self.leg = leg if leg and leg.scene is placed else Leg(placed, method)
         self.recorders = [self.leg.begin(self.t, q, v)]
         self.happened: list[Happened] = []
         self._rebounding: set[str] = set()  # events that have not been above zero since

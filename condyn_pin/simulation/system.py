@@ -142,8 +142,7 @@ class System:
 
     def mass(self, q: Array) -> Array:
         """Return M (nv, nv), both triangles, armature included."""
-        M: Array = np.array(pin.crba(self.model, self._data, q))
-        return np.asarray(np.triu(M) + np.triu(M, 1).T)
+        return np.array(pin.crba(self.model, self._data, q))
 
     def bias(self, q: Array, v: Array) -> Array:
         """Return h (nv,): Coriolis, centrifugal and gravity torque."""
