@@ -137,6 +137,8 @@ class Table:
     def from_json(cls, path: str | Path, scenes: Mapping[str, Scene] | None = None) -> Table:
         """Return the table that `to_json` wrote.
 
+        `scenes` are those of the table by label, where it is to choose among solvers again.
+
         Raises
         ------
         InvalidArgument
