@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from condyn_pin.drift.projection import Projection as Projection
     from condyn_pin.errors import BranchChanged as BranchChanged
     from condyn_pin.errors import BrokenPinocchio as BrokenPinocchio
+    from condyn_pin.errors import BrowserFailed as BrowserFailed
     from condyn_pin.errors import CondynError as CondynError
     from condyn_pin.errors import DerivativesDisagree as DerivativesDisagree
     from condyn_pin.errors import Interrupted as Interrupted
@@ -176,6 +177,8 @@ if TYPE_CHECKING:
     from condyn_pin.trade.tuning import tuned as tuned
     from condyn_pin.verbs import derivatives as derivatives
     from condyn_pin.verbs import solve as solve
+    from condyn_pin.viewing.verbs import view as view
+    from condyn_pin.viewing.viewer import Viewer as Viewer
     from condyn_pin.workspace import Workspace as Workspace
 
 _HOME = {
@@ -204,6 +207,7 @@ _HOME = {
     "errors": (
         "BranchChanged",
         "BrokenPinocchio",
+        "BrowserFailed",
         "CondynError",
         "DerivativesDisagree",
         "Interrupted",
@@ -311,6 +315,8 @@ _HOME = {
     "trade.sweeps": ("sweep",),
     "trade.table": ("Table",),
     "verbs": ("derivatives", "solve"),
+    "viewing.verbs": ("view",),
+    "viewing.viewer": ("Viewer",),
     "workspace": ("Workspace",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}

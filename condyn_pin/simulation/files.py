@@ -32,7 +32,7 @@ Path_ = str | PathLike[str]
 
 _FORMAT = "condyn_pin trajectory 1"
 _LISTS = ("loops", "contacts", "springs")
-_WORDS = ("name", "actuated", "unused", "source", "licence")
+_WORDS = ("name", "actuated", "unused", "source", "licence", "description")
 _ARRAYS = ("t", "q", "v", "a", "lam", "tau")
 
 # What a value in a file may be, by the name of its class.
