@@ -7,11 +7,11 @@ from dataclasses import asdict, fields, is_dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
 from condyn_pin._pin import VERSION_TEXT, pin
+from condyn_pin.arrays import finite
 from condyn_pin.constraints import Coupling, Loop
 from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
 from condyn_pin.drift import DRIFTS
@@ -91,9 +91,10 @@ def save(trajectory: Trajectory, path: Path_) -> None:
 def load(path: Path_) -> Trajectory:
     """Return a trajectory from a file; see `Trajectory.load`."""
     try:
-        with np.load(path, allow_pickle=False) as file:
+        # numpy leaves a file open that is no archive
+        with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             content = {name: file[name] for name in file.files}
-    except (OSError, ValueError, EOFError, BadZipFile) as error:
+    except Exception as error:  # numpy and zipfile raise whatever a damaged byte makes them
         raise InvalidArgument(f"{path}: no file of a trajectory ({error})") from error
     try:
         header = json.loads(str(content["header"]))
@@ -102,7 +103,7 @@ def load(path: Path_) -> Trajectory:
             raise KeyError(header["format"])
         if _series(written_by) == _series(VERSION_TEXT):
             return _trajectory(header, content)
-    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+    except (LookupError, AttributeError, TypeError, ValueError, RuntimeError) as error:
         raise InvalidArgument(f"{path}: no file of a trajectory ({error!r})") from error
     # not tried: Pinocchio 4.1 crashes on a model that 3.9 wrote
     raise InvalidArgument(
@@ -126,6 +127,7 @@ def _trajectory(header: dict[str, Any], content: dict[str, Any]) -> Trajectory:
         )
         for phase in header["phases"]
     )
+    _check_arrays(content, robot, phases)
     run = header["run"]
     made = Run(
         duration=run["duration"],
@@ -140,6 +142,17 @@ def _trajectory(header: dict[str, Any], content: dict[str, Any]) -> Trajectory:
         wall_time=run["wall_time"],
     )
     return Trajectory(phases=phases, run=made, **{name: content[name] for name in _ARRAYS})
+
+
+def _check_arrays(content: dict[str, Any], robot: Robot, phases: tuple[Phase, ...]) -> None:
+    """Refuse arrays that do not fit each other, and numbers that are none."""
+    k, nv = phases[-1].samples.stop, robot.nv
+    m = max((column + 1 for phase in phases for column in phase.columns), default=0)
+    shapes = {"t": (k,), "q": (k, robot.nq), "lam": (k, m)} | dict.fromkeys(
+        ("v", "a", "tau"), (k, nv)
+    )
+    for name, shape in shapes.items():
+        finite(name, content[name], shape)
 
 
 def _robot(header: dict[str, Any], content: dict[str, Any]) -> Robot:

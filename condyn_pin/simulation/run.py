@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from math import isfinite
 from time import perf_counter
 
@@ -164,10 +165,13 @@ def _run(
     except KeyboardInterrupt:
         return RunStatus.INTERRUPTED, f"interrupted after t = {loop.t:g} s"
     except CondynError as error:
-        if not any(recorder.count for recorder in loop.recorders):
-            raise
         speed = float(np.abs(loop.v).max(initial=0.0))
         lost = not (isfinite(speed) and speed < _LOST)
+        if not lost:
+            with suppress(CondynError):  # no step leads away from it, but it may be a sample
+                loop.leg.end(loop.t, loop.q, loop.v)
+        if not any(recorder.count for recorder in loop.recorders):
+            raise
         status = RunStatus.DIVERGED if lost else RunStatus.FAILED
         return status, f"after t = {loop.t:g} s: {error}"
     return RunStatus.FINISHED, ""
@@ -184,7 +188,7 @@ def start(scene: Scene, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
 
 def _events(scene: Scene, events: Sequence[Event]) -> tuple[Event, ...]:
     """Return the events, which have to fit the scene and to have names of their own."""
-    if isinstance(events, Event):
+    if isinstance(events, Event) or not isinstance(events, Iterable):
         raise InvalidArgument("events: a list is needed, also for a single event")
     checked = tuple(events)
     for event in checked:
