@@ -2,8 +2,8 @@
 
     python benchmarks/long_runs.py [--steps 1000000] [--only "cassie, Baumgarte"]
 
-A four-bar falls from rest and swings on without friction, and Cassie hangs by the pelvis, its motors
-pushed to and fro against springs and damping; both by `RungeKutta4` at 1 ms, with each of
+A four-bar falls from rest and swings on without friction, and Cassie hangs by the pelvis, its
+motors pushed to and fro against springs and damping; both by `RungeKutta4` at 1 ms, with each of
 three drift schemes. Lines that were measured before are kept.
 """
 
@@ -94,7 +94,9 @@ def plans() -> Iterator[tuple[str, cp.Scene, cp.Drift]]:
 
 def servos(scene: cp.Scene) -> Callable[[float, np.ndarray, np.ndarray], np.ndarray]:
     """Return torques that hold every motor near its place, and push it to and fro."""
-    joints = [scene.robot.model.joints[scene.robot.model.getJointId(n)] for n in scene.robot.actuated]
+    joints = [
+        scene.robot.model.joints[scene.robot.model.getJointId(n)] for n in scene.robot.actuated
+    ]
     at, along = [j.idx_q for j in joints], [j.idx_v for j in joints]
     place = scene.state()[0][at]
     rates = 2 * np.pi * np.linspace(0.3, 0.9, len(joints))  # [rad/s]

@@ -1,9 +1,9 @@
 """Weights: the proximal weight that suits a scene, and smaller ones where it does not do.
 
-An eigenvalue sigma of G = J M^-1 J^T converges like mu / (sigma + mu). A small mu is quick, and follows
-sigma far down towards a singular posture. What forbids one are redundant rows: lam along them is
-noise of the size eps |a| / mu, and where loops are open by a gap they come to life with a sigma of
-about gap^2, and ask for what no row of a closed loop asks for.
+An eigenvalue sigma of G = J M^-1 J^T converges like mu / (sigma + mu). A small mu is quick, and
+follows sigma far down towards a singular posture. What forbids one are redundant rows: lam along
+them is noise of the size eps |a| / mu, and where loops are open by a gap they come to life with a
+sigma of about gap^2, and ask for what no row of a closed loop asks for.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _LARGEST, _SMALLEST, _LEAST = 1e-6, 1e-2, 1e-10
 _LARGEST_FREE, _SMALLEST_FREE, _LEAST_FREE = 1e-10, 1e-4, 1e-14
 
 # What is tried where that does not converge: rows that have all but lost their grip are followed
-# down to rounding of G, or else let go, with every doubt whether they hold.
+# down to rounding of G, or else let go.
 _OTHERS = (1e-14, 1e-17, 1e-6)
 
 # A correction of a that is less, relative to a, changes nothing.
@@ -47,8 +47,9 @@ def default_mu(audit: Audit) -> float:
 class OtherWeights:
     """Other weights, tried in turn where an iteration has not converged.
 
-    Of all answers it takes that which its own residuals move the least, and moves it so: J a + gamma
-    - a_ref alone would prefer what holds a row by a force without bounds.
+    If a much smaller one converges, its answer is taken. If not, then of all answers that which its
+    own residuals move the least, and moved so: J a + gamma - a_ref alone would prefer what holds a
+    row by a force without bounds.
 
     Parameters
     ----------
@@ -77,22 +78,24 @@ class OtherWeights:
         self.lam: Array = np.zeros(0)
         self.iterations = 0
 
-    def answer(
-        self, run: Callable[..., Array], q: Array, v: Array, tau: Array, a: Array
-    ) -> Array:
-        """Return the best a (nv,), beginning with an `a` that was found just now.
+    def answer(self, run: Callable[..., Array], q: Array, v: Array, tau: Array) -> Array:
+        """Return the best a (nv,).
 
         Parameters
         ----------
         run : callable
             Returns a for q, v, tau and the settings that it is given.
         q, v, tau : (nq,), (nv,), (nv,) array
-        a : (nv,) array
         """
-        self.iterations = self._limit
+        small, *others = self._settings
+        a = run(q, v, tau, small)
+        self.iterations = self._limit + int(small.iter)
+        if small.iter < self._limit:
+            self.lam = np.array(self._workspace.data.lambda_c)
+            return a
         with np.errstate(all="ignore"):  # what is not finite is found by whoever asked
             moved, best, self.lam = self._corrected(q, v, tau, a)
-            for settings in self._settings:
+            for settings in others:
                 if not moved > _STILL:
                     break
                 again, a, lam = self._corrected(q, v, tau, run(q, v, tau, settings))

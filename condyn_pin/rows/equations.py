@@ -82,8 +82,8 @@ class Equations:
         self._still = np.zeros(model.nv)
         rolled = [b for b in bounds if isinstance(b, Rolled)]
         self._sort(pairs, [b for b in bounds if isinstance(b, Coupled)], rolled)
-        # |dynamics|, |a|, |c|, |J v|, |J a + gamma| and |lam| share one array, so that one call finds
-        # the largest of each; the last four end with a zero, so that none is empty.
+        # |dynamics|, |a|, |c|, |J v|, |J a + gamma| and |lam| share one array, so that one call
+        # finds the largest of each; the last four end with a zero, so that none is empty.
         n, width = model.nv, self.m + 1
         self._all = np.zeros(2 * n + 4 * width)
         self._starts = np.array([0, n, *(2 * n + k * width for k in range(4))])

@@ -46,10 +46,13 @@ class Proximal(Solver):
     mu : float or "auto", optional
         Proximal weight [1/kg]. Larger: more iterations, less noise in lam along redundant rows
         (it is about 1e-16 |a| / mu). Zero is a plain solve and gives NaN on redundant rows. "auto",
-        the default, is 1e-6 of the largest eigenvalue of G at the nominal state of the scene, so
+        the default, is a share of the largest eigenvalue of G at the nominal state of the scene, so
         that it means the same on a hand and on an excavator: three iterations on Talos and on
-        Cassie. A hundredth of the smallest nonzero eigenvalue if that is less, as it is for hinges
-        that are closed by two points, and never less than 1e-10 of the largest.
+        Cassie. 1e-6 where rows are redundant; a hundredth of the smallest nonzero eigenvalue if
+        that is less, as it is for hinges that are closed by two points, and never less than 1e-10
+        of the largest. 1e-10 where they are not, or only as zeros, like those across the plane of
+        a planar loop; there, should the iteration not converge, as near a singular posture, others
+        are tried (`condyn_pin.weights`).
     max_iterations : int
         Upper limit. It is met without harm where lam keeps a little noise; convergence is judged
         by the errors of the `Solution`, never by this.
@@ -119,7 +122,7 @@ class Proximal(Solver):
 
         def persistent(q: Array, v: Array, tau: Array) -> Array:
             a = run(q, v, tau)
-            return a if settings.iter < limit else others.answer(run, q, v, tau, a)  # type: ignore[union-attr]
+            return a if settings.iter < limit else others.answer(run, q, v, tau)  # type: ignore[union-attr]
 
         def lam() -> Array:
             if others and settings.iter >= limit:
