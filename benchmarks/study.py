@@ -76,7 +76,7 @@ class BareDerivativeMeasure(cp.DerivativeMeasure):
     Fresh settings have not counted an iteration, and the derivative is then one of a damped system.
     """
 
-    name: ClassVar[str] = "derivatives, fresh settings"
+    name: ClassVar[str] = "derivatives_fresh_settings"
 
     method: str = "pinocchio"
 

@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from condyn_pin.batch.chunks import map_chunks as map_chunks
     from condyn_pin.batch.derivatives import BatchDerivatives as BatchDerivatives
     from condyn_pin.batch.processes import Processes as Processes
+    from condyn_pin.batch.simulation import simulate_batch as simulate_batch
     from condyn_pin.batch.solution import BatchSolution as BatchSolution
+    from condyn_pin.batch.trajectory import BatchTrajectory as BatchTrajectory
     from condyn_pin.batch.verbs import derivatives_batch as derivatives_batch
     from condyn_pin.batch.verbs import solve_batch as solve_batch
     from condyn_pin.constraints import Constraint as Constraint
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
     from condyn_pin.drift.projection import Projection as Projection
     from condyn_pin.errors import BranchChanged as BranchChanged
     from condyn_pin.errors import BrokenPinocchio as BrokenPinocchio
+    from condyn_pin.errors import BrowserFailed as BrowserFailed
     from condyn_pin.errors import CondynError as CondynError
     from condyn_pin.errors import DerivativesDisagree as DerivativesDisagree
     from condyn_pin.errors import Interrupted as Interrupted
@@ -174,6 +177,8 @@ if TYPE_CHECKING:
     from condyn_pin.trade.tuning import tuned as tuned
     from condyn_pin.verbs import derivatives as derivatives
     from condyn_pin.verbs import solve as solve
+    from condyn_pin.viewing.verbs import view as view
+    from condyn_pin.viewing.viewer import Viewer as Viewer
     from condyn_pin.workspace import Workspace as Workspace
 
 _HOME = {
@@ -182,7 +187,9 @@ _HOME = {
     "batch.chunks": ("map_chunks",),
     "batch.derivatives": ("BatchDerivatives",),
     "batch.processes": ("Processes",),
+    "batch.simulation": ("simulate_batch",),
     "batch.solution": ("BatchSolution",),
+    "batch.trajectory": ("BatchTrajectory",),
     "batch.verbs": ("derivatives_batch", "solve_batch"),
     "states.check": ("Check",),
     "states.completion": ("CompleteState",),
@@ -200,6 +207,7 @@ _HOME = {
     "errors": (
         "BranchChanged",
         "BrokenPinocchio",
+        "BrowserFailed",
         "CondynError",
         "DerivativesDisagree",
         "Interrupted",
@@ -307,6 +315,8 @@ _HOME = {
     "trade.sweeps": ("sweep",),
     "trade.table": ("Table",),
     "verbs": ("derivatives", "solve"),
+    "viewing.verbs": ("view",),
+    "viewing.viewer": ("Viewer",),
     "workspace": ("Workspace",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}

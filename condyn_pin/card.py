@@ -46,7 +46,7 @@ def read_alone(path: Path, root_joint: str) -> Robot:
     """Return the robot of a description that no robot.toml describes."""
     fields, _ = _read(path, {}, root_joint, ())
     try:
-        robot = Robot(path.stem, source=str(path), **fields)
+        robot = Robot(path.stem, source=str(path), description=str(path), **fields)
         for loop in robot.loops:
             bind(robot, [loop])
         return _with_gaps(robot, path)
@@ -77,7 +77,8 @@ def _robot(card: Mapping[str, Any], folder: Path) -> Robot:
     if "actuated" in card:
         fields["actuated"] = tuple(card["actuated"])
     source, licence = (card.get(key, _UNKNOWN) for key in ("source", "licence"))
-    robot = Robot(card["name"], source=source, licence=licence, **fields)
+    origin = {"source": source, "licence": licence, "description": str(file)}
+    robot = Robot(card["name"], **origin, **fields)
     for i, table in enumerate(card.get("frames", ())):
         try:
             robot = robot.with_frame(**table)

@@ -37,6 +37,10 @@ class MissingExtra(CondynError, ImportError):
         return str(self.args[0])
 
 
+class BrowserFailed(CondynError, RuntimeError):
+    """A browser that was to draw a picture made none."""
+
+
 class InvalidArgument(CondynError, ValueError):
     """An argument has a wrong size, a wrong type or a value that cannot be used."""
 

@@ -167,7 +167,9 @@ def impact(scene: Scene, q: ArrayLike, v: ArrayLike, *, restitution: Restitution
     """
     state = at_state(scene, q, v)
     M, J = state.terms.M, state.terms.J
-    e = _by_row(scene, restitution)
+    by_name, e = restitutions(scene, restitution), np.zeros(scene.rows)
+    for bound in scene.bounds:
+        e[bound.rows] = by_name.get(bound.name, 0.0)
     wanted = -e * (J @ state.v)
     after, lam = state.factors.solve(M @ state.v, wanted)
     found = Impact(
@@ -185,8 +187,8 @@ def impact(scene: Scene, q: ArrayLike, v: ArrayLike, *, restitution: Restitution
     return found
 
 
-def _by_row(scene: Scene, restitution: Restitution) -> Array:
-    """Return the restitution of each row."""
+def restitutions(scene: Scene, restitution: Restitution) -> Mapping[str, float]:
+    """Return the restitution of each constraint that has one, by name; errors as in `impact`."""
     if not isinstance(restitution, Mapping):
         restitution = dict.fromkeys(scene.names, restitution) or {"": restitution}
     elif unknown := [name for name in restitution if name not in scene.names]:
@@ -195,10 +197,7 @@ def _by_row(scene: Scene, restitution: Restitution) -> Array:
         what = f"restitution of {name!r}" if name else "restitution"
         if not 0.0 <= float(finite(what, value, ())) <= 1.0:
             raise InvalidArgument(f"{what} = {value!r}: a number between 0 and 1 is needed")
-    e = np.zeros(scene.rows)
-    for bound in scene.bounds:
-        e[bound.rows] = restitution.get(bound.name, 0.0)
-    return e
+    return restitution
 
 
 def _check(found: Impact, J: Array, wanted: Array) -> None:

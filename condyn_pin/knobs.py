@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 from typing import Any, Final
 
 import numpy as np
@@ -74,3 +75,22 @@ def check_share(name: str, value: float) -> None:
     """Refuse what is not between 0 and 1, both excluded."""
     if not 0 < finite(name, value, ()) < 1:
         raise InvalidArgument(f"{name} = {value!r}: between 0 and 1")
+
+
+def read_call(text: str) -> tuple[str, dict[str, Any]]:
+    """Return the name and the knobs in ``Name(knob=value)``, the repr of a choice; or a bare name.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    try:
+        call = ast.parse(text, mode="eval").body
+        name, words = (call.func, call.keywords) if isinstance(call, ast.Call) else (call, [])
+        knobs = {str(word.arg): ast.literal_eval(word.value) for word in words}
+    except SyntaxError as error:
+        raise ValueError(text) from error
+    if not isinstance(name, ast.Name):
+        raise ValueError(text)
+    return name.id, knobs

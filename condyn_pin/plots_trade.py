@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.plot_style import COLOURS
 from condyn_pin.plots import axes, require_matplotlib
 from condyn_pin.solvers import SOLVERS
 from condyn_pin.tolerances import SOLVED
@@ -19,11 +20,7 @@ from condyn_pin.trade.row import Row
 if TYPE_CHECKING:
     from condyn_pin.trade.table import Table
 
-# Okabe and Ito's colours, told apart by colour-blind eyes, without their yellow, which paper loses;
-# as many markers, and another number of lines, tell the methods apart without colour.
-_COLOURS = (
-    "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#7F7F7F",
-)  # fmt: skip
+# As many markers as may be, and another number of lines, tell the methods apart without colour.
 _MARKERS = ("s", "o", "^", "d", "v", "P", "X", "<", ">", "p", "h")
 _LINES = ("-", "--", "-.")
 _FIRST = ("proximal", "lcaba", "densekkt")  # the colours that `condyn bench` gives them
@@ -41,7 +38,7 @@ def style(name: str) -> dict[str, str]:
     known = [*_FIRST, *others, *_LAST]
     i = known.index(name.lower()) if name.lower() in known else len(known)
     return {
-        "color": _COLOURS[i % len(_COLOURS)],
+        "color": COLOURS[i % len(COLOURS)],
         "marker": _MARKERS[i % len(_MARKERS)],
         "ls": _LINES[i % len(_LINES)],
     }

@@ -43,6 +43,8 @@ class Robot:
         What the description has and the dynamics do not use, a sentence each.
     source, licence : str, optional
         Where the description comes from, and its licence.
+    description : str, optional
+        Path of the file that it was read from, where `view` finds its shapes.
 
     Raises
     ------
@@ -61,6 +63,7 @@ class Robot:
     unused: Sequence[str] = ()
     source: str = ""
     licence: str = ""
+    description: str = ""
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, pin.Model):
@@ -244,7 +247,8 @@ class Robot:
 
     def __reduce__(self) -> tuple[Any, ...]:
         state = (self.name, self.model, dict(self.postures), self.loops, self.contacts)
-        return Robot, (*state, self.actuated, self.springs, self.unused, self.source, self.licence)
+        origin = (self.source, self.licence, self.description)
+        return Robot, (*state, self.actuated, self.springs, self.unused, *origin)
 
     def __repr__(self) -> str:
         return (

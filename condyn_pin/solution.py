@@ -33,8 +33,8 @@ class Status(Enum):
     )
     SINGULAR = (
         "the matrix of this method is singular: some rows are redundant or the configuration is "
-        "singular (Scene.summary() names the rows); use Proximal() or Reference(), or give "
-        "DenseKKT a small mu"
+        "singular (Scene.summary() names the rows); use Proximal(), or NullSpace() for kinds that "
+        "it does not take, or give DenseKKT a small mu"
     )
     NOT_FINITE = (
         "the answer is not finite although the input is: mu is too small for redundant rows, or "

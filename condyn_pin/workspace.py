@@ -263,8 +263,8 @@ class Workspace:
                 f"solver = {self.solver!r}: derivatives are those of hard constraints, and it "
                 "solves others; use Proximal()"
             )
-        solution = self.solve(q, v, tau, accuracy=accuracy)
-        _, v_, tau_ = self._arguments.check(q, v, tau)
+        q_, v_, tau_ = self._arguments.accept(q, v, tau)
+        solution = self.solve(q_, v_, tau_, accuracy=accuracy)
         found = METHODS[method](self, solution, v_, tau_)
         if check:
             check_derivatives(found, DifferenceDerivatives(self, solution, v_, tau_))

@@ -327,6 +327,18 @@ def test_an_interrupt_ends_a_batch_and_not_the_workers(executor):
     assert _shared_memory() == 0
 
 
+def test_memory_that_is_gone_is_not_taken_for_what_came_after():
+    """The next arrays get the same number of a file; work that comes late may not write there."""
+    kinds = {"x": Kind((3,))}
+    with SharedArrays(kinds) as before:
+        late = before.address
+    with SharedArrays(kinds) as after:
+        assert after.address.path == late.path
+        with pytest.raises(FileNotFoundError, match="another file"):
+            late.open()
+        assert np.array_equal(after.address.open()["x"], np.zeros(3))
+
+
 def test_shared_arrays():
     kinds = {"x": Kind((3, 2)), "none": Kind((0, 4)), "n": Kind((5,), "i1"), "end": Kind((2, 0))}
     with SharedArrays(kinds) as shared:

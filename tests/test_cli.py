@@ -174,3 +174,9 @@ def test_what_looks_like_markup_is_printed():
 
 def test_version():
     assert run("--version").output.strip() == f"condyn_pin {cp.__version__}"
+
+
+def test_the_package_is_a_command_too():
+    line = [sys.executable, "-m", "condyn_pin", "--version"]
+    found = subprocess.run(line, capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == f"condyn_pin {cp.__version__}"

@@ -115,6 +115,20 @@ def central(f, step, h):
     ]
 
 
+@pytest.mark.parametrize("kind", list(CONSTRAINTS))
+def test_rows_turn_as_differences_say(kind):
+    """J w by q at a fixed w: what the smallest lam of redundant rows needs."""
+    scene, rng = cp.Scene(two_arms("free_flyer"), [CONSTRAINTS[kind]]), np.random.default_rng(2)
+    workspace, model = cp.Workspace(scene, cp.Reference()), scene.robot.model
+    q = pin.integrate(model, scene.guess(), rng.normal(size=model.nv))
+    w, step = rng.normal(size=(2, model.nv))
+    had = workspace.linearisation.turning(q, w) @ step
+    (wanted,) = central(
+        lambda dq: (workspace.equations.jacobian(pin.integrate(model, q, dq)) @ w,), [step], 3e-4
+    )
+    assert np.abs(had - wanted).max() < 1e-9 * max(np.abs(had).max(), 1.0)
+
+
 @each_scene
 def test_scenes_agree_with_differences(label):
     """With redundant rows too: along the constraints."""

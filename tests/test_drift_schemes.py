@@ -69,6 +69,17 @@ def test_projection_keeps_what_it_promises(four_bar, metric, solver, tolerance):
         assert left <= tolerance
 
 
+@pytest.mark.parametrize("mu", [1.0, 1e3])
+@pytest.mark.parametrize("scheme", [PostStabilization(), Projection()], ids=repr)
+def test_a_factor_that_closes_nothing_is_not_used(four_bar, scheme, mu):
+    """With a large mu Proximal iterates to the right answer; its factor alone is far from it."""
+    solver = cp.Proximal(mu=mu, max_iterations=10_000)
+    c, s = gaps(run(four_bar, scheme, solver=solver, duration=0.1))
+    wanted_c, wanted_s = gaps(run(four_bar, scheme, solver=cp.NullSpace(), duration=0.1))
+    assert c < 2 * wanted_c + 1e-12
+    assert s < 2 * wanted_s + 1e-12
+
+
 @pytest.mark.parametrize("kept", ["position", "velocity"])
 def test_projection_of_one_level_leaves_the_other_alone(four_bar, kept):
     drift = Projection(position=kept == "position", velocity=kept == "velocity", tolerance=1e-10)

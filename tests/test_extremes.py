@@ -220,6 +220,13 @@ def test_command_prints_advice_and_counts_and_draws(tmp_path):
     assert len(read_csv(table)) == len(EXTREMES["few_iterations"].severities)
 
 
+def test_a_robot_that_does_not_exist_is_no_refusal():
+    line = ["stress", "nope", "--solver", "proximal", "--families", "few_iterations"]
+    result = CliRunner().invoke(app, line)
+    assert isinstance(result.exception, cp.UnknownName)
+    assert "no robot named 'nope'" in str(result.exception)
+
+
 def test_severities_are_numbers_that_can_be_written():
     for family in EXTREMES.values():
         for severity in family.severities:

@@ -21,6 +21,7 @@ import condyn_pin as cp
 # spin with 1e-7 of the trunk's inertia. Measured: 3e-12 at worst.
 AGREES = 1e-10
 SEEDS = (0, 1, 2)
+HELD = (cp.PointContact, cp.SurfaceContact)  # what MuJoCo can hold where it is
 
 
 def relative_error(x: np.ndarray, reference: np.ndarray, floor: float = 0.0) -> float:
@@ -123,6 +124,8 @@ def tip_motion(
 def scenes_of(name: str) -> dict[str, cp.Scene]:
     """Every robot with all that it brings, and closed chains also without the ground."""
     robot = cp.load_robot(name)
+    if robot.contacts and not all(isinstance(c, HELD) for c in robot.contacts):
+        return {f"{name} in the air": cp.Scene(robot, robot.loops)}  # it has no rolling rows
     scenes = {name: cp.Scene(robot, (*robot.loops, *robot.contacts))}
     if robot.loops and robot.contacts:
         scenes[f"{name} in the air"] = cp.Scene(robot, robot.loops)
@@ -135,7 +138,9 @@ REFUSED = {
         "a point mass has no inertia about itself",
         "MuJoCo needs all of them positive",
     ),
+    "sleigh": ("a planar joint", "which MuJoCo has not"),
 }
+
 SCENES = {
     label: scene
     for name in cp.available_robots()
@@ -231,7 +236,8 @@ def test_mass_matrix(case: Case) -> None:
 
 
 def test_bias(case: Case) -> None:
-    assert relative_error(case.terms.h, case.referee.bias(case.q, case.v)) < AGREES
+    bias = case.referee.bias(case.q, case.v)
+    assert relative_error(case.terms.h, bias, floor=1e-3) < AGREES  # what rolls upright has none
 
 
 def test_loop_jacobian(case: Case) -> None:

@@ -795,3 +795,17 @@ def test_motors_find_their_torques_through_the_wheels():
     a = cp.solve(scene, q, v, tau, solver=cp.Reference()).a
     found = cp.inverse_dynamics(scene, q, v, a)
     assert np.allclose(found.tau, tau, atol=1e-10)
+
+
+def test_a_coin_that_lies_flat_is_sent_to_a_solver_that_takes_it():
+    coin = cp.rolling_disc(radius=0.1)
+    scene = cp.Scene(coin, [cp.RollingWheel("centre", 0.1)])
+    flat = [0.0, 0.0, 0.0, np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]
+    with pytest.raises(cp.SolveFailed, match=r"NullSpace\(\)"):
+        cp.solve(scene, flat, np.zeros(6), np.zeros(6))
+    assert cp.solve(scene, flat, np.zeros(6), np.zeros(6), solver=cp.NullSpace()).status.ok
+
+
+def test_integrability_is_one_of_scenes():
+    with pytest.raises(cp.InvalidArgument, match="scene = NoneType: a Scene is needed"):
+        cp.is_integrable(None)

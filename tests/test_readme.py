@@ -92,6 +92,20 @@ def test_ladders_are_those_of_the_committed_results(monkeypatch):
     assert ladder.with_ladders(README, tables) == README
 
 
+def test_simulation_beside_mujoco_is_that_of_the_committed_results(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    import simulation_vs_mujoco as versus
+
+    rows, about = versus.load(ROOT / "benchmarks" / "results" / "simulation_vs_mujoco.json")
+    assert versus.with_table(README, rows, about) == README
+    assert {row.problem for row in rows} == {"four_bar", "cassie"}
+    # the yardstick is the same: both start closed, and no answer is less accurate than asked for
+    for row in rows:
+        if row.engine == "MuJoCo" and (found := versus.answer(rows, row)):
+            assert found.gap <= row.gap
+            assert found.energy <= row.energy
+
+
 def test_extremes_are_those_of_the_committed_results(monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
     import stress

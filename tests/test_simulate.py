@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,10 +12,17 @@ from shared import robot
 
 import condyn_pin as cp
 from condyn_pin._pin import HAS_LCABA, pin
+from condyn_pin.drift.post_stabilization import PostStabilization
+from condyn_pin.drift.projection import Projection
 from condyn_pin.simulation.files import _KINDS
+from condyn_pin.simulation.integrators import INTEGRATORS, dormand_prince
+from condyn_pin.simulation.integrators.generalised_alpha import GeneralisedAlpha
 from condyn_pin.simulation.walls import growth, wall
 
 G = 9.81
+
+# Corrections after a step: what they solve, the next step need not.
+KEEPERS = [PostStabilization(), PostStabilization(every=2), Projection()]
 
 
 def body(joint, *, inertia=0.01, mass=1.0, centre=(0.0, 0.0, 0.0), name="body") -> cp.Robot:
@@ -284,6 +293,17 @@ def test_substeps_that_just_do_not_fit_are_no_trouble():
     assert max(calls) < 2000
 
 
+def test_adaptive_steps_give_up_where_damping_is_stiff(monkeypatch):
+    monkeypatch.setattr(dormand_prince, "_MOST", 100)
+    damped = body(pin.JointModelRZ())
+    damped.model.damping[:] = 2.5e4  # a millionth of a second
+    scene = cp.Scene(cp.Robot("damped", damped.model))
+    choice = cp.DormandPrince()
+    found = cp.simulate(scene, [0.0], [1.0], duration=1e-2, dt=1e-2, integrator=choice)
+    assert found.status is cp.RunStatus.FAILED
+    assert re.search(r"more than 100 substeps .* stiff; use SemiImplicit", found.reason)
+
+
 def test_damping_of_light_rods_asks_for_no_small_dt():
     cassie = robot("cassie")
     scene = cp.Scene(cassie, [*cassie.loops, cp.SurfaceContact("pelvis")])
@@ -458,6 +478,24 @@ def test_a_function_that_returns_its_own_buffer():
     assert np.allclose(found.tau[:, 0], np.cos(found.t))
 
 
+@pytest.mark.parametrize("drift", KEEPERS, ids=repr)
+@pytest.mark.parametrize("integrator", INTEGRATORS.values(), ids=lambda kind: kind.__name__)
+def test_torques_belong_to_their_sample(integrator, drift):
+    """Also where two steps share a solve, and where a function returns a buffer of its own."""
+    scene, q, v = bar()
+    buffer = np.zeros(3)
+
+    def tau(t, q, v):
+        buffer[:] = np.cos(40 * t) - 0.1 * v
+        return buffer
+
+    found = cp.simulate(
+        scene, q, v, tau, duration=0.03, dt=5e-3, integrator=integrator(), drift=drift
+    )
+    wanted = np.cos(40 * found.t)[:, None] - 0.1 * found.v
+    assert np.abs(found.tau - wanted).max() < 1e-14
+
+
 # Events.
 
 
@@ -493,6 +531,17 @@ def test_rebounds_until_they_pile_up():
     assert found.t[-1] < 3 * first
 
 
+@pytest.mark.parametrize("at", [0.055, 0.06])
+def test_a_blow_at_a_time_happens_once(at):
+    air, _ = falling()
+    wall = cp.Scene(air.robot, [cp.PlanarContact("origin")])
+    blow = cp.Event(name="blow", at=at, met=wall, restitution=0.5)
+    found = cp.simulate(air, [1.0], [-1.0], duration=0.2, dt=1e-2, events=[blow])
+    assert found.status is cp.RunStatus.FINISHED
+    assert [(e.name, e.t) for e in found.run.happened] == [("blow", pytest.approx(at))]
+    assert found.v[-1, 0] == pytest.approx(0.5 * (1.0 + G * at) - G * (0.2 - at))
+
+
 def test_lift_off_when_the_force_ends():
     """Pulled up harder and harder: the ground lets go at its weight."""
     air, floor = falling()
@@ -522,6 +571,40 @@ def test_events_at_a_time_and_the_end():
     assert found.q[-1, 0] == pytest.approx(held)
     assert found.phases[1].scene.constraints[0].height == pytest.approx(held)
     assert len(found.phases) == 2
+
+
+def test_events_of_one_instant_all_happen():
+    scene, q, v = bar()
+    loose = cp.Scene(scene.robot)
+    let_go, end = cp.Event(name="let go", at=0.05, scene=loose), cp.Event(name="end", at=0.05)
+    for integrator in (cp.RungeKutta4(), cp.GeneralisedAlpha()):
+        for at in (0.05, 0.0503):
+            events = [replace(let_go, at=at), replace(end, at=at)]
+            found = cp.simulate(scene, q, v, duration=0.1, events=events, integrator=integrator)
+            assert [event.name for event in found.run.happened] == ["let go", "end"]
+            assert found.status is cp.RunStatus.ENDED
+            assert found.t[-1] == at
+
+
+def test_two_feet_that_land_together_both_stay():
+    """Two balls fall side by side, each with an event of its own."""
+    model = pin.Model(body(pin.JointModelPZ()).model)
+    j = model.addJoint(0, pin.JointModelPZ(), pin.SE3.Identity(), "second")
+    model.appendBodyToJoint(j, pin.Inertia.FromSphere(2.0, 0.1), pin.SE3.Identity())
+    model.addFrame(pin.Frame("other", j, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    balls = cp.Robot("balls", model)
+    one = cp.PlanarContact("origin", height=0.0)
+    both = [one, cp.PlanarContact("other", height=0.0)]
+    events = [
+        cp.Event(name="one", when=lambda m: m.q[0], scene=cp.Scene(balls, [one])),
+        cp.Event(name="both", when=lambda m: m.q[1], scene=cp.Scene(balls, both)),
+    ]
+    for height in np.linspace(0.5, 1.0, 6):  # the root is found above zero, or below
+        start = cp.Scene(balls), [height, height], [0.0, 0.0]
+        found = cp.simulate(*start, duration=0.6, events=events)
+        assert [event.name for event in found.run.happened] == ["one", "both"]
+        assert found.run.happened[1].t == pytest.approx(np.sqrt(2 * height / G))
+        assert np.abs(found.q[-1]).max() < 1e-9
 
 
 def test_contacts_that_stay_keep_their_place():
@@ -584,6 +667,9 @@ def test_events_are_refused():
         ([cp.Event(name="a", at=0.1, scene=other)], "another model"),
         ([good, good], "two events are named 'a'"),
         (good, "a list is needed"),
+        (None, "a list is needed"),
+        ([cp.Event(name="a", when=lambda m: None)], "event 'a': its condition returns None"),
+        ([cp.Event(name="a", when=lambda m: m.q[[0, 0]])], "event 'a': its condition returns"),
         ([3], "is not an Event"),
         ([cp.Event(name="a", at=-1.0)], "after the start"),
     ):
@@ -592,12 +678,63 @@ def test_events_are_refused():
     for arguments in (
         {"name": "a"}, {"name": "", "at": 1.0}, {"name": "a", "at": np.nan},
         {"name": "a", "when": 3.0}, {"name": "a", "at": 1.0, "scene": 3},
+        {"name": "a", "at": 1.0, "scene": floor, "restitution": 3.0},
+        {"name": "a", "at": 1.0, "scene": floor, "restitution": "hard"},
     ):  # fmt: skip
         with pytest.raises(cp.InvalidArgument):
             cp.Event(**arguments)
+    with pytest.raises(cp.UnknownName, match="no constraint named 'ceiling'"):
+        cp.Event(name="a", at=1.0, scene=floor, restitution={"ceiling": 0.5})
 
 
-# Runs that break down.
+def test_no_energy_is_missed_where_none_is_exchanged():
+    """What rounding makes of a constant energy is no notice; what a bad method does, is."""
+    spinning = cp.Scene(body(pin.JointModelFreeFlyer(), inertia=1.0))
+    start = spinning, pin.neutral(spinning.robot.model), [1.0, 0.0, 0.0, 0.1, 3.0, 0.1]
+    assert cp.simulate(*start, duration=0.2, gravity=False).notices == ()
+    sleigh = cp.Scene(cp.sleigh(), cp.sleigh().contacts)
+    state = sleigh.sample(np.random.default_rng(0))
+    assert cp.simulate(sleigh, *state, duration=0.1).notices == ()
+    crude = cp.simulate(*start, duration=1.0, dt=0.1, gravity=False, integrator=cp.ExplicitEuler())
+    assert "energy came or went without work" in " ".join(crude.notices)
+
+
+def test_a_limit_that_is_met_to_rounding_is_not_left():
+    model = pin.Model(body(pin.JointModelPZ()).model)
+    model.lowerPositionLimit[:], model.upperPositionLimit[:] = 0.0, 1.0
+    scene = cp.Scene(cp.Robot("resting", model))
+    weight = np.array([G * (1.0 - 1e-9)])
+    assert cp.simulate(scene, [0.0], [0.0], weight, duration=0.1).notices == ()
+
+
+# Runs that break down, or are not what they seem.
+
+
+@pytest.mark.parametrize(
+    ("solver", "words"),
+    [
+        (cp.DenseKKT(mu=1e-2), "accelerations may be off by .* give Dense KKT more iterations"),
+        (cp.ConjugateGradient(max_iterations=1), "accelerations may be off"),
+        (cp.Proximal(mu=1e-2, max_iterations=1), "accelerations may be off"),
+        (cp.Soft(), "Soft lets them give way; use a stiffer solref"),
+        (cp.NullSpace(), ""),
+        (None, ""),
+    ],
+)
+def test_what_a_projection_hides_is_told(solver, words):
+    scene, q, v = bar()
+    found = cp.simulate(scene, q, v, duration=0.5, solver=solver)
+    assert found.status is cp.RunStatus.FINISHED
+    assert re.search(words, " ".join(found.notices)) if words else found.notices == ()
+
+
+def test_each_phase_has_its_own_default_solver():
+    air, floor = falling()
+    land = cp.Event(name="land", when=lambda m: m.q[0], scene=floor)
+    found = cp.simulate(air, [0.1], [0.0], duration=0.3, events=[land])
+    assert found.notices == ()
+    lifted = [land, cp.Event(name="lift", at=0.25, scene=air)]
+    assert cp.simulate(air, [0.1], [0.0], duration=0.3, events=lifted).notices == ()
 
 
 def test_torques_that_become_nan_end_the_run():
@@ -610,6 +747,50 @@ def test_torques_that_become_nan_end_the_run():
     assert 0.09 < found.t[-1] < 0.11
     for array in (found.q, found.v, found.a, found.lam):
         assert np.isfinite(array).all()
+
+
+@pytest.mark.parametrize("kind", [cp.ImplicitMidpoint, cp.Rattle, cp.Shake])
+def test_a_first_step_that_cannot_be_taken_leaves_the_first_state(kind):
+    """A spring of 20 kHz in steps of 1 ms."""
+    scene, q, v = bar()
+    sprung = replace(scene.robot, springs=[cp.Spring("crank", 5e6, 1.0)])
+    stiff = cp.Scene(sprung, sprung.loops)
+    found = cp.simulate(stiff, q, v, duration=0.01, integrator=kind())
+    assert found.status is cp.RunStatus.FAILED
+    assert f"{kind.title} at t = 0 s" in found.reason
+    assert "take a smaller dt than 0.001 s" in found.reason
+    assert np.array_equal(found.q, [q])
+    assert np.isfinite(found.a).all()
+
+
+@pytest.mark.parametrize("drift", [cp.NoDrift(), cp.PostStabilization()])
+def test_the_last_state_that_was_reached_is_a_sample(drift):
+    scene, q, v = bar()
+
+    def tau(t, q, v):
+        return np.full(3, np.nan if t > 0.0105 else 2.0)
+
+    found = cp.simulate(scene, q, v, tau, duration=0.1, drift=drift)
+    whole = cp.simulate(scene, q, v, [2.0, 2.0, 2.0], duration=0.01, drift=drift)
+    assert found.status is cp.RunStatus.FAILED
+    for name in ("t", "q", "v", "a", "lam", "tau"):
+        assert np.allclose(getattr(found, name), getattr(whole, name), rtol=1e-12, atol=1e-12), name
+
+
+@pytest.mark.parametrize("record", [1, 5])
+@pytest.mark.parametrize("integrator", [cp.RungeKutta4(), GeneralisedAlpha()], ids=repr)
+def test_a_run_that_fails_goes_to_the_last_state_that_could_be_solved(integrator, record):
+    def tau(t, q, v):
+        return np.array([np.nan if t > 0.0731 else 1.0])
+
+    air, _ = falling()
+    found = cp.simulate(
+        air, [1.0], [0.0], tau, duration=0.2, dt=1e-2, integrator=integrator, record=record
+    )
+    assert found.status is cp.RunStatus.FAILED
+    assert found.t[-1] == pytest.approx(0.07)
+    assert (np.diff(found.t) > 0).all()
+    assert found.q[-1, 0] == pytest.approx(1.0 - (G - 1.0) * 0.07**2 / 2)
 
 
 def test_a_first_state_that_cannot_be_solved_is_an_error():
@@ -665,6 +846,8 @@ def test_an_interrupt_keeps_what_was_measured():
         ({"integrator": cp.RungeKutta4}, "integrator"),
         ({"drift": 10.0}, "drift"),
         ({"gravity": 1}, "gravity"),
+        ({"solver": "proximal"}, "solver = 'proximal'"),
+        ({"solver": cp.Soft(), "integrator": cp.Rattle()}, "RATTLE keeps hard constraints"),
         ({"tau": np.zeros(4)}, "tau"),
         ({"tau": "none"}, "tau"),
         ({"tau": True}, "tau"),
@@ -681,6 +864,19 @@ def test_bad_input_is_refused(arguments, words):
 
 
 # Samples and files.
+
+
+@pytest.mark.parametrize("written", [1, 2])
+@pytest.mark.parametrize("kind", cp.INTEGRATORS.values())
+def test_a_function_cannot_write_to_the_state(kind, written):
+    scene, q, v = bar()
+
+    def tau(*arguments):
+        arguments[written][:] = 0.0
+        return np.zeros(3)
+
+    with pytest.raises(ValueError, match="read-only"):
+        cp.simulate(scene, q, v, tau, duration=0.01, integrator=kind())
 
 
 def test_every_tenth_sample_is_the_same_motion():
@@ -748,6 +944,33 @@ def kinds_below(kind: type) -> set[type]:
     return {kind}.union(*(kinds_below(each) for each in kind.__subclasses__()))
 
 
+def test_files_that_were_damaged(tmp_path):
+    scene, q, v = bar()
+    good, bad = tmp_path / "good.npz", tmp_path / "bad.npz"
+    cp.simulate(scene, q, v, duration=0.01).save(good)
+    with np.load(good) as file:
+        content = dict(file)
+    for name, array in (
+        ("q", content["q"][:-1]), ("t", content["t"][:-1]), ("lam", content["lam"][:, :1]),
+        ("v", np.nan * content["v"]), ("a", content["a"].astype(str)), ("tau", np.zeros(3)),
+    ):  # fmt: skip
+        np.savez(bad, **{**content, name: array})
+        with pytest.raises(cp.InvalidArgument, match=f"no file of a trajectory.*{name}"):
+            cp.Trajectory.load(bad)
+    np.save(tmp_path / "array.npy", q)
+    with pytest.raises(cp.InvalidArgument, match="no file of a trajectory"):
+        cp.Trajectory.load(tmp_path / "array.npy")
+    whole = good.read_bytes()
+    refused = 0
+    for i in range(0, len(whole), len(whole) // 60):
+        bad.write_bytes(whole[:i] + bytes([whole[i] ^ 0xFF]) + whole[i + 1 :])
+        try:
+            cp.Trajectory.load(bad)  # a byte that says nothing, such as a date, may be any
+        except cp.InvalidArgument:
+            refused += 1
+    assert refused > 30
+
+
 def test_every_kind_of_constraint_can_be_in_a_file():
     kinds = {k for k in kinds_below(cp.Constraint) if not k.__abstractmethods__}
     assert {k for k in kinds if k.__module__.startswith("condyn_pin")} <= set(_KINDS.values())
@@ -779,9 +1002,21 @@ def test_csv(tmp_path):
     assert float(rows[5]["kinetic [J]"]) == found.energy.kinetic[5]
 
 
+def test_next_to_nothing_is_no_lost_energy():
+    """A motion that exchanges nothing: what is left over is small beside the energy itself."""
+    made = cp.rolling_ball()
+    scene = cp.Scene(made, made.contacts)
+    q, v = scene.sample(np.random.default_rng(3))
+    found = cp.simulate(scene, q, v, duration=0.05)
+    assert found.energy.scale < 1e-10 < found.energy.kinetic[0]
+    assert found.notices == ()
+    pushed = replace(found, tau=np.ones_like(found.tau))
+    assert "without work" in "".join(pushed.notices)
+
+
 def test_what_is_printed():
     scene, q, v = bar()
     found = cp.simulate(scene, q, v, duration=0.01)
-    assert "RungeKutta4(), Baumgarte(alpha=30.0, beta=30.0)" in str(found)
+    assert "RungeKutta4(), PostStabilization(), Proximal()" in str(found)
     assert repr(found) == "Trajectory(four_bar: 11 samples to t = 0.01 s, finished)"
     assert found.notices == ()

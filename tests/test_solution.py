@@ -10,7 +10,7 @@ from shared import all_scenes, each_exact_solver, each_scene, relative, robot, s
 
 import condyn_pin as cp
 from condyn_pin._pin import pin
-from condyn_pin.rows.bound import Coupled
+from condyn_pin.rows.bound import Coupled, Rolled
 from condyn_pin.rows.equations import Equations
 
 
@@ -28,6 +28,8 @@ def test_forces_are_the_rows_of_lam_by_name(label):
         force, lam = solution.forces[bound.name], solution.lam[bound.rows]
         if isinstance(bound, Coupled):
             assert np.array_equal(force, lam)
+        elif isinstance(bound, Rolled):
+            assert np.array_equal(force, bound.whole(lam))
         elif bound.is_rod:
             assert abs(abs(lam[0]) - np.linalg.norm(force)) <= 1e-14 * abs(lam[0])
         else:
@@ -51,6 +53,13 @@ def test_world_forces_do_the_work_of_lam(label):
             a, b = bound.velocity
             force = solution.forces[bound.name][0]
             generalised[[a, b]] += force, -bound.ratio * force
+            continue
+        if isinstance(bound, Rolled):  # on the point that touches, which is no frame of the body
+            force = solution.forces[bound.name]
+            lever = force.at - data.oMi[bound.joint1].translation
+            moment = np.cross(lever, force.in_world())
+            J = pin.getJointJacobian(model, data, bound.joint1, pin.LOCAL_WORLD_ALIGNED)
+            generalised += J.T @ np.concatenate([force.in_world(), moment])
             continue
         F = np.zeros(6)
         world = solution.world_forces[bound.name]
@@ -229,7 +238,9 @@ def test_every_status_is_advice():
 def test_a_workspace_says_which_weight_it_found():
     scene = all_scenes()["talos contacts"]
     assert ", mu 9.43e-10 1/kg)" in repr(cp.Workspace(scene))
-    assert repr(cp.Workspace(scene, cp.DenseKKT())).endswith("12 rows: DenseKKT(mu=0.0))")
+    assert repr(cp.Workspace(scene, cp.DenseKKT())).endswith(
+        "12 rows: DenseKKT(mu=0.0, refinements=0))"
+    )
 
 
 @pytest.mark.parametrize("label", ["talos contacts", "cassie loops", "four_bar loops"])

@@ -445,6 +445,7 @@ def test_default_sweep_turns_the_knobs_of_every_solver():
     ("options", "error"),
     [
         ({"scenes": []}, cp.InvalidArgument),
+        ({"scenes": None}, cp.InvalidArgument),
         ({"scenes": [3]}, cp.InvalidArgument),
         ({"scenes": {"x": 3}}, cp.InvalidArgument),
         ({"scenes": [BAR, BAR]}, cp.InvalidArgument),

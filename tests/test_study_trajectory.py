@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from pathlib import Path
 
@@ -12,7 +13,9 @@ from shared import all_scenes
 import condyn_pin as cp
 from condyn_pin.drift.no_drift import NoDrift
 from condyn_pin.simulation.integrators import INTEGRATORS
+from condyn_pin.simulation.integrators.generalised_alpha import GeneralisedAlpha
 from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4
+from condyn_pin.trade.cheapest import measured_as
 from condyn_pin.trade.measures.trajectory import TrajectoryMeasure
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
@@ -50,6 +53,22 @@ def test_steps_integrators_and_schemes_are_rows_of_one_question():
     assert len({row.key for row in table.rows}) == 4
     assert len({row.timed for row in table.rows}) == 1  # in one interleaved run
     assert all(row.median_us > 0 and row.build_us > 0 for row in table.rows)
+
+
+def test_the_cheapest_motion_is_tried_as_it_was_measured():
+    measures = [
+        TrajectoryMeasure(duration=0.02, dt=5e-3, integrator=integrator, drift=drift)
+        for integrator in (RungeKutta4(), GeneralisedAlpha(rho=0.5))
+        for drift in (None, NoDrift())
+    ]
+    table = study(measures, effort=cp.TimingEffort(rounds=2, repeats=1)).run()
+    for row, measure in zip(table.rows, measures, strict=True):
+        assert measured_as(row) == measure
+    choice = table.cheapest(1e-2, measure="trajectory(duration=0.02)", states=20)
+    assert choice.row in table.rows
+    broken = dataclasses.replace(table.rows[0], how={"dt": 5e-3, "integrator": "Sundial()"})
+    with pytest.raises(cp.InvalidArgument, match="Sundial"):
+        measured_as(broken)
 
 
 def test_a_study_of_motions_is_resumed(tmp_path):

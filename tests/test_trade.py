@@ -21,7 +21,7 @@ from condyn_pin.trade.cheapest import measure_of, solver_of
 from condyn_pin.trade.exports import short
 from condyn_pin.trade.fresh import Fresh
 from condyn_pin.trade.row import ALONE, Row
-from condyn_pin.trade.states import SampledStates
+from condyn_pin.trade.states import NominalStates, SampledStates
 from condyn_pin.trade.table import Table
 
 
@@ -145,6 +145,20 @@ def test_when_fresh_states_reject_everything_the_error_says_what_was_found_there
         measured(lucky).cheapest(1e-8, states=20)
 
 
+def test_an_error_that_is_met_by_rows_without_a_time_is_not_called_out_of_reach():
+    untimed = row(cp.Proximal(mu=1e-8), None, 1e-12)
+    with pytest.raises(cp.NotReached, match=r"meets acceleration to 1e-08 .* but has no time"):
+        table((untimed,)).cheapest(1e-8)
+
+
+def test_a_table_is_printed_as_one():
+    found = table(ROWS)
+    assert str(found) == found.to_markdown()
+    assert len(found) == len(ROWS)
+    with pytest.raises(cp.InvalidArgument, match="a Table is needed"):
+        found.compare(None)
+
+
 def test_when_nothing_meets_the_error_the_best_is_named():
     with pytest.raises(
         cp.NotReached, match=r"1e-15 on 's'; the best is Proximal\(\) with 2"
@@ -233,6 +247,13 @@ def test_the_tail_is_continued_as_it_is():
     assert fresh.expected == pytest.approx(math.sqrt(100_000))
     assert Fresh.of([1.0, math.nan] + [1.0] * 30).expected == math.inf
     assert Fresh.of([0.0] * 30) == Fresh(30, 0.0, 0.0)
+    assert Fresh.of([1e-3] + [0.0] * 199).expected > 1.0  # the rest of the tail cannot be seen
+    assert Fresh.of([1e-16] * 3 + [0.0] * 197).expected == 1e-16  # rounding
+
+
+def test_a_handful_of_states_says_nothing_of_a_tail():
+    with pytest.raises(cp.InvalidArgument, match="2, and at least 20 are needed"):
+        measured(FINE).cheapest(1e-8, states=NominalStates())
 
 
 # files

@@ -51,11 +51,20 @@ class Address:
     """Where shared arrays are, for another process of this machine."""
 
     path: str
+    inode: int  # which file it is: the number in the path is given to others after it is closed
     kinds: Kinds
 
     def open(self) -> Arrays:
-        """Return the arrays by name, for reading and writing."""
+        """Return the arrays by name, for reading and writing.
+
+        Raises
+        ------
+        FileNotFoundError
+            If they are gone: whoever asked for the work no longer waits for it.
+        """
         with Path(self.path).open("r+b") as file:
+            if os.fstat(file.fileno()).st_ino != self.inode:
+                raise FileNotFoundError(f"{self.path}: it is another file by now")
             return _views(mmap.mmap(file.fileno(), 0), self.kinds)
 
 
@@ -87,7 +96,8 @@ class SharedArrays:
         except BaseException:
             os.close(self._file)
             raise
-        self.address = Address(f"/proc/{os.getpid()}/fd/{self._file}", dict(kinds))
+        path, inode = f"/proc/{os.getpid()}/fd/{self._file}", os.fstat(self._file).st_ino
+        self.address = Address(path, inode, dict(kinds))
 
     def __enter__(self) -> SharedArrays:
         return self

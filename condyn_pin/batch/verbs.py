@@ -95,7 +95,7 @@ def solve_batch(
     start = perf_counter()
     inputs, count = _inputs(scene, Q, V, TAU, accuracy)
     kernel = partial(_solve_rows, accuracy)
-    rows = Rows(kernel, scene, solver, drift, executor, _chunk(chunk), 1000, progress)
+    rows = Rows(kernel, scene, solver, drift, executor, check_chunk(chunk), 1000, progress)
     try:
         outputs = rows.fill(count, inputs, _of_solution(scene))
     except WorkersLost as lost:
@@ -146,7 +146,7 @@ def derivatives_batch(
         raise unknown_name("method", str(method), METHODS)
     inputs, count = _inputs(scene, Q, V, TAU, accuracy)
     kernel = partial(_derivatives_rows, method, accuracy)
-    rows = Rows(kernel, scene, solver, drift, executor, _chunk(chunk), 200, progress)
+    rows = Rows(kernel, scene, solver, drift, executor, check_chunk(chunk), 200, progress)
     try:
         outputs = rows.fill(count, inputs, _of_solution(scene) | _of_derivatives(scene))
     except WorkersLost as lost:
@@ -165,7 +165,8 @@ def _inputs(
     return {"q": q, "v": v, "tau": tau}, len(q)
 
 
-def _chunk(chunk: int | None) -> int | None:
+def check_chunk(chunk: int | None) -> int | None:
+    """Return the number of states in a chunk, if it is one."""
     whole = isinstance(chunk, int | np.integer) and not isinstance(chunk, bool)
     if chunk is not None and not (whole and chunk >= 1):
         raise InvalidArgument(f"chunk = {chunk!r}: a whole number of at least 1 is needed")

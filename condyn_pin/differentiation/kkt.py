@@ -11,14 +11,16 @@ that of M and a product of rank m:
     [ J    0  ]    = [  0    0 ] + [ U^-1 ] [ -W^T  U^-T ].
 
 Where rows are redundant, the derivative is that of the smallest lam (`condyn_pin.minimum_norm`).
-With N a basis of the left null space of J, that lam keeps N^T lam = 0: with lam = J w
+With J L^-T = U S V^T and U_r the columns of U that belong to singular values above zero, U_r S^-1
+takes the place of U^-1. The other columns N span the left null space of J, and that lam keeps
+N^T lam = 0: with lam = J w
 
     N^T dlam = N^T (dJ w).
 """
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,7 +28,7 @@ import numpy as np
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.base import Derivatives
-from condyn_pin.differentiation.linearised import Linearisation, Linearised
+from condyn_pin.differentiation.linearised import Linearisation
 from condyn_pin.differentiation.parameters import (
     gravity_regressor,
     inertia_regressor,
@@ -56,17 +58,34 @@ class KktDerivatives(Derivatives):
 
     def __init__(self, workspace: Workspace, solution: Solution, v: Array, tau: Array) -> None:
         super().__init__(solution)
-        linearisation, q, lam = workspace.linearisation, solution.q, solution.lam
-        self._of = of = linearisation.at(q, v, solution.a, lam)
-        self._null: Array | None = None  # (m, nv): what keeps lam the smallest as the rows turn
-        inverse = _inverse(of)
-        if inverse is None:
-            factors = factorise(linearisation.mass_matrix(q), of.J, tolerances.RANK)
-            inverse = _pseudo_inverse(factors)
-            self._null = turning_null_space(
-                linearisation, q, lam, of.J, factors, drift=workspace.drift is not None
-            )
-        self._inverse, self._workspace, self._v = inverse, workspace, v
+        self._linearisation = linearisation = workspace.linearisation
+        q = solution.q
+        self._of = of = linearisation.at(q, v, solution.a, solution.lam)
+        self._factors: MinimumNorm | None = None  # of redundant rows
+        Y = of.M_inv.dot(of.J.T)
+        K = _independent(of.J.dot(Y))
+        if K is None:
+            self._factors = factorise(linearisation.mass_matrix(q), of.J, tolerances.RANK)
+            K = self._factors.U[:, : self._factors.rank] / self._factors.S[: self._factors.rank]
+        self._inverse, self._workspace, self._v = _inverse(of.M_inv, Y, K), workspace, v
+
+    @cached_property
+    def _null(self) -> Array | None:
+        """What keeps lam the smallest as redundant rows turn (m, nv)."""
+        if self._factors is None:
+            return None
+        q, lam = self.solution.q, self.solution.lam
+        return turning_null_space(self._linearisation, q, lam, self._of.J, self._factors)
+
+    @cached_property
+    def _lam_by_q(self) -> Array:
+        by_q: Array = self._blocks[0][self._n :]
+        return by_q if self._null is None else by_q + self._null
+
+    @property
+    def dlam_dq(self) -> Array:
+        """(m, nv); where rows are redundant, it takes its time when it is asked for first."""
+        return self._lam_by_q
 
     def by_gravity(self) -> tuple[Array, Array]:
         """Return the derivatives of a (nv, 3) and lam (m, 3) by the vector of gravity [m/s^2]."""
@@ -108,8 +127,6 @@ class KktDerivatives(Derivatives):
     def _form(self) -> tuple[Array, Array, Array]:
         n = self._n
         by_state = self._inverse.dot(self._of.rhs)
-        if self._null is not None:
-            by_state[n:, :n] += self._null
         return by_state[:, :n], by_state[:, n:], self._inverse[:, :n].copy()
 
     def _forward(self, dq: Array, dv: Array, dtau: Array) -> tuple[Array, Array]:
@@ -130,24 +147,28 @@ class KktDerivatives(Derivatives):
         return by_state[:n], by_state[n:], x[:n]
 
 
-def _inverse(of: Linearised) -> Array | None:
-    """Return the inverse (nv + m, nv + m) of [[M, -J^T], [J, 0]]; None without independent rows."""
-    m, n = of.J.shape
-    if m == 0:
-        return of.M_inv
+def _independent(G: Array) -> Array | None:
+    """Return U^-1 with U^T U = G (m, m); None without independent rows."""
+    if not len(G):
+        return G
     potrf, trtri = _lapack()
-    Y = of.M_inv.dot(of.J.T)
-    U, info = potrf(of.J.dot(Y))
+    U, info = potrf(G)
     pivots = U.diagonal().tolist()
     if info or not min(pivots) > tolerances.RANK * max(pivots):
         return None
-    left = np.empty((n + m, m))
-    left[n:] = trtri(U)[0]
-    np.dot(Y, left[n:], out=left[:n])
+    return trtri(U)[0]  # type: ignore[no-any-return]
+
+
+def _inverse(M_inv: Array, Y: Array, K: Array) -> Array:
+    """Return the inverse (nv + m, nv + m) of [[M, -J^T], [J, 0]] with K for U^-1."""
+    n, m = Y.shape
+    left = np.empty((n + m, K.shape[1]))
+    left[n:] = K
+    np.dot(Y, K, out=left[:n])
     right = left.copy()
     np.negative(right[:n], out=right[:n])
     inverse: Array = left.dot(right.T)
-    inverse[:n, :n] += of.M_inv
+    inverse[:n, :n] += M_inv
     return inverse
 
 
@@ -159,27 +180,10 @@ def _lapack() -> tuple[Any, Any]:
     return dpotrf, dtrtri
 
 
-def _pseudo_inverse(factors: MinimumNorm) -> Array:
-    """Return the same of redundant rows: it gives a, and the smallest lam."""
-    (m, _), n = factors.U.shape, len(factors.L)
-    right = np.eye(n + m)
-    return np.vstack(factors.solve(right[:n], right[n:]))
-
-
 def turning_null_space(
-    linearisation: Linearisation,
-    q: Array,
-    lam: Array,
-    J: Array,
-    factors: MinimumNorm,
-    *,
-    drift: bool = False,
+    linearisation: Linearisation, q: Array, lam: Array, J: Array, factors: MinimumNorm
 ) -> Array:
-    """Return N N^T (dJ w) (m, nv): what keeps lam the smallest as the rows turn."""
+    """Return N N^T (dJ w) (m, nv): what keeps lam = J w the smallest as the rows turn."""
     N = factors.U[:, factors.rank :]
     w = np.asarray(np.linalg.lstsq(J, lam, rcond=tolerances.RANK)[0], dtype=np.float64)
-    still, no_force = np.zeros_like(w), np.zeros_like(lam)
-    dJ_w = linearisation.at(q, still, w, no_force).s_q
-    if drift:  # what it adds at rest is no part of J w
-        dJ_w = dJ_w - linearisation.at(q, still, still, no_force).s_q
-    return np.asarray(N @ (N.T @ dJ_w))
+    return np.asarray(N @ (N.T @ linearisation.turning(q, w)))

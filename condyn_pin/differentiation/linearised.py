@@ -19,6 +19,7 @@ import numpy as np
 
 from condyn_pin._pin import LOCAL, pin
 from condyn_pin.arrays import Array
+from condyn_pin.differentiation.balls import BallPartials, is_ball
 from condyn_pin.differentiation.gaps import gap_of
 from condyn_pin.differentiation.partials import (
     End,
@@ -67,7 +68,8 @@ class Linearisation:
         self, model: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None = None
     ) -> None:
         self._model, self._data = model, model.createData()
-        self._pairs = [b for b in bounds if isinstance(b, Bound)]
+        self._balls = BallPartials(model, self._data, bounds, drift)
+        self._pairs = [b for b in bounds if isinstance(b, Bound) and not is_ball(b)]
         self._couplings = [b for b in bounds if isinstance(b, Coupled)]
         self._rolling = RollingPartials(self._data, bounds, drift)
         self._drift = drift
@@ -77,15 +79,15 @@ class Linearisation:
         for _ in range(model.njoints):
             self._wrenches.append(pin.Force.Zero())
         loaded = {j for b in self._pairs for j in (b.joint1, b.joint2) if j}
-        loaded |= self._rolling.joints
+        loaded |= self._rolling.joints | self._balls.joints
         self._on_joint = {j: self._wrenches[j].vector for j in loaded}  # views
         self._duals = [
             (b.placement1.toDualActionMatrix(), b.placement2.toDualActionMatrix())
             for b in self._pairs
         ]
         # their force, and where it goes: constant in the axes of their joint
-        self._held = [_is_held(b) for b in self._pairs]
-        self._placed = bool(self._rolling.joints) or not all(self._held)
+        self._held = [b.is_held for b in self._pairs]
+        self._placed = bool(self._rolling.joints or self._balls.joints) or not all(self._held)
         self._held_duals = [
             on1[:, list(b.selection)] for b, (on1, _) in zip(self._pairs, self._duals, strict=True)
         ]
@@ -96,6 +98,8 @@ class Linearisation:
         forces = [lam[b.rows] if b.sign > 0 else -lam[b.rows] for b in self._pairs]
         c1Mc2 = self._apply(q, forces)
         self._rolling.apply(lam, self._on_joint)
+        if self._balls.k:
+            self._balls.apply(lam, self._on_joint)
         # it leaves behind all that the derivatives of frames read
         pin.computeRNEADerivatives(model, data, q, v, a, self._wrenches)
         rhs, J = np.empty((n + self._m, 2 * n)), np.zeros((self._m, n))
@@ -116,6 +120,8 @@ class Linearisation:
                 gap = gap_of(b, *self._ends(b), c1Mc2[k] or self._between(b))
                 by_q -= b.sign * (self._drift.Kp * gap.c_q + self._drift.Kd * gap.v_q)
         self._rolling.write(self._end, lam, rhs, J)
+        if self._balls.k:
+            self._balls.write(lam, rhs, J)
         for coupled in self._couplings:
             J[coupled.rows, list(coupled.velocity)] = 1.0, -coupled.ratio
             minus_s_q[coupled.rows] = minus_s_v[coupled.rows] = 0.0
@@ -145,6 +151,22 @@ class Linearisation:
                 self._on_joint[b.joint2] -= duals[1] @ on2
             between.append(c1Mc2)
         return between
+
+    def turning(self, q: Array, w: Array) -> Array:
+        """Return how J w changes with q (m, nv) while w (nv,) stays: as the slip does at v = w."""
+        model, data = self._model, self._data
+        pin.computeRNEADerivatives(model, data, q, w, np.zeros_like(w))
+        of_rows = np.zeros((self._m, model.nv))
+        for b in self._pairs:
+            if b.is_held:
+                v_q, *_ = self._derivatives(b.joint1, b.placement1)
+                of_rows[b.rows] = b.sign * v_q[list(b.selection)]
+            else:
+                of_rows[b.rows] = b.sign * gap_of(b, *self._ends(b), self._between(b)).v_q
+        self._rolling.turning(self._end, of_rows)
+        if self._balls.k:
+            self._balls.turning(of_rows)
+        return of_rows
 
     def mass_matrix(self, q: Array) -> Array:
         """Return M (nv, nv)."""
@@ -184,7 +206,7 @@ class Linearisation:
         still = End(rest.v, rest.a, nothing, nothing, nothing, nothing)
         pair = (moving, still) if end == 1 else (still, moving)
         on1, on2 = wrenches(b, c1Mc2, lam)
-        if not _is_held(b):
+        if not b.is_held:
             of = of_pair(b, *pair, c1Mc2, lam)
         elif b.selection == POINT:
             of = of_point(moving)
@@ -227,11 +249,6 @@ class Linearisation:
         return v_q, a_q, a_v, J
 
 
-def _is_held(b: Bound) -> bool:
-    """Whether the rows are those of a frame in its own axes: nothing of the world enters."""
-    return b.joint2 == 0 and (b.is_plain or not b.anchored)
-
-
 def wrenches(b: Bound, c1Mc2: Any, lam: Array) -> tuple[Array, Array]:
     """Return the force of a constraint at the origin of c1 in its axes, and the same for c2."""
     six = np.zeros(6)
@@ -239,7 +256,7 @@ def wrenches(b: Bound, c1Mc2: Any, lam: Array) -> tuple[Array, Array]:
         six[:3] = lam[0] * c1Mc2.translation / np.linalg.norm(c1Mc2.translation)
     else:
         six[list(b.selection)] = lam
-    if _is_held(b):  # nothing says where c2 is
+    if b.is_held:  # nothing says where c2 is
         return six, np.zeros(6)
     if b.is_plain and b.size == 6:
         return six, c1Mc2.toActionMatrix().T @ six

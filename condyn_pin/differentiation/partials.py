@@ -187,11 +187,12 @@ def direction(r: Array, dr: Array) -> tuple[Array, Array]:
 
 def spatial_cross(x: Array) -> Array:
     """Return the matrix of the spatial cross product x times."""
-    v, w = _skew(x[:3]), _skew(x[3:])
-    return np.block([[w, v], [np.zeros((3, 3)), w]])
+    return np.array(pin.Motion(x).action)
 
 
 def dual_cross(wrench: Array) -> Array:
     """Return the matrix D with D x = x x* wrench, for a spatial motion x."""
-    F, T = _skew(wrench[:3]), _skew(wrench[3:])
-    return -np.block([[np.zeros((3, 3)), F], [F, T]])
+    D, F = np.zeros((6, 6)), _skew(-wrench[:3])
+    D[:3, 3:] = D[3:, :3] = F
+    D[3:, 3:] = _skew(-wrench[3:])
+    return D

@@ -59,6 +59,11 @@ class RollingPartials:
             rhs[n:, :n][b.rows], rhs[n:, n:][b.rows] = -of.s_q, -of.s_v
             rhs[:n, :n] += one.J.T @ of.wrench_q
 
+    def turning(self, end_of: Callable[[int, Any], End], out: Array) -> None:
+        """Write the partials (m, nv) of J v by q."""
+        for b in self._bounds:
+            out[b.rows] = v_q_of_touch(self._touch(b, end_of(b.joint1, b.placement1)))
+
     def by_frame(self, b: Rolled, one: End, lam: Array) -> tuple[Array, Array]:
         """Return r (nv, 6) and s (rows, 6) by a twist of the frame in the middle on its body."""
         of = self._rows(b, one.by_twist(), lam)
@@ -66,13 +71,16 @@ class RollingPartials:
 
     def _rows(self, b: Rolled, one: End, lam: Array) -> Rows:
         """Return the partials of one; s_q has the part of drift control."""
-        R = (self._data.oMi[b.joint1] * b.placement1).rotation.T @ b.placement2.rotation
-        touch = touch_of(b, one, R)
+        touch = self._touch(b, one)
         of = rows_of_touch(touch, lam)
         if self._drift:
             gap = gap_of_rolled(b, touch, of.J)
             of = of._replace(s_q=of.s_q + self._drift.Kp * gap.c_q + self._drift.Kd * gap.v_q)
         return of
+
+    def _touch(self, b: Rolled, one: End) -> Touch:
+        R = (self._data.oMi[b.joint1] * b.placement1).rotation.T @ b.placement2.rotation
+        return touch_of(b, one, R)
 
     def _wrench(self, b: Rolled, lam: Array) -> Array:
         """Return the wrench (6,) of a force at the origin of c1, in its axes."""
@@ -176,11 +184,15 @@ def rows_of_touch(of: Touch, lam: Array) -> Rows:
 
 def gap_of_rolled(b: Rolled, of: Touch, J: Array) -> Gap:
     """Return the partials of the gap and of J v: the rate of the gap is J v."""
-    v_q = np.array([t.x @ of.slip_q + of.slip @ t.x_q for t in of.axes])
     c_q = np.zeros_like(J)
     held = [row - b.rows.start for row in b.positioned]
     c_q[held] = J[held]
-    return Gap(c_q, v_q)
+    return Gap(c_q, v_q_of_touch(of))
+
+
+def v_q_of_touch(of: Touch) -> Array:
+    """Return the partials of J v by q."""
+    return np.array([t.x @ of.slip_q + of.slip @ t.x_q for t in of.axes])
 
 
 def _fixed_in_world(one: End, x: Array) -> Vector:

@@ -14,6 +14,7 @@ from condyn_pin._pin import HAS_LCABA
 from condyn_pin.errors import unknown_name
 from condyn_pin.extremes.base import EXTREMES
 from condyn_pin.extremes.verdict import Outcome, Task, Verdict
+from condyn_pin.load import load_robot
 from condyn_pin.scene import Scene
 
 # The robots that families of any scene are put on: a planar loop, two spatial ones, legs.
@@ -99,14 +100,23 @@ def stress(
     progress : callable, optional
         Called with the number of cases done and of all.
 
+    Raises
+    ------
+    UnknownName
+        If there is no such solver or robot.
+
     Notes
     -----
     The cases run in a process of their own, which imports the main script again: guard it with
     ``if __name__ == "__main__"``.
     """
     names, start = list(solvers) if imports else methods(solvers), monotonic()
+    scenes = scenes or {}
+    for robot in dict.fromkeys(task.robot for task in todo):
+        if robot and robot not in scenes:
+            load_robot(robot)  # a name that is none is no refusal of a method
     found: list[Outcome] = []
-    with _Process(scenes or {}, imports) as process:
+    with _Process(scenes, imports) as process:
         for k, task in enumerate(todo):
             if monotonic() - start > seconds:
                 break

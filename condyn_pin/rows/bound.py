@@ -84,6 +84,11 @@ class Bound:
         return self.selection in (POINT, FRAME)
 
     @property
+    def is_held(self) -> bool:
+        """Whether the rows are those of c1 in its own axes: but for c, no world enters them."""
+        return self.joint2 == 0 and (self.is_plain or not self.anchored)
+
+    @property
     def row_names(self) -> tuple[str, ...]:
         """A name for each row: the constraint's and the axis."""
         axes = [_AXES[i] for i in self.selection] or ["length"]

@@ -28,29 +28,34 @@ class Ends:
 
     def __init__(self, data: Any, bounds: Sequence[Bound | Rolled]) -> None:
         self.k = len(bounds)
-        self._joints = Joints(data, {j for b in bounds for j in (b.joint1, b.joint2)})
-        numbers = self._joints.numbers
-        self._placements = np.zeros((len(numbers), 4, 4))
-        self._sources = [(data.oMi[j], self._placements[i]) for i, j in enumerate(numbers)]
         # first the ends c1 of all loops, then the ends c2
         ends = [(b.joint1, b.placement1) for b in bounds]
         ends += [(b.joint2, b.placement2) for b in bounds]
-        self._end_joints = np.array([numbers.index(joint) for joint, _ in ends], dtype=np.int_)
-        self._in_joints = np.array([p.homogeneous for _, p in ends]).reshape(-1, 4, 4)
+        # views into data's own memory, one call copies them all: the axes of the joint, one a row,
+        # and its origin
+        parts = [(data.oMi[j].rotation.T, data.oMi[j].translation[None]) for j, _ in ends]
+        self._sources = [part for both in parts for part in both]
+        self._of_joints = np.zeros((2, self.k, 4, 3))
+        self._rows_of_joints = self._of_joints.reshape(-1, 3)
+        self._in_joints = np.array([p.homogeneous.T for _, p in ends]).reshape(2, -1, 4, 4)
+        self._joints = Joints(data, {j for j, _ in ends})
         linear, angular = self._joints.maps(ends)
         self._linearT = np.ascontiguousarray(linear.T)
         self._angularT = np.ascontiguousarray(angular.T)
         self._centripetal = Centripetal(linear, angular)
         self._motion = np.zeros((2, self._joints.size))
 
+    def placements(self) -> Array:
+        """Return E (2, k, 4, 3): axes of c1 and c2 in the world, one a row, and their origins."""
+        np.concatenate(self._sources, out=self._rows_of_joints)
+        return np.asarray(self._in_joints @ self._of_joints)
+
     def apart(self) -> tuple[Array, Array]:
         """Return R (k, 3, 3) and r (k, 3)."""
-        for placement, place in self._sources:
-            place[:] = placement.homogeneous
-        E = self._placements[self._end_joints] @ self._in_joints
-        R1T = E[: self.k, :3, :3].transpose(0, 2, 1)
-        r = R1T @ (E[self.k :, :3, 3:] - E[: self.k, :3, 3:])
-        return R1T @ E[self.k :, :3, :3], r[:, :, 0]
+        one, two = self.placements()
+        two[:, 3] -= one[:, 3]
+        both = one[:, :3] @ two.swapaxes(1, 2)  # R1^T [R2, p2 - p1]
+        return both[:, :, :3], both[:, :, 3]
 
     def linear(self) -> Array:
         """Return (2, 2, k, 3): velocity or acceleration, end, loop, component."""

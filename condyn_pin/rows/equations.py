@@ -97,14 +97,14 @@ class Equations:
         self, pairs: Sequence[Bound], coupled: Sequence[Coupled], rolled: Sequence[Rolled]
     ) -> None:
         """Sort the constraints by the way in which their rows are evaluated."""
-        held = [b for b in pairs if not (b.joint1 == 0 or b.joint2 or b.anchored)]
+        held = [b for b in pairs if b.is_held]
         loops = [b for b in pairs if b not in held]
         balls = [b for b in loops if b.selection == POINT]
         cut = [b for b in loops if not b.is_plain]
         data = self.data
         self._contacts = WorldContacts(data, held, self.m + 1) if held else None
         self._loops: list[Balls | Weld] = [Balls(data, balls)] if balls else []
-        self._loops += [Weld(self.model, data, b) for b in loops if b.selection == FRAME]
+        self._loops += [Weld(data, b) for b in loops if b.selection == FRAME]
         self._cut = CutJoints(data, cut) if cut else None
         self._rolling = Rolling(data, rolled) if rolled else None
         self._couplings = Couplings(coupled, self.model.nv) if coupled else None
@@ -117,7 +117,8 @@ class Equations:
         places += [(b, slice(at, at + 6), FRAME) for b, at in zip(wrenches, starts, strict=True)]
         size, self._behind_cut = self.m + 6 * len(wrenches), self.m + 6 * len(cut)
         self._wrenches = Wrenches(self.model, places, size)
-        self._f1, self._f2 = np.zeros((2, size))
+        self._forces = np.zeros(2 * size)
+        self._f1, self._f2 = self._forces[:size], self._forces[size:]
 
     def terms(self, q: Array, v: Array) -> Terms:
         """Return M, h, J, gamma and a_ref; they are owned by the caller."""
@@ -210,17 +211,15 @@ class Equations:
         self.motion(q, v, a)
         if self.drift:
             self._acceleration += self.drift.Kd * self._velocity + self.drift.Kp * self._c
-        f1 = lam * self.sign if self._flipped else lam
+        m, end, f1, f2 = self.m, self._behind_cut, self._f1, self._f2
+        f1[:m] = lam1 = lam * self.sign if self._flipped else lam
         for loops in self._loops:
-            loops.turn(f1, self._f2)
-        if self._cut or self._rolling:
-            m, end, lam1, f1 = self.m, self._behind_cut, f1, self._f1
-            f1[:m] = lam1
-            if self._cut:
-                self._cut.stack(lam1, f1[m:end], self._f2[m:end])
-            if self._rolling:
-                self._rolling.stack(lam1, f1[end:])
-        wrenches = self._wrenches.of(f1, self._f2)
+            loops.turn(lam1, f2)
+        if self._cut:
+            self._cut.stack(lam1, f1[m:end], f2[m:end])
+        if self._rolling:
+            self._rolling.stack(lam1, f1[end:])
+        wrenches = self._wrenches.of(self._forces)
         np.subtract(_rnea(self.model, self.data, q, v, a, wrenches), tau, out=self._dynamics)
         if self._couplings:
             self._dynamics -= self._couplings.torque(lam)
@@ -230,7 +229,7 @@ class Equations:
         _forward_kinematics(self.model, self.data, q, v, a)
         rows = self._c, self._velocity, self._acceleration
         if self._contacts:
-            self._contacts.evaluate(self._motion)
+            self._contacts.evaluate(self._c, self._motion)
         for loops in self._loops:
             loops.evaluate(*rows)
         if self._cut:

@@ -1,4 +1,4 @@
-"""Loops that Pinocchio has itself: balls and welds, and contacts with an anchor.
+"""Loops that Pinocchio has itself: balls and welds between two bodies.
 
 With E1, E2 the frames c1, c2 in the world, R = R1^T R2, and every velocity and acceleration in the
 axes of its own frame,
@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin._pin import LOCAL, pin
+from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.rows.bound import Bound
 from condyn_pin.rows.ends import Ends
@@ -25,7 +25,7 @@ from condyn_pin.rows.frames import FrameJacobian, rows_of
 
 
 class Balls:
-    """All 3-row loops at once.
+    """All 3-row loops at once: R1^T times the difference of both ends in the world.
 
     Parameters
     ----------
@@ -37,25 +37,30 @@ class Balls:
     def __init__(self, data: Any, bounds: Sequence[Bound]) -> None:
         self._bounds, self._ends = tuple(bounds), Ends(data, bounds)
         self._rows = rows_of(bounds)
-        self._R = np.zeros((len(bounds), 3, 3))
+        k = len(bounds)
+        self._axes1, self._axes2 = np.zeros((2, k, 3, 3))  # in the world, one a row
+        # rows (v, 0), (a, 0) and (0, 1) of each end: times its placement v, a and p in the world
+        self._motion = np.zeros((2, k, 3, 4))
+        self._motion[:, :, 2, 3] = 1.0
+        self._linear = self._motion[:, :, :2, :3].transpose(2, 0, 1, 3)  # a view
 
     def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
         """Write the rows of these loops into the three vectors of all rows."""
-        rows = self._rows
-        self._R, r = self._ends.apart()
-        c[rows] = -r.ravel()
-        ends = self._ends.linear()[..., None]
-        relative = ends[:, 0] - self._R @ ends[:, 1]
-        velocity[rows], acceleration[rows] = relative.reshape(2, -1)
+        rows, E = self._rows, self._ends.placements()
+        self._axes1, self._axes2 = E[0, :, :3], E[1, :, :3]
+        self._linear[:] = self._ends.linear()
+        one, two = self._motion @ E
+        slip = (one - two) @ self._axes1.swapaxes(1, 2)
+        velocity[rows], acceleration[rows], c[rows] = slip.swapaxes(0, 1).reshape(3, -1)
 
     def turn(self, lam: Array, out: Array) -> None:
         """Write R^T lam, the forces in the axes of c2, for the rows of these loops."""
-        forces = lam[self._rows].reshape(-1, 3, 1)
-        out[self._rows] = (self._R.transpose(0, 2, 1) @ forces).ravel()
+        forces = lam[self._rows].reshape(-1, 1, 3) @ self._axes1
+        out[self._rows] = (forces @ self._axes2.swapaxes(1, 2)).reshape(-1)
 
     def jacobian(self, J: Array, of_frame: FrameJacobian) -> None:
         """Write the rows of these loops into J (m, nv), at the last evaluation."""
-        for b, R in zip(self._bounds, self._R, strict=True):
+        for b, R in zip(self._bounds, self._axes1 @ self._axes2.swapaxes(1, 2), strict=True):
             J1, J2 = of_frame(b.joint1, b.placement1), of_frame(b.joint2, b.placement2)
             J[b.rows] = J1[:3] - R @ J2[:3]
 
@@ -63,23 +68,22 @@ class Balls:
 class Weld:
     """One 6-row loop."""
 
-    def __init__(self, model: Any, data: Any, bound: Bound) -> None:
-        self._model, self._data, self._bound = model, data, bound
+    def __init__(self, data: Any, bound: Bound) -> None:
+        self._data, self._bound = data, bound  # data keeps alive what the next lines refer to
         self._oMi1, self._oMi2 = data.oMi[bound.joint1], data.oMi[bound.joint2]
+        self._v1, self._v2 = data.v[bound.joint1], data.v[bound.joint2]
+        self._a1, self._a2 = data.a[bound.joint1], data.a[bound.joint2]
         self._c1Mc2 = pin.SE3.Identity()  # of the last evaluation
 
     def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
         """Write the rows of this loop into the three vectors of all rows."""
-        model, data, b = self._model, self._data, self._bound
-        self._c1Mc2 = (self._oMi1 * b.placement1).actInv(self._oMi2 * b.placement2)
-        c[b.rows] = -pin.log6(self._c1Mc2).vector
-        one = (model, data, b.joint1, b.placement1, LOCAL)
-        two = (model, data, b.joint2, b.placement2, LOCAL)
-        v2 = self._c1Mc2.act(pin.getFrameVelocity(*two))
-        a2 = self._c1Mc2.act(pin.getFrameAcceleration(*two))
-        slip = pin.getFrameVelocity(*one) - v2
+        b, one, two = self._bound, self._bound.placement1, self._bound.placement2
+        self._c1Mc2 = between = (self._oMi1 * one).actInv(self._oMi2 * two)
+        c[b.rows] = -pin.log6(between).vector
+        v2, a2 = between.act(two.actInv(self._v2)), between.act(two.actInv(self._a2))
+        slip = one.actInv(self._v1) - v2
         velocity[b.rows] = slip.vector
-        acceleration[b.rows] = (pin.getFrameAcceleration(*one) - a2 + slip.cross(v2)).vector
+        acceleration[b.rows] = (one.actInv(self._a1) - a2 + slip.cross(v2)).vector
 
     def turn(self, lam: Array, out: Array) -> None:
         """Write X^T lam, the wrench in the axes and at the origin of c2."""

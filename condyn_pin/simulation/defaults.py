@@ -19,10 +19,11 @@ def default_integrator() -> Integrator:
 def default_drift(scene: Scene, integrator: Integrator, solver: Solver | None) -> Drift:
     """Return the drift scheme for those who name none.
 
-    One that has no gains to choose, keeps gap and slip near rounding whatever the step, and costs
-    no solve.
+    One that has no gains to choose and costs no solve. Of a gap it leaves the square; moving the
+    bodies then leaves some slip: below 1e-9 m and 1e-3 m/s on Cassie's loops with 1 ms.
     """
-    soft = solver is not None and not solver.exact  # it has a spring of its own
+    # it has a spring of its own; what is no solver is refused where it is used
+    soft = isinstance(solver, Solver) and not solver.exact
     if integrator.keeps_constraints or soft or not scene.rows:
         return NoDrift()
     return PostStabilization()

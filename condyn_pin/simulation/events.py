@@ -13,7 +13,7 @@ from condyn_pin._pin import pin
 from condyn_pin.arrays import Array, finite
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.force import ConstraintForce, Sites
-from condyn_pin.impacts import Restitution
+from condyn_pin.impacts import Restitution, restitutions
 from condyn_pin.scene import Scene
 
 if TYPE_CHECKING:
@@ -121,6 +121,9 @@ class Event:
                     "needed"
                 )
 
+        if hit := self.met or self.scene:
+            restitutions(hit, self.restitution)
+
     @property
     def ends(self) -> bool:
         """Whether the run ends with it."""
@@ -131,7 +134,13 @@ class Event:
         if self.at is not None:
             return self.at - moment.t
         assert self.when is not None
-        value = float(self.when(moment))
+        found = self.when(moment)
+        try:
+            value = float(found)
+        except (TypeError, ValueError) as error:
+            raise InvalidArgument(
+                f"event {self.name!r}: its condition returns {found!r}: a number is needed"
+            ) from error
         if value != value:
             raise InvalidArgument(
                 f"event {self.name!r}: its condition is NaN at t = {moment.t:g} s"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zlib
 from dataclasses import asdict, fields, is_dataclass
 from os import PathLike
 from pathlib import Path
@@ -12,6 +13,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from condyn_pin._pin import VERSION_TEXT, pin
+from condyn_pin.arrays import finite
 from condyn_pin.constraints import Coupling, Loop
 from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
 from condyn_pin.drift import DRIFTS
@@ -32,8 +34,11 @@ Path_ = str | PathLike[str]
 
 _FORMAT = "condyn_pin trajectory 1"
 _LISTS = ("loops", "contacts", "springs")
-_WORDS = ("name", "actuated", "unused", "source", "licence")
+_WORDS = ("name", "actuated", "unused", "source", "licence", "description")
 _ARRAYS = ("t", "q", "v", "a", "lam", "tau")
+
+# A damaged archive is all of these; a single array is no context manager.
+_DAMAGED = (OSError, ValueError, EOFError, BadZipFile, zlib.error, NotImplementedError, TypeError)
 
 # What a value in a file may be, by the name of its class.
 _KINDS: dict[str, type] = {
@@ -91,9 +96,10 @@ def save(trajectory: Trajectory, path: Path_) -> None:
 def load(path: Path_) -> Trajectory:
     """Return a trajectory from a file; see `Trajectory.load`."""
     try:
-        with np.load(path, allow_pickle=False) as file:
+        # numpy leaves a file open that is no archive
+        with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             content = {name: file[name] for name in file.files}
-    except (OSError, ValueError, EOFError, BadZipFile) as error:
+    except _DAMAGED as error:
         raise InvalidArgument(f"{path}: no file of a trajectory ({error})") from error
     try:
         header = json.loads(str(content["header"]))
@@ -126,6 +132,7 @@ def _trajectory(header: dict[str, Any], content: dict[str, Any]) -> Trajectory:
         )
         for phase in header["phases"]
     )
+    _check_arrays(content, robot, phases)
     run = header["run"]
     made = Run(
         duration=run["duration"],
@@ -140,6 +147,17 @@ def _trajectory(header: dict[str, Any], content: dict[str, Any]) -> Trajectory:
         wall_time=run["wall_time"],
     )
     return Trajectory(phases=phases, run=made, **{name: content[name] for name in _ARRAYS})
+
+
+def _check_arrays(content: dict[str, Any], robot: Robot, phases: tuple[Phase, ...]) -> None:
+    """Refuse arrays that do not fit each other, and numbers that are none."""
+    k, nv = phases[-1].samples.stop, robot.nv
+    m = max((column + 1 for phase in phases for column in phase.columns), default=0)
+    shapes = {"t": (k,), "q": (k, robot.nq), "lam": (k, m)} | dict.fromkeys(
+        ("v", "a", "tau"), (k, nv)
+    )
+    for name, shape in shapes.items():
+        finite(name, content[name], shape)
 
 
 def _robot(header: dict[str, Any], content: dict[str, Any]) -> Robot:

@@ -24,6 +24,9 @@ from condyn_pin.solvers.proximal import Proximal
 if TYPE_CHECKING:
     from condyn_pin.simulation.system import System
 
+# Share of a gap that the damping of Pinocchio's factor may leave.
+_LEFT = 1e-2
+
 # A factor is used as long as a second step has less than this share of the gap to close, and no
 # joint has moved by more than this [rad, m] since: it leaves about that share of what it closes.
 _ENOUGH = 0.1
@@ -47,16 +50,20 @@ class Gaps(Protocol):
 
 
 def gaps_of(system: System, metric: str) -> Gaps:
-    """Return the gaps of a system, from what its solver leaves behind if it can be had."""
+    """Return the gaps of a system, from what its solver leaves behind if that closes them."""
     if metric == "mass" and isinstance(system.workspace.solver, Proximal) and system.m:
-        return SolvedGaps(system)
+        audit, mu = system.scene.audit, system.workspace.proximal_settings.mu
+        smallest = float(audit.singular_values[audit.rank - 1]) ** 2 if audit.rank else 0.0
+        if system.workspace.solver.mu is None or mu <= _LEFT * smallest:
+            return SolvedGaps(system)
     return FactorisedGaps(system, metric)
 
 
 class SolvedGaps:
     """Read from what `pin.constraintDynamics` leaves behind.
 
-    The damping mu of the factor leaves a share mu / (sigma + mu) of each gap, a millionth.
+    The damping mu of the factor leaves a share mu / (sigma + mu) of each gap: a millionth, and a
+    hundredth where it is the most that is taken.
     """
 
     def __init__(self, system: System) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import isfinite
 
-from condyn_pin.errors import StepFailed
+from condyn_pin.errors import SolveFailed, StepFailed
 
 # What is left, in metres and radians, with which an iteration may end once it stops to shrink.
 _SMALL = 1e-11
@@ -31,12 +32,20 @@ def to_the_end(iteration: Callable[[], float], title: str, t: float, dt: float) 
         If the iteration stops to converge too early.
     """
     size = float("inf")
-    for _ in range(_MOST):
-        left = iteration()
+    count = 0
+    while count < _MOST:
+        count += 1
+        try:
+            left = iteration()
+        except SolveFailed:  # it has led to a state that no machine can have
+            left = float("nan")
         if left <= _ROUNDING or (size < _SMALL and not left < size / 2):
             return
         size = left
+        if not isfinite(size):
+            break
+    left_over = f"{size:.1e} are left (m, rad)" if isfinite(size) else "its numbers are lost"
     raise StepFailed(
-        f"{title} at t = {t:g} s: after {_MOST} iterations {size:.1e} are left (m, rad); take a "
-        f"smaller dt than {dt:g} s"
+        f"{title} at t = {t:g} s: after {count} iterations {left_over}; take a smaller dt than "
+        f"{dt:g} s"
     )

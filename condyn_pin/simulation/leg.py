@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from condyn_pin.arrays import Array
 from condyn_pin.drift.base import Drift
-from condyn_pin.errors import UnsupportedConstraint
+from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.integrators.base import Integrator
@@ -47,6 +47,7 @@ class Leg:
         self.scene, self._method = scene, method
         _check_rows(scene, method.integrator)
         workspace = Workspace(scene, method.solver, drift=method.drift.rows)
+        _check_solver(workspace.solver, method.integrator)
         self.solver, effects = workspace.solver, method.effects
         self._tau = method.tau
         self.system = System(workspace, self._tau, springs=effects.springs, damping=effects.damping)
@@ -109,7 +110,8 @@ class Leg:
     def _mover(self, dt: float) -> tuple[Move, Callable[[], Array]]:
         """Return the stepper of a size with the corrections behind it."""
         stepper = self._method.integrator.start(self.system, dt)
-        correct = self._method.drift.start(self.system, dt)
+        # a correction reads what the solve of the next step leaves behind
+        correct = self._method.drift.start(stepper.system or self.system, dt)
         if correct is None:
             return stepper.step, stepper.lam
         step, forces = stepper.step, [stepper.lam]
@@ -121,6 +123,15 @@ class Leg:
             return *correct(t + dt, q1, v1), a
 
         return corrected, lambda: forces[0]()
+
+
+def _check_solver(solver: Solver, integrator: Integrator) -> None:
+    """Refuse constraints that are to give way and not to."""
+    if integrator.keeps_constraints and not solver.exact:
+        raise InvalidArgument(
+            f"solver = {solver!r}: {integrator.title} keeps hard constraints itself, and nothing "
+            "of it would be soft; use RungeKutta4() or another solver"
+        )
 
 
 def _check_rows(scene: Scene, integrator: Integrator) -> None:

@@ -42,6 +42,8 @@ class Loop:
         Owned.
     method : Method
     events : sequence of Event
+    leg : Leg, optional
+        Of the same method; used again if its scene is the one that it starts with.
 
     Attributes
     ----------
@@ -55,13 +57,20 @@ class Loop:
     """
 
     def __init__(
-        self, scene: Scene, q: Array, v: Array, method: Method, events: Sequence[Event]
+        self,
+        scene: Scene,
+        q: Array,
+        v: Array,
+        method: Method,
+        events: Sequence[Event],
+        leg: Leg | None = None,
     ) -> None:
         self.t, self.q, self.v = 0.0, q, v
         self._method, self._events = method, tuple(events)
         self._places: dict[Constraint, Constraint] = {}
         self._asked = scene  # as the user wrote it: its contacts may lack a place
-        self.leg = Leg(self._placed(scene), method)
+        placed = self._placed(scene)
+        self.leg = leg if leg and leg.scene is placed else Leg(placed, method)
         self.recorders = [self.leg.begin(self.t, q, v)]
         self.happened: list[Happened] = []
         self._rebounding: set[str] = set()  # events that have not been above zero since
@@ -95,11 +104,14 @@ class Loop:
             self.leg.take_back(self.t)
             self._go(event, self.t + share * (t1 - self.t))
             self._happen(event)
-            if t1 - self.t <= _NOTHING * self._method.dt:
-                return self.q, self.v
-            q1, v1 = self.leg.part(self.t, self.q, self.v, t1, keep=keep)
+            if self._is_there(t1):
+                q1, v1 = self.q, self.v
+            else:
+                q1, v1 = self.leg.part(self.t, self.q, self.v, t1, keep=keep)
         else:
             raise PiledUp(f"more than {_MOST} events from t = {self.t:g} s to {t1:g} s")
+        if self._is_there(t1):
+            return q1, v1
         self._rebounding -= {name for name in self._rebounding if values[name] > 0}
         if self._rebounding:
             raise PiledUp(
@@ -129,10 +141,16 @@ class Loop:
                     found = event, share
         return found
 
+    def _is_there(self, t1: float) -> bool:
+        """Whether what is left to t1 is not worth a step."""
+        return t1 - self.t <= _NOTHING * self._method.dt
+
     def _share(self, event: Event, t1: float, before: float, after: float) -> float:
         """Return at which share of the way to t1 the value of an event is zero."""
         from scipy.optimize import brentq
 
+        if self._is_there(t1):
+            return 0.0
         if event.at is not None:
             return (event.at - self.t) / (t1 - self.t)
         way = t1 - self.t
@@ -171,11 +189,21 @@ class Loop:
             check_fit(after, self.q, self.v, what=what)
             self._asked = event.scene
             self.leg = Leg(after, self._method)
-        else:
+        elif event.at is None:  # a time does not come again
             self._rebounding.add(event.name)
         self.recorders.append(self.leg.begin(self.t, self.q, self.v))
         self.happened.append(_happened(event, self.t, sample, before, self.leg.scene, change))
-        self._values = self._look(self.t, self.q, self.v)
+        self._values = self._values_after(event)
+
+    def _values_after(self, event: Event) -> dict[str, float]:
+        """Return the values after an event; those that fell to zero with it are still to happen."""
+        values = self._look(self.t, self.q, self.v)
+        for other in self._events:
+            name, before = other.name, self._values[other.name]
+            waits = other is not event and other.scene is not self._asked
+            if waits and before > 0 >= values[name]:
+                values[name] = before
+        return values
 
     def _placed(self, scene: Scene) -> Scene:
         """Return a scene as it takes part: its contacts with their places, effects off or on."""

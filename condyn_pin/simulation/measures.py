@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.rows.equations import Equations
@@ -60,6 +61,12 @@ class Energy:
         """The largest change that was exchanged [J]: what an error is small in comparison to."""
         parts = (self.kinetic, self.potential, self.springs, self.work, self.damping)
         return float(max(np.ptp(part) for part in parts))
+
+    @property
+    def kept(self) -> float:
+        """An error that is nothing beside the energies themselves [J]."""
+        parts = (self.kinetic, self.potential, self.springs)
+        return tolerances.ENERGY_KEPT * float(max(np.abs(part).max() for part in parts))
 
 
 @dataclass(frozen=True, eq=False)

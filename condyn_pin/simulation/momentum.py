@@ -15,6 +15,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
@@ -51,7 +52,8 @@ class Momentum:
 
     def velocity(self, q: Array, p: Array) -> Array:
         """Return M^-1 p (nv,)."""
-        return np.asarray(np.linalg.solve(self._system.mass(q), p))
+        velocity: Array = dposv(self._system.mass(q), p)[1]
+        return velocity
 
     def place(self, q: Array) -> Place:
         """Return what belongs to q."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from math import ceil, isfinite
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from math import isfinite
 from time import perf_counter
 
 import numpy as np
@@ -14,25 +15,21 @@ from condyn_pin.arrays import Array, finite
 from condyn_pin.drift.base import Drift
 from condyn_pin.errors import CondynError, InvalidArgument
 from condyn_pin.scene import Scene
-from condyn_pin.simulation.defaults import default_drift, default_integrator
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Event
 from condyn_pin.simulation.fit import check_fit
 from condyn_pin.simulation.integrators import Integrator
-from condyn_pin.simulation.leg import Method
+from condyn_pin.simulation.leg import Leg
 from condyn_pin.simulation.loop import Ended, Loop, PiledUp
 from condyn_pin.simulation.outcome import Run, RunStatus
+from condyn_pin.simulation.plan import Plan, plan
 from condyn_pin.simulation.recorder import merge
-from condyn_pin.simulation.torques import Applied, Torque
+from condyn_pin.simulation.torques import Torque
 from condyn_pin.simulation.trajectory import Trajectory
-from condyn_pin.simulation.walls import check_wall
 from condyn_pin.solvers.base import Solver
 
 # A velocity beyond this is no motion of a machine [rad/s, m/s].
 _LOST = 1e10
-
-# More samples do not fit into a memory.
-_MOST_STEPS = 10**9
 
 
 def simulate(
@@ -114,31 +111,39 @@ def simulate(
     if not isinstance(scene, Scene):
         raise InvalidArgument(f"scene = {type(scene).__name__}: a Scene is needed")
     effects = Effects(gravity=gravity, springs=springs, damping=damping, armature=armature)
-    q_, v_ = _start(scene, q, v)
-    steps, dt = _steps(duration, dt)
-    integrator = default_integrator() if integrator is None else integrator
-    if not isinstance(integrator, Integrator):
-        raise InvalidArgument(
-            f"integrator = {integrator!r}: an integrator is needed, such as RungeKutta4()"
-        )
-    drift = default_drift(scene, integrator, solver) if drift is None else drift
-    if not isinstance(drift, Drift):
-        raise InvalidArgument(f"drift = {drift!r}: a drift scheme is needed, such as Baumgarte")
-    _check_drift(integrator, drift, dt)
-    _check_record(record)
-    events = _events(scene, events)
-    method = Method(Applied(scene.robot.nv, tau), dt, integrator, drift, solver, effects)
+    state = start(scene, q, v)
+    planned = plan(
+        scene, tau, duration=duration, dt=dt, integrator=integrator, drift=drift, solver=solver,
+        record=record, effects=effects,
+    )  # fmt: skip
+    return follow(planned, *state, _events(scene, events), progress)[0]
+
+
+def follow(
+    planned: Plan,
+    q: Array,
+    v: Array,
+    events: tuple[Event, ...] = (),
+    progress: Callable[[float], object] | None = None,
+    leg: Leg | None = None,
+) -> tuple[Trajectory, Leg]:
+    """Return the motion from a state that was checked, and the leg that it ended on.
+
+    A leg of the same plan spares the work of making another, where the scene is the same: where no
+    contact has to be anchored.
+    """
+    method = planned.method
     begun = perf_counter()
     with np.errstate(all="ignore"):  # what overflows is found by the next solve
-        loop = Loop(scene, q_, v_, method, events)
-        status, reason = _run(loop, steps, record, progress)
+        loop = Loop(planned.scene, q, v, method, events, leg)
+        status, reason = _run(loop, planned.steps, planned.every, progress)
     phases, (t, positions, velocities, a, lam, torques) = merge(loop.recorders)
     run = Run(
-        duration=duration, dt=dt, integrator=integrator, drift=drift, solver=loop.leg.solver,
-        effects=effects, status=status, reason=reason, happened=tuple(loop.happened),
-        wall_time=perf_counter() - begun,
+        duration=planned.duration, dt=method.dt, integrator=method.integrator, drift=method.drift,
+        solver=loop.leg.solver, effects=method.effects, status=status, reason=reason,
+        happened=tuple(loop.happened), wall_time=perf_counter() - begun,
     )  # fmt: skip
-    return Trajectory(phases, t, positions, velocities, a, lam, torques, run)
+    return Trajectory(phases, t, positions, velocities, a, lam, torques, run), loop.leg
 
 
 def _run(
@@ -160,16 +165,19 @@ def _run(
     except KeyboardInterrupt:
         return RunStatus.INTERRUPTED, f"interrupted after t = {loop.t:g} s"
     except CondynError as error:
-        if not any(recorder.count for recorder in loop.recorders):
-            raise
         speed = float(np.abs(loop.v).max(initial=0.0))
         lost = not (isfinite(speed) and speed < _LOST)
+        if not lost:
+            with suppress(CondynError):  # no step leads away from it, but it may be a sample
+                loop.leg.end(loop.t, loop.q, loop.v)
+        if not any(recorder.count for recorder in loop.recorders):
+            raise
         status = RunStatus.DIVERGED if lost else RunStatus.FAILED
         return status, f"after t = {loop.t:g} s: {error}"
     return RunStatus.FINISHED, ""
 
 
-def _start(scene: Scene, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
+def start(scene: Scene, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
     """Return the first state, which has to satisfy the constraints."""
     q_ = normalised(scene.robot.model, "q", q)
     v_ = np.array(finite("v", v, scene.robot.nv))
@@ -178,41 +186,9 @@ def _start(scene: Scene, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
     return q_, v_
 
 
-def _steps(duration: float, dt: float) -> tuple[int, float]:
-    """Return how many steps there are, and their size."""
-    for argument, value in (("duration", duration), ("dt", dt)):
-        if not finite(argument, value, ()) > 0:
-            raise InvalidArgument(f"{argument} = {value!r}: a number > 0 [s] is needed")
-    ratio = duration / dt
-    if ratio > _MOST_STEPS:
-        raise InvalidArgument(
-            f"duration = {duration:g} s in steps of dt = {dt:g} s: more than {_MOST_STEPS:g} steps"
-        )
-    steps = max(ceil(ratio * (1 - 1e-12)), 1)
-    # dt itself where it fits: duration / steps would be another number
-    return steps, float(dt) if abs(steps - ratio) < 1e-9 * ratio else duration / steps
-
-
-def _check_drift(integrator: Integrator, drift: Drift, dt: float) -> None:
-    """Refuse gains that the integrator cannot take."""
-    if drift.rows is None:
-        return
-    if integrator.keeps_constraints:
-        raise InvalidArgument(
-            f"drift = {drift!r}: {integrator.title} keeps the constraints itself; use NoDrift()"
-        )
-    check_wall(integrator, drift.rows, dt)
-
-
-def _check_record(record: int) -> None:
-    whole = isinstance(record, (int, np.integer)) and not isinstance(record, bool)
-    if not whole or record < 1:
-        raise InvalidArgument(f"record = {record!r}: a whole number from 1 is needed")
-
-
 def _events(scene: Scene, events: Sequence[Event]) -> tuple[Event, ...]:
     """Return the events, which have to fit the scene and to have names of their own."""
-    if isinstance(events, Event):
+    if isinstance(events, Event) or not isinstance(events, Iterable):
         raise InvalidArgument("events: a list is needed, also for a single event")
     checked = tuple(events)
     for event in checked:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cached_property, partial
 from math import isclose
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +24,13 @@ from condyn_pin.workspace import Workspace
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
+
+# The last answer where there is none: t, q, v and a.
+_NOTHING: Final[tuple[float, Array | None, Array | None, Array]] = (0.0, None, None, np.zeros(0))
+
+
+# t, q, v and a of a solve that there was not.
+_NOTHING: tuple[float, Array | None, Array | None, Array] = (0.0, None, None, np.zeros(0))
 
 
 class System:
@@ -80,7 +87,7 @@ class System:
         self.difference: Callable[[Array, Array], Array] = partial(pin.difference, self.model)
         self.lam: Callable[[], Array] = workspace.lam
         self._solve = workspace.acceleration
-        self._last: tuple[float, Array | None, Array | None, Array] = (0.0, None, None, np.zeros(0))
+        self._last = _NOTHING
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return a (nv,) by the solver; `lam()` then returns its constraint forces (m,).
@@ -96,7 +103,10 @@ class System:
         last = self._last
         # k dt and (k - 1) dt + dt are one time
         if q is last[1] and v is last[2] and isclose(t, last[0], rel_tol=1e-14):
+            if self.applied.constant is None:
+                self.applied(t, q, v)  # a sample has the torques that a step asks for first
             return last[3]
+        self._last = _NOTHING  # a solve that fails leaves no answer behind, nor lam of the last one
         a = self._solve(q, v, self.torque(t, q, v))
         self._last = t, q, v, a
         return a
@@ -140,8 +150,7 @@ class System:
 
     def mass(self, q: Array) -> Array:
         """Return M (nv, nv), both triangles, armature included."""
-        M: Array = np.array(pin.crba(self.model, self._data, q))
-        return np.asarray(np.triu(M) + np.triu(M, 1).T)
+        return np.array(pin.crba(self.model, self._data, q))
 
     def bias(self, q: Array, v: Array) -> Array:
         """Return h (nv,): Coriolis, centrifugal and gravity torque."""

@@ -46,16 +46,17 @@ class Applied:
             self.constant = np.array(finite("tau", np.zeros(nv) if _is_zero(tau) else tau, nv))
             self.constant.flags.writeable = False
         self._first = self.constant
+        self._state: tuple[Array, Array] | None = None  # q and v that the first were asked for
 
     def __call__(self, t: float, q: Array, v: Array) -> Array:
         """Return the torques (nv,), not to be written to."""
         if self._function is None:
             return self.constant  # type: ignore[return-value]
-        tau = self._function(t, q, v)
+        tau = self._function(t, _locked(q), _locked(v))
         if not (type(tau) is np.ndarray and tau.shape == self._shape and tau.dtype is FLOAT):
             tau = finite(f"tau({t:g}, q, v)", tau, self._shape)
         if self._first is None:
-            self._first = tau.copy()
+            self._first, self._state = tau.copy(), (q, v)
         return tau
 
     def forget(self) -> None:
@@ -63,8 +64,14 @@ class Applied:
         self._first = self.constant
 
     def first(self, t: float, q: Array, v: Array) -> Array:
-        """Return the first torques since then; they are asked for now if nobody has."""
-        return self(t, q, v) if self._first is None else self._first
+        """Return the torques at the start of the step (nv,), not to be written to.
+
+        Where the answer at its start was known from before, the first that were asked for are those
+        of a later stage: then they are asked for now.
+        """
+        if self._first is None or (self._state and not _same(self._state, (q, v))):
+            return self(t, q, v).copy()
+        return self._first
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +118,10 @@ class Passive:
         """Return the energy of the springs at configurations q (..., nq) [J]."""
         return np.asarray(0.5 * (q[..., self.at_q] - self.rest) ** 2 @ self.k)
 
+    def torque(self, q: Array, v: Array) -> Array:
+        """Return the torques of springs and damping (nv,) [N, N m]."""
+        return np.asarray(-self.d * v - self.K.dot(q[self.at_q] - self.rest))
+
     def with_torques(self, applied: Applied, drag: Array | None = None) -> Torque:
         """Return the torques applied with those of springs and damping; drag is more damping."""
         d = self.d if drag is None else self.d + drag
@@ -131,6 +142,18 @@ class Passive:
         return torque
 
 
+def _same(one: tuple[Array, Array], other: tuple[Array, Array]) -> bool:
+    """Whether two states are the very same arrays."""
+    return one[0] is other[0] and one[1] is other[1]
+
+
 def _is_zero(tau: object) -> bool:
     """Whether it is the number zero, which stands for no torque."""
     return isinstance(tau, (int, float)) and tau == 0
+
+
+def _locked(array: Array) -> Array:
+    """Return the same numbers, not to be written to: they are the state itself."""
+    view = array.view()
+    view.flags.writeable = False
+    return view

@@ -16,6 +16,7 @@ from condyn_pin.simulation.measures import Energy, Kinematics, kinematics, work
 from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.recorder import Phase
 from condyn_pin.simulation.torques import Passive
+from condyn_pin.simulation.verify import solver_notices
 from condyn_pin.states.gaps import Gap, beyond_text
 from condyn_pin.states.limits import Limits
 
@@ -143,12 +144,15 @@ class Trajectory:
         worst = float(self.violation.max())
         if worst > tolerances.NEARLY_CLOSED:
             when = float(self.t[self.violation.argmax()])
+            remedy = "use a smaller dt, a higher order, or another drift scheme"
+            if not self.run.solver.exact:
+                remedy = f"{self.run.solver.title} lets them give way; use a stiffer solref"
             said.append(
-                f"the constraints are open by {worst:.2g} m or rad at t = {when:.4g} s: use a "
-                "smaller dt, a higher order, or another drift scheme"
+                f"the constraints are open by {worst:.2g} m or rad at t = {when:.4g} s: {remedy}"
             )
+        said += solver_notices(self)
         error, scale = float(np.abs(self.energy.error).max()), self.energy.scale
-        if error > tolerances.BALANCED * scale:
+        if error > max(tolerances.BALANCED * scale, self.energy.kept):
             said.append(
                 f"{error:.3g} J of energy came or went without work, of {scale:.3g} J exchanged"
             )
@@ -161,7 +165,11 @@ class Trajectory:
         limits = Limits.of(self.scene.robot.model)
         inside = limits.beyond(self.q[0]).keys()
         most = limits.beyond(self.q.min(axis=0)) | limits.beyond(self.q.max(axis=0))
-        return {joint: gap for joint, gap in most.items() if joint not in inside}
+        return {
+            joint: gap
+            for joint, gap in most.items()
+            if joint not in inside and gap.size > tolerances.CLOSED
+        }
 
     @cached_property
     def _kinematics(self) -> Kinematics:

@@ -101,6 +101,8 @@ def assemble_from(
         flipped=flipped,
         beyond_limits=beyond,
         status=status,
+        scene=scene,
+        start=start,
     )
 
 

@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
+from typing import TYPE_CHECKING
 
 from condyn_pin.arrays import Array
 from condyn_pin.errors import BranchChanged, NotAssembled
 from condyn_pin.states.gaps import Gap, beyond_text, closed, worst
+
+if TYPE_CHECKING:
+    from condyn_pin.scene import Scene
 
 
 class AssemblyStatus(Enum):
@@ -65,6 +69,9 @@ class Assembly:
         Joints that the closure takes out of their limits, and how far [rad, m]. Of q; or, if the
         status is BEYOND_LIMITS, of the closure that was not taken.
     status : AssemblyStatus
+    scene : Scene
+    start : (nq,) array
+        What was assembled, and from where.
     """
 
     q: Array
@@ -76,6 +83,8 @@ class Assembly:
     flipped: tuple[str, ...]
     beyond_limits: Mapping[str, Gap]  # [rad, m]
     status: AssemblyStatus
+    scene: Scene
+    start: Array
 
     @property
     def closed(self) -> bool:

@@ -17,7 +17,7 @@ and zero for every joint whose q is a plain vector.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,11 +28,9 @@ from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.linearised import Linearisation
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.scene import Scene
 from condyn_pin.states.assembly import assemble
 from condyn_pin.states.check import check
-
-if TYPE_CHECKING:
-    from condyn_pin.scene import Scene
 
 _LOOKS = 2  # at configurations nearby: a bracket may vanish at one by accident
 _NEARBY = 0.1  # [rad, m]
@@ -77,6 +75,8 @@ def is_integrable(scene: Scene, q: ArrayLike | None = None) -> bool:
     Murray, Li, Sastry. A Mathematical Introduction to Robotic Manipulation. CRC Press, 1994,
     chapter 7.
     """
+    if not isinstance(scene, Scene):
+        raise InvalidArgument(f"scene = {type(scene).__name__}: a Scene is needed")
     model = scene.robot.model
     scene.robot.check_unedited()
     q_ = scene.audit.q if q is None else normalised(model, "q", q)

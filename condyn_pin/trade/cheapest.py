@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from typing import Any
 
 from condyn_pin.arrays import finite
 from condyn_pin.errors import CondynError, InvalidArgument, NotReached, unknown_name
+from condyn_pin.knobs import read_call
 from condyn_pin.scene import Scene
 from condyn_pin.solvers import SOLVERS
 from condyn_pin.solvers.base import Solver
@@ -141,12 +142,12 @@ def _value(knob: Knob, usual: Any) -> Any:
 
 def measure_of(label: str) -> Measure:
     """Return the measure that tables call so: a name, with the knobs that are not as usual."""
+    if label in MEASURES:  # a name may be more than one word
+        return MEASURES[label]()
     try:
-        call = ast.parse(label, mode="eval").body
-        name, words = (call.func, call.keywords) if isinstance(call, ast.Call) else (call, [])
-        knobs = {str(word.arg): ast.literal_eval(word.value) for word in words}
-        return MEASURES[name.id](**knobs)  # type: ignore[attr-defined]
-    except (SyntaxError, ValueError, KeyError, TypeError, AttributeError) as error:
+        name, knobs = read_call(label)
+        return MEASURES[name](**knobs)
+    except (ValueError, KeyError, TypeError) as error:
         raise unknown_name("measure", label, MEASURES) from error
 
 
@@ -156,8 +157,10 @@ def measured_as(row: Row) -> Measure:
     if not row.how:
         return measure
     try:
-        again = replace(measure, **row.how)  # type: ignore[type-var]
-    except TypeError as error:
+        again = measure.with_how(row.how)
+    except (ValueError, KeyError, TypeError) as error:
+        if isinstance(error, CondynError):
+            raise
         raise InvalidArgument(f"{row.measure}: it has no knobs {row.how}") from error
     if dict(again.how) != row.how:
         raise InvalidArgument(f"{row.measure}: {row.how} in a table do not make it again")
@@ -185,7 +188,9 @@ def _not_reached(
         text += f" at fresh states too; the best there is {short(best)}, {fresh}"
     elif row is None:
         text += ": no solver answers every state"
+    elif row.error_worst <= error:
+        text = f"{short(row)} meets {row.measure} to {error:g} on {row.scene!r}, but has no time "
+        return NotReached(f"{text}({row.timed}); run the study with timed=True", row)
     else:
-        timed = f", {row.timed}" if row.error_worst <= error else ""
-        text += f"; the best is {short(row)} with {row.error_worst:.1e}{timed}"
+        text += f"; the best is {short(row)} with {row.error_worst:.1e}"
     return NotReached(f"{text}; ask for less, or try more knobs", row)

@@ -7,8 +7,9 @@ times as many it is
 
     expected = worst * (worst / tenth)^2.
 
-Ten errors say the factor only roughly, and a solver is used more often than it is tried: it meets
-an error only if `expected` does.
+A tenth that is zero says nothing of the worst: it counts as rounding. Ten errors say the factor
+only roughly, and a solver is used more often than it is tried: it meets an error only if `expected`
+does.
 """
 
 from __future__ import annotations
@@ -31,6 +32,9 @@ from condyn_pin.workspace import Workspace
 
 _TENTH: Final = 10
 _LEAST: Final = 20  # states, for a tenth largest that is not the smallest
+
+# No error is known better than that.
+_ROUNDING: Final = 2.2e-16
 
 # Seeds of studies are small numbers.
 _SEED: Final = 2**32
@@ -60,8 +64,8 @@ class Fresh:
         ranked = sorted((error if isfinite(error) else inf for error in errors), reverse=True)
         worst = ranked[0]
         tenth = ranked[min(_TENTH, len(ranked)) - 1]
-        steady = isfinite(worst) and tenth > 0
-        return cls(len(ranked), worst, worst * (worst / tenth) ** 2 if steady else worst)
+        factor = max(worst / max(tenth, _ROUNDING), 1.0) if isfinite(worst) else 1.0
+        return cls(len(ranked), worst, worst * factor**2)
 
     def __str__(self) -> str:
         return (
@@ -81,9 +85,13 @@ def as_fresh(states: States | int) -> States:
     chosen = states if isinstance(states, States) else as_states(states)
     if isinstance(chosen, SampledStates) and chosen is not states:
         chosen = replace(chosen, seed=_SEED)
-    if getattr(chosen, "count", _LEAST) < _LEAST:
-        raise InvalidArgument(f"states = {states!r}: at least {_LEAST} are needed")
+    _check_count(states, getattr(chosen, "count", _LEAST))
     return chosen
+
+
+def _check_count(states: States | int, count: int) -> None:
+    if count < _LEAST:
+        raise InvalidArgument(f"states = {states!r}: {count}, and at least {_LEAST} are needed")
 
 
 class FreshErrors:
@@ -96,11 +104,17 @@ class FreshErrors:
         What the truth is of.
     states : States or int
         As `as_fresh` takes them.
+
+    Raises
+    ------
+    InvalidArgument
+        If there are too few of them to say anything about a tail.
     """
 
     def __init__(self, scene: Scene, measure: Measure, states: States | int) -> None:
         self._scene, self._measure = scene, measure
         self._states = as_fresh(states).of(scene)
+        _check_count(states, len(self._states))
         self._truth = [measure.truth(scene, state) for state in self._states]
 
     def __call__(self, solver: Solver, measure: Measure | None = None) -> Fresh:

@@ -39,6 +39,10 @@ def labelled(scenes: Scenes) -> dict[str, Scene]:
     if isinstance(scenes, Mapping):
         pairs = list(scenes.items())
     else:
+        if not isinstance(scenes, Scene | Iterable):
+            raise InvalidArgument(
+                f"scenes = {scenes!r}: a Scene, or the name of a robot, is needed"
+            )
         several = [scenes] if isinstance(scenes, Scene | str) else list(scenes)
         pairs = [pair for one in several for pair in _pairs(one)]
     found = dict(pairs)

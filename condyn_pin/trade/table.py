@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from condyn_pin.errors import unknown_name
+from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.machine import machine
 from condyn_pin.scene import Scene
 from condyn_pin.tolerances import SOLVED
@@ -112,7 +112,15 @@ class Table:
         )
 
     def compare(self, old: Table) -> Comparison:
-        """Return what changed since an older table, row by row, and what became worse."""
+        """Return what changed since an older table, row by row, and what became worse.
+
+        Raises
+        ------
+        InvalidArgument
+            If `old` is no table.
+        """
+        if not isinstance(old, Table):
+            raise InvalidArgument(f"old = {type(old).__name__}: a Table is needed, of from_json")
         return compare(self, old)
 
     def plot(self, scene: str | None = None, measure: str | None = None, ax: Any = None) -> Any:
@@ -143,3 +151,12 @@ class Table:
     def to_markdown(self) -> str:
         """Return the rows as a table in Markdown."""
         return exports.markdown(self.rows)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __bool__(self) -> bool:
+        return True
+
+    def __str__(self) -> str:
+        return self.to_markdown()

@@ -53,6 +53,7 @@ class Stepper:
 
     step: Callable[[float, Array, Array], tuple[Array, Array, Array]]
     lam: Callable[[], Array]
+    system: System | None = None  # whose solve a step begins with, if not that it was started with
 
 
 class Integrator(ABC):

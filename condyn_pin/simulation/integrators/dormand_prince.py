@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 # followed: 1e-9 of a millisecond is far below any time constant of a machine.
 _SMALLEST = 1e-9
 
+# Substeps of one dt, at most: more are those of a stiff motion, which no smooth one asks for.
+_MOST = 10_000
+
 
 @dataclass(frozen=True)
 class DormandPrince(Integrator):
@@ -82,10 +85,16 @@ class DormandPrince(Integrator):
 
             y0 = np.concatenate([np.zeros(n), v])
             method = kind(slope, 0.0, y0, dt, first_step=min(size[0], dt), **tolerances)
-            size[0] = 0.0
+            size[0], left = 0.0, _MOST
             while method.status == "running":
                 size[0] = max(size[0], method.h_abs)  # the last substep is cut off, and says less
                 method.step()
+                left -= 1
+                if left < 0:
+                    raise StepFailed(
+                        f"{self!r}: more than {_MOST} substeps from t = {t:g} s: the motion is "
+                        "stiff; use SemiImplicitEuler() or GeneralisedAlpha(), or a smaller dt"
+                    )
                 if method.step_size and method.step_size < _SMALLEST * dt:
                     break
             if method.status != "finished":

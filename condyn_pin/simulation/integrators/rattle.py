@@ -52,7 +52,7 @@ class Rattle(Integrator):
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
-        return _stepper(system, dt, hidden=True)
+        return _stepper(system, dt, self.title, hidden=True)
 
 
 @dataclass(frozen=True)
@@ -75,10 +75,10 @@ class Shake(Integrator):
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
-        return _stepper(system, dt, hidden=False)
+        return _stepper(system, dt, self.title, hidden=False)
 
 
-def _stepper(system: System, dt: float, *, hidden: bool) -> Stepper:
+def _stepper(system: System, dt: float, title: str, *, hidden: bool) -> Stepper:
     momentum, half = Momentum(system), dt / 2
     known: dict[int, tuple[Array, Place]] = {}  # what the last step found at its end
     forces = [np.zeros(0)]
@@ -88,7 +88,7 @@ def _stepper(system: System, dt: float, *, hidden: bool) -> Stepper:
         forces[0] = system.lam()
         found = known.get(id(q))
         place = found[1] if found else momentum.place(q)
-        q1, p, v_end, lam = _first_half(system, momentum, dt, t, q, v, a, forces[0], place)
+        q1, p, v_end, lam = _first_half(system, momentum, dt, t, q, v, a, forces[0], place, title)
         end = momentum.place(q1)
         p = p + half * momentum.force(t + dt, q1, v_end)
         v1 = end.M_inv.dot(p)
@@ -114,6 +114,7 @@ def _first_half(
     a: Array,
     lam: Array,
     place: Place,
+    title: str,
 ) -> tuple[Array, Array, Array, Array]:
     """Return q1, p_h, M1^-1 p_h and lam with c(q1) = 0."""
     half, p0 = dt / 2, place.M.dot(v)
@@ -134,5 +135,5 @@ def _first_half(
         lam = lam - towards.dot(c)
         return max(float(np.abs(c).max(initial=0.0)), float(np.abs(q1 - before).max(initial=0.0)))
 
-    to_the_end(iteration, "RATTLE", t, dt)
+    to_the_end(iteration, title, t, dt)
     return q1, p, v_end, lam

@@ -51,4 +51,4 @@ class SemiImplicitEuler(Integrator):
             v1 = v + dt * a
             return integrate(q, dt * v1), v1, a
 
-        return Stepper(step, system.lam)
+        return Stepper(step, system.lam, system)

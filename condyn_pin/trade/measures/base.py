@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from math import inf, isfinite
 from typing import ClassVar
@@ -100,6 +100,10 @@ class Measure(ABC):
     def how(self) -> Mapping[str, Knob]:
         """The knobs that belong to the answer, as rows keep them; none by default."""
         return {}
+
+    def with_how(self, how: Mapping[str, Knob]) -> Measure:
+        """Return the measure with knobs of the answer, as `how` has them."""
+        return replace(self, **how)  # type: ignore[type-var]
 
     @abstractmethod
     def truth(self, scene: Scene, state: State) -> Array:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, fields, replace
 from functools import lru_cache
 from math import isfinite
-from typing import ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from condyn_pin.choice import default_solver
 from condyn_pin.drift import DRIFTS, Drift
 from condyn_pin.drift.no_drift import NoDrift
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.knobs import Grid
+from condyn_pin.knobs import Grid, read_call
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
@@ -93,6 +93,13 @@ class TrajectoryMeasure(Measure):
         chosen = {"integrator": self.integrator, "drift": self.drift}
         return {"dt": self.dt} | {k: v if v is None else repr(v) for k, v in chosen.items()}
 
+    def with_how(self, how: Mapping[str, Knob]) -> Measure:
+        """Return the measure with a step, an integrator and a drift scheme, as `how` has them."""
+        made: dict[str, Any] = {
+            name: _made(knob) if isinstance(knob, str) else knob for name, knob in how.items()
+        }
+        return replace(self, **made)
+
     def truth(self, scene: Scene, state: State) -> Array:
         """Return q and v at the end (nq + nv,)."""
         return _end(scene, self.duration, *(x.tobytes() for x in state))
@@ -134,6 +141,13 @@ class TrajectoryMeasure(Measure):
             drift=self.drift,
             solver=workspace.solver,
         )
+
+
+def _made(text: str) -> Integrator | Drift:
+    """Return the integrator or the drift scheme that has this repr."""
+    name, knobs = read_call(text)
+    kinds: Mapping[str, type[Integrator | Drift]] = {**INTEGRATORS, **DRIFTS}
+    return kinds[name.lower()](**knobs)
 
 
 @lru_cache(maxsize=1000)

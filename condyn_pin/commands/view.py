@@ -1,0 +1,100 @@
+"""condyn view: look at a robot, or at a motion that was saved."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from condyn_pin.commands.arguments import Loops, Posture
+from condyn_pin.commands.output import console
+from condyn_pin.errors import InvalidArgument
+
+if TYPE_CHECKING:
+    from condyn_pin.viewing.verbs import Subject
+
+PANEL = "Look"
+
+
+def view(
+    subject: Annotated[
+        str,
+        typer.Argument(help="A name of `condyn robots`, a path of a robot, or a motion (.npz)."),
+    ],
+    contacts: Annotated[
+        str | None,
+        typer.Option(
+            help="As in `condyn solve`; by default the ready-made ones if there are forces."
+        ),
+    ] = None,
+    loops: Loops = True,
+    posture: Posture = None,
+    forces: Annotated[
+        bool, typer.Option("--forces", help="Draw the forces on it while it is held still.")
+    ] = False,
+    speed: Annotated[float, typer.Option(help="Seconds of a motion played in one second.")] = 1.0,
+    light: Annotated[bool, typer.Option("--light", help="At most 30 000 triangles.")] = False,
+    html: Annotated[Path | None, typer.Option(help="Write one page that opens from disk.")] = None,
+    png: Annotated[Path | None, typer.Option(help="Write a picture; needs Chromium.")] = None,
+    port: Annotated[int, typer.Option(help="Of the server; a free one by default.")] = 0,
+    browser: Annotated[
+        bool, typer.Option(help="Open the browser, where there is a screen.")
+    ] = True,
+) -> None:
+    """Look at a robot or a motion in a browser until Ctrl-C, or write it to a file."""
+    from condyn_pin.viewing.verbs import view as view_subject
+
+    if subject.endswith(".npz"):
+        if posture or forces or contacts:
+            raise InvalidArgument(f"{subject}: a motion has its own states, contacts and forces")
+        chosen = _motion(subject)
+        posture = None
+    else:
+        chosen = _standing(subject, contacts, loops, posture, forces)
+        posture = None if forces else posture
+    viewer = view_subject(
+        chosen, posture=posture, speed=speed, light=light, html=html, png=png, browser=browser,
+        port=port,
+    )  # fmt: skip
+    with viewer:
+        for note in viewer.notes:
+            console.print(f"note: {note}")
+        for path in (html, png):
+            if path:
+                console.print(f"written: {path}")
+        if viewer.url:
+            try:
+                console.print(f"{viewer.drawing.title}: {viewer.url} (Ctrl-C ends it)")
+                viewer.wait()
+            except KeyboardInterrupt:
+                console.print("closed")
+
+
+def _motion(path: str) -> Subject:
+    from condyn_pin.simulation.trajectory import Trajectory
+
+    return Trajectory.load(path)
+
+
+def _standing(
+    name: str, contacts: str | None, loops: bool, posture: str | None, forces: bool
+) -> Subject:
+    """Return the scene of a robot, or what holds it still: its motors, and its springs if bent."""
+    from condyn_pin.commands.words import scene_of
+    from condyn_pin.load import load_robot
+    from condyn_pin.motors.actuation import Actuation
+    from condyn_pin.motors.inverse import gravity_compensation
+    from condyn_pin.verbs import solve
+
+    if contacts is None:
+        contacts = ",".join(c.name for c in load_robot(name).contacts) if forces else ""
+    scene = scene_of(name, contacts, loops)
+    if not forces:
+        return scene
+    q, v = scene.state(posture)
+    robot = scene.robot
+    holding = dict.fromkeys((*robot.actuated, *(spring.joint for spring in robot.springs)))
+    if not holding:
+        return solve(scene, q, v, 0 * v, throw=False)
+    return gravity_compensation(scene, q, actuation=Actuation(robot, tuple(holding)))

@@ -1,0 +1,29 @@
+"""How lines are told apart: by colour-blind eyes, and on paper.
+
+Colours are those of Okabe and Ito, without their yellow, which paper loses; dashes tell lines apart
+where there is no colour.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+COLOURS: Final = (
+    "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#7F7F7F",
+)  # fmt: skip
+DASHES: Final = ("-", "--", "-.", ":")
+
+
+def line(i: int) -> dict[str, Any]:
+    """Return colour and dashes of line i: no two of the first 32 are alike."""
+    dashes = DASHES[(i + i // len(COLOURS)) % len(DASHES)]
+    return {"color": COLOURS[i % len(COLOURS)], "ls": dashes, "lw": 1.3}
+
+
+def finished(ax: Any, *, title: str, x: str, y: str) -> Any:
+    """Return axes with their words, a pale grid, and a legend if anything has a label."""
+    ax.set(title=title, xlabel=x, ylabel=y)
+    ax.grid(visible=True, which="major", color="0.92")
+    if ax.get_legend_handles_labels()[1]:
+        ax.legend(fontsize=7, frameon=False)
+    return ax

@@ -1,0 +1,101 @@
+"""Plan: what a simulation does from whatever state it begins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin.arrays import finite
+from condyn_pin.drift.base import Drift
+from condyn_pin.errors import InvalidArgument
+from condyn_pin.scene import Scene
+from condyn_pin.simulation.defaults import default_drift, default_integrator
+from condyn_pin.simulation.effects import Effects
+from condyn_pin.simulation.integrators import Integrator
+from condyn_pin.simulation.leg import Method
+from condyn_pin.simulation.torques import Applied, Torque
+from condyn_pin.simulation.walls import check_wall
+from condyn_pin.solvers.base import Solver
+
+# More samples do not fit into a memory.
+_MOST_STEPS = 10**9
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The choices of a run, checked.
+
+    Attributes
+    ----------
+    scene : Scene
+    method : Method
+    duration : float
+        What was asked for [s].
+    steps, every : int
+        How many steps there are, and every which sample is kept.
+    """
+
+    scene: Scene
+    method: Method
+    duration: float  # [s]
+    steps: int
+    every: int
+
+
+def plan(
+    scene: Scene, tau: float | ArrayLike | Torque, *, duration: float, dt: float,
+    integrator: Integrator | None, drift: Drift | None, solver: Solver | None, record: int,
+    effects: Effects | None = None,
+) -> Plan:  # fmt: skip
+    """Return the plan of a run; arguments and errors are those of `simulate`."""
+    if not isinstance(scene, Scene):
+        raise InvalidArgument(f"scene = {type(scene).__name__}: a Scene is needed")
+    effects = Effects() if effects is None else effects
+    steps, dt = _steps(duration, dt)
+    integrator = default_integrator() if integrator is None else integrator
+    if not isinstance(integrator, Integrator):
+        raise InvalidArgument(
+            f"integrator = {integrator!r}: an integrator is needed, such as RungeKutta4()"
+        )
+    drift = default_drift(scene, integrator, solver) if drift is None else drift
+    if not isinstance(drift, Drift):
+        raise InvalidArgument(f"drift = {drift!r}: a drift scheme is needed, such as Baumgarte")
+    _check_drift(integrator, drift, dt)
+    _check_record(record)
+    method = Method(Applied(scene.robot.nv, tau), dt, integrator, drift, solver, effects)
+    return Plan(scene, method, duration, steps, record)
+
+
+def _steps(duration: float, dt: float) -> tuple[int, float]:
+    """Return how many steps there are, and their size."""
+    for argument, value in (("duration", duration), ("dt", dt)):
+        if not finite(argument, value, ()) > 0:
+            raise InvalidArgument(f"{argument} = {value!r}: a number > 0 [s] is needed")
+    ratio = duration / dt
+    if ratio > _MOST_STEPS:
+        raise InvalidArgument(
+            f"duration = {duration:g} s in steps of dt = {dt:g} s: more than {_MOST_STEPS:g} steps"
+        )
+    steps = max(ceil(ratio * (1 - 1e-12)), 1)
+    # dt itself where it fits: duration / steps would be another number
+    return steps, float(dt) if abs(steps - ratio) < 1e-9 * ratio else duration / steps
+
+
+def _check_drift(integrator: Integrator, drift: Drift, dt: float) -> None:
+    """Refuse gains that the integrator cannot take."""
+    if drift.rows is None:
+        return
+    if integrator.keeps_constraints:
+        raise InvalidArgument(
+            f"drift = {drift!r}: {integrator.title} keeps the constraints itself; use NoDrift()"
+        )
+    check_wall(integrator, drift.rows, dt)
+
+
+def _check_record(record: int) -> None:
+    whole = isinstance(record, (int, np.integer)) and not isinstance(record, bool)
+    if not whole or record < 1:
+        raise InvalidArgument(f"record = {record!r}: a whole number from 1 is needed")

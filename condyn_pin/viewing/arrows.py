@@ -1,0 +1,129 @@
+"""Constraint forces as arrows, each on the body that feels it.
+
+Forces have one scale, moments another: the largest of all moments is a third of the scene.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from condyn_pin._pin import pin
+from condyn_pin.arrays import Array
+from condyn_pin.constraints import Coupling, Loop
+from condyn_pin.force import ConstraintForce
+from condyn_pin.robot import Robot
+from condyn_pin.scene import Scene
+from condyn_pin.viewing import meshes
+from condyn_pin.viewing.labels import label
+from condyn_pin.viewing.moment import Moment
+from condyn_pin.viewing.palette import FORCE, MOMENT, REACTION, Colour
+from condyn_pin.viewing.part import Part, at_point, span
+
+_LARGEST = 0.33  # of the size of the scene
+_LEAST = 1e-3  # of the largest arrow: what is smaller is not drawn
+
+Select = Callable[[Moment], ConstraintForce | None]
+
+
+@dataclass(frozen=True, eq=False)
+class _Arrow:
+    """A vector of a constraint: the force or the moment on one of its bodies."""
+
+    name: str
+    of: Select
+    part: slice  # of the six numbers
+    unit: str
+    colour: Colour
+
+    def vector(self, at: Moment) -> tuple[Array, Array] | None:
+        """Return where it starts, and itself in the axes of the world."""
+        force = self.of(at)
+        if force is None:
+            return None
+        vector = force.in_world()[self.part]
+        return (force.at, vector) if len(vector) else None
+
+    def most(self, moments: Sequence[Moment]) -> tuple[float, str]:
+        """Return its largest length, and the body that it is on."""
+        found = [
+            (float(np.linalg.norm(v[1])), self.of(at)) for at in moments if (v := self.vector(at))
+        ]
+        largest, force = max(found, key=lambda each: each[0], default=(0.0, None))
+        return largest, force.on if force else ""
+
+
+def body_of(robot: Robot, name: str) -> str:
+    """Return the body that carries a frame: its own name, or that of the link it is fixed to.
+
+    Frames of an MJCF name no link; then it is the first body of the joint.
+    """
+    frames = robot.model.frames
+    named = found = next((frame for frame in frames if frame.name == name), None)
+    while found is not None and found.parentFrame:
+        if found.type == pin.FrameType.BODY:
+            return str(found.name)
+        found = frames[found.parentFrame]
+    if named is None or not named.parentJoint:
+        return name
+    bodies = (f for f in frames if f.type == pin.FrameType.BODY)
+    return next((str(f.name) for f in bodies if f.parentJoint == named.parentJoint), name)
+
+
+def arrow_parts(scene: Scene, moments: Sequence[Moment], size: float) -> Iterator[Part]:
+    """Return the arrows of every constraint of a scene, with labels."""
+    arrows = [arrow for c in scene.constraints if not isinstance(c, Coupling)
+              for arrow in _arrows(c.name, isinstance(c, Loop))]  # fmt: skip
+    most = {arrow: arrow.most(moments) for arrow in arrows}
+    for unit in ("N", "N m"):
+        same = [arrow for arrow in arrows if arrow.unit == unit]
+        largest = max((most[arrow][0] for arrow in same), default=0.0)
+        for arrow in same:
+            length, on = most[arrow]
+            if length > _LEAST * largest and largest > 0.0:
+                body = body_of(scene.robot, on)
+                yield from _drawn(arrow, length, body, _LARGEST * size / largest, size)
+
+
+def _arrows(name: str, is_loop: bool) -> Iterator[_Arrow]:
+    def first(at: Moment) -> ConstraintForce | None:
+        return at.forces.get(name)
+
+    def other(at: Moment) -> ConstraintForce | None:
+        force = at.forces.get(name)
+        return None if force is None else force.on_other()
+
+    linear, angular = slice(0, 3), slice(3, 6)
+    yield _Arrow(name, first, linear, "N", FORCE)
+    yield _Arrow(name, first, angular, "N m", MOMENT)
+    if is_loop:
+        yield _Arrow(name, other, linear, "N", REACTION)
+
+
+def _drawn(arrow: _Arrow, most: float, on: str, scale: float, size: float) -> Iterator[Part]:
+    def pose(at: Moment) -> Array | None:
+        found = arrow.vector(at)
+        if found is None or np.linalg.norm(found[1]) * scale < _LEAST * size:
+            return None
+        return span(found[0], found[0] + scale * found[1])
+
+    def tip(at: Moment) -> Array | None:
+        found = arrow.vector(at)
+        if found is None or np.linalg.norm(found[1]) * scale < _LEAST * size:
+            return None
+        return at_point(found[0] + scale * found[1])
+
+    kind = "moments" if arrow.unit == "N m" else "forces"
+    path = f"{kind}/{arrow.name}/on {on.replace('/', ' ')}"
+    yield Part(path, pose, ((_unit_arrow(0.007 * size), arrow.colour),), on_top=True)
+    text = f"{most:.3g} {arrow.unit} on {on}"
+    yield label(f"{path} label", text, arrow.colour, tip, 0.024 * size)
+
+
+def _unit_arrow(radius: float) -> meshes.Mesh:
+    """Return an arrow along z from 0 to 1."""
+    head = 2.2 * radius
+    profile = [(0.0, 0.0), (radius, 0.0), (radius, 0.8), (head, 0.8), (0.0, 1.0)]
+    return meshes.turned(profile, 16)

@@ -1,0 +1,56 @@
+"""The bodies of a robot, as its description draws them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from condyn_pin._pin import pin
+from condyn_pin.robot import Robot
+from condyn_pin.viewing.descriptions import shapes_of
+from condyn_pin.viewing.meshes import Mesh
+from condyn_pin.viewing.palette import Colour
+from condyn_pin.viewing.part import Part, joint_pose
+from condyn_pin.viewing.skeleton import skeleton
+
+_LIGHT = 30_000  # triangles of a robot that is to be light
+
+
+def body_parts(robot: Robot, size: float) -> tuple[tuple[Part, ...], tuple[str, ...]]:
+    """Return a part for each joint, with all that it carries, and what could not be drawn."""
+    shapes, missing = shapes_of(robot.description)
+    carriers = {f.name: f for f in robot.model.frames if f.type == pin.FrameType.BODY}
+    drawn: dict[int, dict[Colour, Mesh]] = {}
+    for shape in shapes:
+        if (frame := carriers.get(shape.link)) is None:
+            continue  # what was left out of the robot is not to be seen
+        try:
+            mesh = shape.mesh().moved(frame.placement.homogeneous)
+        except ValueError as error:
+            missing = (*missing, f"link {shape.link!r} is not drawn whole: {error}")
+            continue
+        of_joint = drawn.setdefault(int(frame.parentJoint), {})
+        old = of_joint.get(shape.colour)
+        of_joint[shape.colour] = mesh if old is None else old + mesh
+    if not drawn:
+        return tuple(skeleton(robot, size)), missing
+    return tuple(_parts(robot, drawn)), missing
+
+
+def _parts(robot: Robot, drawn: dict[int, dict[Colour, Mesh]]) -> Iterator[Part]:
+    for i, by_colour in drawn.items():
+        meshes = tuple((mesh, colour) for colour, mesh in by_colour.items())
+        yield Part(f"robot/{robot.model.names[i]}", joint_pose(i), meshes)
+
+
+def lighter(parts: Sequence[Part], size: float) -> tuple[Part, ...]:
+    """Return parts with at most 30 000 triangles together, in cells as small as that allows."""
+    cell = size / 400.0
+    while True:
+        if sum(len(m.faces) for part in parts for m, _ in part.meshes) <= _LIGHT:
+            return tuple(parts)
+        parts = [
+            replace(part, meshes=tuple((m.simplified(cell), c) for m, c in part.meshes))
+            for part in parts
+        ]
+        cell *= 1.4

@@ -1,0 +1,120 @@
+"""What a URDF or an SDF draws: the <visual> elements of its links.
+
+The physics of a file is read, and checked, by `condyn_pin.io`. Here nothing is refused: a shape
+that cannot be read is left out, and said to be.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path, PurePosixPath
+from typing import Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from condyn_pin._pin import pin
+from condyn_pin.viewing.palette import BODY, Colour
+from condyn_pin.viewing.shapes import Shape
+
+_ROUND = ("cylinder", "capsule", "sphere")
+
+
+def shapes_of(description: str) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
+    """Return the shapes of a file, and what could not be drawn, a sentence each.
+
+    Parameters
+    ----------
+    description : str
+        Path of a URDF or an SDF; of any other file, or of none, nothing is drawn.
+    """
+    path = Path(description)
+    if path.suffix not in (".urdf", ".sdf") or not path.is_file():
+        return (), ()
+    root = ElementTree.parse(path).getroot()
+    colours = {
+        material.get("name"): _colour(material)
+        for material in root.findall("material")
+        if material.find("color") is not None
+    }
+    shapes: list[Shape] = []
+    missing: list[str] = []
+    for link in root.iter("link"):
+        for visual in link.findall("visual"):
+            try:
+                shapes.append(_shape(path, link.get("name", ""), visual, colours))
+            except (ValueError, TypeError, OSError) as error:
+                missing.append(f"link {link.get('name')!r} is not drawn whole: {error}")
+    return tuple(shapes), tuple(missing)
+
+
+def _shape(path: Path, link: str, visual: Element, colours: dict[str | None, Colour]) -> Shape:
+    geometry = visual.find("geometry")
+    if geometry is None or not len(geometry):
+        raise ValueError("a <visual> without <geometry>")
+    form = geometry[0]
+    material = visual.find("material")
+    colour = BODY
+    if material is not None:
+        colour = colours.get(material.get("name"), _colour(material))
+    file: Path | None = None
+    size: tuple[float, ...] = (1.0, 1.0, 1.0)
+    if form.tag == "mesh":
+        file = _found(path, form.get("filename") or form.findtext("uri") or "")
+        size = _numbers(form.get("scale") or form.findtext("scale"), size)
+    elif form.tag == "box":
+        size = _numbers(form.get("size") or form.findtext("size"), size)
+    elif form.tag in _ROUND:
+        words = (form.get(key) or form.findtext(key) for key in ("radius", "length"))
+        size = tuple(float(word) for word in words if word)
+    else:
+        raise ValueError(f"a <{form.tag}> is no shape that is known here")
+    return Shape(link, _placement(visual), form.tag, size, file, colour)
+
+
+def _placement(visual: Element) -> Any:
+    """Return the placement of a <visual>: URDF writes <origin>, SDF <pose>."""
+    origin, pose = visual.find("origin"), _numbers(visual.findtext("pose"), (0.0,) * 6)
+    if origin is not None:
+        still = (0.0, 0.0, 0.0)
+        pose = _numbers(origin.get("xyz"), still) + _numbers(origin.get("rpy"), still)
+    return pin.SE3(pin.rpy.rpyToMatrix(*pose[3:6]), np.array(pose[:3]))
+
+
+def _colour(material: Element) -> Colour:
+    """Return the colour of a <material>: an attribute in URDF, an element in SDF."""
+    colour = material.find("color")
+    text = colour.get("rgba") if colour is not None else material.findtext("diffuse")
+    red, green, blue, *_ = _numbers(text, BODY)
+    return red, green, blue
+
+
+def _numbers(text: str | None, otherwise: tuple[float, ...]) -> tuple[float, ...]:
+    return tuple(float(word) for word in text.split()) if text else otherwise
+
+
+def _found(path: Path, uri: str) -> Path:
+    """Return the file that a description means by a URI.
+
+    ``package://a/b/c.stl`` is c.stl in a folder a/b that lies beside the description, or beside
+    one of the folders above it; without such a folder the same is tried with b alone. The folders
+    of ROS_PACKAGE_PATH come last.
+    """
+    rest = PurePosixPath(uri.partition("://")[2] or uri)
+    if rest.is_absolute() and Path(rest).is_file():
+        return Path(rest)
+    words = [word for word in rest.parts if word != "/"]
+    for folder, i in _places(path, len(words)):
+        candidate = folder.joinpath(*words[i:])
+        if candidate.is_file():
+            return candidate
+    raise OSError(f"no file {uri!r}")
+
+
+def _places(path: Path, count: int) -> Iterator[tuple[Path, int]]:
+    ros = [Path(x) for x in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if x]
+    for i in range(count):
+        for folder in (*path.absolute().parents, *ros):
+            yield folder, i

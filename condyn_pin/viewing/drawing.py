@@ -1,0 +1,180 @@
+"""Drawing: all parts of a scene, at one moment or at many, and the page that shows them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from condyn_pin.arrays import Array
+from condyn_pin.robot import Robot
+from condyn_pin.scene import Scene
+from condyn_pin.states.gaps import Gap
+from condyn_pin.viewing import palette, three
+from condyn_pin.viewing.arrows import arrow_parts
+from condyn_pin.viewing.bodies import body_parts, lighter
+from condyn_pin.viewing.closures import closure_parts
+from condyn_pin.viewing.floor import floor_part, spacing
+from condyn_pin.viewing.ground import contact_parts
+from condyn_pin.viewing.joint_marks import joint_parts
+from condyn_pin.viewing.mass import mass_parts
+from condyn_pin.viewing.moment import Moment
+from condyn_pin.viewing.motion import tracks
+from condyn_pin.viewing.page import page
+from condyn_pin.viewing.part import Part
+
+_TINY = 0.05  # [m] a scene is drawn as if it were at least this large
+_FAR = 1.15  # of the size of a scene, from its middle to the camera
+_FROM = np.array([0.78, 0.55, 0.3])  # the direction from there to the camera
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """All parts of a picture.
+
+    Attributes
+    ----------
+    title : str
+    parts : tuple of Part
+    moments : tuple of Moment
+        One for a still picture.
+    fps : float
+        Moments a second, as they are played [1/s].
+    middle : (3,) array
+        Of what is seen [m].
+    size : float
+        [m]
+    notes : tuple of str
+        What could not be drawn, a sentence each.
+    """
+
+    title: str
+    parts: tuple[Part, ...]
+    moments: tuple[Moment, ...]
+    fps: float
+    middle: Array
+    size: float
+    notes: tuple[str, ...] = ()
+
+    def commands(self) -> Iterator[three.Command]:
+        """Return the commands that draw it, in meshcat's viewer."""
+        yield from _stage()
+        for part in self.parts:
+            yield from part.commands(self.moments[0])
+        if len(self.moments) > 1:
+            yield three.animation(tracks(self.parts, self.moments), self.fps)
+
+    def html(self) -> str:
+        """Return the page: one text that holds everything."""
+        camera = self.middle + _FAR * self.size * _FROM
+        return page(self.title, self._legend(), self.commands(), camera=camera, target=self.middle)
+
+    def _legend(self) -> Iterator[tuple[str, str]]:
+        yield "", self.title
+        seen = {part.path.removeprefix("before/").split("/")[0] for part in self.parts}
+        kinds = {"/".join(part.path.split("/")[:2]) for part in self.parts}
+        if "joints/actuated" in kinds:
+            yield _css(palette.ACTUATED), "joint with a motor"
+        if "joints/passive" in kinds:
+            yield _css(palette.PASSIVE), "passive joint"
+        if "closures" in seen:
+            yield _css(palette.CLOSED), "closed"
+            yield _css(palette.OPEN), "open by 1 cm or more (yellow: by less)"
+        if "contacts" in seen:
+            yield _css(palette.CONTACT), "contact"
+        if "forces" in seen:
+            yield _css(palette.FORCE), "force on the first-named body"
+        if "forces" in seen and "closures" in seen:
+            yield _css(palette.REACTION), "force on the other body"
+        if "moments" in seen:
+            yield _css(palette.MOMENT), "moment"
+        yield "", f"squares of {spacing(self.size):g} m"
+        yield from (("", note) for note in self.notes)
+
+
+def draw(
+    scenes: Sequence[Scene],
+    moments: Sequence[Moment],
+    *,
+    title: str,
+    before: Moment | None = None,
+    fps: float = 30.0,
+    light: bool = False,
+) -> Drawing:
+    """Return the drawing of moments.
+
+    Parameters
+    ----------
+    scenes : sequence of Scene
+        Whose constraints are drawn, all of the same robot; a constraint is seen while it holds.
+    moments : sequence of Moment
+    title : str
+    before : Moment, optional
+        What is drawn beside them as a ghost.
+    fps : float
+        Moments a second [1/s].
+    light : bool
+        Draw the robot with 30 000 triangles at most.
+    """
+    robot = scenes[0].robot
+    middle, size = extent(robot, [moments[0], *([] if before is None else [before])])
+    bodies, notes = body_parts(robot, size)
+    if light:
+        bodies = lighter(bodies, size)
+    marks = [*joint_parts(robot, size)]
+    worst = _worst([*moments])
+    closures = [part for scene in scenes for part in closure_parts(scene, worst, size)]
+    parts = [floor_part(middle, size), *bodies, *marks, *closures]
+    for scene in scenes:
+        parts += contact_parts(scene, size)
+        parts += arrow_parts(scene, moments, size)
+    parts += mass_parts(size)
+    if before is not None:
+        opened = list(closure_parts(scenes[0], before.gaps, size))
+        parts += [part.ghost(before) for part in (*bodies, *opened)]
+    unique = {part.path: part for part in parts}  # a contact of several phases is drawn once
+    return Drawing(title, tuple(unique.values()), tuple(moments), fps, middle, size, notes)
+
+
+def extent(robot: Robot, moments: Sequence[Moment]) -> tuple[Array, float]:
+    """Return the middle and the size of what joints, frames and masses span [m].
+
+    A body reaches as far from its centre of mass as a ball of its mass m and inertia I does:
+    r^2 = 5 trace(I) / (6 m).
+    """
+    points = []
+    for at in moments:
+        points += [oMi.translation for oMi in at.joints[1:]]
+        points += [
+            at.joints[frame.parentJoint].act(frame.placement.translation)
+            for frame in robot.model.frames
+            if frame.parentJoint
+        ]
+        for oMi, inertia in zip(at.joints[1:], list(robot.model.inertias)[1:], strict=True):
+            if inertia.mass > 0.0:
+                r = np.sqrt(max(np.trace(inertia.inertia), 0.0) / (1.2 * inertia.mass))
+                points += [oMi.act(inertia.lever) + r, oMi.act(inertia.lever) - r]
+    low, high = np.min(points, axis=0), np.max(points, axis=0)
+    return 0.5 * (low + high), max(float(np.linalg.norm(high - low)), _TINY)
+
+
+def _worst(moments: Sequence[Moment]) -> dict[str, Gap]:
+    """Return the largest gap of each constraint."""
+    worst: dict[str, Gap] = {}
+    for at in moments:
+        for name, gap in at.gaps.items():
+            worst[name] = max(worst.get(name, gap), gap, key=lambda each: each.size)
+    return worst
+
+
+def _stage() -> Iterator[three.Command]:
+    """Return the commands for a white background, without meshcat's own axes and grid."""
+    for key in ("top_color", "bottom_color"):
+        yield three.set_property("/Background", key, [1.0, 1.0, 1.0])
+    for path in ("/Axes", "/Grid"):
+        yield three.set_property(path, "visible", False)
+
+
+def _css(colour: palette.Colour) -> str:
+    return f"#{three.number(colour):06x}"

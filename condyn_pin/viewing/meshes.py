@@ -1,0 +1,150 @@
+"""Triangle meshes: read, made, and made smaller."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from condyn_pin.arrays import Array
+from condyn_pin.errors import InvalidModel
+
+_HEADER = 84  # bytes of a binary STL before its triangles: a text of 80, and their number
+_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles.
+
+    Attributes
+    ----------
+    vertices : (k, 3) array
+        [m]
+    faces : (n, 3) array of int
+        Corners of each triangle, counter-clockwise from outside.
+    """
+
+    vertices: Array
+    faces: NDArray[np.uint32]
+
+    def moved(self, T: ArrayLike) -> Mesh:
+        """Return it mapped by a homogeneous matrix (4, 4)."""
+        T = np.asarray(T)
+        return Mesh(self.vertices @ T[:3, :3].T + T[:3, 3], self.faces)
+
+    def simplified(self, cell: float) -> Mesh:
+        """Return it with all vertices in a cube of edge `cell` [m] merged to their mean.
+
+        Triangles that lose a corner vanish, so what is smaller than a cell does too. Vertex
+        clustering of Rossignac and Borrel (1993): O(k log k), and no topology is needed.
+        """
+        if not len(self.faces):
+            return self
+        cubes = np.floor((self.vertices - self.vertices.min(axis=0)) / cell).astype(np.int64)
+        _, cluster = np.unique(cubes, axis=0, return_inverse=True)
+        cluster = cluster.ravel()
+        count = np.bincount(cluster)[:, None]
+        sums = [np.bincount(cluster, weights=x) for x in self.vertices.T]
+        return _used(np.column_stack(sums) / count, cluster[self.faces])
+
+    def __add__(self, other: Mesh) -> Mesh:
+        faces = np.vstack([self.faces, other.faces + len(self.vertices)])
+        return Mesh(np.vstack([self.vertices, other.vertices]), faces.astype(np.uint32))
+
+
+def _used(vertices: Array, corners: NDArray[Any]) -> Mesh:
+    """Return a mesh without triangles that have no area or are there twice, and lone vertices."""
+    a, b, c = corners.T
+    corners = corners[(a != b) & (b != c) & (c != a)]
+    _, first = np.unique(np.sort(corners, axis=1), axis=0, return_index=True)
+    kept, faces = np.unique(corners[np.sort(first)], return_inverse=True)
+    return Mesh(vertices[kept], faces.reshape(-1, 3).astype(np.uint32))
+
+
+@lru_cache(maxsize=64)
+def read_mesh(path: Path) -> Mesh:
+    """Return the triangles of a file, in its own units.
+
+    A binary STL is read here, ten times as fast as by Assimp; all else (DAE, OBJ, text STL) by
+    the Assimp that comes with Pinocchio.
+
+    Raises
+    ------
+    InvalidModel
+        If the file cannot be read.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InvalidModel(f"{path}: {error.strerror}") from error
+    if path.suffix.lower() == ".stl" and len(content) >= _HEADER:
+        count = int.from_bytes(content[80:_HEADER], "little")
+        if len(content) == _HEADER + count * _FACET.itemsize:
+            return _binary_stl(content, count)
+    return _by_assimp(path)
+
+
+def _binary_stl(content: bytes, count: int) -> Mesh:
+    corners = np.frombuffer(content, _FACET, count, _HEADER)["corners"].reshape(-1, 3)
+    corners = np.ascontiguousarray(corners)  # unique by bytes is much faster than by rows
+    rows = corners.view(np.dtype((np.void, corners.dtype.itemsize * 3))).ravel()
+    _, first, cluster = np.unique(rows, return_index=True, return_inverse=True)
+    return _used(corners[first].astype(float), cluster.reshape(-1, 3))
+
+
+def _by_assimp(path: Path) -> Mesh:
+    import coal
+
+    try:
+        model = coal.MeshLoader().load(str(path), np.ones(3))
+    except (RuntimeError, ValueError) as error:
+        raise InvalidModel(f"{path}: Assimp cannot read it ({error})") from error
+    faces = [(t[0], t[1], t[2]) for t in map(model.tri_indices, range(model.num_tris))]
+    return _used(np.array(model.vertices()), np.array(faces, dtype=np.int64).reshape(-1, 3))
+
+
+def turned(profile: ArrayLike, sides: int = 20) -> Mesh:
+    """Return the solid of revolution about z of a profile (k, 2) of radius and height [m]."""
+    r, z = np.asarray(profile, dtype=float).T
+    angle = 2.0 * np.pi * np.arange(sides) / sides
+    x, y = (np.outer(r, f(angle)) for f in (np.cos, np.sin))
+    vertices = np.stack([x, y, np.broadcast_to(z[:, None], x.shape)], axis=2).reshape(-1, 3)
+    ring, side = np.meshgrid(np.arange(len(r) - 1), np.arange(sides), indexing="ij")
+    a, b = ring * sides + side, ring * sides + (side + 1) % sides
+    c, d = a + sides, b + sides
+    faces = np.concatenate([np.stack([a, b, d], 2), np.stack([a, d, c], 2)]).reshape(-1, 3)
+    return Mesh(vertices, faces.astype(np.uint32))
+
+
+def sphere(radius: float) -> Mesh:
+    """Return a ball about the origin."""
+    angle = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 11)
+    return turned(radius * np.column_stack([np.cos(angle), np.sin(angle)]))
+
+
+def cylinder(radius: float, height: float) -> Mesh:
+    """Return a cylinder along z, its middle in the origin."""
+    h = 0.5 * height
+    return turned([(0.0, -h), (radius, -h), (radius, h), (0.0, h)])
+
+
+def capsule(radius: float, height: float) -> Mesh:
+    """Return a cylinder along z from 0 to `height` with half a ball at each end."""
+    angle = np.linspace(0.0, 0.5 * np.pi, 5)
+    cap = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    return turned(np.vstack([cap[::-1] * (1, -1), cap + np.array([0.0, height])]), 12)
+
+
+def box(x: float, y: float, z: float) -> Mesh:
+    """Return a box of these edges, its middle in the origin."""
+    corners = np.array([(i, j, k) for i in (-0.5, 0.5) for j in (-0.5, 0.5) for k in (-0.5, 0.5)])
+    faces = [
+        (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
+        (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3),
+    ]  # fmt: skip
+    return Mesh(corners * (x, y, z), np.array(faces, dtype=np.uint32))

@@ -1,0 +1,68 @@
+"""Moment: what is to be seen of a scene at one configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from condyn_pin._pin import pin
+from condyn_pin.arrays import Array
+from condyn_pin.force import ConstraintForce
+from condyn_pin.rows.bound import AnyBound
+from condyn_pin.rows.equations import Equations
+from condyn_pin.scene import Scene
+from condyn_pin.states.gaps import Gap, gaps
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """Where everything is.
+
+    Attributes
+    ----------
+    joints : list of pin.SE3
+        Every joint in the world; the world itself is the first.
+    com : (3,) array
+        Centre of mass [m].
+    ends : mapping of str to pair of pin.SE3
+        The frames c1 and c2 of each constraint in the world; couplings have none.
+    gaps : mapping of str to Gap
+        How far each constraint that has a position is open.
+    bounds : mapping of str to AnyBound
+        The constraints that hold at this moment.
+    forces : mapping of str to ConstraintForce
+        On the first-named body; empty where none are known.
+    """
+
+    joints: list[Any]
+    com: Array  # [m]
+    ends: Mapping[str, tuple[Any, Any]]
+    gaps: Mapping[str, Gap]
+    bounds: Mapping[str, AnyBound]
+    forces: Mapping[str, ConstraintForce] = field(default_factory=dict)
+
+    def robot_end(self, name: str) -> Any | None:
+        """Return the frame of a contact on the robot; None while it does not hold."""
+        if name not in self.ends:
+            return None
+        return self.ends[name][0 if self.bounds[name].joint1 else 1]  # type: ignore[union-attr]
+
+
+def moment(scene: Scene, q: Array, forces: Mapping[str, ConstraintForce] | None = None) -> Moment:
+    """Return what is to be seen of a scene at q (nq,)."""
+    equations = Equations(scene.robot.model, scene.bounds)
+    opening = gaps(scene, equations.violation(q))
+    placed = zip(scene.names, equations.placements(q), strict=True)
+    oMi = [pin.SE3(each) for each in equations.data.oMi]
+    com = np.array(pin.centerOfMass(scene.robot.model, equations.data, q))
+    return Moment(
+        oMi,
+        com,
+        {name: (pin.SE3(ends[0]), pin.SE3(ends[1])) for name, ends in placed if ends},
+        opening,
+        {bound.name: bound for bound in scene.bounds},
+        forces or {},
+    )

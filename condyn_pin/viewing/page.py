@@ -1,0 +1,102 @@
+"""One page that holds everything: meshcat's viewer, and the commands that draw."""
+
+from __future__ import annotations
+
+import html
+import importlib.util
+from collections.abc import Iterable
+from pathlib import Path
+
+from condyn_pin.arrays import Array
+from condyn_pin.errors import MissingExtra
+from condyn_pin.viewing.three import Command, packed
+
+# The commands are decoded at once, in order and without a request, so that a page that is loaded
+# is drawn, also from a disk.
+_PAGE = """<!DOCTYPE html>
+<html>
+<head><meta charset="utf-8"><title>{title}</title>
+<style>
+body {{ margin: 0; }}
+#meshcat-pane {{ width: 100vw; height: 100vh; overflow: hidden; }}
+#legend {{ position: absolute; left: 12px; top: 10px; font: 13px sans-serif; color: #222;
+  background: rgba(255, 255, 255, 0.75); padding: 6px 10px; border-radius: 4px; }}
+#legend b {{ display: inline-block; width: 11px; height: 11px; margin-right: 6px; }}
+</style></head>
+<body>
+<div id="meshcat-pane"></div>
+<div id="legend">{legend}</div>
+<script>{script}</script>
+<script>
+var viewer = new MeshCat.Viewer(document.getElementById("meshcat-pane"));
+function draw(text) {{
+  viewer.handle_command_bytearray(Uint8Array.from(atob(text), c => c.charCodeAt(0)));
+}}
+{commands}
+viewer.camera.fov = 50;
+viewer.camera.position.set(...{position});
+viewer.controls.target.set(...{target});
+viewer.controls.update();
+</script>
+</body>
+</html>
+"""
+
+_MISSING = 'pictures in a browser need meshcat: python -m pip install "condyn_pin[view]"'
+
+
+def page(
+    title: str,
+    legend: Iterable[tuple[str, str]],
+    commands: Iterable[Command],
+    *,
+    camera: Array,
+    target: Array,
+) -> str:
+    """Return the page.
+
+    Parameters
+    ----------
+    title : str
+    legend : iterable of (str, str)
+        Colours, as CSS names them, and what they mean; a text without colour is a line alone.
+    commands : iterable of Command
+    camera, target : (3,) array
+        Where the camera is, and what it looks at and turns about [m].
+    """
+    lines = [_patch(colour) + html.escape(text) for colour, text in legend]
+    return _PAGE.format(
+        title=html.escape(title),
+        legend="<br>".join(lines),
+        script=_script(),
+        commands="\n".join(f'draw("{packed(command)}");' for command in commands),
+        position=_y_up(camera),
+        target=_y_up(target),
+    )
+
+
+def _y_up(point: Array) -> list[float]:
+    """Return a point in the axes of three.js."""
+    x, y, z = (float(each) for each in point)
+    return [x, z, -y]
+
+
+def _patch(colour: str) -> str:
+    return f"<b style='background: {colour}'></b>" if colour else ""
+
+
+def require_meshcat() -> Path:
+    """Return the folder of meshcat, which is not imported, or raise MissingExtra."""
+    found = importlib.util.find_spec("meshcat")
+    if found is None or not found.submodule_search_locations:
+        raise MissingExtra(_MISSING)
+    for module in ("umsgpack", "PIL"):
+        if importlib.util.find_spec(module) is None:
+            raise MissingExtra(_MISSING)
+    return Path(found.submodule_search_locations[0])
+
+
+def _script() -> str:
+    """Return meshcat's viewer, of which no text ends the element that it stands in."""
+    path = require_meshcat() / "viewer" / "dist" / "main.min.js"
+    return path.read_text(encoding="utf-8").replace("</script", "<\\/script")

@@ -1,0 +1,44 @@
+"""Colours: those of Okabe and Ito, told apart by colour-blind eyes."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from condyn_pin import tolerances
+
+Colour = tuple[float, float, float]  # red, green, blue from 0 to 1
+
+BODY: Final[Colour] = (0.72, 0.74, 0.77)
+GHOST: Final[Colour] = (0.55, 0.55, 0.60)
+ACTUATED: Final[Colour] = (0.902, 0.624, 0.0)  # orange
+PASSIVE: Final[Colour] = (0.25, 0.25, 0.25)
+CONTACT: Final[Colour] = (0.8, 0.475, 0.655)  # purple
+FORCE: Final[Colour] = (0.0, 0.447, 0.698)  # blue
+REACTION: Final[Colour] = (0.337, 0.706, 0.914)  # sky blue
+MOMENT: Final[Colour] = (0.533, 0.133, 0.333)  # wine
+MASS: Final[Colour] = (0.0, 0.0, 0.0)
+AXES: Final[tuple[Colour, Colour, Colour]] = ((0.85, 0.1, 0.1), (0.1, 0.6, 0.1), (0.1, 0.2, 0.9))
+
+CLOSED: Final[Colour] = (0.0, 0.62, 0.451)  # green
+AJAR: Final[Colour] = (0.941, 0.894, 0.259)  # yellow
+OPEN: Final[Colour] = (0.835, 0.369, 0.0)  # vermillion
+
+_WIDE: Final = 1e-2  # [m] a gap that everybody sees
+
+
+def gap_colour(length: float) -> Colour:
+    """Return the colour of a gap: green is closed, then from yellow to vermillion.
+
+    Parameters
+    ----------
+    length : float
+        [m]. Up to 1e-10 it is closed; from 1 cm on it is vermillion, and on a scale of
+        logarithms in between.
+    """
+    if length <= tolerances.CLOSED:
+        return CLOSED
+    decades = math.log(_WIDE / tolerances.CLOSED)
+    x = min(math.log(length / tolerances.CLOSED) / decades, 1.0)
+    red, green, blue = (a + x * (b - a) for a, b in zip(AJAR, OPEN, strict=True))
+    return red, green, blue

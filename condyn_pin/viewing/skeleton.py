@@ -1,0 +1,67 @@
+"""What stands for a robot that nobody drew: rods between its joints, and the inertia of each body.
+
+The ellipsoid is the solid one of even density with the mass and the inertia of the body: with
+principal moments I_k at its centre of mass, its half axes are
+
+    r_k = sqrt(5 (I_1 + I_2 + I_3 - 2 I_k) / (2 m))
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from condyn_pin.arrays import Array
+from condyn_pin.constraints import Coupling
+from condyn_pin.robot import Robot
+from condyn_pin.viewing import meshes
+from condyn_pin.viewing.palette import BODY, GHOST, Colour
+from condyn_pin.viewing.part import Part, joint_pose, span
+
+
+def skeleton(robot: Robot, size: float) -> Iterator[Part]:
+    """Return a part for each joint: rods to what it carries, and the ellipsoid of its inertia."""
+    model = robot.model
+    for i in range(model.njoints):
+        points = _points(robot, i)
+        start = points[0] if i == 0 and points else np.zeros(3)
+        rods = [_rod(start, p, 0.006 * size) for p in points if np.linalg.norm(p - start) > 0.0]
+        drawn: list[tuple[meshes.Mesh, Colour]] = [(rod, BODY) for rod in rods]
+        if i and model.inertias[i].mass > 0.0:
+            drawn.append((_ellipsoid(model.inertias[i], 0.012 * size), GHOST))
+        if drawn:
+            yield Part(f"robot/{model.names[i]}", joint_pose(i), tuple(drawn))
+
+
+def _points(robot: Robot, i: int) -> list[Array]:
+    """Return where other things are on joint i: joints, loops, contacts; else its own mass."""
+    model = robot.model
+    found = [model.jointPlacements[j].translation for j in range(1, model.njoints)
+             if model.parents[j] == i and model.joints[j].nq != 7]  # fmt: skip
+    names = [name for loop in robot.loops if not isinstance(loop, Coupling)
+             for name in (loop.frame_a, loop.frame_b)]  # fmt: skip
+    names += [contact.frame for contact in robot.contacts]  # type: ignore[attr-defined]
+    ends = (robot.frame(name) for name in names)
+    found += [placement.translation for joint, placement in ends if joint == i]
+    if i and not any(np.linalg.norm(p) > 0.0 for p in found):
+        found.append(model.inertias[i].lever)
+    return [np.array(p) for p in found]
+
+
+def _rod(start: Array, end: Array, radius: float) -> meshes.Mesh:
+    length = float(np.linalg.norm(end - start))
+    T = span(start, end)
+    T[:3, 2] /= length
+    return meshes.capsule(radius, length).moved(T)
+
+
+def _ellipsoid(inertia: Any, least: float) -> meshes.Mesh:
+    moments, axes = np.linalg.eigh(inertia.inertia)
+    squares = 2.5 * (moments.sum() - 2.0 * moments) / inertia.mass
+    radii = np.maximum(np.sqrt(np.maximum(squares, 0.0)), least)
+    T = np.eye(4)
+    T[:3, :3] = axes * radii
+    T[:3, 3] = inertia.lever
+    return meshes.sphere(1.0).moved(T)

@@ -1,0 +1,188 @@
+"""Viewer: a picture that is looked at."""
+
+from __future__ import annotations
+
+import atexit
+import html as markup
+import os
+import subprocess
+import sys
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any, Final
+
+from condyn_pin.errors import InvalidArgument
+from condyn_pin.viewing.chromium import screenshot
+from condyn_pin.viewing.drawing import Drawing
+from condyn_pin.viewing.part import Part
+
+_PATIENCE: Final = 10.0  # [s] in which a browser that was opened fetches the page
+
+
+class _Server(ThreadingHTTPServer):
+    """Serves one page, to this machine only."""
+
+    daemon_threads = True
+
+    def __init__(self, page: bytes, port: int) -> None:
+        self.page, self.fetched = page, threading.Event()
+        super().__init__(("127.0.0.1", port), _Handler)
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: _Server
+
+    def do_GET(self) -> None:
+        """Send the page."""
+        if self.path != "/":
+            self.send_error(404)
+            return
+        self.send_response(200)
+        self.send_header("Content-Type", "text/html; charset=utf-8")
+        self.send_header("Content-Length", str(len(self.server.page)))
+        self.end_headers()
+        self.wfile.write(self.server.page)
+        self.server.fetched.set()
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Say nothing."""
+
+
+class Viewer:
+    """A picture, and the server that shows it to a browser.
+
+    The page holds everything: once a browser has it, it lives without the server, and the server
+    lives in this process, until `close` or the end of the program. It is a context manager too.
+
+    Attributes
+    ----------
+    drawing : Drawing
+        What is seen; `notes` says what could not be drawn.
+    """
+
+    def __init__(self, drawing: Drawing) -> None:
+        self.drawing = drawing
+        self._html: str | None = None
+        self._server: _Server | None = None
+        self._thread: threading.Thread | None = None
+        self._opened = False
+
+    @property
+    def parts(self) -> dict[str, Part]:
+        """The parts of the picture by path."""
+        return {part.path: part for part in self.drawing.parts}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What could not be drawn, a sentence each."""
+        return self.drawing.notes
+
+    @property
+    def html(self) -> str:
+        """The page: one text that holds everything, and needs no network."""
+        if self._html is None:
+            self._html = self.drawing.html()
+        return self._html
+
+    @property
+    def url(self) -> str:
+        """Where a browser of this machine finds the page; empty if it is not served."""
+        return f"http://127.0.0.1:{self._server.server_port}/" if self._server else ""
+
+    def save_html(self, path: str | Path) -> None:
+        """Write the page to a file, which opens from disk without a network."""
+        try:
+            Path(path).write_text(self.html, encoding="utf-8")
+        except OSError as error:
+            raise InvalidArgument(f"{path}: cannot be written: {error.strerror}") from error
+
+    def save_png(self, path: str | Path) -> None:
+        """Write the first moment to a picture, drawn by headless Chromium.
+
+        Raises
+        ------
+        MissingExtra
+            If there is no Chromium; the text says how to get one.
+        BrowserFailed
+            If it made no picture.
+        """
+        target = Path(path)
+        if not target.absolute().parent.is_dir():
+            raise InvalidArgument(f"{path}: there is no folder {target.parent}; make it first")
+        screenshot(self.html.replace("</style>", ".dg { display: none; }</style>", 1), target)
+
+    def serve(self, port: int = 0) -> None:
+        """Serve the page at a port; at a free one by default."""
+        if self._server is not None:
+            return
+        try:
+            self._server = _Server(self.html.encode(), port)
+        except OSError as error:
+            raise InvalidArgument(
+                f"port = {port}: {error.strerror}; leave it out, and a free one is taken"
+            ) from error
+        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
+        self._thread.start()
+        _open.add(self)
+
+    def open(self) -> None:
+        """Open the page in the user's browser, if there is a screen."""
+        if not _has_screen():
+            return
+        self._opened = True
+        # Another Python opens it, so that no process of the browser is a child of this one.
+        words = [sys.executable, "-m", "webbrowser", self.url]
+        try:
+            subprocess.run(words, capture_output=True, timeout=_PATIENCE, check=False)
+        except subprocess.TimeoutExpired:
+            self._opened = False
+
+    def wait(self) -> None:
+        """Wait until `close`, or for Ctrl-C."""
+        while self._thread is not None and self._thread.is_alive():
+            self._thread.join(0.2)
+
+    def close(self) -> None:
+        """Stop the server; pages that a browser has stay as they are."""
+        _open.discard(self)
+        if self._server is not None and self._thread is not None:
+            self._server.shutdown()
+            self._thread.join()
+            self._server.server_close()
+        self._server = self._thread = None
+
+    def __enter__(self) -> Viewer:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def _repr_html_(self) -> str:
+        """Return the picture for a notebook: the page itself, so it needs no server."""
+        return (
+            f'<iframe srcdoc="{markup.escape(self.html)}" style="width: 100%; height: 480px; '
+            'border: none"></iframe>'
+        )
+
+    def __repr__(self) -> str:
+        where = f" at {self.url}" if self._server else ""
+        return f"Viewer({self.drawing.title}: {len(self.drawing.parts)} parts{where})"
+
+
+_open: set[Viewer] = set()  # a viewer that nobody holds is still looked at
+
+
+def _has_screen() -> bool:
+    """Whether a window can appear: without one, a browser of the terminal would take it over."""
+    if sys.platform.startswith("linux"):
+        return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    return True
+
+
+@atexit.register
+def _close_all() -> None:
+    for viewer in tuple(_open):
+        if viewer._opened and viewer._server is not None:
+            viewer._server.fetched.wait(_PATIENCE)
+        viewer.close()

@@ -1,0 +1,124 @@
+"""Many motions at once: the bits of `simulate`, whoever did the work; nothing lost or hidden."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from shared import robot
+
+import condyn_pin as cp
+
+N, DURATION = 5, 0.05
+
+
+def scene_of(label: str) -> cp.Scene:
+    if label == "talos feet":
+        return cp.Scene(robot("talos"), robot("talos").contacts)
+    return cp.Scene(robot(label), robot(label).loops)
+
+
+def states(scene: cp.Scene, count: int = N) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(3)
+    some = [scene.sample(rng) for _ in range(count)]
+    return np.array([q for q, _ in some]), 0.2 * np.array([v for _, v in some])
+
+
+def pull(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """A torque that workers find in this module."""
+    return -0.1 * v
+
+
+@pytest.fixture(scope="module")
+def executor():
+    with cp.Processes(2) as processes:
+        yield processes
+
+
+CHOICES = [
+    ("four_bar", {"integrator": cp.SemiImplicitEuler(), "drift": cp.PostStabilization()}),
+    ("four_bar", {"integrator": cp.Rattle(), "record": 7}),
+    ("four_bar", {"integrator": cp.GeneralisedAlpha(), "record": 7}),
+    ("cassie", {"integrator": cp.SemiImplicitEuler(), "drift": cp.Projection(every=3)}),
+    ("talos feet", {"integrator": cp.RungeKutta4(), "record": 20}),
+]
+
+
+def assert_same(one: cp.BatchTrajectory, other: cp.BatchTrajectory) -> None:
+    for name in ("t", "q", "v", "violation", "slip", "energy_error", "statuses"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+    assert (one.samples is None) == (other.samples is None)
+    if one.samples and other.samples:
+        for name, array in vars(one.samples).items():
+            np.testing.assert_array_equal(array, getattr(other.samples, name), err_msg=name)
+
+
+@pytest.mark.parametrize(("label", "choices"), CHOICES)
+def test_motions_have_the_bits_of_single_ones(label, choices, executor):
+    scene = scene_of(label)
+    Q, V = states(scene)
+    TAU = np.random.default_rng(1).normal(size=(N, scene.robot.nv))
+    here = cp.simulate_batch(scene, Q, V, TAU, duration=DURATION, **choices)
+    assert here.ok, here.counts
+    over = {"executor": executor, "chunk": 2}
+    assert_same(cp.simulate_batch(scene, Q, V, TAU, duration=DURATION, **over, **choices), here)
+    single = {"record": 1} | choices
+    for i in (0, N - 1):
+        wanted = cp.simulate(scene, Q[i], V[i], TAU[i], duration=DURATION, **single)
+        np.testing.assert_array_equal(here.q[i], wanted.q[-1])
+        np.testing.assert_array_equal(here.v[i], wanted.v[-1])
+        assert here.violation[i] <= wanted.violation.max()
+        if here.samples is not None:
+            for name in ("t", "q", "v", "a", "lam", "tau"):
+                found = getattr(here.samples, name)[i]
+                np.testing.assert_array_equal(found, getattr(wanted, name), err_msg=name)
+            assert here.violation[i] == wanted.violation.max()
+            assert here.energy_error[i] == np.abs(wanted.energy.error).max()
+
+
+def test_torques_for_all_and_functions(executor):
+    scene = scene_of("four_bar")
+    Q, V = states(scene)
+    options = {"duration": DURATION, "executor": executor}
+    still = cp.simulate_batch(scene, Q, V, **options)
+    assert_same(still, cp.simulate_batch(scene, Q, V, np.zeros(3), **options))
+    one = np.array([0.3, 0.0, 0.1])
+    pushed = cp.simulate_batch(scene, Q, V, one, **options)
+    assert_same(pushed, cp.simulate_batch(scene, Q, V, np.tile(one, (N, 1)), **options))
+    assert np.abs(pushed.q - still.q).max() > 1e-6
+    braked = cp.simulate_batch(scene, Q, V, pull, **options)
+    wanted = cp.simulate(scene, Q[2], V[2], pull, duration=DURATION)
+    np.testing.assert_array_equal(braked.q[2], wanted.q[-1])
+
+
+def test_what_breaks_down_is_counted_and_stops_nobody():
+    scene = scene_of("four_bar")
+    Q, V = states(scene)
+    Q[1, 0] += 0.3  # open
+    V[3] *= 1e6  # faster than any step can follow
+    found = cp.simulate_batch(scene, Q, V, duration=DURATION, record=10)
+    assert found.statuses[[0, 2, 4]].tolist() == [0, 0, 0]
+    assert set(found.failed) == {1, 3}
+    assert found.t[1] == 0.0
+    assert np.isnan(found.violation[1])
+    assert np.isnan(found.samples.q[1]).all()
+    assert sum(found.counts.values()) == N
+    assert not found.ok
+    assert "finished" in repr(found)
+    assert "steps/s" in str(found)
+
+
+def test_bad_input_is_refused_before_anything_is_done():
+    scene = scene_of("four_bar")
+    Q, V = states(scene)
+    for wrong in (
+        {"duration": -1.0},
+        {"duration": 1.0, "record": 0},
+        {"duration": 1.0, "chunk": 0},
+        {"duration": 1.0, "integrator": "rk4"},
+        {"duration": 1.0, "integrator": cp.Rattle(), "drift": cp.Baumgarte(1, 1)},
+    ):
+        with pytest.raises(cp.InvalidArgument):
+            cp.simulate_batch(scene, Q, V, **wrong)
+    Q[2, 1] = np.nan
+    with pytest.raises(cp.InvalidArgument, match=r"Q\[2, 1\] = nan"):
+        cp.simulate_batch(scene, Q, V, duration=1.0)

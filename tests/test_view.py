@@ -1,0 +1,295 @@
+"""Pictures: what is drawn, where, and in which colour."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from viewed import bent_cassie, drawing, falling_bar, parts
+
+import condyn_pin as cp
+from condyn_pin.viewing import meshes, palette
+from condyn_pin.viewing.descriptions import shapes_of
+from condyn_pin.viewing.motion import tracks
+from condyn_pin.viewing.part import span
+from condyn_pin.viewing.skeleton import skeleton
+
+
+@pytest.fixture(scope="module")
+def standing():
+    return bent_cassie()
+
+
+@pytest.fixture(scope="module")
+def cassie(standing):
+    return standing[0].robot
+
+
+@pytest.fixture(scope="module")
+def swinging():
+    return falling_bar()
+
+
+# Meshes
+
+
+def volume(mesh):
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum()) / 6.0
+
+
+def test_solids_have_their_volume_and_point_outward():
+    assert volume(meshes.box(1.0, 2.0, 3.0)) == pytest.approx(6.0)
+    assert volume(meshes.cylinder(0.5, 2.0)) == pytest.approx(0.5 * np.pi, rel=0.02)
+    assert volume(meshes.sphere(0.5)) == pytest.approx(np.pi / 6.0, rel=0.05)
+    whole = meshes.capsule(0.5, 2.0)
+    assert volume(whole) == pytest.approx(0.5 * np.pi + np.pi / 6.0, rel=0.06)
+    assert whole.vertices[:, 2].min() == pytest.approx(-0.5)
+    assert whole.vertices[:, 2].max() == pytest.approx(2.5)
+
+
+def test_a_mesh_is_what_assimp_reads(cassie):
+    shape = next(s for s in shapes_of(cassie.description)[0] if s.file)
+    ours, theirs = meshes.read_mesh(shape.file), meshes._by_assimp(shape.file)
+    assert volume(ours) == pytest.approx(volume(theirs), rel=1e-6)
+    assert np.allclose(ours.vertices.min(axis=0), theirs.vertices.min(axis=0))
+    assert np.allclose(ours.vertices.max(axis=0), theirs.vertices.max(axis=0))
+
+
+def test_a_simplified_mesh_keeps_its_form_to_a_cell(cassie):
+    shape = next(s for s in shapes_of(cassie.description)[0] if s.link == "pelvis")
+    fine = meshes.read_mesh(shape.file)
+    coarse = fine.simplified(0.02)
+    assert len(coarse.faces) < 0.3 * len(fine.faces)
+    assert np.abs(coarse.vertices.min(axis=0) - fine.vertices.min(axis=0)).max() < 0.02
+    assert np.abs(coarse.vertices.max(axis=0) - fine.vertices.max(axis=0)).max() < 0.02
+    assert coarse.faces.max() < len(coarse.vertices)
+
+
+def test_a_span_takes_the_unit_length_to_a_segment():
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        start, end = rng.normal(size=(2, 3))
+        T = span(start, end)
+        assert np.allclose(T @ [0, 0, 1, 1], [*end, 1])
+        assert np.allclose(T @ [0, 0, 0, 1], [*start, 1])
+        assert np.linalg.det(T[:3, :3]) == pytest.approx(np.linalg.norm(end - start))
+    assert np.isfinite(span(start, start)).all()
+
+
+def test_gaps_are_coloured_by_their_length():
+    assert palette.gap_colour(0.0) == palette.CLOSED
+    assert palette.gap_colour(1.0) == pytest.approx(palette.OPEN)
+    greens = [palette.gap_colour(x)[1] for x in np.logspace(-9, -2, 8)]
+    assert all(a > b for a, b in pairwise(greens))
+
+
+# What is drawn
+
+
+@pytest.mark.parametrize("name", cp.available_robots())
+def test_every_robot_can_be_seen(name):
+    robot = cp.load_robot(name)
+    found = drawing(robot, robot.postures.get("standing", pin.neutral(robot.model)))
+    bodies = [p for p in found.parts if p.path.startswith("robot/")]
+    assert sum(len(mesh.faces) for part in bodies for mesh, _ in part.meshes) > 50
+    assert found.notes == ()
+    for part in found.parts:
+        assert np.isfinite(part.place(found.moments[0])).all(), part.path
+        for mesh, _ in part.meshes:
+            assert np.isfinite(mesh.vertices).all()
+            assert mesh.faces.max() < len(mesh.vertices)
+    seen = np.vstack(
+        [
+            mesh.moved(part.place(found.moments[0])).vertices
+            for part in bodies
+            for mesh, _ in part.meshes
+        ]
+    )
+    distance = np.abs(seen - found.middle).max()  # a mesh in millimetres would be far outside
+    assert distance < 2.0 * found.size
+
+
+def test_joints_with_a_motor_are_told_apart(cassie):
+    found = parts(cassie)
+    motors = {p.split("/", 2)[2] for p in found if p.startswith("joints/actuated/")}
+    passive = {p.split("/", 2)[2] for p in found if p.startswith("joints/passive/")}
+    assert motors == set(cassie.actuated)
+    assert motors | passive == set(cassie.joints) - {"root_joint"}
+    (_, colour), *_ = found["joints/actuated/left-knee-op"].meshes
+    assert colour == palette.ACTUATED
+
+
+def test_a_joint_mark_lies_along_its_axis():
+    bar = cp.four_bar()
+    mark = parts(bar)[f"joints/actuated/{bar.actuated[0]}"].meshes[0][0]
+    spread = np.ptp(mark.vertices, axis=0)
+    assert int(spread.argmax()) == 1  # its bars move in the plane of x and z
+
+
+def test_both_frames_of_a_closure_and_its_gap(cassie, standing):
+    scene, _, _, bent = standing
+    found = drawing(scene, bent)
+    at, name = found.moments[0], "left-achilles-spring-joint"
+    picture = {part.path: part for part in found.parts}
+    data = cassie.model.createData()
+    pin.forwardKinematics(cassie.model, data, bent)
+    loop = next(loop for loop in cassie.loops if loop.name == name)
+    ends = []
+    for frame, path in ((loop.frame_a, "frame_a"), (loop.frame_b, "frame_b")):
+        joint, placement = cassie.frame(frame)
+        ends.append(data.oMi[joint] * placement)
+        drawn = picture[f"closures/{name}/{path}"].place(at)
+        assert np.allclose(drawn, ends[-1].homogeneous)
+    gap = picture[f"closures/{name}/gap"]
+    T = gap.place(at)
+    assert {tuple(np.round(T @ [0, 0, z, 1], 9)) for z in (0, 1)} == {
+        tuple(np.round([*end.translation, 1], 9)) for end in ends
+    }
+    length = float(np.linalg.norm(ends[0].translation - ends[1].translation))
+    assert length > 0.1
+    assert gap.tint(at) == pytest.approx(palette.OPEN)
+    assert picture["closures/right-achilles-spring-joint/gap"].tint(at) == palette.CLOSED
+    assert at.gaps[name].length == pytest.approx(length)
+
+
+def test_forces_are_arrows_where_and_how_they_act(standing):
+    scene, q, v, _ = standing
+    sol = cp.solve(scene, q, v, scene.robot.passive_torque(q, v))
+    found = drawing(sol)
+    at = found.moments[0]
+    arrows = {p.path: p for p in found.parts if p.path.startswith("forces/") and not p.picture}
+    scales = []
+    for name, force in sol.forces.items():
+        path = next(p for p in arrows if p.startswith(f"forces/{name}/on "))
+        T = arrows[path].place(at)
+        vector = force.in_world()[:3]
+        assert np.allclose(T[:3, 3], force.at)
+        scales.append(np.linalg.norm(T[:3, 2]) / np.linalg.norm(vector))
+        assert np.allclose(T[:3, 2], scales[-1] * vector)
+    assert np.allclose(scales, scales[0])  # one scale for all
+    assert "forces/left-foot/toe/on left-foot" in arrows
+    both = [p for p in arrows if p.startswith("forces/left-achilles-spring-joint/on ")]
+    assert len(both) == 2  # on the rod, and on the heel spring
+    a, b = (arrows[p].place(at)[:3, 2] for p in both)
+    assert np.allclose(a, -b)
+    assert not [p for p in parts(sol, forces=False) if p.startswith("forces/")]
+
+
+def test_a_force_is_on_a_body_and_not_on_a_mere_frame():
+    stewart = cp.load_robot("stewart")
+    scene = cp.Scene(stewart, stewart.loops)
+    found = parts(cp.gravity_compensation(scene, scene.state()[0]))
+    bodies = {frame.name for frame in stewart.model.frames if frame.type == pin.FrameType.BODY}
+    on = {p.split("/on ")[1] for p in found if p.startswith("forces/") and "label" not in p}
+    assert on <= bodies
+    assert "platform" in on
+
+
+def test_a_contact_patch_has_its_size():
+    talos = cp.load_robot("talos")
+    foot = cp.SurfaceContact("left_sole_link", half_length=0.1, half_width=0.06)
+    found = parts(cp.Scene(talos, [foot]), talos.postures["half_sitting"])
+    mesh, _ = found["contacts/left_sole_link/patch"].meshes[0]
+    assert np.allclose(np.ptp(mesh.vertices, axis=0)[:2], (0.2, 0.12))
+
+
+def test_the_centre_of_mass_is_where_it_is(standing):
+    scene, q, _, _ = standing
+    found = drawing(scene, q)
+    mark = next(p for p in found.parts if p.path == "mass/centre")
+    com = pin.centerOfMass(scene.robot.model, scene.robot.model.createData(), q)
+    assert np.allclose(mark.place(found.moments[0])[:3, 3], com)
+
+
+def test_what_nobody_drew_has_its_inertia():
+    model = pin.Model()
+    inertia = pin.Inertia.FromEllipsoid(2.0, 0.3, 0.2, 0.1)
+    joint = model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "hinge")
+    model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+    robot = cp.Robot("egg", model)
+    (part,) = skeleton(robot, 0.1)
+    half = 0.5 * np.ptp(part.meshes[-1][0].vertices, axis=0)
+    assert np.allclose(np.sort(half), (0.1, 0.2, 0.3), rtol=0.06)
+
+
+def test_an_assembly_is_seen_before_and_after(standing):
+    scene, _, _, bent = standing
+    loops = cp.Scene(scene.robot, scene.robot.loops)
+    assembly = loops.assemble(bent, fixed=["left-knee-op"])
+    found = drawing(assembly)
+    picture, at = {p.path: p for p in found.parts}, found.moments[0]
+    before = picture["before/closures/left-achilles-spring-joint/gap"]
+    after = picture["closures/left-achilles-spring-joint/gap"]
+    assert before.tint(at) == pytest.approx(palette.OPEN)
+    assert after.tint(at) == palette.CLOSED
+    assert picture["before/robot/left-knee-op"].opacity < 0.5
+    assert picture["robot/left-knee-op"].opacity == 1.0
+    assert np.linalg.norm(before.place(at)[:3, 2]) > 0.1
+    assert np.linalg.norm(after.place(at)[:3, 2]) < 1e-8
+
+
+def test_a_smaller_robot_keeps_its_shapes(cassie):
+    locked = cp.Scene(cassie, cassie.loops).lock(["left-knee-op"])
+    assert locked.robot.description == cassie.description
+    whole = parts(cassie, cassie.postures["standing"])
+    small = parts(locked.robot, pin.neutral(locked.robot.model))
+    assert len([p for p in small if p.startswith("robot/")]) > 0
+    assert "robot/left-knee-op" in whole
+    assert "robot/left-knee-op" not in small
+
+
+def test_a_mesh_that_is_missing_is_said(tmp_path):
+    text = """<robot name="r"><link name="base"/><link name="arm">
+      <inertial><mass value="1"/>
+        <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+      <visual><geometry><mesh filename="package://nowhere/arm.stl"/></geometry></visual>
+      <visual><origin xyz="0 0 1"/><geometry><box size="1 2 3"/></geometry>
+        <material name="m"><color rgba="1 0 0 1"/></material></visual></link>
+      <joint name="j" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
+      </joint></robot>"""
+    path = tmp_path / "r.urdf"
+    path.write_text(text)
+    found = drawing(cp.load_robot(path))
+    assert found.notes == ("link 'arm' is not drawn whole: no file 'package://nowhere/arm.stl'",)
+    ((mesh, colour),) = next(p for p in found.parts if p.path == "robot/j").meshes
+    assert colour == (1.0, 0.0, 0.0)
+    assert np.allclose(mesh.vertices.max(axis=0), (0.5, 1.0, 2.5))
+
+
+# Motions
+
+
+def test_a_motion_is_played_thirty_times_a_second(swinging):
+    found = drawing(swinging)
+    assert len(found.moments) == 16
+    assert found.fps == 30.0
+    assert len(drawing(swinging, speed=0.5).moments) == 31
+    model = swinging.scene.robot.model
+    k = int(np.searchsorted(swinging.t, 0.3 - 1e-9))
+    data = model.createData()
+    pin.forwardKinematics(model, data, swinging.q[k])
+    assert np.allclose(found.moments[9].joints[-1].homogeneous, data.oMi[-1].homogeneous)
+
+
+def test_what_moves_has_tracks_and_what_rests_has_none(swinging):
+    found = drawing(swinging)
+    moving = tracks(found.parts, found.moments)
+    assert "floor" not in moving
+    bodies = [path for path in moving if path.startswith("robot/")]
+    assert len(bodies) == 3
+    for path in bodies:
+        assert {t["name"] for t in moving[path]} == {".position", ".quaternion"}
+    arrow = next(p for p in moving if p.startswith("forces/") and not p.endswith("label"))
+    assert {t["name"] for t in moving[arrow]} == {".position", ".quaternion", ".scale"}
+
+
+def test_a_motion_survives_its_file(tmp_path, standing):
+    scene, q, v, _ = standing
+    run = cp.simulate(scene, q, v, duration=0.05, dt=0.005)
+    run.save(tmp_path / "run.npz")
+    again = cp.Trajectory.load(tmp_path / "run.npz")
+    assert parts(again).keys() == parts(run).keys()  # its meshes too
+    assert any(len(p.meshes[0][0].faces) > 1000 for k, p in parts(again).items() if "robot/" in k)
