@@ -147,3 +147,21 @@ def test_rows_that_lose_their_grip_are_named():
     doubtful = cp.solve(case.scene, case.q, case.v, case.tau, solver=few, throw=False)
     assert not doubtful.status.ok
     assert any("nearly singular" in notice and weak[0] in notice for notice in doubtful.notices)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.95, 1.05, 2.0])
+@pytest.mark.parametrize("dt", [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1])
+def test_steps_of_every_size_on_both_sides_of_the_wall(dt, share):
+    """Gains within the wall keep a slow linkage closed, whatever the step; gains beyond are refused."""
+    scene = all_scenes()["four_bar loops"]
+    q, v = scene.state()
+    v = scene.project_velocity(q, 0.01 / max(dt, 1e-3) * 1e-2 * np.ones(3))
+    gain = share * 0.828 / dt
+    knobs = {"duration": 200 * dt, "dt": dt, "integrator": cp.SemiImplicitEuler(), "gravity": False}
+    if share > 1:
+        with pytest.raises(cp.InvalidArgument, match="wall|alpha|beta"):
+            cp.simulate(scene, q, v, drift=cp.Baumgarte(gain, gain), **knobs)
+        return
+    run = cp.simulate(scene, q, v, drift=cp.Baumgarte(gain, gain), **knobs)
+    assert run.status.ok
+    assert run.violation.max() < 1e-4

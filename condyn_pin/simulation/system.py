@@ -29,10 +29,6 @@ if TYPE_CHECKING:
 _NOTHING: Final[tuple[float, Array | None, Array | None, Array]] = (0.0, None, None, np.zeros(0))
 
 
-# t, q, v and a of a solve that there was not.
-_NOTHING: tuple[float, Array | None, Array | None, Array] = (0.0, None, None, np.zeros(0))
-
-
 class System:
     """A scene with the torques that act on it.
 
