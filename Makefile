@@ -1,5 +1,6 @@
 # make test      set up a virtual environment, check style and types, run every test
 # make test3     the same tests on Pinocchio 3.9, in an environment of its own
+# make docs      build the documentation, run its notebook, check that it needs no network
 # make demo      set up, run `condyn bench talos cassie`, write demo/bench.{csv,json,png}
 # make wheel     build the wheel and prove it in a clean environment, outside the checkout
 # make stress    every method on every hard question, on both Pinocchios (minutes); writes results
@@ -16,7 +17,7 @@ PIP    := -m pip install --quiet --disable-pip-version-check
 
 export OMP_NUM_THREADS := 1
 
-.PHONY: test test3 demo wheel native peers stress stress-slice style clean
+.PHONY: test test3 docs demo wheel native peers stress stress-slice style clean
 
 test: style
 	$(BIN)/python -m pytest -n 2
@@ -28,6 +29,12 @@ style: $(VENV)/ready
 
 test3: $(VENV3)/ready
 	$(VENV3)/bin/python -m pytest -n 2
+
+docs: $(VENV)/docs
+	rm -rf docs/_build
+	$(BIN)/sphinx-build -q -W --keep-going -b html docs docs/_build/html
+	! grep -rE '<(script|link|img)[^>]*(src|href)="(https?:)?//' docs/_build/html --include=*.html
+	@echo "written: docs/_build/html/index.html"
 
 demo: $(VENV)/ready
 	mkdir -p demo
@@ -62,10 +69,14 @@ $(VENV)/ready: pyproject.toml
 	$(BIN)/python $(PIP) -e ".[dev]"
 	touch $@
 
+$(VENV)/docs: $(VENV)/ready
+	$(BIN)/python $(PIP) -e ".[docs]"
+	touch $@
+
 $(VENV3)/ready: pyproject.toml
 	$(PYTHON) -m venv $(VENV3)
 	$(VENV3)/bin/python $(PIP) -e ".[dev,pinocchio3]"
 	touch $@
 
 clean:
-	rm -rf $(VENV) $(VENV3) $(VENVW) dist build demo .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(VENV3) $(VENVW) dist build demo docs/_build docs/_figures docs/api .mypy_cache .pytest_cache .ruff_cache

@@ -16,11 +16,41 @@ from condyn_pin import __version__
 from condyn_pin.commands import commands
 from condyn_pin.errors import CondynError
 
+# Exit codes; 0 and 1 are given by the commands themselves.
+_CANNOT = 2
+_UNEXPECTED = 3
+_INTERRUPTED = 130
+
+_EPILOG = """
+**First steps**
+
+    condyn doctor                      what is installed, what mends it
+    condyn show cassie                 rows, rank, redundant rows, what is not used
+    condyn assemble cassie             close the loops from a posture
+    condyn solve cassie --json         accelerations, forces, and their errors
+    condyn solve cassie --variant springs=locked --solver nullspace
+
+**Robots** are names of `condyn robots`, or paths: a URDF, an SDF, an MJCF, or a folder with a
+robot.toml.
+
+**Exit codes**
+
+    0     the answer
+    1     an answer that is not ok: singular, inaccurate, loops left open
+    2     a question that cannot be answered; a line on stderr says what would do
+    3     a defect of this program; the same with --debug shows where
+    130   interrupted
+
+**Output**: with `--json` there is json on stdout and nothing else; options that take a path write a
+file. **Completion**: `condyn --install-completion` completes commands, robots and solvers.
+"""
+
 app = typer.Typer(
-    help="Constrained rigid-body dynamics on Pinocchio: solve it, prove it, time it.",
+    epilog=_EPILOG,
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
 for _name, _module in commands().items():
     app.command(rich_help_panel=_module.PANEL)(getattr(_module, _name))
@@ -37,14 +67,38 @@ def options(
     version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Say which.")
     ] = False,
+    debug: Annotated[
+        bool, typer.Option("--debug", help="Anywhere on the line: show the traceback of an error.")
+    ] = False,
 ) -> None:
-    """Constrained rigid-body dynamics on Pinocchio: solve it, prove it, time it."""
+    """Constrained rigid-body dynamics on Pinocchio: solve it, prove it, time it.
+
+    M(q) a + h(q, v) = tau + J(q)^T lam,   J(q) a + gamma(q, v) = a_ref
+
+    For closed chains and for machines on legs. `condyn COMMAND --help` has the options of each.
+    """
 
 
 def main() -> None:
-    """Run the command line; an error of this library is a sentence, not a traceback."""
+    """Run the command line; an error is a line, and a traceback only with --debug."""
+    words = [word for word in sys.argv[1:] if word != "--debug"]
     try:
-        app()
-    except CondynError as error:
-        typer.echo(f"condyn: {error}", err=True)
-        sys.exit(2)
+        app(words, prog_name="condyn")
+    except KeyboardInterrupt:
+        _end("interrupted", _INTERRUPTED)
+    except Exception as error:
+        if len(words) < len(sys.argv) - 1:
+            raise
+        if isinstance(error, CondynError):
+            _end(str(error), _CANNOT)
+        _end(
+            f"{type(error).__name__}: {error}; this should not happen: the same line with "
+            "--debug shows where",
+            _UNEXPECTED,
+        )
+
+
+def _end(text: str, code: int) -> None:
+    """Leave with one line on stderr."""
+    typer.echo(f"condyn: {' '.join(text.split())}", err=True)
+    sys.exit(code)

@@ -72,7 +72,13 @@ def check_axis(axis: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Constraint(ABC):
-    """What every constraint has: a name and a number of rows."""
+    """What every constraint has: a name and a number of rows.
+
+    Parameters
+    ----------
+    name : str, optional
+        What forces, rows and errors are listed under; after its frames or joints by default.
+    """
 
     name: str = ""
 

@@ -186,7 +186,7 @@ class ConstraintForce(NDArrayOperatorsMixin):
         return [float(x) for x in self.components]
 
     def round(self, decimals: int = 0) -> Array:
-        """Return the components rounded."""
+        """Return the components rounded to some `decimals`."""
         return self.components.round(decimals)
 
     def __repr__(self) -> str:

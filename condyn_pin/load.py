@@ -39,7 +39,13 @@ _ROOTED = (".urdf", ".sdf")  # formats that leave it open how the root link is a
 
 
 def available_robots() -> dict[str, Callable[[], Robot]]:
-    """Return what `load_robot` knows by name: folders with a robot.toml, and built mechanisms."""
+    """Return what `load_robot` knows by name: folders with a robot.toml, and built mechanisms.
+
+    Returns
+    -------
+    dict of str to callable
+        Called without arguments, each loads its `Robot`.
+    """
     folders = sorted(path.parent for path in robots_folder().glob("*/robot.toml"))
     cards = {folder.name: partial(read_card, folder / "robot.toml", {}) for folder in folders}
     return cards | MECHANISMS

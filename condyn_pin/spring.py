@@ -10,7 +10,22 @@ from condyn_pin.errors import InvalidArgument
 
 @dataclass(frozen=True)
 class Spring:
-    """A linear spring on a joint: tau = -stiffness (q - reference)."""
+    """A linear spring on a joint: tau = -stiffness (q - reference).
+
+    Parameters
+    ----------
+    joint : str
+        A joint with one degree of freedom.
+    stiffness : float
+        [N m/rad] or [N/m].
+    reference : float
+        Where it is relaxed [rad or m].
+
+    Raises
+    ------
+    InvalidArgument
+        If a number is not finite, or the joint is no name.
+    """
 
     joint: str
     stiffness: float  # [N m/rad] or [N/m]

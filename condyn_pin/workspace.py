@@ -255,7 +255,10 @@ class Workspace:
         check: bool = False,
         accuracy: float = SOLVED,
     ) -> Derivatives:
-        """Return how a and lam change with q, v and tau; `condyn_pin.derivatives` says how."""
+        """Return how a and lam change with q, v and tau.
+
+        `method`, `check` and `accuracy` are those of `condyn_pin.derivatives`.
+        """
         if method not in METHODS:
             raise unknown_name("method", str(method), METHODS)
         if not self.solver.exact:

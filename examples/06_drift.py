@@ -15,7 +15,11 @@ from condyn_pin.simulation.walls import wall
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--plot", help="draw it into this file")
 parser.add_argument("--steps", type=int, default=1000, help="of the long runs")
+parser.add_argument("--quick", action="store_true", help="fewer of them")
+parser.add_argument("--no-view", action="store_true", help="opens no window anyway")
 given = parser.parse_args()
+if given.quick:
+    given.steps = 200
 
 # A point mass on a rod, in Cartesian coordinates: one row, x^2 + z^2 = 1.
 scene = rod_pendulum()

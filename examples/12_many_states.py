@@ -5,6 +5,7 @@ OMP_NUM_THREADS=1 python examples/12_many_states.py
 
 import os
 import signal
+import sys
 
 import numpy as np
 
@@ -12,13 +13,14 @@ import condyn_pin as cp
 
 
 def main() -> None:
-    """Solve and differentiate 2000 states of Cassie's closed legs."""
+    """Solve and differentiate many states of Cassie's closed legs."""
+    count = 500 if "--quick" in sys.argv else 2000
     cassie = cp.load_robot("cassie")
     legs = cp.Scene(cassie, cassie.loops)
     rng = np.random.default_rng(0)
     some = [legs.sample(rng) for _ in range(20)]
-    Q = np.resize([q for q, _ in some], (2000, cassie.nq))
-    V = np.resize([v for _, v in some], (2000, cassie.nv))
+    Q = np.resize([q for q, _ in some], (count, cassie.nq))
+    V = np.resize([v for _, v in some], (count, cassie.nv))
     TAU = np.array([cassie.passive_torque(q, v) for q, v in zip(Q, V, strict=True)])
 
     here = cp.solve_batch(legs, Q, V, TAU)

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 import condyn_pin as cp
 from condyn_pin.cli import app
+from condyn_pin.commands import commands
 
 
 def run(*words: str):
@@ -136,6 +137,10 @@ def test_bench_writes_table_and_picture(tmp_path):
         (("show", "talos", "--plot", "l.png"), "add --ladder"),
         (("show", "solo12", "--ladder"), "no ladder named 'solo12'"),
         (("show", "talos", "--ladder", "--plot", "l.foo"), ".png, .svg, .pdf"),
+        (("show", "talos", "--ladder", "--json"), "neither variants nor json"),
+        (("show", "cassie", "--variant", "springs"), "OPTION=VALUE"),
+        (("show", "cassie", "--variant", "springs=lost"), "'lost'"),
+        (("show", "cassie", "--variant", "spring=locked"), "did you mean 'springs'"),
         (("solve", "talos", "--solver", "proximall"), "did you mean 'proximal'"),
         (("solve", "talos", "--contacts", "left_sole"), "left_sole_link"),
         (("solve", "talos", "--posture", "sitting"), "half_sitting"),
@@ -150,12 +155,127 @@ def test_bench_writes_table_and_picture(tmp_path):
     ],
 )
 def test_a_mistake_is_a_sentence_and_not_a_traceback(words, said):
-    """In a process of its own, as a user runs it."""
-    code = "from condyn_pin.cli import main; main()"
-    result = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
+    result = alone(*words)
     assert result.returncode == 2
     assert said in result.stderr
+    assert len(result.stderr.splitlines()) == 1
     assert "Traceback" not in result.stderr
+
+
+def alone(*words: str):
+    """Run in a process of its own, as a user does."""
+    code = "from condyn_pin.cli import main; main()"
+    return subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
+
+
+@pytest.mark.parametrize("words", [("show", "talo", "--debug"), ("--debug", "show", "talo")])
+def test_debug_shows_the_traceback_wherever_it_stands(words):
+    result = alone(*words)
+    assert result.returncode == 1
+    assert "Traceback" in result.stderr
+    assert "UnknownName" in result.stderr
+
+
+def test_a_defect_is_one_line_that_says_how_to_see_more():
+    code = """
+import condyn_pin.load
+from condyn_pin.cli import main
+def broken(*_, **__): raise ZeroDivisionError("of ours\\nin two lines")
+condyn_pin.load.load_robot = broken
+main()
+"""
+    words = [sys.executable, "-c", code, "show", "talos"]
+    result = subprocess.run(words, capture_output=True, text=True)
+    assert result.returncode == 3
+    assert len(result.stderr.splitlines()) == 1
+    assert "ZeroDivisionError: of ours in two lines" in result.stderr
+    assert "--debug" in result.stderr
+    assert "Traceback" in subprocess.run([*words, "--debug"], capture_output=True, text=True).stderr
+
+
+def test_an_interrupt_leaves_with_its_own_code():
+    code = """
+import condyn_pin.load
+from condyn_pin.cli import main
+def interrupted(*_, **__): raise KeyboardInterrupt
+condyn_pin.load.load_robot = interrupted
+main()
+"""
+    words = [sys.executable, "-c", code, "show", "talos"]
+    result = subprocess.run(words, capture_output=True, text=True)
+    assert result.returncode == 130
+    assert "Traceback" not in result.stderr
+
+
+def test_a_variant_of_a_robot():
+    assert (
+        "cassie, springs locked: nq 31"
+        in run("show", "cassie", "--variant", "springs=locked").output
+    )
+    both = ("--variant", "springs=locked", "--variant", "achilles=as_file")
+    assert "springs locked, achilles as_file" in run("show", "cassie", *both).output
+
+
+@pytest.mark.parametrize(
+    ("words", "keys"),
+    [
+        (("robots",), {"cassie", "talos"}),
+        (("show", "cassie"), {"rows", "rank", "redundant", "frames", "ready_contacts"}),
+        (("assemble", "cassie"), {"q", "joints", "gap", "status", "branch"}),
+        (("solve", "four_bar"), {"a", "lam", "forces", "status", "advice", "machine"}),
+        (("doctor",), {"versions", "features", "remedy"}),
+        (("problem",), {"A01", "A02"}),
+    ],
+)
+def test_json_is_all_that_is_printed(words, keys):
+    result = run(*words, "--json")
+    assert result.exit_code == 0, result.output
+    answer = json.loads(result.stdout)
+    assert keys <= answer.keys()
+
+
+def test_json_of_the_answers_equals_the_library():
+    shown = json.loads(run("show", "cassie", "--json").stdout)
+    cassie = cp.load_robot("cassie")
+    legs = cp.Scene(cassie, cassie.loops)
+    assert shown["redundant"] == list(legs.summary().redundant)
+    assert json.loads(run("assemble", "cassie", "--json").stdout)["q"] == legs.state()[0].tolist()
+    listed = json.loads(run("solvers", "--json").stdout)
+    assert {row["name"] for row in listed} == {kind.__name__ for kind in cp.SOLVERS.values()}
+    assert json.loads(run("robots", "--json").stdout)["cassie"]["nv"] == 32
+
+
+def test_every_command_that_prints_an_answer_has_json():
+    for name, module in commands().items():
+        options = getattr(module, name).__annotations__
+        assert "as_json" in options or name in ("export", "view"), name
+
+
+def test_help_is_a_page_of_the_manual():
+    page = run("--help").output
+    for name, module in commands().items():
+        assert name in page
+        assert getattr(module, name).__doc__.strip().split("\n")[0].rstrip(".")[:20] in page
+    for said in ("First steps", "Exit codes", "interrupted", "--debug", "--install-completion"):
+        assert said in page
+    for name in commands():
+        assert run(name, "--help").exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("condyn sol", "solvers"),
+        ("condyn show cas", "cassie"),
+        ("condyn solve x --solver nu", "nullspace"),
+    ],
+)
+def test_the_shell_completes(line, said, monkeypatch):
+    words = {"COMP_WORDS": line, "COMP_CWORD": str(len(line.split()) - 1)}
+    result = CliRunner().invoke(
+        app, [], prog_name="condyn", env={"_CONDYN_COMPLETE": "complete_bash", **words}
+    )
+    assert said in result.output.split()
 
 
 def test_doctor_says_that_everything_fits():

@@ -49,8 +49,15 @@ def map_chunks(
     progress : callable
         Called with the number of chunks done and that of all, after each.
 
+    Yields
+    ------
+    tuple of int and result
+        Where the chunk is in `chunks`, and what `work` returned for it.
+
     Raises
     ------
+    InvalidArgument
+        If the executor is none.
     WorkersLost
         If workers were lost and the executor cannot go on: a `ProcessPoolExecutor` is of no use
         after the loss of one worker. `Processes` starts new ones, and Dask does: there it is raised

@@ -7,7 +7,10 @@
 4. `arguments` has the arguments that commands share, `words` what they mean, `output` the console
    and the checks of files that are to be written. What only fails at the end of a run is refused
    before it.
-5. Exit code 0 is an answer, 1 an answer that is not ok, 2 a question that cannot be answered.
+5. Exit code 0 is an answer, 1 an answer that is not ok, 2 a question that cannot be answered, 3 a
+   defect of ours, 130 an interrupt. What is raised becomes one line; ``--debug`` shows where.
+6. What prints an answer takes ``--json`` (`arguments.AsJson`, `output.print_json`): then there is
+   json on stdout and nothing else. What loads a robot takes ``--variant`` (`arguments.Variant`).
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from condyn_pin.commands.arguments import Loops, Posture, RobotName
-from condyn_pin.commands.output import console
+from condyn_pin.commands.arguments import AsJson, Loops, Posture, RobotName, Variant
+from condyn_pin.commands.output import console, plain, print_json
 
 PANEL = "Solve"
 
@@ -18,17 +18,25 @@ def assemble(
     posture: Posture = None,
     fixed: Annotated[str, typer.Option(help="Comma-separated: joints that keep their value.")] = "",
     limits: Annotated[bool, typer.Option(help="Keep the joints within their limits.")] = True,
+    variant: Variant = None,
+    as_json: AsJson = False,
 ) -> None:
     """Close the loops from a posture as it is described; exits with 1 if that cannot be."""
     from condyn_pin.commands.words import scene_of
 
-    scene = scene_of(robot, "", loops)
+    scene = scene_of(robot, "", loops, variant)
     held = [name.strip() for name in fixed.split(",") if name.strip()]
     assembly = scene.assemble(scene.guess(posture), fixed=held, within_limits=limits, throw=False)
-    console.print(str(assembly))
+    joints = {}
     for name in scene.robot.joints:
         joint = scene.robot.model.joints[scene.robot.model.getJointId(name)]
-        values = assembly.q[joint.idx_q : joint.idx_q + joint.nq]
-        console.print(f"{name:<28} {' '.join(f'{value:.9g}' for value in values)}")
+        joints[name] = assembly.q[joint.idx_q : joint.idx_q + joint.nq]
+    if as_json:
+        status = {"status": assembly.status.name.lower(), "advice": assembly.status.value}
+        print_json(plain(assembly) | status | {"joints": joints})
+    else:
+        console.print(str(assembly))
+        for name, values in joints.items():
+            console.print(f"{name:<28} {' '.join(f'{value:.9g}' for value in values)}")
     if not assembly.status.ok:
         raise typer.Exit(1)

@@ -5,16 +5,20 @@ from __future__ import annotations
 import typer
 from rich.table import Table
 
-from condyn_pin.commands.output import console
+from condyn_pin.commands.arguments import AsJson
+from condyn_pin.commands.output import console, print_json
 
 PANEL = "Look"
 
 
-def doctor() -> None:
+def doctor(as_json: AsJson = False) -> None:
     """Say what is installed, whether it fits together, and the line that mends it."""
     from condyn_pin.doctor import diagnose
 
     found = diagnose()
+    if as_json:
+        print_json(found)
+        raise typer.Exit(1 if found.remedy else 0)
     table = Table("", found.platform)
     for name, version in found.versions.items():
         table.add_row(name, version)

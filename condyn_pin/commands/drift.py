@@ -10,7 +10,8 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from condyn_pin.commands.output import check_files, console
+from condyn_pin.commands.arguments import AsJson
+from condyn_pin.commands.output import check_files, console, print_json
 
 PANEL = "Simulate"
 
@@ -19,6 +20,7 @@ def drift(
     steps: Annotated[int, typer.Option(min=10, help="Of the long runs.")] = 10_000,
     dt: Annotated[float, typer.Option(help="Of the long runs [s].")] = 1e-2,
     plot: Annotated[Path | None, typer.Option(help="Draw it (png, svg, pdf).")] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Show drift, walls of gains, and energy on a pendulum whose rod is a constraint."""
     from condyn_pin.plots_drift import save_laboratory, title
@@ -38,6 +40,17 @@ def drift(
         }
         found = contest(dt, steps, progress=lambda done: progress.update(task, completed=done))
 
+    if plot:
+        save_laboratory(growths, integrators[1:], found, plot)
+    if as_json:
+        grown = {
+            name: {"gap": growth.gap[-1], "t": growth.t[-1], "power": growth.power}
+            for name, growth in growths.items()
+        }
+        limits = {integrator.title: wall(integrator) for integrator in integrators}
+        runs = {title(one): {"area": one.area, "errors": one.errors} for one in found}
+        print_json({"growth": grown, "walls": limits, "steps": steps, "dt": dt, "runs": runs})
+        return
     table = Table("without stabilisation", "gap at the end [m]", "grows like")
     for name, growth in growths.items():
         table.add_row(name, f"{growth.gap[-1]:.1e} at {growth.t[-1]:g} s", f"t^{growth.power:.2f}")
@@ -63,5 +76,3 @@ def drift(
         "in the phase plane, as RATTLE does, keeps energy near its value for ever; gains and "
         "projections move the state after the step, and the map that does both is no longer one."
     )
-    if plot:
-        save_laboratory(growths, integrators[1:], found, plot)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from condyn_pin.commands.arguments import RobotName
+from condyn_pin.commands.arguments import RobotName, Variant
 from condyn_pin.errors import InvalidArgument
 
 PANEL = "Look"
@@ -17,11 +17,12 @@ def export(
     robot: RobotName,
     mjcf: Annotated[Path, typer.Option(help="Write the robot with its loops here, for MuJoCo.")],
     without: Annotated[str, typer.Option(help="Comma-separated: loops to leave out.")] = "",
+    variant: Variant = None,
 ) -> None:
     """Write a robot in another format."""
-    from condyn_pin.load import load_robot
+    from condyn_pin.commands.words import robot_of
 
-    text = load_robot(robot).to_mjcf(without=[name for name in without.split(",") if name])
+    text = robot_of(robot, variant).to_mjcf(without=[name for name in without.split(",") if name])
     try:
         mjcf.write_text(text, encoding="utf-8")
     except OSError as error:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import json
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from time import monotonic
 from typing import Any, Final
 
+import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -37,6 +40,28 @@ def check_files(
         BenchTable((), {}).with_native(native)
 
 
+def print_json(answer: Any) -> None:
+    """Print an answer as json; see `plain`."""
+    typer.echo(json.dumps(plain(answer), indent=1))
+
+
+def plain(value: Any) -> Any:
+    """Return a value in the words of json: None for what is not finite, tables for dataclasses."""
+    if hasattr(value, "tolist"):  # arrays and numbers of numpy
+        return plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {str(key): plain(entry) for key, entry in value.items()}
+    if hasattr(value, "_asdict"):  # tuples with names
+        return plain(value._asdict())
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, (list, tuple)):
+        return [plain(entry) for entry in value]
+    if isinstance(value, float):
+        return value if -float("inf") < value < float("inf") else None
+    return value if isinstance(value, (bool, int, str, type(None))) else str(value)
+
+
 @contextmanager
 def progress_bar() -> Iterator[Callable[[str, int, int], None]]:
     """Give what is called with (what, done, total), and shows it with the time that is left.
@@ -57,10 +82,3 @@ def progress_bar() -> Iterator[Callable[[str, int, int], None]]:
             drawn = now if due else drawn
 
         yield show
-
-
-def finite(value: Any) -> Any:
-    """Return the value with None in place of what json has no word for."""
-    if isinstance(value, list):
-        return [finite(entry) for entry in value]
-    return value if -float("inf") < value < float("inf") else None

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-import json
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from condyn_pin.commands.output import console
+from condyn_pin.commands.arguments import AsJson
+from condyn_pin.commands.output import console, print_json
+
+if TYPE_CHECKING:
+    from condyn_pin.problems.base import Problem
 
 PANEL = "Simulate"
 
@@ -21,11 +24,11 @@ def problem(
     gain: Annotated[float, typer.Option(help="Of Baumgarte, alpha = beta [1/s].")] = 10.0,
     solver: Annotated[str, typer.Option(help="A name of `condyn solvers`.")] = "",
     duration: Annotated[float | None, typer.Option(help="A part of it [s].")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print json.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Run a benchmark problem and judge the motion; exits with 1 if no limit is met."""
     if not name:
-        _list()
+        _list(as_json)
         return
     from condyn_pin.commands.words import drift_of, integrator_of, solver_of
     from condyn_pin.machine import machine
@@ -39,18 +42,21 @@ def problem(
         duration=duration,
     )
     if as_json:
-        typer.echo(json.dumps(result.to_dict() | {"machine": machine()}, indent=1))
+        print_json(result.to_dict() | {"machine": machine()})
     else:
         console.print(str(result))
     if not result.met:
         raise typer.Exit(1)
 
 
-def _list() -> None:
+def _list(as_json: bool) -> None:
     from rich.table import Table
 
     from condyn_pin.problems import PROBLEMS
 
+    if as_json:
+        print_json({kind.name: _facts(kind()) for kind in PROBLEMS.values()})
+        return
     table = Table("problem", "title", "sizes", "seconds", "the finest limit", "source")
     for kind in PROBLEMS.values():
         one = kind()
@@ -59,3 +65,13 @@ def _list() -> None:
         limit = f"{finest.level} ({finest.value:g})"
         table.add_row(one.name, one.title, sizes, f"{one.duration:g}", limit, one.source)
     console.print(table)
+
+
+def _facts(one: Problem) -> dict[str, Any]:
+    return {
+        "title": one.title,
+        "sizes": {key: getattr(one, key) for key in one.sizes()},
+        "duration": one.duration,
+        "limits": one.limits,
+        "source": one.source,
+    }

@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from condyn_pin.commands.arguments import Contacts, Loops, Posture, RobotName
-from condyn_pin.commands.output import check_files, console
+from condyn_pin.commands.arguments import AsJson, Contacts, Loops, Posture, RobotName, Variant
+from condyn_pin.commands.output import check_files, console, plain, print_json
 from condyn_pin.errors import InvalidArgument
 
 PANEL = "Look"
@@ -25,11 +25,15 @@ def show(
         bool, typer.Option("--ladder", help="Show smaller scenes instead, with their price.")
     ] = False,
     plot: Annotated[Path | None, typer.Option(help="Draw the ladder (png, svg, pdf).")] = None,
+    variant: Variant = None,
+    as_json: AsJson = False,
 ) -> None:
     """Show what a scene contains, what is redundant, and what is not used."""
     if ladder:
         from condyn_pin.smaller.ladder_print import show_ladder
 
+        if variant or as_json:
+            raise InvalidArgument("--ladder has neither variants nor json; leave them out")
         check_files(None, None, plot, None)
         show_ladder(robot, plot, console)
         return
@@ -37,8 +41,13 @@ def show(
         raise InvalidArgument("--plot draws a ladder; add --ladder")
     from condyn_pin.commands.words import scene_of
 
-    scene = scene_of(robot, contacts, loops)
+    scene = scene_of(robot, contacts, loops, variant)
     summary = scene.summary(scene.state(posture)[0] if posture else None)
+    if as_json:
+        names = {"postures": list(scene.robot.postures), "frames": list(scene.robot.frames)}
+        ready = [contact.name for contact in scene.robot.contacts]
+        print_json(plain(summary) | names | {"ready_contacts": ready})
+        return
     table = Table("", summary.robot, show_header=True)
     for label, text in summary.facts().items():
         table.add_row(label, text)

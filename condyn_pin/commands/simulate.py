@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from condyn_pin.commands.arguments import Contacts, Loops, Posture, RobotName
-from condyn_pin.commands.output import check_files, console
+from condyn_pin.commands.arguments import AsJson, Contacts, Loops, Posture, RobotName, Variant
+from condyn_pin.commands.output import check_files, console, print_json
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
@@ -40,13 +39,14 @@ def simulate(
     record: Annotated[int, typer.Option(help="Every which sample is kept.")] = 1,
     save: Annotated[Path | None, typer.Option(help="Write the trajectory here (npz).")] = None,
     csv: Annotated[Path | None, typer.Option(help="Write the samples here.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print json.")] = False,
+    variant: Variant = None,
+    as_json: AsJson = False,
 ) -> None:
     """Simulate from a posture at rest, without torques; exits with 1 if it broke down."""
     from condyn_pin.commands.words import drift_of, integrator_of, scene_of, solver_of
     from condyn_pin.simulation.run import simulate as simulate_scene
 
-    scene = scene_of(robot, contacts, loops)
+    scene = scene_of(robot, contacts, loops, variant)
     check_files(csv, save, None, None)
     if save and save.suffix != ".npz":
         raise InvalidArgument(f"{save}: the ending has to be .npz")
@@ -67,7 +67,7 @@ def simulate(
     if csv:
         found.to_csv(csv)
     if as_json:
-        typer.echo(json.dumps(_summary(found), indent=1))
+        print_json(_summary(found))
     else:
         console.print(str(found))
     if not found.status.ok:

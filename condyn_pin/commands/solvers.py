@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from rich.table import Column, Table
 
-from condyn_pin.commands.output import console
+from condyn_pin.commands.arguments import AsJson
+from condyn_pin.commands.output import console, print_json
 
 PANEL = "Look"
 
 
-def solvers() -> None:
+def solvers(as_json: AsJson = False) -> None:
     """List the solvers: what each takes, what it costs, when to use it, its knobs."""
     from condyn_pin.solver_table import solver_rows
 
+    if as_json:
+        print_json(solver_rows())
+        return
     table = Table(
         "solver", "takes", "cost", "when to use it", Column("knobs", width=24), show_lines=True
     )

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from condyn_pin.commands.output import check_files, console
+from condyn_pin.commands.arguments import AsJson
+from condyn_pin.commands.output import check_files, console, print_json
+
+if TYPE_CHECKING:
+    from condyn_pin.extremes.stress_table import Map
 
 PANEL = "Measure"
 
@@ -30,6 +34,7 @@ def stress(
     ] = math.inf,
     plot: Annotated[Path | None, typer.Option(help="Draw the maps (png, svg, pdf).")] = None,
     csv: Annotated[Path | None, typer.Option(help="Write the table here.")] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Turn the dial from tame to absurd; exits with 1 if an answer is wrong without saying so."""
     from condyn_pin._pin import VERSION_TEXT
@@ -56,26 +61,48 @@ def stress(
             progress=lambda done, _: progress.update(bar, completed=done),
         )
     found = maps(outcomes)
-    if not math.isfinite(seconds):
+    if not math.isfinite(seconds) and not as_json:
         for each in found:
             console.print(f"{each.label}: {EXTREMES[each.family].title}")
             for method in each.methods:
                 console.print(f"    {each.advice(method)}")
-    for outcome in outcomes:
-        if outcome.verdict.defect:
-            console.print(f"{outcome.verdict.name} {outcome.method}: {outcome.task} {outcome.said}")
+    defects = [
+        f"{outcome.verdict.name} {outcome.method}: {outcome.task} {outcome.said}"
+        for outcome in outcomes
+        if outcome.verdict.defect
+    ]
     counted = counts(outcomes)
-    said = ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in counted.items())
-    console.print(f"{len(outcomes)} cases on Pinocchio {VERSION_TEXT}: {said}")
+    if as_json:
+        facts = {"pinocchio": VERSION_TEXT, "cases": len(outcomes), "counts": counted}
+        print_json(facts | {"defects": defects, "maps": [_facts(each) for each in found]})
+    else:
+        for defect in defects:
+            console.print(defect)
+        said = ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in counted.items())
+        console.print(f"{len(outcomes)} cases on Pinocchio {VERSION_TEXT}: {said}")
     if csv:
         write_csv(found, csv, VERSION_TEXT)
     if plot:
         from condyn_pin.extremes.stress_plot import save_maps
 
         save_maps(found, plot, f"Pinocchio {VERSION_TEXT}; ")
-    if any(outcome.verdict.defect for outcome in outcomes):
+    if defects:
         raise typer.Exit(1)
 
 
 def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def _facts(each: Map) -> dict[str, Any]:
+    """Return a map in the words of json, its cells in a row."""
+    cells = [
+        {
+            "severity": severity,
+            "method": method,
+            "verdicts": [verdict.name.lower() for verdict in cell.verdicts],
+            "error": cell.error,
+        }
+        for (severity, method), cell in each.cells.items()
+    ]
+    return {"family": each.family, "robot": each.robot, "cells": cells}

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict
 from typing import Annotated
 
 import typer
 
-from condyn_pin.commands.arguments import Contacts, Loops, RobotName
-from condyn_pin.commands.output import console, progress_bar
+from condyn_pin.commands.arguments import AsJson, Contacts, Loops, RobotName, Variant
+from condyn_pin.commands.output import console, print_json, progress_bar
 from condyn_pin.tolerances import SOLVED
 
 PANEL = "Measure"
@@ -25,7 +23,8 @@ def tune(
         str, typer.Option(help="Names of `condyn solvers`, all knobs turned; all by default.")
     ] = "",
     save: Annotated[bool, typer.Option(help="Keep the choice, for `tuned`.")] = True,
-    as_json: Annotated[bool, typer.Option("--json", help="Print json.")] = False,
+    variant: Variant = None,
+    as_json: AsJson = False,
 ) -> None:
     """Choose the fastest solver that meets an error; exits with 1 if there is none."""
     from condyn_pin.commands.words import scene_of, swept_solvers_of
@@ -33,7 +32,7 @@ def tune(
     from condyn_pin.trade.plan import path_of
     from condyn_pin.trade.tuning import choose, keep, plan_for
 
-    scene = scene_of(robot, contacts, loops)
+    scene = scene_of(robot, contacts, loops, variant)
     chosen = swept_solvers_of(solvers)
     try:
         with progress_bar() as progress:
@@ -43,7 +42,7 @@ def tune(
         raise typer.Exit(1) from reason
     plan = keep(scene, choice) if save else plan_for(scene, choice)
     if as_json:
-        typer.echo(json.dumps(asdict(plan), indent=1))
+        print_json(plan)
         return
     console.print(str(choice))
     if save:

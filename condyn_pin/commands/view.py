@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from condyn_pin.commands.arguments import Loops, Posture
+from condyn_pin.commands.arguments import Loops, Posture, Variant
 from condyn_pin.commands.output import console
 from condyn_pin.errors import InvalidArgument
 
@@ -41,17 +41,18 @@ def view(
     browser: Annotated[
         bool, typer.Option(help="Open the browser, where there is a screen.")
     ] = True,
+    variant: Variant = None,
 ) -> None:
     """Look at a robot or a motion in a browser until Ctrl-C, or write it to a file."""
     from condyn_pin.viewing.verbs import view as view_subject
 
     if subject.endswith(".npz"):
-        if posture or forces or contacts:
+        if posture or forces or contacts or variant:
             raise InvalidArgument(f"{subject}: a motion has its own states, contacts and forces")
         chosen = _motion(subject)
         posture = None
     else:
-        chosen = _standing(subject, contacts, loops, posture, forces)
+        chosen = _standing(subject, contacts, loops, posture, forces, variant)
         posture = None if forces else posture
     viewer = view_subject(
         chosen, posture=posture, speed=speed, light=light, html=html, png=png, browser=browser,
@@ -78,18 +79,22 @@ def _motion(path: str) -> Subject:
 
 
 def _standing(
-    name: str, contacts: str | None, loops: bool, posture: str | None, forces: bool
+    name: str,
+    contacts: str | None,
+    loops: bool,
+    posture: str | None,
+    forces: bool,
+    variant: list[str] | None,
 ) -> Subject:
     """Return the scene of a robot, or what holds it still: its motors, and its springs if bent."""
-    from condyn_pin.commands.words import scene_of
-    from condyn_pin.load import load_robot
+    from condyn_pin.commands.words import robot_of, scene_of
     from condyn_pin.motors.actuation import Actuation
     from condyn_pin.motors.inverse import gravity_compensation
     from condyn_pin.verbs import solve
 
     if contacts is None:
-        contacts = ",".join(c.name for c in load_robot(name).contacts) if forces else ""
-    scene = scene_of(name, contacts, loops)
+        contacts = ",".join(c.name for c in robot_of(name, variant).contacts) if forces else ""
+    scene = scene_of(name, contacts, loops, variant)
     if not forces:
         return scene
     q, v = scene.state(posture)

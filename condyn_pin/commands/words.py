@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -18,11 +19,24 @@ from condyn_pin.solvers import SOLVERS, Solver
 from condyn_pin.trade.sweeps import sweep
 
 
-def scene_of(name: str, contacts: str, loops: bool) -> Scene:
+def scene_of(name: str, contacts: str, loops: bool, variant: Sequence[str] | None = None) -> Scene:
     """Return the scene of a robot, its loops if wanted, and the contacts that are listed."""
-    robot = load_robot(name)
+    robot = robot_of(name, variant)
     chosen = [_contact(robot, text.strip()) for text in contacts.split(",") if text.strip()]
     return Scene(robot, (*(robot.loops if loops else ()), *chosen))
+
+
+def robot_of(name: str, variant: Sequence[str] | None) -> Robot:
+    """Return a robot in a variant: texts OPTION=VALUE."""
+    chosen = {}
+    for text in variant or ():
+        option, equals, value = text.partition("=")
+        if not (option and equals and value):
+            raise InvalidArgument(
+                f"--variant {text}: OPTION=VALUE is needed, such as springs=locked"
+            )
+        chosen[option] = value
+    return load_robot(name, variant=chosen or None)
 
 
 def _contact(robot: Robot, text: str) -> Constraint:

@@ -73,7 +73,7 @@ class Derivatives(ABC):
         return self._blocks[2][self._n :]
 
     def jvp(self, dq: ArrayLike, dv: ArrayLike, dtau: ArrayLike) -> tuple[Array, Array]:
-        """Return (da, dlam) along a direction of the state and the torques, each (nv,)."""
+        """Return (da, dlam) along dq, dv and dtau, each (nv,): a direction of state and torques."""
         steps = [finite(name, x, self._n) for name, x in (("dq", dq), ("dv", dv), ("dtau", dtau))]
         return self._forward(*steps)
 

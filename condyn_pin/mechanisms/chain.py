@@ -36,6 +36,16 @@ def chain(n: int = 10, *, length: float = 1.0, mass: float = 1.0) -> Robot:
         Of each rod [m].
     mass : float
         Of each rod [kg].
+
+    Returns
+    -------
+    Robot
+        A fixed base, n joints, no loops.
+
+    Raises
+    ------
+    InvalidArgument
+        If a size is not a positive number.
     """
     check_count("n", n)
     check_positive(length=length, mass=mass)

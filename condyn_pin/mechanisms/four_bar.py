@@ -35,6 +35,16 @@ def four_bar(
         Lengths of the four bars [m].
     density : float
         Mass of the rods per length [kg/m].
+
+    Returns
+    -------
+    Robot
+        Three joints, one ball loop, one motor: the crank.
+
+    Raises
+    ------
+    InvalidArgument
+        If a size is not a positive number, or the bars cannot be closed.
     """
     check_positive(ground=ground, crank=crank, coupler=coupler, rocker=rocker, density=density)
     lengths = sorted((ground, crank, coupler, rocker))

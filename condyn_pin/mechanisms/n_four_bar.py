@@ -41,6 +41,16 @@ def n_four_bar(n: int = 2, *, length: float = 1.0, mass: float = 1.0) -> Robot:
     mass : float
         Of each rod [kg].
 
+    Returns
+    -------
+    Robot
+        2 n + 1 joints and n ball loops.
+
+    Raises
+    ------
+    InvalidArgument
+        If a size is not a positive number.
+
     Notes
     -----
     nv = 2 n + 1, and n ball loops: 3 n rows of rank 2 n, since no joint moves along y. The

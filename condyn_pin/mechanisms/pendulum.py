@@ -23,6 +23,16 @@ def pendulum(*, length: float = 1.0, mass: float = 1.0) -> Robot:
         Length of the rod [m].
     mass : float
         Mass at its end [kg].
+
+    Returns
+    -------
+    Robot
+        One joint.
+
+    Raises
+    ------
+    InvalidArgument
+        If a size is not a positive number.
     """
     check_positive(length=length, mass=mass)
     model = pin.Model()

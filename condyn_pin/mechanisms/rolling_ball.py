@@ -28,6 +28,16 @@ def rolling_ball(*, radius: float = 0.1, mass: float = 0.5) -> Robot:
     mass : float
         [kg].
 
+    Returns
+    -------
+    Robot
+        A free-flyer and its ready-made contact.
+
+    Raises
+    ------
+    InvalidArgument
+        If a size is not a positive number.
+
     Notes
     -----
     The contact is among the ready-made ones: ``Scene(robot, robot.contacts)``.

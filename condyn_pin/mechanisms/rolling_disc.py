@@ -30,6 +30,16 @@ def rolling_disc(*, radius: float = 0.1, mass: float = 0.5) -> Robot:
     mass : float
         [kg].
 
+    Returns
+    -------
+    Robot
+        A free-flyer and its ready-made contact.
+
+    Raises
+    ------
+    InvalidArgument
+        If a size is not a positive number.
+
     Notes
     -----
     The axle is y of the frame ``centre``. The contact is among the ready-made ones:

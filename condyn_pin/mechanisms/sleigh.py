@@ -32,6 +32,16 @@ def sleigh(*, arm: float = 0.2, mass: float = 1.0, inertia: float = 0.1) -> Robo
     inertia : float
         About the vertical through the centre of mass [kg m^2].
 
+    Returns
+    -------
+    Robot
+        Three joints and its ready-made blade.
+
+    Raises
+    ------
+    InvalidArgument
+        If a size is not a positive number.
+
     Notes
     -----
     Its blade is among the ready-made contacts: ``Scene(robot, robot.contacts)``.

@@ -28,6 +28,16 @@ def unicycle(*, radius: float = 0.3, mass: float = 2.0) -> Robot:
     mass : float
         [kg].
 
+    Returns
+    -------
+    Robot
+        Four joints and its ready-made wheel.
+
+    Raises
+    ------
+    InvalidArgument
+        If a size is not a positive number.
+
     Notes
     -----
     Its wheel is among the ready-made contacts: ``Scene(robot, robot.contacts)``.

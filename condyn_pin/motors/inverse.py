@@ -212,7 +212,26 @@ def gravity_compensation(
 
     B u + J^T lam = g(q) - passive
 
-    The inverse dynamics at v = 0 and a = 0; the parameters are those of `inverse_dynamics`.
+    The inverse dynamics at v = 0 and a = 0.
+
+    Parameters
+    ----------
+    scene : Scene
+    q : (nq,) array_like
+    actuation : Actuation, optional
+        The motors; those of the robot by default.
+    passive : (nv,) array_like, optional
+        Torques that act anyway [N m, N], such as springs; none by default.
+
+    Returns
+    -------
+    InverseDynamics
+        As of `inverse_dynamics`.
+
+    Raises
+    ------
+    InvalidArgument
+        As `inverse_dynamics`.
     """
     actuation = motors_of(scene, actuation)  # which looks at the scene too
     still = np.zeros(scene.robot.nv)

@@ -65,7 +65,7 @@ class Transmission:
         return int(self.free.shape[1])
 
     def velocities(self, w: ArrayLike) -> Array:
-        """Return v (nv,) for speeds of the motors (k,)."""
+        """Return v (nv,) for speeds w of the motors (k,)."""
         return np.asarray(self.G @ finite("w", w, self.G.shape[1]))
 
     def motor_torques(self, tau: ArrayLike) -> Array:
@@ -76,7 +76,7 @@ class Transmission:
         return np.asarray(self.G.T @ finite("tau", tau, self.G.shape[0]))
 
     def joint_torques(self, u: ArrayLike, joints: Sequence[str]) -> Array:
-        """Return the torques at some joints that do what motor torques (k,) do.
+        """Return the torques at some `joints` that do what motor torques u (k,) do.
 
         Raises
         ------

@@ -150,7 +150,7 @@ class Problem(ABC):
         """Return what they should be (k,)."""
 
     def error(self, found: Array, wanted: Array) -> float:
-        """Return the error of observed numbers (samples, k): the largest difference."""
+        """Return the error of numbers (samples, k): the largest of abs(found - wanted)."""
         return float(np.abs(found - wanted).max())
 
     def energy(self, q: Array, v: Array) -> float:

@@ -17,6 +17,10 @@ def load_problem(name: str, *, n: int | None = None) -> Problem:
     n : int, optional
         Its size, for a problem that has one: cells of A02.
 
+    Returns
+    -------
+    Problem
+
     Raises
     ------
     UnknownName

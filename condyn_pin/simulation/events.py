@@ -130,7 +130,7 @@ class Event:
         return self.scene is None and self.met is None
 
     def value(self, moment: Moment) -> float:
-        """Return what falls to zero at the event."""
+        """Return, at a `moment`, what falls to zero at the event."""
         if self.at is not None:
             return self.at - moment.t
         assert self.when is not None

@@ -58,7 +58,18 @@ class LadderRow:
 
 @dataclass(frozen=True)
 class LadderTable:
-    """The rungs of one ladder, the states that they were compared at, and the machine."""
+    """The rungs of one ladder, the states that they were compared at, and the machine.
+
+    Attributes
+    ----------
+    name : str
+        Of the ladder.
+    rows : tuple of LadderRow
+        The first rung, and those below it.
+    states : int
+        How many motions they were compared at.
+    machine : dict of str to str
+    """
 
     name: str
     rows: tuple[LadderRow, ...]

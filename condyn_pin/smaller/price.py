@@ -32,7 +32,15 @@ _REFERENCE = Reference(refinements=0)
 
 @dataclass(frozen=True)
 class Errors:
-    """Relative errors over some states: the worst and the median of each."""
+    """Relative errors over some states: the worst and the median of each.
+
+    Attributes
+    ----------
+    a_worst, a_median : float
+        Of accelerations, over the larger of the largest of them and gravity.
+    force_worst, force_median : float
+        Of the wrench of all contacts, over the larger of it and the weight.
+    """
 
     a_worst: float
     a_median: float

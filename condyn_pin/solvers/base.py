@@ -48,7 +48,17 @@ class Singular(ArithmeticError):
 
 @dataclass(frozen=True)
 class Method:
-    """A solver at work in one workspace."""
+    """A solver at work in one workspace.
+
+    Attributes
+    ----------
+    acceleration : callable
+        Of q (nq,), v (nv,) and tau (nv,); returns a (nv,), an array of its own.
+    lam : callable
+        Returns the constraint forces (m,) of the last acceleration, in the axes of each constraint.
+    iterations : callable
+        Returns how many iterations the last acceleration took.
+    """
 
     acceleration: Callable[[Array, Array, Array], Array]
     lam: Callable[[], Array]

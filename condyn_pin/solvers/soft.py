@@ -127,7 +127,7 @@ class Soft(Solver):
         return Method(acceleration, latest.copy, lambda: 1)
 
     def impedance(self, gap: Array) -> Array:
-        """Return d at gaps >= 0 [m, rad]."""
+        """Return the impedance d at each `gap` >= 0 (m,) [m, rad]."""
         start, end, width, midpoint, power = self.solimp
         x = np.minimum(gap / width, 1.0)
         below = midpoint * (x / midpoint) ** power
@@ -135,7 +135,7 @@ class Soft(Solver):
         return np.asarray(start + (end - start) * np.where(x <= midpoint, below, above))
 
     def reference(self, c: Array, velocity: Array, d: Array) -> Array:
-        """Return a_ref = -b J v - k c."""
+        """Return a_ref = -b J v - k c, with J v the `velocity` and k of the impedance d."""
         (one, two), end = self.solref, self.solimp[1]
         if one > 0:
             b, k = 2 / (end * one), d / (end * one * two) ** 2

@@ -32,7 +32,7 @@ class Gap(NamedTuple):
         return max(self.length, self.angle)
 
     def text(self, per: str = "") -> str:
-        """Return it in mm and degrees, with what follows the units, such as "/s"."""
+        """Return it in mm and degrees, `per` behind the units, such as "/s"."""
         parts = []
         if self.length or not self.angle:
             parts.append(f"{_digits(1e3 * self.length)} mm{per}")

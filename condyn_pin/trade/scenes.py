@@ -65,6 +65,10 @@ def modellings(scene: Scene) -> dict[str, Scene]:
     points of its axis, 6 rows for 5; and a weld three points, 9 rows for 6. All are exact, the
     points at the price of redundant rows.
 
+    Parameters
+    ----------
+    scene : Scene
+
     Returns
     -------
     dict of str to Scene

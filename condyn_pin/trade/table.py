@@ -112,7 +112,7 @@ class Table:
         )
 
     def compare(self, old: Table) -> Comparison:
-        """Return what changed since an older table, row by row, and what became worse.
+        """Return what changed since an `old` table, row by row, and what became worse.
 
         Raises
         ------
@@ -124,7 +124,11 @@ class Table:
         return compare(self, old)
 
     def plot(self, scene: str | None = None, measure: str | None = None, ax: Any = None) -> Any:
-        """Draw error against time, a line a method; `condyn_pin.plots_trade` says what is drawn."""
+        """Draw error against time, a line a method, on `ax` or new axes, and return them.
+
+        `scene` is a label and `measure` a name, where the table has several;
+        `condyn_pin.plots_trade` says what is drawn.
+        """
         from condyn_pin.plots_trade import work_precision
 
         return work_precision(self, scene, measure, ax)
@@ -140,6 +144,8 @@ class Table:
     @classmethod
     def from_json(cls, path: str | Path, scenes: Mapping[str, Scene] | None = None) -> Table:
         """Return the table that `to_json` wrote.
+
+        `scenes` are those of the table by label, where it is to choose among solvers again.
 
         Raises
         ------

@@ -17,6 +17,10 @@ class ExplicitEuler(Integrator):
     """The simplest step: an oscillation gains energy at any dt.
 
     v1 = v0 + dt a(t0, q0, v0),    q1 = integrate(q0, dt v0)
+
+    References
+    ----------
+    Hairer, Lubich, Wanner. Geometric Numerical Integration. Springer, 2006. Section I.1.
     """
 
     title: ClassVar[str] = "explicit Euler"

@@ -111,7 +111,7 @@ class Measure(ABC):
 
     @abstractmethod
     def answer(self, workspace: Workspace, state: State, truth: Array, accuracy: float) -> Answer:
-        """Return the answer of a workspace's solver at a state."""
+        """Return the answer of a solver at a state, judged by `truth` and `accuracy`."""
 
     @abstractmethod
     def calls(self, workspace: Workspace) -> Mapping[str, Call]:

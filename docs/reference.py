@@ -1,0 +1,178 @@
+"""The pages of the API: every public name, under the area that its module belongs to."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+from sphinx.application import Sphinx
+
+import condyn_pin
+
+# What a module is listed under, by the first part of its name; others by that part itself.
+_AREAS = {
+    "Robots": ("load", "robot", "spring", "mechanisms"),
+    "Constraints": ("constraints", "contacts", "nonholonomic"),
+    "Scenes and states": ("scene", "summary", "audit", "states", "rows"),
+    "Smaller scenes": ("smaller", "ladders"),
+    "Answers": ("verbs", "workspace", "solution", "proof", "force"),
+    "Solvers": ("solvers",),
+    "Derivatives": ("differentiation",),
+    "Motors and impacts": ("motors", "impacts", "switching"),
+    "Simulation": ("simulation", "drift"),
+    "Benchmark problems": ("problems",),
+    "Many states at once": ("batch",),
+    "Time against error": ("trade",),
+    "Errors": ("errors",),
+}
+_AREA_OF = {part: area for area, parts in _AREAS.items() for part in parts}
+
+
+def areas() -> dict[str, list[str]]:
+    """Return the public names by area, in the order of the table above."""
+    found: dict[str, list[str]] = defaultdict(list)
+    for name, home in condyn_pin._MODULE_OF.items():
+        part = home.split(".")[0]
+        found[_AREA_OF.get(part, part.capitalize())].append(name)
+    order = [*_AREAS, *sorted(found.keys() - _AREAS.keys())]
+    return {area: sorted(found[area], key=str.lower) for area in order if found[area]}
+
+
+def write(app: Sphinx) -> None:
+    """Write a page for each area; what is unchanged is left alone, so that it is not read again."""
+    folder = Path(app.srcdir) / "api"
+    folder.mkdir(exist_ok=True)
+    wanted = {f"{_file(area)}.rst": _page(area, names) for area, names in areas().items()}
+    pages = "\n".join(f"   {_file(area)}" for area in areas())
+    wanted["index.rst"] = (
+        f"{_title('API')}{_INTRODUCTION}.. toctree::\n   :maxdepth: 1\n\n{pages}\n"
+    )
+    for old in folder.glob("*.rst"):
+        if old.name not in wanted:
+            old.unlink()
+    for name, text in wanted.items():
+        path = folder / name
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+
+
+_INTRODUCTION = """\
+Everything here is ``import condyn_pin as cp`` and ``cp.NAME``. Shapes are in round brackets with nq
+coordinates, nv velocities and m rows; units are SI and in square brackets; frames and signs are
+those of :doc:`../conventions`. Arguments after a star go by name.
+
+Some names mean the same everywhere:
+
+``q``, ``v``, ``a``
+    configuration (nq,), velocity (nv,) and acceleration (nv,)
+``tau``
+    generalised forces (nv,) [N m, N]
+``lam``
+    constraint forces (m,), rows in the order of the scene, on the first-named bodies [N, N m]
+``t``, ``dt``
+    time and step [s]
+``scene``, ``workspace``, ``system``, ``terms``
+    a `Scene`; a `Workspace` of it; what an integrator sees of it; its M, h, J, gamma at a state
+``path``
+    of a file, a text or a `pathlib.Path`
+
+"""
+
+
+def _page(area: str, names: list[str]) -> str:
+    entries = "".join(_entry(name) for name in names)
+    return f"{_title(area)}.. currentmodule:: condyn_pin\n\n{entries}"
+
+
+def _entry(name: str) -> str:
+    value = getattr(condyn_pin, name)
+    if inspect.isclass(value):
+        return f".. autoclass:: {name}\n   :members:\n   :inherited-members: {_STOP}\n\n"
+    if isinstance(value, dict):
+        keys = ", ".join(f"``{key}``" for key in value)
+        return f".. data:: {name}\n\n   A registry: what there is, by name. {keys}.\n\n"
+    if callable(value):
+        return f".. autofunction:: {name}\n\n"
+    return f".. autodata:: {name}\n   :no-value:\n\n"
+
+
+# Whose own methods are not ours to document.
+_STOP = "ndarray, Exception, Enum, tuple, dict, Executor"
+
+
+def _title(text: str) -> str:
+    return f"{text}\n{'=' * len(text)}\n\n"
+
+
+def _file(area: str) -> str:
+    return area.lower().replace(" ", "-")
+
+
+def as_it_stands(
+    app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]
+) -> None:
+    """Keep equations and pictures at the start of a docstring, and in its notes, as they stand."""
+    shown: list[str] = []
+    section = ""
+    for paragraph in _paragraphs(lines):
+        if len(paragraph) > 1 and paragraph[1].startswith("---"):
+            section = paragraph[0].strip()
+        if section in ("", "Notes") and _is_picture(paragraph) and not _opened(shown):
+            shown += [".. code-block:: none", "", *(f"    {line}" for line in paragraph), ""]
+        elif section in ("", "Notes") and paragraph[0].startswith("    "):
+            shown += [*paragraph, ""]
+        else:
+            shown += [*map(_prose, paragraph), ""]
+    lines[:] = shown
+
+
+def _paragraphs(lines: list[str]) -> list[list[str]]:
+    """Return the lines between blank ones."""
+    text = "\n".join(lines).strip("\n")
+    return [part.split("\n") for part in re.split(r"\n\s*\n", text)]
+
+
+def _is_picture(paragraph: list[str]) -> bool:
+    """Whether a paragraph is an equation or a drawing: indented, or a sign and no full stop."""
+    if len(paragraph) > 1 and paragraph[1].startswith("---"):
+        return False
+    if all(line.startswith("    ") for line in paragraph):
+        return True
+    sentence = paragraph[-1].rstrip().endswith((".", ":", ";"))
+    return not sentence and any(" = " in line or " <= " in line for line in paragraph)
+
+
+def _opened(shown: list[str]) -> bool:
+    """Whether the last words end with two colons: a literal block follows."""
+    return next((line for line in reversed(shown) if line.strip()), "").rstrip().endswith("::")
+
+
+def _prose(line: str) -> str:
+    """Return a line of a docstring for Sphinx: public names are links, other names are code."""
+    parts = re.split(r"(``.*?``|`[^`]+`(?:_)?)", line)
+    for index, part in enumerate(parts):
+        if index % 2 == 0:
+            parts[index] = part.replace("|", r"\|")  # a norm is no substitution
+        elif not part.startswith("``") and not _is_public(part.strip("`")):
+            parts[index] = f"`{part}`"
+    return "".join(parts)
+
+
+def _is_public(name: str) -> bool:
+    return name.removeprefix("condyn_pin.").split(".")[0] in condyn_pin.__all__
+
+
+def not_ours(app: Any, what: str, name: str, thing: Any, skip: bool, options: Any) -> bool | None:
+    """Leave out what Python writes by itself: the fields of named tuples."""
+    return True if str(getattr(thing, "__doc__", "")).startswith("Alias for field") else None
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Write the pages before they are read."""
+    app.connect("builder-inited", write)
+    app.connect("autodoc-process-docstring", as_it_stands, priority=100)  # before napoleon
+    app.connect("autodoc-skip-member", not_ours)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

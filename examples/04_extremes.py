@@ -1,0 +1,49 @@
+"""Where methods lose digits: a parallelogram gets flat, a bar too heavy, a rod too light.
+
+python examples/04_extremes.py
+"""
+
+import sys
+
+import condyn_pin as cp
+from condyn_pin.extremes.verdict import Verdict, judge, right_answers
+
+quick = "--quick" in sys.argv
+methods = {
+    "Proximal": cp.Proximal(),
+    "DenseKKT, mu 1e-9": cp.DenseKKT(mu=1e-9),
+    "NullSpace": cp.NullSpace(),
+    "ConjugateGradient": cp.ConjugateGradient(),
+}
+
+
+def ask(name: str, severity: float, solver: cp.Solver) -> tuple[Verdict, float]:
+    """Return what a method makes of a case, and its error where there is an answer."""
+    try:
+        case = cp.EXTREMES[name].case(severity, seed=0)
+        right = right_answers(case)  # in closed form, or by Reference
+        verdict, error, _ = judge(case, solver, right)
+    except cp.CondynError:  # no such machine, or rows that the method does not take
+        return Verdict.REFUSED, float("nan")
+    return verdict, error
+
+
+# A family is a hard question with a dial, from tame to absurd. Every answer is judged: it is right,
+# it says that it is inaccurate or singular, it is refused by name, or it is wrong without a word.
+worst, wrong = 0.0, 0
+for name in ("parallelogram", "mass_ratio", "light_rod", "near_points", "straight_knee"):
+    dial = cp.EXTREMES[name].severities[:: 3 if quick else 1]
+    print(f"\n{name}: {cp.EXTREMES[name].title}")
+    print(f"{'':<18}" + "".join(f"{severity:>9.0e}" for severity in dial))
+    for label, solver in methods.items():
+        cells = []
+        for severity in dial:
+            verdict, error = ask(name, severity, solver)
+            ok = verdict is Verdict.OK
+            worst = max(worst, error) if ok else worst
+            wrong += verdict is Verdict.WRONG
+            cells.append(f"{error:.0e}" if ok else verdict.name.lower())
+        print(f"{label:<18}" + "".join(f"{cell:>9}" for cell in cells))
+
+print("\nsaid_so: inaccurate or singular, with a status that says so.")
+print(f"{wrong} wrong; of all that said ok, the worst has a relative error {worst:.0e}")

@@ -1,0 +1,145 @@
+"""Every public name says what it takes, in which shape, what comes back, and what goes wrong."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import condyn_pin as cp
+
+PUBLIC = {name: getattr(cp, name) for name in cp.__all__}
+FUNCTIONS = [name for name, value in PUBLIC.items() if inspect.isfunction(value)]
+CLASSES = [name for name, value in PUBLIC.items() if inspect.isclass(value)]
+# What means the same everywhere: methods need not say it again, the first page of the API does.
+KNOWN = {"q", "v", "a", "tau", "lam", "t", "dt", "scene", "path", "workspace", "system", "terms"}
+# Words that make an entry speak of a quantity, and the shapes and units that it then has to have.
+ARRAYS = re.compile(r"\barray(_like)?\b")
+SHAPE = re.compile(r"\((?:[^()]*,[^()]*)\)|(?:list|tuple|dict) of")
+
+
+def text(thing: Any) -> str:
+    return inspect.getdoc(thing) or ""
+
+
+def sections(doc: str) -> dict[str, str]:
+    """The numpydoc sections of a docstring; what comes before them is that of the empty name."""
+    parts = re.split(r"^([A-Z][\w ]+)\n-{3,}\n", doc, flags=re.MULTILINE)
+    return {"": parts[0], **dict(zip(parts[1::2], parts[2::2], strict=True))}
+
+
+def entries(section: str) -> dict[str, str]:
+    """The entries of a section by name: `q, v : type` are two."""
+    found = {}
+    for head, body in re.findall(
+        r"^(\S.*)\n?((?:(?:[ \t].*)?\n?)*?)(?=^\S|\Z)", section, re.MULTILINE
+    ):
+        names, _, kind = head.partition(" : ")
+        for name in names.split(","):
+            found[name.strip().lstrip("*")] = f"{kind}\n{body}"
+    return found
+
+
+def parameters(function: Any) -> list[str]:
+    names = inspect.signature(function).parameters
+    return [name for name in names if name not in ("self", "cls") and not name.startswith("_")]
+
+
+def test_what_means_the_same_everywhere_is_said_once():
+    page = (Path(cp.__file__).parents[1] / "docs" / "reference.py").read_text(encoding="utf-8")
+    table = page.split('_INTRODUCTION = """')[1].split('"""')[0]
+    assert set(re.findall(r"``(\w+)``", table)) >= KNOWN
+
+
+def methods(kind: type) -> Iterator[tuple[str, Any]]:
+    """What a class defines itself and others may call; what only fills a contract has its words."""
+    for name, value in vars(kind).items():
+        function = value.__func__ if isinstance(value, (classmethod, staticmethod)) else value
+        if name.startswith("_") or not inspect.isfunction(function):
+            continue
+        inherited = any(text(vars(base).get(name)) for base in kind.__mro__[1:])
+        if not inherited:
+            yield name, function
+
+
+@pytest.mark.parametrize("name", [*FUNCTIONS, *CLASSES])
+def test_the_first_line_is_a_sentence(name):
+    first = text(PUBLIC[name]).split("\n")[0]
+    assert len(first) > 10
+    assert first[0].isupper()
+    assert first.endswith((".", ":")), first
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_function_documents_every_parameter(name):
+    listed = entries(sections(text(PUBLIC[name])).get("Parameters", ""))
+    assert set(listed) == set(parameters(PUBLIC[name]))
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_function_says_what_comes_back(name):
+    if inspect.signature(PUBLIC[name]).return_annotation in (None, "None"):
+        return
+    assert {"Returns", "Yields"} & sections(text(PUBLIC[name])).keys()
+
+
+@pytest.mark.parametrize("name", [*FUNCTIONS, *CLASSES])
+def test_what_is_raised_is_documented(name):
+    value = PUBLIC[name]
+    functions = [value] if name in FUNCTIONS else [getattr(value, "__post_init__", None)]
+    for function in filter(inspect.isfunction, functions):
+        raised = set(re.findall(r"raise (?:errors\.)?([A-Z]\w+)\(", inspect.getsource(function)))
+        if name in FUNCTIONS and raised:
+            assert raised <= set(re.findall(r"\w+", sections(text(value)).get("Raises", "")))
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_a_class_documents_every_field(name):
+    """As a parameter or an attribute, its own or that of the class that it has the field from."""
+    if not dataclasses.is_dataclass(PUBLIC[name]):
+        return
+    fields = [field.name for field in dataclasses.fields(PUBLIC[name])]
+    listed: set[str] = set()
+    for base in PUBLIC[name].__mro__:
+        said = sections(inspect.cleandoc(base.__doc__ or ""))
+        for title in ("Parameters", "Attributes"):
+            listed |= entries(said.get(title, "")).keys()
+    assert {field for field in fields if not field.startswith("_")} - listed == set()
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_a_method_names_its_parameters(name):
+    if name in ("Processes",):  # an Executor: its methods are Python's
+        return
+    for method, function in methods(PUBLIC[name]):
+        said = text(function)
+        assert said, f"{name}.{method}"
+        missing = [
+            parameter
+            for parameter in parameters(function)
+            if parameter not in KNOWN and not re.search(rf"\b{parameter}\b", said)
+        ]
+        assert not missing, f"{name}.{method}: {missing}"
+
+
+@pytest.mark.parametrize("name", [*FUNCTIONS, *CLASSES])
+def test_arrays_have_a_shape(name):
+    said = sections(text(PUBLIC[name]))
+    for title in ("Parameters", "Attributes", "Returns"):
+        for entry, body in entries(said.get(title, "")).items():
+            kind = body.split("\n")[0] if title != "Returns" else entry
+            if ARRAYS.search(kind):
+                assert SHAPE.search(kind) or SHAPE.search(body), f"{name}: {entry} : {kind}"
+
+
+@pytest.mark.parametrize("name", list(cp.SOLVERS) + list(cp.INTEGRATORS) + list(cp.DRIFTS))
+def test_a_method_has_a_cost_a_use_and_a_source(name):
+    kind = {**cp.SOLVERS, **cp.INTEGRATORS, **cp.DRIFTS}[name]
+    assert kind.use
+    assert getattr(kind, "cost", "") or kind.solves_per_step
+    assert name in ("nodrift",) or "References" in sections(text(kind)), name
