@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from condyn_pin import tolerances
+from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.errors import BranchChanged, NotAssembled
 from condyn_pin.minimum_norm import MinimumNorm, factorise
@@ -20,6 +21,10 @@ from condyn_pin.states.chains import redundant_rows
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
     from condyn_pin.solvers.base import Solver
+
+# How far joints are moved to open loops [rad, m], and what is rounding of a row, as a share of what
+# its two bodies bring to it.
+_APART, _ROUNDED = 1e-3, 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +53,8 @@ class Audit:
         Independent rows, and nv minus that: the degrees of freedom that are left.
     redundant : tuple of str
         Rows that can go without changing the motion, as ``constraint.axis``.
+    independent : bool
+        Whether all rows count but those that are zero, and stay so where loops are open.
     condition : float
         Condition number of the mass matrix.
     delassus_norm : float
@@ -70,6 +77,7 @@ class Audit:
     rank: int
     mobility: int
     redundant: tuple[str, ...]
+    independent: bool
     condition: float
     delassus_norm: float
     weight: float
@@ -102,6 +110,7 @@ def audit(scene: Scene) -> Audit:
         rank=rank,
         mobility=robot.nv - rank,
         redundant=redundant_rows(factors.U[:, rank:], scene.row_names),
+        independent=rank == _lively_rows(equations, q),
         condition=float(np.linalg.cond(terms.M)),
         delassus_norm=float(S[0] ** 2) if rank else 1 / robot.mass,
         weight=weight,
@@ -109,6 +118,17 @@ def audit(scene: Scene) -> Audit:
         states=_nominal_states(equations, q, factors),
         terms=terms,
     )
+
+
+def _lively_rows(equations: Equations, q: Array) -> int:
+    """Return how many rows are more than rounding where the loops are a little open.
+
+    Of a planar loop two; of a loop in space all three, even where one of them is redundant.
+    """
+    apart = _APART * np.random.default_rng(0).normal(size=equations.model.nv)
+    q = pin.integrate(equations.model, q, apart)
+    sizes = np.linalg.norm(equations.jacobian(q), axis=1)
+    return int(np.count_nonzero(sizes > _ROUNDED * np.linalg.norm(reach(equations, q), axis=1)))
 
 
 def _nominal_states(

@@ -47,7 +47,7 @@ class Judge:
         singular = False
         if doubtful and isfinite(proof.bound):
             try:
-                proof = self._careful_proof(q, tau, lam, dynamics, largest)
+                proof = self._careful_proof(q, v, tau, a, lam)
             except InvalidModel:  # M is not positive definite to working precision
                 singular, proof = True, proof._replace(bound=inf)
         if proof.bound <= accuracy:
@@ -64,7 +64,7 @@ class Judge:
         nothing = np.zeros(self._workspace.model.nv)
         lam = np.zeros(self._scene.rows)
         with np.errstate(all="ignore"):  # what overflows was said already
-            _, (*_, violation, velocity, _) = self._workspace.equations.errors(
+            _, (_, _, violation, velocity, *_) = self._workspace.equations.errors(
                 q, v, nothing, nothing, lam
             )
         return Solution(
@@ -78,16 +78,16 @@ class Judge:
             q.copy(),
         )
 
-    def _careful_proof(
-        self, q: Array, tau: Array, lam: Array, dynamics: Array, largest: list[float]
-    ) -> Proof:
-        """Return the proof by w and sigma of the state itself, and by the rounding of J^T lam."""
+    def _careful_proof(self, q: Array, v: Array, tau: Array, a: Array, lam: Array) -> Proof:
+        """Return the proof by the factors of the state itself, and by the rounding of J^T lam."""
         equations, nominal = self._workspace.equations, self._yardstick
         terms = equations.terms(q, np.zeros(self._workspace.model.nv))
         P = reach(equations, q)
         factors = factorise(terms.M, terms.J, tolerances.REFERENCE_RANK)
         yardstick = Yardstick.of(factors, P, nominal.gravity, nominal.weight)
-        proof, _ = yardstick.prove(dynamics, largest, tau)
+        r, s = equations.residuals(q, v, tau, a, lam)
+        dynamics, largest = equations.errors(q, v, tau, a, lam)
+        proof, _ = yardstick.prove(dynamics, largest, tau, yardstick.missing(factors, r, s, a, P))
         scale = max(largest[1], nominal.gravity)
         rounded = yardstick.rounding_of(np.abs(lam) @ P)
         return proof._replace(bound=proof.bound + (rounded / scale if scale else 0.0))

@@ -19,7 +19,9 @@ To this comes what rounding of M itself does, eps cond(D M D) with D = diag(M_jj
 w and sigma are taken once, at the nominal state of the scene, so this is a bound there and an
 estimate elsewhere: sigma falls to zero at a singular configuration, and w grows where M nearly is.
 So unless the part of s is a thousand times smaller than SOLVED, as it is for a converged answer,
-and a is of a size that the robot can have, both are computed anew at the state.
+and a and lam are of a size that the robot can have, both are computed anew at the state, and with
+them e itself: |e|_M is that of the solution of the two equations above, and what rounding of J a
+does to it.
 Rows whose singular value is below REFERENCE_RANK count as redundant there, and rounding of J^T lam
 is added: eps max(w) sum_j w_j (|lam| P)_j, with P what the two bodies of a row bring to J before
 they cancel. A row of which rounding is all that is left takes a lam of 1e17, and is found by that.
@@ -111,7 +113,15 @@ class Yardstick:
             / (gravity or 1.0),
         )
 
-    def prove(self, dynamics: Array, largest: list[float], tau: Array) -> tuple[Proof, bool]:
+    def missing(self, factors: MinimumNorm, r: Array, s: Array, a: Array, P: Array) -> float:
+        """Return |e|_M at the state of the factors, for the residuals of a there."""
+        e, _ = factors.solve(r, s)
+        rounded = _EPS * float((P @ np.abs(a)).max(initial=0.0))
+        return float(np.linalg.norm(factors.L.T @ e)) + self.per_row * rounded
+
+    def prove(
+        self, dynamics: Array, largest: list[float], tau: Array, e_M: float | None = None
+    ) -> tuple[Proof, bool]:
         """Return the sizes of the residuals and what they say about a.
 
         Parameters
@@ -119,6 +129,8 @@ class Yardstick:
         dynamics, largest
             As `Equations.errors` returns them.
         tau : (nv,) array
+        e_M : float, optional
+            |e|_M, where it was computed.
 
         Returns
         -------
@@ -126,8 +138,9 @@ class Yardstick:
         doubtful : bool
             Whether w and sigma have to be computed anew, at the state itself.
         """
-        max_dynamics, max_a, violation, velocity, constraint = largest
-        e_M = self.weights.dot(dynamics) + self.per_row * constraint
+        max_dynamics, max_a, violation, velocity, constraint, max_lam = largest
+        if e_M is None:
+            e_M = self.weights.dot(dynamics) + self.per_row * constraint
         error = float(self.largest_weight * e_M)
         scale = max_a if max_a > self.gravity else self.gravity
         if not error <= _NEAR_ROUNDING * scale:
@@ -138,6 +151,7 @@ class Yardstick:
             constraint > self.unquestioned * scale
             or bound > tolerances.SOLVED
             or max_a > self.no_machine
+            or max_lam > self.no_force * scale
         )
         return Proof(max_dynamics, constraint, violation, velocity, bound), doubtful
 
@@ -155,6 +169,14 @@ class Yardstick:
         Ten times what the robot's weight, at a lever of one metre, gives to its lightest joint.
         """
         return 10.0 * self.largest_weight**2 * self.weight
+
+    @cached_property
+    def no_force(self) -> float:
+        """A force that only a row without grip explains, relative to the size of a [N s^2/m].
+
+        A million times what the robot weighs; a row that is rounding takes one of 1e17.
+        """
+        return 1e6 * self.weight / (self.gravity or 1.0)
 
     @cached_property
     def unquestioned(self) -> float:

@@ -23,28 +23,32 @@ if TYPE_CHECKING:
 class Refinement:
     """Corrections by the factor that `pin.constraintDynamics` leaves behind.
 
+    Parameters
+    ----------
+    workspace : Workspace
+    times : int
+
     Attributes
     ----------
     lam : (m,) array
         Forces of the rows that Pinocchio has, after the last correction.
     """
 
-    def __init__(self, workspace: Workspace, times: int) -> None:
+    def __init__(self, workspace: Workspace, times: int = 1) -> None:
         self._workspace, self._times = workspace, times
         self._cholesky = _pin.constraint_cholesky(workspace.data)
-        self._m = sum(native.size for native in workspace.natives.constraints)
-        self.lam = np.zeros(self._m)
+        self.lam: Array = np.zeros(0)
 
-    def correct(self, q: Array, v: Array, tau: Array, a: Array) -> Array:
-        """Return a (nv,) after the corrections."""
-        workspace, m = self._workspace, self._m
+    def correct(self, q: Array, v: Array, tau: Array, a: Array, lam: Array) -> Array:
+        """Return a (nv,) after the corrections, from a and the forces of Pinocchio's rows."""
+        workspace, m = self._workspace, len(lam)
         to_scene, residuals = workspace.natives.to_scene, workspace.equations.residuals
-        self.lam = np.array(workspace.data.lambda_c)
         for _ in range(self._times):
-            r, s = residuals(q, v, tau, a, workspace.scene_forces(self.lam))
+            r, s = residuals(q, v, tau, a, workspace.scene_forces(lam))
             if to_scene is not None:  # the slips of Pinocchio's rows, as lam goes the other way
                 s = to_scene.T.dot(s)
             steps = self._cholesky.solve(np.concatenate([s, r])).ravel()
             a = a - steps[m:]
-            self.lam = self.lam + steps[:m]
+            lam = lam + steps[:m]
+        self.lam = lam
         return a

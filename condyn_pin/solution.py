@@ -10,11 +10,15 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from condyn_pin.arrays import Array
+from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.force import ConstraintForce, Sites, pulling
 from condyn_pin.proof import Proof
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
+
+# Forces, as a multiple of the weight, that deserve a look at the singular values.
+_HEAVY = 1e3
 
 
 class Status(Enum):
@@ -135,7 +139,8 @@ class Solution:
         """Bound on the error of a, relative to the larger of |a|_inf and gravity.
 
         A bound, up to rounding of tau, at the nominal state of the scene and an estimate elsewhere;
-        see `condyn_pin.proof`.
+        see `condyn_pin.proof`. Turns and shifts are compared as numbers in rad and m: in another
+        unit of length the larger of the two, which is what counts, may be the other one.
         """
         return self.proof.bound
 
@@ -157,8 +162,23 @@ class Solution:
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """What deserves attention, a sentence each: contacts that pull, as no ground does."""
-        return pulling(self.forces, self._sites)
+        """What deserves attention, a sentence each.
+
+        Contacts that pull, as no ground does. Where the answer is not ok, or forces are a thousand
+        times the weight: rows that contradict each other, and those that have lost their grip.
+        """
+        return pulling(self.forces, self._sites) + self._doubts
+
+    @cached_property
+    def _doubts(self) -> tuple[str, ...]:
+        """What `Scene.rank` says of a state whose answer is not as it should be."""
+        heavy = np.abs(self.lam).max(initial=0.0) > _HEAVY * self.scene.audit.weight
+        if not (self.scene.rows and (heavy or not self.status.ok)):
+            return ()
+        try:
+            return self.scene.rank(self.q).notes
+        except (InvalidModel, InvalidArgument):  # numbers that nothing can be said of
+            return ()
 
     @cached_property
     def _sites(self) -> Sites:

@@ -92,12 +92,19 @@ def _check_bodies(model: Any) -> None:
 
 
 def _check_mass_matrix(model: Any, data: Any) -> None:
-    """Refuse a joint that moves no inertia: M would be singular."""
-    M = np.array(pin.crba(model, data, pin.neutral(model)))
+    """Refuse a joint that moves no inertia: M would be singular.
+
+    Turns are compared with turns [kg m^2], and shifts with shifts [kg]: in millimetres a machine is
+    as sound as in metres.
+    """
+    q = pin.neutral(model)
+    M = np.array(pin.crba(model, data, q))
     diagonal = np.diag(M)
     if not np.isfinite(M).all():
         raise InvalidModel("the mass matrix is not finite: a mass, inertia or placement is NaN")
-    bad = np.flatnonzero(diagonal <= tolerances.MASSLESS * diagonal.max())
+    turns = np.abs(pin.computeJointJacobians(model, data, q)[3:]).max(axis=0) > 0
+    largest = [diagonal[turns == kind].max(initial=0.0) for kind in (False, True)]
+    bad = np.flatnonzero(diagonal <= tolerances.MASSLESS * np.where(turns, *largest[::-1]))
     if bad.size:
         names = dict.fromkeys(_joint_of(model, int(i)) for i in bad)
         raise InvalidModel(

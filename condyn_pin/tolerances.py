@@ -49,7 +49,8 @@ SINGULAR: Final = 1e-13
 # of the fourth order reach 1e-10 on robots; a missing term is wrong by per cents.
 DERIVATIVES: Final = 1e-6
 
-# M is refused when a joint feels less inertia than this share of the largest.
+# M is refused when a joint feels less inertia than this share of the largest that a joint of its
+# kind, one that turns or one that shifts, feels.
 MASSLESS: Final = 1e-14
 
 # A principal moment that is negative by less, relative to the largest of the body, is zero but for

@@ -110,7 +110,7 @@ def test_errors_equal_the_assembled_residuals(label):
     dynamics, largest = eq.errors(q, v, tau, a, lam)
     expected = np.abs(t.M @ a + t.h - tau - t.J.T @ lam)
     assert relative(dynamics, expected, 1.0) < 1e-12
-    sizes = [expected, a, eq.violation(q), t.J @ v, t.J @ a + t.gamma]
+    sizes = [expected, a, eq.violation(q), t.J @ v, t.J @ a + t.gamma, lam]
     for found, wanted in zip(largest, sizes, strict=True):
         wanted = np.abs(wanted).max(initial=0.0)
         assert abs(found - wanted) <= 1e-12 * max(wanted, 1.0)

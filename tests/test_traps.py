@@ -20,6 +20,7 @@ import condyn_pin as cp
 from condyn_pin import _pin
 from condyn_pin._pin import HAS_LCABA, pin
 from condyn_pin.catalogue import motor_torque
+from condyn_pin.extremes.units import scaled
 
 GRAVITY = 9.81
 LIBRARY = Path(cp.__file__).parent
@@ -1218,3 +1219,22 @@ def test_a_hanging_box_pulls_with_its_weight(solver, constraint, sign):
 
 def q_rotation(q: np.ndarray) -> np.ndarray:
     return pin.Quaternion(q[6], *q[3:6]).toRotationMatrix()
+
+
+@pytest.mark.parametrize("length", [1e-6, 1e-4, 1.0, 1e4, 1e6])
+@pytest.mark.parametrize("name", ["cassie", "talos", "stewart"])
+def test_no_unit_of_length_makes_a_machine_massless(name, length):
+    """Inertias of turns go with its square, those of shifts do not: Cassie was refused at 1e-4."""
+    robot = cp.load_robot(name)
+    assert scaled(cp.Scene(robot, robot.loops), length, 1.0).robot.nv == robot.nv
+
+
+@pytest.mark.parametrize("kind", [pin.JointModelPX, pin.JointModelRX])
+def test_a_massless_leaf_is_refused_beside_joints_of_the_other_kind(kind):
+    other = pin.JointModelRY if kind is pin.JointModelPX else pin.JointModelPZ
+    model = pin.Model()
+    arm = model.addJoint(0, other(), pin.SE3.Identity(), "arm")
+    model.appendBodyToJoint(arm, pin.Inertia.Random(), pin.SE3.Identity())
+    model.addJoint(arm, kind(), pin.SE3.Identity(), "leaf")
+    with pytest.raises(cp.InvalidModel, match="no inertia moves with leaf"):
+        cp.Robot("arm", model)

@@ -105,7 +105,7 @@ def judge(case: Case, solver: Solver, right: tuple[Array, ...]) -> tuple[Verdict
     workspace = Workspace(case.scene, solver, drift=case.drift)
     solution = workspace.solve(case.q, case.v, case.tau, throw=False)
     status = solution.status.name.lower()
-    error = min((_error(case, solution.a, a) for a in right), default=nan)
+    error = min((error_of(case, solution.a, a) for a in right), default=nan)
     if solution.status is not Status.OK:
         return Verdict.SAID_SO, error, status
     finite = np.isfinite(solution.a).all() and np.isfinite(solution.lam).all()
@@ -113,7 +113,7 @@ def judge(case: Case, solver: Solver, right: tuple[Array, ...]) -> tuple[Verdict
         return Verdict.WRONG, error, status
     again = workspace.acceleration(case.q, case.v, case.tau)
     if not np.array_equal(again, solution.a):
-        return Verdict.WRONG, _error(case, again, solution.a), "another a on the second call"
+        return Verdict.WRONG, error_of(case, again, solution.a), "another a on the second call"
     return Verdict.OK, error, status
 
 
@@ -140,8 +140,13 @@ def right_answers(case: Case) -> tuple[Array, ...]:
     return tuple(a for a in found if np.isfinite(a).all())
 
 
-def _error(case: Case, a: Array, right: Array) -> float:
-    """Return the error of a, relative to the larger of |a|_inf and gravity."""
+def error_of(case: Case, a: Array, right: Array) -> float:
+    """Return the error of a, relative to the larger of |a|_inf and gravity.
+
+    Lengths and angles are taken as numbers, in m and rad: in another unit of length a shift of a
+    floating base weighs more or less beside the turn of a joint, and the larger of the two rules,
+    as gravity does beside turns where machines are tiny or huge.
+    """
     gravity = float(np.linalg.norm(case.scene.robot.model.gravity.linear))
     scale = max(float(np.abs(right).max(initial=0.0)), gravity)
     with np.errstate(all="ignore"):

@@ -82,16 +82,16 @@ class Equations:
         self._still = np.zeros(model.nv)
         rolled = [b for b in bounds if isinstance(b, Rolled)]
         self._sort(pairs, [b for b in bounds if isinstance(b, Coupled)], rolled)
-        # |dynamics|, |a|, |c|, |J v| and |J a + gamma| share one array, so that one call finds the
-        # largest of each; the last three end with a zero, so that none is empty.
+        # |dynamics|, |a|, |c|, |J v|, |J a + gamma| and |lam| share one array, so that one call
+        # finds the largest of each; the last four end with a zero, so that none is empty.
         n, width = model.nv, self.m + 1
-        self._all = np.zeros(2 * n + 3 * width)
-        self._starts = np.array([0, n, 2 * n, 2 * n + width, 2 * n + 2 * width])
-        self._dynamics, self._a, self._c, self._velocity, self._acceleration = (
+        self._all = np.zeros(2 * n + 4 * width)
+        self._starts = np.array([0, n, *(2 * n + k * width for k in range(4))])
+        self._dynamics, self._a, self._c, self._velocity, self._acceleration, self._lam = (
             self._all[start : start + size]
-            for start, size in zip(self._starts, (n, n, self.m, self.m, self.m), strict=True)
+            for start, size in zip(self._starts, (n, n, *4 * [self.m]), strict=True)
         )
-        self._motion = self._all[2 * n + width :].reshape(2, width)
+        self._motion = self._all[2 * n + width : 2 * n + 3 * width].reshape(2, width)
 
     def _sort(
         self, pairs: Sequence[Bound], coupled: Sequence[Coupled], rolled: Sequence[Rolled]
@@ -189,10 +189,12 @@ class Equations:
         dynamics : (nv,) array
             |M a + h - tau - J^T lam|, elementwise; overwritten by the next call.
         largest : list of float
-            The largest of |M a + h - tau - J^T lam|, |a|, |c|, |J v| and |J a + gamma - a_ref|.
+            The largest of |M a + h - tau - J^T lam|, |a|, |c|, |J v|, |J a + gamma - a_ref| and
+            |lam|.
         """
         self._evaluate(q, v, tau, a, lam)
         self._a[:] = a
+        self._lam[:] = lam
         everything = self._all
         np.abs(everything, out=everything)
         return self._dynamics, _largest(everything, self._starts).tolist()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -20,10 +20,13 @@ from condyn_pin.knobs import (
 )
 from condyn_pin.refinement import Refinement
 from condyn_pin.solvers.base import Method, Solver
+from condyn_pin.weights import OtherWeights, default_mu
 
 if TYPE_CHECKING:
-    from condyn_pin.audit import Audit
     from condyn_pin.workspace import Workspace
+
+# With a limit below this, an iteration that meets it is what was asked for.
+_PATIENT = 20
 
 
 @dataclass(frozen=True)
@@ -43,10 +46,13 @@ class Proximal(Solver):
     mu : float or "auto", optional
         Proximal weight [1/kg]. Larger: more iterations, less noise in lam along redundant rows
         (it is about 1e-16 |a| / mu). Zero is a plain solve and gives NaN on redundant rows. "auto",
-        the default, is 1e-6 of the largest eigenvalue of G at the nominal state of the scene, so
+        the default, is a share of the largest eigenvalue of G at the nominal state of the scene, so
         that it means the same on a hand and on an excavator: three iterations on Talos and on
-        Cassie. A hundredth of the smallest nonzero eigenvalue if that is less, as it is for hinges
-        that are closed by two points, and never less than 1e-10 of the largest.
+        Cassie. 1e-6 where rows are redundant; a hundredth of the smallest nonzero eigenvalue if
+        that is less, as it is for hinges that are closed by two points, and never less than 1e-10
+        of the largest. 1e-10 where they are not, or only as zeros, like those across the plane of
+        a planar loop; there, should the iteration not converge, as near a singular posture, others
+        are tried (`condyn_pin.weights`).
     max_iterations : int
         Upper limit. It is met without harm where lam keeps a little noise; convergence is judged
         by the errors of the `Solution`, never by this.
@@ -108,26 +114,37 @@ class Proximal(Solver):
         workspace.proximal_settings = settings
         model, data = workspace.model, workspace.data
         models, datas = workspace.constraint_models, workspace.constraint_datas
+        limit, others = self.max_iterations, self._others(workspace, accuracy)
         solve = pin.constraintDynamics
 
-        def acceleration(q: Array, v: Array, tau: Array) -> Array:
+        def run(q: Array, v: Array, tau: Array, settings: Any = settings) -> Array:
             return solve(model, data, q, v, tau, models, datas, settings)  # type: ignore[no-any-return]
 
-        def lam() -> Array:
-            return workspace.scene_forces(np.array(data.lambda_c))
+        def persistent(q: Array, v: Array, tau: Array) -> Array:
+            a = run(q, v, tau)
+            return a if settings.iter < limit else others.answer(run, q, v, tau)  # type: ignore[union-attr]
 
+        def lam() -> Array:
+            if others and settings.iter >= limit:
+                return others.lam
+            return np.array(data.lambda_c)
+
+        def iterations() -> int:
+            return others.iterations if others and settings.iter >= limit else int(settings.iter)
+
+        acceleration = persistent if others else run
         if not self.refinements:
-            return Method(acceleration, lam, lambda: int(settings.iter))
+            return Method(acceleration, lambda: workspace.scene_forces(lam()), iterations)
         refinement = Refinement(workspace, self.refinements)
         return Method(
-            lambda q, v, tau: refinement.correct(q, v, tau, acceleration(q, v, tau)),
+            lambda q, v, tau: refinement.correct(q, v, tau, acceleration(q, v, tau), lam()),
             lambda: workspace.scene_forces(refinement.lam),
-            lambda: int(settings.iter) + self.refinements,
+            lambda: iterations() + self.refinements,
         )
 
-
-def default_mu(audit: Audit) -> float:
-    """Return a proximal weight with which every part of lam converges in a few iterations."""
-    largest = audit.delassus_norm
-    smallest = float(audit.singular_values[audit.rank - 1]) ** 2 if audit.rank else largest
-    return max(min(1e-6 * largest, 1e-2 * smallest), 1e-10 * largest)
+    def _others(self, workspace: Workspace, accuracy: float) -> OtherWeights | None:
+        """Return other weights to try where mu was not asked for, and no row forbids them."""
+        asked = self.mu is not None or self.max_iterations < _PATIENT
+        if asked or not workspace.scene.audit.independent:
+            return None
+        return OtherWeights(workspace, self.max_iterations, accuracy)

@@ -11,7 +11,7 @@ across the plane of a planar loop, or at this one only: then it is singular.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from condyn_pin import tolerances
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array
-from condyn_pin.minimum_norm import factorise
+from condyn_pin.minimum_norm import MinimumNorm, factorise
 from condyn_pin.rows.equations import Equations
 from condyn_pin.states.chains import redundant_rows
 from condyn_pin.states.gaps import Gap, closed, gaps, worst
@@ -30,6 +30,10 @@ if TYPE_CHECKING:
     from condyn_pin.scene import Scene
 
 _NEARLY_SINGULAR = 1e-4  # of the singular values
+_EPS = float(np.finfo(float).eps)
+
+# Rows with less of a singular vector, as a share of its largest entry, are not named.
+_NAMED = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +58,12 @@ class Rank:
     isolated : tuple of str
         Loops that close at the first posture and nowhere near it: bars that just reach. Then
         singular values that such a gap hides count as zeros.
+    conflict : dict of str to float
+        Rows that want to be moved against each other, and by how much: the part of c(q) that no
+        motion takes away, to first order [m, rad].
+    weak : tuple of str
+        Rows that have all but lost their grip: those along which singular values are below 1e-4
+        of the largest, and are no zeros.
     singular_values : (min(m, nv),) array
         Of J L^-T [1/sqrt(kg)].
     condition, delassus_condition : float
@@ -70,6 +80,8 @@ class Rank:
     redundant: tuple[str, ...]
     generic_redundant: tuple[str, ...]
     isolated: tuple[str, ...]
+    conflict: Mapping[str, float]
+    weak: tuple[str, ...]
     singular_values: Array  # [1/sqrt(kg)]
     condition: float
     delassus_condition: float
@@ -117,6 +129,13 @@ class Rank:
                 f"{name} is open by {gap}: redundant rows of an open loop have singular values of "
                 "that size and can be counted as independent; assemble it first"
             )
+        if self.conflict:
+            size = max(self.conflict.values())
+            yield (
+                f"{', '.join(self.conflict)} contradict each other by {size:.3g} m or rad: no "
+                "motion from here closes them all, and no acceleration satisfies them; leave one "
+                "out, or move its frames"
+            )
         if self.singular:
             yield (
                 f"singular configuration: rank {self.rank} here, {self.generic_rank} nearby; "
@@ -131,7 +150,12 @@ class Rank:
         elif self.rank and self.singular_values[self.rank - 1] < (
             _NEARLY_SINGULAR * self.singular_values[0]
         ):
-            yield "nearly singular: constraint forces are large and badly determined here"
+            share = self.singular_values[self.rank - 1] / self.singular_values[0]
+            yield (
+                "nearly singular: constraint forces are large and badly determined here, along "
+                f"{', '.join(self.weak)}, and grow without bound on the way to the singular "
+                f"configuration; a and J^T lam are unique, to about {_EPS / share:.0e}"
+            )
         if self.closed and self.rank > self.generic_rank:
             yield (
                 f"rank {self.rank} here, {self.generic_rank} near the first posture, which is "
@@ -149,9 +173,10 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
     isolated = scene.chains.isolated
     factors = factorise(terms.M, terms.J, tolerances.ISOLATED if isolated else tolerances.RANK)
     S, r = factors.S, factors.rank
+    c = equations.violation(q_)
     return Rank(
         q=q_.copy(),
-        gap=gaps(scene, equations.violation(q_)),
+        gap=gaps(scene, c),
         rows=scene.rows,
         rank=r,
         generic_rank=scene.chains.rank,
@@ -160,7 +185,29 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
         redundant=redundant_rows(factors.U[:, r:], scene.row_names, scene.chains.redundant),
         generic_redundant=scene.chains.redundant,
         isolated=isolated,
+        conflict=_conflict(factors.U[:, min(r, scene.chains.rank) :], c, scene.row_names),
+        weak=_weak(factors, scene.row_names),
         singular_values=S,
         condition=float(np.linalg.cond(terms.M)),
         delassus_condition=float((S[0] / S[r - 1]) ** 2) if r else 1.0,
     )
+
+
+def _conflict(null: Array, c: Array, names: Sequence[str]) -> dict[str, float]:
+    """Return the part of c that lies in the null space of J^T, by rows."""
+    part = np.abs(null @ (null.T @ c))
+    largest = float(part.max(initial=0.0))
+    if largest <= tolerances.CLOSED:
+        return {}
+    rows = np.flatnonzero(part > _NAMED * largest).tolist()
+    return {names[i]: float(part[i]) for i in rows}
+
+
+def _weak(factors: MinimumNorm, names: Sequence[str]) -> tuple[str, ...]:
+    """Return the rows along which singular values are small."""
+    S = factors.S[: factors.rank]
+    along = np.abs(factors.U[:, : factors.rank][:, _NEARLY_SINGULAR * S.max(initial=0.0) > S])
+    if not along.size:
+        return ()
+    rows = np.flatnonzero((along > _NAMED * along.max(axis=0)).any(axis=1)).tolist()
+    return tuple(names[i] for i in rows)

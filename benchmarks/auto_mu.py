@@ -1,0 +1,185 @@
+"""Proximal's own mu against every mu by hand; write results/auto_mu.{json,md}.
+
+    python benchmarks/auto_mu.py [--seeds 1] [--families mass_ratio,parallelogram]
+
+Every case of `EXTREMES`, the robots' among them, is answered with mu = "auto" and with 1e-12 to 1,
+in 1/kg and as a share of the largest eigenvalue of G, and with up to 20 iterations, 100, and two
+refinements. An error counts as no worse if it is within 3 times the best, or below 1e-10, a
+hundredth of what ok promises. Time is compared with that of the mu of fewest iterations whose error
+is no worse than that of "auto" in this sense; both are measured in turn, at that state.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import numpy as np
+
+import condyn_pin as cp
+from condyn_pin.extremes.base import EXTREMES, Case
+from condyn_pin.extremes.stress import tasks
+from condyn_pin.extremes.verdict import Task, error_of, right_answers
+from condyn_pin.extremes.worker import Memory, make
+from condyn_pin.machine import machine
+from condyn_pin.timing import interleaved
+
+RESULTS = Path(__file__).resolve().parent / "results"
+WEIGHTS = tuple(float(f"1e{k}") for k in range(-12, 1))
+KNOBS: tuple[dict[str, int], ...] = ({}, {"max_iterations": 100}, {"refinements": 2})
+WITHIN = 3.0
+NOTHING = 1e-10  # an error below is as good as any
+
+# What families of any scene are put on: without redundant rows but zeros, and with.
+ROBOTS = ("four_bar", "cassie")
+
+# Families that turn the knobs themselves, and those with numbers that no answer belongs to.
+LEFT_OUT = ("weight", "few_iterations", "bad_q", "bad_v", "bad_tau")
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One case with one set of other knobs.
+
+    Attributes
+    ----------
+    task : Task
+    knobs : dict
+    independent : bool
+        Whether no row depends on others.
+    error, best : float
+        Of a, relative: with "auto", and with the best mu.
+    best_mu : float
+        [1/kg]
+    status : str
+        Of the answer with "auto".
+    slower : float
+        Time with "auto" over that of the fastest mu that is as good; NaN where none is.
+    """
+
+    task: Task
+    knobs: dict[str, int]
+    independent: bool
+    error: float
+    best: float
+    best_mu: float
+    status: str
+    slower: float
+
+    @property
+    def error_is_good(self) -> bool:
+        """Whether no mu is better by more than is allowed."""
+        return self.error <= WITHIN * max(self.best, NOTHING)
+
+    @property
+    def time_is_good(self) -> bool:
+        """Whether no mu that is as good is faster by more than is allowed."""
+        return not self.slower > WITHIN
+
+
+def compare(task: Task, case: Case, knobs: dict[str, int], *, timed: bool) -> Comparison | None:
+    """Return "auto" against every mu on a case; None where no method has an answer."""
+    right = right_answers(case)
+    if not (right and case.scene.rows):
+        return None
+
+    def ask(mu: float | None) -> tuple[float, cp.Workspace, cp.Solution]:
+        solver = cp.Proximal(mu=mu, **knobs)  # type: ignore[arg-type]
+        workspace = cp.Workspace(case.scene, solver, drift=case.drift)
+        solution = workspace.solve(case.q, case.v, case.tau, throw=False)
+        return min(error_of(case, solution.a, a) for a in right), workspace, solution
+
+    error, auto, solution = ask(None)
+    largest = case.scene.audit.delassus_norm
+    by_hand = {mu: ask(mu) for mu in (*WEIGHTS, *(largest * share for share in WEIGHTS))}
+    best_mu = min(by_hand, key=lambda mu: by_hand[mu][0])
+    as_good = {
+        mu: (one.iterations, workspace)
+        for mu, (other, workspace, one) in by_hand.items()
+        if other <= max(error, NOTHING)
+    }
+    slower = float("nan")
+    if timed and as_good and np.isfinite(error):
+        fastest = min(as_good.values(), key=lambda found: found[0])[1]
+        calls = {"auto": auto.acceleration, "by hand": fastest.acceleration}
+        times = interleaved(calls, [(case.q, case.v, case.tau)], rounds=20, repeats=3)
+        slower = times["auto"].median / times["by hand"].median
+    return Comparison(
+        task, knobs, case.scene.audit.independent, error, by_hand[best_mu][0], best_mu,
+        solution.status.name.lower(), slower,
+    )  # fmt: skip
+
+
+def comparisons(todo: Sequence[Task], *, timed: bool = True) -> Iterator[Comparison]:
+    """Yield all comparisons of some cases; those that are refused are left out."""
+    memory = Memory({})
+    for task in todo:
+        if task.family in LEFT_OUT:
+            continue
+        case, _ = make(task, memory)
+        for knobs in KNOBS if case else ():
+            try:
+                found = compare(task, case, knobs, timed=timed)  # type: ignore[arg-type]
+            except cp.CondynError:
+                continue
+            if found:
+                yield found
+
+
+def markdown(found: Sequence[Comparison], where: dict[str, Any]) -> str:
+    """Return a line a family, and a line for each case that is worse."""
+    lines = [
+        f'{len(found)} comparisons of "auto" with {2 * len(WEIGHTS)} values of mu; '
+        f"within {WITHIN:g} times: {sum(c.error_is_good for c in found)} in error, "
+        f"{sum(c.time_is_good for c in found)} in time.",
+        "",
+        "| family | cases | error within 3 x | time within 3 x | slowest |",
+        "|---|---|---|---|---|",
+    ]
+    for family in dict.fromkeys(c.task.family for c in found):
+        own = [c for c in found if c.task.family == family]
+        slowest = max((c.slower for c in own if c.slower > 0), default=float("nan"))
+        lines.append(
+            f"| {family} | {len(own)} | {sum(c.error_is_good for c in own)} "
+            f"| {sum(c.time_is_good for c in own)} | {slowest:.1f} |"
+        )
+    lines += ["", "Where it is worse:", ""]
+    lines += [
+        f"- {c.task.family} {c.task.robot} {c.task.severity:g}, {c.knobs or 'default knobs'}: "
+        f"{c.error:.1e} ({c.status}) against {c.best:.1e} with {c.best_mu:.1e}; "
+        f"time x {c.slower:.1f}"
+        for c in found
+        if not (c.error_is_good and c.time_is_good)
+    ]
+    text = "{processor}, {system}, Python {python}, Pinocchio {pinocchio}, {date}."
+    return "\n".join([*lines, "", text.format(**where), ""])
+
+
+def main() -> None:
+    """Compare, and write."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--families", default="", help="some of EXTREMES, separated by commas")
+    arguments = parser.parse_args()
+    families = [name for name in arguments.families.split(",") if name] or list(EXTREMES)
+    warnings.simplefilter("ignore")
+    found: list[Comparison] = []
+    for family in families:
+        found += comparisons(tasks([family], robots=ROBOTS, seeds=arguments.seeds))
+        report = {"machine": machine(), "comparisons": [asdict(each) for each in found]}
+        text = json.dumps(report, indent=0) + "\n"
+        (RESULTS / "auto_mu.json").write_text(text, encoding="utf-8")
+        (RESULTS / "auto_mu.md").write_text(markdown(found, machine()), encoding="utf-8")
+    print(markdown(found, machine()))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,199 @@
+"""Long runs: whether loops stay closed and memory stays flat; write results/long_runs.{json,md}.
+
+    python benchmarks/long_runs.py [--steps 1000000] [--only "cassie, Baumgarte"]
+
+A four-bar falls from rest and swings on without friction, and Cassie hangs by the pelvis, its
+motors pushed to and fro against springs and damping; both by `RungeKutta4` at 1 ms, with each of
+three drift schemes. Lines that were measured before are kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import numpy as np
+
+import condyn_pin as cp
+from condyn_pin.machine import machine
+
+RESULTS = Path(__file__).resolve().parent / "results"
+STEPS = 1_000_000
+DT = 1e-3  # [s]
+LOOK = 100  # steps between two samples
+PUSH, STIFFNESS = 10.0, 100.0  # [N m], [N m/rad]
+
+# What a gap may be [m, rad]: with a correction after each step, and with gains alone.
+CORRECTED, BY_GAINS = 1e-8, 1e-5
+
+
+@dataclass(frozen=True)
+class LongRun:
+    """One run.
+
+    Attributes
+    ----------
+    scene, drift : str
+    steps : int
+    status : str
+        How it ended.
+    gap, slip : float
+        The largest of all samples [m, rad], [m/s, rad/s].
+    allowed : float
+        What the gap may be [m, rad].
+    energy_error : float or None
+        The largest that came or went without work, relative to what was exchanged; None with
+        damping, whose work the samples are too far apart for.
+    fastest : float
+        Largest velocity [rad/s, m/s].
+    memory : float
+        Growth of the process over the last nine tenths of the run [MB].
+    samples : float
+        How much of that its samples take [MB].
+    step_us : float
+        Time of a step, on a machine that others used too [us].
+    """
+
+    scene: str
+    drift: str
+    steps: int
+    status: str
+    gap: float
+    slip: float
+    allowed: float
+    energy_error: float | None
+    fastest: float
+    memory: float
+    samples: float
+    step_us: float
+
+    @property
+    def name(self) -> str:
+        """What was run."""
+        return f"{self.scene}, {self.drift}"
+
+    @property
+    def is_good(self) -> bool:
+        """Whether it went to its end, closed all the way, in the memory that it began with."""
+        closed = self.gap < self.allowed
+        return self.status == "FINISHED" and closed and self.memory - self.samples < 10.0
+
+
+def plans() -> Iterator[tuple[str, cp.Scene, cp.Drift]]:
+    """Yield name, scene and drift scheme of every run."""
+    bar, cassie = cp.load_robot("four_bar"), cp.load_robot("cassie")
+    hanging = [*cassie.loops, cp.SurfaceContact("pelvis")]
+    scenes = {"four_bar": cp.Scene(bar, bar.loops), "cassie hanging": cp.Scene(cassie, hanging)}
+    for name, scene in scenes.items():
+        for drift in (cp.PostStabilization(), cp.Baumgarte(20.0, 20.0), cp.Projection()):
+            yield name, scene, drift
+
+
+def servos(scene: cp.Scene) -> Callable[[float, np.ndarray, np.ndarray], np.ndarray]:
+    """Return torques that hold every motor near its place, and push it to and fro."""
+    joints = [
+        scene.robot.model.joints[scene.robot.model.getJointId(n)] for n in scene.robot.actuated
+    ]
+    at, along = [j.idx_q for j in joints], [j.idx_v for j in joints]
+    place = scene.state()[0][at]
+    rates = 2 * np.pi * np.linspace(0.3, 0.9, len(joints))  # [rad/s]
+    tau = np.zeros(scene.robot.nv)
+
+    def servo(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        tau[along] = PUSH * np.sin(rates * t) - STIFFNESS * (q[at] - place)
+        return tau
+
+    return servo
+
+
+def long_run(name: str, scene: cp.Scene, drift: cp.Drift, steps: int) -> LongRun:
+    """Run a scene from its nominal state, at rest."""
+    q, v = scene.state()
+    damped = bool(np.any(scene.robot.model.damping))
+    grown, watch = _memory()
+    run = cp.simulate(
+        scene, q, v, servos(scene) if damped else 0.0, duration=steps * DT, dt=DT,
+        integrator=cp.RungeKutta4(), drift=drift, record=LOOK, progress=watch,
+    )  # fmt: skip
+    return LongRun(
+        scene=name,
+        drift=type(drift).__name__,
+        steps=steps,
+        status=run.status.name,
+        gap=float(run.violation.max()),
+        slip=float(run.slip.max()),
+        allowed=BY_GAINS if isinstance(drift, cp.Baumgarte) else CORRECTED,
+        energy_error=None if damped else float(np.abs(run.energy.error).max() / run.energy.scale),
+        fastest=float(np.abs(run.v).max()),
+        memory=grown(),
+        samples=0.9e-6 * sum(x.nbytes for x in (run.t, run.q, run.v, run.a, run.lam, run.tau)),
+        step_us=1e6 * run.run.wall_time / steps,
+    )
+
+
+def _memory() -> tuple[Callable[[], float], Callable[[float], None]]:
+    """Return how far memory has grown since a tenth of a run [MB], and what watches it."""
+    seen: list[float] = []
+
+    def watch(share: float) -> None:
+        if share >= 0.1:
+            pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+            seen.append(pages * os.sysconf("SC_PAGE_SIZE") / 1e6)
+
+    return lambda: seen[-1] - seen[0], watch
+
+
+def markdown(runs: list[LongRun], where: dict[str, Any]) -> str:
+    """Return the runs as a table."""
+    lines = [
+        f"Runge-Kutta 4, {1e3 * DT:g} ms, gaps at every {LOOK}th step.",
+        "",
+        "| run | steps | gap [m, rad] | allowed | slip [m/s, rad/s] | energy error |"
+        " memory [MB] | of it samples | us a step |",
+        "|---" * 9 + "|",
+    ]
+    for run in runs:
+        energy = "" if run.energy_error is None else f"{run.energy_error:.1e}"
+        ending = "" if run.status == "FINISHED" else f" ({run.status.lower()})"
+        lines.append(
+            f"| {run.name}{ending} | {run.steps} | {run.gap:.1e} | {run.allowed:g} "
+            f"| {run.slip:.1e} | {energy} | {run.memory:+.1f} "
+            f"| {run.samples:.1f} | {run.step_us:.0f} |"
+        )
+    text = "{processor}, {system}, Python {python}, Pinocchio {pinocchio}, {date}."
+    return "\n".join([*lines, "", text.format(**where), ""])
+
+
+def main() -> int:
+    """Run, write after each run, and say whether all are good."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--steps", type=int, default=STEPS)
+    parser.add_argument("--only", default="", help="what the name of a run has to contain")
+    arguments = parser.parse_args()
+    bad = 0
+    for name, scene, drift in plans():
+        if arguments.only not in f"{name}, {type(drift).__name__}":
+            continue
+        run = long_run(name, scene, drift, arguments.steps)
+        bad |= not run.is_good
+        print(run, flush=True)
+        path = RESULTS / "long_runs.json"
+        old = json.loads(path.read_text(encoding="utf-8"))["runs"] if path.exists() else []
+        runs = {each.name: each for each in (*(LongRun(**fields) for fields in old), run)}
+        order = [f"{n}, {type(d).__name__}" for n, _, d in plans()]
+        kept = [runs[label] for label in order if label in runs]
+        report = {"machine": machine(), "runs": [asdict(each) for each in kept]}
+        path.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+        (RESULTS / "long_runs.md").write_text(markdown(kept, machine()), encoding="utf-8")
+    return bad
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,167 @@
+"""Proximal's own mu: on machines, near singular postures, and against every mu by hand."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from shared import all_scenes, relative, states, takes, truth
+
+import condyn_pin as cp
+from condyn_pin.extremes import EXTREMES
+from condyn_pin.extremes.verdict import Task, error_of, right_answers
+
+BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
+
+
+def script(name):
+    spec = importlib.util.spec_from_file_location(name, BENCHMARKS / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # where its dataclasses look for their names
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("label", ["talos contacts", "cassie loops", "four_bar loops"])
+def test_machines_take_three_iterations(label):
+    """One or two, and one that finds that nothing changes."""
+    workspace = cp.Workspace(all_scenes()[label])
+    assert all(workspace.solve(*state).iterations <= 3 for state in states(label))
+
+
+@pytest.mark.parametrize(
+    ("label", "independent"),
+    [
+        ("talos contacts", True),
+        ("four_bar loops", True),  # its third row is zero
+        ("andrews loops", True),
+        ("talos corners", False),  # more points than a rigid foot has room for
+        ("cassie loops", False),  # redundant where they are closed, and only there
+        ("bricard loops", False),
+    ],
+)
+def test_redundant_rows_that_come_to_life_are_found(label, independent):
+    assert all_scenes()[label].audit.independent is independent
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("severity", EXTREMES["parallelogram"].severities)
+def test_a_nearly_flat_parallelogram_is_solved_at_every_angle(severity, seed):
+    case = EXTREMES["parallelogram"].case(severity, seed)
+    workspace = cp.Workspace(case.scene)
+    solution = workspace.solve(case.q, case.v, case.tau, throw=False)
+    assert min(error_of(case, solution.a, right) for right in right_answers(case)) < 1e-8
+    if severity >= 1e-7:  # no second reading there
+        assert solution.status.ok
+        assert relative(solution.a, case.right[0]) < 1e-8
+    again = workspace.acceleration(case.q, case.v, case.tau)
+    assert np.array_equal(again, solution.a)
+    assert np.array_equal(workspace.lam(), solution.lam)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("severity", [1e6, 1e-6])
+def test_a_mass_ratio_of_a_million_keeps_nine_digits(severity, seed):
+    case = EXTREMES["mass_ratio"].case(severity, seed)
+    a = cp.solve(case.scene, case.q, case.v, case.tau, throw=False).a
+    assert error_of(case, a, right_answers(case)[0]) < 1e-9
+
+
+def test_spinning_rods_are_right_and_say_so():
+    """The bound once said 4e-8 of answers that are off by 1e-11."""
+    for severity in (0.0, 0.2):
+        case = EXTREMES["spinning_rods"].case(severity, 0)
+        solution = cp.solve(case.scene, case.q, case.v, case.tau)
+        assert error_of(case, solution.a, right_answers(case)[0]) < solution.error_bound < 1e-8
+
+
+def test_few_iterations_that_were_asked_for_stay_few():
+    case = EXTREMES["parallelogram"].case(1e-6, 0)
+    solver = cp.Proximal(max_iterations=5)
+    solution = cp.solve(case.scene, case.q, case.v, case.tau, solver=solver, throw=False)
+    assert solution.iterations == 5
+
+
+@pytest.mark.parametrize("label", ["talos corners", "cassie loops"])
+def test_refinements_and_other_weights_agree(label):
+    for state, right in zip(states(label), truth(label), strict=True):
+        a = cp.solve(all_scenes()[label], *state, solver=cp.Proximal(refinements=2)).a
+        assert takes(cp.Proximal(), all_scenes()[label])
+        assert relative(a, right.a) < 1e-10
+
+
+@pytest.mark.parametrize("name", ["mass_ratio", "parallelogram", "many_cells"])
+def test_no_mu_by_hand_is_three_times_better(name):
+    """Times are not compared here: `benchmarks/auto_mu.py` does."""
+    auto_mu = script("auto_mu")
+    severities = EXTREMES[name].severities[1:8:2]
+    todo = [Task(name, severity) for severity in severities]
+    found = list(auto_mu.comparisons(todo, timed=False))
+    assert len(found) >= len(todo)
+    for each in found:
+        if not each.task.severity > 1e6:
+            assert each.error_is_good, each
+
+
+@pytest.mark.parametrize("index", [1, 3])
+def test_runs_stay_closed_in_the_memory_that_they_began_with(index):
+    long_runs = script("long_runs")
+    run = long_runs.long_run(*list(long_runs.plans())[index], 2000)
+    assert run.is_good, run
+    assert run.slip < 1e-6
+
+
+def test_contradictory_rows_are_named_with_the_size_of_their_conflict():
+    case = EXTREMES["contradictory"].case(1e-2, 0)
+    found = case.scene.rank(case.q)
+    assert set(found.conflict) == {"here.x", "there.x"}
+    assert found.conflict["there.x"] == pytest.approx(0.5e-2)  # half each
+    solution = cp.solve(case.scene, case.q, case.v, case.tau, drift=case.drift, throw=False)
+    assert not solution.status.ok
+    assert any("here.x, there.x contradict each other by 0.005" in n for n in solution.notices)
+    assert not case.scene.rank(EXTREMES["contradictory"].case(0.0, 0).q).weak
+
+
+def test_open_loops_that_can_be_closed_contradict_nothing():
+    scene = all_scenes()["talos contacts"]
+    q, _ = scene.state()
+    assert scene.rank(q).conflict == {}
+    linkage = all_scenes()["four_bar loops"]
+    opened = linkage.state()[0] + np.array([0.1, 0.0, 0.0])
+    assert linkage.rank(opened).gap["pin" if "pin" in linkage.names else linkage.names[0]]
+    assert linkage.rank(opened).conflict == {}
+
+
+def test_rows_that_lose_their_grip_are_named():
+    case = EXTREMES["parallelogram"].case(1e-6, 0)
+    solution = cp.solve(case.scene, case.q, case.v, case.tau)
+    weak = case.scene.rank(case.q).weak
+    assert weak
+    assert EXTREMES["parallelogram"].case(0.1, 0).scene.rank().weak == ()
+    if np.abs(solution.lam).max() > 1e3 * case.scene.audit.weight:
+        assert any(", ".join(weak) in notice for notice in solution.notices)
+    few = cp.Proximal(max_iterations=2)  # does not converge: the answer says why
+    doubtful = cp.solve(case.scene, case.q, case.v, case.tau, solver=few, throw=False)
+    assert not doubtful.status.ok
+    assert any("nearly singular" in notice and weak[0] in notice for notice in doubtful.notices)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.95, 1.05, 2.0])
+@pytest.mark.parametrize("dt", [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1])
+def test_steps_of_every_size_on_both_sides_of_the_wall(dt, share):
+    """Gains within the wall keep a slow linkage closed, at any step; gains beyond are refused."""
+    scene = all_scenes()["four_bar loops"]
+    q, v = scene.state()
+    v = scene.project_velocity(q, 0.01 / max(dt, 1e-3) * 1e-2 * np.ones(3))
+    gain = share * 0.828 / dt
+    knobs = {"duration": 200 * dt, "dt": dt, "integrator": cp.SemiImplicitEuler(), "gravity": False}
+    if share > 1:
+        with pytest.raises(cp.InvalidArgument, match=r"wall|alpha|beta"):
+            cp.simulate(scene, q, v, drift=cp.Baumgarte(gain, gain), **knobs)
+        return
+    run = cp.simulate(scene, q, v, drift=cp.Baumgarte(gain, gain), **knobs)
+    assert run.status.ok
+    assert run.violation.max() < 1e-4
