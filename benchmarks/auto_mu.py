@@ -163,6 +163,12 @@ def markdown(found: Sequence[Comparison], where: dict[str, Any]) -> str:
     return "\n".join([*lines, "", text.format(**where), ""])
 
 
+def _numbers(each: Comparison) -> dict[str, Any]:
+    """Return a comparison for JSON, which has no NaN and no infinity."""
+    found = asdict(each)
+    return {k: None if isinstance(x, float) and not np.isfinite(x) else x for k, x in found.items()}
+
+
 def main() -> None:
     """Compare, and write."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -174,7 +180,7 @@ def main() -> None:
     found: list[Comparison] = []
     for family in families:
         found += comparisons(tasks([family], robots=ROBOTS, seeds=arguments.seeds))
-        report = {"machine": machine(), "comparisons": [asdict(each) for each in found]}
+        report = {"machine": machine(), "comparisons": [_numbers(each) for each in found]}
         text = json.dumps(report, indent=0) + "\n"
         (RESULTS / "auto_mu.json").write_text(text, encoding="utf-8")
         (RESULTS / "auto_mu.md").write_text(markdown(found, machine()), encoding="utf-8")

@@ -21,7 +21,7 @@ estimate elsewhere: sigma falls to zero at a singular configuration, and w grows
 So unless the part of s is a thousand times smaller than SOLVED, as it is for a converged answer,
 and a and lam are of a size that the robot can have, both are computed anew at the state, and with
 them e itself: |e|_M is that of the solution of the two equations above, and what rounding of J a
-does to it.
+does to it, if that is less than the bound.
 Rows whose singular value is below REFERENCE_RANK count as redundant there, and rounding of J^T lam
 is added: eps max(w) sum_j w_j (|lam| P)_j, with P what the two bodies of a row bring to J before
 they cancel. A row of which rounding is all that is left takes a lam of 1e17, and is found by that.
@@ -115,9 +115,10 @@ class Yardstick:
 
     def missing(self, factors: MinimumNorm, r: Array, s: Array, a: Array, P: Array) -> float:
         """Return |e|_M at the state of the factors, for the residuals of a there."""
-        e, _ = factors.solve(r, s)
-        rounded = _EPS * float((P @ np.abs(a)).max(initial=0.0))
-        return float(np.linalg.norm(factors.L.T @ e)) + self.per_row * rounded
+        with np.errstate(all="ignore"):  # what overflows is no bound, and says so
+            e, _ = factors.solve(r, s)
+            rounded = _EPS * float((P @ np.abs(a)).max(initial=0.0))
+            return float(np.linalg.norm(factors.L.T @ e)) + self.per_row * rounded
 
     def prove(
         self, dynamics: Array, largest: list[float], tau: Array, e_M: float | None = None
@@ -139,8 +140,8 @@ class Yardstick:
             Whether w and sigma have to be computed anew, at the state itself.
         """
         max_dynamics, max_a, violation, velocity, constraint, max_lam = largest
-        if e_M is None:
-            e_M = self.weights.dot(dynamics) + self.per_row * constraint
+        limit = self.weights.dot(dynamics) + self.per_row * constraint
+        e_M = limit if e_M is None else min(limit, e_M)
         error = float(self.largest_weight * e_M)
         scale = max_a if max_a > self.gravity else self.gravity
         if not error <= _NEAR_ROUNDING * scale:
