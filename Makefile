@@ -48,6 +48,8 @@ wheel: $(VENV)/ready
 	$(VENVW)/bin/python $(PIP) dist/*.whl
 	cd / && $(CURDIR)/$(VENVW)/bin/condyn robots
 	cd / && $(CURDIR)/$(VENVW)/bin/condyn bench talos --quick
+	$(VENVW)/bin/python $(PIP) "$$(ls dist/*.whl)[view]"
+	cd / && $(CURDIR)/$(VENVW)/bin/condyn view cassie --posture standing --png $(CURDIR)/dist/cassie.png
 
 stress: $(VENV)/ready $(VENV3)/ready
 	$(VENV3)/bin/python benchmarks/stress.py
