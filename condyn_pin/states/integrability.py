@@ -62,6 +62,8 @@ def is_integrable(scene: Scene, q: ArrayLike | None = None) -> bool:
 
     Raises
     ------
+    InvalidArgument
+        If `scene` is no scene, or `q` has a wrong size or is not finite.
     NotAssembled
         If a loop is open at q: off its own manifold a loop is not integrable, and means nothing.
 
