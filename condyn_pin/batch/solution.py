@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final
+from enum import Enum
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin.arrays import Array
+from condyn_pin.batch.outcome import Outcome
 from condyn_pin.batch.rows import MISSING
 from condyn_pin.errors import WorkersLost
 from condyn_pin.proof import Proof
@@ -21,7 +23,7 @@ STATUSES: Final = tuple(Status)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BatchSolution:
+class BatchSolution(Outcome):
     """Accelerations and constraint forces at N states, with the errors of each recomputed.
 
     M a + h = tau + J^T lam,  J a + gamma = a_ref,  in every row
@@ -62,6 +64,8 @@ class BatchSolution:
     solve_times: Array  # [s]
     seconds: float  # [s]
 
+    _endings: ClassVar[Sequence[Enum]] = STATUSES
+
     @property
     def dynamics_error(self) -> Array:
         """|M a + h - tau - J^T lam|_inf [N, N m], (N,)."""
@@ -86,28 +90,6 @@ class BatchSolution:
     def error_bound(self) -> Array:
         """Bound on the error of a, relative to the larger of |a|_inf and gravity, (N,)."""
         return self.proofs[:, 4]
-
-    @property
-    def ok(self) -> bool:
-        """Whether every status is ok."""
-        return not self.statuses.any()
-
-    @property
-    def failed(self) -> NDArray[np.intp]:
-        """Indices of the states whose status is not ok, the missing ones among them."""
-        return np.flatnonzero(self.statuses)
-
-    @property
-    def missing(self) -> NDArray[np.intp]:
-        """Indices of the states that no worker got to; none, but in a `WorkersLost`."""
-        return np.flatnonzero(self.statuses == MISSING)
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """How many states have which status, by its name; those that no state has are left out."""
-        names = {MISSING: "missing"} | {i: s.name.lower() for i, s in enumerate(STATUSES)}
-        found = {name: int((self.statuses == i).sum()) for i, name in names.items()}
-        return {name: number for name, number in found.items() if number}
 
     @property
     def forces(self) -> dict[str, Array]:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from enum import Enum
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin.arrays import Array
-from condyn_pin.batch.rows import MISSING
+from condyn_pin.batch.outcome import Outcome
 from condyn_pin.drift.base import Drift
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.integrators.base import Integrator
@@ -43,7 +45,7 @@ class Samples:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BatchTrajectory:
+class BatchTrajectory(Outcome):
     """The ends of N motions, and how well each kept constraints and energy.
 
     Attributes
@@ -95,27 +97,7 @@ class BatchTrajectory:
     samples: Samples | None
     seconds: float  # [s]
 
-    @property
-    def ok(self) -> bool:
-        """Whether every motion went to its end."""
-        return not self.statuses.any()
-
-    @property
-    def failed(self) -> NDArray[np.intp]:
-        """Indices of the motions that did not go to their end, the missing ones among them."""
-        return np.flatnonzero(self.statuses)
-
-    @property
-    def missing(self) -> NDArray[np.intp]:
-        """Indices of the motions that no worker got to; none, but in a `WorkersLost`."""
-        return np.flatnonzero(self.statuses == MISSING)
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """How many motions have which status, by its name; those that none has are left out."""
-        names = {MISSING: "missing"} | {i: s.name.lower() for i, s in enumerate(RUN_STATUSES)}
-        found = {name: int((self.statuses == i).sum()) for i, name in names.items()}
-        return {name: number for name, number in found.items() if number}
+    _endings: ClassVar[Sequence[Enum]] = RUN_STATUSES
 
     def __len__(self) -> int:
         return len(self.q)

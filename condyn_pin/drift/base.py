@@ -26,7 +26,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, ClassVar
 
 from condyn_pin.arrays import Array
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.registry import enter
 
 if TYPE_CHECKING:
     from condyn_pin.drift.baumgarte import Baumgarte
@@ -48,9 +48,7 @@ class Drift(ABC):
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         name = cls.__name__.lower()
-        if name in DRIFTS:
-            raise InvalidArgument(f"a drift scheme named {cls.__name__} exists: choose another")
-        DRIFTS[name] = cls
+        enter(DRIFTS, name, cls, f"a drift scheme named {cls.__name__}")
 
     @property
     def rows(self) -> Baumgarte | None:

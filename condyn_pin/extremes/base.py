@@ -21,6 +21,7 @@ import numpy as np
 from condyn_pin.arrays import Array
 from condyn_pin.drift import Baumgarte
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.registry import enter
 from condyn_pin.scene import Scene
 
 EXTREMES: dict[str, Extreme] = {}
@@ -93,16 +94,16 @@ def extreme(
 ) -> Callable[[Callable[..., Case]], Callable[..., Case]]:
     """Enter a function into `EXTREMES`."""
 
-    def enter(make: Callable[..., Case]) -> Callable[..., Case]:
+    def register(make: Callable[..., Case]) -> Callable[..., Case]:
         name = make.__name__
-        if name in EXTREMES:
-            raise InvalidArgument(f"an extreme named {name} exists: choose another name")
         title = (make.__doc__ or "").split("\n", 1)[0].rstrip(".")
         dial = tuple(float(severity) for severity in severities)
-        EXTREMES[name] = Extreme(name, title, dial, any_scene, make)
+        enter(
+            EXTREMES, name, Extreme(name, title, dial, any_scene, make), f"an extreme named {name}"
+        )
         return make
 
-    return enter
+    return register
 
 
 def powers(first: int, last: int, step: int = 1) -> tuple[float, ...]:

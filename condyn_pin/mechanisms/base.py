@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from numbers import Real
-from typing import Any, Final, TypeVar
+from typing import Any, Final, TypeVar, cast
 
 import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.registry import enter
 from condyn_pin.robot import Robot
 
 LICENCE: Final = "BSD-2-Clause (this project)"
@@ -22,10 +23,8 @@ Builder = TypeVar("Builder", bound=Callable[..., Robot])
 
 def mechanism(build: Builder) -> Builder:
     """Enter a function into `MECHANISMS`; each of its parameters needs a default."""
-    name = build.__name__
-    if name in MECHANISMS:
-        raise InvalidArgument(f"a mechanism named {name} exists: choose another name")
-    MECHANISMS[name] = build
+    name, by_default = build.__name__, cast(Callable[[], Robot], build)
+    enter(MECHANISMS, name, by_default, f"a mechanism named {name}")
     return build
 
 
@@ -80,6 +79,16 @@ def rod(length: float, mass: float) -> Any:
     return pin.Inertia(
         mass, np.array([length / 2, 0.0, 0.0]), np.diag([1e-6 * across, across, across])
     )
+
+
+def floating_body(name: str, inertia: Any) -> Any:
+    """Return the model of one body on a free-flyer, with a frame ``centre`` at its origin."""
+    model = pin.Model()
+    model.name = name
+    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "floating")
+    model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+    model.addFrame(pin.Frame("centre", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    return model
 
 
 def disc(radius: float, mass: float) -> Any:

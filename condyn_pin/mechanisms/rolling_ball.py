@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from condyn_pin._pin import pin
-from condyn_pin.mechanisms.base import LICENCE, check_positive, mechanism, source
+from condyn_pin.mechanisms.base import LICENCE, check_positive, floating_body, mechanism, source
 from condyn_pin.nonholonomic import RollingBall
 from condyn_pin.robot import Robot
 
@@ -43,14 +43,9 @@ def rolling_ball(*, radius: float = 0.1, mass: float = 0.5) -> Robot:
     The contact is among the ready-made ones: ``Scene(robot, robot.contacts)``.
     """
     check_positive(radius=radius, mass=mass)
-    model = pin.Model()
-    model.name = "rolling_ball"
-    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "floating")
-    model.appendBodyToJoint(joint, pin.Inertia.FromSphere(mass, radius), pin.SE3.Identity())
-    model.addFrame(pin.Frame("centre", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
     return Robot(
         "rolling_ball",
-        model,
+        floating_body("rolling_ball", pin.Inertia.FromSphere(mass, radius)),
         postures={"origin": np.array([0.0, 0.0, radius, 0.0, 0.0, 0.0, 1.0])},
         contacts=(RollingBall("centre", radius, height=0.0, name="skin"),),
         source=source("rolling_ball"),

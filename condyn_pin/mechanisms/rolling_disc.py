@@ -4,8 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.mechanisms.base import LICENCE, check_positive, disc, mechanism, source
+from condyn_pin.mechanisms.base import (
+    LICENCE,
+    check_positive,
+    disc,
+    floating_body,
+    mechanism,
+    source,
+)
 from condyn_pin.nonholonomic import RollingWheel
 from condyn_pin.robot import Robot
 
@@ -50,14 +56,9 @@ def rolling_disc(*, radius: float = 0.1, mass: float = 0.5) -> Robot:
     O'Reilly. The dynamics of rolling disks and sliding disks. Nonlinear Dynamics 10, 1996.
     """
     check_positive(radius=radius, mass=mass)
-    model = pin.Model()
-    model.name = "rolling_disc"
-    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "floating")
-    model.appendBodyToJoint(joint, disc(radius, mass), pin.SE3.Identity())
-    model.addFrame(pin.Frame("centre", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
     return Robot(
         "rolling_disc",
-        model,
+        floating_body("rolling_disc", disc(radius, mass)),
         postures={"upright": _posture(radius, 0.0), "leaning": _posture(radius, 0.3)},
         contacts=(RollingWheel("centre", radius, height=0.0, name="rim"),),
         source=source("rolling_disc"),

@@ -25,7 +25,7 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.registry import enter
 
 if TYPE_CHECKING:
     from condyn_pin.drift import Drift
@@ -107,9 +107,7 @@ class Problem(ABC):
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        if cls.name in PROBLEMS:
-            raise InvalidArgument(f"a problem named {cls.name} exists: choose another name")
-        PROBLEMS[cls.name] = cls
+        enter(PROBLEMS, cls.name, cls, f"a problem named {cls.name}")
 
     @property
     @abstractmethod

@@ -33,8 +33,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from condyn_pin.arrays import Array
-from condyn_pin.errors import InvalidArgument
 from condyn_pin.knobs import Grid
+from condyn_pin.registry import enter
 
 if TYPE_CHECKING:
     from condyn_pin.workspace import Workspace
@@ -90,9 +90,7 @@ class Solver(ABC):
         if getattr(cls.start, "__isabstractmethod__", False):
             return
         name = cls.__name__.lower()
-        if name in SOLVERS:
-            raise InvalidArgument(f"a solver named {cls.__name__} exists: choose another name")
-        SOLVERS[name] = cls
+        enter(SOLVERS, name, cls, f"a solver named {cls.__name__}")
 
     @abstractmethod
     def start(self, workspace: Workspace) -> Method:

@@ -31,7 +31,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
 
 from condyn_pin.arrays import Array
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.registry import enter
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.system import System
@@ -74,9 +74,7 @@ class Integrator(ABC):
         if getattr(cls.start, "__isabstractmethod__", False):
             return
         name = cls.__name__.lower()
-        if name in INTEGRATORS:
-            raise InvalidArgument(f"an integrator named {cls.__name__} exists: choose another name")
-        INTEGRATORS[name] = cls
+        enter(INTEGRATORS, name, cls, f"an integrator named {cls.__name__}")
 
     @abstractmethod
     def start(self, system: System, dt: float) -> Stepper:

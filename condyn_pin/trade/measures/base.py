@@ -29,8 +29,9 @@ from typing import ClassVar
 import numpy as np
 
 from condyn_pin.arrays import Array
-from condyn_pin.errors import InvalidArgument, unknown_name
+from condyn_pin.errors import unknown_name
 from condyn_pin.knobs import Grid
+from condyn_pin.registry import enter
 from condyn_pin.scene import Scene
 from condyn_pin.solution import Solution
 from condyn_pin.timing import Call, State
@@ -85,9 +86,7 @@ class Measure(ABC):
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        if cls.name in MEASURES:
-            raise InvalidArgument(f"a measure named {cls.name!r} exists: choose another name")
-        MEASURES[cls.name] = cls
+        enter(MEASURES, cls.name, cls, f"a measure named {cls.name!r}")
 
     @property
     def label(self) -> str:

@@ -1,0 +1,42 @@
+"""Outcome: how each row of a batch ended."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import Enum
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin.batch.rows import MISSING
+
+
+class Outcome:
+    """What a batch says of its rows; `statuses` are places in `_endings`, and 0 is ok."""
+
+    _endings: ClassVar[Sequence[Enum]]
+
+    statuses: NDArray[np.int8]
+
+    @property
+    def ok(self) -> bool:
+        """Whether every status is ok."""
+        return not self.statuses.any()
+
+    @property
+    def failed(self) -> NDArray[np.intp]:
+        """Indices of the rows whose status is not ok, the missing ones among them."""
+        return np.flatnonzero(self.statuses)
+
+    @property
+    def missing(self) -> NDArray[np.intp]:
+        """Indices of the rows that no worker got to; none, but in a `WorkersLost`."""
+        return np.flatnonzero(self.statuses == MISSING)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many rows have which status, by its name; those that none has are left out."""
+        names = {MISSING: "missing"} | {i: s.name.lower() for i, s in enumerate(self._endings)}
+        found = {name: int((self.statuses == i).sum()) for i, name in names.items()}
+        return {name: number for name, number in found.items() if number}
