@@ -13,6 +13,15 @@ COLOURS: Final = (
 )  # fmt: skip
 DASHES: Final = ("-", "--", "-.", ":")
 
+# Colour and marker of the main methods by their titles, and of any other.
+METHODS: Final = {
+    "ABA": ("#000000", "|"),
+    "LCABA": ("#D55E00", "o"),
+    "Proximal": ("#0072B2", "s"),
+    "Dense KKT": ("#009E73", "^"),
+}
+OTHER: Final = ("#CC79A7", "d")
+
 
 def line(i: int) -> dict[str, Any]:
     """Return colour and dashes of line i: no two of the first 32 are alike."""

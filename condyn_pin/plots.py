@@ -9,16 +9,9 @@ from typing import Any
 
 from condyn_pin.bench_table import BenchRow, BenchTable
 from condyn_pin.errors import MissingExtra
+from condyn_pin.plot_style import METHODS, OTHER
 from condyn_pin.tolerances import SOLVED
 
-# Okabe and Ito's colours, told apart by colour-blind eyes; the markers tell them apart in print.
-_STYLE = {
-    "ABA": ("#000000", "|"),
-    "LCABA": ("#D55E00", "o"),
-    "Proximal": ("#0072B2", "s"),
-    "Dense KKT": ("#009E73", "^"),
-}
-_OTHER = ("#CC79A7", "d")
 _FLOOR = 1e-16
 
 PICTURES = (".png", ".svg", ".pdf")
@@ -43,7 +36,7 @@ def bench(table: BenchTable, scene: str, ax: Any = None) -> Any:
     rows = [row for row in table.rows if row.scene == scene and row.origin == "python"]
     for row in rows:
         colour, marker = next(
-            (s for key, s in _STYLE.items() if row.method.startswith(key)), _OTHER
+            (s for key, s in METHODS.items() if row.method.startswith(key)), OTHER
         )
         time = row.acceleration_us if math.isfinite(row.acceleration_us) else row.bare_us
         if row.rows == 0:

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from condyn_pin.plot_style import COLOURS
 from condyn_pin.plots import axes, require_matplotlib
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.laboratory import Contest, Growth, stability_map
 from condyn_pin.simulation.walls import wall
 
 # Okabe and Ito's colours; the lines tell them apart in print.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _LINES = ("-", "--", "-.", ":", "-", "--")
 
 
@@ -33,7 +33,7 @@ def draw_growth(found: Mapping[str, Growth], ax: Any = None) -> Any:
     matplotlib axes
     """
     ax = axes(ax)
-    for (title, growth), colour, line in zip(found.items(), _COLOURS, _LINES, strict=False):
+    for (title, growth), colour, line in zip(found.items(), COLOURS, _LINES, strict=False):
         seen = growth.gap > 0
         label = f"{title}: t^{growth.power:.2f}"
         ax.plot(growth.t[seen], growth.gap[seen], line, color=colour, label=label)
@@ -90,7 +90,7 @@ def draw_contest(found: Sequence[Contest], ax: Any = None) -> Any:
     matplotlib axes
     """
     ax = axes(ax)
-    for one, colour in zip(found, _COLOURS, strict=False):
+    for one, colour in zip(found, COLOURS, strict=False):
         gap, label = max(one.errors.gap, 1e-17), title(one)
         ax.plot([gap] * 2, [one.errors.early, one.errors.late], "-", color=colour, lw=1.0)
         ax.plot(gap, one.errors.early, "o", color=colour, mfc="none", ms=7)

@@ -6,16 +6,11 @@ import math
 from pathlib import Path
 from typing import Any
 
+from condyn_pin.plot_style import METHODS, OTHER
 from condyn_pin.plots import axes, require_matplotlib
 from condyn_pin.smaller.ladder_table import LadderTable
 
 _FLOOR = 1e-6  # where exact rungs are drawn
-_STYLE = {
-    "LCABA": ("#D55E00", "o"),
-    "Proximal": ("#0072B2", "s"),
-    "Dense KKT": ("#009E73", "^"),
-}
-_OTHER = ("#CC79A7", "d")
 
 
 def draw_ladder(table: LadderTable, ax: Any = None) -> Any:
@@ -36,7 +31,7 @@ def draw_ladder(table: LadderTable, ax: Any = None) -> Any:
     points = [(row.speedup, max(row.a_worst, _FLOOR)) for row in rows]
     ax.plot(*zip(*points, strict=True), color="0.8", lw=0.8, zorder=0)
     for number, (row, point) in enumerate(zip(rows, points, strict=True), start=1):
-        colour, marker = _STYLE.get(row.solver, _OTHER)
+        colour, marker = METHODS.get(row.solver, OTHER)
         ax.plot(*point, marker, color=colour, ms=7)
         ax.annotate(str(number), point, textcoords="offset points", xytext=(5, 5), fontsize=8)
         label = f"{number}: {row.label} (nv {row.nv}, {row.rows} rows, {row.solver})"
