@@ -79,7 +79,7 @@ class Arguments:
             and type(v) is np.ndarray
             and type(tau) is np.ndarray
             and self._shapes == (q.shape, v.shape, tau.shape)
-            and q.dtype is v.dtype is tau.dtype is FLOAT
+            and (q.dtype is v.dtype is tau.dtype is FLOAT or are_doubles(q, v, tau))
             and q.flags.c_contiguous
             and not self.pairs
         ):
@@ -111,6 +111,14 @@ class Arguments:
                     "pin.normalize(robot.model, q) makes one"
                 )
         return q_, finite("v", v, nv), finite("tau", tau, nv)
+
+
+def are_doubles(*arrays: Array) -> bool:
+    """Whether the numbers of all arrays are those of FLOAT.
+
+    An array that was unpickled has a dtype object of its own, which is equal to FLOAT.
+    """
+    return all(array.dtype == FLOAT for array in arrays)
 
 
 def normalised(model: Any, name: str, q: ArrayLike) -> Array:

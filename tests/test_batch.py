@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import closing
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -331,9 +332,9 @@ def test_an_interrupt_ends_a_batch_and_not_the_workers(executor):
 def test_memory_that_is_gone_is_not_taken_for_what_came_after():
     """The next arrays get the same number of a file; work that comes late may not write there."""
     kinds = {"x": Kind((3,))}
-    with SharedArrays(kinds) as before:
+    with closing(SharedArrays(kinds)) as before:
         late = before.address
-    with SharedArrays(kinds) as after:
+    with closing(SharedArrays(kinds)) as after:
         assert after.address.path == late.path
         with pytest.raises(FileNotFoundError, match="another file"):
             late.open()
@@ -342,7 +343,7 @@ def test_memory_that_is_gone_is_not_taken_for_what_came_after():
 
 def test_shared_arrays():
     kinds = {"x": Kind((3, 2)), "none": Kind((0, 4)), "n": Kind((5,), "i1"), "end": Kind((2, 0))}
-    with SharedArrays(kinds) as shared:
+    with closing(SharedArrays(kinds)) as shared:
         assert _shared_memory() == 2  # ours, and that of the map
         other = shared.address.open()
         other["x"][:], other["n"][:] = 2.5, 7
