@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import resource
 from collections.abc import Mapping
 from dataclasses import dataclass
 from time import perf_counter, process_time, sleep
@@ -20,6 +19,7 @@ from typing import ClassVar
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
+from processor_time import processor_time
 
 import condyn_pin as cp
 from condyn_pin._pin import pin
@@ -182,14 +182,12 @@ def show_processes() -> None:
     serial, serial_work = perf_counter() - start, process_time() - work
     with cp.Processes(2) as executor:
         list(executor.map(get_ready, range(4)))
-        start, work = perf_counter(), process_time()
+        start, work = perf_counter(), processor_time(executor.pids)
         together = study.run(timed=False, executor=executor)
-        parallel, own_work = perf_counter() - start, process_time() - work
-    children = resource.getrusage(resource.RUSAGE_CHILDREN)
-    theirs = children.ru_utime + children.ru_stime
+        parallel, all_work = perf_counter() - start, processor_time(executor.pids) - work
     print(
         f"errors here {serial:.1f} s ({serial_work:.1f} s of processor time), in two processes "
-        f"{parallel:.1f} s ({theirs:.1f} s in both, {own_work:.1f} s here): "
+        f"{parallel:.1f} s ({all_work:.1f} s in all): "
         f"{serial / parallel:.2f} times as fast, same rows: {alone.rows == together.rows}; "
         f"load {os.getloadavg()[0]:.1f}"
     )

@@ -65,7 +65,8 @@ def map_chunks(
     WorkersLost
         If workers were lost and the executor cannot go on: a `ProcessPoolExecutor` is of no use
         after the loss of one worker. `Processes` starts new ones, and Dask does: there it is raised
-        when the same chunk was lost three times, or three pools without a result in between.
+        when the same chunk was lost three times, or three pools without a result in between. And
+        if the executor is shut down.
     Exception
         What `work` raises is raised here, and no further chunk is begun.
 
