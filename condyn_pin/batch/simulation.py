@@ -120,7 +120,7 @@ def simulate_batch(
     given: ArrayLike = np.zeros(nv) if zero else TAU  # type: ignore[assignment]
     q, v, tau = check_states(scene.robot.model, Q0, V0, given)
     method = planned.method
-    kernel = _Motions(function, duration, dt, method.integrator, method.drift, every)
+    kernel = _Motions(function, duration, dt, method.integrator, method.drift, solver, every)
     most = max(1, int(_SOLVES / planned.steps / max(method.integrator.solves_per_step, 1)))
     rows = Rows(kernel, scene, solver, None, executor, check_chunk(chunk), most, progress)
     kept = len(range(0, planned.steps, every)) + 1 if record is not None else 0
@@ -142,6 +142,7 @@ class _Motions:
     dt: float  # [s]
     integrator: Integrator
     drift: Drift
+    solver: Solver | None
     every: int
 
     def __call__(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> None:
@@ -173,7 +174,7 @@ class _Runner:
         self.motions, self.workspace = motions, workspace
         self._plan = plan(
             workspace.scene, motions.function or 0.0, duration=motions.duration, dt=motions.dt,
-            integrator=motions.integrator, drift=motions.drift, solver=workspace.solver,
+            integrator=motions.integrator, drift=motions.drift, solver=motions.solver,
             record=motions.every,
         )  # fmt: skip
         self._leg: Leg | None = None

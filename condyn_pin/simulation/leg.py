@@ -10,6 +10,7 @@ from condyn_pin.arrays import Array
 from condyn_pin.drift.base import Correction, Drift
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
 from condyn_pin.scene import Scene
+from condyn_pin.simulation.defaults import default_solver
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.integrators.base import Integrator, Stepper
 from condyn_pin.simulation.recorder import Recorder
@@ -55,9 +56,10 @@ class Leg:
     def __init__(self, scene: Scene, method: Method) -> None:
         self.scene, self._method = scene, method
         _check_rows(scene, method.integrator)
-        workspace = Workspace(scene, method.solver, drift=method.drift.rows)
-        _check_solver(workspace.solver, method.integrator)
-        self.solver, effects = workspace.solver, method.effects
+        self.solver = default_solver(scene) if method.solver is None else method.solver
+        workspace = Workspace(scene, self.solver, drift=method.drift.rows)
+        _check_solver(self.solver, method.integrator)
+        effects = method.effects
         self._tau = method.tau
         self.system = System(workspace, self._tau, springs=effects.springs, damping=effects.damping)
         self._at_start = method.integrator.a_at == "start"
