@@ -170,7 +170,7 @@ class Workspace:
             if self._pairs:
                 self._arguments.check_pairs(q)
             # Pinocchio ignores byte order: another dtype is another number
-            if not q.dtype is v.dtype is tau.dtype is FLOAT:
+            if not q.dtype == v.dtype == tau.dtype == FLOAT:
                 raise ValueError
             a = self._run(q, v, tau)
             # A joint's acceleration depends on everything above it in the tree, and its root's on

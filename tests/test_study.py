@@ -9,6 +9,7 @@ import sys
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from dataclasses import dataclass, fields
 from pathlib import Path
+from time import perf_counter
 from typing import ClassVar
 
 import numpy as np
@@ -20,7 +21,7 @@ from condyn_pin._pin import HAS_LCABA
 from condyn_pin.drift.no_drift import NoDrift
 from condyn_pin.knobs import ITERATIONS, WEIGHTS
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
-from condyn_pin.trade import case, running
+from condyn_pin.trade import case, clocks, running
 from condyn_pin.trade.row import ALONE
 from condyn_pin.trade.sweeps import default_sweep
 
@@ -268,6 +269,24 @@ def test_what_is_in_the_file_is_not_measured_again(tmp_path, monkeypatch):
         monkeypatch.setattr(running, name, lambda *_: pytest.fail("measured again"))
     assert brief().run(results=path).rows == table.rows
     assert brief(solvers=FEW[:2]).run(results=path).rows == table.rows[:2]
+
+
+def test_times_of_a_shared_core_are_taken_again_when_asked(tmp_path, monkeypatch):
+    path = tmp_path / "rows.jsonl"
+
+    def timed_by(share: float, **effort) -> cp.Table:
+        monkeypatch.setattr(clocks, "process_time", lambda: share * perf_counter())
+        return brief(effort=cp.TimingEffort(rounds=4, repeats=1, **effort)).run(results=path)
+
+    shared = timed_by(0.5)
+    assert {row.timed for row in shared.rows if row.median_us} == {
+        "timed on a shared core: had it 50% of the time"
+    }
+    assert timed_by(1.0).rows == shared.rows
+    alone = timed_by(1.0, alone=True)
+    assert {row.timed for row in alone.rows if row.median_us} == {ALONE}
+    assert errors(alone) == errors(shared)
+    assert timed_by(0.5, alone=True).rows == alone.rows
 
 
 def test_other_states_are_another_study(tmp_path):
