@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from math import isfinite
@@ -111,6 +112,8 @@ def _built(
     samples: dict[Candidate, list[float]] = {candidate: [] for candidate in candidates}
     workspaces: dict[Candidate, Workspace] = {}
     for _ in range(_BUILDS):
+        workspaces.clear()
+        gc.collect()  # workspaces refer to themselves, and a hundred of a large robot fill memory
         for case, solver in samples:
             start = perf_counter()
             workspaces[case, solver] = Workspace(case.scene, solver)
