@@ -31,6 +31,7 @@ from cheapest import RESULTS, catalogue, read, verify, write
 import condyn_pin as cp
 from condyn_pin.commands.output import progress_bar
 from condyn_pin.plots_trade import save_trade
+from condyn_pin.trade.printing import timed
 from condyn_pin.trade.row import ALONE
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -48,7 +49,7 @@ def study(scenes: Mapping[str, cp.Scene], effort: cp.TimingEffort, resume: Path 
         table = cp.Study(scenes, effort=effort).run(
             executor=executor, progress=progress, results=resume
         )
-    print(f"{perf_counter() - start:.0f} s. {trade_text.timed(table)}", flush=True)
+    print(f"{perf_counter() - start:.0f} s. {timed(table)}", flush=True)
     return table
 
 
