@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin import _pin
 from condyn_pin._pin import pin
-from condyn_pin.arguments import FLOAT, HIGH, LOW, Arguments, are_doubles, unpack_quaternion
+from condyn_pin.arguments import FLOAT, HIGH, LOW, Arguments, unpack_quaternion
 from condyn_pin.arrays import Array
 from condyn_pin.choice import check_kinds, default_solver
 from condyn_pin.differentiation import METHODS, Derivatives
@@ -170,7 +170,7 @@ class Workspace:
             if self._pairs:
                 self._arguments.check_pairs(q)
             # Pinocchio ignores byte order: another dtype is another number
-            if not q.dtype is v.dtype is tau.dtype is FLOAT and not are_doubles(q, v, tau):
+            if not q.dtype == v.dtype == tau.dtype == FLOAT:
                 raise ValueError
             a = self._run(q, v, tau)
             # A joint's acceleration depends on everything above it in the tree, and its root's on
