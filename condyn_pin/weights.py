@@ -14,7 +14,10 @@ is read off the factor that is there already.
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import inf
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from condyn_pin import _pin, tolerances
 from condyn_pin._pin import pin
@@ -71,15 +74,19 @@ class WeightAtState:
     """
 
     def __init__(self, workspace: Workspace, settings: Any, accuracy: float) -> None:
-        self._settings, self._mu = settings, float(settings.mu)
+        # imported here: scipy.linalg takes as long to import as Pinocchio
+        from scipy.linalg.lapack import dpstrf
+
+        self._workspace, self._settings, self._mu = workspace, settings, float(settings.mu)
         self._accuracy = _STEP * accuracy
-        self._cholesky = _pin.constraint_cholesky(workspace.data)
+        self._cholesky, self._factorise = _pin.constraint_cholesky(workspace.data), dpstrf
         # a row that is rounding has sigma < m eps |G|: a force f along it moves a by w sigma^1/2 f
         audit, rows = workspace.scene.audit, sum(c.size for c in workspace.natives.constraints)
         moved = audit.yardstick.largest_weight * (rows * _EPS * audit.delassus_norm) ** 0.5
         self._harmless = (
             tolerances.SOLVED * audit.yardstick.gravity / (FEW * moved) if rows else 0.0
         )
+        self._damping = self._mu * np.eye(rows)
         self.iterations = 0
 
     def answer(self, run: Callable[..., Array], q: Array, v: Array, tau: Array, a: Array) -> Array:
@@ -93,18 +100,16 @@ class WeightAtState:
         a : (nv,) array
             Of the iteration.
         """
-        from scipy.linalg.lapack import dpstrf
-
         self.iterations = 0
-        G = self._cholesky.getInverseOperationalSpaceInertiaMatrix()  # and mu on its diagonal
-        G.flat[:: len(G) + 1] -= self._mu
-        R, _, rank, _ = dpstrf(G)
-        if not rank:
+        G = self._cholesky.getInverseOperationalSpaceInertiaMatrix() - self._damping
+        R, _, rank, _ = self._factorise(G)
+        mu = _AT_STATE * R.item(rank - 1, rank - 1) ** 2 if rank else 0.0
+        if not 0.0 < mu < inf:
             return a
-        mu = _AT_STATE * R.item(rank - 1, rank - 1) ** 2
         if self._mu <= mu and self._settings.relative_residual < self._harmless:
             return a
         settings = pin.ProximalSettings(0.0, self._accuracy, mu, _MORE)
+        self._workspace.proximal_settings = settings
         a = run(q, v, tau, settings)
         self.iterations = int(settings.iter)
         return a

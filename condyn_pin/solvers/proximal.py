@@ -23,6 +23,7 @@ from condyn_pin.solvers.base import Method, Solver
 from condyn_pin.weights import FEW, WeightAtState, default_mu
 
 if TYPE_CHECKING:
+    from condyn_pin.audit import Audit
     from condyn_pin.workspace import Workspace
 
 # With a limit below this, an iteration that meets it is what was asked for.
@@ -106,10 +107,14 @@ class Proximal(Solver):
             check_accuracy("relative_accuracy", self.relative_accuracy)
         check_accuracy("absolute_accuracy", self.absolute_accuracy)
 
+    def weight(self, audit: Audit) -> float:
+        """Return mu, or that of the scene if it was left to us [1/kg]."""
+        return default_mu(audit) if self.mu is None else float(self.mu)
+
     def start(self, workspace: Workspace) -> Method:
         """Return `pin.constraintDynamics` bound to the memory of `workspace`."""
         audit = workspace.scene.audit
-        mu = default_mu(audit) if self.mu is None else float(self.mu)
+        mu = self.weight(audit)
         accuracy = 1e-9 * audit.weight if self.relative_accuracy is None else self.relative_accuracy
         patient = self.mu is None and self.max_iterations >= _PATIENT
         limit = FEW if patient else self.max_iterations
@@ -125,6 +130,7 @@ class Proximal(Solver):
 
         def persistent(q: Array, v: Array, tau: Array) -> Array:
             a = run(q, v, tau)
+            workspace.proximal_settings = settings
             return a if settings.iter < limit else at_state.answer(run, q, v, tau, a)
 
         def lam() -> Array:
