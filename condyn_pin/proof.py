@@ -23,9 +23,10 @@ and a and lam are of a size that the robot can have, both are computed anew at t
 them e itself, the solution of the two equations above. What rounding leaves open of it is bounded
 in the metric of M,
 
-    |e_i| <= |e_i computed| + w_i (eps (nv + m) (cond(D M D) + sigma_1 / sigma) |e|_M + |ds| / sigma),
+    |e_i| <= |e_i computed| + w_i (eps (nv + m) kappa |e|_M + |ds| / sigma),
 
-with the first term from the factors of M and J L^-T, and ds what rounding of J a does to s.
+with kappa = cond(D M D) + sigma_1 / sigma of the factors that it comes from, and ds what rounding
+of J a does to s.
 Rows whose singular value is below REFERENCE_RANK count as redundant there, and rounding of J^T lam
 is added: eps max(w) sum_j w_j (|lam| P)_j, with P what the two bodies of a row bring to J before
 they cancel. A row of which rounding is all that is left takes a lam of 1e17, and is found by that.
