@@ -8,6 +8,7 @@ from shared import robot
 from test_simulate import bar, errors_of, rod_pendulum, top
 
 import condyn_pin as cp
+from condyn_pin._pin import pin
 from condyn_pin.simulation.integrators import INTEGRATORS
 
 TIGHT = cp.DormandPrince(relative_tolerance=1e-13, absolute_tolerance=1e-13)
@@ -106,10 +107,43 @@ def test_stiff_damping_asks_for_no_small_step_of_implicit_methods():
     scene = cp.Scene(cassie, [*cassie.loops, cp.SurfaceContact("pelvis")])
     q, v = scene.state()
     exact = cp.simulate(scene, q, v, duration=0.04, dt=5e-4)
-    for integrator in (cp.GeneralisedAlpha(), cp.GearGuptaLeimkuhler()):
-        found = cp.simulate(scene, q, v, duration=0.04, dt=4e-3, integrator=integrator)
+    steps = {
+        cp.GeneralisedAlpha(): 4e-3,
+        cp.GearGuptaLeimkuhler(): 4e-3,
+        cp.ImplicitMidpoint(): 4e-3,
+        cp.Rattle(): 2e-3,  # its wall are the springs
+        cp.Shake(): 2e-3,
+    }
+    for integrator, dt in steps.items():
+        found = cp.simulate(scene, q, v, duration=0.04, dt=dt, integrator=integrator)
         assert found.status.ok, found.reason
         assert np.abs(found.q[-1] - exact.q[-1]).max() < 1e-3
+
+
+@pytest.mark.parametrize("integrator", IMPLICIT, ids=repr)
+def test_it_does_not_matter_how_far_away_a_machine_stands(integrator):
+    """10 km from the origin, where positions are rounded to 2e-12 m."""
+    motions = []
+    for place in (0.0, 1e4):
+        scene, q, v = hanging_box(place)
+        found = cp.simulate(scene, q, v, duration=0.1, dt=2e-3, integrator=integrator)
+        assert found.status.ok, found.reason
+        assert found.violation.max() < 1e-10
+        motions.append(np.hstack([found.q[:, :3] - place, found.q[:, 3:], found.v]))
+    assert np.abs(motions[1] - motions[0]).max() < 1e-7
+
+
+def hanging_box(place: float) -> tuple[cp.Scene, np.ndarray, np.ndarray]:
+    """Return a box that hangs by a point 0.3 m from its middle, and a slow turn of it."""
+    model = pin.Model()
+    base = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "base")
+    model.appendBodyToJoint(base, pin.Inertia.FromBox(1.0, 0.3, 0.2, 0.1), pin.SE3.Identity())
+    hook = pin.SE3(np.eye(3), np.array([0.3, 0.0, 0.0]))
+    model.addFrame(pin.Frame("hook", base, 0, hook, pin.FrameType.OP_FRAME))
+    scene = cp.Scene(cp.Robot("box", model), [cp.PointContact("hook")])
+    turn = np.array([0.5, 1.0, 2.0])
+    v = np.concatenate([-np.cross(turn, hook.translation), turn])
+    return scene, np.array([place, place, place, 0.0, 0.0, 0.0, 1.0]), v
 
 
 def test_steps_that_are_too_long_are_said_to_be():
