@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from shared import robot
@@ -188,3 +190,27 @@ def test_rows_without_a_position_are_held_or_refused():
 def test_knobs_that_mean_nothing_are_refused(call, said):
     with pytest.raises(cp.InvalidArgument, match=said):
         call()
+
+
+@pytest.mark.parametrize("integrator", [cp.RungeKutta4(), cp.StormerVerlet()], ids=repr)
+def test_a_run_that_damping_breaks_down_says_which_joint_and_what_dt_would_do(integrator):
+    cassie = robot("cassie")
+    scene = cp.Scene(cassie, [*cassie.loops, cp.SurfaceContact("pelvis")])
+    q, v = scene.state()
+    lost = cp.simulate(scene, q, v, duration=0.2, dt=2.5e-3, integrator=integrator)
+    assert not lost.status.ok
+    said = re.search(
+        r"damping of joint '\w+-tarsus-crank-joint' .* SemiImplicitEuler\(\).* below (\S+) s",
+        lost.reason,
+    )
+    assert said, lost.reason
+    dt = 0.95 * float(said[1])
+    assert cp.simulate(scene, q, v, duration=0.05, dt=dt, integrator=integrator).status.ok
+    again = cp.simulate(scene, q, v, duration=0.05, dt=2.5e-3, integrator=cp.SemiImplicitEuler())
+    assert again.status.ok
+
+
+def test_a_run_that_breaks_down_without_damping_blames_none():
+    scene, q, v = bar()
+    found = cp.simulate(scene, q, v, duration=30.0, dt=3.0, integrator=cp.Rattle())
+    assert "damping" not in found.reason

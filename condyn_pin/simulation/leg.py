@@ -44,10 +44,10 @@ class Leg:
     """
 
     def __init__(self, scene: Scene, method: Method) -> None:
-        self.scene, self._method = scene, method
+        self.scene, self.method = scene, method
         _check_rows(scene, method.integrator)
         workspace = Workspace(scene, method.solver, drift=method.drift.rows)
-        _check_solver(workspace.solver, method.integrator)
+        _check_solver(workspace.solver, method)
         self.solver, effects = workspace.solver, method.effects
         self._tau = method.tau
         self.system = System(workspace, self._tau, springs=effects.springs, damping=effects.damping)
@@ -58,7 +58,7 @@ class Leg:
         # the first sample of a phase always is
         turn = k % every == 0 or not self.recorder.count
         keep = turn if self._at_start else (k + 1) % every == 0
-        t1 = (k + 1) * self._method.dt
+        t1 = (k + 1) * self.method.dt
         return self._take(self._move, self._lam, t1, t, q, v, keep)
 
     def part(
@@ -83,7 +83,7 @@ class Leg:
     def begin(self, t: float, q: Array, v: Array) -> Recorder:
         """Begin to keep samples, with another stepper; return what they go to."""
         self.recorder = Recorder(self.scene)
-        self._move, self._lam = self._mover(self._method.dt)
+        self._move, self._lam = self._mover(self.method.dt)
         if not self._at_start:  # else the first step keeps it
             self.sample(t, q, v)
         return self.recorder
@@ -109,9 +109,9 @@ class Leg:
 
     def _mover(self, dt: float) -> tuple[Move, Callable[[], Array]]:
         """Return the stepper of a size with the corrections behind it."""
-        stepper = self._method.integrator.start(self.system, dt)
+        stepper = self.method.integrator.start(self.system, dt)
         # a correction reads what the solve of the next step leaves behind
-        correct = self._method.drift.start(stepper.system or self.system, dt)
+        correct = self.method.drift.start(stepper.system or self.system, dt)
         if correct is None:
             return stepper.step, stepper.lam
         step, forces = stepper.step, [stepper.lam]
@@ -125,12 +125,19 @@ class Leg:
         return corrected, lambda: forces[0]()
 
 
-def _check_solver(solver: Solver, integrator: Integrator) -> None:
+def _check_solver(solver: Solver, method: Method) -> None:
     """Refuse constraints that are to give way and not to."""
-    if integrator.keeps_constraints and not solver.exact:
+    if solver.exact:
+        return
+    if method.integrator.keeps_constraints:
         raise InvalidArgument(
-            f"solver = {solver!r}: {integrator.title} keeps hard constraints itself, and nothing "
-            "of it would be soft; use RungeKutta4() or another solver"
+            f"solver = {solver!r}: {method.integrator.title} keeps hard constraints itself, and "
+            "nothing of it would be soft; use RungeKutta4() or another solver"
+        )
+    if method.drift.corrects:
+        raise InvalidArgument(
+            f"drift = {method.drift!r}: it closes what {solver.title} lets open, and nothing of it "
+            "would be soft; use NoDrift() or another solver"
         )
 
 

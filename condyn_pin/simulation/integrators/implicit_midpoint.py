@@ -37,6 +37,11 @@ class ImplicitMidpoint(Integrator):
     solves_per_step: ClassVar[float] = 7
     use: ClassVar[str] = "a symmetric method, for trees"
 
+    @property
+    def takes_stiff_damping(self) -> bool:
+        """True."""
+        return True
+
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
         acceleration, integrate, half = system.acceleration, system.integrate, dt / 2
