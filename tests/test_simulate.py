@@ -900,6 +900,8 @@ def test_an_interrupt_keeps_what_was_measured():
         ({"gravity": 1}, "gravity"),
         ({"solver": "proximal"}, "solver = 'proximal'"),
         ({"solver": cp.Soft(), "integrator": cp.Rattle()}, "RATTLE keeps hard constraints"),
+        ({"solver": cp.Soft(), "drift": cp.Projection()}, "closes what Soft lets open"),
+        ({"solver": cp.Soft(), "drift": cp.PostStabilization()}, "closes what Soft lets open"),
         ({"tau": np.zeros(4)}, "tau"),
         ({"tau": "none"}, "tau"),
         ({"tau": True}, "tau"),
@@ -1072,3 +1074,21 @@ def test_what_is_printed():
     assert "RungeKutta4(), PostStabilization(), Proximal()" in str(found)
     assert repr(found) == "Trajectory(four_bar: 11 samples to t = 0.01 s, finished)"
     assert found.notices == ()
+
+
+def test_events_that_do_not_happen_are_told(tmp_path):
+    scene, q, v = bar()
+    events = [
+        cp.Event(name="late", at=3.0),
+        cp.Event(name="floor", when=lambda moment: 1.0 + moment.t),
+        cp.Event(name="below", when=lambda moment: -1.0),
+        cp.Event(name="on time", at=0.01, scene=cp.Scene(scene.robot, scene.constraints[:0])),
+    ]
+    found = cp.simulate(scene, q, v, duration=0.02, events=events)
+    late, floor, below = found.run.missed
+    assert late == "late did not happen: the run ends before t = 3 s"
+    assert floor.startswith("floor did not happen: its condition is 1.02 at the end")
+    assert "below did not happen: its condition is -1 at the end, and has not been above" in below
+    assert all(text in str(found) for text in found.run.missed)
+    found.save(tmp_path / "run.npz")
+    assert cp.Trajectory.load(tmp_path / "run.npz").run.missed == found.run.missed

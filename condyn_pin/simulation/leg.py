@@ -54,11 +54,11 @@ class Leg:
     """
 
     def __init__(self, scene: Scene, method: Method) -> None:
-        self.scene, self._method = scene, method
+        self.scene, self.method = scene, method
         _check_rows(scene, method.integrator)
         self.solver = default_solver(scene) if method.solver is None else method.solver
         workspace = Workspace(scene, self.solver, drift=method.drift.rows)
-        _check_solver(self.solver, method.integrator)
+        _check_solver(self.solver, method)
         effects = method.effects
         self._tau = method.tau
         self.system = System(workspace, self._tau, springs=effects.springs, damping=effects.damping)
@@ -72,7 +72,7 @@ class Leg:
         """Take step k, which ends at (k + 1) dt, and keep its sample if it is its turn."""
         # the first sample of a phase always is
         keep = k % every == self.turn(every) or not self.recorder.count
-        return self._take(self._mover, (k + 1) * self._method.dt, t, q, v, keep)
+        return self._take(self._mover, (k + 1) * self.method.dt, t, q, v, keep)
 
     def part(
         self, t: float, q: Array, v: Array, t1: float, *, keep: bool = False
@@ -95,7 +95,7 @@ class Leg:
     def begin(self, t: float, q: Array, v: Array) -> Recorder:
         """Begin to keep samples, with another stepper; return what they go to."""
         self.recorder = Recorder(self.scene)
-        self._mover = self._mover_of(self._method.dt)
+        self._mover = self._mover_of(self.method.dt)
         self.move = _composed(*self._mover)
         if not self._at_start:  # else the first step keeps it
             self.sample(t, q, v)
@@ -125,9 +125,9 @@ class Leg:
 
     def _mover_of(self, dt: float) -> Mover:
         """Return a stepper of a size, and the correction behind it."""
-        stepper = self._method.integrator.start(self.system, dt)
+        stepper = self.method.integrator.start(self.system, dt)
         # a correction reads what the solve of the next step leaves behind
-        correct = self._method.drift.start(stepper.system or self.system, dt)
+        correct = self.method.drift.start(stepper.system or self.system, dt)
         return Mover(stepper, correct, dt)
 
 
@@ -144,12 +144,19 @@ def _composed(stepper: Stepper, correct: Correction | None, dt: float) -> Move:
     return corrected
 
 
-def _check_solver(solver: Solver, integrator: Integrator) -> None:
+def _check_solver(solver: Solver, method: Method) -> None:
     """Refuse constraints that are to give way and not to."""
-    if integrator.keeps_constraints and not solver.exact:
+    if solver.exact:
+        return
+    if method.integrator.keeps_constraints:
         raise InvalidArgument(
-            f"solver = {solver!r}: {integrator.title} keeps hard constraints itself, and nothing "
-            "of it would be soft; use RungeKutta4() or another solver"
+            f"solver = {solver!r}: {method.integrator.title} keeps hard constraints itself, and "
+            "nothing of it would be soft; use RungeKutta4() or another solver"
+        )
+    if method.drift.corrects:
+        raise InvalidArgument(
+            f"drift = {method.drift!r}: it closes what {solver.title} lets open, and nothing of it "
+            "would be soft; use NoDrift() or another solver"
         )
 
 

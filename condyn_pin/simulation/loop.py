@@ -114,6 +114,15 @@ class Loop:
             if tick:
                 tick(k + 1)
 
+    def missed(self) -> tuple[str, ...]:
+        """Return what there is to say of the events that did not happen."""
+        names = {event.name for event in self.happened}
+        return tuple(
+            f"{event.name} did not happen: {event.missed(self._values[event.name])}"
+            for event in self._events
+            if event.name not in names and event.scene is not self._asked
+        )
+
     def _watch(self, t1: float, q1: Array, v1: Array, keep: bool) -> tuple[Array, Array]:
         """Return the state at t1, a sample if it is to be kept, from that without events."""
         for _ in range(_MOST):

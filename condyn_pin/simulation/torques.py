@@ -118,6 +118,11 @@ class Passive:
         K[self.at_v, range(len(self.k))] = self.k
         return K
 
+    @property
+    def stiffness(self) -> Array:
+        """Stiffness of each joint (nv,)."""
+        return np.asarray(self.K.sum(axis=1))
+
     def energy(self, q: Array) -> Array:
         """Return the energy of the springs at configurations q (..., nq) [J]."""
         return np.asarray(0.5 * (q[..., self.at_q] - self.rest) ** 2 @ self.k)

@@ -233,6 +233,7 @@ class Trajectory:
             f"unexplained {np.abs(energy.error).max():.1e} J at most",
         ]
         lines += [f"event       {e.name} at t = {e.t:.9g} s" for e in run.happened]
+        lines += [f"event       {missed}" for missed in run.missed]
         lines += [f"note: {notice}" for notice in self.notices]
         return "\n".join(lines)
 

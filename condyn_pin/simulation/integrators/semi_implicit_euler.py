@@ -44,6 +44,11 @@ class SemiImplicitEuler(Integrator):
 
     implicit: bool = True
 
+    @property
+    def takes_stiff_damping(self) -> bool:
+        """Whether it acts at the end of the step."""
+        return self.implicit
+
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
         if self.implicit:
