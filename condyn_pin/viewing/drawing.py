@@ -68,7 +68,10 @@ class Drawing:
     def html(self) -> str:
         """Return the page: one text that holds everything."""
         camera = self.middle + _FAR * self.size * _FROM
-        return page(self.title, self._legend(), self.commands(), camera=camera, target=self.middle)
+        return page(
+            self.title, self._legend(), self.commands(), camera=camera, target=self.middle,
+            moves=len(self.moments) > 1,
+        )  # fmt: skip
 
     def _legend(self) -> Iterator[tuple[str, str]]:
         yield "", self.title
