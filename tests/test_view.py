@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -11,7 +11,7 @@ import pytest
 from viewed import bent_cassie, drawing, falling_bar, parts
 
 import condyn_pin as cp
-from condyn_pin.viewing import meshes, palette
+from condyn_pin.viewing import meshes, palette, placing
 from condyn_pin.viewing.descriptions import shapes_of
 from condyn_pin.viewing.motion import tracks
 from condyn_pin.viewing.part import span
@@ -214,6 +214,36 @@ def test_what_nobody_drew_has_its_inertia():
     (part,) = skeleton(robot, 0.1)
     half = 0.5 * np.ptp(part.meshes[-1][0].vertices, axis=0)
     assert np.allclose(np.sort(half), (0.1, 0.2, 0.3), rtol=0.06)
+
+
+def held(name, posture=None):
+    """A robot that its motors hold still."""
+    robot = cp.load_robot(name)
+    scene = cp.Scene(robot, (*robot.loops, *robot.contacts))
+    return cp.gravity_compensation(scene, scene.state(posture)[0])
+
+
+@pytest.mark.parametrize("name", ["cassie", "talos", "stewart", "delta", "five_bar"])
+def test_labels_do_not_cover_one_another(name):
+    found = drawing(held(name))
+    at, eye = found.moments[0], placing.Eye(np.array([1.0, 0.0, 0.0]), np.zeros(3))
+    assert np.allclose(eye.axes, [[0, 1, 0], [0, 0, 1], [1, 0, 0]])  # right, up, backward
+    eye = found.eye
+    labels = {p.path: eye.box(p.place(at), np.zeros(2)) for p in found.parts if p.picture}
+    assert len(labels) > 3
+    for one, other in combinations(labels, 2):
+        assert not placing._overlap(labels[one], labels[other]), (one, other)
+
+
+def test_a_label_that_had_to_move_is_led_back_to_its_point():
+    found = drawing(held("delta"))
+    picture, at = {part.path: part for part in found.parts}, found.moments[0]
+    lines = [path for path in picture if path.endswith(" line")]
+    assert lines
+    for path in lines:
+        T, sign = picture[path].place(at), picture[path.removesuffix(" line")].place(at)
+        assert np.allclose(T @ [0, 0, 1, 1], sign[:, 3])
+        assert np.linalg.norm(T[:3, 2]) < 8.0 * sign[1, 1]  # near its point
 
 
 def test_an_assembly_is_seen_before_and_after(standing):

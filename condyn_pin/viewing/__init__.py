@@ -7,6 +7,7 @@ an arrow as long as its force. One moment makes a still picture, many make an an
     descriptions, geoms, shapes, meshes    what the robot's description draws
     skeleton                       what stands for it where it draws nothing
     joint_marks, closures, ground, arrows, mass    what this library knows and shows
+    labels, placing                words, and where they do not cover one another
     part, moment, drawing          parts, moments, and all parts of a scene
     three, page                    the words of meshcat's viewer, and a page that holds them
     viewer, chromium               who looks: a browser, or a headless one for a file
