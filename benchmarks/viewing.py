@@ -111,14 +111,17 @@ class Play:
 
     Attributes
     ----------
+    count : int
+        Of distinct times of the animation that were drawn.
     pictures : float
-        Distinct times of the animation that were drawn in a second [1/s].
+        The same in a second [1/s].
     cpu : float
         Time of all processors that one of them took: Chromium's, in all its processes [ms].
     calls, triangles : int
         That one picture consists of.
     """
 
+    count: int
     pictures: float  # [1/s]
     cpu: float  # [ms]
     calls: int
@@ -200,7 +203,7 @@ def play(html: str, seconds: float = PLAYED, warm: float = 2.0) -> Play:
                 browser.terminate()
                 server.shutdown()
     return Play(
-        said["count"] / said["seconds"], 1e3 * used / said["count"], said["calls"],
+        said["count"], said["count"] / said["seconds"], 1e3 * used / said["count"], said["calls"],
         said["triangles"],
     )  # fmt: skip
 

@@ -225,7 +225,7 @@ def test_a_browser_plays_by_itself(monkeypatch, swinging):
     import viewing
 
     seen = viewing.play(drawing(swinging).html(), seconds=0.5, warm=0.1)
-    assert seen.pictures > 2.0  # on a processor that others use too
+    assert seen.count >= 2  # more, unless others use the processor too
     assert seen.triangles > 100
 
 
@@ -239,7 +239,7 @@ setTimeout(() => {
   answer.id = "answer";
   answer.textContent = JSON.stringify(steps);
   document.body.appendChild(answer);
-}, 2700);
+}, 4900);
 </script></body>"""
 
 
@@ -252,7 +252,7 @@ def test_a_slow_browser_draws_fewer_pixels_until_the_pause(tmp_path, swinging, e
     file = tmp_path / "run.html"
     file.write_text(text, encoding="utf-8")
     words = chromium.command(chromium.find_chromium(), str(tmp_path / "profile"))
-    words += ["--virtual-time-budget=3000", "--window-size=64,48", "--dump-dom", file.as_uri()]
+    words += ["--virtual-time-budget=5000", "--window-size=64,48", "--dump-dom", file.as_uri()]
     done = subprocess.run(words, capture_output=True, text=True, timeout=120)
     playing, paused = json.loads(re.search(r'<pre id="answer">(.*?)</pre>', done.stdout)[1])
     assert (playing < 0.5) == bool(enough)
