@@ -6,7 +6,7 @@ file without geoms, such as a mechanism of our own, needs no MuJoCo.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -66,7 +66,7 @@ def _without_lost_meshes(spec: Any, folder: Path) -> Iterator[str]:
 
 
 # Edges, or radius and length, of half axes as MuJoCo has them.
-_SIZES: Final = {
+_SIZES: Final[dict[str, Callable[[list[float]], tuple[float, ...]]]] = {
     "sphere": lambda s: (s[0],),
     "capsule": lambda s: (s[0], 2.0 * s[1]),
     "cylinder": lambda s: (s[0], 2.0 * s[1]),

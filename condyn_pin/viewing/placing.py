@@ -50,7 +50,8 @@ class Eye:
         x, y, z = self.axes @ (T[:3, 3] - self.at)
         half = 0.5 * np.array([T[0, 0], _INK * T[1, 1]])
         centre = np.array([x, y]) + shift
-        return np.concatenate([centre - half, centre + half]) / max(-z, 1e-9)
+        box: Array = np.concatenate([centre - half, centre + half]) / max(-z, 1e-9)
+        return box
 
 
 def spread(parts: Sequence[Part], first: Moment, eye: Eye) -> Iterator[Part]:
