@@ -84,6 +84,7 @@ class System:
         self.lam: Callable[[], Array] = workspace.lam
         self._solve = workspace.acceleration
         self._last = _NOTHING
+        self._implicit: _Implicit | None = None  # the last one: motion after motion has one dt
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return a (nv,) by the solver; `lam()` then returns its constraint forces (m,).
@@ -121,7 +122,9 @@ class System:
         """
         if not (self.passive.d.any() or self.passive.k.any()):
             return self
-        return _Implicit(self, dt)
+        if self._implicit is None or self._implicit.dt != dt:
+            self._implicit = _Implicit(self, dt)
+        return self._implicit
 
     @cached_property
     def spare(self) -> Workspace:
@@ -168,6 +171,7 @@ class _Implicit(System):
 
     def __init__(self, system: System, dt: float) -> None:
         super().__init__(system.spare, system.applied)
+        self.dt = dt
         passive = system.passive
         stiffness = passive.K.sum(axis=1)
         self.torque = passive.with_torques(system.applied, drag=dt * stiffness)
