@@ -141,6 +141,10 @@ def derivatives_batch(
     ------
     InvalidArgument, WorkersLost, UnsupportedConstraint, StaleModel
         As in `solve_batch` and `derivatives`. States that are not ok raise nothing.
+
+    Notes
+    -----
+    Cost: that of `derivatives` a state, over the number of workers.
     """
     start = perf_counter()
     if method not in METHODS:

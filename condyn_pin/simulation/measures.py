@@ -33,13 +33,13 @@ class Energy:
     Attributes
     ----------
     kinetic, potential, springs : (k,) array
-        The potential energy is zero where Pinocchio has it: with everything at the world's origin.
+        [J]; the potential one is zero where Pinocchio has it: with all at the world's origin.
     work : (k,) array
-        Of the torques applied, since the start.
+        Of the torques applied, since the start [J].
     damping : (k,) array
-        Work of the damping since the start; not positive.
+        Work of the damping since the start; not positive [J].
     impacts : (k,) array
-        What events did to the kinetic energy since the start.
+        What events did to the kinetic energy since the start [J].
     """
 
     kinetic: Array
