@@ -51,11 +51,12 @@ class Gaps(Protocol):
 
 def gaps_of(system: System, metric: str) -> Gaps:
     """Return the gaps of a system, from what its solver leaves behind if that closes them."""
-    if metric == "mass" and isinstance(system.workspace.solver, Proximal) and system.m:
-        audit, mu = system.scene.audit, system.workspace.proximal_settings.mu
+    solver = system.workspace.solver
+    if metric == "mass" and isinstance(solver, Proximal) and system.m:
+        audit, mu = system.scene.audit, solver.weight(system.scene.audit)
         smallest = float(audit.singular_values[audit.rank - 1]) ** 2 if audit.rank else 0.0
-        if system.workspace.solver.mu is None or mu <= _LEFT * smallest:
-            return SolvedGaps(system)
+        if solver.mu is None or mu <= _LEFT * smallest:
+            return SolvedGaps(system, mu)
     return FactorisedGaps(system, metric)
 
 
@@ -63,12 +64,14 @@ class SolvedGaps:
     """Read from what `pin.constraintDynamics` leaves behind.
 
     The damping mu of the factor leaves a share mu / (sigma + mu) of each gap: a millionth, and a
-    hundredth where it is the most that is taken.
+    hundredth where it is the most that is taken. Where the solver needed another weight, the matrix
+    is factorised again with mu.
     """
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: System, mu: float) -> None:
         workspace = system.workspace
         self._solve, self._carry_over = system.acceleration, system.carry_over
+        self._workspace, self._mu = workspace, mu
         self._cholesky = _pin.constraint_cholesky(workspace.data)
         natives = workspace.natives.constraints
         self._m = sum(native.size for native in natives)
@@ -85,6 +88,10 @@ class SolvedGaps:
     def look(self, t: float, q: Array, v: Array) -> Array:
         """Return [c, J v] of Pinocchio's rows; the solver's answer is the next `acceleration`."""
         self._solve(t, q, v)
+        w = self._workspace
+        if w.proximal_settings.mu != self._mu:
+            models, datas = w.constraint_models, w.constraint_datas
+            self._cholesky.compute(w.model, w.data, models, datas, self._mu)
         np.concatenate(self._sources, out=self._flat)
         return self._gaps
 

@@ -57,7 +57,7 @@ class Applied:
         if self._function is None:
             return self.constant  # type: ignore[return-value]
         tau = self._function(t, _locked(q), _locked(v))
-        if not (type(tau) is np.ndarray and tau.shape == self._shape and tau.dtype is FLOAT):
+        if not (type(tau) is np.ndarray and tau.shape == self._shape and tau.dtype == FLOAT):
             tau = finite(f"tau({t:g}, q, v)", tau, self._shape)
         if self._first is None:
             self._first, self._state = tau.copy(), (q, v)
