@@ -78,7 +78,8 @@ def simulate(
         What keeps the constraints closed. By default `PostStabilization()`, which has no gains to
         choose; `NoDrift()` where there is nothing to do.
     solver : Solver, optional
-        As in `solve`.
+        As in `solve`; by default with four iterations at most where rows are redundant, since more
+        move nothing (`condyn_pin.simulation.defaults`).
     record : int
         Every which sample is kept. The first and the last one, and those at events, always are.
     events : sequence of Event, optional
