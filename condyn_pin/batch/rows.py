@@ -23,9 +23,9 @@ from condyn_pin.verbs import workspace_for
 # The status of a row that nobody has worked on.
 MISSING: Final = -1
 
-# A chunk is this part of what is left at most, so that several workers end at about the same time,
+# A chunk is this part of what is left at most, so that several workers end at about the same time;
 _SHARES: Final = 16
-# and this part of a full one at least.
+# but not smaller than this part of a full one, unless all are.
 _SMALLER: Final = 5
 
 
@@ -105,8 +105,9 @@ class Rows:
         The last ones are small, since nobody works while the last worker ends.
         """
         chunks, start = [], 0
+        least = min(_part(count, _SHARES), _part(self.most, _SMALLER))
         while start < count:
-            share = min(self.most, max(-(-(count - start) // _SHARES), -(-self.most // _SMALLER)))
+            share = min(self.most, max(least, _part(count - start, _SHARES)))
             stop = min(start + (self.chunk or share), count)
             chunks.append(slice(start, stop))
             start = stop
@@ -128,3 +129,7 @@ class Rows:
         except WorkersLost as lost:
             lost.done = outputs
             raise
+
+
+def _part(rows: int, of: int) -> int:
+    return -(-rows // of)

@@ -65,8 +65,8 @@ def solve_batch(
         ``client.get_executor()``. This process by default. Threads gain nothing: Pinocchio does
         not release the GIL.
     chunk : int, optional
-        States that a worker is handed at a time; by default a sixteenth of what is left, from 200
-        to 1000.
+        States that a worker is handed at a time; by default a sixteenth of what is left, 1000 at
+        most.
     progress : callable
         Called with the number of states done and that of all, after each chunk.
 
@@ -130,7 +130,7 @@ def derivatives_batch(
     solver, drift, method, accuracy
         As in `derivatives`.
     chunk : int, optional
-        As in `solve_batch`, but from 20 to 100 states.
+        As in `solve_batch`, but 100 states at most.
 
     Returns
     -------
