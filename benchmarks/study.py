@@ -146,7 +146,7 @@ class BricardMeasure(cp.TrajectoryMeasure):
     def truth(self, scene: cp.Scene, state: State) -> Array:
         """Return its angle."""
         problem = cp.load_problem("A04")
-        return np.array([problem.motion(self.duration)[0]])  # type: ignore[attr-defined]
+        return np.array([problem.motion(self.duration)[0]])
 
     def answer(self, workspace: Workspace, state: State, truth: Array, accuracy: float) -> Answer:
         """Return the answer of a motion, judged by the first hinge alone."""
