@@ -129,7 +129,7 @@ def bricard() -> cp.Scene:
     How far one iteration is off depends on where the two points are: by 3.7 mu here, by 3.5 mu with
     those of the robot, half a metre to both sides.
     """
-    robot, balls = cp.load_robot("bricard"), []
+    robot, balls = cp.load_robot("bricard"), list[cp.Loop]()
     for name, along in (("middle", 0.5), ("beyond", 0.8)):  # from the near end of the hinge [m]
         robot = robot.with_frame(f"{name} a", "hinge_near_a", [0.0, 0.0, along])
         robot = robot.with_frame(f"{name} b", "hinge_near_b", [along, 0.0, 0.0])
@@ -146,7 +146,7 @@ class BricardMeasure(cp.TrajectoryMeasure):
     def truth(self, scene: cp.Scene, state: State) -> Array:
         """Return its angle."""
         problem = cp.load_problem("A04")
-        return np.array([problem.motion(self.duration)[0]])  # type: ignore[attr-defined]
+        return np.array([problem.motion(self.duration)[0]])
 
     def answer(self, workspace: Workspace, state: State, truth: Array, accuracy: float) -> Answer:
         """Return the answer of a motion, judged by the first hinge alone."""
