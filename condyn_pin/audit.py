@@ -48,7 +48,7 @@ class Audit:
     closed : bool
         Whether the loops could be closed; if not, all figures are those of the open state.
     singular_values : (min(m, nv),) array
-        Of J L^-T, the constraint Jacobian in the metric of M.
+        Of J L^-T, the constraint Jacobian in the metric of M [kg^-1/2].
     rank, mobility : int
         Independent rows, and nv minus that: the degrees of freedom that are left.
     redundant : tuple of str

@@ -53,7 +53,8 @@ class Workspace:
     scene, solver : Scene, Solver
     model, data, constraint_models, constraint_datas, proximal_settings
         Pinocchio's raw objects, for what this library does not offer. Between two solves you may
-        call any function of Pinocchio on `model` and `data`, and read the lists. You may not
+        call any function of Pinocchio on `model` and `data`, and read the lists. The settings are
+        those of the last answer. You may not
         resize the lists (`StaleModel`), edit the model, initialise `data` for other constraints,
         or leave Baumgarte gains or `contact_acceleration_desired` behind: the next solve would
         read them. After `LCABA` the constraint datas must not go into `pin.constraintDynamics`,
@@ -189,7 +190,7 @@ class Workspace:
             if self._pairs:
                 self._arguments.check_pairs(q)
             # Pinocchio ignores byte order: another dtype is another number
-            if not q.dtype is v.dtype is tau.dtype is FLOAT:
+            if not q.dtype == v.dtype == tau.dtype == FLOAT:
                 raise ValueError
             a = self._run(q, v, tau)
             # A joint's acceleration depends on everything above it in the tree, and its root's on

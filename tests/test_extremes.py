@@ -262,7 +262,7 @@ def test_maps_count_and_advise():
     (found,) = maps(outcomes)
     assert "reference: right at 1 ... 0" in found.advice("reference")
     assert found.advice("proximal").startswith("proximal: right at 1 ... ")
-    assert "says inaccurate at 1e-09" in found.advice("proximal")
+    assert "says inaccurate at 1e-08 ... 1e-09" in found.advice("proximal")
     assert sum(counts(outcomes).values()) == len(outcomes) == 2 * len(found.severities)
 
 
