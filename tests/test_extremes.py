@@ -16,6 +16,7 @@ from condyn_pin.cli import app
 from condyn_pin.errors import CondynError
 from condyn_pin.extremes import EXTREMES
 from condyn_pin.extremes.planar_chain import accelerations
+from condyn_pin.extremes.run_verdict import gap_error, gap_map, judge_run
 from condyn_pin.extremes.stress import ROBOTS, methods, mixed, stress, tasks
 from condyn_pin.extremes.stress_table import counts, maps, read_csv
 from condyn_pin.extremes.units import scaled, shifts
@@ -127,6 +128,41 @@ def test_mass_ratio_of_a_million_is_right_and_said_to_be(severity, seed):
     case = EXTREMES["mass_ratio"].case(severity, seed)
     solution = cp.solve(case.scene, case.q, case.v, case.tau)
     assert error_of(case, solution.a, right_answers(case)[0]) < solution.error_bound < 1e-9
+
+
+@pytest.mark.parametrize("severity", [s for s in EXTREMES["wall"].severities if s < 0.8285])
+def test_gaps_close_before_the_wall_as_their_map_says(severity):
+    case = EXTREMES["wall"].case(severity, 0, scene_for(EXTREMES["wall"]))
+    verdict, error, _ = judge_run(case, case.motion, cp.Proximal())
+    assert verdict is Verdict.OK
+    assert error < 1e-6
+
+
+@pytest.mark.parametrize("severity", [s for s in EXTREMES["wall"].severities if s > 0.8284])
+def test_gains_beyond_the_wall_are_refused_with_the_number(severity):
+    case = EXTREMES["wall"].case(severity, 0, scene_for(EXTREMES["wall"]))
+    with pytest.raises(cp.InvalidArgument, match=r"alpha dt < 0\.828"):
+        judge_run(case, case.motion, cp.Proximal())
+
+
+def test_a_run_that_does_not_follow_the_map_is_no_right_one():
+    """Half the gains are another motion, and gains that nobody refuses make gaps grow."""
+    case = EXTREMES["wall"].case(0.5, 0, scene_for(EXTREMES["wall"]))
+    run = cp.simulate(
+        case.scene, case.q, case.v, duration=50 * case.motion.dt, dt=case.motion.dt,
+        integrator=cp.SemiImplicitEuler(), drift=case.drift, gravity=False,
+    )  # fmt: skip
+    half = cp.Baumgarte(case.drift.alpha / 2, case.drift.beta / 2)
+    assert gap_error(run, gap_map(case.drift, case.motion.dt)) < 1e-6
+    assert gap_error(run, gap_map(half, case.motion.dt)) > 0.1
+    for product, grows in ((0.828, False), (0.829, True)):
+        values = np.linalg.eigvals(gap_map(cp.Baumgarte(product, product), 1.0))
+        assert (np.abs(values).max() > 1.0) == grows
+
+
+def test_what_takes_gigabytes_is_left_out_where_time_is_limited():
+    heavy = {(t.family, t.severity) for t in set(tasks()) - set(tasks(heavy=False))}
+    assert heavy == {("straight_chain", 400.0), ("bent_chain", 400.0)}
 
 
 @each_scene

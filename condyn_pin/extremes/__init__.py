@@ -13,6 +13,7 @@ from condyn_pin.extremes.base import EXTREMES, Case, Extreme, extreme
 for _module in iter_modules(__path__):
     if _module.name not in (
         "verdict",
+        "run_verdict",
         "stress",
         "worker",
         "stress_table",

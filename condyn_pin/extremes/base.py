@@ -8,7 +8,8 @@
    third argument.
 4. The truth goes into `Case.right`, if there is a closed form. Without one it is what `Reference`
    says; the tests hold that against an implementation in 50 digits.
-5. A case that cannot be made may raise a `CondynError`: then every method has refused it.
+5. A case with a `Motion` asks for a short run in place of one solve (`run_verdict.py`).
+6. A case that cannot be made may raise a `CondynError`: then every method has refused it.
 """
 
 from __future__ import annotations
@@ -28,6 +29,21 @@ from condyn_pin.scene import Scene
 EXTREMES: dict[str, Extreme] = {}
 
 
+@dataclass(frozen=True)
+class Motion:
+    """A short run from rest, by semi-implicit Euler, without weight and torques.
+
+    Attributes
+    ----------
+    dt : float
+        [s]
+    steps : int
+    """
+
+    dt: float  # [s]
+    steps: int = 50
+
+
 @dataclass(frozen=True, eq=False)
 class Case:
     """One question, and its answer where that is known.
@@ -41,6 +57,8 @@ class Case:
     knobs : mapping of str to number
         Knobs that are turned on every solver that has them.
     drift : Baumgarte, optional
+    motion : Motion, optional
+        Where the question is one of many steps.
     """
 
     scene: Scene
@@ -50,6 +68,7 @@ class Case:
     right: tuple[Array, ...] = ()
     knobs: Mapping[str, float | int] = field(default_factory=dict)
     drift: Baumgarte | None = None
+    motion: Motion | None = None
 
 
 @dataclass(frozen=True)

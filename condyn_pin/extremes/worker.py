@@ -12,6 +12,7 @@ from multiprocessing.connection import Connection
 from condyn_pin.errors import CondynError
 from condyn_pin.extremes import EXTREMES
 from condyn_pin.extremes.base import Case
+from condyn_pin.extremes.run_verdict import judge_run
 from condyn_pin.extremes.verdict import Outcome, Task, Verdict, judge, right_answers, turned
 from condyn_pin.scene import Scene
 
@@ -77,7 +78,10 @@ def answers(task: Task, methods: list[str], memory: Memory) -> Iterator[str | Ou
             warnings.simplefilter("error")  # a library that warns has not thought of it
             try:
                 solver = turned(SOLVERS[method], case.knobs)
-                verdict, error, said = judge(case, solver, right)
+                if case.motion:
+                    verdict, error, said = judge_run(case, case.motion, solver)
+                else:
+                    verdict, error, said = judge(case, solver, right)
             except CondynError as refusal:
                 verdict, error, said = Verdict.REFUSED, float("nan"), _sentence(refusal)
             except Exception as failure:
