@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.force import ConstraintForce, Sites, pulling
@@ -164,16 +165,21 @@ class Solution:
     def notices(self) -> tuple[str, ...]:
         """What deserves attention, a sentence each.
 
-        Contacts that pull, as no ground does. Where the answer is not ok, or forces are a thousand
-        times the weight: rows that contradict each other, and those that have lost their grip.
+        Contacts that pull, as no ground does. Where the answer is not ok, rows are not met, or
+        forces are a thousand times the weight: rows that contradict each other, and those that have
+        lost their grip.
         """
         return pulling(self.forces, self._sites) + self._doubts
 
     @cached_property
     def _doubts(self) -> tuple[str, ...]:
         """What `Scene.rank` says of a state whose answer is not as it should be."""
-        heavy = np.abs(self.lam).max(initial=0.0) > _HEAVY * self.scene.audit.weight
-        if not (self.scene.rows and (heavy or not self.status.ok)):
+        audit = self.scene.audit
+        heavy = np.abs(self.lam).max(initial=0.0) > _HEAVY * audit.weight
+        scale = max(float(np.abs(self.a).max()), audit.yardstick.gravity)
+        # of contradicting rows the best a is still unique, and may be ok
+        unmet = self.constraint_error > tolerances.SOLVED * scale
+        if not (self.scene.rows and (heavy or unmet or not self.status.ok)):
             return ()
         try:
             return self.scene.rank(self.q).notes

@@ -1,22 +1,27 @@
-"""Weights: the proximal weight that suits a scene, and smaller ones where it does not do.
+"""Weights: the proximal weight that suits a scene, and another at states where it does not do.
 
-An eigenvalue sigma of G = J M^-1 J^T converges like mu / (sigma + mu). A small mu is quick, and
-follows sigma far down towards a singular posture. What forbids one are redundant rows: lam along
-them is noise of the size eps |a| / mu, and where loops are open by a gap they come to life with a
-sigma of about gap^2, and ask for what no row of a closed loop asks for.
+An eigenvalue sigma of G = J M^-1 J^T converges like mu / (sigma + mu). So mu has to be below the
+smallest sigma that is more than rounding. But not far below: rows that depend on others have a
+sigma of zero; where they contradict the others by c, as those of open loops do, lam grows along
+them by c / mu an iteration, and rounding of G, eps |G| / mu, mixes it into the rest.
+
+The smallest sigma is that of the nominal state, nearly always. It is another near singular
+postures, and where loops are open by a gap: redundant rows come to life there, with a sigma of
+about gap^2. What does not converge in a few iterations is at such a state; then the smallest sigma
+is read off the factor that is there already.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import inf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from condyn_pin import tolerances
+from condyn_pin import _pin, tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.refinement import Refinement
 
 if TYPE_CHECKING:
     from condyn_pin.audit import Audit
@@ -27,12 +32,15 @@ if TYPE_CHECKING:
 _LARGEST, _SMALLEST, _LEAST = 1e-6, 1e-2, 1e-10
 _LARGEST_FREE, _SMALLEST_FREE, _LEAST_FREE = 1e-10, 1e-4, 1e-14
 
-# What is tried where that does not converge: rows that have all but lost their grip are followed
-# down to rounding of G, or else let go.
-_OTHERS = (1e-14, 1e-17, 1e-6)
+# Iterations after which the default weight does not do: machines take up to seven with it.
+FEW = 8
 
-# A correction of a that is less, relative to a, changes nothing.
-_STILL = tolerances.SOLVED / 1000
+# Share of the smallest eigenvalue at the state itself, and the iterations that it takes to gain
+# all digits; more would only add noise. They stop at a smaller step than those of the default
+# weight, since each gains less.
+_AT_STATE, _MORE, _STEP = 0.05, 12, 0.01
+
+_EPS = 2.0**-53
 
 
 def default_mu(audit: Audit) -> float:
@@ -44,70 +52,64 @@ def default_mu(audit: Audit) -> float:
     return max(min(_LARGEST * largest, _SMALLEST * smallest), _LEAST * largest)
 
 
-class OtherWeights:
-    """Other weights, tried in turn where an iteration has not converged.
+class WeightAtState:
+    """The weight for a state at which an iteration has just not converged.
 
-    If a much smaller one converges, its answer is taken. If not, then of all answers that which its
-    own residuals move the least, and moved so: J a + gamma - a_ref alone would prefer what holds a
-    row by a force without bounds.
+    With pivots on the diagonal, P^T G P = R^T R, the squares of the diagonal of R fall as the
+    eigenvalues of G do, and the last is close to the smallest. LAPACK stops where what is left is
+    rounding, m eps |G|.
 
     Parameters
     ----------
     workspace : Workspace
-    max_iterations : int
+    settings : pin.ProximalSettings
+        Of the iteration.
     accuracy : float
         As `Proximal.relative_accuracy` [N].
 
     Attributes
     ----------
-    lam : (m,) array
-        Forces of the rows that Pinocchio has, of the last answer.
     iterations : int
-        Of all that was tried for it.
+        How many more were taken.
     """
 
-    def __init__(self, workspace: Workspace, max_iterations: int, accuracy: float) -> None:
-        audit = workspace.scene.audit
-        self._workspace, self._limit = workspace, max_iterations
-        self._gravity = audit.yardstick.gravity
-        self._settings: list[Any] = [
-            pin.ProximalSettings(0.0, accuracy, share * audit.delassus_norm, max_iterations)
-            for share in _OTHERS
-        ]
-        self._correction = Refinement(workspace)
-        self.lam: Array = np.zeros(0)
+    def __init__(self, workspace: Workspace, settings: Any, accuracy: float) -> None:
+        # imported here: scipy.linalg takes as long to import as Pinocchio
+        from scipy.linalg.lapack import dpstrf
+
+        self._workspace, self._settings, self._mu = workspace, settings, float(settings.mu)
+        self._accuracy = _STEP * accuracy
+        self._cholesky, self._factorise = _pin.constraint_cholesky(workspace.data), dpstrf
+        # a row that is rounding has sigma < m eps |G|: a force f along it moves a by w sigma^1/2 f
+        audit, rows = workspace.scene.audit, sum(c.size for c in workspace.natives.constraints)
+        moved = audit.yardstick.largest_weight * (rows * _EPS * audit.delassus_norm) ** 0.5
+        self._harmless = (
+            tolerances.SOLVED * audit.yardstick.gravity / (FEW * moved) if rows else 0.0
+        )
+        self._damping = self._mu * np.eye(rows)
         self.iterations = 0
 
-    def answer(self, run: Callable[..., Array], q: Array, v: Array, tau: Array) -> Array:
-        """Return the best a (nv,).
+    def answer(self, run: Callable[..., Array], q: Array, v: Array, tau: Array, a: Array) -> Array:
+        """Return a better a (nv,), or the same where nothing but rounding has not converged.
 
         Parameters
         ----------
         run : callable
             Returns a for q, v, tau and the settings that it is given.
         q, v, tau : (nq,), (nv,), (nv,) array
+        a : (nv,) array
+            Of the iteration.
         """
-        small, *others = self._settings
-        a = run(q, v, tau, small)
-        self.iterations = self._limit + int(small.iter)
-        if small.iter < self._limit:
-            self.lam = np.array(self._workspace.data.lambda_c)
+        self.iterations = 0
+        G = self._cholesky.getInverseOperationalSpaceInertiaMatrix() - self._damping
+        R, _, rank, _ = self._factorise(G)
+        mu = _AT_STATE * R.item(rank - 1, rank - 1) ** 2 if rank else 0.0
+        if not 0.0 < mu < inf:
             return a
-        with np.errstate(all="ignore"):  # what is not finite is found by whoever asked
-            moved, best, self.lam = self._corrected(q, v, tau, a)
-            for settings in others:
-                if not moved > _STILL:
-                    break
-                again, a, lam = self._corrected(q, v, tau, run(q, v, tau, settings))
-                self.iterations += int(settings.iter)
-                if again < moved:
-                    moved, best, self.lam = again, a, lam
-        return best
-
-    def _corrected(self, q: Array, v: Array, tau: Array, a: Array) -> tuple[float, Array, Array]:
-        """Return how far its residuals move an answer, relative to its size; a and lam moved."""
-        lam = np.array(self._workspace.data.lambda_c)
-        better = self._correction.correct(q, v, tau, a, lam)
-        size = max(float(np.abs(a).max()), self._gravity)
-        moved = float(np.abs(better - a).max()) / size if size else 0.0
-        return moved, better, self._correction.lam
+        if self._mu <= mu and self._settings.relative_residual < self._harmless:
+            return a
+        settings = pin.ProximalSettings(0.0, self._accuracy, mu, _MORE)
+        self._workspace.proximal_settings = settings
+        a = run(q, v, tau, settings)
+        self.iterations = int(settings.iter)
+        return a

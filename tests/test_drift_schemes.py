@@ -12,7 +12,7 @@ from condyn_pin.drift import DRIFTS, Baumgarte
 from condyn_pin.drift.no_drift import NoDrift
 from condyn_pin.drift.post_stabilization import PostStabilization
 from condyn_pin.drift.projection import Projection
-from condyn_pin.simulation.gaps import FactorisedGaps, SolvedGaps
+from condyn_pin.simulation.gaps import FactorisedGaps, SolvedGaps, gaps_of
 from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4
 from condyn_pin.simulation.integrators.semi_implicit_euler import SemiImplicitEuler
 from condyn_pin.simulation.run import simulate
@@ -107,7 +107,8 @@ def test_what_the_solver_leaves_behind_closes_as_well_as_a_factor_of_our_own(nam
     system = System(cp.Workspace(scene))
     opened = system.integrate(closed, 1e-6 * rng.normal(size=robot.nv))
     slipping = v + 1e-5 * rng.normal(size=robot.nv)
-    read, factorised = SolvedGaps(system), FactorisedGaps(system, "mass")
+    read, factorised = gaps_of(system, "mass"), FactorisedGaps(system, "mass")
+    assert isinstance(read, SolvedGaps)
     for level, state in enumerate([(opened, 0 * v), (closed, slipping)]):
         before = np.abs(read.look(0.0, *state))[:, level].max()
         factorised.look(0.0, *state)

@@ -294,7 +294,8 @@ def test_trap_9_the_stop_test_fires_on_redundant_rows():
     cassie = scene("cassie")
     for state in moving("cassie"):
         ours = cp.solve(cassie, *state)
-        theirs = cp.solve(cassie, *state, solver=cp.Proximal(relative_accuracy=1e-12))
+        mu = 1e-6 * cassie.audit.delassus_norm
+        theirs = cp.solve(cassie, *state, solver=cp.Proximal(mu=mu, relative_accuracy=1e-12))
         assert ours.iterations <= 5
         assert theirs.iterations == 20
         assert difference(ours.a, theirs.a) < 1e-10

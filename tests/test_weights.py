@@ -120,7 +120,7 @@ def test_contradictory_rows_are_named_with_the_size_of_their_conflict():
     assert set(found.conflict) == {"here.x", "there.x"}
     assert found.conflict["there.x"] == pytest.approx(0.5e-2)  # half each
     solution = cp.solve(case.scene, case.q, case.v, case.tau, drift=case.drift, throw=False)
-    assert not solution.status.ok
+    assert solution.constraint_error == pytest.approx(2.0)  # half of beta^2 times the distance
     assert any("here.x, there.x contradict each other by 0.005" in n for n in solution.notices)
     assert not case.scene.rank(EXTREMES["contradictory"].case(0.0, 0).q).weak
 

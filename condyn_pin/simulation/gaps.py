@@ -51,11 +51,12 @@ class Gaps(Protocol):
 
 def gaps_of(system: System, metric: str) -> Gaps:
     """Return the gaps of a system, from what its solver leaves behind if that closes them."""
-    if metric == "mass" and isinstance(system.workspace.solver, Proximal) and system.m:
-        audit, mu = system.scene.audit, system.workspace.proximal_settings.mu
+    solver = system.workspace.solver
+    if metric == "mass" and isinstance(solver, Proximal) and system.m:
+        audit, mu = system.scene.audit, solver.weight(system.scene.audit)
         smallest = float(audit.singular_values[audit.rank - 1]) ** 2 if audit.rank else 0.0
-        if system.workspace.solver.mu is None or mu <= _LEFT * smallest:
-            return SolvedGaps(system)
+        if solver.mu is None or mu <= _LEFT * smallest:
+            return SolvedGaps(system, mu)
     return FactorisedGaps(system, metric)
 
 
@@ -63,33 +64,35 @@ class SolvedGaps:
     """Read from what `pin.constraintDynamics` leaves behind.
 
     The damping mu of the factor leaves a share mu / (sigma + mu) of each gap: a millionth, and a
-    hundredth where it is the most that is taken.
+    hundredth where it is the most that is taken. Where the solver needed another weight, the matrix
+    is factorised again with mu.
     """
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: System, mu: float) -> None:
         workspace = system.workspace
         self._solve, self._carry_over = system.acceleration, system.carry_over
+        self._workspace, self._mu = workspace, mu
         self._cholesky = _pin.constraint_cholesky(workspace.data)
         natives = workspace.natives.constraints
         self._m = sum(native.size for native in natives)
         self._rhs = np.zeros((self._m + system.model.nv, 2), order="F")
-        self._gaps = self._rhs[: self._m]
-        self._views = []  # of Pinocchio's memory: they follow each solve
-        start = 0
+        self._gaps, self._flat = self._rhs[: self._m], self._rhs.ravel(order="K")
+        c, slip = [], []  # views of Pinocchio's memory: they follow each solve
         for native, data in zip(natives, workspace.constraint_datas, strict=True):
-            rows = slice(start, start + native.size)
-            c = data.contact_placement_error.vector[: native.size]
-            slip = data.contact_velocity_error.vector[: native.size]
-            if native.anchored:
-                self._views.append((self._gaps[rows, 0], c))
-            self._views.append((self._gaps[rows, 1], slip))
-            start += native.size
+            gap = data.contact_placement_error.vector[: native.size]
+            c.append(gap if native.anchored else np.zeros(native.size))
+            slip.append(data.contact_velocity_error.vector[: native.size])
+        below = np.zeros(system.model.nv)
+        self._sources = [*c, below, *slip, below]
 
     def look(self, t: float, q: Array, v: Array) -> Array:
         """Return [c, J v] of Pinocchio's rows; the solver's answer is the next `acceleration`."""
         self._solve(t, q, v)
-        for mine, theirs in self._views:
-            mine[:] = theirs
+        w = self._workspace
+        if w.proximal_settings.mu != self._mu:
+            models, datas = w.constraint_models, w.constraint_datas
+            self._cholesky.compute(w.model, w.data, models, datas, self._mu)
+        np.concatenate(self._sources, out=self._flat)
         return self._gaps
 
     def step(self, again: bool) -> tuple[Array, Array]:

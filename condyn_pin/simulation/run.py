@@ -154,11 +154,11 @@ def _run(
     stride, q0 = max(steps // 100, 1), loop.q
 
     def tick(done: int) -> None:
-        if progress and (done % stride == 0 or done == steps):
-            progress(done / steps)
+        if done % stride == 0 or done == steps:
+            progress(done / steps)  # type: ignore[misc]
 
     try:
-        loop.run(steps, every, tick)
+        loop.run(steps, every, tick if progress else None)
     except Ended as end:
         return RunStatus.ENDED, str(end)
     except PiledUp as end:

@@ -84,6 +84,8 @@ class System:
         self.lam: Callable[[], Array] = workspace.lam
         self._solve = workspace.acceleration
         self._last = _NOTHING
+        # the last one, and its dt: motion after motion has the same
+        self._implicit: tuple[System, float] = (self, 0.0)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return a (nv,) by the solver; `lam()` then returns its constraint forces (m,).
@@ -121,9 +123,13 @@ class System:
         """
         if not (self.passive.d.any() or self.passive.k.any()):
             return self
-        stiffness = self.passive.stiffness
-        torque = self.passive.with_torques(self.applied, drag=dt * stiffness)
-        return _Heavier(self, dt * self.passive.d + dt**2 * stiffness, torque)
+        heavier, its_dt = self._implicit
+        if its_dt != dt:
+            stiffness = self.passive.stiffness
+            torque = self.passive.with_torques(self.applied, drag=dt * stiffness)
+            heavier = _Heavier(self, dt * self.passive.d + dt**2 * stiffness, torque)
+            self._implicit = heavier, dt
+        return heavier
 
     def iterated(self, dt: float, last: Callable[[], Array]) -> System:
         """Return the system of an iteration on a, where v changes with dt a and q with dt^2 a.

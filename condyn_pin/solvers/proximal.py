@@ -20,9 +20,10 @@ from condyn_pin.knobs import (
 )
 from condyn_pin.refinement import Refinement
 from condyn_pin.solvers.base import Method, Solver
-from condyn_pin.weights import OtherWeights, default_mu
+from condyn_pin.weights import FEW, WeightAtState, default_mu
 
 if TYPE_CHECKING:
+    from condyn_pin.audit import Audit
     from condyn_pin.workspace import Workspace
 
 # With a limit below this, an iteration that meets it is what was asked for.
@@ -51,8 +52,9 @@ class Proximal(Solver):
         Cassie. 1e-6 where rows are redundant; a hundredth of the smallest nonzero eigenvalue if
         that is less, as it is for hinges that are closed by two points, and never less than 1e-10
         of the largest. 1e-10 where they are not, or only as zeros, like those across the plane of
-        a planar loop; there, should the iteration not converge, as near a singular posture, others
-        are tried (`condyn_pin.weights`).
+        a planar loop. Should eight iterations not converge, as near a singular posture or where
+        loops are open, twelve more are made with a twentieth of the smallest eigenvalue there that
+        is more than rounding (`condyn_pin.weights`).
     max_iterations : int
         Upper limit. It is met without harm where lam keeps a little noise; convergence is judged
         by the errors of the `Solution`, never by this.
@@ -105,16 +107,22 @@ class Proximal(Solver):
             check_accuracy("relative_accuracy", self.relative_accuracy)
         check_accuracy("absolute_accuracy", self.absolute_accuracy)
 
+    def weight(self, audit: Audit) -> float:
+        """Return mu, or that of the scene if it was left to us [1/kg]."""
+        return default_mu(audit) if self.mu is None else float(self.mu)
+
     def start(self, workspace: Workspace) -> Method:
         """Return `pin.constraintDynamics` bound to the memory of `workspace`."""
         audit = workspace.scene.audit
-        mu = default_mu(audit) if self.mu is None else float(self.mu)
+        mu = self.weight(audit)
         accuracy = 1e-9 * audit.weight if self.relative_accuracy is None else self.relative_accuracy
-        settings = pin.ProximalSettings(self.absolute_accuracy, accuracy, mu, self.max_iterations)
+        patient = self.mu is None and self.max_iterations >= _PATIENT
+        limit = FEW if patient else self.max_iterations
+        settings = pin.ProximalSettings(self.absolute_accuracy, accuracy, mu, limit)
         workspace.proximal_settings = settings
         model, data = workspace.model, workspace.data
         models, datas = workspace.constraint_models, workspace.constraint_datas
-        limit, others = self.max_iterations, self._others(workspace, accuracy)
+        at_state = WeightAtState(workspace, settings, accuracy)
         solve = pin.constraintDynamics
 
         def run(q: Array, v: Array, tau: Array, settings: Any = settings) -> Array:
@@ -122,17 +130,17 @@ class Proximal(Solver):
 
         def persistent(q: Array, v: Array, tau: Array) -> Array:
             a = run(q, v, tau)
-            return a if settings.iter < limit else others.answer(run, q, v, tau)  # type: ignore[union-attr]
+            workspace.proximal_settings = settings
+            return a if settings.iter < limit else at_state.answer(run, q, v, tau, a)
 
         def lam() -> Array:
-            if others and settings.iter >= limit:
-                return others.lam
             return np.array(data.lambda_c)
 
         def iterations() -> int:
-            return others.iterations if others and settings.iter >= limit else int(settings.iter)
+            more = at_state.iterations if patient and settings.iter >= limit else 0
+            return int(settings.iter) + more
 
-        acceleration = persistent if others else run
+        acceleration = persistent if patient else run
         if not self.refinements:
             return Method(acceleration, lambda: workspace.scene_forces(lam()), iterations)
         refinement = Refinement(workspace, self.refinements)
@@ -141,10 +149,3 @@ class Proximal(Solver):
             lambda: workspace.scene_forces(refinement.lam),
             lambda: iterations() + self.refinements,
         )
-
-    def _others(self, workspace: Workspace, accuracy: float) -> OtherWeights | None:
-        """Return other weights to try where mu was not asked for, and no row forbids them."""
-        asked = self.mu is not None or self.max_iterations < _PATIENT
-        if asked or not workspace.scene.audit.independent:
-            return None
-        return OtherWeights(workspace, self.max_iterations, accuracy)
