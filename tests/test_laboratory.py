@@ -52,6 +52,9 @@ def test_committed_table_is_reproduced_in_every_row(table):
     assert len(cases) >= 30
     for row, case in zip(saved["rows"], cases, strict=True):
         assert table.agrees(row, case), row
+    still = next(r for r in saved["rows"] if r["label"] == "Runge-Kutta 4, alpha dt = 0")
+    assert still["gap"] / still["squared"]["gap"] == pytest.approx(0.8, abs=2e-3)
+    assert still["slip"] / still["squared"]["slip"] == pytest.approx(0.8, abs=2e-3)
     assert saved["walls"]["semi-implicit Euler"] == pytest.approx(0.828, abs=0.01)
     assert saved["growth"]["Runge-Kutta 4"] == pytest.approx(2.0, abs=0.05)
     assert saved["growth"]["explicit Euler"] == pytest.approx(1.0, abs=0.05)

@@ -36,8 +36,8 @@ class ProblemResult:
         Infinite for a motion that ended early.
     cpu_seconds : float
         Processor time of `simulate`, its workspace included [s].
-    solves : int
-        Solves of the equations of motion.
+    evaluations : int
+        Of the equations of motion: solves, and residuals of implicit integrators.
     trajectory : Trajectory
         The motion; its `run` says what was used, and how it ended.
     """
@@ -47,7 +47,7 @@ class ProblemResult:
     duration: float  # [s]
     errors: Errors
     cpu_seconds: float  # [s]
-    solves: int
+    evaluations: int
     trajectory: Trajectory = field(repr=False, compare=False)
 
     @property
@@ -119,7 +119,8 @@ class ProblemResult:
             "difference": f"{e.difference:.2g}, the largest of a number that is compared",
             "energy drift": drift,
             "violation": f"{e.violation:.2g} in c(q), {e.slip:.2g} in J v",
-            "CPU": f"{self.cpu_seconds:.3g} s for {self.duration:g} s, {self.solves} solves",
+            "CPU": f"{self.cpu_seconds:.3g} s for {self.duration:g} s, "
+            f"{self.evaluations} evaluations",
             "verdict": self.verdict,
         }
 
@@ -142,7 +143,7 @@ class ProblemResult:
             "duration": self.duration,
             **{k: x if x is not None and math.isfinite(x) else None for k, x in numbers.items()},
             "cpu_seconds": self.cpu_seconds,
-            "solves": self.solves,
+            "evaluations": self.evaluations,
             "verdict": self.verdict,
         }
 

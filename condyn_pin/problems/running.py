@@ -24,7 +24,7 @@ def run_problem(problem: Problem, setting: Setting, duration: float | None) -> P
     duration = _duration(problem, duration)
     steps = _steps(setting.dt, duration)
     scene, q0, v0 = problem.scene, problem.q0, problem.v0
-    torque, solves = _counted(problem)
+    torque, evaluations = _counted(problem)
     start = process_time()
     trajectory = simulate(
         scene,
@@ -39,7 +39,7 @@ def run_problem(problem: Problem, setting: Setting, duration: float | None) -> P
         record=max(1, steps // _SAMPLES),
     )
     seconds = process_time() - start
-    count = solves[0]  # to measure the motion asks for the torque again
+    count = evaluations[0]  # to measure the motion asks for the torque again
     whole = trajectory.status.ok
     return ProblemResult(
         problem,
@@ -47,7 +47,7 @@ def run_problem(problem: Problem, setting: Setting, duration: float | None) -> P
         duration,
         measure(problem, trajectory) if whole else Errors(),
         cpu_seconds=seconds,
-        solves=count,
+        evaluations=count,
         trajectory=trajectory,
     )
 
@@ -72,15 +72,15 @@ def measure(problem: Problem, trajectory: Trajectory) -> Errors:
 
 
 def _counted(problem: Problem) -> tuple[Torque, list[int]]:
-    """Return the problem's torque, and how often it was asked for: once a solve."""
-    solves, torque = [0], problem.torque
+    """Return the problem's torque, and how often it was asked for: once an evaluation."""
+    evaluations, torque = [0], problem.torque
     nothing = np.zeros(problem.scene.robot.nv)
 
     def counted(t: float, q: Array, v: Array) -> Array:
-        solves[0] += 1
+        evaluations[0] += 1
         return nothing if torque is None else torque(t, q, v)
 
-    return counted, solves
+    return counted, evaluations
 
 
 def _duration(problem: Problem, duration: float | None) -> float:
