@@ -156,7 +156,7 @@ def test_bench_writes_table_and_picture(tmp_path):
         (("robots", "more"), "`condyn robots --help` says what there is"),
         (("solve", "cassie", "--mu", "x"), "'--mu'"),
         (("solve", "cassie", "--mux"), "`condyn solve --help`"),
-        (("show",), "Missing argument 'ROBOT'"),
+        (("show",), "`condyn show --help`"),
     ],
 )
 def test_a_mistake_is_a_sentence_and_not_a_traceback(words, said):
