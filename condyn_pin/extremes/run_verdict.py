@@ -29,6 +29,9 @@ from condyn_pin.solvers.base import Solver
 # What a gap may be off, relative to the first: it is 1e-7 of a lever, whose turning is left out.
 _FOLLOWED = 1e-4
 
+# Contacts are anchored where they are at the start: what they are open by is rounding [m, rad].
+_ROUNDED = 1e-9
+
 
 def judge_run(case: Case, motion: Motion, solver: Solver) -> tuple[Verdict, float, str]:
     """Return the verdict on a solver in motion, the error of the gaps, and the status of the run.
@@ -70,5 +73,4 @@ def gap_error(run: Trajectory, step: Array) -> float:
     for gap in gaps:
         worst = max(worst, float(np.abs(gap - state[0]).max(initial=0.0)))
         state = step @ state
-    first = float(np.abs(gaps[0]).max(initial=0.0))
-    return worst / first if first else worst
+    return worst / max(float(np.abs(gaps[0]).max(initial=0.0)), _ROUNDED)
