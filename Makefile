@@ -12,6 +12,7 @@ PYTHON ?= python3
 VENV   := .venv
 VENV3  := .venv3
 VENVW  := .venv-wheel
+PEERS  ?= build/peers
 BIN    := $(VENV)/bin
 PIP    := -m pip install --quiet --disable-pip-version-check
 
@@ -64,7 +65,7 @@ native: $(VENV)/ready
 	$(BIN)/python benchmarks/native/run.py --output demo/native.json
 
 peers: $(VENV)/ready
-	$(BIN)/python benchmarks/peers/run.py
+	$(BIN)/python benchmarks/peers/run.py --folder $(PEERS)
 
 $(VENV)/ready: pyproject.toml
 	$(PYTHON) -m venv $(VENV)

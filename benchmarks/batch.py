@@ -7,7 +7,8 @@ python benchmarks/batch.py            # 100 000 states a scene, a minute or two
 python benchmarks/batch.py --quick    # 10 000
 
 One and two processes take turns on the same states; the ratio is the median over the rounds. It
-means nothing while anything else runs on the machine: the load is printed.
+means nothing while anything else runs on the machine: the load is printed. Work is the processor
+time of all processes over that of one alone: 1.00 would be twice as fast on two free cores.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+from processor_time import processor_time
 
 import condyn_pin as cp
 from condyn_pin._pin import HAS_LCABA
@@ -44,17 +46,29 @@ def states(scene: cp.Scene, count: int) -> tuple[np.ndarray, ...]:
     )
 
 
-def row(call: Callable[..., Any], scene: cp.Scene, count: int, pool: Executor, rounds: int) -> str:
-    """Return rates in this process and in two, their ratio, and the largest difference."""
+def worked(call: Callable[[], Any], pool: cp.Processes) -> tuple[Any, float]:
+    """Return what a call returns, and the processor time that all processes took [s]."""
+    start = processor_time(pool.pids)
+    found = call()
+    return found, processor_time(pool.pids) - start
+
+
+def row(
+    call: Callable[..., Any], scene: cp.Scene, count: int, pool: cp.Processes, rounds: int
+) -> str:
+    """Return rates in this process and in two, ratio, work, and the largest difference."""
     given = states(scene, count)
     call(scene, *given, executor=pool)  # warm-up: processes, imports, workspaces
-    pairs = [(call(scene, *given), call(scene, *given, executor=pool)) for _ in range(rounds)]
-    one, two = np.array([[each.seconds for each in pair] for pair in pairs]).T
-    alone, both = (getattr(each, "solution", each) for each in pairs[-1])
+    ways = partial(call, scene, *given), partial(call, scene, *given, executor=pool)
+    pairs = [[worked(way, pool) for way in ways] for _ in range(rounds)]
+    one, two = np.array([[each.seconds for each, _ in pair] for pair in pairs]).T
+    here, there = np.array([[work for _, work in pair] for pair in pairs]).T
+    alone, both = (getattr(each, "solution", each) for each, _ in pairs[-1])
     difference = np.abs(alone.a - both.a).max()
     return (
         f"{count} | {count / np.median(one):.0f} | {count / np.median(two):.0f} | "
-        f"{np.median(one / two):.2f} | {difference:.0e} | {both.counts}"
+        f"{np.median(one / two):.2f} | {there.min() / here.min():.2f} | {difference:.0e} | "
+        f"{both.counts}"
     )
 
 
@@ -109,7 +123,7 @@ def motions(scene: cp.Scene, pool: Executor, rounds: int) -> None:
     semi, rk4 = cp.SemiImplicitEuler(), cp.RungeKutta4()
     for integrator, drift in (
         (semi, cp.Baumgarte.critical(0.3 / DT)), (semi, cp.PostStabilization()),
-        (rk4, cp.PostStabilization()),
+        (cp.Leapfrog(), cp.PostStabilization()), (rk4, cp.PostStabilization()),
     ):  # fmt: skip
         name = f"condyn_pin {integrator.title}, {drift.title}"
         ways[name] = (
@@ -134,10 +148,14 @@ def motions(scene: cp.Scene, pool: Executor, rounds: int) -> None:
         )
 
 
-def solutions(stance: cp.Scene, loops: cp.Scene, pool: Executor, count: int, rounds: int) -> None:
+def solutions(
+    stance: cp.Scene, loops: cp.Scene, pool: cp.Processes, count: int, rounds: int
+) -> None:
     """Print states a second of the answers and of their derivatives."""
-    print(f"| batch | states | 1 process [1/s] | {WORKERS} [1/s] | x | difference | statuses |")
-    print("|---|---|---|---|---|---|---|")
+    print(
+        f"| batch | states | 1 process [1/s] | {WORKERS} [1/s] | x | work | difference | statuses |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
     for solver in (cp.Proximal(), *([cp.LCABA()] if HAS_LCABA else [])):
         solve = partial(cp.solve_batch, solver=solver)
         name = type(solver).__name__

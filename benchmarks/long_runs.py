@@ -4,7 +4,9 @@
 
 A four-bar falls from rest and swings on without friction, and Cassie hangs by the pelvis, its
 motors pushed to and fro against springs and damping; both by `RungeKutta4` at 1 ms, with each of
-three drift schemes. Lines that were measured before are kept.
+three drift schemes. The four-bar once more by `Rattle`, and a point mass on a rod at 10 ms: their
+energy has to swing as far in the last tenth of the run as in the first. Lines that were measured
+before are kept.
 """
 
 from __future__ import annotations
@@ -23,15 +25,45 @@ import numpy as np
 
 import condyn_pin as cp
 from condyn_pin.machine import machine
+from condyn_pin.simulation.integrators import Integrator
+from condyn_pin.simulation.laboratory import rod_pendulum
 
 RESULTS = Path(__file__).resolve().parent / "results"
 STEPS = 1_000_000
 DT = 1e-3  # [s]
+RK4 = cp.RungeKutta4()
 LOOK = 100  # steps between two samples
 PUSH, STIFFNESS = 10.0, 100.0  # [N m], [N m/rad]
 
-# What a gap may be [m, rad]: with a correction after each step, and with gains alone.
-CORRECTED, BY_GAINS = 1e-8, 1e-5
+# What a gap may be [m, rad]: by Rattle, with a correction after each step, and with gains alone.
+KEPT, CORRECTED, BY_GAINS = 1e-13, 1e-8, 1e-5
+
+# How far the energy of Rattle may swing in the last tenth, beside the first.
+SAME = 1e-2
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is run."""
+
+    name: str
+    scene: cp.Scene
+    drift: cp.Drift
+    integrator: Integrator = RK4
+    dt: float = DT  # [s]
+
+    @property
+    def label(self) -> str:
+        """Name, and how the constraints are kept."""
+        keeper = self.integrator if self.integrator.keeps_constraints else self.drift
+        return f"{self.name}, {type(keeper).__name__}"
+
+    @property
+    def allowed(self) -> float:
+        """What a gap may be [m, rad]."""
+        if self.integrator.keeps_constraints:
+            return KEPT
+        return BY_GAINS if isinstance(self.drift, cp.Baumgarte) else CORRECTED
 
 
 @dataclass(frozen=True)
@@ -40,8 +72,11 @@ class LongRun:
 
     Attributes
     ----------
-    scene, drift : str
+    name : str
+        Of the scene, and how its constraints are kept.
     steps : int
+    dt : float
+        [s]
     status : str
         How it ended.
     gap, slip : float
@@ -51,6 +86,8 @@ class LongRun:
     energy_error : float or None
         The largest that came or went without work, relative to what was exchanged; None with
         damping, whose work the samples are too far apart for.
+    early, late : float or None
+        The same in the first tenth of the run, and in the last.
     fastest : float
         Largest velocity [rad/s, m/s].
     memory : float
@@ -61,39 +98,44 @@ class LongRun:
         Time of a step, on a machine that others used too [us].
     """
 
-    scene: str
-    drift: str
+    name: str
     steps: int
+    dt: float
     status: str
     gap: float
     slip: float
     allowed: float
     energy_error: float | None
+    early: float | None
+    late: float | None
     fastest: float
     memory: float
     samples: float
     step_us: float
 
     @property
-    def name(self) -> str:
-        """What was run."""
-        return f"{self.scene}, {self.drift}"
-
-    @property
     def is_good(self) -> bool:
-        """Whether it went to its end, closed all the way, in the memory that it began with."""
-        closed = self.gap < self.allowed
-        return self.status == "FINISHED" and closed and self.memory - self.samples < 10.0
+        """Whether it went to its end, closed all the way, in the memory that it began with.
+
+        By Rattle, also whether its energy swings as it did.
+        """
+        whole = self.status == "FINISHED" and self.memory - self.samples < 10.0
+        kept = self.allowed > KEPT or (
+            self.early and self.late and self.late < self.early * (1 + SAME)
+        )
+        return whole and bool(kept) and self.gap < self.allowed
 
 
-def plans() -> Iterator[tuple[str, cp.Scene, cp.Drift]]:
-    """Yield name, scene and drift scheme of every run."""
+def plans() -> Iterator[Plan]:
+    """Yield every run."""
     bar, cassie = cp.load_robot("four_bar"), cp.load_robot("cassie")
     hanging = [*cassie.loops, cp.SurfaceContact("pelvis")]
     scenes = {"four_bar": cp.Scene(bar, bar.loops), "cassie hanging": cp.Scene(cassie, hanging)}
     for name, scene in scenes.items():
         for drift in (cp.PostStabilization(), cp.Baumgarte(20.0, 20.0), cp.Projection()):
-            yield name, scene, drift
+            yield Plan(name, scene, drift)
+    yield Plan("four_bar", scenes["four_bar"], cp.NoDrift(), cp.Rattle())
+    yield Plan("rod pendulum", rod_pendulum(), cp.NoDrift(), cp.Rattle(), 1e-2)
 
 
 def servos(scene: cp.Scene) -> Callable[[float, np.ndarray, np.ndarray], np.ndarray]:
@@ -113,24 +155,31 @@ def servos(scene: cp.Scene) -> Callable[[float, np.ndarray, np.ndarray], np.ndar
     return servo
 
 
-def long_run(name: str, scene: cp.Scene, drift: cp.Drift, steps: int) -> LongRun:
+def long_run(plan: Plan, steps: int) -> LongRun:
     """Run a scene from its nominal state, at rest."""
+    scene, dt = plan.scene, plan.dt
     q, v = scene.state()
     damped = bool(np.any(scene.robot.model.damping))
     grown, watch = _memory()
     run = cp.simulate(
-        scene, q, v, servos(scene) if damped else 0.0, duration=steps * DT, dt=DT,
-        integrator=cp.RungeKutta4(), drift=drift, record=LOOK, progress=watch,
+        scene, q, v, servos(scene) if damped else 0.0, duration=steps * dt, dt=dt,
+        integrator=plan.integrator, drift=plan.drift, record=LOOK, progress=watch,
     )  # fmt: skip
+    error = np.abs(run.energy.error) / run.energy.scale
+    tenth = max(len(run) // 10, 1)
+    errors = [float(part.max()) for part in (error, error[:tenth], error[-tenth:])]
+    energy_error, early, late = [None] * 3 if damped else errors
     return LongRun(
-        scene=name,
-        drift=type(drift).__name__,
+        name=plan.label,
         steps=steps,
+        dt=dt,
         status=run.status.name,
         gap=float(run.violation.max()),
         slip=float(run.slip.max()),
-        allowed=BY_GAINS if isinstance(drift, cp.Baumgarte) else CORRECTED,
-        energy_error=None if damped else float(np.abs(run.energy.error).max() / run.energy.scale),
+        allowed=plan.allowed,
+        energy_error=energy_error,
+        early=early,
+        late=late,
         fastest=float(np.abs(run.v).max()),
         memory=grown(),
         samples=0.9e-6 * sum(x.nbytes for x in (run.t, run.q, run.v, run.a, run.lam, run.tau)),
@@ -153,18 +202,22 @@ def _memory() -> tuple[Callable[[], float], Callable[[float], None]]:
 def markdown(runs: list[LongRun], where: dict[str, Any]) -> str:
     """Return the runs as a table."""
     lines = [
-        f"Runge-Kutta 4, {1e3 * DT:g} ms, gaps at every {LOOK}th step.",
+        f"Runge-Kutta 4 or RATTLE, gaps at every {LOOK}th step; "
+        "energy errors are shares of what is exchanged.",
         "",
-        "| run | steps | gap [m, rad] | allowed | slip [m/s, rad/s] | energy error |"
-        " memory [MB] | of it samples | us a step |",
-        "|---" * 9 + "|",
+        "| run | dt [ms] | steps | gap [m, rad] | allowed | slip [m/s, rad/s] | energy error |"
+        " first tenth | last tenth | memory [MB] | of it samples | us a step |",
+        "|---" * 12 + "|",
     ]
     for run in runs:
-        energy = "" if run.energy_error is None else f"{run.energy_error:.1e}"
+        energy, early, late = (
+            "" if x is None else f"{x:.{digits}e}"
+            for x, digits in ((run.energy_error, 1), (run.early, 3), (run.late, 3))
+        )
         ending = "" if run.status == "FINISHED" else f" ({run.status.lower()})"
         lines.append(
-            f"| {run.name}{ending} | {run.steps} | {run.gap:.1e} | {run.allowed:g} "
-            f"| {run.slip:.1e} | {energy} | {run.memory:+.1f} "
+            f"| {run.name}{ending} | {1e3 * run.dt:g} | {run.steps} | {run.gap:.1e} "
+            f"| {run.allowed:g} | {run.slip:.1e} | {energy} | {early} | {late} | {run.memory:+.1f} "
             f"| {run.samples:.1f} | {run.step_us:.0f} |"
         )
     text = "{processor}, {system}, Python {python}, Pinocchio {pinocchio}, {date}."
@@ -178,16 +231,16 @@ def main() -> int:
     parser.add_argument("--only", default="", help="what the name of a run has to contain")
     arguments = parser.parse_args()
     bad = 0
-    for name, scene, drift in plans():
-        if arguments.only not in f"{name}, {type(drift).__name__}":
+    for plan in plans():
+        if arguments.only not in plan.label:
             continue
-        run = long_run(name, scene, drift, arguments.steps)
+        run = long_run(plan, arguments.steps)
         bad |= not run.is_good
         print(run, flush=True)
         path = RESULTS / "long_runs.json"
         old = json.loads(path.read_text(encoding="utf-8"))["runs"] if path.exists() else []
         runs = {each.name: each for each in (*(LongRun(**fields) for fields in old), run)}
-        order = [f"{n}, {type(d).__name__}" for n, _, d in plans()]
+        order = [each.label for each in plans()]
         kept = [runs[label] for label in order if label in runs]
         report = {"machine": machine(), "runs": [asdict(each) for each in kept]}
         path.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")

@@ -30,9 +30,8 @@ import condyn_pin as cp
 from condyn_pin._pin import pin
 from condyn_pin.machine import machine
 from condyn_pin.simulation.effects import Effects
-from condyn_pin.simulation.measures import kinematics
+from condyn_pin.simulation.measures import gauge_of
 from condyn_pin.simulation.plan import plan
-from condyn_pin.simulation.recorder import Phase
 from condyn_pin.simulation.run import follow
 from condyn_pin.simulation.torques import Passive
 
@@ -87,7 +86,7 @@ class Problem:
         if not (np.isfinite(q).all() and np.isfinite(v).all()):
             return np.inf, np.inf
         scene = self.effects().applied_to(self.scene)
-        found = kinematics(Phase(scene, slice(0, len(q)), ()), q, v)
+        found = gauge_of(scene).measure(q, v)
         energy = found.kinetic + found.potential + Passive.of(scene.robot).energy(q)
         return float(found.violation.max()), float(np.abs(energy - energy[0]).max())
 
@@ -195,7 +194,7 @@ def candidates(problem: Problem, *, quick: bool) -> list[tuple[Row, Block]]:
         for integrator in INTEGRATORS
         for dt in steps
     ]
-    for integrator in (*eulers, cp.RungeKutta4()):
+    for integrator in (*eulers, cp.Leapfrog(), cp.RungeKutta4()):
         gain = 0.03 if integrator.order.q > 2 else 0.3
         for dt in steps:
             drifts = cp.Baumgarte.critical(gain / dt), cp.PostStabilization(), cp.Projection()

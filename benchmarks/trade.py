@@ -1,28 +1,38 @@
 """Measure the trade on every robot, write benchmarks/results/trade.*, README and docs.
 
-    python benchmarks/trade.py [--quick] [robot ...]
+    python benchmarks/trade.py [--from-results]
+    python benchmarks/trade.py [--quick] [--states 1000] [robot ...]    # printed, nothing written
 
 runs the study of all solvers with all knobs on the standard scenes, chooses the cheapest solver of
 each scene to three errors, verifies the choices (`cheapest.py`), and writes from these results the
 picture, the README's table and the tables of docs/how-to-choose-a-solver.md. With --from-results
-only the last three are made anew, without running anything. A run that is stopped goes on from
-demo/trade.jsonl when it is started again.
+only the last three are made anew, without running anything.
+
+Errors and choices are computed on all cores, and do not care what else the machine does; times are
+taken in between, by this process alone. A run that is stopped goes on from demo/trade.jsonl when it
+is started again, and takes the times again that were taken on a shared core. When every time was
+taken with a core alone the file is removed.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import sys
+from collections.abc import Mapping
 from pathlib import Path
+from time import perf_counter
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import trade_text
-from cheapest import RESULTS, catalogue, read, verdicts, write
+from cheapest import RESULTS, catalogue, read, verify, write
 
 import condyn_pin as cp
 from condyn_pin.commands.output import progress_bar
 from condyn_pin.plots_trade import save_trade
+from condyn_pin.trade.printing import timed
+from condyn_pin.trade.row import ALONE
 
 ROOT = Path(__file__).resolve().parent.parent
 SHOWN = ("talos contacts", "cassie loops", "cassie loops + contacts", "solo12 contacts",
@@ -30,16 +40,17 @@ SHOWN = ("talos contacts", "cassie loops", "cassie loops + contacts", "solo12 co
 STATES = 1000
 
 
-def run(robots: list[str], quick: bool, resume: Path) -> None:
-    """Measure, choose, verify, and write the results."""
-    scenes = catalogue(robots)
-    effort = cp.TimingEffort(rounds=20) if quick else cp.TimingEffort()
-    with progress_bar() as progress:
-        table = cp.Study(scenes, effort=effort).run(progress=progress, results=resume)
-    table.to_json(RESULTS / "trade.json")
-    table.to_csv(RESULTS / "trade.csv")
-    found = list(verdicts(table, scenes, STATES))
-    write(found, RESULTS / "cheapest.csv", table.machine)
+def study(scenes: Mapping[str, cp.Scene], effort: cp.TimingEffort, resume: Path | None) -> cp.Table:
+    """Measure; errors in as many processes as there are cores, times here."""
+    start = perf_counter()
+    if resume and resume.exists():
+        print(f"going on from {resume}; remove it to measure everything", flush=True)
+    with cp.Processes() as executor, progress_bar() as progress:
+        table = cp.Study(scenes, effort=effort).run(
+            executor=executor, progress=progress, results=resume
+        )
+    print(f"{perf_counter() - start:.0f} s. {timed(table)}", flush=True)
+    return table
 
 
 def rewrite() -> None:
@@ -55,19 +66,42 @@ def rewrite() -> None:
         (ROOT / path).write_text(trade_text.filled(page, blocks), encoding="utf-8")
 
 
-def main() -> None:
+def run(arguments: argparse.Namespace) -> None:
+    """Measure, choose and verify; write what was asked for."""
+    scenes = catalogue(arguments.robots)
+    if arguments.quick or arguments.robots:
+        table = study(scenes, cp.TimingEffort(rounds=10 if arguments.quick else 50), None)
+        print(trade_text.choices(verify(table, scenes, arguments.states)))
+        return
+    arguments.resume.parent.mkdir(exist_ok=True)
+    table = study(scenes, cp.TimingEffort(alone=True), arguments.resume)
+    table.to_json(RESULTS / "trade.json")
+    table.to_csv(RESULTS / "trade.csv")
+    write(verify(table, scenes, arguments.states), RESULTS / "cheapest.csv", table.machine)
+    rewrite()
+    if all(row.timed == ALONE for row in table.rows if row.median_us):
+        arguments.resume.unlink()
+
+
+def main() -> int:
     """Run, write, and update README and docs."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("robots", nargs="*")
     parser.add_argument("--quick", action="store_true", help="fewer rounds")
+    parser.add_argument("--states", type=int, default=STATES, help="to verify each choice at")
     parser.add_argument("--from-results", action="store_true", help="do not run, only rewrite")
     parser.add_argument("--resume", type=Path, default=ROOT / "demo" / "trade.jsonl")
     arguments = parser.parse_args()
-    if not arguments.from_results:
-        arguments.resume.parent.mkdir(exist_ok=True)
-        run(arguments.robots, arguments.quick, arguments.resume)
-    rewrite()
+    if arguments.from_results:
+        rewrite()
+        return 0
+    try:
+        run(arguments)
+    except cp.Interrupted as stop:
+        print(f"stopped: {len(stop.table.rows)} rows are in {arguments.resume}", file=sys.stderr)
+        return 130
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -14,6 +14,7 @@ from cheapest import LEVELS, Verdict
 import condyn_pin as cp
 from condyn_pin.trade.exports import short
 from condyn_pin.trade.front import answered, comparable, front, microseconds
+from condyn_pin.trade.printing import timed
 
 README = "README.md"
 PAGE = "docs/how-to-choose-a-solver.md"
@@ -73,13 +74,6 @@ def where(table: cp.Table) -> str:
         f"{machine} Median time of `Workspace.acceleration`; worst error at 1000 states that "
         f"neither the study ({n} states) nor the choice (200) had seen. {timed(table)}"
     )
-
-
-def timed(table: cp.Table) -> str:
-    """Return how many of the rows with a time had a core for themselves."""
-    rows = [row for row in table.rows if row.median_us is not None]
-    alone = sum(row.timed == "timed alone on its core" for row in rows)
-    return f"{alone} of {len(rows)} times were taken with a core alone."
 
 
 def wins(found: Sequence[Verdict]) -> str:

@@ -104,6 +104,7 @@ if TYPE_CHECKING:
     from condyn_pin.simulation.integrators.implicit_midpoint import (
         ImplicitMidpoint as ImplicitMidpoint,
     )
+    from condyn_pin.simulation.integrators.leapfrog import Leapfrog as Leapfrog
     from condyn_pin.simulation.integrators.radau import GearGuptaLeimkuhler as GearGuptaLeimkuhler
     from condyn_pin.simulation.integrators.radau import RadauIIA as RadauIIA
     from condyn_pin.simulation.integrators.rattle import Rattle as Rattle
@@ -252,6 +253,7 @@ _HOME = {
     "simulation.integrators.explicit_euler": ("ExplicitEuler",),
     "simulation.integrators.generalised_alpha": ("GeneralisedAlpha",),
     "simulation.integrators.implicit_midpoint": ("ImplicitMidpoint",),
+    "simulation.integrators.leapfrog": ("Leapfrog",),
     "simulation.integrators.radau": (
         "GearGuptaLeimkuhler",
         "RadauIIA",

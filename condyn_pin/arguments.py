@@ -22,7 +22,8 @@ HIGH: Final = 1.0 + 2 * tolerances.QUATERNION
 # | |quaternion| - 1 | that normalising a quaternion leaves.
 _NORMALISED: Final = 4 * float(np.finfo(float).eps)
 
-# The one dtype that goes to Pinocchio as it is: 64 bits in the byte order of this machine.
+# The one dtype that goes to Pinocchio as it is: 64 bits in the byte order of this machine. An array
+# that was pickled comes back with another object for it: compare with ==, never with `is`.
 FLOAT: Final = np.dtype(np.float64)
 
 # Reads a quaternion out of a contiguous q twice as fast as a slice does; ValueError otherwise.
@@ -79,7 +80,7 @@ class Arguments:
             and type(v) is np.ndarray
             and type(tau) is np.ndarray
             and self._shapes == (q.shape, v.shape, tau.shape)
-            and q.dtype is v.dtype is tau.dtype is FLOAT
+            and q.dtype == v.dtype == tau.dtype == FLOAT
             and q.flags.c_contiguous
             and not self.pairs
         ):

@@ -48,7 +48,7 @@ class Audit:
     closed : bool
         Whether the loops could be closed; if not, all figures are those of the open state.
     singular_values : (min(m, nv),) array
-        Of J L^-T, the constraint Jacobian in the metric of M.
+        Of J L^-T, the constraint Jacobian in the metric of M [kg^-1/2].
     rank, mobility : int
         Independent rows, and nv minus that: the degrees of freedom that are left.
     redundant : tuple of str
@@ -90,7 +90,6 @@ class Audit:
 def audit(scene: Scene) -> Audit:
     """Measure a scene."""
     robot = scene.robot
-    equations = Equations(robot.model, scene.bounds)
     closed = True
     try:
         q, _ = scene.state()
@@ -98,6 +97,7 @@ def audit(scene: Scene) -> Audit:
         q = error.assembly.q
     except NotAssembled:
         q, closed = scene.guess(), False
+    equations = Equations(robot.model, scene.bounds)
     terms = equations.terms(q, np.zeros(robot.nv))
     factors = factorise(terms.M, terms.J, tolerances.RANK)
     S, rank = factors.S, factors.rank

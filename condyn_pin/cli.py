@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 # Before numpy is imported: two threads of a BLAS on a 50 x 50 matrix only make it slower, and
 # times are compared on one core.
@@ -26,6 +26,7 @@ _EPILOG = """
 
     condyn doctor                      what is installed, what mends it
     condyn show cassie                 rows, rank, redundant rows, what is not used
+    condyn view cassie                 see it in the browser, until Ctrl-C
     condyn assemble cassie             close the loops from a posture
     condyn solve cassie --json         accelerations, forces, and their errors
     condyn solve cassie --variant springs=locked --solver nullspace
@@ -83,10 +84,13 @@ def main() -> None:
     """Run the command line; an error is a line, and a traceback only with --debug."""
     words = [word for word in sys.argv[1:] if word != "--debug"]
     try:
-        app(words, prog_name="condyn")
+        code = app(words or ["--help"], prog_name="condyn", standalone_mode=False)
     except KeyboardInterrupt:
         _end("interrupted", _INTERRUPTED)
     except Exception as error:
+        if say := getattr(error, "format_message", None):  # a line that Typer cannot read
+            command = getattr(getattr(error, "ctx", None), "command_path", "condyn")
+            _end(f"{say().rstrip('.')}; `{command} --help` says what there is", _CANNOT)
         if len(words) < len(sys.argv) - 1:
             raise
         if isinstance(error, CondynError):
@@ -96,9 +100,10 @@ def main() -> None:
             "--debug shows where",
             _UNEXPECTED,
         )
+    sys.exit(code or 0)
 
 
-def _end(text: str, code: int) -> None:
+def _end(text: str, code: int) -> NoReturn:
     """Leave with one line on stderr."""
     typer.echo(f"condyn: {' '.join(text.split())}", err=True)
     sys.exit(code)

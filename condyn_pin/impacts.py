@@ -42,6 +42,7 @@ class Impact:
         Impulses, all rows, in the axes of each constraint [N s, N m s]; the smallest ones where
         rows are redundant.
     v_before : (nv,) array
+        Velocity before it [rad/s, m/s].
     restitution : (m,) array
         e of each row.
     energy_before, energy_after : float

@@ -20,8 +20,13 @@ w and sigma are taken once, at the nominal state of the scene, so this is a boun
 estimate elsewhere: sigma falls to zero at a singular configuration, and w grows where M nearly is.
 So unless the part of s is a thousand times smaller than SOLVED, as it is for a converged answer,
 and a and lam are of a size that the robot can have, both are computed anew at the state, and with
-them e itself: |e|_M is that of the solution of the two equations above, and what rounding of J a
-does to it, if that is less than the bound.
+them e itself, the solution of the two equations above. What rounding leaves open of it is bounded
+in the metric of M,
+
+    |e_i| <= |e_i computed| + w_i (eps (nv + m) kappa |e|_M + |ds| / sigma),
+
+with kappa = cond(D M D) + sigma_1 / sigma of the factors that it comes from, and ds what rounding
+of J a does to s.
 Rows whose singular value is below REFERENCE_RANK count as redundant there, and rounding of J^T lam
 is added: eps max(w) sum_j w_j (|lam| P)_j, with P what the two bodies of a row bring to J before
 they cancel. A row of which rounding is all that is left takes a lam of 1e17, and is found by that.
@@ -114,14 +119,17 @@ class Yardstick:
         )
 
     def missing(self, factors: MinimumNorm, r: Array, s: Array, a: Array, P: Array) -> float:
-        """Return |e|_M at the state of the factors, for the residuals of a there."""
+        """Return a bound on |e|_inf at the state of the factors, for the residuals of a there."""
         with np.errstate(all="ignore"):  # what overflows is no bound, and says so
             e, _ = factors.solve(r, s)
+            e_M = float(np.linalg.norm(factors.L.T @ e))
+            lost = self.rounding + (_EPS * float(factors.S[0]) / self.sigma if self.rows else 0.0)
             rounded = _EPS * float((P @ np.abs(a)).max(initial=0.0))
-            return float(np.linalg.norm(factors.L.T @ e)) + self.per_row * rounded
+            open_by = (len(r) + self.rows) * lost * e_M + self.per_row * rounded
+            return float((np.abs(e) + self.weights * open_by).max())
 
     def prove(
-        self, dynamics: Array, largest: list[float], tau: Array, e_M: float | None = None
+        self, dynamics: Array, largest: list[float], tau: Array, e: float | None = None
     ) -> tuple[Proof, bool]:
         """Return the sizes of the residuals and what they say about a.
 
@@ -130,8 +138,8 @@ class Yardstick:
         dynamics, largest
             As `Equations.errors` returns them.
         tau : (nv,) array
-        e_M : float, optional
-            |e|_M, where it was computed.
+        e : float, optional
+            A bound on |e|_inf, where it was computed.
 
         Returns
         -------
@@ -140,10 +148,11 @@ class Yardstick:
             Whether w and sigma have to be computed anew, at the state itself.
         """
         max_dynamics, max_a, violation, velocity, constraint, max_lam = largest
-        limit = self.weights.dot(dynamics) + self.per_row * constraint
-        e_M = limit if e_M is None else min(limit, e_M)
+        e_M = self.weights.dot(dynamics) + self.per_row * constraint
         error = float(self.largest_weight * e_M)
         scale = max_a if max_a > self.gravity else self.gravity
+        if e is not None:  # relative to the exact a, which may be smaller by as much
+            error = min(error, e / (1 - min(e / scale, 0.5)) if scale else e)
         if not error <= _NEAR_ROUNDING * scale:
             error -= self.rounding_of(np.abs(tau))
         bound = max(error, 0.0) / scale if scale else (0.0 if error <= 0.0 else inf)

@@ -41,7 +41,7 @@ class Summary:
     singular : bool
         Whether the rank is lower here than nearby.
     singular_values : tuple of float
-        Smallest and largest nonzero one of the constraint Jacobian in the metric of M.
+        Smallest and largest nonzero one of the constraint Jacobian in the metric of M [kg^-1/2].
     condition, delassus_condition : float
         Condition numbers of the mass matrix, and of the nonzero part of J M^-1 J^T.
     notes : tuple of str

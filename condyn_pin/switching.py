@@ -81,6 +81,10 @@ def switch(
     ------
     InvalidArgument
         If the scenes are of different models, or as in `impact`.
+
+    Notes
+    -----
+    Cost and source are those of `impact`.
     """
     for argument, scene in (("scene_before", scene_before), ("scene_after", scene_after)):
         if not isinstance(scene, Scene):

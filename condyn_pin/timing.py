@@ -10,6 +10,7 @@ import gc
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import cycle
+from math import inf
 from time import perf_counter
 from typing import TypeVar
 
@@ -53,6 +54,7 @@ def interleaved(
     *,
     rounds: int = 300,
     repeats: int = 10,
+    enough: float = inf,
     tick: Callable[[], None] = lambda: None,
 ) -> dict[_Key, Times]:
     """Time callables on the same states.
@@ -65,6 +67,9 @@ def interleaved(
         Round r uses state r modulo their number.
     rounds, repeats : int
         Samples of each callable, and calls in a sample.
+    enough : float
+        What a sample need not last longer than [s]: a slow callable makes fewer calls in it, down
+        to one.
     tick : callable
         Called after each round, for a progress bar.
 
@@ -77,9 +82,7 @@ def interleaved(
     if not names:
         return {}
     samples: dict[_Key, list[float]] = {name: [] for name in names}
-    for name in names:  # warm-up: memory, caches, lazy imports
-        for state in states:
-            calls[name](*state)
+    counts = {name: _warm_up(calls[name], states, repeats, enough) for name in names}
     collecting = gc.isenabled()
     gc.disable()
     try:
@@ -87,17 +90,27 @@ def interleaved(
             q, v, tau = states[r % len(states)]
             shift = r % len(names)
             for name in names[shift:] + names[:shift]:
-                call = calls[name]
+                call, count = calls[name], counts[name]
                 call(q, v, tau)  # the first call after another candidate finds cold caches
                 start = perf_counter()
-                for _ in range(repeats):
+                for _ in range(count):
                     call(q, v, tau)
-                samples[name].append(1e6 * (perf_counter() - start) / repeats)
+                samples[name].append(1e6 * (perf_counter() - start) / count)
             tick()
     finally:
         if collecting:
             gc.enable()
     return {name: Times(tuple(values)) for name, values in samples.items()}
+
+
+def _warm_up(call: Call, states: Sequence[State], most: int, enough: float) -> int:
+    """Call at every state, for memory, caches and lazy imports; return how many make a sample."""
+    spent = []
+    for state in states:
+        start = perf_counter()
+        call(*state)
+        spent.append(perf_counter() - start)
+    return max(1, int(min(most, enough / min(spent))))
 
 
 @dataclass(frozen=True)

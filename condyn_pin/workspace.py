@@ -22,7 +22,7 @@ from condyn_pin.differentiation.linearised import Linearisation
 from condyn_pin.drift import Baumgarte
 from condyn_pin.errors import InvalidArgument, SolveFailed, unknown_name
 from condyn_pin.judge import Judge, check_accuracy_of_a
-from condyn_pin.raw import raw_constraints
+from condyn_pin.raw import ConstraintDatas, ConstraintModels, raw_constraints
 from condyn_pin.rows.bound import AnyBound
 from condyn_pin.rows.equations import Equations, Terms
 from condyn_pin.scene import Scene
@@ -83,7 +83,6 @@ class Workspace:
         self.drift = drift
         self.solver = default_solver(scene) if solver is None else solver
         self.model = pin.Model(scene.robot.model)
-        self.data = self.model.createData()
         self._arguments = Arguments(self.model)
         self._quaternions, self._pairs = self._arguments.quaternions, self._arguments.pairs
         self._roots = tuple(
@@ -108,14 +107,8 @@ class Workspace:
         self.scene = scene
         self.bounds: tuple[AnyBound, ...] = scene.bounds
         self.natives = scene.natives
-        self.constraint_models, self.constraint_datas = raw_constraints(
-            self.model, self.natives.constraints, self.drift
-        )
-        _pin.init_constraint_dynamics(
-            self.model, self.data, self.constraint_models, self.constraint_datas
-        )
         self.proximal_settings: Any = None
-        for made_on_demand in ("equations", "linearisation"):
+        for made_on_demand in ("_raw", "equations", "linearisation"):
             self.__dict__.pop(made_on_demand, None)
         method = self.solver.start(self)
         self._run, self._lam = method.acceleration, method.lam
@@ -125,6 +118,32 @@ class Workspace:
         settings = self.proximal_settings
         found = f", mu {settings.mu:.3g} 1/kg" if settings else ""
         return f"Workspace({self.scene.robot.name}, {self.scene.rows} rows: {self.solver!r}{found})"
+
+    @property
+    def data(self) -> Any:
+        """Pinocchio's memory, sized for the constraints of the scene."""
+        return self._raw[0]
+
+    @property
+    def constraint_models(self) -> ConstraintModels:
+        """The constraints as Pinocchio takes them."""
+        return self._raw[1]
+
+    @property
+    def constraint_datas(self) -> ConstraintDatas:
+        """Pinocchio's memory of each constraint."""
+        return self._raw[2]
+
+    @cached_property
+    def _raw(self) -> tuple[Any, ConstraintModels, ConstraintDatas]:
+        # on demand: dense methods do without, and in long chains it takes all the memory there is
+        models, datas = raw_constraints(self.model, self.natives.constraints, self.drift)
+        _pin.init_constraint_dynamics(self.model, self._data, models, datas)
+        return self._data, models, datas
+
+    @cached_property
+    def _data(self) -> Any:
+        return self.model.createData()
 
     def scene_forces(self, lam: Array) -> Array:
         """Return the scene's forces from those of Pinocchio's constraints."""
@@ -171,7 +190,7 @@ class Workspace:
             if self._pairs:
                 self._arguments.check_pairs(q)
             # Pinocchio ignores byte order: another dtype is another number
-            if not q.dtype is v.dtype is tau.dtype is FLOAT:
+            if not q.dtype == v.dtype == tau.dtype == FLOAT:
                 raise ValueError
             a = self._run(q, v, tau)
             # A joint's acceleration depends on everything above it in the tree, and its root's on

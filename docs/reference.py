@@ -67,11 +67,18 @@ those of :doc:`../conventions`. Arguments after a star go by name.
 Some names mean the same everywhere:
 
 ``q``, ``v``, ``a``
-    configuration (nq,), velocity (nv,) and acceleration (nv,)
+    configuration (nq,) [rad, m], velocity (nv,) [rad/s, m/s], acceleration (nv,) [rad/s^2, m/s^2];
+    ``Q``, ``V`` are many, a row a state; ``q0``, ``v0``, ``Q0``, ``V0`` are those at the start
 ``tau``
     generalised forces (nv,) [N m, N]
 ``lam``
     constraint forces (m,), rows in the order of the scene, on the first-named bodies [N, N m]
+``M``, ``h``, ``J``, ``gamma``, ``a_ref``
+    mass matrix (nv, nv) [kg m^2, kg m, kg], bias forces (nv,) [N m, N], Jacobian of the constraints
+    (m, nv) [1, m], their accelerations (m,) where a is zero, and as wanted [m/s^2, rad/s^2]
+``da_dq``, ``da_dv``, ``da_dtau``, ``dlam_dq``, ``dlam_dv``, ``dlam_dtau``
+    derivatives (nv, nv) and (m, nv) by tangent columns, in units of a, or of lam [N, N m], over
+    those of q, v or tau
 ``t``, ``dt``
     time and step [s]
 ``scene``, ``workspace``, ``system``, ``terms``

@@ -20,6 +20,31 @@ CLASSES = [name for name, value in PUBLIC.items() if inspect.isclass(value)]
 KNOWN = {"q", "v", "a", "tau", "lam", "t", "dt", "scene", "path", "workspace", "system", "terms"}
 # Words that make an entry speak of a quantity, and the shapes and units that it then has to have.
 ARRAYS = re.compile(r"\barray(_like)?\b")
+NUMBERS = re.compile(r"\bfloat\b|\barray(_like)?\b(?! of (int|bool|str))")
+COUNTS = re.compile(r"\bof (int|bool|str)\b|\bint\d+\b|\bSolver\b")
+UNIT = re.compile(r"\[[^\]]+\]")
+# Names whose unit the first page of the API says, once for all.
+CONVENTIONAL = {
+    "q", "v", "a", "tau", "lam", "t", "dt", "Q", "V", "q0", "v0", "Q0", "V0", "M", "h", "J",
+    "gamma", "a_ref", "da_dq", "da_dv", "da_dtau", "dlam_dq", "dlam_dv", "dlam_dtau",
+}  # fmt: skip
+# What is a pure number, or has the unit of whatever it is a share of.
+DIMENSIONLESS = {
+    "accuracy", "error", "limit", "condition", "delassus_condition", "rank_tolerance", "common",
+    "relative_tolerance", "absolute_tolerance", "absolute_accuracy", "restitution", "rho", "normal",
+    "speedup", "a_worst", "a_median", "a_step", "force_worst", "force_median", "force_step",
+    "error_median", "error_worst",
+}  # fmt: skip
+# The same of one name alone, and why.
+OTHER = {
+    ("BatchSolution", "proofs"): "columns of several units, each a property that has its own",
+    ("Check", "speed"): "a scale, the larger of a velocity and one",
+    ("ReducedScene", "held"): "a configuration, as q",
+    ("Assembly", "start"): "a configuration, as q",
+    ("SampledStates", "spread"): "as in Scene.sample",
+    ("SampledStates", "speed"): "as in Scene.sample",
+    ("view", "speed"): "seconds of a motion in a second",
+}
 SHAPE = re.compile(r"\((?:[^()]*,[^()]*)\)|(?:list|tuple|dict) of")
 
 
@@ -135,6 +160,55 @@ def test_arrays_have_a_shape(name):
             kind = body.split("\n")[0] if title != "Returns" else entry
             if ARRAYS.search(kind):
                 assert SHAPE.search(kind) or SHAPE.search(body), f"{name}: {entry} : {kind}"
+
+
+def quantities(name: str) -> Iterator[tuple[str, str]]:
+    """Entries of a docstring that are numbers, and not counts, with their words."""
+    said = sections(text(PUBLIC[name]))
+    for title in ("Parameters", "Attributes", "Returns", "Yields"):
+        for entry, body in entries(said.get(title, "")).items():
+            kind = body.split("\n")[0] or entry
+            if NUMBERS.search(kind) and not COUNTS.search(kind):
+                yield entry, body
+
+
+@pytest.mark.parametrize("name", [*FUNCTIONS, *CLASSES])
+def test_quantities_have_a_unit(name):
+    for entry, body in quantities(name):
+        if entry not in CONVENTIONAL | DIMENSIONLESS and (name, entry) not in OTHER:
+            assert UNIT.search(body), f"{name}: {entry}: {' '.join(body.split())}"
+
+
+def test_no_exception_from_units_is_idle():
+    seen = {(name, entry) for name in [*FUNCTIONS, *CLASSES] for entry, _ in quantities(name)}
+    assert OTHER.keys() <= seen
+    assert {entry for _, entry in seen} >= DIMENSIONLESS
+
+
+def test_units_of_conventional_names_are_on_the_first_page():
+    page = (Path(cp.__file__).parents[1] / "docs" / "reference.py").read_text(encoding="utf-8")
+    table = page.split('_INTRODUCTION = """')[1].split('"""')[0]
+    with_unit = [row for row in re.split(r"\n(?=``)", table) if UNIT.search(row)]
+    assert set(re.findall(r"``(\w+)``", "".join(with_unit))) >= CONVENTIONAL
+
+
+# Functions that compute, and those of them whose equations are of the literature.
+VERBS = (
+    "solve", "derivatives", "inverse_dynamics", "gravity_compensation", "operational_space",
+    "transmission", "impact", "switch", "is_integrable", "simulate", "solve_batch",
+    "derivatives_batch", "simulate_batch", "ladder", "tune",
+)  # fmt: skip
+SOURCED = VERBS[:9]
+COST = re.compile(r"\bCosts?\b|\bTakes\b|\b(us|ms)\b")
+SOURCE = re.compile(r"^References$|source are those of", re.MULTILINE)
+
+
+@pytest.mark.parametrize("name", VERBS)
+def test_a_computation_has_errors_a_cost_and_a_source(name):
+    said = text(PUBLIC[name])
+    assert "Raises" in sections(said)
+    assert COST.search(said)
+    assert SOURCE.search(said) or name not in SOURCED
 
 
 @pytest.mark.parametrize("name", list(cp.SOLVERS) + list(cp.INTEGRATORS) + list(cp.DRIFTS))

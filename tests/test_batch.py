@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import closing
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -117,6 +118,76 @@ def test_one_torque_for_all(executor):
     assert_same(cp.solve_batch(scene, q, v, tau[0].tolist(), executor=executor), wanted)
 
 
+def test_no_torque(executor):
+    scene, (q, v, _) = all_scenes()["talos contacts"], batch_of("talos contacts")
+    wanted = cp.solve_batch(scene, q, v, np.zeros_like(v))
+    assert_same(cp.solve_batch(scene, q, v, 0), wanted)
+    assert_same(cp.solve_batch(scene, q, v, 0.0, executor=executor), wanted)
+
+
+def test_some_rows_are_a_batch_and_one_is_an_answer():
+    scene, (q, v, tau) = all_scenes()["cassie loops"], batch_of("cassie loops", 6)
+    v[3] *= 1e170
+    of = cp.derivatives_batch(scene, q, v, tau)
+    batch = of.solution
+    for some in (slice(2, 4), slice(None, None, -2), batch.statuses == 0, batch.failed):
+        part, part_of = batch[some], of[some]
+        assert_same(part_of.solution, part)
+        np.testing.assert_array_equal(part.solve_times, batch.solve_times[some])
+        np.testing.assert_array_equal(part.a, batch.a[some])
+        np.testing.assert_array_equal(part_of.dlam_dq, of.dlam_dq[some])
+        assert not part.a.flags.writeable
+        assert not part_of.da_dq.flags.writeable
+    assert (len(batch[2:4]), batch[2:4].counts) == (2, {"ok": 1, "not_finite": 1})
+    assert batch[2:4][1].status is cp.Status.NOT_FINITE
+    np.testing.assert_array_equal(batch[-1].a, batch.a[5])
+    assert of[3].solution.status is cp.Status.NOT_FINITE
+    assert np.isnan(of[3].da_dq).all()
+    with pytest.raises(IndexError):
+        batch[6]
+    with pytest.raises(IndexError):
+        of[6]
+
+
+def test_the_derivatives_of_one_row_are_those_of_the_state():
+    scene, (q, v, tau) = all_scenes()["cassie loops"], batch_of("cassie loops", 2)
+    found, wanted = (
+        cp.derivatives_batch(scene, q, v, tau)[1],
+        cp.derivatives(scene, q[1], v[1], tau[1]),
+    )
+    for name in BLOCKS:
+        np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name))
+    n, m = scene.robot.nv, scene.rows
+    rng = np.random.default_rng(1)
+    steps, gradients = rng.normal(size=(3, n)), (rng.normal(size=n), rng.normal(size=m))
+    for mine, theirs in zip(found.jvp(*steps), wanted.jvp(*steps), strict=True):
+        np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-9 * np.abs(theirs).max())
+    for mine, theirs in zip(found.vjp(*gradients), wanted.vjp(*gradients), strict=True):
+        np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-9 * np.abs(theirs).max())
+
+
+@pytest.mark.parametrize("kind", [cp.Processes, ThreadPoolExecutor])
+def test_an_executor_that_was_shut_down(kind):
+    scene, states = all_scenes()["four_bar loops"], batch_of("four_bar loops")
+    executor = kind(1)
+    executor.shutdown()
+    text = r"executor = .* takes no work \(.*after shutdown\); 4 of 4 chunks are left"
+    with pytest.raises(cp.WorkersLost, match=text) as lost:
+        cp.solve_batch(scene, *states, executor=executor, chunk=6)
+    assert lost.value.done.counts == {"missing": N}
+
+
+def test_places_of_shared_memory_are_used_again(executor):
+    """Far more chunks than places, and the last ones smaller: every row is where it belongs."""
+    scene, (q, v, tau) = all_scenes()["four_bar loops"], batch_of("four_bar loops", 500)
+    q[17], v[17] = scene.state()
+    assert_same(
+        cp.solve_batch(scene, q, v, tau, executor=executor, chunk=7),
+        cp.solve_batch(scene, q, v, tau),
+    )
+    assert _shared_memory() == 0
+
+
 def test_drift_solver_and_accuracy_reach_the_workers(executor):
     scene, (q, v, tau) = all_scenes()["cassie loops"], batch_of("cassie loops")
     options = {"solver": cp.Proximal(mu=1e-3, max_iterations=1), "accuracy": 1e-1}
@@ -201,7 +272,7 @@ def test_shapes_are_named():
         ((q, v[1:], tau), r"V has shape \(23, 38\): an array of shape \(24, 38\)"),
         ((q, v, tau[:, :5]), r"TAU has shape \(24, 5\): an array of shape \(24, 38\)"),
         ((q, v, tau[0, :5]), r"TAU has shape \(5,\): an array of shape \(38,\)"),
-        ((q, v, 0.0), r"TAU has shape \(\): an array of shape \(24, 38\)"),
+        ((q, v, 1.0), r"TAU has shape \(\): an array of shape \(24, 38\)"),
         (([[0.0], [0.0, 1.0]], v, tau), r"Q: an array of shape \(N, 39\) is needed"),
         (("states", v, tau), r"Q has shape \(\)"),
     ):
@@ -246,6 +317,34 @@ def test_other_refusals(executor):
         cp.solve_batch("four_bar", *states)
     with pytest.raises(cp.UnknownName, match="no method named 'kkd'; did you mean 'kkt'"):
         cp.derivatives_batch(scene, *states, method="kkd")
+
+
+@pytest.mark.parametrize("count", [0, 1, 15, 1000, 100_000])
+def test_chunks_cover_all_rows_and_become_smaller(count):
+    chunks = rows.Rows(print, all_scenes()["four_bar loops"], most=1000)._chunks(count)
+    assert [i for rows in chunks for i in range(rows.start, rows.stop)] == list(range(count))
+    sizes = [rows.stop - rows.start for rows in chunks]
+    assert sizes == sorted(sizes, reverse=True)
+    assert max(sizes, default=0) <= 1000
+    assert len(chunks) <= count / 1000 + 40
+
+
+def test_unpickled_states_take_the_hot_path(monkeypatch):
+    """An unpickled array has a dtype object of its own: a study in a worker solved all twice."""
+    scene, states = all_scenes()["talos contacts"], batch_of("talos contacts", 1)
+    here = [np.array(x[0]) for x in states]
+    there = pickle.loads(pickle.dumps(here))
+    assert there[0].dtype is not here[0].dtype
+    workspace = cp.Workspace(scene)
+    wanted = workspace.acceleration(*here)
+    swapped = [here[0], here[1].astype(">f8"), here[2]]
+    np.testing.assert_array_equal(workspace.acceleration(*swapped), wanted)
+    monkeypatch.setattr(workspace, "_careful_acceleration", None)
+    monkeypatch.setattr(workspace._arguments, "check", None)
+    np.testing.assert_array_equal(workspace.acceleration(*there), wanted)
+    np.testing.assert_array_equal(workspace.solve(*there).a, wanted)
+    with pytest.raises(TypeError):
+        workspace.acceleration(*swapped)
 
 
 def test_a_workspace_is_made_once(executor):
@@ -331,9 +430,9 @@ def test_an_interrupt_ends_a_batch_and_not_the_workers(executor):
 def test_memory_that_is_gone_is_not_taken_for_what_came_after():
     """The next arrays get the same number of a file; work that comes late may not write there."""
     kinds = {"x": Kind((3,))}
-    with SharedArrays(kinds) as before:
+    with closing(SharedArrays(kinds)) as before:
         late = before.address
-    with SharedArrays(kinds) as after:
+    with closing(SharedArrays(kinds)) as after:
         assert after.address.path == late.path
         with pytest.raises(FileNotFoundError, match="another file"):
             late.open()
@@ -342,7 +441,7 @@ def test_memory_that_is_gone_is_not_taken_for_what_came_after():
 
 def test_shared_arrays():
     kinds = {"x": Kind((3, 2)), "none": Kind((0, 4)), "n": Kind((5,), "i1"), "end": Kind((2, 0))}
-    with SharedArrays(kinds) as shared:
+    with closing(SharedArrays(kinds)) as shared:
         assert _shared_memory() == 2  # ours, and that of the map
         other = shared.address.open()
         other["x"][:], other["n"][:] = 2.5, 7

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import fields
+from time import sleep
 
 import numpy as np
 import pytest
@@ -31,6 +32,22 @@ def test_every_candidate_sees_every_state_equally_often():
     assert seen["one"] == seen["two"] == seen["three"]
     assert len(seen["one"]) == 5 + 10 * (1 + 3)
     assert all(len(t.samples) == 10 for t in times.values())
+
+
+def test_what_is_slow_is_called_less():
+    seen: dict[str, int] = {"fast": 0, "slow": 0}
+
+    def fast(q, v, tau):
+        seen["fast"] += 1
+
+    def slow(q, v, tau):
+        seen["slow"] += 1
+        sleep(2e-3)
+
+    states = [(np.zeros(1),) * 3] * 4
+    times = interleaved({"fast": fast, "slow": slow}, states, rounds=3, repeats=5, enough=1e-3)
+    assert seen == {"fast": 4 + 3 * (1 + 5), "slow": 4 + 3 * (1 + 1)}
+    assert times["slow"].median >= 2e3
 
 
 def test_times_are_what_they_say():

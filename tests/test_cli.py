@@ -152,6 +152,11 @@ def test_bench_writes_table_and_picture(tmp_path):
         (("bench", "four_bar", "--quick", "--plot", "b.foo"), ".png, .svg, .pdf"),
         (("bench", "four_bar", "--solvers", "nulspace"), "did you mean 'nullspace'"),
         (("bench", "four_bar", "--quick", "--csv", "no/such/b.csv"), "there is no folder no/such"),
+        (("nothing",), "No such command 'nothing'; `condyn --help`"),
+        (("robots", "more"), "`condyn robots --help` says what there is"),
+        (("solve", "cassie", "--mu", "x"), "'--mu'"),
+        (("solve", "cassie", "--mux"), "`condyn solve --help`"),
+        (("show",), "Missing argument 'ROBOT'"),
     ],
 )
 def test_a_mistake_is_a_sentence_and_not_a_traceback(words, said):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import re
 
 import numpy as np
@@ -21,6 +22,7 @@ from shared import (
 
 import condyn_pin as cp
 from condyn_pin._pin import pin
+from condyn_pin.arguments import Arguments
 from condyn_pin.choice import untaken
 from condyn_pin.tolerances import SOLVED
 
@@ -184,6 +186,18 @@ def test_lists_and_other_dtypes_are_welcome(solver):
     for given in ((q.tolist(), v.tolist(), tau.tolist()), (q, v, tau), (tuple(q), v, tau)):
         assert np.array_equal(workspace.acceleration(*given), wanted)
         assert np.array_equal(workspace.solve(*given, throw=False).a, wanted)
+
+
+def test_states_that_were_pickled_are_not_taken_the_slow_way(monkeypatch):
+    """An array that comes from another process has a dtype of its own, equal to float64."""
+    scene, state = all_scenes()["solo12 contacts"], states("solo12 contacts")[0]
+    workspace = cp.Workspace(scene, cp.Proximal())
+    wanted = workspace.acceleration(*state)
+    for kind, slow in ((cp.Workspace, "_careful_acceleration"), (Arguments, "check")):
+        monkeypatch.setattr(kind, slow, lambda *_: pytest.fail("the slow way"))
+    received = pickle.loads(pickle.dumps(state))
+    assert np.array_equal(workspace.acceleration(*received), wanted)
+    assert np.array_equal(workspace.solve(*received).a, wanted)
 
 
 @each_solver

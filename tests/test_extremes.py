@@ -19,7 +19,7 @@ from condyn_pin.extremes.planar_chain import accelerations
 from condyn_pin.extremes.stress import ROBOTS, methods, mixed, stress, tasks
 from condyn_pin.extremes.stress_table import counts, maps, read_csv
 from condyn_pin.extremes.units import scaled, shifts
-from condyn_pin.extremes.verdict import Task, Verdict, right_answers
+from condyn_pin.extremes.verdict import Task, Verdict, error_of, right_answers
 from condyn_pin.extremes.worker import Memory, answers
 from condyn_pin.rows.equations import Equations
 
@@ -106,6 +106,27 @@ def test_a_row_that_is_only_rounding_is_no_row(solver, severity):
         assert np.abs(solution.lam).max() < 1e17
     elif severity >= 1e-3 and solver.exact:
         pytest.fail(f"{solver} is right at {severity} and does not say so")
+
+
+@pytest.mark.parametrize("solver", [cp.Proximal(), cp.NullSpace(), cp.Reference()])
+@pytest.mark.parametrize("robot", ["delta", "talos"])
+def test_a_loose_quaternion_is_seen_in_the_bound(solver, robot):
+    """Residuals with its rotation agree with an answer that is off by hundreds of times as much."""
+    memory = Memory({})
+    for seed in range(4):
+        case = EXTREMES["loose_quaternion"].case(9e-7, seed, memory.scene(robot))
+        solution = cp.solve(case.scene, case.q, case.v, case.tau, solver=solver, throw=False)
+        error = error_of(case, solution.a, case.right[0])
+        assert error <= 1.01 * solution.error_bound
+        assert not solution.status.ok or error <= 1e-8
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("severity", [1e6, 1e-6])
+def test_mass_ratio_of_a_million_is_right_and_said_to_be(severity, seed):
+    case = EXTREMES["mass_ratio"].case(severity, seed)
+    solution = cp.solve(case.scene, case.q, case.v, case.tau)
+    assert error_of(case, solution.a, right_answers(case)[0]) < solution.error_bound < 1e-9
 
 
 @each_scene

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from shared import robot
 from test_simulate import bar, errors_of, rod_pendulum, top
 
 import condyn_pin as cp
+from condyn_pin._pin import pin
 from condyn_pin.simulation.integrators import INTEGRATORS
 
 TIGHT = cp.DormandPrince(relative_tolerance=1e-13, absolute_tolerance=1e-13)
@@ -106,10 +109,43 @@ def test_stiff_damping_asks_for_no_small_step_of_implicit_methods():
     scene = cp.Scene(cassie, [*cassie.loops, cp.SurfaceContact("pelvis")])
     q, v = scene.state()
     exact = cp.simulate(scene, q, v, duration=0.04, dt=5e-4)
-    for integrator in (cp.GeneralisedAlpha(), cp.GearGuptaLeimkuhler()):
-        found = cp.simulate(scene, q, v, duration=0.04, dt=4e-3, integrator=integrator)
+    steps = {
+        cp.GeneralisedAlpha(): 4e-3,
+        cp.GearGuptaLeimkuhler(): 4e-3,
+        cp.ImplicitMidpoint(): 4e-3,
+        cp.Rattle(): 2e-3,  # its wall are the springs
+        cp.Shake(): 2e-3,
+    }
+    for integrator, dt in steps.items():
+        found = cp.simulate(scene, q, v, duration=0.04, dt=dt, integrator=integrator)
         assert found.status.ok, found.reason
         assert np.abs(found.q[-1] - exact.q[-1]).max() < 1e-3
+
+
+@pytest.mark.parametrize("integrator", IMPLICIT, ids=repr)
+def test_it_does_not_matter_how_far_away_a_machine_stands(integrator):
+    """10 km from the origin, where positions are rounded to 2e-12 m."""
+    motions = []
+    for place in (0.0, 1e4):
+        scene, q, v = hanging_box(place)
+        found = cp.simulate(scene, q, v, duration=0.1, dt=2e-3, integrator=integrator)
+        assert found.status.ok, found.reason
+        assert found.violation.max() < 1e-10
+        motions.append(np.hstack([found.q[:, :3] - place, found.q[:, 3:], found.v]))
+    assert np.abs(motions[1] - motions[0]).max() < 1e-7
+
+
+def hanging_box(place: float) -> tuple[cp.Scene, np.ndarray, np.ndarray]:
+    """Return a box that hangs by a point 0.3 m from its middle, and a slow turn of it."""
+    model = pin.Model()
+    base = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "base")
+    model.appendBodyToJoint(base, pin.Inertia.FromBox(1.0, 0.3, 0.2, 0.1), pin.SE3.Identity())
+    hook = pin.SE3(np.eye(3), np.array([0.3, 0.0, 0.0]))
+    model.addFrame(pin.Frame("hook", base, 0, hook, pin.FrameType.OP_FRAME))
+    scene = cp.Scene(cp.Robot("box", model), [cp.PointContact("hook")])
+    turn = np.array([0.5, 1.0, 2.0])
+    v = np.concatenate([-np.cross(turn, hook.translation), turn])
+    return scene, np.array([place, place, place, 0.0, 0.0, 0.0, 1.0]), v
 
 
 def test_steps_that_are_too_long_are_said_to_be():
@@ -154,3 +190,27 @@ def test_rows_without_a_position_are_held_or_refused():
 def test_knobs_that_mean_nothing_are_refused(call, said):
     with pytest.raises(cp.InvalidArgument, match=said):
         call()
+
+
+@pytest.mark.parametrize("integrator", [cp.RungeKutta4(), cp.StormerVerlet()], ids=repr)
+def test_a_run_that_damping_breaks_down_says_which_joint_and_what_dt_would_do(integrator):
+    cassie = robot("cassie")
+    scene = cp.Scene(cassie, [*cassie.loops, cp.SurfaceContact("pelvis")])
+    q, v = scene.state()
+    lost = cp.simulate(scene, q, v, duration=0.2, dt=2.5e-3, integrator=integrator)
+    assert not lost.status.ok
+    said = re.search(
+        r"damping of joint '\w+-tarsus-crank-joint' .* SemiImplicitEuler\(\).* below (\S+) s",
+        lost.reason,
+    )
+    assert said, lost.reason
+    dt = 0.95 * float(said[1])
+    assert cp.simulate(scene, q, v, duration=0.05, dt=dt, integrator=integrator).status.ok
+    again = cp.simulate(scene, q, v, duration=0.05, dt=2.5e-3, integrator=cp.SemiImplicitEuler())
+    assert again.status.ok
+
+
+def test_a_run_that_breaks_down_without_damping_blames_none():
+    scene, q, v = bar()
+    found = cp.simulate(scene, q, v, duration=30.0, dt=3.0, integrator=cp.Rattle())
+    assert "damping" not in found.reason

@@ -238,6 +238,27 @@ def test_accelerations_at_the_end_are_put_where_they_belong(at_end):
     assert 25 < len(runs[1]) < 40
 
 
+@pytest.mark.parametrize(("omega_dt", "stable"), [(1.95, True), (2.05, False)])
+def test_leapfrog_keeps_an_oscillation_up_to_its_limit(omega_dt, stable):
+    scene = cp.Scene(body(pin.JointModelPX()))
+    found = cp.simulate(
+        scene, [1.0], [0.0], lambda t, q, v: -(omega_dt**2) * q, duration=2000.0, dt=1.0,
+        integrator=cp.Leapfrog(), gravity=False,
+    )  # fmt: skip
+    assert (np.abs(found.q).max() < 10.0) == stable
+
+
+def test_leapfrog_makes_one_solve_a_step(monkeypatch):
+    calls = []
+    solve = cp.Workspace.acceleration
+    monkeypatch.setattr(
+        cp.Workspace, "acceleration", lambda *given: calls.append(1) or solve(*given)
+    )
+    scene, q, v = bar()
+    cp.simulate(scene, q, v, duration=0.1, integrator=cp.Leapfrog(), record=100)
+    assert len(calls) == 100 + 1  # the last sample
+
+
 def test_averaged_velocities_would_have_order_two(references):
     """What the correction on the manifold is for."""
     reference = references[top].q[-1]
@@ -464,6 +485,19 @@ def test_energy_changes_by_the_work_of_the_torques():
     constant = cp.simulate(scene, q, v, [2.0, 0, 0], duration=0.5)
     swept = found.scene.robot.nv and constant.q[-1, 0] - q[0]
     assert constant.energy.work[-1] == pytest.approx(2.0 * swept, rel=1e-8)
+
+
+@pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (0.6, 0.0, 0.8)])
+def test_the_rotor_of_a_joint_has_kinetic_energy(axis):
+    """Pinocchio leaves it out where the axis is slanted."""
+    joint = pin.JointModelRevoluteUnaligned(*axis)
+    model = pin.Model(body(joint, centre=(0.1, 0.2, 0.0), inertia=0.3).model)
+    model.armature[:] = 0.7
+    scene = cp.Scene(cp.Robot("geared", model))
+    found = cp.simulate(scene, [0.3], [2.0], duration=0.1)
+    M = cp.Workspace(scene).terms(found.q[-1], found.v[-1]).M
+    assert found.energy.kinetic[-1] == pytest.approx(found.v[-1] @ M @ found.v[-1] / 2, rel=1e-14)
+    assert np.abs(found.energy.error).max() < 1e-10
 
 
 def test_a_function_that_returns_its_own_buffer():
@@ -737,6 +771,24 @@ def test_each_phase_has_its_own_default_solver():
     assert cp.simulate(air, [0.1], [0.0], duration=0.3, events=lifted).notices == ()
 
 
+@pytest.mark.parametrize("drift", [cp.Baumgarte.critical(30.0), cp.NoDrift()], ids=repr)
+def test_iterations_that_move_nothing_are_left_out(drift):
+    """Rows that are redundant come to life where loops are a little open."""
+    cassie = cp.Scene(robot("cassie"), robot("cassie").loops)
+    q, _ = cassie.state()
+    v = cassie.project_velocity(q, 0.3 * np.random.default_rng(0).normal(size=32))
+    options = {"duration": 0.1, "drift": drift}
+    found = cp.simulate(cassie, q, v, **options)
+    assert found.run.solver == cp.Proximal(max_iterations=4)
+    for other in (cp.Proximal(), cp.NullSpace()):
+        whole = cp.simulate(cassie, q, v, solver=other, **options)
+        assert whole.violation.max() > 1e-8
+        np.testing.assert_allclose(found.q[-1], whole.q[-1], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(found.v[-1], whole.v[-1], rtol=0, atol=1e-10)
+    scene, q, v = bar()
+    assert cp.simulate(scene, q, v, duration=0.01).run.solver == cp.Proximal()
+
+
 def test_torques_that_become_nan_end_the_run():
     scene, q, v = bar()
     found = cp.simulate(
@@ -848,6 +900,8 @@ def test_an_interrupt_keeps_what_was_measured():
         ({"gravity": 1}, "gravity"),
         ({"solver": "proximal"}, "solver = 'proximal'"),
         ({"solver": cp.Soft(), "integrator": cp.Rattle()}, "RATTLE keeps hard constraints"),
+        ({"solver": cp.Soft(), "drift": cp.Projection()}, "closes what Soft lets open"),
+        ({"solver": cp.Soft(), "drift": cp.PostStabilization()}, "closes what Soft lets open"),
         ({"tau": np.zeros(4)}, "tau"),
         ({"tau": "none"}, "tau"),
         ({"tau": True}, "tau"),
@@ -1020,3 +1074,21 @@ def test_what_is_printed():
     assert "RungeKutta4(), PostStabilization(), Proximal()" in str(found)
     assert repr(found) == "Trajectory(four_bar: 11 samples to t = 0.01 s, finished)"
     assert found.notices == ()
+
+
+def test_events_that_do_not_happen_are_told(tmp_path):
+    scene, q, v = bar()
+    events = [
+        cp.Event(name="late", at=3.0),
+        cp.Event(name="floor", when=lambda moment: 1.0 + moment.t),
+        cp.Event(name="below", when=lambda moment: -1.0),
+        cp.Event(name="on time", at=0.01, scene=cp.Scene(scene.robot, scene.constraints[:0])),
+    ]
+    found = cp.simulate(scene, q, v, duration=0.02, events=events)
+    late, floor, below = found.run.missed
+    assert late == "late did not happen: the run ends before t = 3 s"
+    assert floor.startswith("floor did not happen: its condition is 1.02 at the end")
+    assert "below did not happen: its condition is -1 at the end, and has not been above" in below
+    assert all(text in str(found) for text in found.run.missed)
+    found.save(tmp_path / "run.npz")
+    assert cp.Trajectory.load(tmp_path / "run.npz").run.missed == found.run.missed

@@ -7,6 +7,7 @@ import pytest
 from shared import robot
 
 import condyn_pin as cp
+from condyn_pin.simulation.leg import Leg
 
 N, DURATION = 5, 0.05
 
@@ -88,6 +89,21 @@ def test_torques_for_all_and_functions(executor):
     braked = cp.simulate_batch(scene, Q, V, pull, **options)
     wanted = cp.simulate(scene, Q[2], V[2], pull, duration=DURATION)
     np.testing.assert_array_equal(braked.q[2], wanted.q[-1])
+
+
+def test_what_motions_share_is_made_once(monkeypatch):
+    made = []
+    start = Leg.__init__
+    monkeypatch.setattr(Leg, "__init__", lambda *given: made.append(1) or start(*given))
+    scene = cp.Scene(robot("four_bar"), robot("four_bar").loops)
+    Q, V = states(scene)
+    options = {"duration": DURATION, "integrator": cp.SemiImplicitEuler()}
+    found = cp.simulate_batch(scene, Q, V, np.ones((N, 3)), chunk=2, **options)
+    assert len(made) == 1
+    again = cp.simulate_batch(scene, Q, V, 2.0 * np.ones((N, 3)), chunk=2, **options)
+    assert len(made) == 1
+    assert np.abs(again.q - found.q).max() > 1e-6
+    assert_same(cp.simulate_batch(scene, Q, V, np.ones(3), chunk=1, **options), found)
 
 
 def test_what_breaks_down_is_counted_and_stops_nobody():

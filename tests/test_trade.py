@@ -181,9 +181,30 @@ def test_fresh_states_are_the_same_for_one_seed_and_others_for_another():
     assert found[0] == found[1] != found[2]
 
 
-def test_the_states_of_the_study_are_not_fresh():
-    with pytest.raises(cp.InvalidArgument, match="20 sampled, seed 0 are those of the study"):
-        measured(FINE).cheapest(1e-8, states=SampledStates(20, seed=0))
+@pytest.mark.parametrize("count", [20, 21, 200])
+def test_the_states_of_the_study_are_not_fresh(count):
+    """Two sets of one seed begin with the same states."""
+    text = f"{count} sampled, seed 0 are not fresh, the study looked at 20 sampled, seed 0"
+    with pytest.raises(cp.InvalidArgument, match=text):
+        measured(FINE).cheapest(1e-8, states=SampledStates(count, seed=0))
+
+
+@pytest.mark.parametrize(
+    ("other", "shared"),
+    [
+        ({"count": 3}, True),
+        ({"seed": 1}, False),
+        ({"spread": 0.3}, False),
+        ({"speed": 0.5}, False),
+    ],
+)
+def test_sets_overlap_if_they_have_states_in_common(other, shared):
+    scene, some = all_scenes()["four_bar loops"], SampledStates(5)
+    others = dataclasses.replace(some, **other)
+    assert some.overlaps(others.name) == others.overlaps(some.name) == shared
+    firsts = [np.concatenate(states.of(scene)[0]) for states in (some, others)]
+    assert np.array_equal(*firsts) == shared
+    assert not some.overlaps(NominalStates().name)
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+import sys
+from itertools import combinations, pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -10,7 +11,7 @@ import pytest
 from viewed import bent_cassie, drawing, falling_bar, parts
 
 import condyn_pin as cp
-from condyn_pin.viewing import meshes, palette
+from condyn_pin.viewing import meshes, palette, placing
 from condyn_pin.viewing.descriptions import shapes_of
 from condyn_pin.viewing.motion import tracks
 from condyn_pin.viewing.part import span
@@ -215,6 +216,36 @@ def test_what_nobody_drew_has_its_inertia():
     assert np.allclose(np.sort(half), (0.1, 0.2, 0.3), rtol=0.06)
 
 
+def held(name, posture=None):
+    """A robot that its motors hold still."""
+    robot = cp.load_robot(name)
+    scene = cp.Scene(robot, (*robot.loops, *robot.contacts))
+    return cp.gravity_compensation(scene, scene.state(posture)[0])
+
+
+@pytest.mark.parametrize("name", ["cassie", "talos", "stewart", "delta", "five_bar"])
+def test_labels_do_not_cover_one_another(name):
+    found = drawing(held(name))
+    at, eye = found.moments[0], placing.Eye(np.array([1.0, 0.0, 0.0]), np.zeros(3))
+    assert np.allclose(eye.axes, [[0, 1, 0], [0, 0, 1], [1, 0, 0]])  # right, up, backward
+    eye = found.eye
+    labels = {p.path: eye.box(p.place(at), np.zeros(2)) for p in found.parts if p.picture}
+    assert len(labels) > 3
+    for one, other in combinations(labels, 2):
+        assert not placing._overlap(labels[one], labels[other]), (one, other)
+
+
+def test_a_label_that_had_to_move_is_led_back_to_its_point():
+    found = drawing(held("delta"))
+    picture, at = {part.path: part for part in found.parts}, found.moments[0]
+    lines = [path for path in picture if path.endswith(" line")]
+    assert lines
+    for path in lines:
+        T, sign = picture[path].place(at), picture[path.removesuffix(" line")].place(at)
+        assert np.allclose(T @ [0, 0, 1, 1], sign[:, 3])
+        assert np.linalg.norm(T[:3, 2]) < 8.0 * sign[1, 1]  # near its point
+
+
 def test_an_assembly_is_seen_before_and_after(standing):
     scene, _, _, bent = standing
     loops = cp.Scene(scene.robot, scene.robot.loops)
@@ -257,6 +288,62 @@ def test_a_mesh_that_is_missing_is_said(tmp_path):
     ((mesh, colour),) = next(p for p in found.parts if p.path == "robot/j").meshes
     assert colour == (1.0, 0.0, 0.0)
     assert np.allclose(mesh.vertices.max(axis=0), (0.5, 1.0, 2.5))
+
+
+_MJCF = """<mujoco>
+  <default><default class="thin"><geom size="0.02" rgba="0 0 1 1"/></default></default>
+  <asset><mesh name="lost" file="nowhere.stl"/>
+    <mesh name="wedge" vertex="0 0 0  1 0 0  0 1 0  0 0 1"/></asset>
+  <worldbody>
+    <geom type="plane" size="1 1 1"/><geom type="box" size="0.1 0.2 0.3" pos="0 0 -0.3"/>
+    <body name="arm" pos="0 0 1"><joint name="hinge" axis="0 1 0"/>
+      <inertial pos="0 0 -0.5" mass="1" diaginertia="0.1 0.1 0.01"/>
+      <geom class="thin" type="capsule" fromto="0 0 0  0 0 -1"/>
+      <geom type="ellipsoid" size="0.1 0.2 0.3" rgba="1 0 0 1"/>
+      <geom type="mesh" mesh="wedge" rgba="0 1 0 1"/><geom type="mesh" mesh="lost"/>
+      <geom type="sphere" size="9" group="3"/>
+    </body>
+  </worldbody>
+</mujoco>"""
+
+
+def test_geoms_of_an_mjcf_are_drawn(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(_MJCF)
+    robot = cp.load_robot(path)
+    found = drawing(robot)
+    assert found.notes == ("body 'arm' is not drawn whole: no file 'nowhere.stl'",)
+    picture = {part.path: part for part in found.parts}
+    ((ground, _),) = picture["robot/universe"].meshes
+    assert np.allclose(np.ptp(ground.vertices, axis=0), (0.2, 0.4, 0.6))
+    at = {colour: mesh for mesh, colour in picture["robot/hinge"].meshes}
+    assert np.allclose(at[0.0, 0.0, 1.0].vertices[:, 2].min(), -1.02)
+    assert np.allclose(at[0.0, 0.0, 1.0].vertices[:, 2].max(), 0.02)
+    assert np.allclose(np.ptp(at[1.0, 0.0, 0.0].vertices, axis=0)[2], 0.6)
+    assert np.allclose(np.ptp(at[0.0, 1.0, 0.0].vertices, axis=0), (1.0, 1.0, 1.0), atol=1e-6)
+    assert np.allclose(at[0.0, 1.0, 0.0].vertices.min(axis=0), 0.0, atol=1e-6)
+    assert volume(at[0.0, 1.0, 0.0]) == pytest.approx(1.0 / 6.0)
+    assert len(at) == 3  # what MuJoCo's viewer hides is not seen
+
+
+def test_geoms_need_mujoco_and_mechanisms_without_them_do_not(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    assert drawing(cp.load_robot("stewart")).notes == ()
+    path = tmp_path / "arm.xml"
+    path.write_text(_MJCF)
+    (note,) = drawing(cp.load_robot(path)).notes
+    assert "condyn_pin[mjcf]" in note
+
+
+def test_an_ellipsoid_of_an_sdf_has_its_half_axes(tmp_path):
+    path = tmp_path / "egg.sdf"
+    path.write_text(
+        "<sdf version='1.9'><model name='m'><link name='egg'><visual name='v'><geometry>"
+        "<ellipsoid><radii>1 2 3</radii></ellipsoid></geometry></visual></link></model></sdf>"
+    )
+    ((shape,), missing) = shapes_of(str(path))
+    assert missing == ()
+    assert np.allclose(np.ptp(shape.mesh().vertices, axis=0), (2.0, 4.0, 6.0))
 
 
 # Motions

@@ -23,6 +23,8 @@ from condyn_pin.cli import app
 from condyn_pin.viewing import chromium, page, palette
 from condyn_pin.viewing.motion import tracks
 
+BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
+
 
 @pytest.fixture(scope="module")
 def standing():
@@ -98,6 +100,16 @@ def test_a_program_that_forgets_its_viewer_ends_cleanly():
     words = [sys.executable, "-W", "error", "-W", "ignore:Please update:DeprecationWarning"]
     done = subprocess.run([*words, "-c", code], capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("name", ["cassie", "talos"])
+def test_the_command_shows_a_robot_within_three_seconds_of_the_processor(name, monkeypatch):
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    import viewing
+
+    seen = viewing.start(name)
+    assert seen.triangles > 10_000
+    assert seen.cpu < 3.0
 
 
 # What cannot be
@@ -206,6 +218,45 @@ def test_a_browser_plays_the_motion_without_a_network(tmp_path, swinging):
         if part.path in paths:
             seen = np.array(answer[part.path]).reshape(4, 4).T
             assert np.allclose(seen, part.place(found.moments[9]), atol=1e-5), part.path
+
+
+def test_a_browser_plays_by_itself(monkeypatch, swinging):
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    import viewing
+
+    seen = viewing.play(drawing(swinging).html(), seconds=0.5, warm=0.1)
+    assert seen.count >= 2  # more, unless others use the processor too
+    assert seen.triangles > 100
+
+
+_SHARPNESS = """<script>
+var steps = [];
+function sharpness() { steps.push(viewer.renderer.getPixelRatio()); }
+setTimeout(() => { sharpness(); viewer.animator.pause(); }, 2500);
+setTimeout(() => {
+  sharpness();
+  let answer = document.createElement("pre");
+  answer.id = "answer";
+  answer.textContent = JSON.stringify(steps);
+  document.body.appendChild(answer);
+}, 4900);
+</script></body>"""
+
+
+@pytest.mark.parametrize("enough", [0, 1e9])
+def test_a_slow_browser_draws_fewer_pixels_until_the_pause(tmp_path, swinging, enough):
+    text = drawing(swinging).html()
+    assert "rate < 28" in text
+    assert "rate < 28" not in drawing(cp.pendulum()).html()  # a picture that rests is sharp
+    text = text.replace("rate < 28", f"rate < {enough}").replace("</body>", _SHARPNESS)
+    file = tmp_path / "run.html"
+    file.write_text(text, encoding="utf-8")
+    words = chromium.command(chromium.find_chromium(), str(tmp_path / "profile"))
+    words += ["--virtual-time-budget=5000", "--window-size=64,48", "--dump-dom", file.as_uri()]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=120)
+    playing, paused = json.loads(re.search(r'<pre id="answer">(.*?)</pre>', done.stdout)[1])
+    assert (playing < 0.5) == bool(enough)
+    assert paused == 1
 
 
 def test_a_browser_draws_robot_arrows_and_closures(tmp_path, standing):

@@ -109,7 +109,7 @@ def test_no_mu_by_hand_is_three_times_better(name):
 @pytest.mark.parametrize("index", [1, 3])
 def test_runs_stay_closed_in_the_memory_that_they_began_with(index):
     long_runs = script("long_runs")
-    run = long_runs.long_run(*list(long_runs.plans())[index], 2000)
+    run = long_runs.long_run(list(long_runs.plans())[index], 2000)
     assert run.is_good, run
     assert run.slip < 1e-6
 

@@ -1,6 +1,6 @@
 """Time condyn_pin and its peers on the same states; benchmarks/results/peers.{json,md}, README.
 
-    python benchmarks/peers/run.py [--quick] [--passes 5] [--only mujoco drake]
+    python benchmarks/peers/run.py [--quick] [--passes 5] [--only mujoco] [--folder build/peers]
 
 With --from-json the tables are made from the committed results, without running anything.
 """
@@ -124,7 +124,7 @@ def main() -> None:
         # the yardstick is always there
         chosen = [e for e in ENVIRONMENTS if e.name in only or e is ENVIRONMENTS[0]]
         passes, effort = (1, 0.1) if arguments.quick else (arguments.passes, 1.0)
-        table = measure(chosen, arguments.folder, passes, effort)
+        table = measure(chosen, arguments.folder.resolve(), passes, effort)
     if arguments.quick or arguments.only:
         print(table.to_markdown())
         return

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Any, Final, Generic, TypeVar
 
@@ -15,9 +16,12 @@ Chunk = TypeVar("Chunk")
 Result = TypeVar("Result")
 Progress = Callable[[int, int], None]
 
+# Makes the chunk of an index when it is handed out, for the place in flight that it takes.
+Send = Callable[[int, int], Chunk]
+
 # Chunks handed to an executor at a time: enough for a hundred workers, and a million states are not
 # all copied into its queue.
-_IN_FLIGHT: Final = 256
+IN_FLIGHT: Final = 256
 
 # A chunk that was lost this often, or a pool that broke this often without an answer in between:
 # it is the work that kills workers, and there is no use in going on. Dask's own limit is the same.
@@ -61,7 +65,8 @@ def map_chunks(
     WorkersLost
         If workers were lost and the executor cannot go on: a `ProcessPoolExecutor` is of no use
         after the loss of one worker. `Processes` starts new ones, and Dask does: there it is raised
-        when the same chunk was lost three times, or three pools without a result in between.
+        when the same chunk was lost three times, or three pools without a result in between. And
+        if the executor is shut down.
     Exception
         What `work` raises is raised here, and no further chunk is begun.
 
@@ -71,20 +76,35 @@ def map_chunks(
     was yielded is yours; stop whenever you like, and the chunks that nobody has begun are
     cancelled.
     """
+    results = in_flight(work, len(chunks), lambda i, _: chunks[i], executor)
+    with closing(results):
+        for done, found in enumerate(results, start=1):
+            progress(done, len(chunks))
+            yield found
+
+
+def in_flight(
+    work: Callable[[Chunk], Result],
+    count: int,
+    send: Send[Chunk],
+    executor: Executor | None,
+    places: int = IN_FLIGHT,
+) -> Generator[tuple[int, Result], None, None]:
+    """Yield as `map_chunks` does, of chunks that `send` makes when they are handed out.
+
+    No more than so many `places` are in flight, and a chunk keeps its place to itself until the
+    result that was yielded for it is asked to be followed by the next.
+    """
     if not isinstance(executor, Executor | None):
         raise InvalidArgument(
             f"executor = {executor!r}: a concurrent.futures.Executor is needed, such as "
             "Processes(2), or client.get_executor() of a Dask client"
         )
-    results = _here(work, chunks) if executor is None else _Run(work, chunks, executor).results()
-    for done, found in enumerate(results, start=1):
-        progress(done, len(chunks))
-        yield found
-
-
-def _here(work: Callable[[Chunk], Result], chunks: Sequence[Chunk]) -> Iterator[tuple[int, Result]]:
-    for i, chunk in enumerate(chunks):
-        yield i, work(chunk)
+    if executor is None:
+        for i in range(count):
+            yield i, work(send(i, 0))
+    else:
+        yield from _Run(work, count, send, executor, places).results()
 
 
 @dataclass(frozen=True)
@@ -106,11 +126,17 @@ class _Run(Generic[Chunk, Result]):
     """One run of chunks over an executor."""
 
     def __init__(
-        self, work: Callable[[Chunk], Result], chunks: Sequence[Chunk], executor: Executor
+        self,
+        work: Callable[[Chunk], Result],
+        count: int,
+        send: Send[Chunk],
+        executor: Executor,
+        places: int,
     ) -> None:
-        self._work, self._chunks, self._executor = work, chunks, executor
-        self._left = deque(range(len(chunks)))
-        self._flying: dict[Future[_Answer[Result]], int] = {}
+        self._work, self._count, self._send, self._executor = work, count, send, executor
+        self._left = deque(range(count))
+        self._places = list(range(places))  # those that are free; the last one was used last
+        self._flying: dict[Future[_Answer[Result]], tuple[int, int]] = {}
         self._lost: Counter[int] = Counter()
         self._broken: BrokenExecutor | None = None
         self._breakages = 0  # without an answer in between
@@ -120,7 +146,8 @@ class _Run(Generic[Chunk, Result]):
             while self._left or self._flying:
                 self._hand_out()
                 for future in wait(self._flying, return_when=FIRST_COMPLETED).done:
-                    i = self._flying.pop(future)
+                    i, place = self._flying.pop(future)
+                    self._places.append(place)
                     answer = self._collect(future, i)
                     if answer is None:
                         continue
@@ -135,15 +162,20 @@ class _Run(Generic[Chunk, Result]):
                 future.cancel()
 
     def _hand_out(self) -> None:
-        while self._left and len(self._flying) < _IN_FLIGHT and not self._broken:
-            i = self._left.popleft()
+        while self._left and self._places and not self._broken:
+            i, place = self._left[0], self._places[-1]
+            chunk = self._send(i, place)
             try:
-                future = self._executor.submit(_answer, self._work, self._chunks[i])
+                future = self._executor.submit(_answer, self._work, chunk)
             except BrokenExecutor as error:  # a worker was lost while others are handed work
-                self._left.appendleft(i)
                 self._broken = error
+            except RuntimeError as error:
+                raise WorkersLost(
+                    f"executor = {self._executor!r} takes no work ({error}); {self._unfinished}. "
+                    "Work is for inside its `with` block, or for a new executor"
+                ) from error
             else:
-                self._flying[future] = i
+                self._flying[future] = self._left.popleft(), self._places.pop()
 
     def _collect(self, future: Future[Any], i: int) -> _Answer[Result] | None:
         """Return the answer of chunk i, or None if it was lost and is to be done again."""
@@ -155,7 +187,7 @@ class _Run(Generic[Chunk, Result]):
             self._lost[i] += 1
             if self._lost[i] == _LOSSES:
                 raise WorkersLost(
-                    f"chunk {i} of {len(self._chunks)} was lost {_LOSSES} times, the last time "
+                    f"chunk {i} of {self._count} was lost {_LOSSES} times, the last time "
                     f"with {type(error).__name__}: {error}"
                 ) from error
         else:
@@ -165,16 +197,22 @@ class _Run(Generic[Chunk, Result]):
 
     def _renew(self, error: BrokenExecutor) -> None:
         self._breakages += 1
-        left = f"{len(self._left)} of {len(self._chunks)} chunks are left"
         if not isinstance(self._executor, Processes):
             raise WorkersLost(
                 f"a worker of the executor was lost, and a {type(self._executor).__name__} is of "
-                f"no use after that; {left}. condyn_pin.Processes(2) starts new workers by itself"
+                f"no use after that; {self._unfinished}. condyn_pin.Processes(2) starts new "
+                "workers by itself"
             ) from error
         if self._breakages == _LOSSES:
             raise WorkersLost(
-                f"{_LOSSES} pools of workers in a row were lost without a result; {left}. "
-                "The work itself kills them, by a crash or by all the memory it takes"
+                f"{_LOSSES} pools of workers in a row were lost without a result; "
+                f"{self._unfinished}. The work itself kills them, by a crash or by all the memory "
+                "it takes"
             ) from error
         self._executor.renew()
         self._broken = None
+
+    @property
+    def _unfinished(self) -> str:
+        left = len(self._left) + len(self._flying)
+        return f"{left} of {self._count} chunks are left"

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any, overload
 
-from condyn_pin.arrays import Array
-from condyn_pin.batch.solution import BatchSolution
+import numpy as np
+
+from condyn_pin.arrays import Array, read_only
+from condyn_pin.batch.solution import BatchSolution, Some
+from condyn_pin.differentiation.base import Derivatives
+from condyn_pin.differentiation.check import BLOCKS
+from condyn_pin.solution import Solution
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -24,7 +30,8 @@ class BatchDerivatives:
 
     Notes
     -----
-    Where the status of a state is not ok, there is nothing to differentiate: its rows are NaN, and
+    ``batch[i]`` is the `Derivatives` of state i, and ``batch[2:4]`` a batch of some. Where the
+    status of a state is not ok, there is nothing to differentiate: its rows are NaN, and
     ``solution.failed`` has its index.
     """
 
@@ -40,5 +47,41 @@ class BatchDerivatives:
     def __len__(self) -> int:
         return len(self.solution)
 
+    @overload
+    def __getitem__(self, i: int | np.integer[Any]) -> Derivatives: ...
+
+    @overload
+    def __getitem__(self, i: Some) -> BatchDerivatives: ...
+
+    def __getitem__(self, i: int | np.integer[Any] | Some) -> Derivatives | BatchDerivatives:
+        blocks = {name: getattr(self, name)[i] for name in BLOCKS}
+        if isinstance(i, slice | np.ndarray):
+            some = {name: read_only(block) for name, block in blocks.items()}
+            return replace(self, solution=self.solution[i], **some)
+        return StoredDerivatives(self.solution[i], blocks)
+
     def __repr__(self) -> str:
         return f"BatchDerivatives({self.solution!r})"
+
+
+class StoredDerivatives(Derivatives):
+    """The derivatives at one state, their six matrices read from a batch.
+
+    Parameters
+    ----------
+    solution : Solution
+    blocks : dict of str to array
+        By name, each of `BLOCKS`.
+    """
+
+    def __init__(self, solution: Solution, blocks: dict[str, Array]) -> None:
+        super().__init__(solution)
+        self._stored = blocks
+
+    def _form(self) -> tuple[Array, Array, Array]:
+        stored = self._stored
+        by_q, by_v, by_tau = (
+            read_only(np.concatenate([stored[f"da_{x}"], stored[f"dlam_{x}"]]))
+            for x in ("dq", "dv", "dtau")
+        )
+        return by_q, by_v, by_tau

@@ -10,7 +10,7 @@ from __future__ import annotations
 import mmap
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import prod
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -52,7 +52,7 @@ class Address:
 
     path: str
     inode: int  # which file it is: the number in the path is given to others after it is closed
-    kinds: Kinds
+    kinds: Kinds = field(compare=False)
 
     def open(self) -> Arrays:
         """Return the arrays by name, for reading and writing.
@@ -83,7 +83,7 @@ class SharedArrays:
 
     Notes
     -----
-    Use it as a context: after it no other process can open the arrays. They live on here, and one
+    After `close` no other process can open the arrays. They live on where they are open, and one
     file with them, for as long as something refers to them.
     """
 
@@ -99,10 +99,8 @@ class SharedArrays:
         path, inode = f"/proc/{os.getpid()}/fd/{self._file}", os.fstat(self._file).st_ino
         self.address = Address(path, inode, dict(kinds))
 
-    def __enter__(self) -> SharedArrays:
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
+        """Let no other process open the arrays any more."""
         os.close(self._file)
 
 

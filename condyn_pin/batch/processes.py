@@ -87,6 +87,12 @@ def _end_with_the_parent() -> None:
         os._exit(1)
 
 
+def workers_of(pool: Processes | ProcessPoolExecutor) -> int:
+    """Return how many processes a pool has when all of them have work."""
+    found: int = pool.workers if isinstance(pool, Processes) else vars(pool)["_max_workers"]
+    return found
+
+
 def _cores() -> int:
     """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):

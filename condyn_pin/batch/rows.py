@@ -9,11 +9,11 @@ from typing import Final
 
 import numpy as np
 
-from condyn_pin.batch.chunks import Progress, map_chunks, silent
-from condyn_pin.batch.memory import CAN_SHARE, Arrays, Kind, Kinds, SharedArrays
-from condyn_pin.batch.processes import Processes
+from condyn_pin.batch.chunks import Progress, in_flight, silent
+from condyn_pin.batch.memory import CAN_SHARE, Arrays, Kinds
+from condyn_pin.batch.processes import Processes, workers_of
 from condyn_pin.batch.recipe import Recipe
-from condyn_pin.batch.ways import ByCopies, ByMemory, InPlace, Kernel, Sent, Way
+from condyn_pin.batch.ways import ByCopies, ByMemory, InPlace, Kernel, Way
 from condyn_pin.drift import Baumgarte
 from condyn_pin.errors import WorkersLost
 from condyn_pin.scene import Scene
@@ -23,8 +23,10 @@ from condyn_pin.verbs import workspace_for
 # The status of a row that nobody has worked on.
 MISSING: Final = -1
 
-# At least so many chunks, so that several workers end at about the same time.
-_CHUNKS: Final = 16
+# A chunk is this part of what is left at most, so that several workers end at about the same time,
+_SHARES: Final = 16
+# and this part of a full one at least.
+_SMALLER: Final = 5
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,8 @@ class Rows:
         Of the workspace.
     executor : Executor, optional
     chunk : int, optional
-        Rows that a worker is handed at a time; by default a sixteenth of all, up to `most`.
+        Rows that a worker is handed at a time; by default a sixteenth of what is left, up to
+        `most`.
     most : int
         Rows that take a tenth of a second or less.
     progress : callable
@@ -74,35 +77,48 @@ class Rows:
         kinds = {name: kind.times(count) for name, kind in kinds.items()}
         outputs = {name: np.zeros(kind.shape, kind.dtype) for name, kind in kinds.items()}
         outputs["statuses"][:] = MISSING
-        if self.executor is None:
-            workspace = workspace_for(self.scene, self.solver, self.drift)
-            self._drain(count, InPlace(self.kernel, workspace, inputs, outputs), outputs)
-            return outputs
-        recipe = Recipe.of(self.scene, self.solver, self.drift)
-        shared = self._shared(inputs, kinds)
-        if shared is None:
-            self._drain(count, ByCopies(self.kernel, recipe, inputs, outputs), outputs)
-            return outputs
-        with shared:
-            self._drain(count, ByMemory(self.kernel, recipe, inputs, outputs, shared), outputs)
+        chunks = self._chunks(count)
+        with closing(self._way(inputs, outputs, chunks)) as way:
+            self._drain(chunks, way, outputs)
         return outputs
 
-    def _shared(self, inputs: Arrays, kinds: Kinds) -> SharedArrays | None:
-        """Return memory for everything, if the workers are processes of this machine."""
-        if not (CAN_SHARE and isinstance(self.executor, ProcessPoolExecutor | Processes)):
-            return None
-        given = {name: Kind(array.shape, array.dtype.str) for name, array in inputs.items()}
-        try:
-            return SharedArrays(given | dict(kinds))
-        except OSError:  # not so much at once: chunk by chunk, then
-            return None
+    def _way(self, inputs: Arrays, outputs: Arrays, chunks: list[slice]) -> Way:
+        """Return the way to whoever does the work."""
+        if self.executor is None:
+            workspace = workspace_for(self.scene, self.solver, self.drift)
+            return InPlace(self.kernel, workspace, inputs, outputs)
+        recipe = Recipe.of(self.scene, self.solver, self.drift)
+        if CAN_SHARE and isinstance(self.executor, ProcessPoolExecutor | Processes):
+            try:
+                return ByMemory(
+                    self.kernel, recipe, inputs, outputs,
+                    most=max((rows.stop - rows.start for rows in chunks), default=0),
+                    places=min(2 * workers_of(self.executor) + 1, len(chunks)),
+                )  # fmt: skip
+            except OSError:  # not so much memory at once: copies, then
+                pass
+        return ByCopies(self.kernel, recipe, inputs, outputs)
 
-    def _drain(self, count: int, way: Way, outputs: Arrays) -> None:
+    def _chunks(self, count: int) -> list[slice]:
+        """Return the rows of each chunk.
+
+        The last ones are small, since nobody works while the last worker ends.
+        """
+        chunks, start = [], 0
+        while start < count:
+            share = min(self.most, max(-(-(count - start) // _SHARES), -(-self.most // _SMALLER)))
+            stop = min(start + (self.chunk or share), count)
+            chunks.append(slice(start, stop))
+            start = stop
+        return chunks
+
+    def _drain(self, chunks: list[slice], way: Way, outputs: Arrays) -> None:
         """Have all chunks done."""
-        step = self.chunk or min(self.most, max(1, -(-count // _CHUNKS)))
-        chunks = [slice(i, min(i + step, count)) for i in range(0, count, step)]
-        done = 0
-        results = map_chunks(way.work, Sent(way, chunks), executor=self.executor)
+        done, count = 0, len(outputs["statuses"])
+        results = in_flight(
+            way.work, len(chunks), lambda i, place: way.send(chunks[i], place), self.executor,
+            way.places,
+        )  # fmt: skip
         try:
             with closing(results):  # an interrupt cancels what nobody has begun
                 for i, found in results:

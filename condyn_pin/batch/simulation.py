@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -34,14 +35,19 @@ from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.solvers.base import Solver
 from condyn_pin.workspace import Workspace
 
-# Samples that are looked at where none is to be kept: gaps and energies change slowly.
+# Samples that are looked at where none is to be kept, at most, and how many steps are between two
+# of them, at least: gaps and energies change slowly, and a look costs as much as a step.
 _LOOKS: Final = 50
+_APART: Final = 10
 
 # A chunk that takes about a tenth of a second, for steps of some microseconds a solve.
 _SOLVES: Final = 10_000
 
 _CODES: Final = {status: code for code, status in enumerate(RUN_STATUSES)}
 _SAMPLED: Final = ("t", "q", "v", "a", "lam", "tau")
+
+# The runner of this thread's last chunk: a worker does chunk after chunk of one batch.
+_last = threading.local()
 
 
 def simulate_batch(
@@ -76,7 +82,8 @@ def simulate_batch(
     duration, dt, integrator, drift, solver
         As in `simulate`.
     record : int, optional
-        Every which sample is kept. By default none is: fifty of each motion are looked at.
+        Every which sample is kept. By default none is: every tenth is looked at, or
+        fifty of each motion.
     executor, chunk, progress
         As in `solve_batch`; a chunk takes about a tenth of a second by default.
 
@@ -107,13 +114,13 @@ def simulate_batch(
         scene, 0.0 if function is None else function, duration=duration, dt=dt,
         integrator=integrator, drift=drift, solver=solver, record=every,
     )  # fmt: skip
-    every = max(planned.steps // _LOOKS, 1) if record is None else record
+    every = max(planned.steps // _LOOKS, _APART) if record is None else record
     nv = scene.robot.nv
     zero = function is not None or (isinstance(TAU, int | float) and TAU == 0)
     given: ArrayLike = np.zeros(nv) if zero else TAU  # type: ignore[assignment]
     q, v, tau = check_states(scene.robot.model, Q0, V0, given)
     method = planned.method
-    kernel = _Motions(function, duration, dt, method.integrator, method.drift, every)
+    kernel = _Motions(function, duration, dt, method.integrator, method.drift, solver, every)
     most = max(1, int(_SOLVES / planned.steps / max(method.integrator.solves_per_step, 1)))
     rows = Rows(kernel, scene, solver, None, executor, check_chunk(chunk), most, progress)
     kept = len(range(0, planned.steps, every)) + 1 if record is not None else 0
@@ -135,39 +142,54 @@ class _Motions:
     dt: float  # [s]
     integrator: Integrator
     drift: Drift
+    solver: Solver | None
     every: int
 
     def __call__(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> None:
         """Simulate the rows."""
-        row = _Constant(inputs["tau0"])
-        for_all = self.function or (inputs["tau0"] if inputs["tau0"].ndim == 1 else row)
-        planned = plan(
-            workspace.scene, for_all, duration=self.duration, dt=self.dt,
-            integrator=self.integrator, drift=self.drift, solver=workspace.solver,
-            record=self.every,
-        )  # fmt: skip
-        leg: Leg | None = None
+        runner: _Runner | None = getattr(_last, "runner", None)
+        if runner is None or runner.workspace is not workspace or runner.motions != self:
+            _last.runner = runner = _Runner(self, workspace)
+        tau = inputs["tau0"]
         for i, (q, v) in enumerate(zip(inputs["q0"], inputs["v0"], strict=True)):
-            row.i, begun = i, perf_counter()
-            try:
-                state = _start(workspace, q, v)
-                trajectory, leg = follow(planned, *state, leg=leg)
-            except (NotAssembled, SolveFailed, StepFailed):
-                leg = None
+            begun = perf_counter()
+            trajectory = runner.run(q, v, tau if tau.ndim == 1 else tau[i])
+            if trajectory is None:
                 _put_nothing(outputs, i, q, v)
             else:
                 _put(outputs, i, trajectory)
             outputs["run_times"][i] = perf_counter() - begun
 
 
-class _Constant:
-    """The torques of the row that is simulated: a function, since a leg keeps its torques."""
+class _Runner:
+    """One motion after the other from what they share: a plan, and a leg.
 
-    def __init__(self, tau: Array) -> None:
-        self._tau, self.i = tau, 0
+    Parameters
+    ----------
+    motions : _Motions
+    workspace : Workspace
+    """
 
-    def __call__(self, t: float, q: Array, v: Array) -> Array:
-        return np.asarray(self._tau[self.i])
+    def __init__(self, motions: _Motions, workspace: Workspace) -> None:
+        self.motions, self.workspace = motions, workspace
+        self._plan = plan(
+            workspace.scene, motions.function or 0.0, duration=motions.duration, dt=motions.dt,
+            integrator=motions.integrator, drift=motions.drift, solver=motions.solver,
+            record=motions.every,
+        )  # fmt: skip
+        self._leg: Leg | None = None
+
+    def run(self, q: Array, v: Array, tau: Array) -> Trajectory | None:
+        """Return the motion from a state under torques of its own; None if it cannot begin."""
+        if not self.motions.function:
+            self._plan.method.tau.hold(tau)
+        try:
+            state = _start(self.workspace, q, v)
+            trajectory, self._leg = follow(self._plan, *state, leg=self._leg)
+        except (NotAssembled, SolveFailed, StepFailed):
+            self._leg = None
+            return None
+        return trajectory
 
 
 def _start(workspace: Workspace, q: Array, v: Array) -> tuple[Array, Array]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin.arrays import Array
+from condyn_pin.arrays import Array, read_only
 from condyn_pin.batch.outcome import Outcome
 from condyn_pin.batch.rows import MISSING
 from condyn_pin.errors import WorkersLost
@@ -20,6 +20,11 @@ from condyn_pin.solution import Solution, Status
 
 # A status as a number is its place here.
 STATUSES: Final = tuple(Status)
+
+# The arrays with a row a state.
+_ROWS: Final = ("q", "a", "lam", "proofs", "statuses", "iterations", "solve_times")
+
+Some = slice | NDArray[Any]  # of the rows, as NumPy takes them
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -50,8 +55,9 @@ class BatchSolution(Outcome):
 
     Notes
     -----
-    ``batch[i]`` is the `Solution` of state i, and iterating gives all of them. Rows that are not
-    ok are in the arrays like all others, NaN where there is no answer: `failed` has their indices.
+    ``batch[i]`` is the `Solution` of state i, and iterating gives all of them; ``batch[2:4]`` and
+    ``batch[batch.failed]`` are batches of some. Rows that are not ok are in the arrays like all
+    others, NaN where there is no answer: `failed` has their indices.
     """
 
     scene: Scene
@@ -103,7 +109,15 @@ class BatchSolution(Outcome):
     def __len__(self) -> int:
         return len(self.a)
 
-    def __getitem__(self, i: int) -> Solution:
+    @overload
+    def __getitem__(self, i: int | np.integer[Any]) -> Solution: ...
+
+    @overload
+    def __getitem__(self, i: Some) -> BatchSolution: ...
+
+    def __getitem__(self, i: int | np.integer[Any] | Some) -> Solution | BatchSolution:
+        if isinstance(i, slice | np.ndarray):
+            return replace(self, **{name: read_only(getattr(self, name)[i]) for name in _ROWS})
         status = int(self.statuses[i])
         if status == MISSING:
             raise WorkersLost(f"state {i} was lost with a worker; `missing` has all of them", self)

@@ -21,7 +21,7 @@ def check_states(
     ----------
     model : pin.Model
     Q, V : (N, nq), (N, nv) array_like
-    TAU : (N, nv) or (nv,) array_like
+    TAU : (N, nv) or (nv,) array_like, or 0
 
     Raises
     ------
@@ -31,6 +31,8 @@ def check_states(
     count = _rows("Q", Q, model.nq)
     q = finite("Q", Q, (count, model.nq))
     v = finite("V", V, (count, model.nv))
+    if isinstance(TAU, int | float) and TAU == 0:
+        TAU = np.zeros(model.nv)
     for_all = np.ndim(TAU) == 1
     tau = finite("TAU", TAU, (model.nv,) if for_all else (count, model.nv))
     for part in Arguments(model).units:

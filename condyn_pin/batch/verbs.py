@@ -56,7 +56,7 @@ def solve_batch(
         Configurations, a row a state; quaternions x y z w, normalised.
     V : (N, nv) array_like
         Velocities.
-    TAU : (N, nv) or (nv,) array_like
+    TAU : (N, nv) or (nv,) array_like, or 0
         Joint torques [N, N m]; with one axis the same for all states.
     solver, drift, accuracy
         As in `solve`.
@@ -65,7 +65,8 @@ def solve_batch(
         ``client.get_executor()``. This process by default. Threads gain nothing: Pinocchio does
         not release the GIL.
     chunk : int, optional
-        States that a worker is handed at a time; by default a sixteenth of all, 1000 at most.
+        States that a worker is handed at a time; by default a sixteenth of what is left, from 200
+        to 1000.
     progress : callable
         Called with the number of states done and that of all, after each chunk.
 
@@ -81,8 +82,8 @@ def solve_batch(
         If an argument has a wrong shape, is not finite, or has an unnormalised quaternion; the
         text names the row.
     WorkersLost
-        If workers were lost and the executor cannot go on; its ``done`` is the BatchSolution of
-        what was solved (`map_chunks` says when).
+        If workers were lost and the executor cannot go on, or it is shut down; its ``done`` is the
+        BatchSolution of what was solved (`map_chunks` says when).
     UnsupportedConstraint, StaleModel
         As in `solve`.
 
@@ -129,7 +130,7 @@ def derivatives_batch(
     solver, drift, method, accuracy
         As in `derivatives`.
     chunk : int, optional
-        As in `solve_batch`, but 200 states at most.
+        As in `solve_batch`, but from 20 to 100 states.
 
     Returns
     -------
@@ -140,13 +141,17 @@ def derivatives_batch(
     ------
     InvalidArgument, WorkersLost, UnsupportedConstraint, StaleModel
         As in `solve_batch` and `derivatives`. States that are not ok raise nothing.
+
+    Notes
+    -----
+    Cost: that of `derivatives` a state, over the number of workers.
     """
     start = perf_counter()
     if method not in METHODS:
         raise unknown_name("method", str(method), METHODS)
     inputs, count = _inputs(scene, Q, V, TAU, accuracy)
     kernel = partial(_derivatives_rows, method, accuracy)
-    rows = Rows(kernel, scene, solver, drift, executor, check_chunk(chunk), 200, progress)
+    rows = Rows(kernel, scene, solver, drift, executor, check_chunk(chunk), 100, progress)
     try:
         outputs = rows.fill(count, inputs, _of_solution(scene) | _of_derivatives(scene))
     except WorkersLost as lost:

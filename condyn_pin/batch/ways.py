@@ -3,23 +3,29 @@
 A kernel fills rows of outputs from the same rows of inputs, in one workspace: in the arrays
 themselves, in this process; in memory that the processes of one machine share; in pickled copies,
 anywhere. What a worker cannot reach is copied chunk by chunk, while others are worked on.
+
+Shared memory has room for the chunks that are in flight, not for all: what is touched for the first
+time costs a page fault each 4 kB, in every process, and a place that is used again is still in the
+cache.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
 
+from condyn_pin.batch.chunks import IN_FLIGHT
 from condyn_pin.batch.memory import Address, Arrays, Kind, Kinds, SharedArrays
 from condyn_pin.batch.recipe import Recipe
 from condyn_pin.workspace import Workspace
 
-# To travel to workers it has to pickle: a function of a module, or a partial of one.
+# It writes every number of its outputs, where those of another chunk may have been. To travel to
+# workers it has to pickle: a function of a module, or a partial of one.
 Kernel = Callable[[Workspace, Arrays, Arrays], None]
 
 
@@ -30,17 +36,23 @@ class Way(ABC):
     ----------
     work : callable
         What the worker does with what it is sent.
+    places : int
+        Chunks that may be in flight at a time.
     """
 
-    work: Callable[[Any], Arrays | None]
+    work: Callable[[Any], Any]
+    places: int = IN_FLIGHT
 
     @abstractmethod
-    def send(self, rows: slice) -> Any:
-        """Return what the worker needs for some rows."""
+    def send(self, rows: slice, place: int) -> Any:
+        """Return what the worker needs for some rows; while it works, the place is theirs."""
 
     @abstractmethod
-    def receive(self, rows: slice, found: Arrays | None) -> None:
-        """Put into the outputs what the worker found."""
+    def receive(self, rows: slice, found: Any) -> None:
+        """Put into the outputs what the worker found, as `work` returned it."""
+
+    def close(self) -> None:  # noqa: B027 - most ways take nothing
+        """Give back what the way took."""
 
 
 class InPlace(Way):
@@ -51,36 +63,69 @@ class InPlace(Way):
     ) -> None:
         self.work = partial(_fill, kernel, lambda: workspace, inputs, outputs)
 
-    def send(self, rows: slice) -> slice:
+    def send(self, rows: slice, place: int) -> slice:
         """Return the rows: the arrays are here."""
         return rows
 
-    def receive(self, rows: slice, found: Arrays | None) -> None:
+    def receive(self, rows: slice, found: slice) -> None:
         """Do nothing: the outputs are filled."""
 
 
 class ByMemory(Way):
-    """To processes of this machine, in memory that they share with this one."""
+    """To processes of this machine, in memory that they share with this one.
+
+    Parameters
+    ----------
+    kernel, recipe, inputs, outputs
+    most : int
+        Rows of a chunk.
+    places : int
+        Chunks that are in flight at a time.
+
+    Raises
+    ------
+    OSError
+        If there is not so much memory.
+    """
 
     def __init__(
-        self, kernel: Kernel, recipe: Recipe, inputs: Arrays, outputs: Arrays, shared: SharedArrays
+        self,
+        kernel: Kernel,
+        recipe: Recipe,
+        inputs: Arrays,
+        outputs: Arrays,
+        *,
+        most: int,
+        places: int,
     ) -> None:
-        self._inputs, self._outputs, self._shared = inputs, outputs, shared.arrays
-        self._for_all = {name for name, array in inputs.items() if array.ndim == 1}
-        for name in self._for_all:
+        self._outputs, self._most, self.places = outputs, most, places
+        self._inputs = {name: array for name, array in inputs.items() if array.ndim > 1}
+        for_all = inputs.keys() - self._inputs.keys()
+        kinds = {
+            name: Kind((places * most, *array.shape[1:]), array.dtype.str)
+            for name, array in (self._inputs | outputs).items()
+        }
+        memory = SharedArrays(kinds | {name: Kind(inputs[name].shape) for name in for_all})
+        self._memory, self._shared = memory, memory.arrays
+        for name in for_all:
             self._shared[name][:] = inputs[name]
-        self.work = _InMemory(kernel, recipe, shared.address, tuple(inputs))
+        self.work = _InMemory(kernel, recipe, memory.address, tuple(inputs))
 
-    def send(self, rows: slice) -> slice:
-        """Return the rows, whose inputs are in shared memory now."""
-        for name in self._inputs.keys() - self._for_all:
-            self._shared[name][rows] = self._inputs[name][rows]
-        return rows
+    def send(self, rows: slice, place: int) -> slice:
+        """Return where the inputs of the rows are in shared memory now."""
+        there = slice(place * self._most, place * self._most + rows.stop - rows.start)
+        for name, array in self._inputs.items():
+            self._shared[name][there] = array[rows]
+        return there
 
-    def receive(self, rows: slice, found: Arrays | None) -> None:
-        """Copy out of shared memory, which would hold a file open as long as the answer lives."""
+    def receive(self, rows: slice, found: slice) -> None:
+        """Copy out of shared memory."""
         for name, array in self._outputs.items():
-            array[rows] = self._shared[name][rows]
+            array[rows] = self._shared[name][found]
+
+    def close(self) -> None:
+        """Let no worker open the memory any more."""
+        self._memory.close()
 
 
 class ByCopies(Way):
@@ -91,27 +136,14 @@ class ByCopies(Way):
         kinds = {name: Kind(array.shape[1:], array.dtype.str) for name, array in outputs.items()}
         self.work = _OnCopies(kernel, recipe, kinds)
 
-    def send(self, rows: slice) -> tuple[int, Arrays]:
+    def send(self, rows: slice, place: int) -> tuple[int, Arrays]:
         """Return the number of rows and their inputs."""
         return rows.stop - rows.start, _inputs_of(self._inputs, rows)
 
-    def receive(self, rows: slice, found: Arrays | None) -> None:
+    def receive(self, rows: slice, found: Arrays) -> None:
         """Put the copies into their place."""
-        for name, array in (found or {}).items():
+        for name, array in found.items():
             self._outputs[name][rows] = array
-
-
-class Sent(Sequence[Any]):
-    """What is sent for each chunk, made when the chunk is handed out."""
-
-    def __init__(self, way: Way, chunks: list[slice]) -> None:
-        self._way, self._chunks = way, chunks
-
-    def __len__(self) -> int:
-        return len(self._chunks)
-
-    def __getitem__(self, i: Any) -> Any:
-        return self._way.send(self._chunks[i])
 
 
 @dataclass(frozen=True)
@@ -123,10 +155,17 @@ class _InMemory:
     address: Address
     inputs: tuple[str, ...]
 
-    def __call__(self, rows: slice) -> None:
-        outputs = self.address.open()
-        inputs = {name: outputs.pop(name) for name in self.inputs}
-        _fill(self.kernel, self.recipe.workspace, inputs, outputs, rows)
+    def __call__(self, rows: slice) -> slice:
+        arrays = _opened(self.address)
+        inputs = {name: arrays[name] for name in self.inputs}
+        outputs = {name: arrays[name] for name in arrays.keys() - inputs.keys()}
+        return _fill(self.kernel, self.recipe.workspace, inputs, outputs, rows)
+
+
+@lru_cache(maxsize=1)
+def _opened(address: Address) -> Arrays:
+    """Return the arrays of a batch, kept from one chunk to the next."""
+    return address.open()
 
 
 @dataclass(frozen=True)
@@ -151,10 +190,11 @@ def _fill(
     inputs: Arrays,
     outputs: Arrays,
     rows: slice,
-) -> None:
-    """Have a kernel fill some rows."""
+) -> slice:
+    """Have a kernel fill some rows, and return which."""
     chosen = {name: array[rows] for name, array in outputs.items()}
     kernel(workspace(), _inputs_of(inputs, rows), chosen)
+    return rows
 
 
 def _inputs_of(arrays: Arrays, rows: slice) -> Arrays:

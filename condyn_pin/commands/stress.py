@@ -47,7 +47,7 @@ def stress(
     names = _names(families)
     if robots and not names:  # a robot is put through what any scene can be put through
         names = [name for name, family in EXTREMES.items() if family.any_scene]
-    todo = tasks(names, robots or ROBOTS, seeds)
+    todo = tasks(names, robots or ROBOTS, seeds, heavy=not math.isfinite(seconds))
     if math.isfinite(seconds):
         todo = mixed(todo)
     methods = [] if solver == "all" else _names(solver)

@@ -11,7 +11,8 @@ after a step.
    for: Pinocchio's own methods know nothing else.
 3. A scheme of the second kind returns a `Correction` from `start(system, dt)`. It runs after every
    step, takes (t, q, v) at its end, returns (q, v) and writes to neither of its arguments. What it
-   remembers from step to step it keeps in its closure; after an event it is started again.
+   remembers from step to step it keeps in its closure; after an event it is started again. It
+   sets `corrects`.
 4. The equations import this folder: import nothing of `rows`, `states`, `scene` or `simulation` at
    the top of a file. `system` brings what a correction needs.
 5. A correction that cannot reach the constraints returns the best state that it found; it raises
@@ -44,6 +45,7 @@ class Drift(ABC):
     title: ClassVar[str]
     cost: ClassVar[str]
     use: ClassVar[str]  # when to take it
+    corrects: ClassVar[bool] = False  # whether it moves the state back after a step
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

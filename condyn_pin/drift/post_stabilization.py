@@ -40,6 +40,7 @@ class PostStabilization(Drift):
     title: ClassVar[str] = "post-stabilization"
     cost: ClassVar[str] = "a few microseconds (Proximal)"
     use: ClassVar[str] = "by default: the cheapest that keeps both levels"
+    corrects: ClassVar[bool] = True
 
     metric: Metric = "mass"
     every: int = 1

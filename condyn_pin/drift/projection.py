@@ -56,6 +56,7 @@ class Projection(Drift):
     title: ClassVar[str] = "projection"
     cost: ClassVar[str] = "a microsecond, and a solve where something is to close (Proximal)"
     use: ClassVar[str] = "to keep loops closed to a tolerance"
+    corrects: ClassVar[bool] = True
 
     position: bool = True
     velocity: bool = True

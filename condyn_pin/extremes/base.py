@@ -3,6 +3,7 @@
 1. Add one file to this folder with one function marked with `extreme`. It takes a severity and a
    random generator, and returns a `Case`. The first line of its docstring says what its dial is.
 2. The severities go from tame to absurd. The same severity and the same seed give the same case.
+   Those that take gigabytes are `heavy`: a run with a limit on its time leaves them out.
 3. A family that any robot can be put through sets `any_scene=True`, and takes a closed scene as its
    third argument.
 4. The truth goes into `Case.right`, if there is a closed form. Without one it is what `Reference`
@@ -62,6 +63,8 @@ class Extreme:
         What the dial is.
     severities : tuple of float
         Values of the dial, from tame to absurd.
+    heavy : tuple of float
+        Those of them that take gigabytes.
     any_scene : bool
         Whether the family is made of a scene that is handed in.
     make : callable
@@ -70,6 +73,7 @@ class Extreme:
     name: str
     title: str
     severities: tuple[float, ...]
+    heavy: tuple[float, ...]
     any_scene: bool
     make: Callable[..., Case]
 
@@ -90,17 +94,17 @@ class Extreme:
 
 
 def extreme(
-    *, severities: Sequence[float], any_scene: bool = False
+    *, severities: Sequence[float], heavy: Sequence[float] = (), any_scene: bool = False
 ) -> Callable[[Callable[..., Case]], Callable[..., Case]]:
     """Enter a function into `EXTREMES`."""
 
     def register(make: Callable[..., Case]) -> Callable[..., Case]:
         name = make.__name__
         title = (make.__doc__ or "").split("\n", 1)[0].rstrip(".")
-        dial = tuple(float(severity) for severity in severities)
-        enter(
-            EXTREMES, name, Extreme(name, title, dial, any_scene, make), f"an extreme named {name}"
-        )
+        large = tuple(float(severity) for severity in heavy)
+        dial = (*(float(severity) for severity in severities), *large)
+        made = Extreme(name, title, dial, large, any_scene, make)
+        enter(EXTREMES, name, made, f"an extreme named {name}")
         return make
 
     return register

@@ -10,7 +10,7 @@ from condyn_pin.mechanisms.chain import chain
 from condyn_pin.scene import Scene
 
 
-@extreme(severities=(5, 10, 20, 50, 100))
+@extreme(severities=(5, 10, 20, 50, 100, 200), heavy=(400,))
 def bent_chain(severity: float, rng: np.random.Generator) -> Case:
     """How many rods there are, each at a random angle to the one before."""
     n = whole(severity)

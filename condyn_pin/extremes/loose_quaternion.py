@@ -11,7 +11,7 @@ from condyn_pin.extremes.base import Case, extreme, moving, powers
 from condyn_pin.scene import Scene
 
 
-@extreme(severities=(*powers(-16, -1), -1.0), any_scene=True)
+@extreme(severities=(*powers(-16, -7), 9e-7, *powers(-6, -1), -1.0), any_scene=True)
 def loose_quaternion(severity: float, rng: np.random.Generator, scene: Scene) -> Case:
     """How far the length of every quaternion of q is from one; -1 makes it zero."""
     q, v, tau = moving(scene, rng)

@@ -10,7 +10,7 @@ from condyn_pin.mechanisms.chain import chain
 from condyn_pin.scene import Scene
 
 
-@extreme(severities=(5, 10, 20, 50, 100, 200))
+@extreme(severities=(5, 10, 20, 50, 100, 200), heavy=(400,))
 def straight_chain(severity: float, rng: np.random.Generator) -> Case:
     """How many rods are stretched out; cond(M) = 4 n^4."""
     n = whole(severity)

@@ -30,7 +30,11 @@ Progress = Callable[[int, int], None]
 
 
 def tasks(
-    families: Sequence[str] = (), robots: Sequence[str] = ROBOTS, seeds: int = 1
+    families: Sequence[str] = (),
+    robots: Sequence[str] = ROBOTS,
+    seeds: int = 1,
+    *,
+    heavy: bool = True,
 ) -> list[Task]:
     """Return the cases of some families, seed after seed.
 
@@ -41,6 +45,8 @@ def tasks(
     robots : sequence of str
         What families of any scene are put on.
     seeds : int
+    heavy : bool
+        Whether those that take gigabytes are among them.
     """
     for name in families:
         if name not in EXTREMES:
@@ -52,6 +58,7 @@ def tasks(
         for family in chosen
         for robot in (robots if family.any_scene else ("",))
         for severity in family.severities
+        if heavy or severity not in family.heavy
     ]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -13,6 +14,10 @@ from condyn_pin.extremes import EXTREMES
 from condyn_pin.extremes.base import Case
 from condyn_pin.extremes.verdict import Outcome, Task, Verdict, judge, right_answers, turned
 from condyn_pin.scene import Scene
+
+# Pinocchio's Data has 4 nv^3 numbers. Workspaces are in cycles, and from so many degrees of freedom
+# on they are not left to the collector, which counts objects.
+_LONG = 100
 
 
 @dataclass(frozen=True)
@@ -66,6 +71,8 @@ def answers(task: Task, methods: list[str], memory: Memory) -> Iterator[str | Ou
             verdict = Verdict.REFUSED if said.startswith("CondynError") else Verdict.CRASHED
             yield Outcome(task, method, verdict, float("nan"), said)
             continue
+        if case.scene.robot.nv >= _LONG:
+            gc.collect()
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # a library that warns has not thought of it
             try:

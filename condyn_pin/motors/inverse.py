@@ -40,8 +40,8 @@ class InverseDynamics:
         What comes out: the acceleration asked for if the constraints allow it and the motors can
         make it, else the nearest one in the metric of M.
     residual : (nv,) array
-        Generalised force that is missing for the motion, M a_wanted + h - passive - B u - J^T lam
-        with a_wanted the nearest that the constraints allow.
+        Generalised force that is missing for the motion [N m, N], M a_wanted + h - passive - B u -
+        J^T lam with a_wanted the nearest that the constraints allow.
     projected : float
         max abs(J a + gamma) of the acceleration asked for [m/s^2, rad/s^2]: how far it is from
         what the constraints allow.
@@ -53,9 +53,9 @@ class InverseDynamics:
         Of the directions that the motors drive, how weakly the weakest is driven: its singular
         value over the largest of L^-1 B [1]; 1 if they drive none.
     null_space : (k + m, d) array
-        Internal forces: a basis of (u, lam) with B u + J^T lam = 0. First the ways in which motors
-        work against each other through the constraints, with orthonormal u; then forces of
-        redundant rows alone.
+        Internal forces: a basis of (u, lam) with B u + J^T lam = 0 [N m, N]. First the ways in
+        which motors work against each other through the constraints, with orthonormal u; then
+        forces of redundant rows alone.
     actuation : Actuation
     scene : Scene
     q : (nq,) array
@@ -157,7 +157,7 @@ def inverse_dynamics(
     actuation : Actuation, optional
         The motors; those of the robot by default.
     passive : (nv,) array_like, optional
-        Torques that act anyway, such as ``robot.passive_torque(q, v)``; none by default.
+        Torques that act anyway [N m, N], such as ``robot.passive_torque(q, v)``; none by default.
 
     Returns
     -------
@@ -175,6 +175,11 @@ def inverse_dynamics(
     Cost O(n^3 + m^2 n). Where motors work against each other, as with two feet on the ground, u is
     the solution of least sum of squares of motor torques: gear ratios count, and the units of
     hinges and sliders are not told apart. ``null_space`` leads to all others.
+
+    References
+    ----------
+    Aghili. A unified approach for inverse and direct dynamics of constrained multibody systems
+    based on linear projection operator. IEEE Transactions on Robotics, 2005.
     """
     actuation = motors_of(scene, actuation)
     state = at_state(scene, q, v)
@@ -232,6 +237,10 @@ def gravity_compensation(
     ------
     InvalidArgument
         As `inverse_dynamics`.
+
+    Notes
+    -----
+    Cost and source are those of `inverse_dynamics`.
     """
     actuation = motors_of(scene, actuation)  # which looks at the scene too
     still = np.zeros(scene.robot.nv)

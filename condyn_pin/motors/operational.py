@@ -46,9 +46,9 @@ class OperationalSpace:
     Lambda_inverse : (r, r) array
         J W J^T [1/kg, 1/(kg m), 1/(kg m^2)], of which Lambda is the pseudo-inverse.
     J_bar : (nv, r) array
-        The dynamically consistent inverse of J: the joint motion of least kinetic energy.
+        The dynamically consistent inverse of J: the joint motion of least kinetic energy [1, 1/m].
     N : (nv, nv) array
-        Projector onto motions that the task does not see.
+        Projector onto motions that the task does not see [1, m, 1/m].
     rank : int
         Directions of the frame that constraints and joints leave.
     delassus : (m, m) array
@@ -109,6 +109,11 @@ def operational_space(
     Notes
     -----
     Cost O(n^3 + m^2 n).
+
+    References
+    ----------
+    Khatib. A unified approach for motion and force control of robot manipulators: the operational
+    space formulation. IEEE Journal of Robotics and Automation, 1987.
     """
     from scipy.linalg import solve_triangular
 

@@ -37,9 +37,10 @@ class Transmission:
     Attributes
     ----------
     G : (nv, k) array
-        v = G w: velocities of all joints for speeds of the motors, gears included.
+        v = G w: velocities of all joints for speeds of the motors, gears included
+        [1, m, 1/m].
     free : (nv, d) array
-        Orthonormal basis of the motions that are left with the motors held.
+        Orthonormal basis of the motions that are left with the motors held [rad, m].
     conflicting : int
         Conditions among the motors themselves: more than zero if there are more motors than
         degrees of freedom, and at a dead point. Then G keeps of w the nearest that fits.
@@ -139,6 +140,10 @@ def transmission(scene: Scene, q: ArrayLike, *, actuation: Actuation | None = No
     Notes
     -----
     Statics and kinematics only: what inertias take is in `inverse_dynamics`. Cost O(n^3 + m^2 n).
+
+    References
+    ----------
+    Merlet. Parallel Robots. Springer, 2006.
     """
     actuation = motors_of(scene, actuation)
     state = at_state(scene, q)

@@ -1,4 +1,4 @@
-"""Cut joints: loops that keep a choice of the six rows of the slip, and rods.
+"""Cut joints: loops that keep a choice of the six rows of the slip.
 
 With r, R, v, omega as in `condyn_pin.rows.ends`, body 1 slips past body 2 at the origin of c2 with
 
@@ -10,9 +10,7 @@ in the axes of c1, and its derivatives, component by component in those axes, ar
     s_ang' = alpha1 - R alpha2 + omega1 x R omega2.
 
 The violation is -r, and for turns -log(R), or for a hinge about e the turn that brings e back onto
-R e. A rod of length L with the direction n = r/|r| has
-
-    c = L - |r|,   J v = n . s_lin,   J a + gamma = n . s_lin' - (|s_lin|^2 - (n . s_lin)^2) / |r|.
+R e.
 """
 
 from __future__ import annotations
@@ -30,8 +28,6 @@ from condyn_pin.rows.frames import FrameJacobian, rows_of
 
 _YZX, _ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
 
-_SMALLEST = 1e-300  # keeps 0/0 out of a direction that does not exist
-
 
 class CutJoints:
     """All loops of one scene with other rows than Pinocchio's.
@@ -45,18 +41,14 @@ class CutJoints:
     def __init__(self, data: Any, bounds: Sequence[Bound]) -> None:
         self._bounds, self._ends = tuple(bounds), Ends(data, bounds)
         k = len(bounds)
-        self._rows = rows_of([b for b in bounds if not b.is_rod])
+        self._rows = rows_of(bounds)
         chosen = [6 * i + j for i, b in enumerate(bounds) for j in b.selection]
         self._chosen = np.array(chosen, dtype=np.int_)  # of the k x 6 components
-        self._rods = np.array([i for i, b in enumerate(bounds) if b.is_rod], dtype=np.int_)
-        self._rod_rows = rows_of([b for b in bounds if b.is_rod])
-        self._lengths = np.array([b.length for b in bounds if b.is_rod])
         self._hinges = np.array([i for i, b in enumerate(bounds) if b.is_hinge], dtype=np.int_)
         self._axes = np.eye(3)[[bounds[i].axis for i in self._hinges]]
         self._sliders = [i for i, b in enumerate(bounds) if b.size == 5 and not b.is_hinge]
         self._anchored = np.array([[[float(b.anchored)]] for b in bounds])
         self._R, self._r = np.zeros((k, 3, 3)), np.zeros((k, 3))
-        self._n = np.zeros((len(self._rods), 3))
 
     def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
         """Write the rows of these loops into the three vectors of all rows."""
@@ -74,19 +66,11 @@ class CutJoints:
         off *= self._anchored
         for six, out in ((off, c), (s, velocity), (s_dot, acceleration)):
             out[self._rows] = six.reshape(-1)[self._chosen]
-        if len(self._rods):
-            distance, ends, ends_dot = self._point(), s[self._rods, 0], s_dot[self._rods, 0]
-            along = dot(self._n, ends)
-            c[self._rod_rows] = self._lengths - distance
-            velocity[self._rod_rows] = along
-            across = (dot(ends, ends) - along**2) / np.maximum(distance, _SMALLEST)
-            acceleration[self._rod_rows] = dot(self._n, ends_dot) - across
 
     def stack(self, lam: Array, f1: Array, f2: Array) -> None:
         """Write the forces and moments (6 k) at the origins of c1 and c2, each in its axes."""
         six = np.zeros((len(self._bounds), 2, 3))
         six.reshape(-1)[self._chosen] = lam[self._rows]
-        six[self._rods, 0] = lam[self._rod_rows, None] * self._n
         force, moment = six[:, 0], six[:, 1]
         f2.reshape(-1, 2, 3)[:] = six @ self._R  # R^T f, R^T m
         moment += cross(self._r, force)
@@ -94,22 +78,11 @@ class CutJoints:
 
     def jacobian(self, J: Array, of_frame: FrameJacobian) -> None:
         """Write the rows of these loops into J (m, nv), at the last evaluation."""
-        rods = dict(zip(self._rods.tolist(), self._n, strict=True))
         for i, b in enumerate(self._bounds):
             J1, J2 = of_frame(b.joint1, b.placement1), of_frame(b.joint2, b.placement2)
             R = self._R[i]
             linear = J1[:3] - pin.skew(self._r[i]) @ J1[3:] - R @ J2[:3]
-            if b.is_rod:
-                J[b.rows] = rods[i] @ linear
-            else:
-                J[b.rows] = np.vstack([linear, J1[3:] - R @ J2[3:]])[list(b.selection)]
-
-    def _point(self) -> Array:
-        """Point the rods from c1 to c2; return their present lengths."""
-        r = self._r[self._rods]
-        distance: Array = np.linalg.norm(r, axis=1)
-        self._n = r / np.maximum(distance, _SMALLEST)[:, None]
-        return distance
+            J[b.rows] = np.vstack([linear, J1[3:] - R @ J2[3:]])[list(b.selection)]
 
     def _turn_off(self) -> Array:
         """Return the turn that is missing, of hinges and sliders."""

@@ -24,6 +24,7 @@ from condyn_pin.rows.couplings import Couplings
 from condyn_pin.rows.cut_joints import CutJoints
 from condyn_pin.rows.frames import WorldContacts, Wrenches
 from condyn_pin.rows.loops import Balls, Weld
+from condyn_pin.rows.rods import Rods
 from condyn_pin.rows.rolling import Rolling, touching
 
 # bound once: these are called in every proof, which is to cost little more than they do
@@ -100,25 +101,34 @@ class Equations:
         held = [b for b in pairs if b.is_held]
         loops = [b for b in pairs if b not in held]
         balls = [b for b in loops if b.selection == POINT]
-        cut = [b for b in loops if not b.is_plain]
+        rods = [b for b in loops if b.is_rod]
+        cut = [b for b in loops if not (b.is_plain or b.is_rod)]
         data = self.data
         self._contacts = WorldContacts(data, held, self.m + 1) if held else None
         self._loops: list[Balls | Weld] = [Balls(data, balls)] if balls else []
         self._loops += [Weld(data, b) for b in loops if b.selection == FRAME]
         self._cut = CutJoints(data, cut) if cut else None
+        self._rods = Rods(data, rods) if rods else None
         self._rolling = Rolling(data, rolled) if rolled else None
         self._couplings = Couplings(coupled, self.model.nv) if coupled else None
-        # Stacked forces: lam itself, and behind it force and moment of each cut joint, and then of
-        # all that rolls.
+        # Stacked forces: lam itself, and behind it the force of each rod, and then force and moment
+        # of each cut joint and of all that rolls.
         places: list[tuple[Bound | Rolled, slice, tuple[int, ...]]]
-        places = [(b, b.rows, b.selection) for b in pairs if b not in cut]
-        wrenches: list[Bound | Rolled] = [*cut, *rolled]
-        starts = [self.m + 6 * i for i in range(len(wrenches))]
-        places += [(b, slice(at, at + 6), FRAME) for b, at in zip(wrenches, starts, strict=True)]
-        size, self._behind_cut = self.m + 6 * len(wrenches), self.m + 6 * len(cut)
+        places = [(b, b.rows, b.selection) for b in pairs if b.is_plain or b.is_held]
+        size = self.m
+        for group, components in ((rods, POINT), (cut, FRAME), (rolled, FRAME)):
+            for b in group:
+                places.append((b, slice(size, size + len(components)), components))
+                size += len(components)
         self._wrenches = Wrenches(self.model, places, size)
         self._forces = np.zeros(2 * size)
-        self._f1, self._f2 = self._forces[:size], self._forces[size:]
+        f1, f2 = self._forces[:size], self._forces[size:]
+        behind_rods = self.m + 3 * len(rods)
+        behind_cut = behind_rods + 6 * len(cut)
+        self._f1, self._f2 = f1[: self.m], f2[: self.m]
+        self._of_rods = f1[self.m : behind_rods], f2[self.m : behind_rods]
+        self._of_cut = f1[behind_rods:behind_cut], f2[behind_rods:behind_cut]
+        self._of_rolling = f1[behind_cut:]
 
     def terms(self, q: Array, v: Array) -> Terms:
         """Return M, h, J, gamma and a_ref; they are owned by the caller."""
@@ -211,14 +221,15 @@ class Equations:
         self.motion(q, v, a)
         if self.drift:
             self._acceleration += self.drift.Kd * self._velocity + self.drift.Kp * self._c
-        m, end, f1, f2 = self.m, self._behind_cut, self._f1, self._f2
-        f1[:m] = lam1 = lam * self.sign if self._flipped else lam
+        self._f1[:] = lam1 = lam * self.sign if self._flipped else lam
         for loops in self._loops:
-            loops.turn(lam1, f2)
+            loops.turn(lam1, self._f2)
+        if self._rods:
+            self._rods.stack(lam1, *self._of_rods)
         if self._cut:
-            self._cut.stack(lam1, f1[m:end], f2[m:end])
+            self._cut.stack(lam1, *self._of_cut)
         if self._rolling:
-            self._rolling.stack(lam1, f1[end:])
+            self._rolling.stack(lam1, self._of_rolling)
         wrenches = self._wrenches.of(self._forces)
         np.subtract(_rnea(self.model, self.data, q, v, a, wrenches), tau, out=self._dynamics)
         if self._couplings:
@@ -232,6 +243,8 @@ class Equations:
             self._contacts.evaluate(self._c, self._motion)
         for loops in self._loops:
             loops.evaluate(*rows)
+        if self._rods:
+            self._rods.evaluate(*rows)
         if self._cut:
             self._cut.evaluate(*rows)
         if self._rolling:
@@ -261,7 +274,7 @@ class Equations:
             # a single column comes as a vector
             return np.reshape(pin.getFrameJacobian(model, data, joint, placement, LOCAL), (6, -1))
 
-        for group in (self._contacts, *self._loops, self._cut, self._rolling):
+        for group in (self._contacts, *self._loops, self._rods, self._cut, self._rolling):
             if group:
                 group.jacobian(J, of_frame)
         if self._couplings:

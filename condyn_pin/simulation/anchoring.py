@@ -17,8 +17,8 @@ from condyn_pin.arrays import Array
 from condyn_pin.constraints import Constraint
 from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
 from condyn_pin.nonholonomic import Knife, RollingBall, RollingWheel
-from condyn_pin.rows.equations import Equations
 from condyn_pin.scene import Scene
+from condyn_pin.simulation.measures import gauge_of
 
 
 def anchored(
@@ -36,7 +36,7 @@ def anchored(
     if all(bound.anchored for bound in scene.bounds):
         return scene
     places = {} if places is None else places
-    frames = Equations(scene.robot.model, scene.bounds).placements(q)
+    frames = gauge_of(scene).equations.placements(q)
     pairs = zip(scene.constraints, scene.bounds, frames, strict=True)
     for constraint, bound, frame in pairs:
         if constraint not in places:

@@ -129,6 +129,14 @@ class Event:
         """Whether the run ends with it."""
         return self.scene is None and self.met is None
 
+    def missed(self, value: float) -> str:
+        """Return why it did not happen, from its value at the end."""
+        if self.at is not None:
+            return f"the run ends before t = {self.at:g} s"
+        if value > 0:
+            return f"its condition is {value:.3g} at the end, and has not fallen to zero"
+        return f"its condition is {value:.3g} at the end, and has not been above zero"
+
     def value(self, moment: Moment) -> float:
         """Return, at a `moment`, what falls to zero at the event."""
         if self.at is not None:

@@ -75,6 +75,7 @@ def save(trajectory: Trajectory, path: Path_) -> None:
             "status": run.status.name,
             "reason": run.reason,
             "happened": [_encode(event) for event in run.happened],
+            "missed": run.missed,
             "wall_time": run.wall_time,
         },
     }
@@ -139,6 +140,7 @@ def _trajectory(header: dict[str, Any], content: dict[str, Any]) -> Trajectory:
         status=RunStatus[run["status"]],
         reason=run["reason"],
         happened=tuple(_decode(event) for event in run["happened"]),
+        missed=tuple(run.get("missed", ())),  # files of before have none
         wall_time=run["wall_time"],
     )
     return Trajectory(phases=phases, run=made, **{name: content[name] for name in _ARRAYS})

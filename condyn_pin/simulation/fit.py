@@ -7,8 +7,8 @@ import numpy as np
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.errors import NotAssembled
-from condyn_pin.rows.equations import Equations
 from condyn_pin.scene import Scene
+from condyn_pin.simulation.measures import gauge_of
 from condyn_pin.states.check import Check
 from condyn_pin.states.gaps import gaps, slips
 
@@ -23,7 +23,7 @@ def check_fit(scene: Scene, q: Array, v: Array, *, what: str = "") -> None:
     what : str
         What the text begins with.
     """
-    equations = Equations(scene.robot.model, scene.bounds)
+    equations = gauge_of(scene).equations
     c = equations.violation(q)
     velocity = equations.jacobian(q) @ v
     speed = max(1.0, float(np.abs(v).max(initial=0.0)))

@@ -76,17 +76,14 @@ class SolvedGaps:
         natives = workspace.natives.constraints
         self._m = sum(native.size for native in natives)
         self._rhs = np.zeros((self._m + system.model.nv, 2), order="F")
-        self._gaps = self._rhs[: self._m]
-        self._views = []  # of Pinocchio's memory: they follow each solve
-        start = 0
+        self._gaps, self._flat = self._rhs[: self._m], self._rhs.ravel(order="K")
+        c, slip = [], []  # views of Pinocchio's memory: they follow each solve
         for native, data in zip(natives, workspace.constraint_datas, strict=True):
-            rows = slice(start, start + native.size)
-            c = data.contact_placement_error.vector[: native.size]
-            slip = data.contact_velocity_error.vector[: native.size]
-            if native.anchored:
-                self._views.append((self._gaps[rows, 0], c))
-            self._views.append((self._gaps[rows, 1], slip))
-            start += native.size
+            gap = data.contact_placement_error.vector[: native.size]
+            c.append(gap if native.anchored else np.zeros(native.size))
+            slip.append(data.contact_velocity_error.vector[: native.size])
+        below = np.zeros(system.model.nv)
+        self._sources = [*c, below, *slip, below]
 
     def look(self, t: float, q: Array, v: Array) -> Array:
         """Return [c, J v] of Pinocchio's rows; the solver's answer is the next `acceleration`."""
@@ -95,8 +92,7 @@ class SolvedGaps:
         if w.proximal_settings.mu != self._mu:
             models, datas = w.constraint_models, w.constraint_datas
             self._cholesky.compute(w.model, w.data, models, datas, self._mu)
-        for mine, theirs in self._views:
-            mine[:] = theirs
+        np.concatenate(self._sources, out=self._flat)
         return self._gaps
 
     def step(self, again: bool) -> tuple[Array, Array]:

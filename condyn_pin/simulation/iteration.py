@@ -7,17 +7,18 @@ from math import isfinite
 
 from condyn_pin.errors import SolveFailed, StepFailed
 
-# What is left, in metres and radians, with which an iteration may end once it stops to shrink.
+# What is left with which an iteration may end once it stops to shrink, and below which nothing can
+# be told from rounding: as shares of the numbers that a configuration is made of.
 _SMALL = 1e-11
-
-# Nothing below can be told from rounding.
-_ROUNDING = 1e-16
+_ROUNDING = 1e-15
 
 _MOST = 60
 
 
-def to_the_end(iteration: Callable[[], float], title: str, t: float, dt: float) -> None:
-    """Iterate until what is left no longer halves.
+def to_the_end(
+    iteration: Callable[[], float], title: str, t: float, dt: float, size: float
+) -> None:
+    """Iterate until what is left no longer halves in two iterations: some take turns.
 
     Parameters
     ----------
@@ -25,13 +26,16 @@ def to_the_end(iteration: Callable[[], float], title: str, t: float, dt: float) 
         Improves on what it has, and returns what was left before [m, rad].
     title, t, dt : str, float, float
         What is iterated, and where, for the error [s].
+    size : float
+        Of the numbers that are iterated on [m, rad]; see `System.size`.
 
     Raises
     ------
     StepFailed
         If the iteration stops to converge too early.
     """
-    size = float("inf")
+    small, rounding = _SMALL * size, _ROUNDING * size
+    two_before = before = float("inf")
     count = 0
     while count < _MOST:
         count += 1
@@ -39,12 +43,12 @@ def to_the_end(iteration: Callable[[], float], title: str, t: float, dt: float) 
             left = iteration()
         except SolveFailed:  # it has led to a state that no machine can have
             left = float("nan")
-        if left <= _ROUNDING or (size < _SMALL and not left < size / 2):
+        if left <= rounding or (before < small and not left < two_before / 2):
             return
-        size = left
-        if not isfinite(size):
+        two_before, before = before, left
+        if not isfinite(left):
             break
-    left_over = f"{size:.1e} are left (m, rad)" if isfinite(size) else "its numbers are lost"
+    left_over = f"{before:.1e} are left (m, rad)" if isfinite(before) else "its numbers are lost"
     raise StepFailed(
         f"{title} at t = {t:g} s: after {count} iterations {left_over}; take a smaller dt than "
         f"{dt:g} s"

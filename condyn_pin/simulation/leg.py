@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from condyn_pin.arrays import Array
-from condyn_pin.drift.base import Drift
+from condyn_pin.drift.base import Correction, Drift
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
 from condyn_pin.scene import Scene
+from condyn_pin.simulation.defaults import default_solver
 from condyn_pin.simulation.effects import Effects
-from condyn_pin.simulation.integrators.base import Integrator
+from condyn_pin.simulation.integrators.base import Integrator, Stepper
 from condyn_pin.simulation.recorder import Recorder
 from condyn_pin.simulation.system import System
 from condyn_pin.simulation.torques import Applied
@@ -19,6 +21,14 @@ from condyn_pin.workspace import Workspace
 
 # (t, q, v) -> (q, v, a), as the step of an integrator
 Move = Callable[[float, Array, Array], tuple[Array, Array, Array]]
+
+
+class Mover(NamedTuple):
+    """A stepper of one size, and the correction behind it."""
+
+    stepper: Stepper
+    correct: Correction | None
+    dt: float  # [s]
 
 
 @dataclass(frozen=True)
@@ -44,30 +54,32 @@ class Leg:
     """
 
     def __init__(self, scene: Scene, method: Method) -> None:
-        self.scene, self._method = scene, method
+        self.scene, self.method = scene, method
         _check_rows(scene, method.integrator)
-        workspace = Workspace(scene, method.solver, drift=method.drift.rows)
-        _check_solver(workspace.solver, method.integrator)
-        self.solver, effects = workspace.solver, method.effects
+        self.solver = default_solver(scene) if method.solver is None else method.solver
+        workspace = Workspace(scene, self.solver, drift=method.drift.rows)
+        _check_solver(self.solver, method)
+        effects = method.effects
         self._tau = method.tau
         self.system = System(workspace, self._tau, springs=effects.springs, damping=effects.damping)
         self._at_start = method.integrator.a_at == "start"
 
+    def turn(self, every: int) -> int:
+        """Return which of `every` steps is a sample, if every so many is to be one."""
+        return 0 if self._at_start else every - 1
+
     def step(self, t: float, q: Array, v: Array, k: int, every: int) -> tuple[Array, Array]:
         """Take step k, which ends at (k + 1) dt, and keep its sample if it is its turn."""
         # the first sample of a phase always is
-        turn = k % every == 0 or not self.recorder.count
-        keep = turn if self._at_start else (k + 1) % every == 0
-        t1 = (k + 1) * self._method.dt
-        return self._take(self._move, self._lam, t1, t, q, v, keep)
+        keep = k % every == self.turn(every) or not self.recorder.count
+        return self._take(self._mover, (k + 1) * self.method.dt, t, q, v, keep)
 
     def part(
         self, t: float, q: Array, v: Array, t1: float, *, keep: bool = False
     ) -> tuple[Array, Array]:
         """Take a step to t1; `keep` says whether its end is to be a sample."""
-        move, lam = self._mover(t1 - t)
         keep = not self.recorder.count if self._at_start else keep
-        return self._take(move, lam, t1, t, q, v, keep)
+        return self._take(self._mover_of(t1 - t), t1, t, q, v, keep)
 
     def take_back(self, t: float) -> None:
         """Forget the sample of a step from t that does not count."""
@@ -83,7 +95,8 @@ class Leg:
     def begin(self, t: float, q: Array, v: Array) -> Recorder:
         """Begin to keep samples, with another stepper; return what they go to."""
         self.recorder = Recorder(self.scene)
-        self._move, self._lam = self._mover(self._method.dt)
+        self._mover = self._mover_of(self.method.dt)
+        self.move = _composed(*self._mover)
         if not self._at_start:  # else the first step keeps it
             self.sample(t, q, v)
         return self.recorder
@@ -94,43 +107,56 @@ class Leg:
             self.sample(t, q, v)
 
     def _take(
-        self, move: Move, lam: Callable[[], Array], t1: float, t: float, q: Array, v: Array,
-        keep: bool,
-    ) -> tuple[Array, Array]:  # fmt: skip
-        tau = self._tau
-        tau.forget()
-        q1, v1, a = move(t, q, v)
+        self, mover: Mover, t1: float, t: float, q: Array, v: Array, keep: bool
+    ) -> tuple[Array, Array]:
+        stepper, correct, dt = mover
         if keep:
-            if not self._at_start:
-                t, q, v = t1, q1, v1
-                tau.forget()
-            self.recorder.add((t, q, v, a, lam(), tau.first(t, q, v)))
+            self._tau.forget()
+        q1, v1, a = stepper.step(t, q, v)
+        lam = stepper.lam() if keep else a  # before the correction solves again
+        if correct:
+            q1, v1 = correct(t + dt, q1, v1)
+        if keep and self._at_start:
+            self.recorder.add((t, q, v, a, lam, self._tau.first(t, q, v)))
+        elif keep:
+            self._tau.forget()
+            self.recorder.add((t1, q1, v1, a, lam, self._tau.first(t1, q1, v1)))
         return q1, v1
 
-    def _mover(self, dt: float) -> tuple[Move, Callable[[], Array]]:
-        """Return the stepper of a size with the corrections behind it."""
-        stepper = self._method.integrator.start(self.system, dt)
+    def _mover_of(self, dt: float) -> Mover:
+        """Return a stepper of a size, and the correction behind it."""
+        stepper = self.method.integrator.start(self.system, dt)
         # a correction reads what the solve of the next step leaves behind
-        correct = self._method.drift.start(stepper.system or self.system, dt)
-        if correct is None:
-            return stepper.step, stepper.lam
-        step, forces = stepper.step, [stepper.lam]
-
-        def corrected(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
-            q1, v1, a = step(t, q, v)
-            lam = stepper.lam()  # before the correction solves again
-            forces[0] = lambda: lam
-            return *correct(t + dt, q1, v1), a
-
-        return corrected, lambda: forces[0]()
+        correct = self.method.drift.start(stepper.system or self.system, dt)
+        return Mover(stepper, correct, dt)
 
 
-def _check_solver(solver: Solver, integrator: Integrator) -> None:
+def _composed(stepper: Stepper, correct: Correction | None, dt: float) -> Move:
+    """Return the step with the correction behind it, for steps that are no samples."""
+    step = stepper.step
+    if correct is None:
+        return step
+
+    def corrected(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
+        q, v, a = step(t, q, v)
+        return *correct(t + dt, q, v), a
+
+    return corrected
+
+
+def _check_solver(solver: Solver, method: Method) -> None:
     """Refuse constraints that are to give way and not to."""
-    if integrator.keeps_constraints and not solver.exact:
+    if solver.exact:
+        return
+    if method.integrator.keeps_constraints:
         raise InvalidArgument(
-            f"solver = {solver!r}: {integrator.title} keeps hard constraints itself, and nothing "
-            "of it would be soft; use RungeKutta4() or another solver"
+            f"solver = {solver!r}: {method.integrator.title} keeps hard constraints itself, and "
+            "nothing of it would be soft; use RungeKutta4() or another solver"
+        )
+    if method.drift.corrects:
+        raise InvalidArgument(
+            f"drift = {method.drift!r}: it closes what {solver.title} lets open, and nothing of it "
+            "would be soft; use NoDrift() or another solver"
         )
 
 

@@ -76,23 +76,52 @@ class Loop:
         self._rebounding: set[str] = set()  # events that have not been above zero since
         self._values = self._look(self.t, q, v) if events else {}
 
-    def run(self, steps: int, every: int, tick: Callable[[int], None]) -> None:
-        """Take the steps.
+    def run(self, steps: int, every: int, tick: Callable[[int], None] | None = None) -> None:
+        """Take the steps; `tick` is told how many are taken.
 
         Raises
         ------
         Ended, PiledUp
             If an event ends the run, or happens again at once.
         """
-        dt = self._method.dt
+        (self._run_watched if self._events else self._run_free)(steps, every, tick)
+        self.leg.end(self.t, self.q, self.v)
+
+    def _run_free(self, steps: int, every: int, tick: Callable[[int], None] | None) -> None:
+        """Take the steps where no event can happen: nothing is looked at in between."""
+        leg, dt = self.leg, self._method.dt
+        step, move, turn = leg.step, leg.move, leg.turn(every)
+        t, q, v = self.t, self.q, self.v
+        try:
+            for k in range(steps):
+                if k % every == turn:
+                    q, v = step(t, q, v, k, every)
+                else:
+                    q, v, _ = move(t, q, v)
+                t = (k + 1) * dt
+                if tick:
+                    tick(k + 1)
+        finally:
+            self.t, self.q, self.v = t, q, v
+
+    def _run_watched(self, steps: int, every: int, tick: Callable[[int], None] | None) -> None:
+        """Take the steps, and look after each which event has happened in it."""
         for k in range(steps):
             q, v = self.leg.step(self.t, self.q, self.v, k, every)
-            t1 = (k + 1) * dt
-            if self._events:
-                q, v = self._watch(t1, q, v, (k + 1) % every == 0)
+            t1 = (k + 1) * self._method.dt
+            q, v = self._watch(t1, q, v, (k + 1) % every == 0)
             self.t, self.q, self.v = t1, q, v
-            tick(k + 1)
-        self.leg.end(self.t, self.q, self.v)
+            if tick:
+                tick(k + 1)
+
+    def missed(self) -> tuple[str, ...]:
+        """Return what there is to say of the events that did not happen."""
+        names = {event.name for event in self.happened}
+        return tuple(
+            f"{event.name} did not happen: {event.missed(self._values[event.name])}"
+            for event in self._events
+            if event.name not in names and event.scene is not self._asked
+        )
 
     def _watch(self, t1: float, q1: Array, v1: Array, keep: bool) -> tuple[Array, Array]:
         """Return the state at t1, a sample if it is to be kept, from that without events."""

@@ -21,12 +21,8 @@ import numpy as np
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 
-_FREE = "JointModelFreeFlyer"
-_BALL = "JointModelSpherical"
-_PLANE = "JointModelPlanar"
-
-# x, y and the turn about z of a planar joint, among the six of a body.
-_PLANAR = [0, 1, 5]
+# Joints whose velocities do not commute.
+_CURVED = ("JointModelFreeFlyer", "JointModelSpherical", "JointModelPlanar")
 
 
 class Manifold:
@@ -43,29 +39,14 @@ class Manifold:
     """
 
     def __init__(self, model: Any) -> None:
-        self._curved = tuple(
-            (joint.shortname(), slice(joint.idx_v, joint.idx_v + joint.nv))
-            for joint in model.joints
-            if joint.shortname() in (_FREE, _BALL, _PLANE)
-        )
-        self.is_flat = not self._curved
+        self._model, self._origin = model, pin.neutral(model)
+        self.is_flat = all(joint.shortname() not in _CURVED for joint in model.joints)
 
     def rate(self, theta: Array, v: Array) -> Array:
         """Return theta' = Jr(theta)^-1 v (nv,)."""
         if self.is_flat:
             return v
-        rate = v.copy()
-        for kind, part in self._curved:
-            rate[part] = _rate(kind, theta[part], v[part])
-        return rate
-
-
-def _rate(kind: str, theta: Array, v: Array) -> Array:
-    """Return the rate of one joint's coordinates."""
-    if kind == _BALL:
-        return np.asarray(pin.Jlog3(pin.exp3(theta)).dot(v))
-    if kind == _FREE:
-        return np.asarray(pin.Jlog6(pin.exp6(theta)).dot(v))
-    twist, velocity = np.zeros((2, 6))
-    twist[_PLANAR], velocity[_PLANAR] = theta, v
-    return np.asarray(pin.Jlog6(pin.exp6(twist)).dot(velocity)[_PLANAR])
+        # Jr^-1 is the derivative of difference(q0, q) by q, whatever q0 is
+        moved = pin.integrate(self._model, self._origin, theta)
+        Jr_inv = pin.dDifference(self._model, self._origin, moved, pin.ARG1)
+        return np.asarray(Jr_inv.dot(v))

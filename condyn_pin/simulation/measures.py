@@ -8,6 +8,7 @@ constraints do no work: what is left over is the error of the integration.
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -19,7 +20,10 @@ from condyn_pin.arrays import Array
 from condyn_pin.rows.equations import Equations
 
 if TYPE_CHECKING:
-    from condyn_pin.simulation.recorder import Phase
+    from condyn_pin.scene import Scene
+
+# The gauge of this thread's last look: motion after motion of one scene needs only one.
+_last = threading.local()
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,13 +33,13 @@ class Energy:
     Attributes
     ----------
     kinetic, potential, springs : (k,) array
-        The potential energy is zero where Pinocchio has it: with everything at the world's origin.
+        [J]; the potential one is zero where Pinocchio has it: with all at the world's origin.
     work : (k,) array
-        Of the torques applied, since the start.
+        Of the torques applied, since the start [J].
     damping : (k,) array
-        Work of the damping since the start; not positive.
+        Work of the damping since the start; not positive [J].
     impacts : (k,) array
-        What events did to the kinetic energy since the start.
+        What events did to the kinetic energy since the start [J].
     """
 
     kinetic: Array
@@ -90,20 +94,52 @@ class Kinematics:
     momentum: Array
 
 
-def kinematics(phase: Phase, q: Array, v: Array) -> Kinematics:
-    """Return what forward kinematics says at the samples (q, v) of a phase."""
-    model = phase.scene.robot.model
-    equations = Equations(model, phase.scene.bounds)
-    data = equations.data
-    found = np.zeros((len(q), 4))
-    momentum = np.zeros((len(q), 6))
-    for i, (q_i, v_i) in enumerate(zip(q, v, strict=True)):
-        c, slip = equations.open_by(q_i, v_i)
-        kinetic = pin.computeKineticEnergy(model, data, q_i, v_i)
-        potential = pin.computePotentialEnergy(model, data, q_i)
-        found[i] = c, slip, kinetic, potential
-        momentum[i] = pin.computeCentroidalMomentum(model, data, q_i, v_i).vector
-    return Kinematics(found[:, 0], found[:, 1], found[:, 2], found[:, 3], momentum)
+class Gauge:
+    """The memory to measure states of one scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.equations = Equations(scene.robot.model, scene.bounds)
+        self._armature = np.array(scene.robot.model.armature)
+        # Pinocchio leaves the armature of joints about a slanted axis out of the kinetic energy
+        self._links = pin.Model(scene.robot.model)
+        self._links.armature[:] = 0.0
+
+    def measure(self, q: Array, v: Array) -> Kinematics:
+        """Return what forward kinematics says at states q (k, nq), v (k, nv)."""
+        equations, links, data = self.equations, self._links, self.equations.data
+        count = len(q)
+        gaps, energies = np.zeros((2, count, equations.m)), np.zeros((2, count))
+        momentum = np.zeros((count, 6))
+        for i, (q_i, v_i) in enumerate(zip(q, v, strict=True)):
+            gaps[:, i] = equations.gaps(q_i, v_i)
+            # the rest reads what that has left in data
+            energies[0, i] = pin.computeKineticEnergy(links, data)
+            energies[1, i] = pin.computePotentialEnergy(links, data)
+            momentum[i] = pin.computeCentroidalMomentum(links, data).vector
+        violation, slip = np.abs(gaps).max(axis=2, initial=0.0)
+        kinetic, potential = energies
+        return Kinematics(violation, slip, kinetic + v**2 @ self._armature / 2, potential, momentum)
+
+
+def gauge_of(scene: Scene) -> Gauge:
+    """Return this thread's gauge of a scene: the last one, or a new one.
+
+    Raises
+    ------
+    StaleModel
+        If the robot's model was edited since it was loaded.
+    """
+    scene.robot.check_unedited()
+    gauge: Gauge | None = getattr(_last, "gauge", None)
+    if gauge is None or gauge.scene is not scene:
+        _last.gauge = gauge = Gauge(scene)
+    return gauge
 
 
 def work(t: Array, power: Array) -> Array:

@@ -12,7 +12,7 @@ Hairer, Lubich, Wanner. Geometric Numerical Integration. Springer, 2006, chapter
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dposv
@@ -35,20 +35,37 @@ class Place(NamedTuple):
     J: Array  # (m, nv)
     M_inv: Array  # (nv, nv)
     G_inv: Array  # (m, m), of J M^-1 J^T, damped
+    Md_inv: Array  # (nv, nv), of M + dt/2 D
+    Gd_inv: Array  # (m, m), of J (M + dt/2 D)^-1 J^T, damped
 
 
 class Momentum:
-    """The terms of one system."""
+    """The terms of one system, and what half a step of size dt makes of them.
 
-    def __init__(self, system: System) -> None:
-        self._system, self._model = system, system.model
-        self._data = system.model.createData()
+    Attributes
+    ----------
+    d : (nv,) array
+        Damping of the robot's joints [N m s/rad, N s/m].
+    """
+
+    def __init__(self, system: System, dt: float) -> None:
+        self._system = system
+        # Pinocchio forms C in the world's axes and about its origin: far from there it is made of
+        # differences. Where a tree stands does not matter for C and g.
+        self._model, self._places = _at_origin(system.model)
+        self._data = self._model.createData()
+        self.d = system.passive.d
+        self._inertia = dt / 2 * self.d if self.d.any() else None
 
     def force(self, t: float, q: Array, v: Array) -> Array:
         """Return C^T v - g + tau (nv,)."""
+        tau = self._system.torque(t, q, v)
+        if self._places:
+            q = q.copy()
+            q[self._places] = 0.0
         C = pin.computeCoriolisMatrix(self._model, self._data, q, v)
         g = pin.computeGeneralizedGravity(self._model, self._data, q)
-        return np.asarray(v.dot(C) - g + self._system.torque(t, q, v))
+        return np.asarray(v.dot(C) - g + tau)
 
     def velocity(self, q: Array, p: Array) -> Array:
         """Return M^-1 p (nv,)."""
@@ -58,13 +75,34 @@ class Momentum:
     def place(self, q: Array) -> Place:
         """Return what belongs to q."""
         M, J = self._system.mass(q), self._system.jacobian(q)
-        M_inv = np.asarray(np.linalg.inv(M), dtype=np.float64)
-        place = Place(M, J, M_inv, np.zeros((0, 0)))
-        return place._replace(G_inv=self.between(place, J))
+        M_inv = _inverse(M)
+        both = M_inv, between(J, M_inv, J)
+        if self._inertia is None:
+            return Place(M, J, *both, *both)
+        Md_inv = _inverse(M + np.diag(self._inertia))
+        return Place(M, J, *both, Md_inv, between(J, Md_inv, J))
 
-    def between(self, place: Place, J1: Array) -> Array:
-        """Return (J1 M^-1 J^T)^-1 (m, m), damped, with M and J of a place and another J1."""
-        G: Array = J1.dot(place.M_inv).dot(place.J.T)
-        if len(G):
-            G[np.diag_indices(len(G))] += _DAMPING * G.diagonal().max()
-        return np.asarray(np.linalg.inv(G), dtype=np.float64)
+
+def between(J1: Array, M_inv: Array, J: Array) -> Array:
+    """Return (J1 M^-1 J^T)^-1 (m, m), damped."""
+    G: Array = J1.dot(M_inv).dot(J.T)
+    if len(G):
+        G[np.diag_indices(len(G))] += _DAMPING * G.diagonal().max()
+    return _inverse(G)
+
+
+def _at_origin(model: Any) -> tuple[Any, list[int]]:
+    """Return a model whose trees begin at the origin, and where q says that they do not."""
+    moved = pin.Model(model)
+    places: list[int] = []
+    for i in range(1, moved.njoints):
+        if moved.parents[i] == 0:
+            joint = moved.joints[i]
+            moved.jointPlacements[i].translation = np.zeros(3)
+            if joint.shortname() == "JointModelFreeFlyer":
+                places += range(joint.idx_q, joint.idx_q + 3)
+    return moved, places
+
+
+def _inverse(A: Array) -> Array:
+    return np.asarray(np.linalg.inv(A), dtype=np.float64)

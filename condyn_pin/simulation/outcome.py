@@ -49,6 +49,8 @@ class Run:
         Why it ended where it did; empty if it went to its end.
     happened : tuple of Happened
         The events.
+    missed : tuple of str
+        Events that did not happen, and why not.
     wall_time : float
         [s]
     """
@@ -62,6 +64,7 @@ class Run:
     status: RunStatus = RunStatus.FINISHED
     reason: str = ""
     happened: tuple[Happened, ...] = ()
+    missed: tuple[str, ...] = ()
     wall_time: float = 0.0  # [s]
 
     @property

@@ -54,7 +54,7 @@ class Residuals:
         self._system, self._model = system, system.model
         self._data = system.model.createData()
         passive = system.passive
-        self._stiffness, self._damping = np.diag(passive.K.sum(axis=1)), np.diag(passive.d)
+        self._stiffness, self._damping = np.diag(passive.stiffness), np.diag(passive.d)
         self.damping = _DAMPING * system.scene.audit.delassus_norm
 
     def at(self, t: float, q: Array, v: Array, a: Array, lam: Array) -> Residual:

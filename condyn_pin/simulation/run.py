@@ -24,6 +24,7 @@ from condyn_pin.simulation.loop import Ended, Loop, PiledUp
 from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.plan import Plan, plan
 from condyn_pin.simulation.recorder import merge
+from condyn_pin.simulation.stiffness import stiff_damping
 from condyn_pin.simulation.torques import Torque
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.solvers.base import Solver
@@ -141,7 +142,7 @@ def follow(
     run = Run(
         duration=planned.duration, dt=method.dt, integrator=method.integrator, drift=method.drift,
         solver=loop.leg.solver, effects=method.effects, status=status, reason=reason,
-        happened=tuple(loop.happened), wall_time=perf_counter() - begun,
+        happened=tuple(loop.happened), missed=loop.missed(), wall_time=perf_counter() - begun,
     )  # fmt: skip
     return Trajectory(phases, t, positions, velocities, a, lam, torques, run), loop.leg
 
@@ -150,14 +151,14 @@ def _run(
     loop: Loop, steps: int, every: int, progress: Callable[[float], object] | None
 ) -> tuple[RunStatus, str]:
     """Run a loop to its end: how it ended, and why."""
-    stride = max(steps // 100, 1)
+    stride, q0 = max(steps // 100, 1), loop.q
 
     def tick(done: int) -> None:
-        if progress and (done % stride == 0 or done == steps):
-            progress(done / steps)
+        if done % stride == 0 or done == steps:
+            progress(done / steps)  # type: ignore[misc]
 
     try:
-        loop.run(steps, every, tick)
+        loop.run(steps, every, tick if progress else None)
     except Ended as end:
         return RunStatus.ENDED, str(end)
     except PiledUp as end:
@@ -173,7 +174,9 @@ def _run(
         if not any(recorder.count for recorder in loop.recorders):
             raise
         status = RunStatus.DIVERGED if lost else RunStatus.FAILED
-        return status, f"after t = {loop.t:g} s: {error}"
+        method = loop.leg.method
+        hint = stiff_damping(loop.leg.system, method.integrator, method.dt, q0)
+        return status, f"after t = {loop.t:g} s: " + (f"{hint}; {error}" if hint else str(error))
     return RunStatus.FINISHED, ""
 
 

@@ -84,6 +84,8 @@ class System:
         self.lam: Callable[[], Array] = workspace.lam
         self._solve = workspace.acceleration
         self._last = _NOTHING
+        # the last one, and its dt: motion after motion has the same
+        self._implicit: tuple[System, float] = (self, 0.0)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return a (nv,) by the solver; `lam()` then returns its constraint forces (m,).
@@ -121,7 +123,36 @@ class System:
         """
         if not (self.passive.d.any() or self.passive.k.any()):
             return self
-        return _Implicit(self, dt)
+        heavier, its_dt = self._implicit
+        if its_dt != dt:
+            stiffness = self.passive.stiffness
+            torque = self.passive.with_torques(self.applied, drag=dt * stiffness)
+            heavier = _Heavier(self, dt * self.passive.d + dt**2 * stiffness, torque)
+            self._implicit = heavier, dt
+        return heavier
+
+    def iterated(self, dt: float, last: Callable[[], Array]) -> System:
+        """Return the system of an iteration on a, where v changes with dt a and q with dt^2 a.
+
+        Its solution is that of the system where a is the `last` one,
+
+            (M + dt D + dt^2 K) a + h = tau - D v - K (q - q0) + (dt D + dt^2 K) last + J^T lam,
+
+        and however large D and K are, they do not keep the iteration from it.
+        """
+        if not (self.passive.d.any() or self.passive.k.any()):
+            return self
+        inertia = dt * self.passive.d + dt**2 * self.passive.stiffness
+        return _Heavier(self, inertia, lambda t, q, v: self.torque(t, q, v) + inertia * last())
+
+    def size(self, q: Array) -> float:
+        """Return how large the numbers are that c(q) is a difference of [m, rad], at least 1."""
+        return max(1.0, self._reach, float(np.abs(q).max(initial=0.0)))
+
+    @cached_property
+    def _reach(self) -> float:
+        """How far joints may be from the world's origin, all shifts at zero [m], at most."""
+        return sum(float(np.abs(p.translation).max()) for p in self.model.jointPlacements)
 
     @cached_property
     def spare(self) -> Workspace:
@@ -163,19 +194,16 @@ class System:
         return self.equations.data
 
 
-class _Implicit(System):
-    """A system whose springs and damping act at the end of a step."""
+class _Heavier(System):
+    """A system with more inertia in its joints, and another torque."""
 
-    def __init__(self, system: System, dt: float) -> None:
+    def __init__(self, system: System, inertia: Array, torque: Torque) -> None:
         super().__init__(system.spare, system.applied)
-        passive = system.passive
-        stiffness = passive.K.sum(axis=1)
-        self.torque = passive.with_torques(system.applied, drag=dt * stiffness)
-        inertia = dt * passive.d + dt**2 * stiffness
+        self.torque = torque
         self._armature = self.model.armature  # a view: Pinocchio reads it in every call
         self._heavier = np.array(system.model.armature) + inertia
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        """Return a (nv,), with the inertia that stands for the end of the step."""
+        """Return a (nv,), with the additional inertia."""
         self._armature[:] = self._heavier
         return super().acceleration(t, q, v)

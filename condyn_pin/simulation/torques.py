@@ -42,18 +42,22 @@ class Applied:
         self._shape = (nv,)
         self._function: Torque | None = tau if callable(tau) else None
         self.constant: Array | None = None
-        if not callable(tau):
-            self.constant = np.array(finite("tau", np.zeros(nv) if _is_zero(tau) else tau, nv))
-            self.constant.flags.writeable = False
-        self._first = self.constant
+        self._first: Array | None = None
         self._state: tuple[Array, Array] | None = None  # q and v that the first were asked for
+        if not callable(tau):
+            self.hold(finite("tau", np.zeros(nv) if _is_zero(tau) else tau, nv))
+
+    def hold(self, tau: Array) -> None:
+        """Apply these constant torques (nv,) from now on."""
+        self.constant = self._first = np.array(tau)
+        self.constant.flags.writeable = False
 
     def __call__(self, t: float, q: Array, v: Array) -> Array:
         """Return the torques (nv,), not to be written to."""
         if self._function is None:
             return self.constant  # type: ignore[return-value]
         tau = self._function(t, _locked(q), _locked(v))
-        if not (type(tau) is np.ndarray and tau.shape == self._shape and tau.dtype is FLOAT):
+        if not (type(tau) is np.ndarray and tau.shape == self._shape and tau.dtype == FLOAT):
             tau = finite(f"tau({t:g}, q, v)", tau, self._shape)
         if self._first is None:
             self._first, self._state = tau.copy(), (q, v)
@@ -114,6 +118,11 @@ class Passive:
         K[self.at_v, range(len(self.k))] = self.k
         return K
 
+    @property
+    def stiffness(self) -> Array:
+        """Stiffness of each joint (nv,)."""
+        return np.asarray(self.K.sum(axis=1))
+
     def energy(self, q: Array) -> Array:
         """Return the energy of the springs at configurations q (..., nq) [J]."""
         return np.asarray(0.5 * (q[..., self.at_q] - self.rest) ** 2 @ self.k)
@@ -127,8 +136,7 @@ class Passive:
         d = self.d if drag is None else self.d + drag
         damped, sprung = bool(d.any()), len(self.k) > 0
         if not (damped or sprung):
-            constant = applied.constant
-            return applied if constant is None else lambda t, q, v: constant
+            return applied
         K, at_q, rest = self.K, self.at_q, self.rest
 
         def torque(t: float, q: Array, v: Array) -> Array:

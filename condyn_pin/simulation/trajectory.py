@@ -12,7 +12,7 @@ from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.rows.bound import Bound, Rolled
 from condyn_pin.scene import Scene
-from condyn_pin.simulation.measures import Energy, Kinematics, kinematics, work
+from condyn_pin.simulation.measures import Energy, Kinematics, gauge_of, work
 from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.recorder import Phase
 from condyn_pin.simulation.torques import Passive
@@ -173,7 +173,9 @@ class Trajectory:
 
     @cached_property
     def _kinematics(self) -> Kinematics:
-        parts = [kinematics(p, self.q[p.samples], self.v[p.samples]) for p in self.phases]
+        parts = [
+            gauge_of(p.scene).measure(self.q[p.samples], self.v[p.samples]) for p in self.phases
+        ]
         return Kinematics(*(np.concatenate(x) for x in zip(*map(_columns, parts), strict=True)))
 
     def save(self, path: str | PathLike[str]) -> None:
@@ -231,6 +233,7 @@ class Trajectory:
             f"unexplained {np.abs(energy.error).max():.1e} J at most",
         ]
         lines += [f"event       {e.name} at t = {e.t:.9g} s" for e in run.happened]
+        lines += [f"event       {missed}" for missed in run.missed]
         lines += [f"note: {notice}" for notice in self.notices]
         return "\n".join(lines)
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from condyn_pin import tolerances
-from condyn_pin.choice import default_solver
+from condyn_pin.simulation.defaults import default_solver
 from condyn_pin.simulation.torques import Passive
 from condyn_pin.workspace import Workspace
 

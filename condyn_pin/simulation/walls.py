@@ -18,6 +18,7 @@ invariant manifolds. Mechanics of Structures and Machines 23, 1995.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -52,6 +53,14 @@ class _Gap:
     def implicit(self, dt: float) -> _Gap:
         """Return the same: a gap has no springs and no damping of its own."""
         return self
+
+    def iterated(self, dt: float, last: Callable[[], Array]) -> _Gap:
+        """Return the same."""
+        return self
+
+    def size(self, q: Array) -> float:
+        """Return how large its numbers are."""
+        return 1.0
 
     def rate(self, theta: Array, v: Array) -> Array:
         """Return theta'."""

@@ -6,8 +6,9 @@
    registers itself under its lower-case name in `SOLVERS`; tests and the command line find it
    there.
 3. Write `start(workspace)`. It runs once per workspace, may take hundreds of microseconds, and
-   returns a `Method`: three callables closed over what they need. `workspace.equations` is made
-   when it is first read, and costs another `pin.Data`: read it in the call.
+   returns a `Method`: three callables closed over what they need. `workspace.data` and
+   `workspace.equations` are made when they are first read, and cost a `pin.Data` each: read the
+   one if you need it, and the other in the call.
 4. `acceleration(q, v, tau)` is the hot loop. It returns an array that nobody else will write to,
    reads nothing that an earlier call left behind, and does not write to its arguments. It raises
    `Singular` rather than return numbers that mean nothing, and ValueError for arguments of another

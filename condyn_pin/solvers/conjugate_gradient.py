@@ -92,7 +92,7 @@ class ConjugateGradient(Solver):
         # at rest and without gravity, all of tau accelerates: ABA is M^-1
         weightless = pin.Model(model)
         weightless.gravity = pin.Motion.Zero()
-        scratch, still = weightless.createData(), np.zeros(model.nv)
+        still = np.zeros(model.nv)
         latest, count = np.zeros(workspace.scene.rows), [0]
 
         @np.errstate(over="ignore", invalid="ignore")  # the status says it
@@ -101,7 +101,7 @@ class ConjugateGradient(Solver):
             J = equations.jacobian(q)
 
             def damped_delassus(x: Array) -> Array:
-                product = J @ pin.aba(weightless, scratch, q, still, J.T @ x)
+                product = J @ pin.aba(weightless, data, q, still, J.T @ x)
                 return np.asarray(product + mu * x)
 
             missing = equations.target(q, v) - J @ pin.aba(model, data, q, v, tau)

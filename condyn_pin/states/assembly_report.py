@@ -56,7 +56,7 @@ class Assembly:
     rank : int
         Independent rows among those of the loops, at q.
     smallest_singular_value : float
-        Of J_D, the columns of the joints that the others determine, in m and rad, not whitened:
+        Of J_D, the columns of the joints that the others determine, [1, m], not whitened:
         zero in a dead point. Without motors, the smallest nonzero one of J.
     branch : dict of str to int
         For every cluster of loops that share such joints: +1 on the side of its dead points where

@@ -43,7 +43,7 @@ class CompleteState:
     v : (nv,) array
         G times the velocities of the motors.
     G : (nv, n_actuated) array
-        dq/dq_actuated, in tangent columns.
+        dq/dq_actuated, in tangent columns [1, m, 1/m].
     undetermined : int
         Directions in which the robot can still move with the motors held. Of these, q and v are
         those of `near`, at rest.

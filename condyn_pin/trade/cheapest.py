@@ -99,9 +99,12 @@ def _first_that_holds(
     states: States | int,
 ) -> Choice:
     fresh_states = as_fresh(states)
-    seen = {row.states for row in meeting}
-    if fresh_states.name in seen:
-        raise InvalidArgument(f"states: {fresh_states.name} are those of the study, not fresh ones")
+    for name in {row.states for row in meeting}:
+        if fresh_states.overlaps(name):
+            raise InvalidArgument(
+                f"states: {fresh_states.name} are not fresh, the study looked at {name}; another "
+                "seed gives other states"
+            )
     judge = _fresh_errors(scene, measure_of(meeting[0].measure), fresh_states)
     rejected: list[tuple[Row, Fresh]] = []
     for row in meeting:

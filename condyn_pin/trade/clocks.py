@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from math import isfinite
@@ -21,6 +22,9 @@ _OWNED = 0.95
 
 _BUILDS = 3
 
+# A sample is long beside a clock read; the methods that take tenths of a millisecond need no mean.
+_SAMPLE = 1e-4  # [s]
+
 Candidate = tuple[Case, Solver]
 
 
@@ -31,18 +35,26 @@ class TimingEffort:
     Parameters
     ----------
     rounds, repeats : int
-        As in `condyn_pin.timing.interleaved`.
+        As in `condyn_pin.timing.interleaved`; what takes long is repeated less.
     overhead : bool
         Time the bare call and the solve with its proof too.
+    alone : bool
+        Where a study goes on from a file, take the times again that were taken on a shared core.
     """
 
     rounds: int = 50
     repeats: int = 5
     overhead: bool = True
+    alone: bool = False
 
     def __post_init__(self) -> None:
         check_count("rounds", self.rounds)
         check_count("repeats", self.repeats)
+
+    def suffices(self, row: Row) -> bool:
+        """Whether the times of a row are good enough, or there are none to take."""
+        taken = row.median_us is not None and (row.timed == ALONE or not self.alone)
+        return taken or not isfinite(row.error_worst)
 
 
 def measure_times(
@@ -75,7 +87,9 @@ def measure_times(
             if what == "once" or (row.ok and effort.overhead):
                 calls[candidate, what] = call
     states = next(iter(timed))[0].states
-    times = interleaved(calls, states, rounds=effort.rounds, repeats=effort.repeats, tick=tick)
+    times = interleaved(
+        calls, states, rounds=effort.rounds, repeats=effort.repeats, enough=_SAMPLE, tick=tick
+    )
     said = _said(perf_counter() - began, process_time() - worked)
     for candidate, row in timed.items():
         once = times[candidate, "once"]
@@ -98,6 +112,8 @@ def _built(
     samples: dict[Candidate, list[float]] = {candidate: [] for candidate in candidates}
     workspaces: dict[Candidate, Workspace] = {}
     for _ in range(_BUILDS):
+        workspaces.clear()
+        gc.collect()  # workspaces refer to themselves, and a hundred of a large robot fill memory
         for case, solver in samples:
             start = perf_counter()
             workspaces[case, solver] = Workspace(case.scene, solver)

@@ -7,7 +7,7 @@ from rich.table import Table as Grid
 
 from condyn_pin.trade.exports import COLUMNS, cells, short, status_words
 from condyn_pin.trade.front import answered
-from condyn_pin.trade.row import Row
+from condyn_pin.trade.row import ALONE, Row
 from condyn_pin.trade.table import Table
 
 _SHOWN = tuple(column for column in COLUMNS if column not in ("scene", "measure"))  # in the title
@@ -31,10 +31,17 @@ def print_table(table: Table, console: Console) -> None:
     if table.rows:
         console.print(
             "error: median and worst over the states, relative. Times: median and p95 of what the "
-            f"measure calls.\n{table.machine.get('processor')}, "
+            f"measure calls. {timed(table)}\n{table.machine.get('processor')}, "
             f"Pinocchio {table.machine.get('pinocchio')}, one thread.",
             highlight=False,
         )
+
+
+def timed(table: Table) -> str:
+    """Return how many of the times were taken while this process had a core for itself."""
+    rows = [row for row in table.rows if row.median_us is not None]
+    alone = sum(row.timed == ALONE for row in rows)
+    return f"{alone} of {len(rows)} times were taken with a core alone."
 
 
 def failures(rows: tuple[Row, ...]) -> list[str]:

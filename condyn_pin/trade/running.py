@@ -6,7 +6,6 @@ import pickle
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from functools import lru_cache, partial
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -107,7 +106,7 @@ class Run:
             self._tick(f"{of[number].label}: errors", len(rows))
 
     def _times(self) -> None:
-        """Time the scenes of which a row has no time yet, each with all that compares there."""
+        """Time the scenes of which a row lacks a time, each with all that compares there."""
         groups: dict[tuple[str, str], dict[Candidate, Row]] = {}
         for case, solvers in self._cases:
             group = groups.setdefault((case.label, case.measure.label), {})
@@ -116,7 +115,7 @@ class Run:
                 if row is not None:
                     group[case, solver] = row
         for (label, _), rows in groups.items():
-            if all(row.median_us or not isfinite(row.error_worst) for row in rows.values()):
+            if all(map(self._study.effort.suffices, rows.values())):
                 self._tick(f"{label}: times", len(rows))
                 continue
             tick = partial(self._tick, f"{label}: times", len(rows) / self._study.effort.rounds)

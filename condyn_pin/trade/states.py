@@ -28,6 +28,10 @@ class States(ABC):
     def of(self, scene: Scene) -> tuple[State, ...]:
         """Return the states of a scene."""
 
+    def overlaps(self, name: str) -> bool:
+        """Whether the set that tables call so has states of this one in it."""
+        return name == self.name
+
 
 @dataclass(frozen=True)
 class SampledStates(States):
@@ -57,6 +61,10 @@ class SampledStates(States):
         usual = (self.spread, self.speed) == (0.2, 1.0)
         other = "" if usual else f", spread {self.spread:g}, speed {self.speed:g}"
         return f"{self.count} sampled, seed {self.seed}{other}"
+
+    def overlaps(self, name: str) -> bool:
+        """Whether the set of that name was drawn alike: the larger one begins as the other."""
+        return name.partition(" ")[2] == self.name.partition(" ")[2]
 
     def of(self, scene: Scene) -> tuple[State, ...]:
         """Return the states of a scene."""

@@ -105,7 +105,7 @@ class Table:
             If nothing in the table meets the error; the text and `row` say what comes nearest.
         InvalidArgument
             If the scene is not in `scenes`, or there are several and none is named, or the states
-            are those of the study.
+            are those of the study, or some of them.
         """
         return cheapest(
             self.rows, self.scenes, error=error, measure=measure, scene=scene, states=states

@@ -8,6 +8,7 @@ from dataclasses import replace
 from condyn_pin._pin import pin
 from condyn_pin.robot import Robot
 from condyn_pin.viewing.descriptions import shapes_of
+from condyn_pin.viewing.geoms import WORLD
 from condyn_pin.viewing.meshes import Mesh
 from condyn_pin.viewing.palette import Colour
 from condyn_pin.viewing.part import Part, joint_pose
@@ -19,7 +20,8 @@ _LIGHT = 30_000  # triangles of a robot that is to be light
 def body_parts(robot: Robot, size: float) -> tuple[tuple[Part, ...], tuple[str, ...]]:
     """Return a part for each joint, with all that it carries, and what could not be drawn."""
     shapes, missing = shapes_of(robot.description)
-    carriers = {f.name: f for f in robot.model.frames if f.type == pin.FrameType.BODY}
+    frames = robot.model.frames
+    carriers = {f.name: f for f in frames if f.type == pin.FrameType.BODY} | {WORLD: frames[0]}
     drawn: dict[int, dict[Colour, Mesh]] = {}
     for shape in shapes:
         if (frame := carriers.get(shape.link)) is None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.constraints import Loop
 from condyn_pin.scene import Scene
@@ -73,8 +74,8 @@ def _knob(path: str, name: str, size: float) -> Part:
 
 
 def _label(path: str, name: str, gap: Gap, height: float) -> Part:
-    colour = gap_colour(gap.length)
-    return label(path, f"{name}: {gap}", colour, middle(name), height)
+    said = str(gap) if gap.size > tolerances.CLOSED else f"{1e3 * gap.length:.0e} mm"
+    return label(path, f"{name}: {said}", gap_colour(gap.length), middle(name), height)
 
 
 def middle(name: str) -> Pose:

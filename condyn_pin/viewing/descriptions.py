@@ -1,4 +1,4 @@
-"""What a URDF or an SDF draws: the <visual> elements of its links.
+"""What a description draws: the <visual> elements of a URDF or an SDF, the geoms of an MJCF.
 
 The physics of a file is read, and checked, by `condyn_pin.io`. Here nothing is refused: a shape
 that cannot be read is left out, and said to be.
@@ -16,6 +16,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from condyn_pin._pin import pin
+from condyn_pin.viewing.geoms import geoms_of
 from condyn_pin.viewing.palette import BODY, Colour
 from condyn_pin.viewing.shapes import Shape
 
@@ -28,9 +29,11 @@ def shapes_of(description: str) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
     Parameters
     ----------
     description : str
-        Path of a URDF or an SDF; of any other file, or of none, nothing is drawn.
+        Path of a URDF, an SDF or an MJCF; of any other file, or of none, nothing is drawn.
     """
     path = Path(description)
+    if path.suffix == ".xml" and path.is_file():
+        return geoms_of(path)
     if path.suffix not in (".urdf", ".sdf") or not path.is_file():
         return (), ()
     root = ElementTree.parse(path).getroot()
@@ -66,6 +69,8 @@ def _shape(path: Path, link: str, visual: Element, colours: dict[str | None, Col
         size = _numbers(form.get("scale") or form.findtext("scale"), size)
     elif form.tag == "box":
         size = _numbers(form.get("size") or form.findtext("size"), size)
+    elif form.tag == "ellipsoid":
+        size = _numbers(form.findtext("radii"), size)
     elif form.tag in _ROUND:
         words = (form.get(key) or form.findtext(key) for key in ("radius", "length"))
         size = tuple(float(word) for word in words if word)

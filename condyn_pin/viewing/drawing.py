@@ -23,6 +23,7 @@ from condyn_pin.viewing.moment import Moment
 from condyn_pin.viewing.motion import tracks
 from condyn_pin.viewing.page import page
 from condyn_pin.viewing.part import Part
+from condyn_pin.viewing.placing import Eye, spread
 
 _TINY = 0.05  # [m] a scene is drawn as if it were at least this large
 _FAR = 1.15  # of the size of a scene, from its middle to the camera
@@ -65,10 +66,18 @@ class Drawing:
         if len(self.moments) > 1:
             yield three.animation(tracks(self.parts, self.moments), self.fps)
 
+    @property
+    def eye(self) -> Eye:
+        """Where the camera is at first."""
+        return _eye(self.middle, self.size)
+
     def html(self) -> str:
         """Return the page: one text that holds everything."""
-        camera = self.middle + _FAR * self.size * _FROM
-        return page(self.title, self._legend(), self.commands(), camera=camera, target=self.middle)
+        eye = self.eye
+        return page(
+            self.title, self._legend(), self.commands(), camera=eye.at, target=eye.target,
+            moves=len(self.moments) > 1,
+        )  # fmt: skip
 
     def _legend(self) -> Iterator[tuple[str, str]]:
         yield "", self.title
@@ -134,7 +143,12 @@ def draw(
         opened = list(closure_parts(scenes[0], before.gaps, size))
         parts += [part.ghost(before) for part in (*bodies, *opened)]
     unique = {part.path: part for part in parts}  # a contact of several phases is drawn once
-    return Drawing(title, tuple(unique.values()), tuple(moments), fps, middle, size, notes)
+    placed = spread(tuple(unique.values()), moments[0], _eye(middle, size))
+    return Drawing(title, tuple(placed), tuple(moments), fps, middle, size, notes)
+
+
+def _eye(middle: Array, size: float) -> Eye:
+    return Eye(middle + _FAR * size * _FROM, middle)
 
 
 def extent(robot: Robot, moments: Sequence[Moment]) -> tuple[Array, float]:

@@ -37,9 +37,33 @@ viewer.camera.fov = 50;
 viewer.camera.position.set(...{position});
 viewer.controls.target.set(...{target});
 viewer.controls.update();
+{playing}
 </script>
 </body>
 </html>
+"""
+
+# Without a graphics card a picture takes the longer the more pixels it has. While a motion plays at
+# less than 30 pictures a second it has fewer; a pause shows all of them again.
+_PLAYING = """
+var ratio = 1, pictures = 0, since = performance.now();
+function sharpen(wanted) {
+  if (wanted !== ratio) viewer.renderer.setPixelRatio(window.devicePixelRatio * wanted);
+  ratio = wanted;
+  viewer.set_dirty();
+}
+function look(now) {
+  requestAnimationFrame(look);
+  pictures += 1;
+  if (!viewer.animator.playing && ratio < 1) sharpen(1);
+  if (now - since < 500) return;
+  let rate = 1000 * pictures / (now - since);
+  if (viewer.animator.playing && rate < 28) sharpen(Math.max(0.25, 0.7 * ratio));
+  pictures = 0;
+  since = now;
+}
+document.addEventListener("visibilitychange", () => { pictures = 30; since = performance.now(); });
+requestAnimationFrame(look);
 """
 
 _MISSING = 'pictures in a browser need meshcat: python -m pip install "condyn_pin[view]"'
@@ -52,6 +76,7 @@ def page(
     *,
     camera: Array,
     target: Array,
+    moves: bool = False,
 ) -> str:
     """Return the page.
 
@@ -63,6 +88,8 @@ def page(
     commands : iterable of Command
     camera, target : (3,) array
         Where the camera is, and what it looks at and turns about [m].
+    moves : bool
+        Whether a motion is played.
     """
     lines = [_patch(colour) + html.escape(text) for colour, text in legend]
     return _PAGE.format(
@@ -72,6 +99,7 @@ def page(
         commands="\n".join(f'draw("{packed(command)}");' for command in commands),
         position=_y_up(camera),
         target=_y_up(target),
+        playing=_PLAYING if moves else "",
     )
 
 

@@ -23,12 +23,15 @@ class Shape:
         The link that carries it: the name of a frame.
     placement : pin.SE3
         Where it is on the link.
-    kind : {"mesh", "box", "cylinder", "sphere", "capsule"}
+    kind : {"mesh", "box", "cylinder", "sphere", "capsule", "ellipsoid"}
     size : tuple of float
-        Edges of a box, radius and length of what is round [m]; factors of a mesh along its axes.
+        Edges of a box, half axes of an ellipsoid, radius and length of what is round [m]; factors
+        of a mesh along its axes.
     file : Path, optional
         Of a mesh.
     colour : Colour
+    triangles : Mesh, optional
+        Of a mesh that was read already.
     """
 
     link: str
@@ -37,12 +40,17 @@ class Shape:
     size: tuple[float, ...]
     file: Path | None = None
     colour: Colour = BODY
+    triangles: Mesh | None = None
 
     def mesh(self) -> Mesh:
         """Return its triangles, in the axes of the link."""
-        if self.kind == "mesh":
+        if self.triangles is not None:
+            shape = self.triangles
+        elif self.kind == "mesh":
             assert self.file is not None
             shape = meshes.read_mesh(self.file).moved(np.diag([*self.size, 1.0]))
+        elif self.kind == "ellipsoid":
+            shape = meshes.sphere(1.0).moved(np.diag([*self.size, 1.0]))
         elif self.kind == "box":
             shape = meshes.box(*self.size)
         elif self.kind == "cylinder":

@@ -72,6 +72,7 @@ def label(path: str, png: bytes) -> Command:
     }
     command = _object(path, "Sprite", [], material)
     command["object"] |= {"textures": [texture], "images": [image]}
+    command["object"]["object"]["renderOrder"] = 1  # after arrows and marks, so that it can be read
     return command
 
 

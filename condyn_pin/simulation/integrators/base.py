@@ -20,7 +20,9 @@
    One that holds c(q) = 0 alone sets `needs_positions`: wheels and knives have none.
 7. Iterations that do not converge raise `StepFailed`, which names what would do, such as a smaller
    dt. Numbers that are not finite need no care: the next solve finds them.
-8. Sources: cite the paper in the docstring.
+8. An explicit method asks for a small dt where the damping of joints is stiff, and a run that
+   breaks down says so; one that does not overrides `takes_stiff_damping`.
+9. Sources: cite the paper in the docstring.
 """
 
 from __future__ import annotations
@@ -75,6 +77,11 @@ class Integrator(ABC):
             return
         name = cls.__name__.lower()
         enter(INTEGRATORS, name, cls, f"an integrator named {cls.__name__}")
+
+    @property
+    def takes_stiff_damping(self) -> bool:
+        """Whether the damping of the robot's joints sets no wall to dt."""
+        return self.keeps_constraints or self.is_adaptive
 
     @abstractmethod
     def start(self, system: System, dt: float) -> Stepper:

@@ -98,7 +98,7 @@ class GeneralisedAlpha(Integrator):
                 a1, lam = a1 - change[:n], lam - change[n:]
                 return max(by_q * float(np.abs(change[:n]).max()), _largest(left.c))
 
-            to_the_end(iteration, self.title, t, dt)
+            to_the_end(iteration, self.title, t, dt, system.size(q))
             forces[0], known[:] = lam, [(q1, a1, A1)]
             return q1, v1, a1
 

@@ -156,7 +156,7 @@ def _stepper(system: System, dt: float, s: int, title: str, *, stabilised: bool)
             largest = dt**2 * np.abs(change[:, :n]).max()
             return float(max(np.abs(theta - before).max(), largest, np.abs(gaps).max(initial=0)))
 
-        to_the_end(iteration, title, t, dt)
+        to_the_end(iteration, title, t, dt, system.size(q))
         forces[0] = lam[-1]
         return Q[-1], V[-1], a[-1]
 

@@ -10,7 +10,7 @@ import numpy as np
 from condyn_pin.arrays import Array
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
 from condyn_pin.simulation.iteration import to_the_end
-from condyn_pin.simulation.momentum import Momentum, Place
+from condyn_pin.simulation.momentum import Momentum, Place, between
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.system import System
@@ -32,7 +32,8 @@ class Rattle(Integrator):
 
     Symplectic for coordinates that add up, and symmetric also on free-flyers and balls: the energy
     of a conservative system swings about a constant for as long as one looks. Implicit where M
-    depends on q: a fixed-point iteration, which asks that dt |v| is small.
+    depends on q: an iteration, which asks that dt |v| is small. Damping of joints may be stiff, for
+    half of it stands on the left; springs ask for dt sqrt(k / I) < 2, as in Verlet's method.
 
     References
     ----------
@@ -79,7 +80,7 @@ class Shake(Integrator):
 
 
 def _stepper(system: System, dt: float, title: str, *, hidden: bool) -> Stepper:
-    momentum, half = Momentum(system), dt / 2
+    momentum, half = Momentum(system, dt), dt / 2
     known: dict[int, tuple[Array, Place]] = {}  # what the last step found at its end
     forces = [np.zeros(0)]
 
@@ -117,8 +118,8 @@ def _first_half(
     title: str,
 ) -> tuple[Array, Array, Array, Array]:
     """Return q1, p_h, M1^-1 p_h and lam with c(q1) = 0."""
-    half, p0 = dt / 2, place.M.dot(v)
-    towards = place.G_inv / (half * dt)  # from a gap to lam
+    half, d, p0 = dt / 2, momentum.d, place.M.dot(v)
+    towards = place.Gd_inv / (half * dt)  # from a gap to lam
     left_to_do = iter(range(_SECOND, -1, -1))
     v_start = v_end = v + half * a
     p, q1 = p0, q
@@ -126,14 +127,15 @@ def _first_half(
     def iteration() -> float:
         nonlocal p, v_start, v_end, q1, lam, towards
         if next(left_to_do, None) == 0:  # q1 is nearly known, and with it how lam moves it
-            towards = momentum.between(place, system.jacobian(q1)) / (half * dt)
-        p = p0 + half * (momentum.force(t, q, v_start) + place.J.T.dot(lam))
-        v_start = place.M_inv.dot(p)
+            towards = between(system.jacobian(q1), place.Md_inv, place.J) / (half * dt)
+        p = p0 + half * (momentum.force(t, q, v_start) + d * v_start + place.J.T.dot(lam))
+        v_start = place.Md_inv.dot(p)
+        p = p - half * d * v_start
         v_end = momentum.velocity(system.integrate(q, half * (v_start + v_end)), p)
         before, q1 = q1, system.integrate(q, half * (v_start + v_end))
         c = system.violation(q1)
         lam = lam - towards.dot(c)
         return max(float(np.abs(c).max(initial=0.0)), float(np.abs(q1 - before).max(initial=0.0)))
 
-    to_the_end(iteration, title, t, dt)
+    to_the_end(iteration, title, t, dt, system.size(q))
     return q1, p, v_end, lam

@@ -1,0 +1,258 @@
+"""How soon a picture is there, and how many pictures of a motion a browser shows in a second.
+
+    python benchmarks/viewing.py
+
+Two questions, for Cassie and for Talos:
+
+    start    from the start of the process `condyn view` until its page answers with the robot in it
+    play     five seconds of a motion with forces, in headless Chromium, 1280 x 960 pixels: how many
+             times of the animation are drawn in a second, and what one picture consists of
+
+Chromium draws here on the processor (SwiftShader), without a graphics card: a lower bound.
+"""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import json
+import os
+import queue
+import re
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import urllib.error
+import urllib.request
+from dataclasses import dataclass
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import umsgpack
+
+import condyn_pin as cp
+from condyn_pin.machine import machine
+from condyn_pin.viewing import chromium
+
+PLAYED = 5.0  # [s]
+PATIENCE = 120.0  # [s] for a page to answer, and for Chromium to have played
+
+
+@dataclass(frozen=True)
+class Start:
+    """How soon `condyn view` showed a robot.
+
+    Attributes
+    ----------
+    wall : float
+        From the start of the process to the whole page [s].
+    cpu : float
+        Time of the processor that this took [s].
+    triangles : int
+        Of the robot, in the page.
+    """
+
+    wall: float  # [s]
+    cpu: float  # [s]
+    triangles: int
+
+
+def start(robot: str) -> Start:
+    """Start `condyn view` as a user does, until its page answers with the robot in it."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    words = [sys.executable, "-m", "condyn_pin", "view", robot, "--no-browser", f"--port={port}"]
+    before = time.perf_counter()
+    with subprocess.Popen(words, stdout=subprocess.DEVNULL) as process:
+        page = _answer(process, f"http://127.0.0.1:{port}/")
+        wall = time.perf_counter() - before
+        process.send_signal(signal.SIGINT)
+        _, _, used = os.wait4(process.pid, 0)
+        process.returncode = 0  # it is reaped
+    return Start(wall, used.ru_utime + used.ru_stime, triangles_of_robot(page))
+
+
+def _answer(process: subprocess.Popen[bytes], url: str) -> str:
+    end = time.perf_counter() + PATIENCE
+    while time.perf_counter() < end and process.poll() is None:
+        try:
+            with urllib.request.urlopen(url, timeout=PATIENCE) as answer:
+                return str(answer.read().decode())
+        except urllib.error.URLError:
+            time.sleep(0.01)
+    process.kill()
+    raise RuntimeError(f"{url} did not answer")
+
+
+def triangles_of_robot(page: str) -> int:
+    """Return how many triangles a page draws under ``robot/``."""
+    found = 0
+    for packed in re.findall(r'^draw\("(.*)"\);$', page, flags=re.MULTILINE):
+        command = umsgpack.unpackb(base64.b64decode(packed))
+        if command["type"] == "set_object" and command["path"].startswith("robot/"):
+            for geometry in command["object"].get("geometries", ()):
+                index = geometry["data"]["index"]
+                width = 2 if index["type"] == "Uint16Array" else 4
+                found += len(index["array"].data) // (3 * width)
+    return found
+
+
+@dataclass(frozen=True)
+class Play:
+    """What a browser showed of a motion.
+
+    Attributes
+    ----------
+    count : int
+        Of distinct times of the animation that were drawn.
+    pictures : float
+        The same in a second [1/s].
+    cpu : float
+        Time of all processors that one of them took: Chromium's, in all its processes [ms].
+    calls, triangles : int
+        That one picture consists of.
+    """
+
+    count: int
+    pictures: float  # [1/s]
+    cpu: float  # [ms]
+    calls: int
+    triangles: int
+
+
+_COUNT = """<script>
+window.addEventListener("load", () => setTimeout(() => {
+  let seen = new Set(), first = null;
+  function say(what) { return fetch("/", {method: "POST", body: JSON.stringify(what)}); }
+  function look(now) {
+    if (first === null) first = now;
+    seen.add(viewer.animator.time);
+    if (now - first < MILLISECONDS) { requestAnimationFrame(look); return; }
+    let drawn = viewer.renderer.info.render;
+    say({count: seen.size, seconds: 0.001 * (now - first),
+         calls: drawn.calls, triangles: drawn.triangles});
+  }
+  say({}).then(() => requestAnimationFrame(look));
+}, WARM));
+</script></body>"""
+
+
+class _Counter(HTTPServer):
+    """Serves a page, and keeps what it says."""
+
+    def __init__(self, page: str) -> None:
+        self.page, self.said = page, queue.Queue[dict[str, Any]]()
+        super().__init__(("127.0.0.1", 0), _Handler)
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: _Counter
+
+    def do_GET(self) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", "text/html; charset=utf-8")
+        self.end_headers()
+        self.wfile.write(self.server.page.encode())
+
+    def do_POST(self) -> None:
+        said = self.rfile.read(int(self.headers["Content-Length"]))
+        self.server.said.put(json.loads(said))
+        self.send_response(204)
+        self.end_headers()
+
+    def log_message(self, format: str, *args: Any) -> None:
+        pass
+
+
+def play(html: str, seconds: float = PLAYED, warm: float = 2.0) -> Play:
+    """Play a page in headless Chromium, in real time, and count what it draws.
+
+    Parameters
+    ----------
+    html : str
+    seconds : float
+        That are counted [s].
+    warm : float
+        That are played before them [s].
+    """
+    count = _COUNT.replace("MILLISECONDS", str(1e3 * seconds)).replace("WARM", str(1e3 * warm))
+    with (
+        _Counter(html.replace("</body>", count)) as server,
+        tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile,
+    ):
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        words = chromium.command(chromium.find_chromium(), profile)
+        words += [f"--window-size={chromium.SIZE[0]},{chromium.SIZE[1]}"]
+        words += ["--remote-debugging-port=0"]  # else it ends as soon as the page is loaded
+        words += [f"http://127.0.0.1:{server.server_port}/"]
+        with subprocess.Popen(words, stderr=subprocess.DEVNULL) as browser:
+            try:
+                server.said.get(timeout=PATIENCE)
+                before = processor_time(browser.pid)
+                said = server.said.get(timeout=PATIENCE)
+                used = processor_time(browser.pid) - before
+            finally:
+                browser.terminate()
+                server.shutdown()
+    return Play(
+        said["count"], said["count"] / said["seconds"], 1e3 * used / said["count"], said["calls"],
+        said["triangles"],
+    )  # fmt: skip
+
+
+def processor_time(pid: int) -> float:
+    """Return the time that a process and all below it have had [s], as Linux counts it."""
+    below: dict[int, list[int]] = {}
+    ticks: dict[int, int] = {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            words = stat.read_text(errors="replace").rpartition(")")[2].split()
+            below.setdefault(int(words[1]), []).append(int(stat.parent.name))
+            ticks[int(stat.parent.name)] = int(words[11]) + int(words[12])
+    family = [pid]
+    for each in family:  # it grows
+        family += below.get(each, [])
+    return sum(ticks.get(each, 0) for each in family) / os.sysconf("SC_CLK_TCK")
+
+
+def motion(robot: str) -> cp.Trajectory:
+    """Return five seconds of a robot that swings, held by its pelvis or by its feet."""
+    loaded = cp.load_robot(robot)
+    held = [cp.SurfaceContact("pelvis")] if robot == "cassie" else list(loaded.contacts)
+    scene = cp.Scene(loaded, [*loaded.loops, *held])
+    swing = cp.simulate(
+        scene, *scene.state(), duration=PLAYED, dt=1e-3,
+        integrator=cp.SemiImplicitEuler(), drift=cp.Baumgarte.critical(50.0),
+    )  # fmt: skip
+    assert swing.status.ok, swing
+    return swing
+
+
+def main() -> None:
+    """Print the table."""
+    print("{processor} ({cores} cores), {system}, Python {python}, {date}".format(**machine()))
+    for robot in ("cassie", "talos"):
+        starts = [start(robot) for _ in range(5)]
+        best = min(starts, key=lambda each: each.wall)
+        print(f"{robot}: page after {best.wall:.2f} s, {best.cpu:.2f} s of the processor, "
+              f"{best.triangles} triangles")  # fmt: skip
+        swing = motion(robot)
+        for light in (False, True):
+            viewer = cp.view(swing, light=light, browser=False)
+            with viewer:
+                seen = play(viewer.html)
+            print(f"  {'light' if light else 'whole'}: {seen.pictures:.1f} pictures a second, "
+                  f"longest wait {seen.longest:.0f} ms, {seen.calls} draw calls, "
+                  f"{seen.triangles} triangles")  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
