@@ -129,9 +129,9 @@ class Proximal(Solver):
             return solve(model, data, q, v, tau, models, datas, settings)  # type: ignore[no-any-return]
 
         def persistent(q: Array, v: Array, tau: Array) -> Array:
-            a = run(q, v, tau)
+            a = solve(model, data, q, v, tau, models, datas, settings)
             workspace.proximal_settings = settings
-            return a if settings.iter < limit else at_state.answer(run, q, v, tau, a)
+            return a if settings.iter < limit else at_state.answer(run, q, v, tau, a)  # type: ignore[no-any-return]
 
         def lam() -> Array:
             return np.array(data.lambda_c)
