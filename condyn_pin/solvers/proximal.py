@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
+from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.knobs import (
@@ -25,6 +26,8 @@ from condyn_pin.weights import FEW, WeightAtState, default_mu
 if TYPE_CHECKING:
     from condyn_pin.audit import Audit
     from condyn_pin.workspace import Workspace
+
+_EPS = float(np.finfo(float).eps)
 
 # With a limit below this, an iteration that meets it is what was asked for.
 _PATIENT = 20
@@ -63,10 +66,11 @@ class Proximal(Solver):
         absolute number. By default 1e-9 of the robot's weight: above the noise of redundant rows,
         where Pinocchio's 1e-12 never fires and doubles the time for nothing, and small enough,
         since the next iterate is better by mu / sigma again.
-    refinements : int
+    refinements : int, optional
         Corrections with residuals of our own and the same factor (`condyn_pin.refinement`). Each
         costs a look as in `solve`, and gains what rounding took where M is badly conditioned: light
-        bodies under heavy ones, long chains.
+        bodies under heavy ones, long chains. By default one where that may be more than an answer
+        that is `ok` may miss, eps cond(M) > 1e-8, and none anywhere else.
     absolute_accuracy : float
         Handed to Pinocchio as it is. Pinocchio compares it with a number that is not a residual
         (|J a_free - 2 b|_inf), so it has no use; 0 keeps it from ever stopping the iteration.
@@ -96,12 +100,13 @@ class Proximal(Solver):
     max_iterations: int = 20
     relative_accuracy: float | None = None  # [N]
     absolute_accuracy: float = 0.0
-    refinements: int = 0
+    refinements: int | None = None
 
     def __post_init__(self) -> None:
         if self.mu == "auto":
             object.__setattr__(self, "mu", None)
-        check_refinements(self.refinements)
+        if self.refinements is not None:
+            check_refinements(self.refinements)
         check_knobs(self.mu, self.max_iterations, smallest_mu=0.0)
         if self.relative_accuracy is not None:
             check_accuracy("relative_accuracy", self.relative_accuracy)
@@ -141,11 +146,17 @@ class Proximal(Solver):
             return int(settings.iter) + more
 
         acceleration = persistent if patient else run
-        if not self.refinements:
+        refinements = _refinements(audit) if self.refinements is None else self.refinements
+        if not refinements:
             return Method(acceleration, lambda: workspace.scene_forces(lam()), iterations)
-        refinement = Refinement(workspace, self.refinements)
+        refinement = Refinement(workspace, refinements)
         return Method(
             lambda q, v, tau: refinement.correct(q, v, tau, acceleration(q, v, tau), lam()),
             lambda: workspace.scene_forces(refinement.lam),
-            lambda: iterations() + self.refinements,
+            lambda: iterations() + refinements,
         )
+
+
+def _refinements(audit: Audit) -> int:
+    """Return how many corrections a scene needs: one where rounding alone spoils an answer."""
+    return int(_EPS * audit.condition > tolerances.SOLVED)
