@@ -113,7 +113,7 @@ class Proximal(Solver):
         check_accuracy("absolute_accuracy", self.absolute_accuracy)
 
     def weight(self, audit: Audit) -> float:
-        """Return mu, or that of the scene if it was left to us [1/kg]."""
+        """Return mu, or what the audit of a scene says where it was left to us [1/kg]."""
         return default_mu(audit) if self.mu is None else float(self.mu)
 
     def start(self, workspace: Workspace) -> Method:
