@@ -70,7 +70,7 @@ class CarAxis(Problem):
     def setting(self) -> Setting:
         """Order 8 with adaptive steps: the motion is smooth."""
         integrator = DormandPrince(relative_tolerance=1e-12, absolute_tolerance=1e-12)
-        return Setting(0.1, integrator, Baumgarte.critical(10.0))
+        return Setting(0.02, integrator, Baumgarte.critical(10.0))
 
     @cached_property
     def scene(self) -> Scene:
