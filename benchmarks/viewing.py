@@ -19,7 +19,6 @@ import json
 import os
 import queue
 import re
-import signal
 import socket
 import subprocess
 import sys
@@ -74,7 +73,7 @@ def start(robot: str) -> Start:
     with subprocess.Popen(words, stdout=subprocess.DEVNULL) as process:
         page = _answer(process, f"http://127.0.0.1:{port}/")
         wall = time.perf_counter() - before
-        process.send_signal(signal.SIGINT)
+        process.terminate()  # not by SIGINT, which a shell lets its background jobs ignore
         _, _, used = os.wait4(process.pid, 0)
         process.returncode = 0  # it is reaped
     return Start(wall, used.ru_utime + used.ru_stime, triangles_of_robot(page))

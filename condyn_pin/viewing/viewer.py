@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 import threading
+from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any, Final
@@ -42,8 +43,9 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("Content-Type", "text/html; charset=utf-8")
         self.send_header("Content-Length", str(len(self.server.page)))
         self.end_headers()
-        self.wfile.write(self.server.page)
-        self.server.fetched.set()
+        with suppress(ConnectionError):  # who reads no further has seen enough
+            self.wfile.write(self.server.page)
+            self.server.fetched.set()
 
     def log_message(self, format: str, *args: Any) -> None:
         """Say nothing."""
