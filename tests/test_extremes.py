@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,9 +22,9 @@ from condyn_pin.extremes import EXTREMES
 from condyn_pin.extremes.planar_chain import accelerations
 from condyn_pin.extremes.run_verdict import gap_error, gap_map, judge_run
 from condyn_pin.extremes.stress import ROBOTS, methods, mixed, stress, tasks
-from condyn_pin.extremes.stress_table import counts, maps, read_csv
+from condyn_pin.extremes.stress_table import counts, maps, read_csv, short
 from condyn_pin.extremes.units import Units, shifts
-from condyn_pin.extremes.verdict import Task, Verdict, error_of, right_answers
+from condyn_pin.extremes.verdict import Outcome, Task, Verdict, error_of, right_answers
 from condyn_pin.extremes.worker import Memory, answers
 from condyn_pin.rows.equations import Equations
 
@@ -342,10 +343,45 @@ def test_maps_count_and_advise():
         if not isinstance(answer, str)
     ]
     (found,) = maps(outcomes)
-    assert "reference: right at 1 ... 0" in found.advice("reference")
-    assert found.advice("proximal").startswith("proximal: right at 1 ... ")
-    assert "says inaccurate at 1e-08 ... 1e-09" in found.advice("proximal")
+    right = r"right to \de-1\d at 1 \.\.\. 1e-[78], 1e-1\d \.\.\. 0"
+    assert re.fullmatch(
+        f"reference: {right}; says inaccurate at 1e-9, 1e-10", found.advice("reference")
+    )
+    assert re.fullmatch(
+        f"proximal: {right}; says inaccurate at 1e-8, 1e-9", found.advice("proximal")
+    )
     assert sum(counts(outcomes).values()) == len(outcomes) == 2 * len(found.severities)
+
+
+def test_advice_lists_the_runs_of_a_dial():
+    """A span from end to end hides what is between."""
+    dial = (1.0, 0.1, 1e-4, 1e-8, 0.0, math.nan)
+    ok, said = Verdict.OK, Verdict.SAID_SO
+
+    def advice(*verdicts):
+        outcomes = [
+            Outcome(Task("a", s), "m", verdict, 2e-9, "")
+            for s, verdict in zip(dial, verdicts, strict=True)
+        ]
+        return maps(outcomes)[0].advice("m")
+
+    assert advice(*6 * [ok]) == "m: right to 2e-9 at every severity"
+    assert advice(*6 * [said]) == "m: says inaccurate at every severity"
+    assert advice(ok, ok, ok, said, ok, said) == (
+        "m: right to 2e-9 at 1 ... 1e-4, 0; says inaccurate at 1e-8, nan"
+    )
+    assert advice(ok, said, said, said, Verdict.WRONG, Verdict.REFUSED) == (
+        "m: right to 2e-9 at 1; says inaccurate at 0.1 ... 1e-8; refused at nan; WRONG at 0"
+    )
+
+
+@pytest.mark.parametrize(
+    ("number", "text"),
+    [(0.0, "0"), (1e-4, "1e-4"), (0.01, "0.01"), (12.0, "12"), (1e4, "1e4"), (0.828, "0.828"),
+     (5e-324, "5e-324"), (-1.0, "-1"), (math.inf, "inf"), (math.nan, "nan")],
+)  # fmt: skip
+def test_severities_are_written_shortly(number, text):
+    assert short(number) == text
 
 
 def test_command_prints_advice_and_counts_and_draws(tmp_path):

@@ -136,7 +136,7 @@ class Proximal(Solver):
         def persistent(q: Array, v: Array, tau: Array) -> Array:
             a = solve(model, data, q, v, tau, models, datas, settings)
             workspace.proximal_settings = settings
-            return a if settings.iter < limit else at_state.answer(run, q, v, tau, a)  # type: ignore[no-any-return]
+            return a if settings.iter < limit else at_state.answer(run, q, v, tau, a)
 
         def lam() -> Array:
             return np.array(data.lambda_c)
