@@ -91,3 +91,16 @@ BALANCED: Final = 1e-2
 # The same relative to the energy itself, for motions that exchange next to nothing: a ball that
 # rolls for 4 s by Runge-Kutta 4 and 1 ms has 1.3e-10.
 ENERGY_KEPT: Final = 1e-9
+
+# An answer in other units of length, mass and time, converted back, relative to the largest |a|.
+# Powers of two leave every digit of the equations, so that most methods agree to the last bit; what
+# a scene measures at its nominal state has loops that close to rounding, and that is not the same
+# in another unit of length: 2e-15 in DenseKKT on Delta, 7e-14 in Proximal on Cassie.
+OTHER_UNITS: Final = 1e-12
+
+# The same for methods that a scene tells how accurate to be. ok is relative to the larger of |a|
+# and gravity, numbers in rad/s^2 and m/s^2: where lengths are larger numbers, ConjugateGradient
+# and LCABA may stop earlier, 2e-10 and 2e-9 from the other answer. And LCABA chooses its weight by
+# states that move at 1 rad/s, which is less beside gravity where times are smaller numbers: 5e-9.
+# An answer that is ok is within SOLVED.
+OTHER_CHOICE: Final = SOLVED

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 import math
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from shared import SOLVERS, all_scenes, each_scene, relative, states
+from shared import SOLVERS, all_scenes, each_scene, each_solver, relative, states, takes
 from typer.testing import CliRunner
 
 import condyn_pin as cp
+from condyn_pin import tolerances
 from condyn_pin._pin import VERSION_TEXT
 from condyn_pin.cli import app
 from condyn_pin.errors import CondynError
@@ -18,9 +22,9 @@ from condyn_pin.extremes import EXTREMES
 from condyn_pin.extremes.planar_chain import accelerations
 from condyn_pin.extremes.run_verdict import gap_error, gap_map, judge_run
 from condyn_pin.extremes.stress import ROBOTS, methods, mixed, stress, tasks
-from condyn_pin.extremes.stress_table import counts, maps, read_csv
-from condyn_pin.extremes.units import scaled, shifts
-from condyn_pin.extremes.verdict import Task, Verdict, error_of, right_answers
+from condyn_pin.extremes.stress_table import counts, maps, read_csv, short
+from condyn_pin.extremes.units import Units, shifts
+from condyn_pin.extremes.verdict import Outcome, Task, Verdict, error_of, right_answers
 from condyn_pin.extremes.worker import Memory, answers
 from condyn_pin.rows.equations import Equations
 
@@ -74,26 +78,105 @@ def test_decimal_chain_agrees_with_pinocchio(n):
     assert np.abs(accelerations(q, v, tau) - a).max() < 1e-13 * np.abs(a).max()
 
 
-@pytest.mark.parametrize(("length", "mass"), [(2.0**10, 1.0), (1.0, 2.0**-12), (2.0**-9, 2.0**8)])
-@pytest.mark.parametrize(
+each_units = pytest.mark.parametrize(
+    "units",
+    [
+        Units(length=2.0**10),
+        Units(mass=2.0**-12),
+        Units(time=2.0**-10),
+        Units(2.0**-9, 2.0**8, 2.0**7),
+    ],
+    ids=["length", "mass", "time", "all"],
+)
+each_usual_scene = pytest.mark.parametrize(
     "label", ["four_bar loops", "delta loops", "cassie loops", "talos contacts"]
 )
-def test_units_do_not_matter(label, length, mass):
-    """Powers of two change no digit of the equations, and none but the last ones of an answer."""
+
+
+@functools.cache
+def in_units(label, units):
+    return units.scene(all_scenes()[label])
+
+
+@each_units
+@each_usual_scene
+def test_units_change_no_digit_of_the_equations(label, units):
+    """Powers of two are exact: springs and damping with them."""
     scene, (q, v, tau) = all_scenes()[label], states(label)[0]
-    other = scaled(scene, length, mass)
-    of_q, of_v = shifts(scene.robot.model)
-    q_, v_ = np.where(of_q, length, 1.0) * q, np.where(of_v, length, 1.0) * v
-    torque = mass * length * np.where(of_v, 1.0, length)
-    one = Equations(scene.robot.model, scene.bounds).terms(q, v)
+    other, robot = in_units(label, units), scene.robot
+    q_, v_, tau_ = units.state(robot.model, q, v, tau)
+    one = Equations(robot.model, scene.bounds).terms(q, v)
     two = Equations(other.robot.model, other.bounds).terms(q_, v_)
-    assert np.array_equal(two.M, mass * np.outer(*2 * [np.where(of_v, 1.0, length)]) * one.M)
+    along = np.where(shifts(robot.model)[1], units.length, 1.0)
+    inertia = units.mass * units.length**2
+    assert np.array_equal(two.M, inertia / np.outer(along, along) * one.M)
+    torque = units.state(robot.model, q, v, np.ones(robot.nv))[2]
     assert np.array_equal(two.h, torque * one.h)
-    for solver in (cp.Reference(), cp.NullSpace(), cp.GaussPrinciple()):
-        a = cp.solve(scene, q, v, tau, solver=solver, throw=False).a
-        a_ = cp.solve(other, q_, v_, torque * tau, solver=solver, throw=False).a
-        back = a_ / np.where(of_v, length, 1.0)
-        assert np.abs(back - a).max() <= 1e-12 * np.abs(a).max(), solver
+    assert np.array_equal(tau_, torque * tau)
+    passive = other.robot.passive_torque(q_, v_)
+    assert np.array_equal(passive, torque * robot.passive_torque(q, v))
+    assert passive.any() == bool(robot.springs or np.any(robot.model.damping))
+    assert passive.any() or label in ("four_bar loops", "delta loops")
+
+
+@each_units
+@each_usual_scene
+@each_solver
+def test_units_change_no_answer(solver, label, units):
+    """None but the last digits; where a scene chooses knobs anew, none but by that choice."""
+    scene = all_scenes()[label]
+    if not takes(solver, scene):
+        return
+    other, model = in_units(label, units), scene.robot.model
+    back = Units(1 / units.length, 1 / units.mass, 1 / units.time)
+    fixed = with_choices(solver, scene)
+    pairs = [(fixed, converted(fixed, units), tolerances.OTHER_UNITS)]
+    if fixed != solver:
+        pairs.append((solver, solver, tolerances.OTHER_CHOICE))
+    # one mu weighs the forces and the moments of a foot: no other one does so in another length
+    if isinstance(solver, cp.LCABA) and "talos" in label and units.length != 1:
+        pairs.pop(0)
+    for one, two, tolerance in pairs:
+        here, there = cp.Workspace(scene, one), cp.Workspace(other, two)
+        for q, v, tau in states(label)[:2]:
+            a = here.solve(q, v, tau, throw=False).a
+            a_ = there.solve(*units.state(model, q, v, tau), throw=False).a
+            error = np.abs(back.acceleration(model, a_) - a).max()
+            assert error <= tolerance * np.abs(a).max(), two
+
+
+def with_choices(solver, scene):
+    """Return a solver with the knobs that it chooses on a scene by the numbers there."""
+    enough = scene.audit.yardstick.enough / 10
+    if isinstance(solver, cp.ConjugateGradient):
+        return replace(solver, tolerance=enough)
+    if isinstance(solver, cp.LCABA):
+        cp.Workspace(scene, solver)
+        mu = scene.audit.measured[solver]
+        return replace(solver, mu=mu, absolute_accuracy=enough)
+    return solver
+
+
+def converted(solver, units):
+    """Return a solver with its knobs in other units."""
+    acceleration = units.length / units.time**2
+    if isinstance(solver, cp.Soft):
+        (timeconst, dampratio), (d_0, d_width, width, *shape) = solver.solref, solver.solimp
+        return replace(
+            solver,
+            solref=(units.time * timeconst, dampratio),
+            solimp=(d_0, d_width, units.length * width, *shape),
+        )
+    scales = {
+        "mu": 1 / units.mass,
+        "tolerance": acceleration,
+        "absolute_accuracy": acceleration,
+        "relative_accuracy": units.mass * acceleration,
+    }
+    given = {name: getattr(solver, name, None) for name in scales}
+    return replace(
+        solver, **{name: scales[name] * value for name, value in given.items() if value is not None}
+    )
 
 
 @pytest.mark.parametrize("solver", [kind() for kind in SOLVERS.values() if kind.takes_every_kind])
@@ -260,10 +343,45 @@ def test_maps_count_and_advise():
         if not isinstance(answer, str)
     ]
     (found,) = maps(outcomes)
-    assert "reference: right at 1 ... 0" in found.advice("reference")
-    assert found.advice("proximal").startswith("proximal: right at 1 ... ")
-    assert "says inaccurate at 1e-08 ... 1e-09" in found.advice("proximal")
+    right = r"right to \de-1\d at 1 \.\.\. 1e-[78], 1e-1\d \.\.\. 0"
+    assert re.fullmatch(
+        f"reference: {right}; says inaccurate at 1e-9, 1e-10", found.advice("reference")
+    )
+    assert re.fullmatch(
+        f"proximal: {right}; says inaccurate at 1e-8, 1e-9", found.advice("proximal")
+    )
     assert sum(counts(outcomes).values()) == len(outcomes) == 2 * len(found.severities)
+
+
+def test_advice_lists_the_runs_of_a_dial():
+    """A span from end to end hides what is between."""
+    dial = (1.0, 0.1, 1e-4, 1e-8, 0.0, math.nan)
+    ok, said = Verdict.OK, Verdict.SAID_SO
+
+    def advice(*verdicts):
+        outcomes = [
+            Outcome(Task("a", s), "m", verdict, 2e-9, "")
+            for s, verdict in zip(dial, verdicts, strict=True)
+        ]
+        return maps(outcomes)[0].advice("m")
+
+    assert advice(*6 * [ok]) == "m: right to 2e-9 at every severity"
+    assert advice(*6 * [said]) == "m: says inaccurate at every severity"
+    assert advice(ok, ok, ok, said, ok, said) == (
+        "m: right to 2e-9 at 1 ... 1e-4, 0; says inaccurate at 1e-8, nan"
+    )
+    assert advice(ok, said, said, said, Verdict.WRONG, Verdict.REFUSED) == (
+        "m: right to 2e-9 at 1; says inaccurate at 0.1 ... 1e-8; refused at nan; WRONG at 0"
+    )
+
+
+@pytest.mark.parametrize(
+    ("number", "text"),
+    [(0.0, "0"), (1e-4, "1e-4"), (0.01, "0.01"), (12.0, "12"), (1e4, "1e4"), (0.828, "0.828"),
+     (5e-324, "5e-324"), (-1.0, "-1"), (math.inf, "inf"), (math.nan, "nan")],
+)  # fmt: skip
+def test_severities_are_written_shortly(number, text):
+    assert short(number) == text
 
 
 def test_command_prints_advice_and_counts_and_draws(tmp_path):

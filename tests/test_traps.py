@@ -20,7 +20,7 @@ import condyn_pin as cp
 from condyn_pin import _pin
 from condyn_pin._pin import HAS_LCABA, pin
 from condyn_pin.catalogue import motor_torque
-from condyn_pin.extremes.units import scaled
+from condyn_pin.extremes.units import Units
 
 GRAVITY = 9.81
 LIBRARY = Path(cp.__file__).parent
@@ -1227,7 +1227,7 @@ def q_rotation(q: np.ndarray) -> np.ndarray:
 def test_no_unit_of_length_makes_a_machine_massless(name, length):
     """Inertias of turns go with its square, those of shifts do not: Cassie was refused at 1e-4."""
     robot = cp.load_robot(name)
-    assert scaled(cp.Scene(robot, robot.loops), length, 1.0).robot.nv == robot.nv
+    assert Units(length).scene(cp.Scene(robot, robot.loops)).robot.nv == robot.nv
 
 
 @pytest.mark.parametrize("kind", [pin.JointModelPX, pin.JointModelRX])

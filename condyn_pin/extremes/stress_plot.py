@@ -5,16 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
 
-from condyn_pin.extremes.stress_table import Map
+from condyn_pin.extremes.base import EXTREMES
+from condyn_pin.extremes.stress_table import Map, short
 from condyn_pin.extremes.verdict import Verdict
 from condyn_pin.plots import axes, require_matplotlib
+from condyn_pin.tolerances import SOLVED
 
 _MARKS = {Verdict.OK: "", Verdict.SAID_SO: "s", Verdict.REFUSED: "r"}
 _BEST, _WORST = -16.0, 0.0  # of the colours, in digits
+_SMALL = 7.5  # [points]
+_LEGEND = (
+    "no letter: said ok, and is right; s: said inaccurate; r: refused; X: a defect; "
+    "white: nothing to compare with"
+)
 
 
 def severity_map(found: Map, ax: Any = None) -> Any:
@@ -43,13 +51,17 @@ def severity_map(found: Map, ax: Any = None) -> Any:
                 grid[i, j] = math.log10(min(max(cell.error, 1e-16), 1.0))
             mark = _MARKS.get(cell.worst, "X")
             dark = grid[i, j] > -6
-            ax.text(j, i, mark, ha="center", va="center", fontsize=6, color="w" if dark else "k")
+            ax.text(
+                j, i, mark, ha="center", va="center", fontsize=_SMALL, color="w" if dark else "k"
+            )
     ax.imshow(grid, aspect="auto", cmap="cividis_r", vmin=_BEST, vmax=_WORST)
-    ax.set_xticks(range(len(found.severities)), [f"{s:.0e}" for s in found.severities])
-    ax.tick_params(axis="x", rotation=90, labelsize=6)
+    ax.set_xticks(range(len(found.severities)), [short(s, 4) for s in found.severities])
+    ax.tick_params(axis="x", rotation=90)
     ax.set_yticks(range(len(found.methods)), found.methods)
-    ax.tick_params(axis="y", labelsize=6)
-    ax.set_title(found.label, fontsize=8)
+    ax.tick_params(labelsize=_SMALL)
+    if found.family in EXTREMES:
+        ax.set_xlabel(fill(EXTREMES[found.family].title, 48), fontsize=_SMALL)
+    ax.set_title(found.label, fontsize=9, fontweight="bold")
     return ax
 
 
@@ -60,17 +72,17 @@ def save_maps(found: Sequence[Map], path: str | Path, note: str = "") -> None:
 
     columns = min(4, len(found))
     lines = math.ceil(len(found) / columns)
-    figure = Figure(figsize=(4.0 * columns, 2.5 * lines), layout="constrained")
+    width = 4.6 * columns
+    figure = Figure(figsize=(width, 0.8 + 3.1 * lines), layout="constrained")
     places = figure.subplots(lines, columns, squeeze=False)
     for ax, each in zip(places.flat, found, strict=False):
         severity_map(each, ax)
     for ax in places.flat[len(found) :]:
         ax.set_axis_off()
-    colours = figure.colorbar(places.flat[0].images[0], ax=places, shrink=0.5, aspect=40)
-    colours.set_label("digits lost: log10 of the error of a")
-    figure.suptitle(
-        f"{note}no letter: said ok, and right to 1e-8; s: said inaccurate; r: refused; "
-        "X: a defect; white: nothing to compare with",
-        fontsize=9,
-    )
-    figure.savefig(path, dpi=110)
+    colours = figure.colorbar(places.flat[0].images[0], ax=places, shrink=0.8, aspect=30)
+    digits = range(int(_BEST), int(_WORST) + 1, 4)
+    colours.set_ticks(list(digits), labels=[f"1e{k}" if k else "1" for k in digits])
+    colours.set_label("error of a, relative; ok promises 1e-8")
+    colours.ax.axhline(math.log10(SOLVED), color="w")
+    figure.suptitle(fill(f"{note}{_LEGEND}", int(13 * width)), fontsize=10)
+    figure.savefig(path, dpi=120)

@@ -7,6 +7,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 
 from condyn_pin.extremes.verdict import Outcome, Verdict
@@ -70,17 +71,10 @@ class Map:
         said = [s for s, cell in cells.items() if Verdict.SAID_SO in cell.verdicts]
         refused = [s for s, cell in cells.items() if cell.worst is Verdict.REFUSED]
         bad = [s for s, cell in cells.items() if cell.worst.defect]
-        parts = []
-        if len(fine) == len(cells):
-            return f"{method}: right at every severity"
-        if fine:
-            lost = max((cells[s].error for s in fine), default=math.nan)
-            parts.append(f"right at {_span(fine)}, to {lost:.0e} at worst")
-        parts += [
-            f"{word} at {_span(which)}"
-            for word, which in (("says inaccurate", said), ("refused", refused), ("WRONG", bad))
-            if which
-        ]
+        lost = max((cells[s].error for s in fine), default=0.0)
+        right = f"right to {short(lost, 1)}" if lost else "right"
+        words = ((right, fine), ("says inaccurate", said), ("refused", refused), ("WRONG", bad))
+        parts = [f"{word} at {_runs(tuple(cells), which)}" for word, which in words if which]
         return f"{method}: {'; '.join(parts)}"
 
 
@@ -136,6 +130,17 @@ def read_csv(path: str | Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+def short(number: float, digits: int = 6) -> str:
+    """Return a number as few characters as say it: 1e-8 for 1e-08."""
+    plain = f"{number:.{digits}g}"
+    mantissa, e, exponent = f"{number:.{digits - 1}e}".partition("e")
+    if not e:  # nan, inf
+        return plain
+    if "." in mantissa:
+        mantissa = mantissa.rstrip("0").rstrip(".")
+    return min(plain, f"{mantissa}e{int(exponent)}", repr(float(number)), key=len)
+
+
 def _severity(outcome: Outcome) -> float:
     """Return the severity as a key: NaN is found in a dict only as one and the same object."""
     severity = outcome.task.severity
@@ -148,8 +153,13 @@ def _cell(outcomes: Sequence[Outcome]) -> Cell:
     return Cell(tuple(v for v in _ORDER if v in verdicts), max(errors, default=math.nan))
 
 
-def _span(severities: Sequence[float]) -> str:
-    """Return a few severities in words, in the order of the dial."""
-    if len(severities) == 1:
-        return f"{severities[0]:g}"
-    return f"{severities[0]:g} ... {severities[-1]:g}"
+def _runs(dial: Sequence[float], some: Sequence[float]) -> str:
+    """Return some severities in words: those that follow each other on the dial as one run."""
+    places = [i for i, severity in enumerate(dial) if severity in some]
+    if len(places) == len(dial):
+        return "every severity"
+    texts = []
+    for _, group in groupby(enumerate(places), lambda pair: pair[1] - pair[0]):
+        run = [short(dial[i]) for _, i in group]
+        texts.append(f"{run[0]} ... {run[-1]}" if len(run) > 2 else ", ".join(run))
+    return ", ".join(texts)

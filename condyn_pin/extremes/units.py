@@ -1,14 +1,17 @@
-"""The same machine in other units of length and mass: every answer scales exactly.
+"""The same machine in other units of length, mass and time: every answer scales exactly.
 
-With lengths times l and masses times m, and time as it is,
+With lengths times l, masses times m and times times t,
 
-    angles, q', q''      1          positions, v, a of shifts   l        gravity   l
-    torques              m l^2      forces                      m l      inertia   m l^2
+    angles   1      their v   1 / t      their a   1 / t^2      torques   m l^2 / t^2
+    shifts   l      their v   l / t      their a   l / t^2      forces    m l / t^2
+
+and gravity is an acceleration, inertia m l^2 at a turn, stiffness a torque over an angle, and
+damping that times t.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -40,39 +43,82 @@ def other_mass(severity: float, rng: np.random.Generator, scene: Scene) -> Case:
 
 
 def _case(scene: Scene, rng: np.random.Generator, length: float, mass: float) -> Case:
+    units, model = Units(length, mass), scene.robot.model
     q, v, tau = moving(scene, rng)
     right = Workspace(scene, Reference()).solve(q, v, tau, throw=False).a
-    of_q, of_v = shifts(scene.robot.model)
-    along_q, along_v = np.where(of_q, length, 1.0), np.where(of_v, length, 1.0)
-    torque = mass * length * np.where(of_v, 1.0, length)
-    state = (along_q * q, along_v * v, torque * tau)
-    return Case(scaled(scene, length, mass), *state, (along_v * right,))
-
-
-def scaled(scene: Scene, length: float, mass: float) -> Scene:
-    """Return the scene with every length and every mass times a number."""
-    robot = scene.robot
-    of_q, of_v = shifts(robot.model)
-    model = pin.Model(robot.model)
-    model.gravity.linear = length * model.gravity.linear
-    for i in range(model.njoints):
-        model.jointPlacements[i].translation *= length
-        body = model.inertias[i]
-        model.inertias[i] = pin.Inertia(
-            mass * body.mass, length * body.lever, mass * length**2 * body.inertia
-        )
-    for frame in model.frames:
-        frame.placement.translation *= length
-    model.armature = mass * np.where(of_v, 1.0, length**2) * model.armature
-    along = np.where(of_q, length, 1.0)
-    postures = {name: along * q for name, q in robot.postures.items()}
-    for limit in ("lowerPositionLimit", "upperPositionLimit"):
-        with np.errstate(over="ignore"):  # no limit at all stays none
-            setattr(model, limit, along * getattr(model, limit))
-    return Scene(
-        Robot(f"{robot.name} in other units", model, postures, actuated=robot.actuated),
-        [_constraint(constraint, length) for constraint in scene.constraints],
+    return Case(
+        units.scene(scene), *units.state(model, q, v, tau), (units.acceleration(model, right),)
     )
+
+
+@dataclass(frozen=True)
+class Units:
+    """What every length, mass and time is multiplied by.
+
+    Attributes
+    ----------
+    length, mass, time : float
+    """
+
+    length: float = 1.0
+    mass: float = 1.0
+    time: float = 1.0
+
+    def state(self, model: Any, q: Array, v: Array, tau: Array) -> tuple[Array, Array, Array]:
+        """Return q, v and tau in these units."""
+        along_q, along_v = self._along(model)
+        return along_q * q, along_v / self.time * v, self._torque(along_v) * tau
+
+    def acceleration(self, model: Any, a: Array) -> Array:
+        """Return an acceleration in these units."""
+        return np.asarray(self._along(model)[1] / self.time**2 * a)
+
+    def scene(self, scene: Scene) -> Scene:
+        """Return a scene in these units."""
+        robot = scene.robot
+        along_q, along_v = self._along(robot.model)
+        torque = self._torque(along_v)
+        model = self._bodies(robot.model)
+        model.armature = torque / along_v * self.time**2 * model.armature
+        model.damping = torque / along_v * self.time * model.damping
+        for limit in ("lowerPositionLimit", "upperPositionLimit"):
+            with np.errstate(over="ignore"):  # no limit at all stays none
+                setattr(model, limit, along_q * getattr(model, limit))
+        postures = {name: along_q * q for name, q in robot.postures.items()}
+        springs = []
+        for spring in robot.springs:
+            i = model.joints[model.getJointId(spring.joint)].idx_v
+            stiffness = float(torque[i] / along_v[i]) * spring.stiffness
+            relaxed = float(along_v[i]) * spring.reference
+            springs.append(replace(spring, stiffness=stiffness, reference=relaxed))
+        name = f"{robot.name} in other units"
+        return Scene(
+            Robot(name, model, postures, actuated=robot.actuated, springs=springs),
+            [_constraint(constraint, self.length) for constraint in scene.constraints],
+        )
+
+    def _along(self, model: Any) -> tuple[Array, Array]:
+        """Return what each entry of q and of a shift or turn in v is multiplied by."""
+        of_q, of_v = shifts(model)
+        return np.where(of_q, self.length, 1.0), np.where(of_v, self.length, 1.0)
+
+    def _torque(self, along_v: Array) -> Array:
+        """Return what each entry of tau is multiplied by: energy over shift or turn."""
+        return np.asarray(self.mass * (self.length / self.time) ** 2 / along_v)
+
+    def _bodies(self, model: Any) -> Any:
+        """Return a copy of a model with gravity, placements and inertias in these units."""
+        model, length = pin.Model(model), self.length
+        model.gravity.linear = length / self.time**2 * model.gravity.linear
+        for i in range(model.njoints):
+            model.jointPlacements[i].translation *= length
+            body = model.inertias[i]
+            model.inertias[i] = pin.Inertia(
+                self.mass * body.mass, length * body.lever, self.mass * length**2 * body.inertia
+            )
+        for frame in model.frames:
+            frame.placement.translation *= length
+        return model
 
 
 def shifts(model: Any) -> tuple[Array, Array]:
