@@ -107,7 +107,7 @@ def test_what_extremes_call_right_is_right(family, severity):
     assert float(max(abs(a - right))) < 1e-9 * scale
 
 
-@pytest.mark.parametrize("solver", [cp.Reference(), cp.DenseKKT(), cp.Proximal()])
+@pytest.mark.parametrize("solver", [cp.Reference(), cp.DenseKKT(), cp.Proximal(refinements=0)])
 def test_where_reference_is_not_right_nothing_says_ok(solver):
     """A rod so thin that rounding of J^T lam spins it: the proof knows."""
     case = EXTREMES["light_rod"].case(1e-3, seed=3)
@@ -117,6 +117,14 @@ def test_where_reference_is_not_right_nothing_says_ok(solver):
     assert error > 1e-9
     assert found.error_bound > error
     assert not found.status.ok
+
+
+def test_proximal_corrects_what_rounding_spoils():
+    """By default, where M is so badly conditioned that rounding alone would."""
+    case = EXTREMES["light_rod"].case(1e-3, seed=3)
+    a, _ = Oracle(case.scene).solve(case.q, case.v, case.tau, REFERENCE_RANK)
+    found = cp.solve(case.scene, case.q, case.v, case.tau, solver=cp.Proximal(), throw=False)
+    assert float(max(abs(a - found.a)) / max(abs(a))) < 1e-11
 
 
 def test_the_oracle_has_its_digits():
