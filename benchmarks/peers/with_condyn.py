@@ -6,6 +6,7 @@ import numpy as np
 
 import condyn_pin as cp
 from condyn_pin._pin import HAS_LCABA
+from condyn_pin.simulation.defaults import default_solver
 from peers import export
 from peers.exported import ACCELERATION, DERIVATIVES, MOTION, Exported
 from peers.harness import Candidate, main
@@ -66,9 +67,12 @@ def derivatives(scene: Exported, ours: cp.Scene) -> Candidate:
 
 
 def motion(scene: Exported, ours: cp.Scene, step: Step, method: str, wave: float) -> Candidate:
-    """Return a loop of steps in Python, with Baumgarte's alpha = beta = wave [1/s]."""
+    """Return a loop of steps in Python, with Baumgarte's alpha = beta = wave [1/s].
+
+    The solver is the one that `simulate` takes by default.
+    """
     drift = cp.Baumgarte(wave, wave)
-    workspace, tau = cp.Workspace(ours, cp.Proximal(), drift=drift), np.zeros(scene.nv)
+    workspace, tau = cp.Workspace(ours, default_solver(ours), drift=drift), np.zeros(scene.nv)
     model, acceleration = workspace.model, workspace.acceleration
 
     def a(q: np.ndarray, v: np.ndarray) -> np.ndarray:
