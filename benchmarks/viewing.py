@@ -249,7 +249,7 @@ def main() -> None:
             with viewer:
                 seen = play(viewer.html)
             print(f"  {'light' if light else 'whole'}: {seen.pictures:.1f} pictures a second, "
-                  f"longest wait {seen.longest:.0f} ms, {seen.calls} draw calls, "
+                  f"{seen.calls} draw calls, "
                   f"{seen.triangles} triangles")  # fmt: skip
 
 
