@@ -12,10 +12,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array
+from condyn_pin.minimum_norm import factorise
 from condyn_pin.simulation.walls import wall
 
 if TYPE_CHECKING:
@@ -57,12 +57,9 @@ def stiff_damping(system: System, integrator: Integrator, dt: float, q: Array) -
 
 def _fastest(system: System, q: Array) -> tuple[float, int]:
     """Return the largest eigenvalue of P D [1/s], and the velocity that takes most part in it."""
-    L, root = np.linalg.cholesky(system.mass(q)), np.sqrt(system.passive.d)
-    A = solve_triangular(L, np.diag(root), lower=True)
-    U, sizes, _ = np.linalg.svd(
-        solve_triangular(L, system.jacobian(q).T, lower=True), full_matrices=False
-    )
-    held = U[:, sizes > tolerances.RANK * sizes.max(initial=0.0)]
-    free = A - held @ (held.T @ A)
-    rates, modes = np.linalg.eigh(free.T @ free)
+    factors = factorise(system.mass(q), system.jacobian(q), tolerances.RANK)
+    root = np.sqrt(system.passive.d)
+    # those of D^1/2 P D^1/2, where P r is the a of M a - J^T lam = r, J a = 0
+    P_root, _ = factors.solve(np.diag(root), np.zeros((system.m, len(root))))
+    rates, modes = np.linalg.eigh(root[:, None] * P_root)
     return float(rates[-1]), int(np.abs(modes[:, -1]).argmax())

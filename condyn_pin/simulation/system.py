@@ -121,13 +121,13 @@ class System:
 
         which is stable however large D and K are. All of them share the memory of `spare`.
         """
-        if not (self.passive.d.any() or self.passive.k.any()):
+        if self.passive.is_nothing:
             return self
         heavier, its_dt = self._implicit
         if its_dt != dt:
-            stiffness = self.passive.stiffness
-            torque = self.passive.with_torques(self.applied, drag=dt * stiffness)
-            heavier = _Heavier(self, dt * self.passive.d + dt**2 * stiffness, torque)
+            drag = dt * self.passive.stiffness
+            torque = self.passive.with_torques(self.applied, drag=drag)
+            heavier = _Heavier(self, self.passive.inertia(dt), torque)
             self._implicit = heavier, dt
         return heavier
 
@@ -140,9 +140,9 @@ class System:
 
         and however large D and K are, they do not keep the iteration from it.
         """
-        if not (self.passive.d.any() or self.passive.k.any()):
+        if self.passive.is_nothing:
             return self
-        inertia = dt * self.passive.d + dt**2 * self.passive.stiffness
+        inertia = self.passive.inertia(dt)
         return _Heavier(self, inertia, lambda t, q, v: self.torque(t, q, v) + inertia * last())
 
     def size(self, q: Array) -> float:

@@ -123,6 +123,15 @@ class Passive:
         """Stiffness of each joint (nv,)."""
         return np.asarray(self.K.sum(axis=1))
 
+    @property
+    def is_nothing(self) -> bool:
+        """Whether no spring and no damping acts."""
+        return not (self.d.any() or self.k.any())
+
+    def inertia(self, dt: float) -> Array:
+        """Return dt D + dt^2 K (nv,): what they add to M at the end of a step [kg, kg m^2]."""
+        return dt * self.d + dt**2 * self.stiffness
+
     def energy(self, q: Array) -> Array:
         """Return the energy of the springs at configurations q (..., nq) [J]."""
         return np.asarray(0.5 * (q[..., self.at_q] - self.rest) ** 2 @ self.k)

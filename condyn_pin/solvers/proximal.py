@@ -127,7 +127,7 @@ class Proximal(Solver):
         workspace.proximal_settings = settings
         model, data = workspace.model, workspace.data
         models, datas = workspace.constraint_models, workspace.constraint_datas
-        at_state = WeightAtState(workspace, settings, accuracy)
+        at_state = WeightAtState(workspace, settings, accuracy) if patient else None
         solve = pin.constraintDynamics
 
         def run(q: Array, v: Array, tau: Array, settings: Any = settings) -> Array:
@@ -136,13 +136,13 @@ class Proximal(Solver):
         def persistent(q: Array, v: Array, tau: Array) -> Array:
             a = solve(model, data, q, v, tau, models, datas, settings)
             workspace.proximal_settings = settings
-            return a if settings.iter < limit else at_state.answer(run, q, v, tau, a)
+            return a if settings.iter < limit else at_state.answer(run, q, v, tau, a)  # type: ignore[union-attr]
 
         def lam() -> Array:
             return np.array(data.lambda_c)
 
         def iterations() -> int:
-            more = at_state.iterations if patient and settings.iter >= limit else 0
+            more = at_state.iterations if at_state and settings.iter >= limit else 0
             return int(settings.iter) + more
 
         acceleration = persistent if patient else run
