@@ -2,18 +2,18 @@
 
 import os
 
-# Before numpy is imported: answers to the bit need one thread.
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-# What is printed has no colours and no width but its own, and no window opens. CI services set some.
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: answers to the bit need it
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+# What is printed has no colours and no width but its own, and no window opens.
 for _name in (
     "FORCE_COLOR", "NO_COLOR", "PY_COLORS", "GITHUB_ACTIONS", "TTY_COMPATIBLE", "TTY_INTERACTIVE",
     "COLUMNS", "TERMINAL_WIDTH", "DISPLAY", "WAYLAND_DISPLAY",
 ):  # fmt: skip
     os.environ.pop(_name, None)
 os.environ |= {"MPLBACKEND": "agg", "no_proxy": "127.0.0.1"}
-
-import pytest
-from hypothesis import HealthCheck, settings
 
 # The examples are the same every time, and nobody looks at the clock: machines may be slow.
 # pytest --hypothesis-profile=search looks for new ones.

@@ -437,7 +437,7 @@ def test_an_interrupt_ends_a_batch_and_not_the_workers(executor, tmp_path):
 
 
 def test_memory_that_is_gone_is_not_taken_for_what_came_after():
-    """The next arrays may get the same number of a file; work that comes late may not write there."""
+    """The next arrays may have the same number of a file; late work may not write there."""
     kinds = {"x": Kind((3,))}
     with closing(SharedArrays(kinds)) as before, closing(SharedArrays(kinds)) as after:
         late = replace(before.address, path=after.address.path)

@@ -113,7 +113,7 @@ def test_the_command_shows_a_robot(name, monkeypatch):
 
 @pytest.mark.parametrize("name", ["cassie", "talos"])
 def test_a_page_takes_few_calls(name):
-    """Numbers of a mesh go through arrays, not one by one; `benchmarks/viewing.py` has the seconds."""
+    """Meshes go through arrays, not number by number; `benchmarks/viewing.py` has the seconds."""
     loaded = robot(name)
     assert calls(lambda: drawing(loaded).html()) < 300_000
 
