@@ -10,7 +10,7 @@ from typing import Any
 import crash
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import condyn_pin as cp
@@ -813,13 +813,7 @@ def promise(name: str, solver: cp.Solver) -> None:
 
 
 exponents = st.floats(-16.0, 3.0)
-examples = settings(
-    max_examples=200,
-    deadline=None,
-    derandomize=True,
-    database=None,
-    suppress_health_check=[HealthCheck.too_slow],
-)
+examples = settings(max_examples=200)
 
 
 @pytest.mark.parametrize("name", SCENES_OF_PROMISE)
