@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import re
 from dataclasses import replace
 
@@ -684,6 +685,37 @@ def test_a_moment_knows_where_frames_are_and_how_fast():
         assert a == pytest.approx(-G / 2 * s)
 
 
+def test_a_condition_cannot_write_to_the_state():
+    air, _ = falling()
+
+    def moves(moment):
+        moment.q[0] = 5.0
+        return 1.0
+
+    with pytest.raises(ValueError, match="read-only"):
+        cp.simulate(air, [0.0], [0.0], duration=0.01, events=[cp.Event(name="push", when=moves)])
+
+
+def test_springs_do_not_change_on_the_way():
+    """The energy of the springs is that of one robot."""
+    scene, q, v = bar()
+    sprung = replace(scene.robot, springs=[cp.Spring(scene.robot.joints[0], 50.0, 0.3)])
+    event = cp.Event(name="sprung", at=0.05, scene=cp.Scene(sprung, scene.constraints))
+    with pytest.raises(cp.InvalidArgument, match="'sprung': its scene has other springs"):
+        cp.simulate(scene, q, v, duration=0.1, events=[event])
+
+
+def test_an_event_that_another_of_its_instant_undoes_is_told():
+    air, floor = falling()
+    events = [cp.Event(name="on", at=0.1, scene=floor), cp.Event(name="off", at=0.1, scene=air)]
+    floor = cp.Scene(air.robot, [cp.PlanarContact("origin")])
+    events[0] = replace(events[0], scene=floor)
+    found = cp.simulate(air, [0.0], [0.0], duration=0.2, dt=1e-2, events=events)
+    assert [event.name for event in found.run.happened] == ["on"]
+    (said,) = found.run.missed
+    assert "off did not happen: its scene went on at t = 0.1 s" in said
+
+
 def test_joints_that_leave_their_limits_are_told():
     model = pin.Model(body(pin.JointModelPZ()).model)
     model.lowerPositionLimit[:], model.upperPositionLimit[:] = -0.1, 0.1
@@ -1023,6 +1055,55 @@ def test_files_that_were_damaged(tmp_path):
         except cp.InvalidArgument:
             refused += 1
     assert refused > 30
+
+
+def test_headers_that_do_not_fit(tmp_path):
+    """What is in a file follows one another, and is of its kind: else it breaks later on."""
+    scene, q, v = bar()
+    path = tmp_path / "run.npz"
+    let_go = cp.Event(name="let go", at=0.005, scene=cp.Scene(scene.robot))
+    cp.simulate(scene, q, v, duration=0.01, events=[let_go]).save(path)
+    with np.load(path) as file:
+        content = dict(file)
+    header = json.loads(str(content["header"]))
+
+    def edited(*, t=content["t"], phase=(), run=()):
+        changed = json.loads(str(content["header"]))
+        changed["phases"][0].update(phase)
+        changed["run"].update(run)
+        np.savez(path, **{**content, "t": t, "header": np.array(json.dumps(changed))})
+        return path
+
+    happened = header["run"]["happened"][0]
+    for changes, words in (
+        ({"t": content["t"][::-1]}, "t goes back"),
+        ({"phase": {"samples": [0, 3]}}, "do not follow 3"),
+        ({"phase": {"samples": [0.5, 6]}}, "do not follow 0"),
+        ({"phase": {"samples": [0, 0]}}, "do not follow 0"),
+        ({"phase": {"columns": [0, 0, 1]}}, "3 different ones"),
+        ({"phase": {"columns": [-1, 0, 1]}}, "3 different ones"),
+        ({"run": {"dt": "fast"}}, "dt = 'fast'"),
+        ({"run": {"wall_time": None}}, "wall_time"),
+        ({"run": {"integrator": header["run"]["drift"]}}, "integrator = "),
+        ({"run": {"happened": [{**happened, "sample": 99}]}}, "of 12 samples"),
+        ({"run": {"happened": [{**happened, "sample": "a"}]}}, "of 12 samples"),
+        ({"run": {"happened": [header["run"]["drift"]]}}, "of 12 samples"),
+    ):
+        with pytest.raises(cp.InvalidArgument, match=f"no file of a trajectory.*{words}"):
+            cp.Trajectory.load(edited(**changes))
+    assert len(cp.Trajectory.load(edited())) == 12
+
+
+def test_a_file_with_a_loose_quaternion_is_refused(tmp_path):
+    scene = cp.Scene(body(pin.JointModelFreeFlyer()))
+    path = tmp_path / "run.npz"
+    cp.simulate(scene, *scene.state(), duration=0.003).save(path)
+    with np.load(path) as file:
+        content = dict(file)
+    content["q"][2, 3:] *= 2
+    np.savez(path, **content)
+    with pytest.raises(cp.InvalidArgument, match=r"q\[2\] has a quaternion"):
+        cp.Trajectory.load(path)
 
 
 def test_every_kind_of_constraint_can_be_in_a_file():
