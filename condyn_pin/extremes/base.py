@@ -156,7 +156,7 @@ def by_reference(scene: Scene, q: Array, v: Array, tau: Array) -> Array:
 def sized(x: Array, size: float) -> Array:
     """Return a multiple of x whose largest entry is `size`; nothing stays nothing."""
     largest = float(np.abs(x).max(initial=0.0))
-    return np.asarray(x * (size / largest)) if largest else x
+    return np.asarray(size * (x / largest)) if largest else x
 
 
 def unit(rng: np.random.Generator) -> Array:
