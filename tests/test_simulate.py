@@ -400,7 +400,9 @@ def test_walls_are_those_of_linear_theory():
     popular = cp.Baumgarte(1e3, np.sqrt(2) * 1e3)  # Taylor's rule
     assert growth(cp.SemiImplicitEuler(), popular, 1e-3) == pytest.approx(1 + np.sqrt(2))
     assert growth(cp.ExplicitEuler(), popular, 1e-3) == pytest.approx(1.0)
-    assert growth(cp.SemiImplicitEuler(), cp.Baumgarte.deadbeat(1e-3), 1e-3) < 1e-7
+    for dt in (1e-150, 1e-3, 1e150):  # only the product of gain and step counts
+        assert growth(cp.SemiImplicitEuler(), cp.Baumgarte.deadbeat(dt), dt) < 1e-7
+    assert growth(cp.RungeKutta4(), cp.Baumgarte(1.0, 1.0), 1e150) == np.inf
 
 
 @pytest.mark.parametrize(("share", "stable"), [(0.82, True), (0.84, False)])
@@ -924,6 +926,8 @@ def test_an_interrupt_keeps_what_was_measured():
         ({"dt": -1e-3}, "dt"),
         ({"dt": np.nan}, "dt"),
         ({"dt": 1e-300}, "steps"),
+        ({"dt": 5e-324, "duration": 5e-323}, "its square is no number"),
+        ({"dt": 1e155, "duration": 1e156}, "its square is no number"),
         ({"record": 0}, "record"),
         ({"record": True}, "record"),
         ({"integrator": "rk4"}, "integrator"),
@@ -947,6 +951,25 @@ def test_bad_input_is_refused(arguments, words):
     given = {"scene": scene, "q": q, "v": v, "duration": 0.01} | arguments
     with pytest.raises(cp.InvalidArgument, match=words):
         cp.simulate(**given)
+
+
+@pytest.mark.parametrize("kind", INTEGRATORS.values())
+@pytest.mark.parametrize("dt", [1.1e-150, 1e-100, 1e30, 9e149])
+def test_steps_of_any_size_end_in_a_run_or_in_an_error(kind, dt):
+    """Warnings are errors here: what overflows on the way may not come out as one."""
+    scene, q, v = bar()
+    v = scene.project_velocity(q, [1.0, 2.0, 3.0])
+    drifts = [None] if kind.keeps_constraints else [None, cp.Baumgarte(1.0, 1.0)]
+    for drift in drifts:
+        try:
+            run = cp.simulate(
+                scene, q, v, duration=3 * dt, dt=dt, integrator=kind(), drift=drift
+            )  # fmt: skip
+        except cp.CondynError:
+            continue
+        if run.status.ok:
+            assert np.isfinite(run.q).all()
+            assert dt < 1.0
 
 
 # Samples and files.
