@@ -1,4 +1,4 @@
-"""simulate: known motions, orders, energy, events, and runs that break down."""
+"""simulate: known motions, energy, events, and runs that break down."""
 
 from __future__ import annotations
 
@@ -135,24 +135,6 @@ def test_gravity_and_armature_can_be_off():
 # Integrators.
 
 
-def errors_of(integrator, make, n, duration, reference):
-    """Errors of q, v and lam at the end of n steps."""
-    scene, q, v = make()
-    found = cp.simulate(
-        scene, q, v, duration=duration, dt=duration / n, integrator=integrator, drift=cp.NoDrift(),
-        record=n,
-    )  # fmt: skip
-    assert found.status.ok, found.reason
-    model = scene.robot.model
-    return np.array(
-        [
-            np.abs(pin.difference(model, reference.q[-1], found.q[-1])).max(),
-            np.abs(found.v[-1] - reference.v[-1]).max(),
-            np.abs(found.lam[-1] - reference.lam[-1]).max(),
-        ]
-    )
-
-
 @pytest.fixture(scope="module")
 def references():
     tight = cp.DormandPrince(relative_tolerance=1e-13, absolute_tolerance=1e-13)
@@ -163,21 +145,6 @@ def references():
             scene, q, v, duration=duration, dt=0.05, integrator=tight, drift=cp.NoDrift()
         )
     return made
-
-
-# How many steps in a quarter of a second show an order, without rounding.
-STEPS = {1: 1600, 2: 200, 3: 100, 4: 50}
-BY_ACCELERATION = [
-    kind for kind in cp.INTEGRATORS.values() if not (kind.is_adaptive or kind.keeps_constraints)
-]
-
-
-@pytest.mark.parametrize("make", [bar, top])
-@pytest.mark.parametrize("kind", BY_ACCELERATION)
-def test_orders_are_those_of_theory(kind, make, references):
-    n = STEPS[kind.order.q]
-    coarse, fine = (errors_of(kind(), make, steps, 0.25, references[make]) for steps in (n, 2 * n))
-    assert np.abs(np.log2(coarse / fine) - kind.order).max() < 0.05
 
 
 @pytest.mark.parametrize("kind", cp.INTEGRATORS.values())
