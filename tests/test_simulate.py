@@ -218,9 +218,9 @@ def test_leapfrog_keeps_an_oscillation_up_to_its_limit(omega_dt, stable):
 
 def test_leapfrog_makes_one_solve_a_step(monkeypatch):
     calls = []
-    solve = cp.Workspace.acceleration
+    solve = cp.Workspace.next_acceleration
     monkeypatch.setattr(
-        cp.Workspace, "acceleration", lambda *given: calls.append(1) or solve(*given)
+        cp.Workspace, "next_acceleration", lambda *given: calls.append(1) or solve(*given)
     )
     scene, q, v = bar()
     cp.simulate(scene, q, v, duration=0.1, integrator=cp.Leapfrog(), record=100)

@@ -143,18 +143,16 @@ class Passive:
     def with_torques(self, applied: Applied, drag: Array | None = None) -> Torque:
         """Return the torques applied with those of springs and damping; drag is more damping."""
         d = self.d if drag is None else self.d + drag
-        damped, sprung = bool(d.any()), len(self.k) > 0
-        if not (damped or sprung):
+        sprung = len(self.k) > 0
+        if not (d.any() or sprung):
             return applied
         K, at_q, rest = self.K, self.at_q, self.rest
 
         def torque(t: float, q: Array, v: Array) -> Array:
-            tau = applied(t, q, v)
-            if damped:
-                tau = tau - d * v
+            pull = d * v
             if sprung:
-                tau = tau - K.dot(q[at_q] - rest)
-            return tau
+                pull += K.dot(q[at_q] - rest)
+            return applied(t, q, v) - pull
 
         return torque
 
