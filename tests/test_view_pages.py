@@ -253,7 +253,9 @@ def test_a_slow_browser_draws_fewer_pixels_until_the_pause(tmp_path, swinging):
     words = chromium.command(chromium.find_chromium(), str(tmp_path / "profile"))
     words += ["--virtual-time-budget=1000", "--window-size=64,48", "--dump-dom", file.as_uri()]
     done = subprocess.run(words, capture_output=True, text=True, timeout=120)
-    fast, slow, slower, paused = json.loads(re.search(r'<pre id="answer">(.*?)</pre>', done.stdout)[1])
+    fast, slow, slower, paused = json.loads(
+        re.search(r'<pre id="answer">(.*?)</pre>', done.stdout)[1]
+    )
     assert (fast, paused) == (1, 1)
     assert slower < slow < fast
 
