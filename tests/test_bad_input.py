@@ -105,6 +105,23 @@ def one_body(inertia: pin.Inertia) -> pin.Model:
     return model
 
 
+@pytest.mark.parametrize(
+    ("edit", "said"),
+    [
+        (lambda m: m.damping.__setitem__(1, -0.5), r"damping of joint 'coupler' is -0\.5"),
+        (lambda m: m.damping.__setitem__(0, np.inf), "damping of joint 'crank' is inf"),
+        (lambda m: m.armature.__setitem__(0, -1e-4), "armature of joint 'crank' is -0.0001"),
+        (lambda m: m.gravity.linear.__setitem__(0, np.inf), "gravity = .*inf"),
+        (lambda m: m.gravity.angular.__setitem__(1, 3.0), "an angular part of"),
+    ],
+)
+def test_damping_that_drives_and_gravity_that_turns_are_refused(edit, said):
+    model = pin.Model(cp.four_bar().model)
+    edit(model)
+    with pytest.raises(cp.InvalidModel, match=said):
+        cp.Robot("bar", model)
+
+
 def test_bodies_that_no_solid_is_are_refused():
     for moments, mass, text in (
         ([1.0, -1.0, 1.0], 1.0, "'j' has the principal moment -1 kg m.2, which is negative"),

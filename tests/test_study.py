@@ -160,6 +160,27 @@ def test_what_is_no_row_is_refused(row):
         cp.Row.from_dict(row)
 
 
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"error_worst": "small"}, {"error_worst": float("nan")}, {"error_median": -1.0},
+        {"median_us": "12"}, {"median_us": -1.0}, {"p95_us": float("nan")}, {"statuses": ["ok"]},
+    ],
+)  # fmt: skip
+def test_a_row_of_numbers_that_are_none_is_refused(wrong):
+    row = brief().run(timed=False).rows[0].as_dict()
+    assert cp.Row.from_dict(row).as_dict() == row
+    with pytest.raises(cp.InvalidArgument, match=next(iter(wrong))):
+        cp.Row.from_dict(row | wrong)
+
+
+def test_given_states_have_three_parts():
+    scene = cp.Scene(cp.four_bar(), cp.four_bar().loops)
+    study = cp.Study(scene, [cp.NullSpace()], states=cp.GivenStates("two", [scene.state()]))
+    with pytest.raises(cp.InvalidArgument, match=r"'two'.* is no \(q, v, tau\)"):
+        study.run(timed=False)
+
+
 # --- what is never hidden ---
 
 

@@ -157,8 +157,10 @@ def test_the_fingerprint_is_that_of_the_content(scene):
     loop = dataclasses.replace(scene.constraints[0], kind="planar", axis="y")
     changed = [cp.Scene(robot, robot.loops) for robot in robots]
     changed.append(cp.Scene(scene.robot, [loop]))
+    springs = [cp.Spring(scene.robot.joints[0], 50.0, 0.3)]
+    changed.append(cp.Scene(dataclasses.replace(scene.robot, springs=springs), scene.constraints))
     found = {known, *map(fingerprint, changed)}
-    assert len(found) == 4
+    assert len(found) == 5
 
 
 def test_arguments_that_cannot_be():

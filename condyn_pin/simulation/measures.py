@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +19,7 @@ from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.rows.equations import Equations
+from condyn_pin.rows.many import MANY, ManyGaps
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
@@ -83,15 +85,12 @@ class Kinematics:
         max abs(c(q)) [m, rad] and max abs(J v) [m/s, rad/s]; zero without constraints.
     kinetic, potential : (k,) array
         [J]
-    momentum : (k, 6) array
-        Linear, and angular about the centre of mass, in the axes of the world [kg m/s, kg m^2/s].
     """
 
     violation: Array
     slip: Array
     kinetic: Array
     potential: Array
-    momentum: Array
 
 
 class Gauge:
@@ -110,21 +109,36 @@ class Gauge:
         self._links = pin.Model(scene.robot.model)
         self._links.armature[:] = 0.0
 
+    @cached_property
+    def _states(self) -> ManyGaps:
+        return ManyGaps(self.equations)
+
     def measure(self, q: Array, v: Array) -> Kinematics:
         """Return what forward kinematics says at states q (k, nq), v (k, nv)."""
-        equations, links, data = self.equations, self._links, self.equations.data
+        states, links, data = self._states, self._links, self.equations.data
         count = len(q)
-        gaps, energies = np.zeros((2, count, equations.m)), np.zeros((2, count))
-        momentum = np.zeros((count, 6))
-        for i, (q_i, v_i) in enumerate(zip(q, v, strict=True)):
-            gaps[:, i] = equations.gaps(q_i, v_i)
-            # the rest reads what that has left in data
-            energies[0, i] = pin.computeKineticEnergy(links, data)
-            energies[1, i] = pin.computePotentialEnergy(links, data)
-            momentum[i] = pin.computeCentroidalMomentum(links, data).vector
-        violation, slip = np.abs(gaps).max(axis=2, initial=0.0)
-        kinetic, potential = energies
-        return Kinematics(violation, slip, kinetic + v**2 @ self._armature / 2, potential, momentum)
+        worst, energies = np.zeros((2, 2, count))
+        for start in range(0, count, MANY):
+            block = range(start, min(start + MANY, count))
+            for i in block:
+                states.look(i - start, q[i], v[i])
+                # the rest reads what that has left in data
+                energies[0, i] = pin.computeKineticEnergy(links, data)
+                energies[1, i] = pin.computePotentialEnergy(links, data)
+            gaps = np.abs(states.gaps(len(block)))
+            worst[:, start : block.stop] = gaps.max(axis=2, initial=0.0)
+        (violation, slip), (kinetic, potential) = worst, energies
+        return Kinematics(violation, slip, kinetic + v**2 @ self._armature / 2, potential)
+
+    def momentum(self, q: Array, v: Array) -> Array:
+        """Return the momentum (k, 6) of the links at states q (k, nq), v (k, nv).
+
+        Linear, and angular about the centre of mass, in the axes of the world [kg m/s, kg m^2/s].
+        """
+        links, data, found = self._links, self.equations.data, np.zeros((len(q), 6))
+        for i in range(len(q)):
+            found[i] = pin.computeCentroidalMomentum(links, data, q[i], v[i]).vector
+        return found
 
 
 def gauge_of(scene: Scene) -> Gauge:

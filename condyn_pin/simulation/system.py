@@ -32,8 +32,8 @@ _NOTHING: Final[tuple[float, Array | None, Array | None, Array]] = (0.0, None, N
 class System:
     """A scene with the torques that act on it.
 
-    Arguments are not checked except by `acceleration`, and arrays that are returned are owned by
-    the caller, unless it says otherwise.
+    Arguments are not checked, and arrays that are returned are owned by the caller, unless it says
+    otherwise.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class System:
         self.integrate: Callable[[Array, Array], Array] = partial(pin.integrate, self.model)
         self.difference: Callable[[Array, Array], Array] = partial(pin.difference, self.model)
         self.lam: Callable[[], Array] = workspace.lam
-        self._solve = workspace.acceleration
+        self._solve = workspace.next_acceleration
         self._last = _NOTHING
         # the last one, and its dt: motion after motion has the same
         self._implicit: tuple[System, float] = (self, 0.0)
@@ -200,10 +200,11 @@ class _Heavier(System):
     def __init__(self, system: System, inertia: Array, torque: Torque) -> None:
         super().__init__(system.spare, system.applied)
         self.torque = torque
-        self._armature = self.model.armature  # a view: Pinocchio reads it in every call
-        self._heavier = np.array(system.model.armature) + inertia
+        armature = self.model.armature  # a view: Pinocchio reads it in every call
+        heavier, solve = np.array(system.model.armature) + inertia, self._solve
 
-    def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        """Return a (nv,), with the additional inertia."""
-        self._armature[:] = self._heavier
-        return super().acceleration(t, q, v)
+        def solve_heavier(q: Array, v: Array, tau: Array) -> Array:
+            armature[:] = heavier  # the workspace is that of others, too
+            return solve(q, v, tau)
+
+        self._solve = solve_heavier
