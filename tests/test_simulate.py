@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -1045,6 +1045,29 @@ def test_files_that_were_damaged(tmp_path):
         except cp.InvalidArgument:
             refused += 1
     assert refused > 30
+
+
+def test_numbers_of_numpy_can_be_in_a_file(tmp_path):
+    scene, q, v = bar()
+    drift = cp.Projection(every=np.int64(2), tolerance=np.float32(1e-6))
+    found = cp.simulate(scene, q, v, duration=np.float32(0.01), drift=drift)
+    found.save(tmp_path / "run.npz")
+    assert cp.Trajectory.load(tmp_path / "run.npz").run.drift == drift
+
+
+def test_a_solver_of_ones_own_can_be_in_a_file(tmp_path):
+    @dataclass(frozen=True)
+    class Mine(cp.NullSpace):
+        pass
+
+    scene, q, v = bar()
+    try:
+        cp.simulate(scene, q, v, duration=0.01, solver=Mine()).save(tmp_path / "run.npz")
+        assert cp.Trajectory.load(tmp_path / "run.npz").run.solver == Mine()
+    finally:
+        del cp.SOLVERS["mine"]
+    with pytest.raises(cp.InvalidArgument, match="Mine is not known here: import the module"):
+        cp.Trajectory.load(tmp_path / "run.npz")
 
 
 def test_headers_that_do_not_fit(tmp_path):

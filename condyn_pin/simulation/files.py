@@ -82,7 +82,7 @@ def save(trajectory: Trajectory, path: Path_) -> None:
     }
     with Path(path).open("wb") as file:  # a name without .npz stays as it is
         content = {
-            "header": np.array(json.dumps(header)),
+            "header": np.array(json.dumps(header, default=_plain)),
             "model": np.array(robot.model.saveToString()),
             **{name: getattr(trajectory, name) for name in _ARRAYS},
             **{f"posture {name}": q for name, q in robot.postures.items()},
@@ -212,10 +212,21 @@ def _encode(value: Any) -> dict[str, Any]:
     return {"class": type(value).__name__, **asdict(value)}  # type: ignore[arg-type]
 
 
+def _plain(value: Any) -> Any:
+    """Return a number of numpy as one of Python's: a knob may be either."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{value!r} cannot be written to a file")
+
+
 def _decode(coded: dict[str, Any]) -> Any:
     """Return the frozen dataclass of a name and fields; lists become tuples."""
     values = dict(coded)
-    kind = _KINDS[values.pop("class")]
+    name = values.pop("class")
+    # those of the user's own have registered since
+    kind = _KINDS.get(name) or (INTEGRATORS | DRIFTS | SOLVERS).get(name.lower())
+    if kind is None:
+        raise LookupError(f"{name} is not known here: import the module that defines it")
     return kind(**{k: tuple(x) if isinstance(x, list) else x for k, x in values.items()})
 
 

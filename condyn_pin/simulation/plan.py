@@ -77,6 +77,7 @@ def _steps(duration: float, dt: float) -> tuple[int, float]:
     for argument, value in (("duration", duration), ("dt", dt)):
         if not finite(argument, value, ()) > 0:
             raise InvalidArgument(f"{argument} = {value!r}: a number > 0 [s] is needed")
+    duration, dt = float(duration), float(dt)  # of numpy they may have fewer digits
     ratio = duration / dt
     if ratio > _MOST_STEPS:
         raise InvalidArgument(
@@ -84,7 +85,7 @@ def _steps(duration: float, dt: float) -> tuple[int, float]:
         )
     steps = max(ceil(ratio * (1 - 1e-12)), 1)
     # dt itself where it fits: duration / steps would be another number
-    dt = float(dt) if abs(steps - ratio) < 1e-9 * ratio else duration / steps
+    dt = dt if abs(steps - ratio) < 1e-9 * ratio else duration / steps
     if not _SHORTEST <= dt <= _LONGEST:
         raise InvalidArgument(
             f"dt = {dt:g}: its square is no number; a step between {_SHORTEST:g} and "
