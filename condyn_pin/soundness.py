@@ -26,6 +26,7 @@ def check_model(model: Any) -> None:
     if model.nv == 0:
         raise InvalidModel("the model has no degree of freedom")
     _check_placements(model)
+    _check_forces(model)
     data = _data(model)
     if not model.check(data):
         raise InvalidModel(
@@ -55,6 +56,24 @@ def _check_placements(model: Any) -> None:
         fault = rotation_fault(M.rotation)
         if fault:
             raise InvalidModel(f"the placement of {who} has no rotation: {fault}")
+
+
+def _check_forces(model: Any) -> None:
+    """Refuse gravity that turns or is infinite, and damping that drives."""
+    gravity, turning = model.gravity.linear, model.gravity.angular
+    if np.isinf(gravity).any() or turning.any():
+        raise InvalidModel(
+            f"gravity = {gravity.tolist()} m/s^2 with an angular part of {turning.tolist()}: three "
+            "finite numbers are needed, and no angular part"
+        )
+    for what, unit in (("damping", "N s/m or N m s/rad"), ("armature", "kg or kg m^2")):
+        values = getattr(model, what)
+        bad = np.flatnonzero(np.isinf(values) | (values < 0))
+        if bad.size:
+            raise InvalidModel(
+                f"the {what} of joint {_joint_of(model, int(bad[0]))!r} is {values[bad[0]]:g} "
+                f"{unit}: a finite number from 0 is needed"
+            )
 
 
 def _data(model: Any) -> Any:

@@ -10,7 +10,7 @@ from typing import Any
 import crash
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import condyn_pin as cp
@@ -103,6 +103,23 @@ def one_body(inertia: pin.Inertia) -> pin.Model:
     model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "j")
     model.appendBodyToJoint(1, inertia, pin.SE3.Identity())
     return model
+
+
+@pytest.mark.parametrize(
+    ("edit", "said"),
+    [
+        (lambda m: m.damping.__setitem__(1, -0.5), r"damping of joint 'coupler' is -0\.5"),
+        (lambda m: m.damping.__setitem__(0, np.inf), "damping of joint 'crank' is inf"),
+        (lambda m: m.armature.__setitem__(0, -1e-4), "armature of joint 'crank' is -0.0001"),
+        (lambda m: m.gravity.linear.__setitem__(0, np.inf), "gravity = .*inf"),
+        (lambda m: m.gravity.angular.__setitem__(1, 3.0), "an angular part of"),
+    ],
+)
+def test_damping_that_drives_and_gravity_that_turns_are_refused(edit, said):
+    model = pin.Model(cp.four_bar().model)
+    edit(model)
+    with pytest.raises(cp.InvalidModel, match=said):
+        cp.Robot("bar", model)
 
 
 def test_bodies_that_no_solid_is_are_refused():
@@ -813,13 +830,7 @@ def promise(name: str, solver: cp.Solver) -> None:
 
 
 exponents = st.floats(-16.0, 3.0)
-examples = settings(
-    max_examples=200,
-    deadline=None,
-    derandomize=True,
-    database=None,
-    suppress_health_check=[HealthCheck.too_slow],
-)
+examples = settings(max_examples=200)
 
 
 @pytest.mark.parametrize("name", SCENES_OF_PROMISE)

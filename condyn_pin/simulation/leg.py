@@ -116,10 +116,16 @@ class Leg:
         self, mover: Mover, t1: float, t: float, q: Array, v: Array, keep: bool
     ) -> tuple[Array, Array]:
         stepper, correct, dt = mover
+        lam = v  # of samples only
         if keep:
             self._tau.forget()
+            if not stepper.lam:  # that of the solve with which the step begins: it is made once
+                solved = stepper.system or self.system
+                solved.acceleration(t, q, v)
+                lam = solved.lam()
         q1, v1, a = stepper.step(t, q, v)
-        lam = stepper.lam() if keep else a  # before the correction solves again
+        if keep and stepper.lam:  # before the correction solves again
+            lam = stepper.lam()
         if correct:
             q1, v1 = correct(t + dt, q1, v1)
         if keep and self._at_start:

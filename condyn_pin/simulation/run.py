@@ -205,6 +205,11 @@ def _events(scene: Scene, events: Sequence[Event]) -> tuple[Event, ...]:
                 raise InvalidArgument(
                     f"event {event.name!r}: its scene is of another model than the one simulated"
                 )
+            if other is not None and other.robot.springs != scene.robot.springs:
+                raise InvalidArgument(
+                    f"event {event.name!r}: its scene has other springs than the one simulated; "
+                    "what changes on the way is a torque: tau(t, q, v)"
+                )
         if event.at is not None and event.at <= 0:
             raise InvalidArgument(f"event {event.name!r}: at = {event.at:g}: after the start")
     return checked
