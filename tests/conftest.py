@@ -7,11 +7,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: answers to the bi
 import pytest
 from hypothesis import HealthCheck, settings
 
-# What is printed has no colours and no width but its own, and no window opens.
-for _name in (
-    "FORCE_COLOR", "NO_COLOR", "PY_COLORS", "GITHUB_ACTIONS", "TTY_COMPATIBLE", "TTY_INTERACTIVE",
-    "COLUMNS", "TERMINAL_WIDTH", "DISPLAY", "WAYLAND_DISPLAY",
-):  # fmt: skip
+# Pages are as wide as they are without a terminal, and no window opens.
+for _name in ("COLUMNS", "TERMINAL_WIDTH", "DISPLAY", "WAYLAND_DISPLAY"):
     os.environ.pop(_name, None)
 os.environ |= {"MPLBACKEND": "agg", "no_proxy": "127.0.0.1"}
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 from shared import robot
 
 import condyn_pin as cp
@@ -18,6 +19,7 @@ from condyn_pin.drift.projection import Projection
 from condyn_pin.simulation.files import _KINDS
 from condyn_pin.simulation.integrators import INTEGRATORS, dormand_prince
 from condyn_pin.simulation.integrators.generalised_alpha import GeneralisedAlpha
+from condyn_pin.simulation.measures import work
 from condyn_pin.simulation.walls import growth, wall
 
 G = 9.81
@@ -34,6 +36,17 @@ def body(joint, *, inertia=0.01, mass=1.0, centre=(0.0, 0.0, 0.0), name="body") 
     model.appendBodyToJoint(j, pin.Inertia(mass, np.array(centre), moments), pin.SE3.Identity())
     model.addFrame(pin.Frame("origin", j, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
     return cp.Robot(name, model)
+
+
+@pytest.mark.parametrize("samples", [2, 3, 21, 64, 65, 400])
+def test_work_is_the_integral_of_a_spline_through_the_power(samples):
+    t = np.sort(np.random.default_rng(0).uniform(0.0, 2.0, samples))
+    power = np.cos(3 * t)
+    spline = CubicSpline(t, power)
+    for _ in range(2):  # the second time the matrix of few samples is there already
+        found = work(t, power)
+        wanted = [spline.integrate(t[0], each) for each in t]
+        np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-14)
 
 
 def top() -> tuple[cp.Scene, np.ndarray, np.ndarray]:

@@ -243,7 +243,10 @@ function ratio_after(drawn) {  // [pictures] in one second
 }
 let answer = document.createElement("pre");
 answer.id = "answer";
-viewer.animator.playing = true;
+for (let playing of [false, true]) {  // whatever was drawn, or was not, while the page was loaded
+  viewer.animator.playing = playing;
+  ratio_after(40);
+}
 let ratios = [ratio_after(40), ratio_after(10), ratio_after(10)];
 viewer.animator.playing = false;
 ratios.push(ratio_after(10));

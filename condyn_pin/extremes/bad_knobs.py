@@ -16,6 +16,11 @@ _SIZES = (
     0.0, 5e-324, 1e-310, 1e-155, 1e16, 1e30, 1e77, 1e100, 1e155, 1e300, math.inf, math.nan,
 )  # fmt: skip
 
+_STEPS = (
+    1e-3, 1e-9, 1e-30, 1e-100, 0.0, 5e-324, 1e-310, 1e-155, 1.0, 1e16, 1e100, 1e155, 1e300,
+    math.inf, math.nan,
+)  # fmt: skip
+
 
 @extreme(severities=_SIZES)
 def bad_gain(severity: float, rng: np.random.Generator) -> Case:
@@ -33,9 +38,9 @@ def bad_mu(severity: float, rng: np.random.Generator) -> Case:
     return Case(scene, *moving(scene, rng), knobs={"mu": severity})
 
 
-@extreme(severities=_SIZES)
+@extreme(severities=_STEPS)
 def bad_step(severity: float, rng: np.random.Generator) -> Case:
-    """Step of a run of a four-bar, from nothing to what is not a number [s]."""
+    """Step of a run of a four-bar, from what is usual to what is not a number [s]."""
     scene = _linkage()
     q, v = scene.state()
     q = pin.integrate(scene.robot.model, q, 1e-7 * rng.normal(size=len(v)))

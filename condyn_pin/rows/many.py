@@ -67,6 +67,8 @@ class ManyGaps:
 
     def gaps(self, count: int) -> Array:
         """Return c(q) and J v (2, count, m) of the first states; overwritten by the next call."""
+        if not self._at_once:
+            return self._gaps[:, :count]
         c, slip = self._gaps.reshape(2, -1)
         for group in self._groups:
             group.evaluate(c, slip, self._accelerations)

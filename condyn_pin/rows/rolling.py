@@ -40,7 +40,7 @@ class Rolling:
     Parameters
     ----------
     ends : Ends
-        Of these.
+        The body and the plane of each.
     bounds : sequence of Rolled
     """
 

@@ -64,6 +64,12 @@ class Leg:
         self.system = System(workspace, self._tau, springs=effects.springs, damping=effects.damping)
         self._at_start = method.integrator.a_at == "start"
 
+    def use(self, scene: Scene) -> None:
+        """Begin anew with a scene whose contacts may be anchored elsewhere, in the same memory."""
+        if scene is not self.scene:
+            self.scene = scene
+            self.system.use(scene)
+
     def turn(self, every: int) -> int:
         """Return which of `every` steps is a sample, if every so many is to be one."""
         return 0 if self._at_start else every - 1

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,7 +24,10 @@ from condyn_pin.rows.many import MANY, ManyGaps
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
 
-# The gauge of this thread's last look: motion after motion of one scene needs only one.
+# Samples for which a matrix of them all is small.
+_FEW = 64
+
+# The gauges of this thread's last two scenes: one as it was written, and with contacts anchored.
 _last = threading.local()
 
 
@@ -142,7 +145,7 @@ class Gauge:
 
 
 def gauge_of(scene: Scene) -> Gauge:
-    """Return this thread's gauge of a scene: the last one, or a new one.
+    """Return this thread's gauge of a scene: one of the last two, or a new one.
 
     Raises
     ------
@@ -150,9 +153,9 @@ def gauge_of(scene: Scene) -> Gauge:
         If the robot's model was edited since it was loaded.
     """
     scene.robot.check_unedited()
-    gauge: Gauge | None = getattr(_last, "gauge", None)
-    if gauge is None or gauge.scene is not scene:
-        _last.gauge = gauge = Gauge(scene)
+    kept: tuple[Gauge, ...] = getattr(_last, "gauges", ())
+    gauge = next((each for each in kept if each.scene is scene), None) or Gauge(scene)
+    _last.gauges = (gauge, *(each for each in kept if each is not gauge))[:2]
     return gauge
 
 
@@ -161,10 +164,23 @@ def work(t: Array, power: Array) -> Array:
 
     By a cubic spline through the samples: of order 4 where the power is smooth.
     """
+    if len(t) < 2 or not power.any():
+        return np.zeros(len(t))
+    if len(t) <= _FEW:
+        return np.asarray(_integrals(t.tobytes()).dot(power))
+    return _integral(t, power)
+
+
+@lru_cache(maxsize=8)
+def _integrals(times: bytes) -> Array:
+    """Return the matrix (k, k) that integrates: motion after motion has the same times."""
+    t = np.frombuffer(times)
+    return _integral(t, np.eye(len(t)))
+
+
+def _integral(t: Array, power: Array) -> Array:
+    """Return the integral of each column of power (k, ...) over t."""
     from scipy.interpolate import CubicSpline
 
-    done = np.zeros(len(t))
-    if len(t) > 1 and power.any():
-        done[:] = CubicSpline(t, power).antiderivative()(t)
-        done -= done[0]
-    return done
+    done = CubicSpline(t, power).antiderivative()(t)
+    return np.asarray(done - done[0])

@@ -132,8 +132,8 @@ def follow(
 ) -> tuple[Trajectory, Leg]:
     """Return the motion from a state that was checked, and the leg that it ended on.
 
-    A leg of the same plan spares the work of making another, where the scene is the same: where no
-    contact has to be anchored.
+    A leg of the same plan, on which no event has changed the scene, spares the work of making
+    another.
     """
     method = planned.method
     begun = perf_counter()

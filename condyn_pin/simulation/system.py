@@ -47,11 +47,8 @@ class System:
     Attributes
     ----------
     workspace : Workspace
-    scene : Scene
     model : pin.Model
         The workspace's own.
-    m : int
-        Number of rows.
     manifold : Manifold
     passive : Passive
         Springs and damping, those that are on.
@@ -71,9 +68,7 @@ class System:
         damping: bool = True,
     ) -> None:
         self.workspace = workspace
-        self.scene: Scene = workspace.scene
         self.model = workspace.model
-        self.m = self.scene.rows
         self.manifold = Manifold(self.model)
         self.applied = tau if isinstance(tau, Applied) else Applied(self.model.nv, tau)
         self.passive = Passive.of(self.scene.robot, springs=springs, damping=damping)
@@ -86,6 +81,25 @@ class System:
         self._last = _NOTHING
         # the last one, and its dt: motion after motion has the same
         self._implicit: tuple[System, float] = (self, 0.0)
+
+    def use(self, scene: Scene) -> None:
+        """Switch to another scene of the same robot; steppers have to be started again."""
+        self.workspace.use(scene)
+        self._last = _NOTHING
+        if "spare" in vars(self):
+            self.spare.model.armature[:] = self.model.armature  # another model would be refused
+            self.spare.use(scene)
+            self._implicit[0]._last = _NOTHING
+
+    @property
+    def scene(self) -> Scene:
+        """The scene of the workspace."""
+        return self.workspace.scene
+
+    @property
+    def m(self) -> int:
+        """Number of rows."""
+        return self.scene.rows
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return a (nv,) by the solver; `lam()` then returns its constraint forces (m,).

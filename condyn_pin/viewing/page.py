@@ -50,8 +50,8 @@ viewer.controls.update();
 #
 #     colour = (0.6 + 0.4 n . l) diffuse
 #
-# with n the normal of the face and l towards the lamp. three.js knows this law for corners only, and
-# its Phong, with the three lamps of meshcat, takes a processor three times as long.
+# with n the normal of the face and l towards the lamp. three.js knows this law for corners only,
+# and its Phong, with the three lamps of meshcat, takes a processor three times as long.
 _LAMP = """
 MeshCat.THREE.ShaderLib.lambert.vertexShader = `
   varying vec3 point;
