@@ -683,7 +683,7 @@ def test_a_rod_and_a_ball_of_one_name_are_refused():
     scene, q, v = bar()
     rod = cp.Loop("crank_tip", "rocker_tip", "rod", length=0.5, name=scene.names[0])
     event = cp.Event(name="loose", at=0.02, scene=cp.Scene(scene.robot, [rod]))
-    with pytest.raises(cp.InvalidArgument, match="'loose': .* one number in one scene"):
+    with pytest.raises(cp.InvalidArgument, match=r"'loose': .* one number in one scene"):
         cp.simulate(scene, q, v, duration=0.04, events=[event])
 
 
