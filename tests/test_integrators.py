@@ -135,6 +135,7 @@ def test_rows_without_a_position_are_held_or_refused():
     [
         (lambda: cp.RadauIIA(stages=4), "stages = 4"),
         (lambda: cp.RadauIIA(stages=True), "stages = True"),
+        (lambda: cp.RadauIIA(stages=3.0), "stages = 3.0"),
         (lambda: cp.GearGuptaLeimkuhler(stages=0), "stages = 0"),
         (lambda: cp.GeneralisedAlpha(rho=1.5), r"rho = 1\.5"),
         (lambda: cp.GeneralisedAlpha(rho=1.0), r"rho = 1\.0: from 0 to below 1"),

@@ -199,7 +199,7 @@ class Loop:
         t = t if event.at is None else event.at
         if t - self.t > _NOTHING * self._method.dt:
             self.q, self.v = self.leg.part(self.t, self.q, self.v, t)
-            self.t = t
+        self.t = max(t, self.t)  # also if that is not worth a step: a time does not come again
 
     def _happen(self, event: Event) -> None:
         """Let an event happen here; Ended if it ends the run."""

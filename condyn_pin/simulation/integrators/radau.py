@@ -129,7 +129,8 @@ class GearGuptaLeimkuhler(Integrator):
 
 
 def _check_stages(stages: int) -> None:
-    if isinstance(stages, bool) or stages not in _TABLEAUS:
+    whole = isinstance(stages, int | np.integer) and not isinstance(stages, bool)
+    if not whole or stages not in _TABLEAUS:
         raise InvalidArgument(f"stages = {stages!r}: 1, 2 or 3")
 
 
