@@ -85,17 +85,17 @@ class WeightAtState:
         from scipy.linalg.lapack import dpstrf
 
         self._mu, self._accuracy = mu, _STEP * accuracy
-        self._usual, self._few = _limit_and_share(min(left, _MORE)), _limit_and_share(_CORRECTED)
+        self._usual, self._few = _plan(min(left, _MORE)), _plan(_CORRECTED)
         self._cholesky, self._factorise = _pin.constraint_cholesky(workspace.data), dpstrf
-        # a row that is rounding has sigma < m eps |G|: a force f along it moves a by w sigma^1/2 f
+        # a row that is rounding has sigma < m eps |G|: a force f along it moves a by w sigma^1/2 f,
+        # and ten steps of lam are more than were made
         audit, rows = workspace.scene.audit, sum(c.size for c in workspace.natives.constraints)
         moved = audit.yardstick.largest_weight * (rows * _EPS * audit.delassus_norm) ** 0.5
         self._harmless = (
-            tolerances.SOLVED * audit.yardstick.gravity / (FEW * moved) if rows else 0.0
+            tolerances.SOLVED * audit.yardstick.gravity / (10.0 * moved) if rows else 0.0
         )
         self._damping, self._least = self._mu * np.eye(rows), _NOISE * audit.delassus_norm
         self._weak = _EPS * audit.delassus_norm / tolerances.SOLVED if corrected else 0.0
-        self._made: dict[tuple[float, int], Any] = {}
 
     def settings(self, step: float) -> Any:
         """Return settings for a better answer, or None where nothing but rounding is left.
@@ -111,19 +111,21 @@ class WeightAtState:
         sigma = R.item(rank - 1, rank - 1) ** 2 if rank else 0.0
         if not 0.0 < sigma < inf:
             return None
-        limit, share = self._few if sigma < self._weak else self._usual
+        limit, share, made = self._few if sigma < self._weak else self._usual
         # five bits of mu will do: there are few such numbers, and settings take long to make
         mantissa, power = frexp(max(share * sigma, self._least))
         mu = ldexp(int(32.0 * mantissa), power - 5)
         if self._mu <= mu and step < self._harmless:
             return None
-        settings = self._made.get((mu, limit))
+        settings = made.get(mu)
         if settings is None:
-            settings = pin.ProximalSettings(0.0, self._accuracy, mu, limit)
-            self._made[mu, limit] = settings
+            settings = made[mu] = pin.ProximalSettings(0.0, self._accuracy, mu, limit)
         return settings
 
 
-def _limit_and_share(limit: int) -> tuple[int, float]:
-    """Return a number of iterations, and the mu / sigma with which they leave `_LEFT`."""
-    return limit, 1.0 / (_LEFT ** (-1.0 / limit) - 1.0)
+def _plan(limit: int) -> tuple[int, float, dict[float, Any]]:
+    """Return a number of iterations, the mu / sigma with which they leave `_LEFT`, and no settings.
+
+    Settings are added where they are made, by their mu.
+    """
+    return limit, 1.0 / (_LEFT ** (-1.0 / limit) - 1.0), {}
