@@ -8,23 +8,21 @@ them by c / mu an iteration, and rounding of G, eps |G| / mu, mixes it into the 
 The smallest sigma is that of the nominal state, nearly always. It is another near singular
 postures, and where loops are open by a gap: redundant rows come to life there, with a sigma of
 about gap^2. What does not converge in a few iterations is at such a state; then the smallest sigma
-is read off the factor that is there already, and mu is the largest that gains fourteen digits in
+is read off the factor that is there already, and mu is the largest that gains fifteen digits in
 the iterations k that are left:
 
-    (mu / (sigma + mu))^k = 1e-14.
+    (mu / (sigma + mu))^k = 1e-15.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from math import inf
+from math import frexp, inf, ldexp
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from condyn_pin import _pin, tolerances
 from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
 
 if TYPE_CHECKING:
     from condyn_pin.audit import Audit
@@ -37,14 +35,16 @@ _LARGEST, _SMALLEST, _LEAST = 1e-6, 1e-2, 1e-12
 _LARGEST_FREE, _SMALLEST_FREE, _LEAST_FREE = 1e-12, 1e-4, 1e-14
 
 # Iterations after which the default weight does not do: machines take up to six with it.
-FEW = 8
+FEW = 6
 
 # Iterations with the weight for a state, of those that are left: more would only take time. They
-# stop at a smaller step than those of the default weight, since each gains less.
-_MORE, _STEP = 20, 0.01
+# stop at a smaller step than those of the default weight, since each gains less. Where corrections
+# follow that G needs, eps |G| > SOLVED sigma, five: they leave a share mu / sigma of rounding.
+_MORE, _CORRECTED, _STEP = 15, 5, 0.01
 
-# What those leave of an error. The last digits are not worth a smaller mu: it adds noise.
-_LEFT = 1e-14
+# What those leave of an error: the last digits are not worth a smaller mu, which adds noise. And a
+# share of the largest eigenvalue of G: rows that depend on others may have a sigma of -eps |G|.
+_LEFT, _NOISE = 1e-15, 2.0**-51
 
 _EPS = 2.0**-53
 
@@ -68,57 +68,64 @@ class WeightAtState:
     Parameters
     ----------
     workspace : Workspace
-    settings : pin.ProximalSettings
-        Of the iteration.
+    mu : float
+        Of the iteration [1/kg].
     accuracy : float
         As `Proximal.relative_accuracy` [N].
     left : int
         Iterations that may be made.
-
-    Attributes
-    ----------
-    iterations : int
-        How many more were taken.
+    corrected : bool
+        Whether corrections follow that the scene needs.
     """
 
-    def __init__(self, workspace: Workspace, settings: Any, accuracy: float, left: int) -> None:
+    def __init__(
+        self, workspace: Workspace, mu: float, accuracy: float, left: int, corrected: bool
+    ) -> None:
         # imported here: scipy.linalg takes as long to import as Pinocchio
         from scipy.linalg.lapack import dpstrf
 
-        self._workspace, self._settings, self._mu = workspace, settings, float(settings.mu)
-        self._accuracy, self._limit = _STEP * accuracy, min(left, _MORE)
-        self._share = 1.0 / (_LEFT ** (-1.0 / self._limit) - 1.0)
+        self._mu, self._accuracy = mu, _STEP * accuracy
+        self._usual, self._few = _plan(min(left, _MORE)), _plan(_CORRECTED)
         self._cholesky, self._factorise = _pin.constraint_cholesky(workspace.data), dpstrf
-        # a row that is rounding has sigma < m eps |G|: a force f along it moves a by w sigma^1/2 f
+        # a row that is rounding has sigma < m eps |G|: a force f along it moves a by w sigma^1/2 f,
+        # and ten steps of lam are more than were made
         audit, rows = workspace.scene.audit, sum(c.size for c in workspace.natives.constraints)
         moved = audit.yardstick.largest_weight * (rows * _EPS * audit.delassus_norm) ** 0.5
         self._harmless = (
-            tolerances.SOLVED * audit.yardstick.gravity / (FEW * moved) if rows else 0.0
+            tolerances.SOLVED * audit.yardstick.gravity / (10.0 * moved) if rows else 0.0
         )
-        self._damping = self._mu * np.eye(rows)
-        self.iterations = 0
+        self._damping, self._least = self._mu * np.eye(rows), _NOISE * audit.delassus_norm
+        self._weak = _EPS * audit.delassus_norm / tolerances.SOLVED if corrected else 0.0
 
-    def answer(self, run: Callable[..., Array], q: Array, v: Array, tau: Array, a: Array) -> Array:
-        """Return a better a (nv,), or the same where nothing but rounding has not converged.
+    def settings(self, step: float) -> Any:
+        """Return settings for a better answer, or None where nothing but rounding is left.
 
         Parameters
         ----------
-        run : callable
-            Returns a for q, v, tau and the settings that it is given.
-        q, v, tau : (nq,), (nv,), (nv,) array
-        a : (nv,) array
-            Of the iteration.
+        step : float
+            The last of lam [N].
         """
-        self.iterations = 0
-        G = self._cholesky.getInverseOperationalSpaceInertiaMatrix() - self._damping
+        G = self._cholesky.getInverseOperationalSpaceInertiaMatrix()
+        G -= self._damping
         R, _, rank, _ = self._factorise(G)
-        mu = self._share * R.item(rank - 1, rank - 1) ** 2 if rank else 0.0
-        if not 0.0 < mu < inf:
-            return a
-        if self._mu <= mu and self._settings.relative_residual < self._harmless:
-            return a
-        settings = pin.ProximalSettings(0.0, self._accuracy, mu, self._limit)
-        self._workspace.proximal_settings = settings
-        a = run(q, v, tau, settings)
-        self.iterations = int(settings.iter)
-        return a
+        sigma = R.item(rank - 1, rank - 1) ** 2 if rank else 0.0
+        if not 0.0 < sigma < inf:
+            return None
+        limit, share, made = self._few if sigma < self._weak else self._usual
+        # five bits of mu will do: there are few such numbers, and settings take long to make
+        mantissa, power = frexp(max(share * sigma, self._least))
+        mu = ldexp(int(32.0 * mantissa), power - 5)
+        if self._mu <= mu and step < self._harmless:
+            return None
+        settings = made.get(mu)
+        if settings is None:
+            settings = made[mu] = pin.ProximalSettings(0.0, self._accuracy, mu, limit)
+        return settings
+
+
+def _plan(limit: int) -> tuple[int, float, dict[float, Any]]:
+    """Return a number of iterations, the mu / sigma with which they leave `_LEFT`, and no settings.
+
+    Settings are added where they are made, by their mu.
+    """
+    return limit, 1.0 / (_LEFT ** (-1.0 / limit) - 1.0), {}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
@@ -55,10 +55,11 @@ class Proximal(Solver):
         Cassie. 1e-6 where rows are redundant; a hundredth of the smallest nonzero eigenvalue if
         that is less, as it is for points that are close to each other, and never less than 1e-12
         of the largest. 1e-12 where they are not, or only as zeros, like those across the plane of
-        a planar loop. Should eight iterations not converge, as near a singular posture or where
+        a planar loop. Should six iterations not converge, as near a singular posture or where
         loops are open, the others are made with a share of the smallest eigenvalue there that is
-        more than rounding: 0.07 for the twelve that are left by default, 0.25 for twenty, which
-        is the most (`condyn_pin.weights`).
+        more than rounding: 0.09 for the fourteen that are left by default, 0.11 for fifteen, which
+        is the most, and 0.001 for five, where corrections follow that G needs
+        (`condyn_pin.weights`).
     max_iterations : int
         Upper limit. It is met without harm where lam keeps a little noise; convergence is judged
         by the errors of the `Solution`, never by this.
@@ -129,33 +130,40 @@ class Proximal(Solver):
         workspace.proximal_settings = settings
         model, data = workspace.model, workspace.data
         models, datas = workspace.constraint_models, workspace.constraint_datas
-        left = self.max_iterations - limit
-        at_state = WeightAtState(workspace, settings, accuracy, left) if patient else None
+        needed = _refinements(audit)
+        refinements = needed if self.refinements is None else self.refinements
+        left, corrected = self.max_iterations - limit, needed > 0 and refinements > 0
+        at_state = WeightAtState(workspace, mu, accuracy, left, corrected) if patient else None
         solve = pin.constraintDynamics
 
-        def run(q: Array, v: Array, tau: Array, settings: Any = settings) -> Array:
+        def acceleration(q: Array, v: Array, tau: Array) -> Array:
             return solve(model, data, q, v, tau, models, datas, settings)  # type: ignore[no-any-return]
 
         def persistent(q: Array, v: Array, tau: Array) -> Array:
             a = solve(model, data, q, v, tau, models, datas, settings)
             workspace.proximal_settings = settings
-            done = settings.relative_residual <= accuracy
-            return a if done else at_state.answer(run, q, v, tau, a)  # type: ignore[union-attr]
+            step = settings.relative_residual
+            if step <= accuracy:
+                return a  # type: ignore[no-any-return]
+            better = at_state.settings(step)  # type: ignore[union-attr]
+            if better is None:
+                return a  # type: ignore[no-any-return]
+            workspace.proximal_settings = better
+            return solve(model, data, q, v, tau, models, datas, better)  # type: ignore[no-any-return]
 
         def lam() -> Array:
             return np.array(data.lambda_c)
 
         def iterations() -> int:
-            done = at_state is None or settings.relative_residual <= accuracy
-            return int(settings.iter) + (0 if done else at_state.iterations)  # type: ignore[union-attr]
+            last = workspace.proximal_settings
+            return int(settings.iter) + (0 if last is settings else int(last.iter))
 
-        acceleration = persistent if patient else run
-        refinements = _refinements(audit) if self.refinements is None else self.refinements
+        run = persistent if patient else acceleration
         if not refinements:
-            return Method(acceleration, lambda: workspace.scene_forces(lam()), iterations)
+            return Method(run, lambda: workspace.scene_forces(lam()), iterations)
         refinement = Refinement(workspace, refinements)
         return Method(
-            lambda q, v, tau: refinement.correct(q, v, tau, acceleration(q, v, tau), lam()),
+            lambda q, v, tau: refinement.correct(q, v, tau, run(q, v, tau), lam()),
             lambda: workspace.scene_forces(refinement.lam),
             lambda: iterations() + refinements,
         )
