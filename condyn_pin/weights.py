@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from condyn_pin import _pin, tolerances
-from condyn_pin._pin import pin
 
 if TYPE_CHECKING:
     from condyn_pin.audit import Audit
@@ -119,7 +118,7 @@ class WeightAtState:
             return None
         settings = made.get(mu)
         if settings is None:
-            settings = made[mu] = pin.ProximalSettings(0.0, self._accuracy, mu, limit)
+            settings = made[mu] = _pin.proximal_settings(0.0, self._accuracy, mu, limit)
         return settings
 
 

@@ -50,9 +50,13 @@ def test_damping_that_means_nothing_is_refused(kind, mu):
 def test_knobs_may_be_numbers_of_numpy():
     """Pinocchio takes Python's alone."""
     scene, state = all_scenes()["talos contacts"], states("talos contacts")[0]
-    chosen = [cp.SparseKKT(mu=np.float32(1e-9)), cp.DelassusCholesky(mu=np.int64(1))]
+    number, few = np.float32(1e-6), np.int64(3)
+    chosen = [
+        cp.SparseKKT(mu=np.float32(1e-9)),
+        cp.DelassusCholesky(mu=np.int64(1)),
+        cp.Proximal(max_iterations=few, relative_accuracy=number, absolute_accuracy=number),
+    ]
     if HAS_LCABA:
-        number, few = np.float32(1e-6), np.int64(3)
         chosen.append(cp.LCABA(mu=number, max_iterations=few, absolute_accuracy=number))
     for solver in chosen:
         assert np.isfinite(cp.solve(scene, *state, solver=solver, throw=False).a).all()

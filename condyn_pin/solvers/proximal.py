@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
-from condyn_pin import tolerances
+from condyn_pin import _pin, tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.knobs import (
@@ -126,7 +126,7 @@ class Proximal(Solver):
         accuracy = 1e-9 * audit.weight if self.relative_accuracy is None else self.relative_accuracy
         patient = self.mu is None and self.max_iterations >= _PATIENT
         limit = FEW if patient else self.max_iterations
-        settings = pin.ProximalSettings(self.absolute_accuracy, accuracy, mu, limit)
+        settings = _pin.proximal_settings(self.absolute_accuracy, accuracy, mu, limit)
         workspace.proximal_settings = settings
         model, data = workspace.model, workspace.data
         models, datas = workspace.constraint_models, workspace.constraint_datas
