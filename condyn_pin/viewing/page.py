@@ -50,8 +50,8 @@ viewer.controls.update();
 #
 #     colour = (0.6 + 0.4 n . l) diffuse
 #
-# with n the normal of the face and l towards the lamp. three.js knows this law for corners only, and
-# its Phong, with the three lamps of meshcat, takes a processor three times as long.
+# with n the normal of the face and l towards the lamp. three.js knows this law for corners only,
+# and its Phong, with the three lamps of meshcat, takes a processor three times as long.
 _LAMP = """
 MeshCat.THREE.ShaderLib.lambert.vertexShader = `
   varying vec3 point;
@@ -85,9 +85,10 @@ var viewer = new MeshCat.Viewer(pane, true, renderer);
 """
 
 # The more pixels a picture has, the longer a processor takes. While a motion plays at less than 30
-# pictures a second it has fewer; a pause shows all of them again.
+# pictures a second it has fewer; a pause shows all of them again. What the first half second draws
+# counts without its time, in which shaders are compiled.
 _PLAYING = """
-var sharpest = software ? 2 : 1, ratio = 1, pictures = 0, since = performance.now();
+var sharpest = software ? 2 : 1, ratio = 1, pictures = 0, since = performance.now() + 500;
 function sharpen(wanted) {
   if (wanted === ratio) return;
   viewer.renderer.setPixelRatio(window.devicePixelRatio * wanted);
