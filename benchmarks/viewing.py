@@ -20,13 +20,11 @@ import json
 import os
 import queue
 import re
-import socket
 import subprocess
 import sys
 import tempfile
 import threading
 import time
-import urllib.error
 import urllib.request
 from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, HTTPServer
@@ -45,7 +43,7 @@ from condyn_pin.viewing.page import page
 
 PLAYED = 5.0  # [s]
 SIZES = ((640, 480), chromium.SIZE, (1920, 1080))  # [px]
-PATIENCE = 120.0  # [s] for a page to answer, and for Chromium to have played
+PATIENCE = 300.0  # [s] for a page to answer, and for Chromium to have played
 
 
 @dataclass(frozen=True)
@@ -69,30 +67,27 @@ class Start:
 
 def start(robot: str) -> Start:
     """Start `condyn view` as a user does, until its page answers with the robot in it."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    words = [sys.executable, "-m", "condyn_pin", "view", robot, "--no-browser", f"--port={port}"]
+    words = [sys.executable, "-m", "condyn_pin", "view", robot, "--no-browser"]
     before = time.perf_counter()
-    with subprocess.Popen(words, stdout=subprocess.DEVNULL) as process:
-        answer = _answer(process, f"http://127.0.0.1:{port}/")
-        wall = time.perf_counter() - before
-        process.terminate()  # not by SIGINT, which a shell lets its background jobs ignore
-        _, _, used = os.wait4(process.pid, 0)
-        process.returncode = 0  # it is reaped
-    return Start(wall, used.ru_utime + used.ru_stime, triangles_of_robot(answer))
-
-
-def _answer(process: subprocess.Popen[bytes], url: str) -> str:
-    end = time.perf_counter() + PATIENCE
-    while time.perf_counter() < end and process.poll() is None:
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
         try:
-            with urllib.request.urlopen(url, timeout=PATIENCE) as answer:
+            html = _page(process)
+            wall = time.perf_counter() - before
+        finally:
+            process.terminate()  # not by SIGINT, which a shell lets its background jobs ignore
+            _, _, used = os.wait4(process.pid, 0)
+            process.returncode = 0  # it is reaped
+    return Start(wall, used.ru_utime + used.ru_stime, triangles_of_robot(html))
+
+
+def _page(process: subprocess.Popen[str]) -> str:
+    """Return the page of a process that prints where it is."""
+    assert process.stdout is not None
+    for line in process.stdout:
+        if found := re.search(r"http://\S+", line):
+            with urllib.request.urlopen(found[0], timeout=PATIENCE) as answer:
                 return str(answer.read().decode())
-        except urllib.error.URLError:
-            time.sleep(0.01)
-    process.kill()
-    raise RuntimeError(f"{url} did not answer")
+    raise RuntimeError("it ended, and served no page")
 
 
 def triangles_of_robot(html: str) -> int:
@@ -150,7 +145,7 @@ window.addEventListener("load", () => setTimeout(() => {
     let drawn = viewer.renderer.info.render;
     calls = Math.max(calls, drawn.calls);
     triangles = Math.max(triangles, drawn.triangles);
-    if (now - first < MILLISECONDS) { requestAnimationFrame(look); return; }
+    if (now - first < MILLISECONDS || seen.size < 2) { requestAnimationFrame(look); return; }
     say({count: seen.size, seconds: 0.001 * (now - first), gone, calls, triangles,
          ratio: viewer.renderer.getPixelRatio()});
   }
@@ -195,7 +190,7 @@ def play(
     ----------
     html : str
     seconds : float
-        That are counted [s].
+        That are counted [s]; longer, until there are two pictures.
     warm : float
         That are played before them [s].
     size : (int, int)

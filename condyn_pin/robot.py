@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array, finite
-from condyn_pin.constraints import WORLD, Constraint, Coupling, Loop
+from condyn_pin.constraints import WORLD, Constraint, Coupling, Loop, check_size
 from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
 from condyn_pin.robot_fields import MEMBERS, members, postures
 from condyn_pin.soundness import check_model, rotation_fault
@@ -167,6 +167,7 @@ class Robot:
             raise InvalidArgument(f"name = {name!r}: {self.name} has a frame of this name")
         joint, placement = self.frame(parent)
         p = finite("translation", translation, (3,))
+        check_size("translation", *p)
         R = finite("rotation", np.eye(3) if rotation is None else rotation, (3, 3))
         fault = rotation_fault(R)
         if fault:

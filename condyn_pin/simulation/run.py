@@ -131,8 +131,8 @@ def follow(
 ) -> tuple[Trajectory, Leg]:
     """Return the motion from a state that was checked, and the leg that it ended on.
 
-    A leg of the same plan spares the work of making another, where the scene is the same: where no
-    contact has to be anchored.
+    A leg of the same plan, on which no event has changed the scene, spares the work of making
+    another.
     """
     method = planned.method
     begun = perf_counter()
@@ -204,6 +204,11 @@ def _events(scene: Scene, events: Sequence[Event]) -> tuple[Event, ...]:
             if other is not None and other.robot.model != scene.robot.model:
                 raise InvalidArgument(
                     f"event {event.name!r}: its scene is of another model than the one simulated"
+                )
+            if other is not None and other.robot.springs != scene.robot.springs:
+                raise InvalidArgument(
+                    f"event {event.name!r}: its scene has other springs than the one simulated; "
+                    "what changes on the way is a torque: tau(t, q, v)"
                 )
         if event.at is not None and event.at <= 0:
             raise InvalidArgument(f"event {event.name!r}: at = {event.at:g}: after the start")

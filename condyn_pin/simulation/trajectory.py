@@ -103,10 +103,10 @@ class Trajectory:
         """Max abs(J v) at each sample (k,) [m/s, rad/s]: the violation of the velocities."""
         return self._kinematics.slip
 
-    @property
+    @cached_property
     def momentum(self) -> Array:
         """Linear, and angular about the centre of mass (k, 6) [kg m/s, kg m^2/s], world axes."""
-        return self._kinematics.momentum
+        return gauge_of(self.scene).momentum(self.q, self.v)
 
     @cached_property
     def energy(self) -> Energy:
