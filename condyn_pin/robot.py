@@ -127,13 +127,19 @@ class Robot:
         UnknownName
             If there is no such frame; the text lists the nearest names.
         InvalidModel
-            If several frames of this name are in different places.
+            If several frames of this name are in different places, or one with the world's name
+            is elsewhere.
         """
         if not isinstance(name, str):
             raise InvalidArgument(f"frame = {name!r}: the name of a frame is needed")
-        if name in WORLD:
-            return 0, pin.SE3.Identity()
         found = [frame for frame in self.model.frames if frame.name == name]
+        if name in WORLD:
+            if any(f.parentJoint or f.placement != pin.SE3.Identity() for f in found):
+                raise InvalidModel(
+                    f"frame {name!r} of {self.name} has the world's name and is elsewhere; "
+                    "rename it"
+                )
+            return 0, pin.SE3.Identity()
         if not found:
             raise unknown_name("frame", name, self.frames)
         first = found[0]

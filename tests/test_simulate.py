@@ -667,6 +667,26 @@ def test_a_moment_knows_where_frames_are_and_how_fast():
         assert a == pytest.approx(-G / 2 * s)
 
 
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_contact_of_another_kind_may_keep_its_name(turned):
+    """A heel, and then the whole foot: the force is as wide as the widest."""
+    ball = body(pin.JointModelFreeFlyer())
+    kinds = [cp.PointContact("origin"), cp.SurfaceContact("origin")]
+    heel, flat = (cp.Scene(ball, [kind]) for kind in (kinds[::-1] if turned else kinds))
+    event = cp.Event(name="flat", at=0.02, scene=flat)
+    found = cp.simulate(heel, *heel.state(), duration=0.04, dt=1e-2, events=[event])
+    weight = G * ball.mass * np.eye(6)[2]
+    assert np.abs(found.forces["origin"] - weight).max() < 1e-9
+
+
+def test_a_rod_and_a_ball_of_one_name_are_refused():
+    scene, q, v = bar()
+    rod = cp.Loop("crank_tip", "rocker_tip", "rod", length=0.5, name=scene.names[0])
+    event = cp.Event(name="loose", at=0.02, scene=cp.Scene(scene.robot, [rod]))
+    with pytest.raises(cp.InvalidArgument, match=r"'loose': .* one number in one scene"):
+        cp.simulate(scene, q, v, duration=0.04, events=[event])
+
+
 def test_a_condition_cannot_write_to_the_state():
     air, _ = falling()
 
