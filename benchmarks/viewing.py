@@ -5,8 +5,9 @@
 Two questions, for Cassie and for Talos:
 
     start    from the start of the process `condyn view` until its page answers with the robot in it
-    play     five seconds of a motion with forces, in headless Chromium, 1280 x 960 pixels: how many
-             times of the animation are drawn in a second, and what one picture consists of
+    play     five seconds of a motion with forces, in headless Chromium, in windows of three sizes:
+             how many times of the animation are drawn in a second, what one picture costs and
+             consists of, and whether the motion has its real speed; a page without anything beside
 
 Chromium draws here on the processor (SwiftShader), without a graphics card: a lower bound.
 """
@@ -32,13 +33,16 @@ from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+import numpy as np
 import umsgpack
 
 import condyn_pin as cp
 from condyn_pin.machine import machine
-from condyn_pin.viewing import chromium
+from condyn_pin.viewing import chromium, three
+from condyn_pin.viewing.page import page
 
 PLAYED = 5.0  # [s]
+SIZES = ((640, 480), chromium.SIZE, (1920, 1080))  # [px]
 PATIENCE = 300.0  # [s] for a page to answer, and for Chromium to have played
 
 
@@ -67,13 +71,13 @@ def start(robot: str) -> Start:
     before = time.perf_counter()
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
         try:
-            page = _page(process)
+            html = _page(process)
             wall = time.perf_counter() - before
         finally:
             process.terminate()  # not by SIGINT, which a shell lets its background jobs ignore
             _, _, used = os.wait4(process.pid, 0)
             process.returncode = 0  # it is reaped
-    return Start(wall, used.ru_utime + used.ru_stime, triangles_of_robot(page))
+    return Start(wall, used.ru_utime + used.ru_stime, triangles_of_robot(html))
 
 
 def _page(process: subprocess.Popen[str]) -> str:
@@ -86,10 +90,10 @@ def _page(process: subprocess.Popen[str]) -> str:
     raise RuntimeError("it ended, and served no page")
 
 
-def triangles_of_robot(page: str) -> int:
+def triangles_of_robot(html: str) -> int:
     """Return how many triangles a page draws under ``robot/``."""
     found = 0
-    for packed in re.findall(r'^draw\("(.*)"\);$', page, flags=re.MULTILINE):
+    for packed in re.findall(r'^draw\("(.*)"\);$', html, flags=re.MULTILINE):
         command = umsgpack.unpackb(base64.b64decode(packed))
         if command["type"] == "set_object" and command["path"].startswith("robot/"):
             for geometry in command["object"].get("geometries", ()):
@@ -112,7 +116,11 @@ class Play:
     cpu : float
         Time of all processors that one of them took: Chromium's, in all its processes [ms].
     calls, triangles : int
-        That one picture consists of.
+        That one picture consists of, at most.
+    ratio : float
+        Pixels of the canvas over those of the window, each way.
+    speed : float
+        Seconds of the motion that went by in one second.
     """
 
     count: int
@@ -120,19 +128,26 @@ class Play:
     cpu: float  # [ms]
     calls: int
     triangles: int
+    ratio: float
+    speed: float
 
 
 _COUNT = """<script>
 window.addEventListener("load", () => setTimeout(() => {
-  let seen = new Set(), first = null;
+  let seen = new Set(), first = null, gone = 0, last = 0, calls = 0, triangles = 0;
   function say(what) { return fetch("/", {method: "POST", body: JSON.stringify(what)}); }
   function look(now) {
+    let {time, duration} = viewer.animator;
     if (first === null) first = now;
-    seen.add(viewer.animator.time);
-    if (now - first < MILLISECONDS || seen.size < 2) { requestAnimationFrame(look); return; }
+    else gone += (time - last + duration) % duration;
+    last = time;
+    seen.add(time);
     let drawn = viewer.renderer.info.render;
-    say({count: seen.size, seconds: 0.001 * (now - first),
-         calls: drawn.calls, triangles: drawn.triangles});
+    calls = Math.max(calls, drawn.calls);
+    triangles = Math.max(triangles, drawn.triangles);
+    if (now - first < MILLISECONDS || seen.size < 2) { requestAnimationFrame(look); return; }
+    say({count: seen.size, seconds: 0.001 * (now - first), gone, calls, triangles,
+         ratio: viewer.renderer.getPixelRatio()});
   }
   say({}).then(() => requestAnimationFrame(look));
 }, WARM));
@@ -166,7 +181,9 @@ class _Handler(BaseHTTPRequestHandler):
         pass
 
 
-def play(html: str, seconds: float = PLAYED, warm: float = 2.0) -> Play:
+def play(
+    html: str, seconds: float = PLAYED, warm: float = 3.0, size: tuple[int, int] = chromium.SIZE
+) -> Play:
     """Play a page in headless Chromium, in real time, and count what it draws.
 
     Parameters
@@ -176,6 +193,8 @@ def play(html: str, seconds: float = PLAYED, warm: float = 2.0) -> Play:
         That are counted [s]; longer, until there are two pictures.
     warm : float
         That are played before them [s].
+    size : (int, int)
+        Of the window [px].
     """
     count = _COUNT.replace("MILLISECONDS", str(1e3 * seconds)).replace("WARM", str(1e3 * warm))
     with (
@@ -184,7 +203,7 @@ def play(html: str, seconds: float = PLAYED, warm: float = 2.0) -> Play:
     ):
         threading.Thread(target=server.serve_forever, daemon=True).start()
         words = chromium.command(chromium.find_chromium(), profile)
-        words += [f"--window-size={chromium.SIZE[0]},{chromium.SIZE[1]}"]
+        words += [f"--window-size={size[0]},{size[1]}"]
         words += ["--remote-debugging-port=0"]  # else it ends as soon as the page is loaded
         words += [f"http://127.0.0.1:{server.server_port}/"]
         with subprocess.Popen(words, stderr=subprocess.DEVNULL) as browser:
@@ -198,7 +217,7 @@ def play(html: str, seconds: float = PLAYED, warm: float = 2.0) -> Play:
                 server.shutdown()
     return Play(
         said["count"], said["count"] / said["seconds"], 1e3 * used / said["count"], said["calls"],
-        said["triangles"],
+        said["triangles"], said["ratio"], said["gone"] / said["seconds"],
     )  # fmt: skip
 
 
@@ -230,9 +249,26 @@ def motion(robot: str) -> cp.Trajectory:
     return swing
 
 
+def nothing() -> str:
+    """Return a page that plays a motion of nothing: what a picture costs by itself."""
+    still = three.track("position", "vector3", np.zeros((round(30 * PLAYED) + 1, 3)))
+    commands = [three.animation({"nothing": [still]}, 30.0)]
+    eye, middle = np.array([1.0, 0.0, 0.0]), np.zeros(3)
+    return page("nothing", (), commands, camera=eye, target=middle, moves=True)
+
+
+def _played(name: str, html: str, size: tuple[int, int] = chromium.SIZE) -> None:
+    seen = play(html, size=size)
+    print(f"  {name}, {size[0]} x {size[1]}: {seen.pictures:.1f} pictures a second, "
+          f"{seen.cpu:.0f} ms of the processor each, {seen.ratio:.2f} of the pixels each way, "
+          f"{seen.calls} draw calls, {seen.triangles} triangles, "
+          f"{seen.speed:.2f} of the real speed")  # fmt: skip
+
+
 def main() -> None:
     """Print the table."""
     print("{processor} ({cores} cores), {system}, Python {python}, {date}".format(**machine()))
+    _played("nothing", nothing())
     for robot in ("cassie", "talos"):
         starts = [start(robot) for _ in range(5)]
         best = min(starts, key=lambda each: each.wall)
@@ -240,12 +276,9 @@ def main() -> None:
               f"{best.triangles} triangles")  # fmt: skip
         swing = motion(robot)
         for light in (False, True):
-            viewer = cp.view(swing, light=light, browser=False)
-            with viewer:
-                seen = play(viewer.html)
-            print(f"  {'light' if light else 'whole'}: {seen.pictures:.1f} pictures a second, "
-                  f"{seen.calls} draw calls, "
-                  f"{seen.triangles} triangles")  # fmt: skip
+            with cp.view(swing, light=light, browser=False) as viewer:
+                for size in SIZES:
+                    _played("light" if light else "whole", viewer.html, size)
 
 
 if __name__ == "__main__":

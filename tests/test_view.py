@@ -246,6 +246,17 @@ def test_a_label_that_had_to_move_is_led_back_to_its_point():
         assert np.linalg.norm(T[:3, 2]) < 8.0 * sign[1, 1]  # near its point
 
 
+@pytest.mark.parametrize("name", ["cassie", "talos", "stewart", "delta"])
+def test_marks_are_solids_that_are_seen_from_outside(name):
+    """Marks show their front only: one that is wound inward, or mirrored, would be seen through."""
+    found = drawing(held(name))
+    marks = [part for part in found.parts if part.on_top and part.meshes]
+    assert len(marks) > 5
+    for part in marks:
+        assert np.linalg.det(part.place(found.moments[0])[:3, :3]) > 0.0, part.path
+        assert all(volume(mesh) > 0.0 for mesh, _ in part.meshes), part.path
+
+
 def test_an_assembly_is_seen_before_and_after(standing):
     scene, _, _, bent = standing
     loops = cp.Scene(scene.robot, scene.robot.loops)

@@ -185,6 +185,18 @@ def test_the_command_plays_a_motion(tmp_path, swinging):
 
 # In a browser
 
+
+def asked(folder, html):
+    """What a page writes into its element `answer`, in a browser without a network."""
+    file = folder / "asked.html"
+    file.write_text(html, encoding="utf-8")
+    words = chromium.command(chromium.find_chromium(), str(folder / "profile"))
+    words += ["--host-resolver-rules=MAP * ~NOTFOUND", "--virtual-time-budget=400"]
+    words += ["--window-size=64,48", "--dump-dom", file.as_uri()]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE)
+    return json.loads(re.search(r'<pre id="answer">(.*?)</pre>', done.stdout)[1])
+
+
 _QUESTION = """<script>
 document.title = "";
 var errors = [];
@@ -211,12 +223,7 @@ def test_a_browser_plays_the_motion_without_a_network(tmp_path, swinging):
     found = drawing(swinging)
     paths = [p.path for p in found.parts if p.path.startswith(("robot/", "forces/"))]
     question = _QUESTION.replace("PATHS", json.dumps(paths))
-    file = tmp_path / "run.html"
-    file.write_text(found.html().replace("</body>", question), encoding="utf-8")
-    words = chromium.command(chromium.find_chromium(), str(tmp_path / "profile"))
-    words += ["--host-resolver-rules=MAP * ~NOTFOUND", "--virtual-time-budget=400", "--dump-dom"]
-    done = subprocess.run([*words, file.as_uri()], capture_output=True, text=True, timeout=PATIENCE)
-    answer = json.loads(re.search(r'<pre id="answer">(.*?)</pre>', done.stdout)[1])
+    answer = asked(tmp_path, found.html().replace("</body>", question))
     assert answer["errors"] == []
     assert answer["duration"] == pytest.approx(0.5, abs=1e-6)
     assert answer["actions"] == len(tracks(found.parts, found.moments))
@@ -233,6 +240,31 @@ def test_a_browser_plays_by_itself(monkeypatch, swinging):
     seen = viewing.play(drawing(swinging).html(), seconds=0.0, warm=0.1)
     assert seen.count == 2  # of different times; it waits for the second
     assert seen.triangles > 100
+
+
+_SLOW = """<script>
+let answer = document.createElement("pre");
+answer.id = "answer";
+let seen = [];
+viewer.animator.reset();
+viewer.animator.clock.getDelta = () => 0.2;  // [s] that a picture takes
+for (let picture = 0; picture < 3; ++picture) {
+  viewer.animator.update();
+  seen.push(viewer.animator.time);
+}
+let kinds = new Set();
+viewer.scene.traverse(object => { if (object.isMesh) kinds.add(object.material.type); });
+let smoothed = viewer.renderer.getContextAttributes().antialias;
+answer.textContent = JSON.stringify({seen, kinds: [...kinds], smoothed});
+document.body.appendChild(answer);
+</script></body>"""
+
+
+def test_a_slow_browser_leaves_pictures_out_and_keeps_the_speed(tmp_path, swinging):
+    found = asked(tmp_path, drawing(swinging).html().replace("</body>", _SLOW))
+    assert found["seen"] == pytest.approx([0.2, 0.4, 0.1])  # of half a second, again and again
+    assert found["kinds"] == ["MeshLambertMaterial"]
+    assert found["smoothed"] is False  # by more pixels at a pause
 
 
 _SHARPNESS = """<script>
@@ -258,14 +290,8 @@ document.body.appendChild(answer);
 
 def test_a_slow_browser_draws_fewer_pixels_until_the_pause(tmp_path, swinging):
     assert "rate < 28" not in drawing(cp.pendulum()).html()  # a picture that rests is sharp
-    file = tmp_path / "run.html"
     text = drawing(swinging).html().replace("</body>", _SHARPNESS)
-    file.write_text(text, encoding="utf-8")
-    words = chromium.command(chromium.find_chromium(), str(tmp_path / "profile"))
-    words += ["--virtual-time-budget=1000", "--window-size=64,48", "--dump-dom", file.as_uri()]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE)
-    answer = re.search(r'<pre id="answer">(.*?)</pre>', done.stdout)[1]
-    fast, slow, slower, paused, again = json.loads(answer)
+    fast, slow, slower, paused, again = asked(tmp_path, text)
     assert slower < slow < fast == again == 1  # what was drawn at the pause is not counted
     assert paused == 2  # four pixels for each one: how a processor smooths edges
 

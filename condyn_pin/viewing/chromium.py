@@ -16,8 +16,10 @@ _NAMES: Final = (
     "microsoft-edge", "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
 )  # fmt: skip
 
-# WebGL without a graphics card: ANGLE on SwiftShader, which draws on the processor.
-_SOFTWARE: Final = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+# As without a graphics card: SwiftShader draws WebGL on the processor, and Chromium all else.
+_SOFTWARE: Final = (
+    "--use-gl=angle", "--use-angle=swiftshader-webgl", "--enable-unsafe-swiftshader"
+)  # fmt: skip
 
 _VIRTUAL: Final = 100  # [ms] of the page's own clock, which runs as fast as the work is done
 _LIMIT: Final = 120.0  # [s]

@@ -85,9 +85,10 @@ var viewer = new MeshCat.Viewer(pane, true, renderer);
 """
 
 # The more pixels a picture has, the longer a processor takes. While a motion plays at less than 30
-# pictures a second it has fewer; a pause shows all of them again.
+# pictures a second it has fewer; a pause shows all of them again. What the first half second draws
+# counts without its time, in which shaders are compiled.
 _PLAYING = """
-var sharpest = software ? 2 : 1, ratio = 1, pictures = 0, since = performance.now();
+var sharpest = software ? 2 : 1, ratio = 1, pictures = 0, since = performance.now() + 500;
 function sharpen(wanted) {
   if (wanted === ratio) return;
   viewer.renderer.setPixelRatio(window.devicePixelRatio * wanted);

@@ -46,6 +46,7 @@ def mesh(
         "uuid": f"{path} material",
         "type": "MeshLambertMaterial",
         "color": number(colour),
+        "flatShading": True,
         "side": _FRONT if on_top else _BOTH_SIDES,
         "opacity": opacity,
         # three.js draws what is transparent last, and so over all that is opaque
