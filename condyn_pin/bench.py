@@ -18,6 +18,7 @@ from condyn_pin.arrays import Array
 from condyn_pin.bench_table import BenchRow, BenchTable
 from condyn_pin.catalogue import motor_torque, standard_scenes
 from condyn_pin.choice import untaken
+from condyn_pin.errors import Interrupted
 from condyn_pin.load import load_robot
 from condyn_pin.machine import machine
 from condyn_pin.scene import Scene
@@ -81,11 +82,19 @@ def bench(
     Returns
     -------
     BenchTable
+
+    Raises
+    ------
+    Interrupted
+        With the scenes that were measured before Ctrl-C.
     """
     rows: list[BenchRow] = []
-    for name in robots:
-        for label, scene in standard_scenes(load_robot(name)).items():
-            rows += bench_scene(label, scene, solvers=solvers, effort=effort, progress=progress)
+    try:
+        for name in robots:
+            for label, scene in standard_scenes(load_robot(name)).items():
+                rows += bench_scene(label, scene, solvers=solvers, effort=effort, progress=progress)
+    except KeyboardInterrupt as stop:
+        raise Interrupted(BenchTable(tuple(rows), machine())) from stop
     return BenchTable(tuple(rows), machine())
 
 
