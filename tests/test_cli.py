@@ -150,7 +150,7 @@ def test_bench_writes_table_and_picture(tmp_path):
         (("solve", "talos", "--mu", "-1"), "mu = -1.0"),
         (("solve", "talos", "--solver", "reference", "--mu", "1"), "no such knob"),
         (("export", "pendulum", "--mjcf", "p.xml"), "'pivot' carries 1 kg"),
-        (("export", "four_bar", "--mjcf", "no/such/b.xml"), "b.xml: cannot be written"),
+        (("export", "four_bar", "--mjcf", "no/such/b.xml"), "there is no folder no/such"),
         (("bench", "four_bar", "--quick", "--native", "no.json"), "make native"),
         (("bench", "four_bar", "--quick", "--plot", "b.foo"), ".png, .svg, .pdf"),
         (("bench", "four_bar", "--solvers", "nulspace"), "did you mean 'nullspace'"),
