@@ -113,7 +113,7 @@ def bench_scene(
     ]
     reference = Workspace(scene, Reference())
     truth = [reference.solve(*state, throw=False).a for state in states]
-    chosen = [s for s in solvers if not untaken(scene, s)] if solvers else _solvers(scene)
+    chosen = [s for s in solvers or _solvers(scene) if not untaken(scene, s)]
     candidates = [_Candidate(scene, solver, states, truth) for solver in chosen]
     model, data = pin.Model(scene.robot.model), scene.robot.model.createData()
     calls: dict[str, Call] = {"ABA": lambda q, v, tau: pin.aba(model, data, q, v, tau)}

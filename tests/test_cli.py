@@ -75,6 +75,13 @@ def test_bench_of_all_leaves_out_what_does_not_take_the_scene(tmp_path):
     assert methods == titles | {"ABA, unconstrained"}
 
 
+def test_bench_leaves_out_main_methods_that_do_not_take_the_scene():
+    result = run("bench", "rolling_ball", "--quick")
+    assert result.exit_code == 0, result.output
+    assert "Dense KKT" in result.output
+    assert "LCABA" not in result.output
+
+
 @pytest.mark.parametrize("solver", list(SOLVERS))
 def test_solve_prints_json_that_equals_the_library(solver):
     words = ("solve", "talos", "--contacts", "left_sole_link,right_sole_link", "--json")
@@ -165,6 +172,7 @@ def test_bench_writes_table_and_picture(tmp_path):
         (("view", "cassie", "--port", "70000"), "`condyn view --help`"),
         (("view", "cassie", "--png", "x.jpg"), "x.jpg: the ending says the format: .png"),
         (("view", "m.npz", "--no-loops"), "a motion has its own"),
+        (("view", "m.npz"), "m.npz: no file of a trajectory (No such file or directory)"),
         (("nothing",), "No such command 'nothing'; `condyn --help`"),
         (("robots", "more"), "`condyn robots --help` says what there is"),
         (("solve", "cassie", "--mu", "x"), "'--mu'"),

@@ -53,7 +53,7 @@ def stress(
     from condyn_pin.commands.words import names_in
     from condyn_pin.errors import Interrupted, InvalidArgument
     from condyn_pin.extremes.stress import stress as run
-    from condyn_pin.extremes.stress_table import counts, maps, write_csv
+    from condyn_pin.extremes.stress_table import maps, write_csv
 
     if not seconds > 0:
         raise InvalidArgument(f"--seconds {seconds}: a number > 0 is needed")
@@ -67,26 +67,22 @@ def stress(
             outcomes = run(todo, methods, seconds=seconds, progress=partial(progress, "cases"))
     except Interrupted as stop:
         outcomes, stopped = stop.table, True
-    defects = [
-        f"{one.verdict.name} {one.method}: {one.task} {one.said}"
-        for one in outcomes
-        if one.verdict.defect
-    ]
+    whole = not stopped and not math.isfinite(seconds)
     found = maps(outcomes)
     if as_json:
-        facts = {"pinocchio": VERSION_TEXT, "cases": len(outcomes), "counts": counts(outcomes)}
-        print_json(facts | {"defects": defects, "maps": [_facts(each) for each in found]})
+        print_json(_facts(outcomes, found))
     else:
-        whole = not stopped and not math.isfinite(seconds)
-        _print(outcomes, found if whole else [], defects)
+        _print(outcomes, found if whole else [])
     if csv:
         write_csv(found, csv, VERSION_TEXT)
     if plot and found:
         from condyn_pin.extremes.stress_plot import save_maps
 
         save_maps(found, plot, f"Pinocchio {VERSION_TEXT}; ")
-    if stopped or defects:
-        raise typer.Exit(INTERRUPTED if stopped else 1)
+    if stopped:
+        raise typer.Exit(INTERRUPTED)
+    if _defects(outcomes):
+        raise typer.Exit(1)
 
 
 def _tasks(robots: list[str] | None, families: list[str], seeds: int, seconds: float) -> list[Task]:
@@ -100,7 +96,16 @@ def _tasks(robots: list[str] | None, families: list[str], seeds: int, seconds: f
     return mixed(todo) if math.isfinite(seconds) else todo
 
 
-def _print(outcomes: Sequence[Outcome], shown: Sequence[Map], defects: Sequence[str]) -> None:
+def _defects(outcomes: Sequence[Outcome]) -> list[str]:
+    """Return what must not be, a line each."""
+    return [
+        f"{one.verdict.name} {one.method}: {one.task} {one.said}"
+        for one in outcomes
+        if one.verdict.defect
+    ]
+
+
+def _print(outcomes: Sequence[Outcome], shown: Sequence[Map]) -> None:
     """Print the advice of some maps, the defects, and the counts of everything."""
     from condyn_pin._pin import VERSION_TEXT
     from condyn_pin.extremes.base import EXTREMES
@@ -110,13 +115,27 @@ def _print(outcomes: Sequence[Outcome], shown: Sequence[Map], defects: Sequence[
         say(f"{each.label}: {EXTREMES[each.family].title}")
         for method in each.methods:
             say(f"    {each.advice(method)}")
-    for defect in defects:
+    for defect in _defects(outcomes):
         say(defect)
     said = ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in counts(outcomes).items())
     say(f"{len(outcomes)} cases on Pinocchio {VERSION_TEXT}: {said}")
 
 
-def _facts(each: Map) -> dict[str, Any]:
+def _facts(outcomes: Sequence[Outcome], found: Sequence[Map]) -> dict[str, Any]:
+    """Return everything in the words of json."""
+    from condyn_pin._pin import VERSION_TEXT
+    from condyn_pin.extremes.stress_table import counts
+
+    return {
+        "pinocchio": VERSION_TEXT,
+        "cases": len(outcomes),
+        "counts": counts(outcomes),
+        "defects": _defects(outcomes),
+        "maps": [_map(each) for each in found],
+    }
+
+
+def _map(each: Map) -> dict[str, Any]:
     """Return a map in the words of json, its cells in a row."""
     cells = [
         {
