@@ -17,6 +17,9 @@ BIN    := $(VENV)/bin
 PIP    := -m pip install --quiet --disable-pip-version-check
 
 export OMP_NUM_THREADS := 1
+# a mirror may be slow, and stall
+export PIP_RETRIES ?= 10
+export PIP_DEFAULT_TIMEOUT ?= 120
 
 .PHONY: test test3 docs demo wheel native peers stress stress-slice style clean
 

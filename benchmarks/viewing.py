@@ -19,13 +19,11 @@ import json
 import os
 import queue
 import re
-import socket
 import subprocess
 import sys
 import tempfile
 import threading
 import time
-import urllib.error
 import urllib.request
 from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, HTTPServer
@@ -41,7 +39,7 @@ from condyn_pin.machine import machine
 from condyn_pin.viewing import chromium
 
 PLAYED = 5.0  # [s]
-PATIENCE = 120.0  # [s] for a page to answer, and for Chromium to have played
+PATIENCE = 300.0  # [s] for a page to answer, and for Chromium to have played
 
 
 @dataclass(frozen=True)
@@ -65,30 +63,27 @@ class Start:
 
 def start(robot: str) -> Start:
     """Start `condyn view` as a user does, until its page answers with the robot in it."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    words = [sys.executable, "-m", "condyn_pin", "view", robot, "--no-browser", f"--port={port}"]
+    words = [sys.executable, "-m", "condyn_pin", "view", robot, "--no-browser"]
     before = time.perf_counter()
-    with subprocess.Popen(words, stdout=subprocess.DEVNULL) as process:
-        page = _answer(process, f"http://127.0.0.1:{port}/")
-        wall = time.perf_counter() - before
-        process.terminate()  # not by SIGINT, which a shell lets its background jobs ignore
-        _, _, used = os.wait4(process.pid, 0)
-        process.returncode = 0  # it is reaped
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            page = _page(process)
+            wall = time.perf_counter() - before
+        finally:
+            process.terminate()  # not by SIGINT, which a shell lets its background jobs ignore
+            _, _, used = os.wait4(process.pid, 0)
+            process.returncode = 0  # it is reaped
     return Start(wall, used.ru_utime + used.ru_stime, triangles_of_robot(page))
 
 
-def _answer(process: subprocess.Popen[bytes], url: str) -> str:
-    end = time.perf_counter() + PATIENCE
-    while time.perf_counter() < end and process.poll() is None:
-        try:
-            with urllib.request.urlopen(url, timeout=PATIENCE) as answer:
+def _page(process: subprocess.Popen[str]) -> str:
+    """Return the page of a process that prints where it is."""
+    assert process.stdout is not None
+    for line in process.stdout:
+        if found := re.search(r"http://\S+", line):
+            with urllib.request.urlopen(found[0], timeout=PATIENCE) as answer:
                 return str(answer.read().decode())
-        except urllib.error.URLError:
-            time.sleep(0.01)
-    process.kill()
-    raise RuntimeError(f"{url} did not answer")
+    raise RuntimeError("it ended, and served no page")
 
 
 def triangles_of_robot(page: str) -> int:
@@ -134,7 +129,7 @@ window.addEventListener("load", () => setTimeout(() => {
   function look(now) {
     if (first === null) first = now;
     seen.add(viewer.animator.time);
-    if (now - first < MILLISECONDS) { requestAnimationFrame(look); return; }
+    if (now - first < MILLISECONDS || seen.size < 2) { requestAnimationFrame(look); return; }
     let drawn = viewer.renderer.info.render;
     say({count: seen.size, seconds: 0.001 * (now - first),
          calls: drawn.calls, triangles: drawn.triangles});
@@ -178,7 +173,7 @@ def play(html: str, seconds: float = PLAYED, warm: float = 2.0) -> Play:
     ----------
     html : str
     seconds : float
-        That are counted [s].
+        That are counted [s]; longer, until there are two pictures.
     warm : float
         That are played before them [s].
     """

@@ -113,8 +113,17 @@ def factorise_constraints(
         for constraint_model, constraint_data in zip(models, datas, strict=True):
             constraint_model.calc(model, data, constraint_data)
     cholesky = constraint_cholesky(data)
-    cholesky.compute(model, data, models, datas, mu)
+    cholesky.compute(model, data, models, datas, float(mu))
     return cholesky
+
+
+def proximal_settings(
+    absolute_accuracy: float, relative_accuracy: float, mu: float, max_iterations: int
+) -> Any:
+    """Return Pinocchio's settings; it takes Python's numbers, and not those of numpy."""
+    return pin.ProximalSettings(
+        float(absolute_accuracy), float(relative_accuracy), float(mu), int(max_iterations)
+    )
 
 
 def order_joints_for_lcaba(model: Any, data: Any, models: Any) -> None:

@@ -26,6 +26,13 @@ def read_only(value: T) -> T:
     return value
 
 
+def locked(array: Array) -> Array:
+    """Return the same numbers as an array that is not to be written to."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
 def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Array:
     """Return what a user handed in as a float array, or raise InvalidArgument.
 

@@ -14,6 +14,7 @@ from condyn_pin.errors import BranchChanged, NotAssembled
 from condyn_pin.minimum_norm import MinimumNorm, factorise
 from condyn_pin.proof import Yardstick
 from condyn_pin.rows.equations import Equations, Terms
+from condyn_pin.rows.native import natives
 from condyn_pin.rows.reach import reach
 from condyn_pin.solvers.reference import Reference
 from condyn_pin.states.chains import redundant_rows
@@ -54,7 +55,10 @@ class Audit:
     redundant : tuple of str
         Rows that can go without changing the motion, as ``constraint.axis``.
     independent : bool
-        Whether all rows count but those that are zero, and stay so where loops are open.
+        Whether all rows count but those that are zero, and stay so where loops are open. Those that
+        Pinocchio takes as two points do not: a row too many.
+    rounded : bool
+        Whether rows that are zero are so but for rounding, as across a loop in a slanted plane.
     condition : float
         Condition number of the mass matrix.
     delassus_norm : float
@@ -78,6 +82,7 @@ class Audit:
     mobility: int
     redundant: tuple[str, ...]
     independent: bool
+    rounded: bool
     condition: float
     delassus_norm: float
     weight: float
@@ -85,6 +90,12 @@ class Audit:
     states: tuple[NominalState, ...]
     terms: Terms
     measured: dict[Solver, float] = field(default_factory=dict)
+
+    @property
+    def delassus_condition(self) -> float:
+        """Condition number of G = J M^-1 J^T, but for redundant rows."""
+        S = self.singular_values
+        return float(S[0] / S[self.rank - 1]) ** 2 if self.rank else 1.0
 
 
 def audit(scene: Scene) -> Audit:
@@ -103,6 +114,7 @@ def audit(scene: Scene) -> Audit:
     S, rank = factors.S, factors.rank
     gravity = float(np.linalg.norm(robot.model.gravity.linear))
     weight = robot.mass * (gravity or 1.0)
+    lively, rounded = _lively_rows(equations, q)
     return Audit(
         q=q,
         closed=closed,
@@ -110,7 +122,8 @@ def audit(scene: Scene) -> Audit:
         rank=rank,
         mobility=robot.nv - rank,
         redundant=redundant_rows(factors.U[:, rank:], scene.row_names),
-        independent=rank == _lively_rows(equations, q),
+        independent=rank == lively and not natives(scene.bounds).imitated,
+        rounded=rounded,
         condition=float(np.linalg.cond(terms.M)),
         delassus_norm=float(S[0] ** 2) if rank else 1 / robot.mass,
         weight=weight,
@@ -120,15 +133,17 @@ def audit(scene: Scene) -> Audit:
     )
 
 
-def _lively_rows(equations: Equations, q: Array) -> int:
+def _lively_rows(equations: Equations, q: Array) -> tuple[int, bool]:
     """Return how many rows are more than rounding where the loops are a little open.
 
-    Of a planar loop two; of a loop in space all three, even where one of them is redundant.
+    Of a planar loop two; of a loop in space all three, even where one of them is redundant. And
+    whether any of the others is not exactly zero.
     """
     apart = _APART * np.random.default_rng(0).normal(size=equations.model.nv)
     q = pin.integrate(equations.model, q, apart)
     sizes = np.linalg.norm(equations.jacobian(q), axis=1)
-    return int(np.count_nonzero(sizes > _ROUNDED * np.linalg.norm(reach(equations, q), axis=1)))
+    lively = sizes > _ROUNDED * np.linalg.norm(reach(equations, q), axis=1)
+    return int(np.count_nonzero(lively)), bool(sizes[~lively].any())
 
 
 def _nominal_states(

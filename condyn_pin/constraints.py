@@ -20,12 +20,14 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any, Final, Literal, get_args
 
 import numpy as np
 
+from condyn_pin import tolerances
 from condyn_pin.arrays import finite
 from condyn_pin.errors import InvalidArgument
 
@@ -40,14 +42,40 @@ _ROWS: Final[dict[str, int]] = {
 
 
 def floats(argument: str, value: Any, size: int) -> tuple[float, ...]:
-    """Return a sequence of finite numbers as a tuple, or raise InvalidArgument."""
+    """Return a sequence of numbers as a tuple, or raise InvalidArgument."""
     try:
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
         array = np.empty(0)
     if array.shape != (size,) or not np.isfinite(array).all():
         raise InvalidArgument(f"{argument} = {value!r}: {size} finite numbers are needed")
+    check_size(argument, *array)
     return tuple(float(x) for x in array)
+
+
+def check_size(argument: str, *numbers: float) -> None:
+    """Refuse numbers so large that what is computed from them overflows."""
+    for number in numbers:
+        if abs(number) > tolerances.HUGE:
+            raise InvalidArgument(
+                f"{argument} = {number:g}: no machine has that; {tolerances.HUGE:g} is the largest "
+                "number"
+            )
+
+
+def direction(argument: str, value: Any) -> tuple[float, ...]:
+    """Return three numbers as a vector of unit length, or raise InvalidArgument."""
+    return unit(floats(argument, value, 3), f"{argument} = (0, 0, 0): a direction is needed")
+
+
+def unit(vector: Sequence[float], fault: str) -> tuple[float, ...]:
+    """Return a vector at unit length; InvalidArgument says the fault of one that is zero."""
+    exponent = math.frexp(max(map(abs, vector)))[1]
+    scaled = [math.ldexp(x, -exponent) for x in vector]  # exact, and no longer subnormal
+    norm = math.hypot(*scaled)
+    if norm == 0.0:
+        raise InvalidArgument(fault)
+    return tuple(x / norm for x in scaled)
 
 
 def text(argument: str, value: Any, what: str = "frame") -> str:
@@ -62,6 +90,8 @@ def positive(argument: str, value: float | None) -> None:
     number = isinstance(value, Real) and not isinstance(value, bool)
     if value is not None and not (number and math.isfinite(value) and value > 0):
         raise InvalidArgument(f"{argument} = {value!r}: a positive length [m] is needed")
+    if value is not None:
+        check_size(argument, value)
 
 
 def check_axis(axis: Any) -> None:
@@ -178,7 +208,9 @@ class Coupling(Constraint):
         text("joint_a", self.joint_a, "joint")
         text("joint_b", self.joint_b, "joint")
         for argument in ("ratio", "offset"):
-            object.__setattr__(self, argument, float(finite(argument, getattr(self, argument), ())))
+            number = float(finite(argument, getattr(self, argument), ()))
+            check_size(argument, number)
+            object.__setattr__(self, argument, number)
         if self.ratio == 0.0:
             raise InvalidArgument("ratio = 0: that holds joint a still; lock the joint instead")
         self._set_name(f"{self.joint_a}~{self.joint_b}")

@@ -6,14 +6,22 @@ anchor a contact holds what it touches where it is: it has no position error.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.constraints import Axis, Constraint, check_axis, floats, positive, text
+from condyn_pin.constraints import (
+    Axis,
+    Constraint,
+    check_axis,
+    direction,
+    floats,
+    positive,
+    text,
+    unit,
+)
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.soundness import rotation_fault
 
@@ -205,11 +213,7 @@ class PlanarContact(Constraint):
     def __post_init__(self) -> None:
         text("frame", self.frame)
         object.__setattr__(self, "offset", floats("offset", self.offset, 3))
-        normal = floats("normal", self.normal, 3)
-        norm = math.hypot(*normal)
-        if norm == 0.0:
-            raise InvalidArgument("normal = (0, 0, 0): a direction is needed")
-        object.__setattr__(self, "normal", tuple(x / norm for x in normal))
+        object.__setattr__(self, "normal", direction("normal", self.normal))
         if self.height is not None:
             object.__setattr__(self, "height", floats("height", [self.height], 1)[0])
         self._set_name(self.frame)
@@ -242,10 +246,8 @@ def _placement(argument: str, value: object) -> Placement | None:
     x, y, z, *quaternion = floats(
         argument, pin.SE3ToXYZQUAT(value) if isinstance(value, pin.SE3) else value, 7
     )
-    norm = math.hypot(*quaternion)
-    if norm == 0.0:
-        raise InvalidArgument(f"{argument}: its quaternion (x y z w) is zero; use 0 0 0 1")
-    qx, qy, qz, qw = (part / norm for part in quaternion)
+    fault = f"{argument}: its quaternion (x y z w) is zero; use 0 0 0 1"
+    qx, qy, qz, qw = unit(quaternion, fault)
     return x, y, z, qx, qy, qz, qw
 
 

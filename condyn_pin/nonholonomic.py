@@ -13,12 +13,11 @@ the plane has a height.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from condyn_pin.constraints import Axis, Constraint, check_axis, floats, positive, text
+from condyn_pin.constraints import Axis, Constraint, check_axis, direction, floats, positive, text
 from condyn_pin.contacts import Vector3
 from condyn_pin.errors import InvalidArgument
 
@@ -177,11 +176,7 @@ def _check_rolling(made: Rolling) -> None:
         raise InvalidArgument("radius = None: a positive length [m] is needed")
     positive("radius", made.radius)
     object.__setattr__(made, "radius", float(made.radius))
-    normal = floats("normal", made.normal, 3)
-    norm = math.hypot(*normal)
-    if norm == 0.0:
-        raise InvalidArgument("normal = (0, 0, 0): a direction is needed")
-    object.__setattr__(made, "normal", tuple(x / norm for x in normal))
+    object.__setattr__(made, "normal", direction("normal", made.normal))
     if made.height is not None:
         object.__setattr__(made, "height", floats("height", [made.height], 1)[0])
 

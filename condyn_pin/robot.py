@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array, finite
-from condyn_pin.constraints import WORLD, Constraint, Coupling, Loop
+from condyn_pin.constraints import WORLD, Constraint, Coupling, Loop, check_size
 from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
 from condyn_pin.robot_fields import MEMBERS, members, postures
 from condyn_pin.soundness import check_model, rotation_fault
@@ -127,13 +127,19 @@ class Robot:
         UnknownName
             If there is no such frame; the text lists the nearest names.
         InvalidModel
-            If several frames of this name are in different places.
+            If several frames of this name are in different places, or one with the world's name
+            is elsewhere.
         """
         if not isinstance(name, str):
             raise InvalidArgument(f"frame = {name!r}: the name of a frame is needed")
-        if name in WORLD:
-            return 0, pin.SE3.Identity()
         found = [frame for frame in self.model.frames if frame.name == name]
+        if name in WORLD:
+            if any(f.parentJoint or f.placement != pin.SE3.Identity() for f in found):
+                raise InvalidModel(
+                    f"frame {name!r} of {self.name} has the world's name and is elsewhere; "
+                    "rename it"
+                )
+            return 0, pin.SE3.Identity()
         if not found:
             raise unknown_name("frame", name, self.frames)
         first = found[0]
@@ -167,6 +173,7 @@ class Robot:
             raise InvalidArgument(f"name = {name!r}: {self.name} has a frame of this name")
         joint, placement = self.frame(parent)
         p = finite("translation", translation, (3,))
+        check_size("translation", *p)
         R = finite("rotation", np.eye(3) if rotation is None else rotation, (3, 3))
         fault = rotation_fault(R)
         if fault:

@@ -10,6 +10,7 @@ from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidModel
+from condyn_pin.tolerances import HUGE
 
 
 def check_model(model: Any) -> None:
@@ -26,6 +27,7 @@ def check_model(model: Any) -> None:
     if model.nv == 0:
         raise InvalidModel("the model has no degree of freedom")
     _check_placements(model)
+    _check_forces(model)
     data = _data(model)
     if not model.check(data):
         raise InvalidModel(
@@ -52,9 +54,32 @@ def _check_placements(model: Any) -> None:
     placements = [(f"joint {name!r}", M) for name, M in joints]
     placements += [(f"frame {frame.name!r}", frame.placement) for frame in model.frames]
     for who, M in placements:
+        if np.abs(M.translation).max() > HUGE:
+            raise InvalidModel(
+                f"{who} is {np.abs(M.translation).max():g} m from its parent: what is computed "
+                f"from that overflows; {HUGE:g} is the largest number"
+            )
         fault = rotation_fault(M.rotation)
         if fault:
             raise InvalidModel(f"the placement of {who} has no rotation: {fault}")
+
+
+def _check_forces(model: Any) -> None:
+    """Refuse gravity that turns or overflows, and damping that drives."""
+    gravity, turning = model.gravity.linear, model.gravity.angular
+    if (np.abs(gravity) > HUGE).any() or turning.any():
+        raise InvalidModel(
+            f"gravity = {gravity.tolist()} m/s^2 with an angular part of {turning.tolist()}: three "
+            f"finite numbers up to {HUGE:g} are needed, and no angular part"
+        )
+    for what, unit in (("damping", "N s/m or N m s/rad"), ("armature", "kg or kg m^2")):
+        values = getattr(model, what)
+        bad = np.flatnonzero(np.isinf(values) | (values < 0))
+        if bad.size:
+            raise InvalidModel(
+                f"the {what} of joint {_joint_of(model, int(bad[0]))!r} is {values[bad[0]]:g} "
+                f"{unit}: a finite number from 0 is needed"
+            )
 
 
 def _data(model: Any) -> Any:
@@ -76,6 +101,17 @@ def _check_bodies(model: Any) -> None:
             raise InvalidModel(f"what moves with joint {name!r} has a mass or inertia that is NaN")
         if Y.mass < 0:
             raise InvalidModel(f"the mass on {name} is negative, {Y.mass:g} kg: it must be >= 0")
+        if max(Y.mass, *np.abs(Y.lever), np.abs(Y.inertia).max() / HUGE**2) > HUGE:
+            raise InvalidModel(
+                f"what moves with joint {name!r} has a mass or a centre beyond {HUGE:g}, or an "
+                f"inertia beyond {HUGE**3:g}: what is computed from that overflows"
+            )
+        if 0 < Y.mass < tolerances.LIGHTEST:
+            raise InvalidModel(
+                f"what moves with joint {name!r} has a mass of {Y.mass:g} kg, and Pinocchio loses "
+                f"centres of mass below {tolerances.LIGHTEST:.1e} kg; make it zero, or count "
+                "masses in a smaller unit"
+            )
         if name == model.names[0]:  # what is fixed to the world moves nothing
             continue
         least, _, most = np.linalg.eigvalsh(Y.inertia)
@@ -104,7 +140,8 @@ def _check_mass_matrix(model: Any, data: Any) -> None:
         raise InvalidModel("the mass matrix is not finite: a mass, inertia or placement is NaN")
     turns = np.abs(pin.computeJointJacobians(model, data, q)[3:]).max(axis=0) > 0
     largest = [diagonal[turns == kind].max(initial=0.0) for kind in (False, True)]
-    bad = np.flatnonzero(diagonal <= tolerances.MASSLESS * np.where(turns, *largest[::-1]))
+    least = tolerances.MASSLESS * np.where(turns, *largest[::-1])
+    bad = np.flatnonzero(diagonal <= np.maximum(least, HUGE**-3))  # no inverse below that
     if bad.size:
         names = dict.fromkeys(_joint_of(model, int(i)) for i in bad)
         raise InvalidModel(
@@ -123,7 +160,7 @@ def _check_combinations(model: Any, data: Any) -> None:
     q = pin.integrate(model, pin.neutral(model), np.linspace(0.3, 0.7, model.nv))
     M = np.array(pin.crba(model, data, q))
     scale = 1 / np.sqrt(M.diagonal())
-    values, vectors = np.linalg.eigh(M * np.outer(scale, scale))
+    values, vectors = np.linalg.eigh(M * scale * scale[:, None])  # scale^2 may overflow
     if values[0] <= tolerances.MASSLESS:
         moved = np.flatnonzero(np.abs(vectors[:, 0]) > 0.1)
         names = dict.fromkeys(_joint_of(model, int(i)) for i in moved)

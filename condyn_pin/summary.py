@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
+from condyn_pin.arrays import Array
+from condyn_pin.io.words import few
 from condyn_pin.nonholonomic import Nonholonomic
 from condyn_pin.states.rank import Rank
 
@@ -141,12 +143,26 @@ def _kind(constraint: object) -> str:
 def _unused(scene: Scene) -> Iterator[str]:
     robot = scene.robot
     yield from robot.unused
+    for what, advice in (("damping", ": add Robot.passive_torque to tau"), ("friction", "")):
+        where = _where(robot.model, getattr(robot.model, what))
+        if where and not any(what in text for text in robot.unused):  # else the reader said it
+            yield f"joint {what} ({few(where)}){advice}"
     if robot.springs:
         joints = ", ".join(spring.joint for spring in robot.springs)
         yield f"springs ({joints}): add Robot.passive_torque to tau"
     left_out = [loop.name for loop in robot.loops if loop not in scene.constraints]
     if left_out:
         yield f"loops that are not in this scene ({', '.join(left_out)})"
+
+
+def _where(model: Any, values: Array) -> list[str]:
+    """Return the joints where a value of each velocity is not zero."""
+    pairs = zip(model.names, model.joints, strict=True)
+    return [
+        name
+        for name, joint in pairs
+        if joint.idx_v >= 0 and values[joint.idx_v : joint.idx_v + joint.nv].any()
+    ]
 
 
 def _notes(scene: Scene, at: Rank) -> Iterator[str]:

@@ -53,6 +53,14 @@ DERIVATIVES: Final = 1e-6
 # kind, one that turns or one that shifts, feels.
 MASSLESS: Final = 1e-14
 
+# The largest number in a model or a constraint: m L^2 is 1e150 then, and its square still a number.
+# No machine has a larger one, in any units. An inertia below HUGE^-3 has no inverse.
+HUGE: Final = 1e50
+
+# The smallest mass of a body that is not zero [kg]. Where Pinocchio puts bodies together it divides
+# by their mass, or by this if it is less: centres of mass, and with them M, are silently wrong.
+LIGHTEST: Final = 2.0**-52
+
 # A principal moment that is negative by less, relative to the largest of the body, is zero but for
 # the digits of the file, and so is what a moment exceeds the sum of the other two by.
 MOMENT: Final = 1e-6

@@ -192,6 +192,16 @@ class Workspace:
             # Pinocchio ignores byte order: another dtype is another number
             if not q.dtype == v.dtype == tau.dtype == FLOAT:
                 raise ValueError
+        except (ValueError, TypeError, AttributeError, struct.error):
+            return self._careful_acceleration(q, v, tau)
+        return self.next_acceleration(q, v, tau)
+
+    def next_acceleration(self, q: Array, v: Array, tau: Array) -> Array:
+        """Return `acceleration` of a state that a step has made of one that was checked.
+
+        `pin.integrate` keeps quaternions normalised, and what is not finite shows in the answer.
+        """
+        try:
             a = self._run(q, v, tau)
             # A joint's acceleration depends on everything above it in the tree, and its root's on
             # everything below: what is not finite anywhere is not finite at a root.
@@ -199,7 +209,7 @@ class Workspace:
                 if not _SMALLEST < a.item(i) < _LARGEST:
                     raise ValueError
             return a
-        except (ValueError, TypeError, AttributeError, struct.error, Singular):
+        except (ValueError, TypeError, Singular):
             return self._careful_acceleration(q, v, tau)
 
     def lam(self) -> Array:

@@ -35,7 +35,7 @@ myst_heading_anchors = 3
 # Notebooks are run by every build; a cell that fails fails the build.
 nb_execution_mode = "force"
 nb_execution_raise_on_error = True
-nb_execution_timeout = 120
+nb_execution_timeout = 600  # [s] a cell
 nb_merge_streams = True
 
 default_role = "py:obj"

@@ -1,16 +1,31 @@
-"""One thread for the linear algebra, set before numpy is imported: answers to the bit need it."""
+"""The same everywhere: one thread for the linear algebra, a plain terminal, the same examples."""
 
 import os
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: answers to the bit need it
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
-# No deadline: the first call of a solver imports LAPACK. In CI the examples are always the same.
-settings.register_profile("here", deadline=None)
-settings.register_profile("ci", deadline=None, derandomize=True)
-settings.load_profile("ci" if os.environ.get("CI") else "here")
+# Pages are as wide as they are without a terminal, and no window opens.
+for _name in ("COLUMNS", "TERMINAL_WIDTH", "DISPLAY", "WAYLAND_DISPLAY"):
+    os.environ.pop(_name, None)
+os.environ |= {"MPLBACKEND": "agg", "no_proxy": "127.0.0.1"}
+
+# The examples are the same every time, and nobody looks at the clock: machines may be slow.
+# pytest --hypothesis-profile=search looks for new ones.
+_slow = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
+settings.register_profile("same", derandomize=True, **_slow)
+settings.register_profile("search", max_examples=1000, **_slow)
+settings.load_profile("same")
+
+
+@pytest.fixture(autouse=True)
+def seeded():
+    """Let Pinocchio's random numbers not depend on the tests that ran before."""
+    from condyn_pin._pin import pin
+
+    pin.seed(0)
 
 
 @pytest.fixture

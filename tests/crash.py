@@ -26,7 +26,7 @@ class Outcome:
     text: str
 
 
-def run(snippet: str, *, timeout: float = 60.0) -> Outcome:
+def run(snippet: str, *, timeout: float = 600.0) -> Outcome:
     """Return how `snippet` ends in a fresh interpreter that sees the same packages."""
     done = subprocess.run(
         [sys.executable, "-c", dedent(snippet)],

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+import sys
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -118,6 +120,23 @@ def truth(label: str, count: int = 4) -> tuple[cp.Solution, ...]:
 def relative(a: np.ndarray, b: np.ndarray, floor: float = 9.81) -> float:
     """Largest difference over the larger of |b| and gravity."""
     return float(np.abs(a - b).max(initial=0.0) / max(np.abs(b).max(initial=0.0), floor))
+
+
+def calls(work: Callable[[], object]) -> int:
+    """Count the calls that Python makes, the second time: a clock that no other work slows."""
+    work()  # it may import
+    count = 0
+
+    def tick(*_: object) -> None:
+        nonlocal count
+        count += 1
+
+    sys.setprofile(tick)
+    try:
+        work()
+    finally:
+        sys.setprofile(None)
+    return count // 2  # a call and its return
 
 
 each_scene = pytest.mark.parametrize("label", list(all_scenes()))

@@ -10,11 +10,14 @@ import subprocess
 import sys
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import closing
+from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
+from time import sleep
 
 import numpy as np
 import pytest
+from lost import KillsOnce
 from shared import all_scenes
 
 import condyn_pin as cp
@@ -360,45 +363,41 @@ def _whose(recipe: Recipe) -> tuple[int, int]:
     return os.getpid(), id(recipe.workspace())
 
 
-def test_a_killed_worker_loses_nothing():
+def test_a_killed_worker_loses_nothing(tmp_path):
     scene, states = all_scenes()["four_bar loops"], batch_of("four_bar loops", 200)
+    solver = KillsOnce(mark=str(tmp_path / "mark"), at=float(states[0][100, 0]))
     seen = []
     with cp.Processes(2) as processes:
         first = processes._pool
-
-        def kill_one(done: int, total: int) -> None:
-            seen.append((done, total))
-            if len(seen) == 2:
-                os.kill(next(iter(first._processes)), signal.SIGKILL)
-
-        found = cp.solve_batch(scene, *states, executor=processes, chunk=5, progress=kill_one)
+        found = cp.solve_batch(
+            scene, *states, solver=solver, executor=processes, chunk=5,
+            progress=lambda *counts: seen.append(counts),
+        )  # fmt: skip
         assert processes._pool is not first
-    assert_same(found, cp.solve_batch(scene, *states))
+    assert_same(found, cp.solve_batch(scene, *states, solver=cp.Proximal()))
     assert seen == [(5 * i, 200) for i in range(1, 41)]
 
 
 @pytest.mark.parametrize(
     ("verb", "shared"), [(cp.solve_batch, True), (cp.derivatives_batch, False)]
 )
-def test_a_plain_pool_that_breaks_hands_over_what_is_done(verb, shared, monkeypatch):
+def test_a_plain_pool_that_breaks_hands_over_what_is_done(verb, shared, monkeypatch, tmp_path):
     if not shared:
         monkeypatch.setattr(rows, "CAN_SHARE", False)
     scene, states = all_scenes()["four_bar loops"], batch_of("four_bar loops", 400)
-    with ProcessPoolExecutor(2, get_context("spawn")) as pool:
-
-        def kill_one(done: int, _: int) -> None:
-            if done == 40:
-                os.kill(next(iter(pool._processes)), signal.SIGKILL)
-
-        with pytest.raises(cp.WorkersLost, match="is of no use after that") as lost:
-            verb(scene, *states, executor=pool, chunk=10, progress=kill_one)
-    here, done = verb(scene, *states), lost.value.done
+    solver = KillsOnce(mark=str(tmp_path / "mark"), at=float(states[0][200, 0]))
+    with (
+        ProcessPoolExecutor(2, get_context("spawn")) as pool,
+        pytest.raises(cp.WorkersLost, match="is of no use after that") as lost,
+    ):
+        verb(scene, *states, solver=solver, executor=pool, chunk=10)
+    here, done = verb(scene, *states, solver=cp.Proximal()), lost.value.done
     if verb is cp.derivatives_batch:
         of, here, done = (here, done), here.solution, done.solution
         assert np.isnan(of[1].da_dq[done.missing]).all()
         solved = np.flatnonzero(done.statuses == 0)
         np.testing.assert_array_equal(of[1].dlam_dq[solved], of[0].dlam_dq[solved])
-    assert 40 <= done.counts["ok"] < 400
+    assert 100 <= done.counts["ok"] < 400
     assert done.counts["missing"] == 400 - done.counts["ok"] == len(done.missing)
     assert not done.ok
     assert np.isnan(done.a[done.missing]).all()
@@ -408,7 +407,15 @@ def test_a_plain_pool_that_breaks_hands_over_what_is_done(verb, shared, monkeypa
         done[int(done.missing[0])]
 
 
-def test_an_interrupt_ends_a_batch_and_not_the_workers(executor):
+def _meet(folder: str) -> int:
+    """Come back when two processes have come."""
+    Path(folder, str(os.getpid())).touch()
+    while len(os.listdir(folder)) < 2:
+        sleep(0.01)
+    return os.getpid()
+
+
+def test_an_interrupt_ends_a_batch_and_not_the_workers(executor, tmp_path):
     scene, states = all_scenes()["four_bar loops"], batch_of("four_bar loops", 400)
     seen = []
 
@@ -417,6 +424,8 @@ def test_an_interrupt_ends_a_batch_and_not_the_workers(executor):
         if len(seen) == 3:
             raise KeyboardInterrupt
 
+    ready = dict(cp.map_chunks(_meet, [str(tmp_path)] * 2, executor=executor))
+    assert {*ready.values()} == {*executor.pids}  # one that still imports would end
     for pid in executor.pids:
         os.kill(pid, signal.SIGINT)  # as a terminal does
     with pytest.raises(KeyboardInterrupt):
@@ -428,12 +437,10 @@ def test_an_interrupt_ends_a_batch_and_not_the_workers(executor):
 
 
 def test_memory_that_is_gone_is_not_taken_for_what_came_after():
-    """The next arrays get the same number of a file; work that comes late may not write there."""
+    """The next arrays may have the same number of a file; late work may not write there."""
     kinds = {"x": Kind((3,))}
-    with closing(SharedArrays(kinds)) as before:
-        late = before.address
-    with closing(SharedArrays(kinds)) as after:
-        assert after.address.path == late.path
+    with closing(SharedArrays(kinds)) as before, closing(SharedArrays(kinds)) as after:
+        late = replace(before.address, path=after.address.path)
         with pytest.raises(FileNotFoundError, match="another file"):
             late.open()
         assert np.array_equal(after.address.open()["x"], np.zeros(3))

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import fields
-from time import sleep
 
 import numpy as np
 import pytest
 from shared import all_scenes, robot
 
 import condyn_pin as cp
+from condyn_pin import timing
 from condyn_pin._pin import HAS_LCABA
 from condyn_pin.bench import Effort, bench_scene
 from condyn_pin.bench_table import BenchRow, BenchTable
@@ -34,20 +34,24 @@ def test_every_candidate_sees_every_state_equally_often():
     assert all(len(t.samples) == 10 for t in times.values())
 
 
-def test_what_is_slow_is_called_less():
-    seen: dict[str, int] = {"fast": 0, "slow": 0}
+def test_what_is_slow_is_called_less(monkeypatch):
+    seen = {"fast": 0, "slow": 0}
+    now = [0.0]  # [s] on a clock that only the calls move
 
-    def fast(q, v, tau):
-        seen["fast"] += 1
+    def taking(seconds: float, name: str):
+        def call(q, v, tau):
+            seen[name] += 1
+            now[0] += seconds
 
-    def slow(q, v, tau):
-        seen["slow"] += 1
-        sleep(2e-3)
+        return call
 
+    monkeypatch.setattr(timing, "perf_counter", lambda: now[0])
+    calls = {"fast": taking(1e-5, "fast"), "slow": taking(2e-3, "slow")}
     states = [(np.zeros(1),) * 3] * 4
-    times = interleaved({"fast": fast, "slow": slow}, states, rounds=3, repeats=5, enough=1e-3)
+    times = interleaved(calls, states, rounds=3, repeats=5, enough=1e-3)
     assert seen == {"fast": 4 + 3 * (1 + 5), "slow": 4 + 3 * (1 + 1)}
-    assert times["slow"].median >= 2e3
+    assert times["fast"].samples == pytest.approx([10.0] * 3)
+    assert times["slow"].samples == pytest.approx([2000.0] * 3)
 
 
 def test_times_are_what_they_say():

@@ -8,8 +8,11 @@ import subprocess
 import sys
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from functools import partial
+from multiprocessing import get_context
 
+import crash
 import pytest
+from lost import kill_once
 
 import condyn_pin as cp
 
@@ -27,11 +30,7 @@ def refuse(x: int) -> int:
 def die_once(mark: str, x: int) -> int:
     """Kill the worker at x = 3, the first time."""
     if x == 3:
-        try:
-            os.close(os.open(mark, os.O_CREAT | os.O_EXCL))
-        except FileExistsError:
-            return square(x)
-        os.kill(os.getpid(), signal.SIGKILL)
+        kill_once(mark)
     return square(x)
 
 
@@ -57,20 +56,24 @@ def test_threads():
         assert results(square, executor) == SQUARES
 
 
-@pytest.mark.parametrize("start_method", ["spawn", "forkserver", "fork"])
-def test_a_killed_worker_loses_nothing(start_method, tmp_path):
+def loses_nothing(start_method: str, mark: str) -> None:
     seen = []
     with cp.Processes(2, start_method=start_method) as executor:
-        found = results(
-            partial(die_once, str(tmp_path / "mark")), executor, progress=lambda *n: seen.append(n)
-        )
-        assert (tmp_path / "mark").exists()
+        found = results(partial(die_once, mark), executor, progress=lambda *n: seen.append(n))
+        assert os.path.exists(mark)
         assert results(square, executor) == SQUARES
     assert found == SQUARES
     assert seen == [(i + 1, 10) for i in range(10)]
 
 
-def test_work_that_always_kills_ends_with_an_error_and_all_else_done():
+@pytest.mark.parametrize("start_method", ["spawn", "forkserver", "fork"])
+def test_a_killed_worker_loses_nothing(start_method, tmp_path):
+    """In an interpreter of its own: a fork of this one would copy the locks of its threads."""
+    call = f"test_chunks.loses_nothing({start_method!r}, {str(tmp_path / 'mark')!r})"
+    assert crash.run(f"import test_chunks; {call}") == crash.Outcome("ok", "")
+
+
+def ends_with_all_else_done() -> None:
     found = {}
     text = "3 pools of workers in a row"
     with (
@@ -82,10 +85,16 @@ def test_work_that_always_kills_ends_with_an_error_and_all_else_done():
     assert 3 not in found
 
 
+def test_work_that_always_kills_ends_with_an_error_and_all_else_done():
+    call = "import test_chunks; test_chunks.ends_with_all_else_done()"
+    assert crash.run(call) == crash.Outcome("ok", "")
+
+
 def test_a_plain_pool_says_that_it_is_of_no_use_any_more():
     text = r"of no use after that; \d+ of 10 .*\.Processes"
-    with ProcessPoolExecutor(2) as executor, pytest.raises(cp.WorkersLost, match=text):
-        results(die, executor)
+    pool = ProcessPoolExecutor(2, get_context("spawn"))
+    with pool, pytest.raises(cp.WorkersLost, match=text):
+        results(die, pool)
 
 
 @pytest.mark.parametrize("executor", [None, ThreadPoolExecutor, cp.Processes])
@@ -175,7 +184,7 @@ def test_workers_end_with_their_parent(start_method, tmp_path):
     path.write_text(ORPHANS.format(start_method=start_method))
     # its output ends when the last process that has it open ends
     result = subprocess.run(
-        [sys.executable, str(path)], stdout=subprocess.PIPE, text=True, check=False, timeout=60
+        [sys.executable, str(path)], stdout=subprocess.PIPE, text=True, check=False, timeout=300
     )
     assert result.returncode == -signal.SIGKILL
     assert result.stdout.split()

@@ -131,17 +131,20 @@ def test_rows_turn_as_differences_say(kind):
 
 @each_scene
 def test_scenes_agree_with_differences(label):
-    """With redundant rows too: along the constraints."""
-    cp.derivatives(all_scenes()[label], *states(label)[0], check=True)
+    """With redundant rows too: along the constraints; a check that fails raises."""
+    found = cp.derivatives(all_scenes()[label], *states(label)[0], check=True)
+    assert all(np.isfinite(getattr(found, name)).all() for name in BLOCKS)
 
 
 @pytest.mark.parametrize("label", ["talos contacts", "cassie loops", "four_bar loops"])
 def test_drift_control_is_differentiated_too(label):
     scene, state = all_scenes()[label], states(label)[0]
-    for method in ("kkt", "pinocchio"):
-        cp.derivatives(scene, *state, drift=PULLED, method=method, check=not scene.audit.redundant)
-    if scene.audit.redundant:
-        cp.derivatives(scene, *state, drift=PULLED, check=True)
+    options = {"drift": PULLED, "check": True}
+    pulled = cp.derivatives(scene, *state, **options).da_dq
+    assert np.abs(pulled - cp.derivatives(scene, *state).da_dq).max() > 1e-3
+    options["check"] = not scene.audit.redundant
+    found = cp.derivatives(scene, *state, method="pinocchio", **options)
+    assert np.isfinite(found.da_dq).all()
 
 
 def takes_pinocchio(scene: cp.Scene) -> bool:
@@ -358,3 +361,60 @@ def test_by_placement_refuses(name, frame, error, match):
     d = cp.derivatives(scene, *scene.sample(np.random.default_rng(0)), np.zeros(scene.robot.nv))
     with pytest.raises(error, match=match):
         d.by_placement(name, frame)
+
+
+def turning(name: str):
+    """A joint whose axes turn with its own q."""
+    if name != "Composite":
+        axes = [np.array([0.6, 0.0, 0.8]), np.array([0.0, 1.0, 0.0])]
+        return (
+            pin.JointModelUniversal(*axes) if name == "Universal" else pin.JointModelSphericalZYX()
+        )
+    joint = pin.JointModelComposite()
+    joint.addJoint(pin.JointModelRY())
+    joint.addJoint(pin.JointModelPZ(), pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.2, 0.1), np.ones(3)))
+    joint.addJoint(pin.JointModelSphericalZYX(), pin.SE3(np.eye(3), np.array([0.1, 0.2, 0.3])))
+    return joint
+
+
+@pytest.mark.parametrize(
+    "constraint",
+    [
+        cp.PointContact("tip"), cp.Loop("tip", "hand", "ball"),
+        cp.Loop("tip", "hand", "hinge", axis="x"), cp.Loop("hand", "tip", "rod", length=0.9),
+        cp.RollingBall("tip", 0.1), cp.Coupling("first", "last", 0.7),
+    ],
+    ids=lambda constraint: f"{type(constraint).__name__} {getattr(constraint, 'kind', '')}".strip(),
+)  # fmt: skip
+@pytest.mark.parametrize("name", ["SphericalZYX", "Universal", "Composite"])
+def test_joints_whose_axes_turn_with_their_own_q(name, constraint):
+    """Pinocchio's own derivatives are wrong for them, those of Newton-Euler too."""
+    model, rng, parent = pin.Model(), np.random.default_rng(3), 0
+    for k, joint in enumerate((pin.JointModelRX(), turning(name), pin.JointModelRY())):
+        placed = pin.SE3(pin.rpy.rpyToMatrix(*rng.uniform(-1, 1, 3)), rng.uniform(-0.4, 0.4, 3))
+        parent = model.addJoint(parent, joint, placed, ("first", "turning", "last")[k])
+        model.appendBodyToJoint(parent, pin.Inertia.FromBox(2.0, 0.3, 0.4, 0.2), placed)
+        model.addFrame(
+            pin.Frame(("arm", "hand", "tip")[k], parent, 0, placed, pin.FrameType.OP_FRAME)
+        )
+    hand = model.addJoint(0, turning(name), pin.SE3.Identity(), "other")
+    model.appendBodyToJoint(hand, pin.Inertia.FromBox(1.0, 0.3, 0.4, 0.2), pin.SE3.Identity())
+    model.frames[model.getFrameId("hand")].parentJoint = hand
+    model.armature = rng.uniform(0.01, 0.1, model.nv)
+    scene = cp.Scene(cp.Robot("arm", model), [constraint])
+    workspace = cp.Workspace(scene, cp.Reference(), drift=PULLED)
+    q, v, tau, *step = rng.normal(size=(6, model.nv))
+
+    def answer(dq, dv, dtau):
+        solution = workspace.solve(q + dq, v + dv, tau + dtau, throw=False)
+        return solution.a, solution.lam
+
+    had = workspace.derivatives(q, v, tau).jvp(*step)
+    tries = [central(answer, step, h) for h in (1e-3, 3e-4, 1e-4)]
+    for of in range(2):
+        error = min(np.abs(had[of] - wanted[of]).max() for wanted in tries)
+        assert error < 1e-7 * max(np.abs(had[of]).max(), 1.0)
+    struck = cp.impact(scene, q, v)
+    moved = [cp.impact(scene, q + h * step[0], v).v for h in (-1e-5, 1e-5)]
+    by_q = (moved[1] - moved[0]) / 2e-5
+    assert np.abs(struck.dv_dq @ step[0] - by_q).max() < 1e-7 * max(np.abs(by_q).max(), 1.0)

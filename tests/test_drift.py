@@ -92,7 +92,8 @@ def test_it_is_a_value_and_goes_along():
     assert (PULLED.Kd, PULLED.Kp) == (8.0, 36.0)
 
 
-@pytest.mark.parametrize(("alpha", "beta"), [(-1.0, 1.0), (1.0, -1e-9), (np.nan, 1.0), ("a", 1.0)])
+@pytest.mark.parametrize(("alpha", "beta"), [(-1.0, 1.0), (1.0, -1e-9), (np.nan, 1.0), ("a", 1.0),
+                                           (1.0, 1e155), (1e300, 1.0)])  # fmt: skip
 def test_gains_are_refused(alpha, beta):
     with pytest.raises(cp.InvalidArgument, match=r"alpha|beta"):
         cp.Baumgarte(alpha, beta)

@@ -145,9 +145,9 @@ def test_a_state_within_tolerance_costs_no_further_solve(four_bar):
 
 def test_post_stabilisation_costs_no_solve_more(four_bar, monkeypatch):
     counts = []
-    solve = cp.Workspace.acceleration
+    solve = cp.Workspace.next_acceleration
     monkeypatch.setattr(
-        cp.Workspace, "acceleration", lambda *state: counts.append(1) or solve(*state)
+        cp.Workspace, "next_acceleration", lambda *state: counts.append(1) or solve(*state)
     )
     numbers = []
     for drift in (NoDrift(), PostStabilization()):

@@ -18,6 +18,7 @@ from condyn_pin.smaller import climbing
 from condyn_pin.smaller.climbing import climb
 from condyn_pin.smaller.ladder_plot import draw_ladder, save_ladders
 from condyn_pin.smaller.same_motion import loaded, same_motion, standing_torque
+from condyn_pin.timing import Times
 from condyn_pin.tolerances import EXACT
 
 FEW = cp.LadderEffort(states=2, rounds=5, repeats=2)
@@ -205,9 +206,22 @@ def test_mistakes_are_named(arguments, error, said):
         all_scenes()["four_bar loops"].minimal(**arguments)
 
 
+def invented(trials, **_) -> dict:
+    """Times by method and size: what is the fastest does not depend on who uses the machine."""
+    us = {"Proximal": 1.0, "LCABA": 2.0, "Dense KKT": 3.0}
+    sizes = dict(zip(dict.fromkeys(label for label, _ in trials), range(9, 0, -1), strict=False))
+    return {
+        (label, title): Times((us[title] * sizes[label],))
+        for (label, title), one in trials.items()
+        if one.call
+    }
+
+
 @functools.cache
 def table(name: str) -> cp.LadderTable:
-    return cp.ladder(name, effort=FEW)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(climbing, "time_trials", invented)
+        return cp.ladder(name, effort=FEW)
 
 
 def test_cassies_ladder():
@@ -220,7 +234,7 @@ def test_cassies_ladder():
     assert 0 < rows["feet driven directly"].a_worst < 0.01
     assert 1e-3 < rows["springs locked"].a_worst < 0.2
     assert rows["achilles rods as distances"].a_step < 0.01
-    assert all(row.solver != "none says ok" and row.us > 1 for row in rows.values())
+    assert all(row.solver != "none says ok" and row.us >= 1 for row in rows.values())
     rods = rows["achilles rods as distances"]
     assert (rods.solver, rods.slower_as) == ("Dense KKT", "Proximal takes no rod")
     assert rows["knee and tarsus geared"].slower_as == "Proximal takes no Coupling"
@@ -314,4 +328,5 @@ def test_a_ladder_of_ones_own():
     )
     found = climb(mine, effort=FEW)
     assert [(row.nv, row.rows) for row in found.rows] == [(3, 3), (2, 1)]
+    assert all(row.us > 0 and row.speedup > 0 for row in found.rows)
     assert 0 < found.rows[1].a_worst < 1

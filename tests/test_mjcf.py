@@ -544,7 +544,7 @@ def test_there_is_no_such_file():
 
 
 @given(seed=st.integers(0, 2**32))
-@settings(max_examples=3, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=3, suppress_health_check=list(HealthCheck))
 def test_a_spoilt_mjcf_is_refused_or_read(tmp_path, seed):
     survive(tmp_path, "robot.xml", TWO_ARMS.replace("EQUALITY", ALL_EQUALITIES), seed)
     survive(tmp_path, "robot.xml", EVERYTHING, seed)

@@ -10,7 +10,7 @@ import pickle
 import hypothesis.strategies as some
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from scipy.integrate import quad
 from shared import each_exact_solver, relative, robot, takes
 
@@ -296,7 +296,7 @@ def test_gamma_is_the_rate_of_the_rows_and_j_that_of_the_gap(label):
         assert not equations.violation(q)[others].any()
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=25)
 @given(seed=some.integers(0, 2**32 - 1), axis=some.sampled_from("xyz"))
 def test_a_frame_may_sit_anywhere_on_the_wheel(seed, axis):
     """Another frame in the same middle with the axle along another axis changes nothing."""

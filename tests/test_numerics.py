@@ -129,7 +129,7 @@ def test_bound_is_one_at_the_nominal_state(label):
             assert true <= bound * (1 + 1e-6)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.sampled_from(
         ["cassie loops", "cassie loops + contacts", "talos foot held twice", "four_bar loops"]

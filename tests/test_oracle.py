@@ -93,7 +93,9 @@ CASES = [
     ("straight_knee", 1e-6), ("mass_ratio", 1e6), ("mass_ratio", 1e12), ("mass_ratio", 1e-9),
     ("light_rod", 0.1), ("gimbal", 1e-2), ("short_rod", 1e-3), ("short_rod", 1e-6),
     ("straight_chain", 10), ("bent_chain", 15), ("held_chain", 5), ("many_cells", 3),
-    ("immobile", 1e3), ("empty_row", 1e-6),
+    ("immobile", 1e3), ("empty_row", 1e-6), ("massless_coupler", 1.0), ("massless_coupler", 1e-13),
+    ("massless_tip", 1e-12), ("massless_row", 1), ("massless_row", 2), ("near_edges", 1e-3),
+    ("near_loops", 1e-5),
 ]  # fmt: skip
 
 

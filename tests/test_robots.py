@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import pickle
 import re
-import time
 from typing import NamedTuple
 
 import numpy as np
 import pytest
-from shared import robot
+from shared import calls, robot
 
 import condyn_pin as cp
 from condyn_pin._pin import pin
@@ -107,14 +106,9 @@ def test_loops_close_at_the_first_posture(name):
 
 
 @each_robot
-def test_loads_in_less_than_half_a_second(name):
-    """The best of three: the first one imports, and the machine may be busy."""
-    times = []
-    for _ in range(3):
-        start = time.perf_counter()
-        cp.load_robot(name)
-        times.append(time.perf_counter() - start)
-    assert min(times) < 0.5
+def test_loading_takes_few_calls(name):
+    """A tenth of a second: most have 60 000 calls, of a microsecond or two."""
+    assert calls(lambda: cp.load_robot(name)) < 100_000
 
 
 @each_robot

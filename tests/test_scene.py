@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -159,3 +160,23 @@ def test_what_a_scene_keeps_cannot_be_written_to():
     for q in (scene.state()[0], scene.rank().q):
         q[:] = 0.0  # what is handed out is the caller's own
     cp.solve(scene, audit.q, audit.states[1].v, audit.states[1].tau, solver=cp.Reference())
+
+
+def test_a_model_of_ones_own_says_what_is_not_used():
+    """A reader of files says it of its file; around a pin.Model nobody else would."""
+    model = pin.Model(cp.four_bar().model)
+    model.damping[0], model.friction[1] = 0.2, 0.3
+    said = cp.Scene(cp.Robot("bar", model)).summary().unused
+    assert said == (
+        "joint damping (crank): add Robot.passive_torque to tau",
+        "joint friction (coupler)",
+    )
+    told = replace(cp.Robot("bar", model), unused=["damping and friction of the file"])
+    assert cp.Scene(told).summary().unused == ("damping and friction of the file",)
+
+
+def test_a_frame_with_the_worlds_name_is_not_taken_for_the_world():
+    model = pin.Model(cp.four_bar().model)
+    model.addFrame(pin.Frame("world", 2, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    with pytest.raises(cp.InvalidModel, match="'world' of bar has the world's name"):
+        cp.Scene(cp.Robot("bar", model), [cp.Loop("coupler_tip", "world")])

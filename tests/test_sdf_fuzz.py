@@ -97,14 +97,14 @@ def test_the_file_that_is_mutated_below_is_a_valid_one(fuzz_file):
     assert [c.name for c in cut.closures] == ["shoulder", "socket"]
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(end=st.integers(0, len(VALID) - 1), closed=st.booleans())
 def test_a_truncated_file_gives_a_condyn_error(fuzz_file, end, closed):
     tail = "</model></sdf>" if closed else ""
     only_a_model_or_a_condyn_error(fuzz_file, (VALID[:end] + tail).encode())
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(edits=st.lists(st.tuples(st.integers(0, len(VALUES) - 1), STRANGE), min_size=1, max_size=3))
 def test_a_file_with_strange_values_gives_a_model_or_a_condyn_error(fuzz_file, edits):
     pieces = list(PIECES)
@@ -114,7 +114,7 @@ def test_a_file_with_strange_values_gives_a_model_or_a_condyn_error(fuzz_file, e
     only_a_model_or_a_condyn_error(fuzz_file, text.encode("utf-8", "surrogatepass"))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(data=st.data())
 def test_a_file_with_elements_lost_or_moved_gives_a_model_or_a_condyn_error(fuzz_file, data):
     sdf = ElementTree.fromstring(VALID)
@@ -131,7 +131,7 @@ def test_a_file_with_elements_lost_or_moved_gives_a_model_or_a_condyn_error(fuzz
     only_a_model_or_a_condyn_error(fuzz_file, ElementTree.tostring(sdf))
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(at=st.integers(0, len(VALID) - 1), byte=st.integers(0, 255))
 def test_a_file_with_a_wrong_byte_gives_a_model_or_a_condyn_error(fuzz_file, at, byte):
     content = bytearray(VALID.encode())

@@ -41,6 +41,7 @@ CHOICES = [
     ("four_bar", {"integrator": cp.GeneralisedAlpha(), "record": 7}),
     ("cassie", {"integrator": cp.SemiImplicitEuler(), "drift": cp.Projection(every=3)}),
     ("talos feet", {"integrator": cp.RungeKutta4(), "record": 20}),
+    ("talos feet", {"integrator": cp.SemiImplicitEuler(), "record": 10}),
 ]
 
 
@@ -104,6 +105,24 @@ def test_what_motions_share_is_made_once(monkeypatch):
     assert len(made) == 1
     assert np.abs(again.q - found.q).max() > 1e-6
     assert_same(cp.simulate_batch(scene, Q, V, np.ones(3), chunk=1, **options), found)
+
+
+def test_contacts_are_anchored_anew_in_the_same_memory(monkeypatch):
+    made = []
+    build = cp.Workspace.__init__
+    monkeypatch.setattr(
+        cp.Workspace, "__init__", lambda *given, **more: made.append(1) or build(*given, **more)
+    )
+    scene = scene_of("talos feet")
+    Q, V = states(scene)
+    options = {"duration": 0.01, "integrator": cp.SemiImplicitEuler()}
+    cp.simulate_batch(scene, Q[:1], V[:1], **options)
+    few = len(made)
+    found = cp.simulate_batch(scene, Q, V, **options)
+    assert len(made) == few
+    for q, end in zip(Q[1:], found.q[1:], strict=True):  # no foot goes where another one began
+        assert np.abs(end - q).max() < 0.1 * np.abs(end - Q[0]).max()
+    assert found.violation.max() < 1e-6
 
 
 def test_what_breaks_down_is_counted_and_stops_nobody():

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from shared import SOLVERS, all_scenes, relative, states, truth
 
 import condyn_pin as cp
+from condyn_pin._pin import HAS_LCABA
 from condyn_pin.range_space import range_space
 from condyn_pin.solver_table import solver_rows
 from condyn_pin.solvers.conjugate_gradient import conjugate_gradients
@@ -44,6 +45,17 @@ def test_damping_costs_accuracy_in_proportion(kind, label):
 def test_damping_that_means_nothing_is_refused(kind, mu):
     with pytest.raises(cp.InvalidArgument, match="mu"):
         kind(mu=mu)
+
+
+def test_knobs_may_be_numbers_of_numpy():
+    """Pinocchio takes Python's alone."""
+    scene, state = all_scenes()["talos contacts"], states("talos contacts")[0]
+    chosen = [cp.SparseKKT(mu=np.float32(1e-9)), cp.DelassusCholesky(mu=np.int64(1))]
+    if HAS_LCABA:
+        number, few = np.float32(1e-6), np.int64(3)
+        chosen.append(cp.LCABA(mu=number, max_iterations=few, absolute_accuracy=number))
+    for solver in chosen:
+        assert np.isfinite(cp.solve(scene, *state, solver=solver, throw=False).a).all()
 
 
 @pytest.mark.parametrize("solver", SMALLEST_LAM, ids=lambda s: s.title)

@@ -8,12 +8,13 @@ import os
 import sys
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from dataclasses import dataclass, fields
+from multiprocessing import get_context
 from pathlib import Path
-from time import perf_counter
 from typing import ClassVar
 
 import numpy as np
 import pytest
+from lost import KillsOnce
 from shared import all_scenes, relative
 
 import condyn_pin as cp
@@ -102,22 +103,7 @@ class KillsItsProcess(cp.Proximal):
         return super().start(workspace)
 
 
-@dataclass(frozen=True)
-class KillsTheFirst(cp.Proximal):
-    """Kills the first process that it gets into, and leaves a file to know it by."""
-
-    title: ClassVar[str] = "Kills the first"
-
-    trace: str = ""
-
-    def start(self, workspace):
-        if not Path(self.trace).exists():
-            Path(self.trace).touch()
-            os._exit(1)
-        return super().start(workspace)
-
-
-BROKEN = (OffByAThousandth, WrongEverySecondTime, Raises, KillsItsProcess, KillsTheFirst)
+BROKEN = (OffByAThousandth, WrongEverySecondTime, Raises, KillsItsProcess)
 for kind in BROKEN:
     del cp.SOLVERS[kind.__name__.lower()]
 
@@ -149,9 +135,9 @@ def test_times_stand_beside_errors_and_say_how_they_were_taken():
     good, dense, _, coarse = brief().run().rows
     for row in (good, coarse):
         assert row.timed == ALONE or row.timed.startswith("timed on a shared core: had it ")
-        assert row.build_us > row.median_us > 0
-        assert row.p95_us >= row.median_us
-    assert good.solve_us > good.median_us
+        assert row.build_us > 0
+        assert row.p95_us >= row.median_us > 0
+    assert good.solve_us > 0
     assert good.bare_us > 0
     assert coarse.solve_us is None  # a doubtful answer is looked at twice
     assert dense.median_us is None
@@ -172,6 +158,27 @@ def test_json_keeps_every_field_and_has_no_infinity():
 def test_what_is_no_row_is_refused(row):
     with pytest.raises(cp.InvalidArgument, match="row: missing, or not a field"):
         cp.Row.from_dict(row)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"error_worst": "small"}, {"error_worst": float("nan")}, {"error_median": -1.0},
+        {"median_us": "12"}, {"median_us": -1.0}, {"p95_us": float("nan")}, {"statuses": ["ok"]},
+    ],
+)  # fmt: skip
+def test_a_row_of_numbers_that_are_none_is_refused(wrong):
+    row = brief().run(timed=False).rows[0].as_dict()
+    assert cp.Row.from_dict(row).as_dict() == row
+    with pytest.raises(cp.InvalidArgument, match=next(iter(wrong))):
+        cp.Row.from_dict(row | wrong)
+
+
+def test_given_states_have_three_parts():
+    scene = cp.Scene(cp.four_bar(), cp.four_bar().loops)
+    study = cp.Study(scene, [cp.NullSpace()], states=cp.GivenStates("two", [scene.state()]))
+    with pytest.raises(cp.InvalidArgument, match=r"'two'.* is no \(q, v, tau\)"):
+        study.run(timed=False)
 
 
 # --- what is never hidden ---
@@ -221,7 +228,7 @@ def test_the_same_study_gives_the_same_errors_to_the_bit():
     first = errors(study.run(timed=False))
     assert len(first) == 2 * len(cp.MEASURES) * len(FEW)
     assert errors(study.run(timed=False)) == first
-    with ProcessPoolExecutor(2) as executor:
+    with ProcessPoolExecutor(2, get_context("spawn")) as executor:
         assert errors(study.run(timed=False, executor=executor)) == first
 
 
@@ -272,10 +279,16 @@ def test_what_is_in_the_file_is_not_measured_again(tmp_path, monkeypatch):
 
 
 def test_times_of_a_shared_core_are_taken_again_when_asked(tmp_path, monkeypatch):
-    path = tmp_path / "rows.jsonl"
+    path, now = tmp_path / "rows.jsonl", 0.0
+
+    def passing() -> float:
+        nonlocal now
+        now += 1.0  # [s] that pass whenever somebody looks
+        return now
 
     def timed_by(share: float, **effort) -> cp.Table:
-        monkeypatch.setattr(clocks, "process_time", lambda: share * perf_counter())
+        monkeypatch.setattr(clocks, "perf_counter", passing)
+        monkeypatch.setattr(clocks, "process_time", lambda: share * now)
         return brief(effort=cp.TimingEffort(rounds=4, repeats=1, **effort)).run(results=path)
 
     shared = timed_by(0.5)
@@ -332,8 +345,9 @@ def test_a_killed_worker_loses_nothing(tmp_path):
     weights = [10.0**-k for k in range(1, 9)]
     solvers = [*cp.sweep(cp.Proximal(), mu=weights), KillsItsProcess(parent=os.getpid())]
     study = brief(solvers=solvers)
-    with ProcessPoolExecutor(1) as executor, pytest.raises(cp.WorkersLost) as lost:
-        study.run(timed=False, executor=executor, results=path)
+    pool = ProcessPoolExecutor(1, get_context("spawn"))
+    with pool, pytest.raises(cp.WorkersLost) as lost:
+        study.run(timed=False, executor=pool, results=path)
     assert len(lost.value.done.rows) == len(weights)
     assert "results=PATH" in str(lost.value)
     # here, where it does not kill, only what is missing is measured
@@ -342,11 +356,11 @@ def test_a_killed_worker_loses_nothing(tmp_path):
 
 
 def test_a_worker_that_is_replaced_does_not_even_stop_the_study(tmp_path):
-    trace = tmp_path / "trace"
-    study = brief(solvers=[*FEW, KillsTheFirst(trace=str(trace))])
-    with cp.Processes(1, start_method="fork") as executor:
+    mark = tmp_path / "mark"
+    study = brief(solvers=[*FEW, KillsOnce(mark=str(mark))])
+    with cp.Processes(1) as executor:
         table = study.run(timed=False, executor=executor)
-    assert trace.exists()
+    assert mark.exists()
     assert table.rows == study.run(timed=False).rows
 
 

@@ -8,9 +8,11 @@ import json
 import math
 import pickle
 from contextlib import contextmanager
+from io import StringIO
 
 import numpy as np
 import pytest
+from rich.console import Console
 from shared import all_scenes
 from typer.testing import CliRunner
 
@@ -530,9 +532,17 @@ def test_an_error_that_cannot_be_is_refused_before_the_run():
     assert result.output == ""
 
 
-def test_the_bar_knows_how_much_time_is_left():
-    from condyn_pin.commands.output import progress_bar
+def test_the_bar_knows_how_much_time_is_left(monkeypatch):
+    from condyn_pin.commands import output
 
-    with progress_bar() as progress:
+    screen, now = StringIO(), [0.0]
+    console = Console(file=screen, force_terminal=True, width=80, get_time=lambda: now[0])
+    monkeypatch.setattr(output, "Console", lambda **_: console)
+    monkeypatch.setattr(output, "monotonic", lambda: now[0])
+    with output.progress_bar() as progress:
         for done in range(3):
-            progress("some: times", done, 3)
+            now[0] += 10.0  # [s] a step
+            progress("some: times", done, 4)
+    drawn = screen.getvalue()
+    assert "some: times" in drawn
+    assert "0:00:20" in drawn  # two steps are left

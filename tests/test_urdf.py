@@ -304,6 +304,6 @@ def test_joints_that_mimic_in_a_circle_are_refused(read):
 
 
 @given(seed=st.integers(0, 2**32))
-@settings(max_examples=5, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=5, suppress_health_check=list(HealthCheck))
 def test_a_spoilt_urdf_is_refused_or_read(tmp_path, seed):
     survive(tmp_path, "robot.urdf", f'<robot name="r">{"".join(SWING)}</robot>', seed)

@@ -3,7 +3,8 @@
     r = M a + h - tau - J^T lam,        s = J a + gamma - a_ref
 
 Newton-Euler's derivatives give those of r with the constraint forces fixed in the axes of their
-bodies; `condyn_pin.differentiation.partials` adds what turns, and has those of s.
+bodies; `condyn_pin.differentiation.partials` adds what turns, and has those of s. A joint whose
+axes turn with its own q is taken apart (`condyn_pin.differentiation.in_series`).
 
 References
 ----------
@@ -21,6 +22,7 @@ from condyn_pin._pin import LOCAL, pin
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.balls import BallPartials, is_ball
 from condyn_pin.differentiation.gaps import gap_of
+from condyn_pin.differentiation.in_series import in_series
 from condyn_pin.differentiation.partials import (
     End,
     Partials,
@@ -67,7 +69,9 @@ class Linearisation:
     def __init__(
         self, model: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None = None
     ) -> None:
+        model, bounds = in_series(model, bounds)
         self._model, self._data = model, model.createData()
+        self._bounds = {b.name: b for b in bounds}
         self._balls = BallPartials(model, self._data, bounds, drift)
         self._pairs = [b for b in bounds if isinstance(b, Bound) and not is_ball(b)]
         self._couplings = [b for b in bounds if isinstance(b, Coupled)]
@@ -187,14 +191,16 @@ class Linearisation:
         return of
 
     def by_frame(
-        self, q: Array, v: Array, a: Array, lam: Array, b: Bound | Rolled, end: int
+        self, q: Array, v: Array, a: Array, lam: Array, name: str, end: int
     ) -> tuple[Array, Array]:
-        """Return r (nv, 6) and s (rows, 6) by a twist of frame c1 or c2 on its body, in its axes.
+        """Return r (nv, 6) and s (rows, 6) by a twist of c1 or c2 of a constraint, in its axes.
 
         The frame moves as if a joint held it: its velocity turns by -x x v, and its wrench goes
         along. The end that stays has no part in it.
         """
         pin.computeForwardKinematicsDerivatives(self._model, self._data, q, v, a)
+        b = self._bounds[name]
+        assert not isinstance(b, Coupled)  # it has no frames
         if isinstance(b, Rolled):
             return self._rolling.by_frame(b, self._end(b.joint1, b.placement1), lam[b.rows])
         (one, two), c1Mc2 = self._ends(b), self._between(b)

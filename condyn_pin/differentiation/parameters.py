@@ -58,7 +58,7 @@ def placement_partials(
         raise InvalidArgument(
             f"{name!r} belongs where it is: without an anchor it has no frame in the world"
         )
-    r, rows = workspace.linearisation.by_frame(q, v, a, lam, bound, end)
+    r, rows = workspace.linearisation.by_frame(q, v, a, lam, name, end)
     s = np.zeros((len(lam), 6))
     s[bound.rows] = rows
     return r, s

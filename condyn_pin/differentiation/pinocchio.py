@@ -16,6 +16,7 @@ import numpy as np
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.base import Derivatives
+from condyn_pin.differentiation.in_series import TURNING
 from condyn_pin.differentiation.kkt import KktDerivatives
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
 from condyn_pin.rows.bound import POINT, Bound
@@ -24,9 +25,6 @@ from condyn_pin.solvers.proximal import Proximal
 
 if TYPE_CHECKING:
     from condyn_pin.workspace import Workspace
-
-# Their derivatives are wrong in Pinocchio's articulated body algorithm, by as much as they are.
-_WRONG = ("JointModelSphericalZYX", "JointModelUniversal", "JointModelComposite")
 
 
 class PinocchioDerivatives(Derivatives):
@@ -78,7 +76,7 @@ def _check(workspace: Workspace) -> None:
             "take method='kkt'"
         )
     for name, joint in zip(workspace.model.names, workspace.model.joints, strict=True):
-        if joint.shortname() in _WRONG:
+        if joint.shortname() in TURNING:
             raise UnsupportedConstraint(
                 f"method = 'pinocchio': its derivatives are wrong for joint {name!r}, a "
                 f"{joint.shortname()}; take method='kkt'"

@@ -10,6 +10,9 @@ from condyn_pin.arrays import finite
 from condyn_pin.drift.base import Drift
 from condyn_pin.errors import InvalidArgument
 
+# Of gains whose squares are numbers [1/s].
+_LARGEST = 1e154
+
 
 @dataclass(frozen=True)
 class Baumgarte(Drift):
@@ -43,6 +46,11 @@ class Baumgarte(Drift):
             value = float(finite(argument, getattr(self, argument), ()))
             if value < 0:
                 raise InvalidArgument(f"{argument} = {value!r}: a number >= 0 [1/s] is needed")
+            if value > _LARGEST:
+                raise InvalidArgument(
+                    f"{argument} = {value!r}: its square overflows; a number below {_LARGEST:g} "
+                    "[1/s] is needed"
+                )
             object.__setattr__(self, argument, value)
 
     @classmethod

@@ -25,6 +25,8 @@ from condyn_pin.drift import Baumgarte
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.registry import enter
 from condyn_pin.scene import Scene
+from condyn_pin.solvers.reference import Reference
+from condyn_pin.workspace import Workspace
 
 EXTREMES: dict[str, Extreme] = {}
 
@@ -144,6 +146,23 @@ def moving(scene: Scene, rng: np.random.Generator) -> tuple[Array, Array, Array]
     """Return a closed state that moves along the constraints, under random torques."""
     q, v = scene.sample(rng)
     return q, v, torques(scene, rng)
+
+
+def by_reference(scene: Scene, q: Array, v: Array, tau: Array) -> Array:
+    """Return the acceleration by `Reference`: for a scene that is easier than that of the case."""
+    return Workspace(scene, Reference()).solve(q, v, tau, throw=False).a
+
+
+def sized(x: Array, size: float) -> Array:
+    """Return a multiple of x whose largest entry is `size`; nothing stays nothing."""
+    largest = float(np.abs(x).max(initial=0.0))
+    return np.asarray(size * (x / largest)) if largest else x
+
+
+def unit(rng: np.random.Generator) -> Array:
+    """Return a random direction (3,)."""
+    axis = rng.normal(size=3)
+    return np.asarray(axis / np.linalg.norm(axis))
 
 
 def whole(value: float) -> int:

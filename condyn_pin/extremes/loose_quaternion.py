@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from condyn_pin.arguments import Arguments
-from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.extremes.base import Case, extreme, moving, powers
+from condyn_pin.extremes.base import Case, by_reference, extreme, moving, powers
 from condyn_pin.scene import Scene
 
 
@@ -18,15 +17,8 @@ def loose_quaternion(severity: float, rng: np.random.Generator, scene: Scene) ->
     at = [offset // q.itemsize for offset in Arguments(scene.robot.model).quaternions]
     if not at:
         raise InvalidArgument(f"{scene.robot.name} has no quaternion")
-    right = _right(scene, q, v, tau) if severity < 0.1 else ()
+    # with quaternions of unit length
+    right = (by_reference(scene, q, v, tau),) if severity < 0.1 else ()
     for start in at:
         q[start : start + 4] *= 1.0 + severity
     return Case(scene, q, v, tau, right)
-
-
-def _right(scene: Scene, q: Array, v: Array, tau: Array) -> tuple[Array, ...]:
-    """Return the acceleration with quaternions of unit length."""
-    from condyn_pin.solvers.reference import Reference
-    from condyn_pin.workspace import Workspace
-
-    return (Workspace(scene, Reference()).solve(q, v, tau, throw=False).a,)

@@ -15,6 +15,7 @@ Source: Featherstone. Rigid body dynamics algorithms, chapter 7. Springer, 2008.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from decimal import Decimal, localcontext
 from typing import Any
 
@@ -30,29 +31,34 @@ _GRAVITY = Decimal(float("9.81"))  # Pinocchio's double
 _ABOUT_CENTRE = Decimal(1.0 / 12)  # of a rod of 1 kg and 1 m, as `mechanisms.base.rod` has it
 
 
-def accelerations(q: Array, v: Array, tau: Array) -> Array:
+def accelerations(q: Array, v: Array, tau: Array, masses: Sequence[float] = ()) -> Array:
     """Return q'' of `chain(n)`, rounded once.
 
     Parameters
     ----------
     q, v, tau : (n,) array
         [rad], [rad/s], [N m].
+    masses : sequence of float
+        Of the rods, in place of 1 kg each [kg].
     """
     with localcontext() as context:
         context.prec = _DIGITS
         angles, speeds = (np.cumsum([Decimal(x) for x in row.tolist()]) for row in (q, v))
         tips = [_along(angle) for angle in angles]
-        inwards = _inwards(tips, speeds, [Decimal(x) for x in tau.tolist()])
+        rods = [Decimal(mass) for mass in masses or len(q) * (1.0,)]
+        inwards = _inwards(tips, speeds, rods, [Decimal(x) for x in tau.tolist()])
         return _outwards(tips, speeds, inwards)
 
 
-def _inwards(tips: list[Decimals], speeds: Any, tau: list[Decimal]) -> list[tuple[Any, ...]]:
+def _inwards(
+    tips: list[Decimals], speeds: Any, masses: list[Decimal], tau: list[Decimal]
+) -> list[tuple[Any, ...]]:
     """Return (I s, D, u) of every rod, the first one first."""
     steps = []
     I, p = _nothing(3, 3), _nothing(3)  # noqa: E741
-    for d, omega, torque in reversed(list(zip(tips, speeds, tau, strict=True))):
+    for d, omega, mass, torque in reversed(list(zip(tips, speeds, masses, tau, strict=True))):
         own, bias = _rod(d, omega)
-        I, p = I + own, p + bias  # noqa: E741
+        I, p = I + mass * own, p + mass * bias  # noqa: E741
         Is, D, u = I[:, 2], I[2, 2], torque - p[2]
         steps.append((Is.copy(), D, u))
         I, p = I - np.outer(Is, Is) / D, p + Is * (u / D)  # noqa: E741

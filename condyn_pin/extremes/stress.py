@@ -128,7 +128,7 @@ def stress(
     try:
         with _Process(scenes, imports) as process:
             for k, task in enumerate(todo):
-                if monotonic() - start > seconds:
+                if monotonic() - start >= seconds:
                     break
                 found += process.answers(task, names, patience)
                 if progress:

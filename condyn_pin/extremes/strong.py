@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from condyn_pin.extremes.base import Case, extreme, moving
+from condyn_pin.extremes.base import Case, extreme, moving, sized
 from condyn_pin.scene import Scene
 
 
 @extreme(severities=(0.0, 1.0, 1e2, 1e4, 1e6, 1e8, 1e12, 1e16), any_scene=True)
 def strong(severity: float, rng: np.random.Generator, scene: Scene) -> Case:
-    """Torques, times those that accelerate each joint alone by 1 rad/s^2."""
+    """Largest torque on a joint [N m, N]."""
     q, v, tau = moving(scene, rng)
-    return Case(scene, q, v, severity * tau)
+    return Case(scene, q, v, sized(tau, severity))

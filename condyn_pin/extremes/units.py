@@ -18,14 +18,15 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.constraints import Constraint, Loop
-from condyn_pin.contacts import PointContact
+from condyn_pin.constraints import Constraint, Coupling
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.extremes.base import Case, extreme, moving
+from condyn_pin.extremes.base import Case, by_reference, extreme, moving
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
-from condyn_pin.solvers.reference import Reference
-from condyn_pin.workspace import Workspace
+
+# What fields of constraints are: lengths or points; and texts, directions or choices.
+_LENGTHS = ("length", "radius", "height", "half_length", "half_width", "offset")
+_PLAIN = ("name", "frame", "frame_a", "frame_b", "kind", "axis", "normal", "holds")
 
 _SIZES = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e1, 1e2, 1e3, 1e4, 1e6)
 
@@ -33,22 +34,25 @@ _SIZES = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e1, 1e2, 1e3, 1e4, 1e6)
 @extreme(severities=_SIZES, any_scene=True)
 def other_length(severity: float, rng: np.random.Generator, scene: Scene) -> Case:
     """How large the machine is, times its own size; gravity grows with it."""
-    return _case(scene, rng, severity, 1.0)
+    return _case(scene, rng, Units(length=severity))
 
 
 @extreme(severities=_SIZES, any_scene=True)
 def other_mass(severity: float, rng: np.random.Generator, scene: Scene) -> Case:
     """How heavy the machine is, times its own mass."""
-    return _case(scene, rng, 1.0, severity)
+    return _case(scene, rng, Units(mass=severity))
 
 
-def _case(scene: Scene, rng: np.random.Generator, length: float, mass: float) -> Case:
-    units, model = Units(length, mass), scene.robot.model
-    q, v, tau = moving(scene, rng)
-    right = Workspace(scene, Reference()).solve(q, v, tau, throw=False).a
-    return Case(
-        units.scene(scene), *units.state(model, q, v, tau), (units.acceleration(model, right),)
-    )
+@extreme(severities=tuple(2.0**k for k in (0, -4, -10, -20, 4, 10, 20)), any_scene=True)
+def other_time(severity: float, rng: np.random.Generator, scene: Scene) -> Case:
+    """How slow the machine is, times its own time; gravity falls with the square."""
+    return _case(scene, rng, Units(time=severity))
+
+
+def _case(scene: Scene, rng: np.random.Generator, units: Units) -> Case:
+    model, state = scene.robot.model, moving(scene, rng)
+    right = units.acceleration(model, by_reference(scene, *state))
+    return Case(units.scene(scene), *units.state(model, *state), (right,))
 
 
 @dataclass(frozen=True)
@@ -94,8 +98,30 @@ class Units:
         name = f"{robot.name} in other units"
         return Scene(
             Robot(name, model, postures, actuated=robot.actuated, springs=springs),
-            [_constraint(constraint, self.length) for constraint in scene.constraints],
+            [self._constraint(constraint, robot.model) for constraint in scene.constraints],
         )
+
+    def _constraint(self, constraint: Constraint, model: Any) -> Constraint:
+        """Return a constraint with its lengths in these units."""
+        if isinstance(constraint, Coupling):
+            joints = (constraint.joint_a, constraint.joint_b)
+            along_q = self._along(model)[0]
+            a, b = (float(along_q[model.joints[model.getJointId(j)].idx_q]) for j in joints)
+            return replace(constraint, ratio=a / b * constraint.ratio, offset=a * constraint.offset)
+        changed: dict[str, Any] = {}
+        for field, value in vars(constraint).items():
+            if value is None or field in _PLAIN:
+                continue
+            if field == "anchor":  # a point, and a quaternion where it is a placement
+                changed[field] = (*(self.length * x for x in value[:3]), *value[3:])
+            elif field in _LENGTHS:
+                points = isinstance(value, tuple)
+                changed[field] = (
+                    tuple(self.length * x for x in value) if points else self.length * value
+                )
+            else:
+                raise InvalidArgument(f"{constraint.name}: nothing says what unit its {field} has")
+        return replace(constraint, **changed)
 
     def _along(self, model: Any) -> tuple[Array, Array]:
         """Return what each entry of q and of a shift or turn in v is multiplied by."""
@@ -133,15 +159,3 @@ def shifts(model: Any) -> tuple[Array, Array]:
         size = min(joint.nv, 3)
         of_q[joint.idx_q : joint.idx_q + size] = of_v[joint.idx_v : joint.idx_v + size] = 1.0
     return of_q, of_v
-
-
-def _constraint(constraint: Constraint, length: float) -> Constraint:
-    """Return a constraint with its own lengths scaled."""
-    if isinstance(constraint, Loop) and constraint.length is not None:
-        return replace(constraint, length=length * constraint.length)
-    if isinstance(constraint, PointContact):
-        if constraint.anchor is not None:
-            raise InvalidArgument(f"{constraint.name}: an anchor stays where it is")
-        x, y, z = constraint.offset
-        return replace(constraint, offset=(length * x, length * y, length * z))
-    return constraint

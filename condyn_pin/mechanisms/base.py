@@ -10,6 +10,7 @@ from typing import Any, Final, TypeVar, cast
 import numpy as np
 
 from condyn_pin._pin import pin
+from condyn_pin.constraints import check_size
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.registry import enter
 from condyn_pin.robot import Robot
@@ -103,6 +104,7 @@ def check_positive(**values: float) -> None:
         number = isinstance(value, Real) and not isinstance(value, bool)
         if not (number and math.isfinite(value) and value > 0):
             raise InvalidArgument(f"{name} = {value!r}: a positive number is needed")
+        check_size(name, value)
 
 
 def check_count(name: str, value: int) -> None:

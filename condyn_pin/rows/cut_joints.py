@@ -16,7 +16,6 @@ R e.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -34,12 +33,13 @@ class CutJoints:
 
     Parameters
     ----------
-    data : pin.Data
+    ends : Ends
+        Of these loops.
     bounds : sequence of Bound
     """
 
-    def __init__(self, data: Any, bounds: Sequence[Bound]) -> None:
-        self._bounds, self._ends = tuple(bounds), Ends(data, bounds)
+    def __init__(self, ends: Ends, bounds: Sequence[Bound]) -> None:
+        self._bounds, self._ends = tuple(bounds), ends
         k = len(bounds)
         self._rows = rows_of(bounds)
         chosen = [6 * i + j for i, b in enumerate(bounds) for j in b.selection]

@@ -22,10 +22,12 @@ from condyn_pin.drift import Baumgarte
 from condyn_pin.rows.bound import FRAME, POINT, AnyBound, Bound, Coupled, Rolled
 from condyn_pin.rows.couplings import Couplings
 from condyn_pin.rows.cut_joints import CutJoints
+from condyn_pin.rows.ends import Ends
 from condyn_pin.rows.frames import WorldContacts, Wrenches
 from condyn_pin.rows.loops import Balls, Weld
 from condyn_pin.rows.rods import Rods
 from condyn_pin.rows.rolling import Rolling, touching
+from condyn_pin.rows.sorting import sorted_by_rows
 
 # bound once: these are called in every proof, which is to cost little more than they do
 _rnea = pin.rnea
@@ -75,14 +77,12 @@ class Equations:
         self.data = model.createData()
         self.bounds, self.drift = tuple(bounds), drift
         self.m = sum(bound.size for bound in bounds)
-        pairs = [b for b in bounds if isinstance(b, Bound)]
         self.sign = np.ones(self.m)
-        for b in pairs:
-            self.sign[b.rows] = b.sign
+        for b in bounds:
+            self.sign[b.rows] = 1.0 if isinstance(b, Coupled) else b.sign
         self._flipped = bool((self.sign < 0).any())
         self._still = np.zeros(model.nv)
-        rolled = [b for b in bounds if isinstance(b, Rolled)]
-        self._sort(pairs, [b for b in bounds if isinstance(b, Coupled)], rolled)
+        self._sort()
         # |dynamics|, |a|, |c|, |J v|, |J a + gamma| and |lam| share one array, so that one call
         # finds the largest of each; the last four end with a zero, so that none is empty.
         n, width = model.nv, self.m + 1
@@ -94,27 +94,21 @@ class Equations:
         )
         self._motion = self._all[2 * n + width : 2 * n + 3 * width].reshape(2, width)
 
-    def _sort(
-        self, pairs: Sequence[Bound], coupled: Sequence[Coupled], rolled: Sequence[Rolled]
-    ) -> None:
+    def _sort(self) -> None:
         """Sort the constraints by the way in which their rows are evaluated."""
-        held = [b for b in pairs if b.is_held]
-        loops = [b for b in pairs if b not in held]
-        balls = [b for b in loops if b.selection == POINT]
-        rods = [b for b in loops if b.is_rod]
-        cut = [b for b in loops if not (b.is_plain or b.is_rod)]
+        held, balls, welds, cut, rods, rolled, coupled = sorted_by_rows(self.bounds)
         data = self.data
         self._contacts = WorldContacts(data, held, self.m + 1) if held else None
-        self._loops: list[Balls | Weld] = [Balls(data, balls)] if balls else []
-        self._loops += [Weld(data, b) for b in loops if b.selection == FRAME]
-        self._cut = CutJoints(data, cut) if cut else None
-        self._rods = Rods(data, rods) if rods else None
-        self._rolling = Rolling(data, rolled) if rolled else None
+        self._loops: list[Balls | Weld] = [Balls(Ends(data, balls), balls)] if balls else []
+        self._loops += [Weld(data, b) for b in welds]
+        self._cut = CutJoints(Ends(data, cut), cut) if cut else None
+        self._rods = Rods(Ends(data, rods), rods) if rods else None
+        self._rolling = Rolling(Ends(data, rolled), rolled) if rolled else None
         self._couplings = Couplings(coupled, self.model.nv) if coupled else None
         # Stacked forces: lam itself, and behind it the force of each rod, and then force and moment
         # of each cut joint and of all that rolls.
         places: list[tuple[Bound | Rolled, slice, tuple[int, ...]]]
-        places = [(b, b.rows, b.selection) for b in pairs if b.is_plain or b.is_held]
+        places = [(b, b.rows, b.selection) for b in (*held, *balls, *welds)]
         size = self.m
         for group, components in ((rods, POINT), (cut, FRAME), (rolled, FRAME)):
             for b in group:

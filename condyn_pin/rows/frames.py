@@ -35,6 +35,11 @@ class Joints:
         Holds `oMi`, `v` and `a` after forward kinematics.
     joints : set of int
         The world may be among them: it does not move.
+
+    Attributes
+    ----------
+    velocities : list of (6,) array
+        Views into the memory of `data`, one a joint.
     """
 
     def __init__(self, data: Any, joints: set[int]) -> None:
@@ -49,6 +54,7 @@ class Joints:
             for source in (data.v, data.a)
             for joint in self.numbers
         ]
+        self.velocities = self._sources[: len(self.numbers)]
         self._data = data  # keeps that memory alive
 
     def read(self) -> Array:

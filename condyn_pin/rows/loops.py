@@ -29,13 +29,14 @@ class Balls:
 
     Parameters
     ----------
-    data : pin.Data
+    ends : Ends
+        Of these loops.
     bounds : sequence of Bound
 
     """
 
-    def __init__(self, data: Any, bounds: Sequence[Bound]) -> None:
-        self._bounds, self._ends = tuple(bounds), Ends(data, bounds)
+    def __init__(self, ends: Ends, bounds: Sequence[Bound]) -> None:
+        self._bounds, self._ends = tuple(bounds), ends
         self._rows = rows_of(bounds)
         k = len(bounds)
         self._axes1, self._axes2 = np.zeros((2, k, 3, 3))  # in the world, one a row

@@ -8,7 +8,6 @@ With p1, p2 the origins of c1 and c2 in the world, r = p2 - p1, n = r / |r| and 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -25,12 +24,13 @@ class Rods:
 
     Parameters
     ----------
-    data : pin.Data
+    ends : Ends
+        Of these loops.
     bounds : sequence of Bound
     """
 
-    def __init__(self, data: Any, bounds: Sequence[Bound]) -> None:
-        self._bounds, self._ends = tuple(bounds), Ends(data, bounds)
+    def __init__(self, ends: Ends, bounds: Sequence[Bound]) -> None:
+        self._bounds, self._ends = tuple(bounds), ends
         self._rows = rows_of(bounds)
         self._lengths = np.array([b.length for b in bounds])
         k = len(bounds)

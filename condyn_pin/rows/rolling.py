@@ -39,12 +39,13 @@ class Rolling:
 
     Parameters
     ----------
-    data : pin.Data
+    ends : Ends
+        The body and the plane of each.
     bounds : sequence of Rolled
     """
 
-    def __init__(self, data: Any, bounds: Sequence[Rolled]) -> None:
-        self._bounds, self._ends = tuple(bounds), Ends(data, bounds)
+    def __init__(self, ends: Ends, bounds: Sequence[Rolled]) -> None:
+        self._bounds, self._ends = tuple(bounds), ends
         k = len(bounds)
         self._rows = rows_of(bounds)
         chosen = [3 * i + j for i, b in enumerate(bounds) for j in b.selection]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from condyn_pin._pin import pin
-from condyn_pin.arrays import Array, finite
+from condyn_pin.arrays import Array, finite, locked
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.force import ConstraintForce, Sites
 from condyn_pin.impacts import Restitution, restitutions
@@ -29,12 +29,18 @@ class Moment:
     t : float
         [s]
     q, v : (nq,), (nv,) array
+        Read-only: they are the state itself.
     """
 
     t: float
     q: Array
     v: Array
     _system: System
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_state", (self.q, self.v))  # that the system knows again
+        object.__setattr__(self, "q", locked(self.q))
+        object.__setattr__(self, "v", locked(self.v))
 
     @cached_property
     def a(self) -> Array:
@@ -64,7 +70,7 @@ class Moment:
 
     @cached_property
     def _solved(self) -> tuple[Array, Array]:
-        a = self._system.acceleration(self.t, self.q, self.v)
+        a = self._system.acceleration(self.t, *self._state)  # type: ignore[attr-defined]
         return a, self._system.lam()
 
 
@@ -132,7 +138,9 @@ class Event:
     def missed(self, value: float) -> str:
         """Return why it did not happen, from its value at the end."""
         if self.at is not None:
-            return f"the run ends before t = {self.at:g} s"
+            if value > 0:
+                return f"the run ends before t = {self.at:g} s"
+            return f"its scene went on at t = {self.at:g} s, and another event took it off then"
         if value > 0:
             return f"its condition is {value:.3g} at the end, and has not fallen to zero"
         return f"its condition is {value:.3g} at the end, and has not been above zero"

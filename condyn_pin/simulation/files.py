@@ -10,22 +10,23 @@ from typing import Any
 
 import numpy as np
 
+from condyn_pin import tolerances
 from condyn_pin._pin import VERSION_TEXT, pin
 from condyn_pin.arrays import finite
 from condyn_pin.constraints import Coupling, Loop
 from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
-from condyn_pin.drift import DRIFTS
+from condyn_pin.drift import DRIFTS, Drift
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.nonholonomic import Knife, RollingBall, RollingWheel
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Happened
-from condyn_pin.simulation.integrators import INTEGRATORS
+from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
 from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.recorder import Phase
 from condyn_pin.simulation.trajectory import Trajectory
-from condyn_pin.solvers import SOLVERS
+from condyn_pin.solvers import SOLVERS, Solver
 from condyn_pin.spring import Spring
 
 Path_ = str | PathLike[str]
@@ -81,7 +82,7 @@ def save(trajectory: Trajectory, path: Path_) -> None:
     }
     with Path(path).open("wb") as file:  # a name without .npz stays as it is
         content = {
-            "header": np.array(json.dumps(header)),
+            "header": np.array(json.dumps(header, default=_plain)),
             "model": np.array(robot.model.saveToString()),
             **{name: getattr(trajectory, name) for name in _ARRAYS},
             **{f"posture {name}": q for name, q in robot.postures.items()},
@@ -134,8 +135,13 @@ def _trajectory(header: dict[str, Any], content: dict[str, Any]) -> Trajectory:
         for phase in header["phases"]
     )
     _check_arrays(content, robot, phases)
-    run = header["run"]
-    made = Run(
+    made = _run(header["run"])
+    _check_run(made, len(content["t"]))
+    return Trajectory(phases=phases, run=made, **{name: content[name] for name in _ARRAYS})
+
+
+def _run(run: dict[str, Any]) -> Run:
+    return Run(
         duration=run["duration"],
         dt=run["dt"],
         integrator=_decode(run["integrator"]),
@@ -148,18 +154,50 @@ def _trajectory(header: dict[str, Any], content: dict[str, Any]) -> Trajectory:
         missed=tuple(run.get("missed", ())),  # files of before have none
         wall_time=run["wall_time"],
     )
-    return Trajectory(phases=phases, run=made, **{name: content[name] for name in _ARRAYS})
 
 
 def _check_arrays(content: dict[str, Any], robot: Robot, phases: tuple[Phase, ...]) -> None:
     """Refuse arrays that do not fit each other, and numbers that are none."""
-    k, nv = phases[-1].samples.stop, robot.nv
+    k, nv = _count(phases), robot.nv
     m = max((column + 1 for phase in phases for column in phase.columns), default=0)
     shapes = {"t": (k,), "q": (k, robot.nq), "lam": (k, m)} | dict.fromkeys(
         ("v", "a", "tau"), (k, nv)
     )
     for name, shape in shapes.items():
         finite(name, content[name], shape)
+    if (np.diff(content["t"]) < 0).any():
+        raise ValueError("t goes back")
+    for i, q in enumerate(content["q"]):
+        if not pin.isNormalized(robot.model, q, tolerances.QUATERNION):
+            raise ValueError(f"q[{i}] has a quaternion that is not normalised")
+
+
+def _count(phases: tuple[Phase, ...]) -> int:
+    """Return how many samples there are; phases have to follow one another, each with its rows."""
+    count = 0
+    for phase in phases:
+        start, stop = phase.samples.start, phase.samples.stop
+        if start != count or not stop > start:
+            raise ValueError(f"samples {start} to {stop} of a phase do not follow {count}")
+        if len(set(phase.columns)) != phase.scene.rows or min(phase.columns, default=0) < 0:
+            raise ValueError(
+                f"columns {phase.columns}: {phase.scene.rows} different ones are needed"
+            )
+        count = int(stop)
+    return count
+
+
+def _check_run(run: Run, count: int) -> None:
+    """Refuse what is none of the choices and events of a run."""
+    kinds = {"integrator": Integrator, "drift": Drift, "solver": Solver, "effects": Effects}
+    for name, kind in {**kinds, "reason": str}.items():
+        if not isinstance(getattr(run, name), kind):
+            raise TypeError(f"{name} = {getattr(run, name)!r}")
+    for name in ("duration", "dt", "wall_time"):
+        finite(name, getattr(run, name), ())
+    for event in run.happened:
+        if not isinstance(event, Happened) or event.sample not in range(count):
+            raise ValueError(f"event {event!r} of {count} samples")
 
 
 def _robot(header: dict[str, Any], content: dict[str, Any]) -> Robot:
@@ -179,10 +217,21 @@ def _encode(value: Any) -> dict[str, Any]:
     return {"class": type(value).__name__, **asdict(value)}  # type: ignore[arg-type]
 
 
+def _plain(value: Any) -> Any:
+    """Return a number of numpy as one of Python's: a knob may be either."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{value!r} cannot be written to a file")
+
+
 def _decode(coded: dict[str, Any]) -> Any:
     """Return the frozen dataclass of a name and fields; lists become tuples."""
     values = dict(coded)
-    kind = _KINDS[values.pop("class")]
+    name = values.pop("class")
+    # those of the user's own have registered since
+    kind = _KINDS.get(name) or (INTEGRATORS | DRIFTS | SOLVERS).get(name.lower())
+    if kind is None:
+        raise LookupError(f"{name} is not known here: import the module that defines it")
     return kind(**{k: tuple(x) if isinstance(x, list) else x for k, x in values.items()})
 
 

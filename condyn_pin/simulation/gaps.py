@@ -97,8 +97,8 @@ class SolvedGaps:
 
     def step(self, again: bool) -> tuple[Array, Array]:
         """Return dq, dv (nv,) that close the gaps of the last look."""
-        steps = self._cholesky.solve(self._rhs)
-        return -steps[self._m :, 0], -steps[self._m :, 1]
+        steps = -self._cholesky.solve(self._rhs)
+        return steps[self._m :, 0], steps[self._m :, 1]
 
     def moved(self, q: Array, v: Array) -> None:
         """Take the acceleration of the last look for that of (q, v), right beside it."""

@@ -64,6 +64,12 @@ class Leg:
         self.system = System(workspace, self._tau, springs=effects.springs, damping=effects.damping)
         self._at_start = method.integrator.a_at == "start"
 
+    def use(self, scene: Scene) -> None:
+        """Begin anew with a scene whose contacts may be anchored elsewhere, in the same memory."""
+        if scene is not self.scene:
+            self.scene = scene
+            self.system.use(scene)
+
     def turn(self, every: int) -> int:
         """Return which of `every` steps is a sample, if every so many is to be one."""
         return 0 if self._at_start else every - 1
@@ -110,10 +116,16 @@ class Leg:
         self, mover: Mover, t1: float, t: float, q: Array, v: Array, keep: bool
     ) -> tuple[Array, Array]:
         stepper, correct, dt = mover
+        lam = v  # of samples only
         if keep:
             self._tau.forget()
+            if not stepper.lam:  # that of the solve with which the step begins: it is made once
+                solved = stepper.system or self.system
+                solved.acceleration(t, q, v)
+                lam = solved.lam()
         q1, v1, a = stepper.step(t, q, v)
-        lam = stepper.lam() if keep else a  # before the correction solves again
+        if keep and stepper.lam:  # before the correction solves again
+            lam = stepper.lam()
         if correct:
             q1, v1 = correct(t + dt, q1, v1)
         if keep and self._at_start:

@@ -43,7 +43,7 @@ class Loop:
     method : Method
     events : sequence of Event
     leg : Leg, optional
-        Of the same method; used again if its scene is the one that it starts with.
+        Of another run of this scene by this method, whose memory is used again.
 
     Attributes
     ----------
@@ -70,7 +70,8 @@ class Loop:
         self._places: dict[Constraint, Constraint] = {}
         self._asked = scene  # as the user wrote it: its contacts may lack a place
         placed = self._placed(scene)
-        self.leg = leg if leg and leg.scene is placed else Leg(placed, method)
+        self.leg = leg or Leg(placed, method)
+        self.leg.use(placed)
         self.recorders = [self.leg.begin(self.t, q, v)]
         self.happened: list[Happened] = []
         self._rebounding: set[str] = set()  # events that have not been above zero since

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,11 +19,15 @@ from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.rows.equations import Equations
+from condyn_pin.rows.many import MANY, ManyGaps
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
 
-# The gauge of this thread's last look: motion after motion of one scene needs only one.
+# Samples for which a matrix of them all is small.
+_FEW = 64
+
+# The gauges of this thread's last two scenes: one as it was written, and with contacts anchored.
 _last = threading.local()
 
 
@@ -83,15 +88,12 @@ class Kinematics:
         max abs(c(q)) [m, rad] and max abs(J v) [m/s, rad/s]; zero without constraints.
     kinetic, potential : (k,) array
         [J]
-    momentum : (k, 6) array
-        Linear, and angular about the centre of mass, in the axes of the world [kg m/s, kg m^2/s].
     """
 
     violation: Array
     slip: Array
     kinetic: Array
     potential: Array
-    momentum: Array
 
 
 class Gauge:
@@ -110,25 +112,40 @@ class Gauge:
         self._links = pin.Model(scene.robot.model)
         self._links.armature[:] = 0.0
 
+    @cached_property
+    def _states(self) -> ManyGaps:
+        return ManyGaps(self.equations)
+
     def measure(self, q: Array, v: Array) -> Kinematics:
         """Return what forward kinematics says at states q (k, nq), v (k, nv)."""
-        equations, links, data = self.equations, self._links, self.equations.data
+        states, links, data = self._states, self._links, self.equations.data
         count = len(q)
-        gaps, energies = np.zeros((2, count, equations.m)), np.zeros((2, count))
-        momentum = np.zeros((count, 6))
-        for i, (q_i, v_i) in enumerate(zip(q, v, strict=True)):
-            gaps[:, i] = equations.gaps(q_i, v_i)
-            # the rest reads what that has left in data
-            energies[0, i] = pin.computeKineticEnergy(links, data)
-            energies[1, i] = pin.computePotentialEnergy(links, data)
-            momentum[i] = pin.computeCentroidalMomentum(links, data).vector
-        violation, slip = np.abs(gaps).max(axis=2, initial=0.0)
-        kinetic, potential = energies
-        return Kinematics(violation, slip, kinetic + v**2 @ self._armature / 2, potential, momentum)
+        worst, energies = np.zeros((2, 2, count))
+        for start in range(0, count, MANY):
+            block = range(start, min(start + MANY, count))
+            for i in block:
+                states.look(i - start, q[i], v[i])
+                # the rest reads what that has left in data
+                energies[0, i] = pin.computeKineticEnergy(links, data)
+                energies[1, i] = pin.computePotentialEnergy(links, data)
+            gaps = np.abs(states.gaps(len(block)))
+            worst[:, start : block.stop] = gaps.max(axis=2, initial=0.0)
+        (violation, slip), (kinetic, potential) = worst, energies
+        return Kinematics(violation, slip, kinetic + v**2 @ self._armature / 2, potential)
+
+    def momentum(self, q: Array, v: Array) -> Array:
+        """Return the momentum (k, 6) of the links at states q (k, nq), v (k, nv).
+
+        Linear, and angular about the centre of mass, in the axes of the world [kg m/s, kg m^2/s].
+        """
+        links, data, found = self._links, self.equations.data, np.zeros((len(q), 6))
+        for i in range(len(q)):
+            found[i] = pin.computeCentroidalMomentum(links, data, q[i], v[i]).vector
+        return found
 
 
 def gauge_of(scene: Scene) -> Gauge:
-    """Return this thread's gauge of a scene: the last one, or a new one.
+    """Return this thread's gauge of a scene: one of the last two, or a new one.
 
     Raises
     ------
@@ -136,9 +153,9 @@ def gauge_of(scene: Scene) -> Gauge:
         If the robot's model was edited since it was loaded.
     """
     scene.robot.check_unedited()
-    gauge: Gauge | None = getattr(_last, "gauge", None)
-    if gauge is None or gauge.scene is not scene:
-        _last.gauge = gauge = Gauge(scene)
+    kept: tuple[Gauge, ...] = getattr(_last, "gauges", ())
+    gauge = next((each for each in kept if each.scene is scene), None) or Gauge(scene)
+    _last.gauges = (gauge, *(each for each in kept if each is not gauge))[:2]
     return gauge
 
 
@@ -147,10 +164,23 @@ def work(t: Array, power: Array) -> Array:
 
     By a cubic spline through the samples: of order 4 where the power is smooth.
     """
+    if len(t) < 2 or not power.any():
+        return np.zeros(len(t))
+    if len(t) <= _FEW:
+        return np.asarray(_integrals(t.tobytes()).dot(power))
+    return _integral(t, power)
+
+
+@lru_cache(maxsize=8)
+def _integrals(times: bytes) -> Array:
+    """Return the matrix (k, k) that integrates: motion after motion has the same times."""
+    t = np.frombuffer(times)
+    return _integral(t, np.eye(len(t)))
+
+
+def _integral(t: Array, power: Array) -> Array:
+    """Return the integral of each column of power (k, ...) over t."""
     from scipy.interpolate import CubicSpline
 
-    done = np.zeros(len(t))
-    if len(t) > 1 and power.any():
-        done[:] = CubicSpline(t, power).antiderivative()(t)
-        done -= done[0]
-    return done
+    done = CubicSpline(t, power).antiderivative()(t)
+    return np.asarray(done - done[0])

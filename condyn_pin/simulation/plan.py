@@ -23,6 +23,9 @@ from condyn_pin.solvers.base import Solver
 # More samples do not fit into a memory.
 _MOST_STEPS = 10**9
 
+# Steps whose squares are numbers [s].
+_SHORTEST, _LONGEST = 1e-150, 1e150
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -74,6 +77,7 @@ def _steps(duration: float, dt: float) -> tuple[int, float]:
     for argument, value in (("duration", duration), ("dt", dt)):
         if not finite(argument, value, ()) > 0:
             raise InvalidArgument(f"{argument} = {value!r}: a number > 0 [s] is needed")
+    duration, dt = float(duration), float(dt)  # of numpy they may have fewer digits
     ratio = duration / dt
     if ratio > _MOST_STEPS:
         raise InvalidArgument(
@@ -81,7 +85,13 @@ def _steps(duration: float, dt: float) -> tuple[int, float]:
         )
     steps = max(ceil(ratio * (1 - 1e-12)), 1)
     # dt itself where it fits: duration / steps would be another number
-    return steps, float(dt) if abs(steps - ratio) < 1e-9 * ratio else duration / steps
+    dt = dt if abs(steps - ratio) < 1e-9 * ratio else duration / steps
+    if not _SHORTEST <= dt <= _LONGEST:
+        raise InvalidArgument(
+            f"dt = {dt:g}: its square is no number; a step between {_SHORTEST:g} and "
+            f"{_LONGEST:g} s is needed"
+        )
+    return steps, dt
 
 
 def _check_drift(integrator: Integrator, drift: Drift, dt: float) -> None:

@@ -32,8 +32,8 @@ _NOTHING: Final[tuple[float, Array | None, Array | None, Array]] = (0.0, None, N
 class System:
     """A scene with the torques that act on it.
 
-    Arguments are not checked except by `acceleration`, and arrays that are returned are owned by
-    the caller, unless it says otherwise.
+    Arguments are not checked, and arrays that are returned are owned by the caller, unless it says
+    otherwise.
 
     Parameters
     ----------
@@ -47,11 +47,8 @@ class System:
     Attributes
     ----------
     workspace : Workspace
-    scene : Scene
     model : pin.Model
         The workspace's own.
-    m : int
-        Number of rows.
     manifold : Manifold
     passive : Passive
         Springs and damping, those that are on.
@@ -71,9 +68,7 @@ class System:
         damping: bool = True,
     ) -> None:
         self.workspace = workspace
-        self.scene: Scene = workspace.scene
         self.model = workspace.model
-        self.m = self.scene.rows
         self.manifold = Manifold(self.model)
         self.applied = tau if isinstance(tau, Applied) else Applied(self.model.nv, tau)
         self.passive = Passive.of(self.scene.robot, springs=springs, damping=damping)
@@ -82,10 +77,29 @@ class System:
         self.integrate: Callable[[Array, Array], Array] = partial(pin.integrate, self.model)
         self.difference: Callable[[Array, Array], Array] = partial(pin.difference, self.model)
         self.lam: Callable[[], Array] = workspace.lam
-        self._solve = workspace.acceleration
+        self._solve = workspace.next_acceleration
         self._last = _NOTHING
         # the last one, and its dt: motion after motion has the same
         self._implicit: tuple[System, float] = (self, 0.0)
+
+    def use(self, scene: Scene) -> None:
+        """Switch to another scene of the same robot; steppers have to be started again."""
+        self.workspace.use(scene)
+        self._last = _NOTHING
+        if "spare" in vars(self):
+            self.spare.model.armature[:] = self.model.armature  # another model would be refused
+            self.spare.use(scene)
+            self._implicit[0]._last = _NOTHING
+
+    @property
+    def scene(self) -> Scene:
+        """The scene of the workspace."""
+        return self.workspace.scene
+
+    @property
+    def m(self) -> int:
+        """Number of rows."""
+        return self.scene.rows
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return a (nv,) by the solver; `lam()` then returns its constraint forces (m,).
@@ -200,10 +214,11 @@ class _Heavier(System):
     def __init__(self, system: System, inertia: Array, torque: Torque) -> None:
         super().__init__(system.spare, system.applied)
         self.torque = torque
-        self._armature = self.model.armature  # a view: Pinocchio reads it in every call
-        self._heavier = np.array(system.model.armature) + inertia
+        armature = self.model.armature  # a view: Pinocchio reads it in every call
+        heavier, solve = np.array(system.model.armature) + inertia, self._solve
 
-    def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        """Return a (nv,), with the additional inertia."""
-        self._armature[:] = self._heavier
-        return super().acceleration(t, q, v)
+        def solve_heavier(q: Array, v: Array, tau: Array) -> Array:
+            armature[:] = heavier  # the workspace is that of others, too
+            return solve(q, v, tau)
+
+        self._solve = solve_heavier

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin.arguments import FLOAT
-from condyn_pin.arrays import Array, finite
+from condyn_pin.arrays import Array, finite, locked
 from condyn_pin.joints import Indices, indices
 from condyn_pin.robot import Robot
 
@@ -56,7 +56,7 @@ class Applied:
         """Return the torques (nv,), not to be written to."""
         if self._function is None:
             return self.constant  # type: ignore[return-value]
-        tau = self._function(t, _locked(q), _locked(v))
+        tau = self._function(t, locked(q), locked(v))
         if not (type(tau) is np.ndarray and tau.shape == self._shape and tau.dtype == FLOAT):
             tau = finite(f"tau({t:g}, q, v)", tau, self._shape)
         if self._first is None:
@@ -143,18 +143,16 @@ class Passive:
     def with_torques(self, applied: Applied, drag: Array | None = None) -> Torque:
         """Return the torques applied with those of springs and damping; drag is more damping."""
         d = self.d if drag is None else self.d + drag
-        damped, sprung = bool(d.any()), len(self.k) > 0
-        if not (damped or sprung):
+        sprung = len(self.k) > 0
+        if not (d.any() or sprung):
             return applied
         K, at_q, rest = self.K, self.at_q, self.rest
 
         def torque(t: float, q: Array, v: Array) -> Array:
-            tau = applied(t, q, v)
-            if damped:
-                tau = tau - d * v
+            pull = d * v
             if sprung:
-                tau = tau - K.dot(q[at_q] - rest)
-            return tau
+                pull += K.dot(q[at_q] - rest)
+            return applied(t, q, v) - pull
 
         return torque
 
@@ -167,10 +165,3 @@ def _same(one: tuple[Array, Array], other: tuple[Array, Array]) -> bool:
 def _is_zero(tau: object) -> bool:
     """Whether it is the number zero, which stands for no torque."""
     return isinstance(tau, (int, float)) and tau == 0
-
-
-def _locked(array: Array) -> Array:
-    """Return the same numbers, not to be written to: they are the state itself."""
-    view = array.view()
-    view.flags.writeable = False
-    return view

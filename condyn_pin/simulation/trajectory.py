@@ -79,19 +79,25 @@ class Trajectory:
     def forces(self) -> dict[str, Array]:
         """Force on the first-named body by constraint, (k, 3), (k, 6) or (k, 1) [N, N m].
 
-        In the axes of each constraint; what its kind does not transmit is zero. A rod has one
-        number, its tension with the sign of lam.
+        In the axes of each constraint; what its kind does not transmit is zero, the moment of a
+        point too that becomes a surface of its name. A rod has one number, its tension with the
+        sign of lam.
         """
-        found: dict[str, Array] = {}
+        parts: dict[str, list[tuple[slice, Array]]] = {}
         for phase in self.phases:
             for bound in phase.scene.bounds:
-                lam = self.lam[phase.samples][:, list(phase.columns[bound.rows])]
-                force = lam
+                force = self.lam[phase.samples][:, list(phase.columns[bound.rows])]
                 if isinstance(bound, Rolled) or (isinstance(bound, Bound) and not bound.is_rod):
-                    force = np.array([bound.whole(row) for row in lam])
-                found.setdefault(bound.name, np.zeros((len(self.t), force.shape[1])))
-                found[bound.name][phase.samples] = force
-        return found
+                    force = np.array([bound.whole(row) for row in force])
+                parts.setdefault(bound.name, []).append((phase.samples, force))
+        return {name: self._joined(each) for name, each in parts.items()}
+
+    def _joined(self, parts: list[tuple[slice, Array]]) -> Array:
+        """Return what phases have of one constraint, as wide as the widest, zero elsewhere."""
+        joined = np.zeros((len(self.t), max(part.shape[1] for _, part in parts)))
+        for samples, part in parts:
+            joined[samples, : part.shape[1]] = part
+        return joined
 
     @property
     def violation(self) -> Array:
@@ -103,10 +109,10 @@ class Trajectory:
         """Max abs(J v) at each sample (k,) [m/s, rad/s]: the violation of the velocities."""
         return self._kinematics.slip
 
-    @property
+    @cached_property
     def momentum(self) -> Array:
         """Linear, and angular about the centre of mass (k, 6) [kg m/s, kg m^2/s], world axes."""
-        return self._kinematics.momentum
+        return gauge_of(self.scene).momentum(self.q, self.v)
 
     @cached_property
     def energy(self) -> Energy:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from condyn_pin import _pin, tolerances
-from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.errors import UnsupportedConstraint
 from condyn_pin.knobs import (
@@ -132,7 +131,7 @@ class LCABA(Solver):
         accuracy = self.absolute_accuracy
         if accuracy is None:
             accuracy = audit.yardstick.enough / 10
-        return pin.ProximalSettings(accuracy, 0.0, mu, self.max_iterations)
+        return _pin.proximal_settings(accuracy, 0.0, mu, self.max_iterations)
 
     def _best_mu(self, audit: Audit, bind: Callable[[Any], Acceleration]) -> float:
         """Return the fastest weight that is accurate at the nominal states.

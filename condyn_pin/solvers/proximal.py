@@ -51,13 +51,14 @@ class Proximal(Solver):
         Proximal weight [1/kg]. Larger: more iterations, less noise in lam along redundant rows
         (it is about 1e-16 |a| / mu). Zero is a plain solve and gives NaN on redundant rows. "auto",
         the default, is a share of the largest eigenvalue of G at the nominal state of the scene, so
-        that it means the same on a hand and on an excavator: three iterations on Talos and on
+        that it means the same on a hand and on an excavator: two iterations on Talos and three on
         Cassie. 1e-6 where rows are redundant; a hundredth of the smallest nonzero eigenvalue if
-        that is less, as it is for hinges that are closed by two points, and never less than 1e-10
-        of the largest. 1e-10 where they are not, or only as zeros, like those across the plane of
+        that is less, as it is for points that are close to each other, and never less than 1e-12
+        of the largest. 1e-12 where they are not, or only as zeros, like those across the plane of
         a planar loop. Should eight iterations not converge, as near a singular posture or where
-        loops are open, twelve more are made with a twentieth of the smallest eigenvalue there that
-        is more than rounding (`condyn_pin.weights`).
+        loops are open, the others are made with a share of the smallest eigenvalue there that is
+        more than rounding: 0.07 for the twelve that are left by default, 0.25 for twenty, which
+        is the most (`condyn_pin.weights`).
     max_iterations : int
         Upper limit. It is met without harm where lam keeps a little noise; convergence is judged
         by the errors of the `Solution`, never by this.
@@ -68,9 +69,10 @@ class Proximal(Solver):
         since the next iterate is better by mu / sigma again.
     refinements : int, optional
         Corrections with residuals of our own and the same factor (`condyn_pin.refinement`). Each
-        costs a look as in `solve`, and gains what rounding took where M is badly conditioned: light
-        bodies under heavy ones, long chains. By default one where that may be more than an answer
-        that is `ok` may miss, eps cond(M) > 1e-8, and none anywhere else.
+        costs a look as in `solve`, and gains what rounding took where M or G is badly conditioned:
+        light bodies under heavy ones, long chains, singular postures. By default one where that may
+        be more than an answer that is `ok` may miss, eps cond(M) > 1e-8 or eps cond(G) > 1e-8 at
+        the nominal state, redundant rows left out, and none anywhere else.
     absolute_accuracy : float
         Handed to Pinocchio as it is. Pinocchio compares it with a number that is not a residual
         (|J a_free - 2 b|_inf), so it has no use; 0 keeps it from ever stopping the iteration.
@@ -127,7 +129,8 @@ class Proximal(Solver):
         workspace.proximal_settings = settings
         model, data = workspace.model, workspace.data
         models, datas = workspace.constraint_models, workspace.constraint_datas
-        at_state = WeightAtState(workspace, settings, accuracy) if patient else None
+        left = self.max_iterations - limit
+        at_state = WeightAtState(workspace, settings, accuracy, left) if patient else None
         solve = pin.constraintDynamics
 
         def run(q: Array, v: Array, tau: Array, settings: Any = settings) -> Array:
@@ -136,14 +139,15 @@ class Proximal(Solver):
         def persistent(q: Array, v: Array, tau: Array) -> Array:
             a = solve(model, data, q, v, tau, models, datas, settings)
             workspace.proximal_settings = settings
-            return a if settings.iter < limit else at_state.answer(run, q, v, tau, a)  # type: ignore[union-attr]
+            done = settings.relative_residual <= accuracy
+            return a if done else at_state.answer(run, q, v, tau, a)  # type: ignore[union-attr]
 
         def lam() -> Array:
             return np.array(data.lambda_c)
 
         def iterations() -> int:
-            more = at_state.iterations if at_state and settings.iter >= limit else 0
-            return int(settings.iter) + more
+            done = at_state is None or settings.relative_residual <= accuracy
+            return int(settings.iter) + (0 if done else at_state.iterations)  # type: ignore[union-attr]
 
         acceleration = persistent if patient else run
         refinements = _refinements(audit) if self.refinements is None else self.refinements
@@ -159,4 +163,4 @@ class Proximal(Solver):
 
 def _refinements(audit: Audit) -> int:
     """Return how many corrections a scene needs: one where rounding alone spoils an answer."""
-    return int(_EPS * audit.condition > tolerances.SOLVED)
+    return int(_EPS * max(audit.condition, audit.delassus_condition) > tolerances.SOLVED)

@@ -1,7 +1,7 @@
 """The fingerprint of a scene: the same for the same content, in every process.
 
-sha256 of the model as Pinocchio writes it, the constraints, the motors and the nominal posture:
-what accelerations depend on, and what states are drawn from.
+sha256 of the model as Pinocchio writes it, the constraints, the motors, the springs and the nominal
+posture: what accelerations and motions depend on, and what states are drawn from.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ def fingerprint(scene: Scene) -> str:
     robot = scene.robot
     robot.check_unedited()
     nominal = np.ascontiguousarray(scene.guess(), dtype="<f8")
-    parts = (robot.model.saveToString(), repr(scene.constraints), repr(tuple(robot.actuated)))
+    named = (scene.constraints, tuple(robot.actuated), robot.springs)
+    parts = (robot.model.saveToString(), *map(repr, named))
     digest = hashlib.sha256()
     for part in (*(text.encode() for text in parts), nominal.tobytes()):
         digest.update(len(part).to_bytes(8, "little"))  # so that parts cannot run together

@@ -17,6 +17,7 @@ ALONE = "timed alone on its core"
 
 # Of these, the larger the worse, without end; json has no infinity and says null.
 _ERRORS = ("error_median", "error_worst", "dynamics_error", "constraint_error")
+_TIMES = ("build_us", "median_us", "p95_us", "bare_us", "solve_us")
 
 
 @dataclass(frozen=True)
@@ -111,14 +112,24 @@ class Row:
         Raises
         ------
         InvalidArgument
-            If a field is missing, or there is one that rows do not have.
+            If a field is missing, there is one that rows do not have, or a number is none.
         """
         known = {f.name: f.default is f.default_factory is MISSING for f in fields(cls)}
         needed = {name for name, is_needed in known.items() if is_needed}
         if not isinstance(row, Mapping) or not needed <= set(row) <= set(known):
             odd = sorted(needed - set(row) | set(row) - set(known))
             raise InvalidArgument(f"row: missing, or not a field of a row: {', '.join(odd)}")
+        for name in (*_ERRORS, *_TIMES):
+            _check_number(name, row.get(name))
+        if not isinstance(row["statuses"], Mapping):
+            raise InvalidArgument(f"row: statuses = {row['statuses']!r}: counts by name are needed")
         return cls(**{**row, **{name: inf if row[name] is None else row[name] for name in _ERRORS}})
+
+
+def _check_number(name: str, value: Any) -> None:
+    """Refuse an error or a time that is no number from 0, or NaN; None is not known."""
+    if value is not None and not (isinstance(value, int | float) and value >= 0):
+        raise InvalidArgument(f"row: {name} = {value!r}: a number from 0, or null, is needed")
 
 
 def key(scene: str, solver: str, measure: str, how: Mapping[str, Knob], states: str) -> Key:

@@ -152,8 +152,10 @@ class GivenStates(States):
         """
         if not self.states:
             raise InvalidArgument(f"states {self.label!r}: at least one is needed")
-        for q, v, _ in self.states:
-            scene.check(q, v).raise_if_open()
+        for state in self.states:
+            if not isinstance(state, Sequence) or len(state) != 3:
+                raise InvalidArgument(f"states {self.label!r}: {state!r} is no (q, v, tau)")
+            scene.check(*state[:2]).raise_if_open()
         nv = scene.robot.nv
         return tuple(
             (np.array(q, dtype=np.float64), np.array(v, dtype=np.float64), finite("tau", tau, nv))

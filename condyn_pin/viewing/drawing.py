@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -70,6 +70,11 @@ class Drawing:
     def eye(self) -> Eye:
         """Where the camera is at first."""
         return _eye(self.middle, self.size)
+
+    @property
+    def first(self) -> Drawing:
+        """Its first moment, which rests."""
+        return replace(self, moments=self.moments[:1])
 
     def html(self) -> str:
         """Return the page: one text that holds everything."""
@@ -183,10 +188,9 @@ def _worst(moments: Sequence[Moment]) -> dict[str, Gap]:
 
 
 def _stage() -> Iterator[three.Command]:
-    """Return the commands for a white background, without meshcat's own axes and grid."""
-    for key in ("top_color", "bottom_color"):
-        yield three.set_property("/Background", key, [1.0, 1.0, 1.0])
-    for path in ("/Axes", "/Grid"):
+    """Return the commands that hide meshcat's own background, axes and grid, and take its lamps."""
+    yield three.delete("/Lights")
+    for path in ("/Background", "/Axes", "/Grid"):
         yield three.set_property(path, "visible", False)
 
 

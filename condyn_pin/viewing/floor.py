@@ -14,7 +14,7 @@ from condyn_pin.viewing import meshes
 from condyn_pin.viewing.palette import Colour
 from condyn_pin.viewing.part import Part
 
-_LINE: Colour = (0.8, 0.8, 0.8)
+_LINE: Colour = (0.88, 0.88, 0.88)
 _HALF = 8  # squares from the middle to the edge
 
 

@@ -19,7 +19,7 @@ from condyn_pin.viewing.palette import Colour
 
 Command = dict[str, Any]
 
-_BOTH_SIDES: Final = 2
+_FRONT, _BOTH_SIDES = 0, 2  # what others drew may be open, or wound either way
 # Types of extensions by which msgpack-lite, in the viewer, knows typed arrays.
 _EXTENSION: Final = {"uint16": ("Uint16Array", 0x14), "uint32": ("Uint32Array", 0x16),
                      "float32": ("Float32Array", 0x17)}  # fmt: skip
@@ -28,7 +28,11 @@ _EXTENSION: Final = {"uint16": ("Uint16Array", 0x14), "uint32": ("Uint32Array", 
 def mesh(
     path: str, shape: Mesh, colour: Colour, *, opacity: float = 1.0, on_top: bool = False
 ) -> Command:
-    """Return the command that draws triangles; `on_top` is seen through what is before it."""
+    """Return the command that draws triangles.
+
+    What is `on_top` is seen through what is before it. It is a solid that is wound outward: seen
+    from one side only, since three.js draws both sides of what is transparent one after the other.
+    """
     small = len(shape.vertices) < 2**16
     geometry = {
         "uuid": f"{path} geometry",
@@ -40,15 +44,13 @@ def mesh(
     }
     material = {
         "uuid": f"{path} material",
-        "type": "MeshPhongMaterial",
+        "type": "MeshLambertMaterial",
         "color": number(colour),
-        "flatShading": True,
-        "side": _BOTH_SIDES,
+        "side": _FRONT if on_top else _BOTH_SIDES,
         "opacity": opacity,
         # three.js draws what is transparent last, and so over all that is opaque
         "transparent": on_top or opacity < 1.0,
         "depthTest": not on_top,
-        "shininess": 10,
     }
     return _object(path, "Mesh", [geometry], material)
 
@@ -84,6 +86,11 @@ def transform(path: str, T: Array) -> Command:
 def set_property(path: str, name: str, value: Any) -> Command:
     """Return the command that sets a property of what is at a path."""
     return {"type": "set_property", "path": path, "property": name, "value": value}
+
+
+def delete(path: str) -> Command:
+    """Return the command that removes what is at a path."""
+    return {"type": "delete", "path": path}
 
 
 def track(name: str, kind: str, values: Array) -> dict[str, Any]:

@@ -112,7 +112,8 @@ class Viewer:
         target = Path(path)
         if not target.absolute().parent.is_dir():
             raise InvalidArgument(f"{path}: there is no folder {target.parent}; make it first")
-        screenshot(self.html.replace("</style>", ".dg { display: none; }</style>", 1), target)
+        still = self.drawing.first.html()
+        screenshot(still.replace("</style>", ".dg { display: none; }</style>", 1), target)
 
     def serve(self, port: int = 0) -> None:
         """Serve the page at a port; at a free one by default."""

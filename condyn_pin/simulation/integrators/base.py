@@ -2,14 +2,16 @@
 
 1. Add one file to this folder with one frozen dataclass that inherits from `Integrator`. Its fields
    are its knobs, each with a default, and in the docstring the reason of the default.
-2. Set `title`, `order` (of q, v and lam, as theory has it; a test measures them), `symplectic`,
-   `solves_per_step` (solves of the equations, or factorisations of their size; a typical number
-   where it varies) and `use`. The class registers itself under its lower-case name in
-   `INTEGRATORS`; tests and the command line find it there.
+2. Set `title`, `order` (of q, v and lam, as theory has it; a property where a knob changes it),
+   `symplectic`, `solves_per_step` (solves of the equations, or factorisations of their size; a
+   typical number where it varies) and `use`. The class registers itself under its lower-case name
+   in `INTEGRATORS`; tests and the command line find it there, and `tests/test_orders.py` measures
+   its orders with every value of its knobs that is entered there.
 3. Write `start(system, dt)`. It returns a `Stepper`: two callables closed over what they need.
    `step(t, q, v)` returns (q, v, a): the state at t + dt, and the acceleration at that end of the
-   step which `a_at` names. `lam()` returns the forces (m,) that belong to this a. None of the
-   arrays is written to later, and neither are the arguments.
+   step which `a_at` names. None of the arrays is written to later, and neither are the arguments.
+   `lam()` returns the forces (m,) that belong to the a of its end; at its start a and lam are those
+   of the solve there, which the caller asks for before a step that is a sample.
 4. A stepper may remember what it found, such as a multiplier to start the next iteration from. But
    a drift scheme may have moved the state since: it starts from the state it is handed. After an
    event another stepper is started; one step of another size is a stepper that is used once.
@@ -54,7 +56,7 @@ class Stepper:
     """An integrator at work on one system with one dt."""
 
     step: Callable[[float, Array, Array], tuple[Array, Array, Array]]
-    lam: Callable[[], Array]
+    lam: Callable[[], Array] | None = None  # where a belongs to the end of the step
     system: System | None = None  # whose solve a step begins with, if not that it was started with
 
 
@@ -62,7 +64,6 @@ class Integrator(ABC):
     """A way from one time to the next; a frozen value."""
 
     title: ClassVar[str]
-    order: ClassVar[Order]
     symplectic: ClassVar[bool]
     solves_per_step: ClassVar[float]
     use: ClassVar[str]  # when to take it
@@ -77,6 +78,11 @@ class Integrator(ABC):
             return
         name = cls.__name__.lower()
         enter(INTEGRATORS, name, cls, f"an integrator named {cls.__name__}")
+
+    @property
+    @abstractmethod
+    def order(self) -> Order:
+        """Of q, v and lam, with the knobs that it has."""
 
     @property
     def takes_stiff_damping(self) -> bool:

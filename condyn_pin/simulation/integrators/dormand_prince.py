@@ -31,6 +31,10 @@ class DormandPrince(Integrator):
     substep is remembered from one dt to the next. With drift control by `Baumgarte` its gains count
     as fast motion once the tolerances are finer than the drift.
 
+    A substep ends at every dt, where drift schemes and events look at the state: samples are states
+    of the method, not interpolated ones. So a dt shorter than the substeps that the tolerances ask
+    for costs what it says: 13 solves each with method 8, 7 with method 5.
+
     Parameters
     ----------
     relative_tolerance, absolute_tolerance : float
@@ -45,9 +49,8 @@ class DormandPrince(Integrator):
     """
 
     title: ClassVar[str] = "Dormand-Prince, adaptive"
-    order: ClassVar[Order] = Order(8, 8, 8)  # of the default method
     symplectic: ClassVar[bool] = False
-    solves_per_step: ClassVar[float] = 14
+    solves_per_step: ClassVar[float] = 13
     use: ClassVar[str] = "where the error is to be chosen instead of dt"
     is_adaptive: ClassVar[bool] = True
 
@@ -61,6 +64,11 @@ class DormandPrince(Integrator):
         if self.method not in (5, 8):
             raise InvalidArgument(f"method = {self.method!r}: the order 5 or 8 is needed")
 
+    @property
+    def order(self) -> Order:
+        """That of the method: the error falls with this power of the substeps."""
+        return Order(self.method, self.method, self.method)
+
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
         from scipy.integrate import DOP853, RK45
@@ -68,17 +76,16 @@ class DormandPrince(Integrator):
         kind: Any = DOP853 if self.method == 8 else RK45
         tolerances = {"rtol": max(self.relative_tolerance, 3e-14), "atol": self.absolute_tolerance}
         size = [dt]
-        lam = [system.lam]
         acceleration, integrate, rate = system.acceleration, system.integrate, system.rate
 
         def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
             n = len(v)
             a = acceleration(t, q, v)
-            of_start = system.lam()
-            lam[0] = lambda: of_start
 
             def slope(s: float, y: Array) -> Array:
                 theta, w = y[:n], y[n:]
+                if s == 0.0:  # where theta is zero
+                    return np.concatenate([w, a])
                 return np.concatenate(
                     [rate(theta, w), acceleration(t + s, integrate(q, theta), w.copy())]
                 )
@@ -104,4 +111,4 @@ class DormandPrince(Integrator):
                 )
             return integrate(q, method.y[:n]), method.y[n:].copy(), a
 
-        return Stepper(step, lambda: lam[0]())
+        return Stepper(step)

@@ -37,4 +37,4 @@ class ExplicitEuler(Integrator):
             a = acceleration(t, q, v)
             return integrate(q, dt * v), v + dt * a, a
 
-        return Stepper(step, system.lam)
+        return Stepper(step)

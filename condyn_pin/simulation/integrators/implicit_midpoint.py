@@ -45,14 +45,12 @@ class ImplicitMidpoint(Integrator):
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
         acceleration, integrate, half = system.acceleration, system.integrate, dt / 2
-        lam, a_middle = [system.lam], np.zeros(0)
+        a_middle = np.zeros(0)
         improved = system.iterated(half, lambda: a_middle).acceleration
 
         def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
             nonlocal a_middle
             a = a_middle = acceleration(t, q, v)
-            of_start = system.lam()
-            lam[0] = lambda: of_start
 
             def iteration() -> float:
                 nonlocal a_middle
@@ -64,4 +62,4 @@ class ImplicitMidpoint(Integrator):
             to_the_end(iteration, self.title, t, dt, system.size(q))
             return integrate(q, dt * (v + half * a_middle)), v + dt * a_middle, a
 
-        return Stepper(step, lambda: lam[0]())
+        return Stepper(step)

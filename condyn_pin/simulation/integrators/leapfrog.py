@@ -52,4 +52,4 @@ class Leapfrog(Integrator):
             before = a
             return integrate(q, h * v_half), v_half + kick, a
 
-        return Stepper(step, system.lam)
+        return Stepper(step)

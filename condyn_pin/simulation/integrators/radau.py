@@ -40,9 +40,11 @@ class RadauIIA(Integrator):
     theta_i = dt sum_j A_ij Jr(theta_j)^-1 V_j,    Q_i = q0 exp(theta_i),    c(Q_i) = 0
     V_i = v0 + dt sum_j A_ij a_j,    M(Q_i) a_i + h(Q_i, V_i) = tau + J(Q_i)^T lam_i
 
-    The order is 2 s - 1 for q, s for v and s - 1 for lam with s stages. Newton's iteration with one
-    matrix a step, of size s (nv + m), in which the derivatives of Newton-Euler's equations and of
-    springs and damping are: for stiff systems.
+    The order is 2 s - 1 for q, s for v and s - 1 for lam with s stages (Hairer, Lubich, Roche; for
+    all s Jay). One stage is implicit Euler, whose orders are 1 from the second step on: a and lam
+    of the first, also of that after an event, are wrong by a part that no dt makes smaller.
+    Newton's iteration with one matrix a step, of size s (nv + m), in which the derivatives of
+    Newton-Euler's equations and of springs and damping are: for stiff systems.
 
     Parameters
     ----------
@@ -53,10 +55,11 @@ class RadauIIA(Integrator):
     ----------
     Hairer, Lubich, Roche. The Numerical Solution of Differential-Algebraic Systems by Runge-Kutta
     Methods. Springer, 1989.
+    Jay. Convergence of Runge-Kutta methods for differential-algebraic systems of index 3. Applied
+    Numerical Mathematics 17, 1995.
     """
 
     title: ClassVar[str] = "Radau IIA, index 3"
-    order: ClassVar[Order] = Order(3, 2, 1)
     symplectic: ClassVar[bool] = False
     solves_per_step: ClassVar[float] = 12
     use: ClassVar[str] = "to compare: with the second multiplier v and lam are better"
@@ -68,6 +71,12 @@ class RadauIIA(Integrator):
 
     def __post_init__(self) -> None:
         _check_stages(self.stages)
+
+    @property
+    def order(self) -> Order:
+        """2 s - 1, s and s - 1; all are 1 with one stage."""
+        s = self.stages
+        return Order(2 * s - 1, s, max(s - 1, 1))
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
@@ -81,7 +90,7 @@ class GearGuptaLeimkuhler(Integrator):
     q' = v + M^-1 J^T mu,    c(q) = 0,    J v = 0
 
     at every stage of `RadauIIA`; mu is zero but for the error of the step. The order is 2 s - 1 for
-    q and v, and s for lam.
+    q and v, and s for lam: that of Radau IIA at index 2 (Hairer, Wanner, section VII.4).
 
     Parameters
     ----------
@@ -92,11 +101,11 @@ class GearGuptaLeimkuhler(Integrator):
     ----------
     Gear, Leimkuhler, Gupta. Automatic integration of Euler-Lagrange equations with constraints.
     Journal of Computational and Applied Mathematics 12-13, 1985.
-    Hairer, Wanner. Solving Ordinary Differential Equations II. Springer, 1996, section VII.1.
+    Hairer, Wanner. Solving Ordinary Differential Equations II. Springer, 1996, sections VII.1 and
+    VII.4.
     """
 
     title: ClassVar[str] = "Radau IIA, GGL"
-    order: ClassVar[Order] = Order(3, 3, 2)
     symplectic: ClassVar[bool] = False
     solves_per_step: ClassVar[float] = 12
     use: ClassVar[str] = "for stiff systems with loops that stay closed at both levels"
@@ -107,6 +116,12 @@ class GearGuptaLeimkuhler(Integrator):
 
     def __post_init__(self) -> None:
         _check_stages(self.stages)
+
+    @property
+    def order(self) -> Order:
+        """2 s - 1, 2 s - 1 and s."""
+        s = self.stages
+        return Order(2 * s - 1, 2 * s - 1, s)
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""

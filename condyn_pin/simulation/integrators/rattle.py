@@ -82,14 +82,13 @@ class Shake(Integrator):
 def _stepper(system: System, dt: float, title: str, *, hidden: bool) -> Stepper:
     momentum, half = Momentum(system, dt), dt / 2
     known: dict[int, tuple[Array, Place]] = {}  # what the last step found at its end
-    forces = [np.zeros(0)]
 
     def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
         a = system.acceleration(t, q, v)
-        forces[0] = system.lam()
+        lam = system.lam()
         found = known.get(id(q))
         place = found[1] if found else momentum.place(q)
-        q1, p, v_end, lam = _first_half(system, momentum, dt, t, q, v, a, forces[0], place, title)
+        q1, p, v_end, lam = _first_half(system, momentum, dt, t, q, v, a, lam, place, title)
         end = momentum.place(q1)
         p = p + half * momentum.force(t + dt, q1, v_end)
         v1 = end.M_inv.dot(p)
@@ -102,7 +101,7 @@ def _stepper(system: System, dt: float, title: str, *, hidden: bool) -> Stepper:
         known[id(q1)] = q1, end
         return q1, v1, a
 
-    return Stepper(step, lambda: forces[0])
+    return Stepper(step)
 
 
 def _first_half(

@@ -41,12 +41,9 @@ class RungeKutta4(Integrator):
         later = dt / 2
         # numpy multiplies by arrays faster than by floats
         h, half, sixth, two = (np.array(x) for x in (dt, dt / 2, dt / 6, 2.0))
-        lam = [system.lam]
 
         def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
             a1 = acceleration(t, q, v)
-            of_start = system.lam()
-            lam[0] = lambda: of_start
             theta, v2 = half * v, v + half * a1
             a2 = acceleration(t + later, integrate(q, theta), v2)
             r2 = rate(theta, v2)
@@ -59,4 +56,4 @@ class RungeKutta4(Integrator):
             q1 = integrate(q, sixth * (v + two * (r2 + r3) + r4))
             return q1, v + sixth * (a1 + two * (a2 + a3) + a4), a1
 
-        return Stepper(step, lambda: lam[0]())
+        return Stepper(step)

@@ -61,4 +61,4 @@ class SemiImplicitEuler(Integrator):
             v1 = v + h * a
             return integrate(q, h * v1), v1, a
 
-        return Stepper(step, system.lam, system)
+        return Stepper(step, system=system)

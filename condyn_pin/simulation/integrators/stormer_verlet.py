@@ -37,15 +37,12 @@ class StormerVerlet(Integrator):
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
         acceleration, integrate, half = system.acceleration, system.integrate, dt / 2
-        lam = [system.lam]
 
         def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
             a = acceleration(t, q, v)
-            of_start = system.lam()
-            lam[0] = lambda: of_start
             kick = half * a
             v_half = v + kick
             q1 = integrate(q, dt * v_half)
             return q1, v_half + half * acceleration(t + dt, q1, v_half + kick), a
 
-        return Stepper(step, lambda: lam[0]())
+        return Stepper(step)
