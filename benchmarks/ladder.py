@@ -1,8 +1,8 @@
-"""Climb down every ladder, write benchmarks/results/ladder.{csv,json,png} and the README's table.
+"""Climb down every ladder, write benchmarks/results/ladder.{csv,json,png}, README, docs.
 
     python benchmarks/ladder.py [--quick]
 
-With --from-json the README's table is made from the committed results, without running anything.
+With --from-json the tables are made from the committed results, without running anything.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+import marks
+
 from condyn_pin.ladders import LADDERS
 from condyn_pin.smaller.climbing import FULL, QUICK, ladder
 from condyn_pin.smaller.ladder_plot import save_ladders
@@ -23,7 +25,6 @@ from condyn_pin.smaller.ladder_table import LadderRow, LadderTable, write_csv
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
-BEGIN, END = "<!-- ladder:begin -->", "<!-- ladder:end -->"
 GOOD = 0.01  # the error that the README names the fastest rung for
 
 
@@ -43,8 +44,8 @@ def load(path: Path) -> list[LadderTable]:
     ]
 
 
-def markdown(tables: Sequence[LadderTable]) -> str:
-    """Return the README's tables and the sentence about the fastest good rung."""
+def markdown(tables: Sequence[LadderTable], shown: Sequence[LadderTable] | None = None) -> str:
+    """Return the fastest good rung of every ladder, and all rungs of those that are shown."""
     lines = []
     for table in tables:
         best = table.fastest(GOOD)
@@ -53,9 +54,9 @@ def markdown(tables: Sequence[LadderTable]) -> str:
             f"**{best.label}** (nv {best.nv}, {best.rows} rows, {best.solver}): "
             f"{best.speedup:.2f} times as fast, a off by {best.a_worst:.2g}.",
             "",
-            table.to_markdown(),
-            "",
         ]
+        if shown is None or table in shown:
+            lines += [table.to_markdown(), ""]
     where = (
         "`python benchmarks/ladder.py` on {processor} ({cores} cores, one thread), "
         "{system}, Python {python}, Pinocchio {pinocchio}, {date}."
@@ -63,14 +64,16 @@ def markdown(tables: Sequence[LadderTable]) -> str:
     return "\n".join([*lines, f"{where} Errors: worst of {tables[0].states} motions."])
 
 
-def with_ladders(readme: str, tables: Sequence[LadderTable]) -> str:
-    """Return the README with the tables between their two marks."""
-    head, rest = readme.split(BEGIN)
-    return f"{head}{BEGIN}\n{markdown(tables)}\n{END}{rest.split(END)[1]}"
+def pages(tables: Sequence[LadderTable]) -> dict[str, dict[str, str]]:
+    """Return the blocks of README and docs: the first ladder, and all."""
+    return {
+        marks.README: {"ladder": markdown(tables, tables[:1])},
+        marks.RESULTS: {"ladder": markdown(tables)},
+    }
 
 
 def main() -> None:
-    """Run, write, and update the README."""
+    """Run, write, and update README and docs."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="fewer states and rounds")
     parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")
@@ -83,9 +86,7 @@ def main() -> None:
         text = json.dumps([table.as_dict() for table in tables], indent=1)
         (RESULTS / "ladder.json").write_text(text + "\n", encoding="utf-8")
         save_ladders(tables, RESULTS / "ladder.png")
-    readme = ROOT / "README.md"
-    text = with_ladders(readme.read_text(encoding="utf-8"), tables)
-    readme.write_text(text, encoding="utf-8")
+    marks.write(pages(tables))
     print(markdown(tables))
 
 

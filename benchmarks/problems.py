@@ -2,9 +2,9 @@
 
     python benchmarks/problems.py [--quick] [--only A02 A04]
 
-writes benchmarks/results/problems.{csv,json,png} and the README's tables. Every row is one run in
-this process; CPU time is that of `simulate`. Times of other codes are as published, on other
-machines, and stand beside ours for their order of magnitude only. With --from-json the README's
+writes benchmarks/results/problems.{csv,json,png}, README and docs/results.md. Every row is one run
+in this process; CPU time is that of `simulate`. Times of other codes are as published, on other
+machines, and stand beside ours for their order of magnitude only. With --from-json the
 tables are made from the committed results, without running anything.
 """
 
@@ -20,6 +20,8 @@ from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+import marks
+
 import condyn_pin as cp
 from condyn_pin.drift import DRIFTS, Baumgarte, Drift
 from condyn_pin.drift.no_drift import NoDrift
@@ -31,7 +33,6 @@ from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
-BEGIN, END = "<!-- problems:begin -->", "<!-- problems:end -->"
 
 # Steps of each problem [s]: from useful to fine; and gains that suit the finest of them [1/s].
 STEPS: dict[str, tuple[float, ...]] = {
@@ -134,8 +135,8 @@ def _method(row: dict[str, Any]) -> str:
     return f"{row['integrator'].split('(')[0]}, {row['drift'].split('(')[0]}"
 
 
-def markdown(saved: dict[str, Any]) -> str:
-    """Return the README's tables: the problems as they are set, and other codes."""
+def essence(saved: dict[str, Any]) -> str:
+    """Return the README's table: the problems as they are set."""
     lines = [
         "| problem | integrator, drift control | dt [s] | error | energy [J] | CPU [s] | "
         "evaluations |",
@@ -148,11 +149,19 @@ def markdown(saved: dict[str, Any]) -> str:
             f"| {row['problem']} | {_method(row)}({gain}) | {row['dt']:g} | {row['error']:.0e} | "
             f"{energy} | {row['cpu_seconds']:.2g} | {row['evaluations']} |"
         )
-    lines += [
-        "",
+    where = (
         "`python benchmarks/problems.py` on {processor} ({cores} cores, one thread), {system}, "
-        "Python {python}, Pinocchio {pinocchio}, {date}. As published by others, on their "
-        "machines:".format(**saved["machine"]),
+        "Python {python}, Pinocchio {pinocchio}, {date}."
+    )
+    return "\n".join([*lines, "", where.format(**saved["machine"])])
+
+
+def markdown(saved: dict[str, Any]) -> str:
+    """Return the problems as they are set, and what others published."""
+    lines = [
+        essence(saved),
+        "",
+        "As published by others, on their machines:",
         "",
         "| problem | code | what was run | CPU [s] | error stated | processor |",
         "|---|---|---|---|---|---|",
@@ -166,10 +175,12 @@ def markdown(saved: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def with_problems(readme: str, saved: dict[str, Any]) -> str:
-    """Return the README with the tables between their two marks."""
-    head, rest = readme.split(BEGIN)
-    return f"{head}{BEGIN}\n{markdown(saved)}\n{END}{rest.split(END)[1]}"
+def pages(saved: dict[str, Any]) -> dict[str, dict[str, str]]:
+    """Return the blocks of README and docs."""
+    return {
+        marks.README: {"problems": essence(saved)},
+        marks.RESULTS: {"problems": markdown(saved)},
+    }
 
 
 def measure(names: list[str], quick: bool) -> dict[str, Any]:
@@ -184,7 +195,7 @@ def measure(names: list[str], quick: bool) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Run everything, write the results, and update the README."""
+    """Run everything, write the results, and update README and docs."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="two steps a method")
     parser.add_argument("--only", nargs="*", default=list(cp.PROBLEMS), help="problems by name")
@@ -201,8 +212,7 @@ def main() -> None:
             writer.writeheader()
             writer.writerows(saved["rows"])
     plot(saved["rows"], RESULTS / "problems.png")
-    readme = ROOT / "README.md"
-    readme.write_text(with_problems(readme.read_text(encoding="utf-8"), saved), encoding="utf-8")
+    marks.write(pages(saved))
     print(markdown(saved))
 
 

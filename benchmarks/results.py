@@ -1,4 +1,4 @@
-"""Run the full bench, write benchmarks/results, and put its table into the README.
+"""Run the full bench, write benchmarks/results, docs/results.md and the table of the README.
 
     python benchmarks/results.py [--native native.json]
 
@@ -15,13 +15,14 @@ from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+import marks
+
 from condyn_pin.bench import bench
 from condyn_pin.bench_table import BenchRow, BenchTable
 from condyn_pin.plots import save_bench
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
-BEGIN, END = "<!-- bench:begin -->", "<!-- bench:end -->"
 
 
 def load(path: Path) -> BenchTable:
@@ -35,7 +36,7 @@ def load(path: Path) -> BenchTable:
 
 
 def markdown(table: BenchTable) -> str:
-    """Return the README's table."""
+    """Return the whole table, a row a method."""
     lines = [
         "| scene | method | a [us] | to bare call | x dense | error of a | status |",
         "|---|---|---|---|---|---|---|",
@@ -52,30 +53,56 @@ def markdown(table: BenchTable) -> str:
                 row.status,
             )
             lines.append("| " + " | ".join(cells) + " |")
-    where = (
-        "`python benchmarks/results.py` on {processor} ({cores} cores, one thread), "
-        "{system}, Python {python}, Pinocchio {pinocchio}, {date}."
-    ).format(**table.machine)
     meaning = (
         "a: `Workspace.acceleration`, median. x dense: times faster than dense KKT. Error: worst "
         "of 20 closed states against `Reference`, relative to the larger of abs(a) and gravity."
     )
-    lines += ["", where, meaning]
-    return "\n".join(lines)
+    return "\n".join([*lines, "", _where(table), meaning])
+
+
+def essence(table: BenchTable) -> str:
+    """Return the README's table: a row a scene, a column a method."""
+    lines = [
+        "| scene | LCABA | Proximal | Dense KKT, damped where singular |",
+        "|---|---|---|---|",
+    ]
+    rows = [row for row in table.rows if row.origin == "python" and row.rows]
+    for scene in dict.fromkeys(row.scene for row in rows):
+        mine = {row.method.split(",")[0]: row for row in rows if row.scene == scene}
+        one = mine["Proximal"]
+        cells = [f"{scene} ({one.rows} rows, rank {one.rank})"]
+        cells += [_cell(mine[method]) for method in ("LCABA", "Proximal", "Dense KKT")]
+        lines.append("| " + " | ".join(cells) + " |")
+    meaning = (
+        "Median time of `Workspace.acceleration`; worst error of a at 20 closed states against "
+        "`Reference`, relative to the larger of abs(a) and gravity."
+    )
+    return "\n".join([*lines, "", _where(table), meaning])
+
+
+def _cell(row: BenchRow) -> str:
+    said = "" if row.status.split()[1:] == ["ok"] else f", {row.status}"
+    return f"{row.acceleration_us:.1f} us, {row.error:.0e}{said}"
+
+
+def _where(table: BenchTable) -> str:
+    return (
+        "`python benchmarks/results.py` on {processor} ({cores} cores, one thread), "
+        "{system}, Python {python}, Pinocchio {pinocchio}, {date}."
+    ).format(**table.machine)
 
 
 def _number(value: float, form: str) -> str:
     return format(value, form) if math.isfinite(value) else ""
 
 
-def with_table(readme: str, table: BenchTable) -> str:
-    """Return the README with the table between its two marks."""
-    head, rest = readme.split(BEGIN)
-    return f"{head}{BEGIN}\n{markdown(table)}\n{END}{rest.split(END)[1]}"
+def pages(table: BenchTable) -> dict[str, dict[str, str]]:
+    """Return the blocks of README and docs."""
+    return {marks.README: {"bench": essence(table)}, marks.RESULTS: {"bench": markdown(table)}}
 
 
 def main() -> None:
-    """Run, write, and update the README."""
+    """Run, write, and update README and docs."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--native", type=Path, help="merge this result of `make native`")
     parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")
@@ -90,8 +117,7 @@ def main() -> None:
         table.to_json(RESULTS / "bench.json")
         table.to_csv(RESULTS / "bench.csv")
     save_bench(table, RESULTS / "bench.png")
-    readme = ROOT / "README.md"
-    readme.write_text(with_table(readme.read_text(encoding="utf-8"), table), encoding="utf-8")
+    marks.write(pages(table))
 
 
 if __name__ == "__main__":

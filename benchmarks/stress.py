@@ -1,4 +1,4 @@
-"""Put every method through every extreme; write results/stress.{csv,json,png}, and the README.
+"""Put every method through every extreme; write results/stress.{csv,json,png}, README, docs.
 
     python benchmarks/stress.py [--seeds 2]
 
@@ -19,6 +19,8 @@ from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+import marks
+
 from condyn_pin._pin import HAS_LCABA, VERSION_TEXT
 from condyn_pin.extremes.base import EXTREMES
 from condyn_pin.extremes.stress import stress, tasks
@@ -29,7 +31,6 @@ from condyn_pin.machine import machine
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
-BEGIN, END = "<!-- stress:begin -->", "<!-- stress:end -->"
 DRAWN = ("", "cassie")  # of the robots, in the picture
 
 
@@ -46,18 +47,26 @@ def summary(outcomes: Sequence[Outcome], seeds: int) -> dict[str, Any]:
     }
 
 
-def markdown(runs: Mapping[str, Any]) -> str:
-    """Return the README's table: a line a method, its verdicts on all versions of Pinocchio."""
-    names = [verdict.name.lower() for verdict in Verdict]
+def essence(runs: Mapping[str, Any]) -> str:
+    """Return the README's sentence: how many cases, and how many defects."""
     total = sum(run["cases"] for run in runs.values())
     families = max(run["families"] for run in runs.values())
     defects = sum(
         run["counts"][v.name.lower()] for run in runs.values() for v in Verdict if v.defect
     )
-    lines = [
+    last = list(runs.values())[-1]
+    where = "`make stress`, {seeds} seeds; {processor}, {system}, Python {python}, {date}."
+    said = (
         f"{total} cases of {families} families on Pinocchio {' and '.join(runs)}: "
-        f"**{defects} wrong, crashed or hung**.",
-        "",
+        f"**{defects} wrong, crashed or hung**."
+    )
+    return f"{said}\n{where.format(seeds=last['seeds'], **last['machine'])}"
+
+
+def markdown(runs: Mapping[str, Any]) -> str:
+    """Return the whole table: a line a method, its verdicts on all versions of Pinocchio."""
+    names = [verdict.name.lower() for verdict in Verdict]
+    lines = [
         "| method | " + " | ".join(name.replace("_", " ") for name in names) + " |",
         "|---" * (len(names) + 1) + "|",
     ]
@@ -65,15 +74,12 @@ def markdown(runs: Mapping[str, Any]) -> str:
         found = [run["methods"][method] for run in runs.values() if method in run["methods"]]
         numbers = [str(sum(each[name] for each in found)) for name in names]
         lines.append(f"| {method} | {' | '.join(numbers)} |")
-    last = list(runs.values())[-1]
-    where = "`make stress`, {seeds} seeds; {processor}, {system}, Python {python}, {date}."
-    return "\n".join([*lines, "", where.format(seeds=last["seeds"], **last["machine"])])
+    return "\n".join([essence(runs), "", *lines])
 
 
-def with_stress(readme: str, runs: Mapping[str, Any]) -> str:
-    """Return the README with the table between its two marks."""
-    head, rest = readme.split(BEGIN)
-    return f"{head}{BEGIN}\n{markdown(runs)}\n{END}{rest.split(END)[1]}"
+def pages(runs: Mapping[str, Any]) -> dict[str, dict[str, str]]:
+    """Return the blocks of README and docs."""
+    return {marks.README: {"stress": essence(runs)}, marks.RESULTS: {"stress": markdown(runs)}}
 
 
 def load(path: Path) -> dict[str, Any]:
@@ -82,7 +88,7 @@ def load(path: Path) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Run, write, and update the README; 1 if there is a defect."""
+    """Run, write, and update README and docs; 1 if there is a defect."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")
@@ -105,10 +111,8 @@ def main() -> int:
         text = json.dumps(runs, indent=1)
         (RESULTS / "stress.json").write_text(text + "\n", encoding="utf-8")
         print(f"{len(outcomes)} cases of {len(EXTREMES)} families in {monotonic() - start:.0f} s")
-    readme = ROOT / "README.md"
     runs = load(RESULTS / "stress.json")
-    if BEGIN in readme.read_text(encoding="utf-8"):
-        readme.write_text(with_stress(readme.read_text(encoding="utf-8"), runs), encoding="utf-8")
+    marks.write(pages(runs))
     print(markdown(runs))
     return bad
 

@@ -25,6 +25,7 @@ from time import perf_counter
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+import marks
 import trade_text
 from cheapest import RESULTS, catalogue, read, verify, write
 
@@ -61,9 +62,7 @@ def rewrite() -> None:
         tuple(row for row in table.rows if row.scene in shown), table.machine, table.floors
     )
     save_trade(picture, RESULTS / "trade.png")
-    for path, blocks in trade_text.pages(table, found, shown).items():
-        page = (ROOT / path).read_text(encoding="utf-8")
-        (ROOT / path).write_text(trade_text.filled(page, blocks), encoding="utf-8")
+    marks.write(trade_text.pages(table, found, shown))
 
 
 def run(arguments: argparse.Namespace) -> None:

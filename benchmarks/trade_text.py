@@ -1,22 +1,21 @@
 """What README and docs say of the study: tables made of committed rows, between marks.
 
-A block stands between ``<!-- NAME:begin -->`` and ``<!-- NAME:end -->``; `filled` replaces it.
 Every figure in a block is one of a row of results/trade.json or of results/cheapest.csv.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from cheapest import LEVELS, Verdict
+from marks import README
 
 import condyn_pin as cp
 from condyn_pin.trade.exports import short
 from condyn_pin.trade.front import answered, comparable, front, microseconds
 from condyn_pin.trade.printing import timed
 
-README = "README.md"
 PAGE = "docs/how-to-choose-a-solver.md"
 
 
@@ -34,15 +33,6 @@ def pages(
             "failures": failures(table),
         },
     }
-
-
-def filled(page: str, blocks: Mapping[str, str]) -> str:
-    """Return a page with its blocks replaced."""
-    for name, text in blocks.items():
-        begin, end = f"<!-- {name}:begin -->", f"<!-- {name}:end -->"
-        head, rest = page.split(begin)
-        page = f"{head}{begin}\n{text}\n{end}{rest.split(end)[1]}"
-    return page
 
 
 def choices(found: Sequence[Verdict]) -> str:

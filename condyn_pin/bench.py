@@ -18,6 +18,7 @@ from condyn_pin.arrays import Array
 from condyn_pin.bench_table import BenchRow, BenchTable
 from condyn_pin.catalogue import motor_torque, standard_scenes
 from condyn_pin.choice import untaken
+from condyn_pin.errors import Interrupted
 from condyn_pin.load import load_robot
 from condyn_pin.machine import machine
 from condyn_pin.scene import Scene
@@ -81,11 +82,19 @@ def bench(
     Returns
     -------
     BenchTable
+
+    Raises
+    ------
+    Interrupted
+        With the scenes that were measured before Ctrl-C.
     """
     rows: list[BenchRow] = []
-    for name in robots:
-        for label, scene in standard_scenes(load_robot(name)).items():
-            rows += bench_scene(label, scene, solvers=solvers, effort=effort, progress=progress)
+    try:
+        for name in robots:
+            for label, scene in standard_scenes(load_robot(name)).items():
+                rows += bench_scene(label, scene, solvers=solvers, effort=effort, progress=progress)
+    except KeyboardInterrupt as stop:
+        raise Interrupted(BenchTable(tuple(rows), machine())) from stop
     return BenchTable(tuple(rows), machine())
 
 
@@ -104,7 +113,7 @@ def bench_scene(
     ]
     reference = Workspace(scene, Reference())
     truth = [reference.solve(*state, throw=False).a for state in states]
-    chosen = [s for s in solvers if not untaken(scene, s)] if solvers else _solvers(scene)
+    chosen = [s for s in solvers or _solvers(scene) if not untaken(scene, s)]
     candidates = [_Candidate(scene, solver, states, truth) for solver in chosen]
     model, data = pin.Model(scene.robot.model), scene.robot.model.createData()
     calls: dict[str, Call] = {"ABA": lambda q, v, tau: pin.aba(model, data, q, v, tau)}

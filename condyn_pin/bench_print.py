@@ -6,6 +6,7 @@ from rich.console import Console
 from rich.table import Table
 
 from condyn_pin.bench_table import BenchRow, BenchTable
+from condyn_pin.printing import print_whole
 
 
 def print_bench(table: BenchTable, console: Console) -> None:
@@ -22,7 +23,7 @@ def print_bench(table: BenchTable, console: Console) -> None:
             shown.add_column(heading, justify="right", no_wrap=True)
         for row in rows:
             shown.add_row(*_cells(row))
-        console.print(shown)
+        print_whole(shown, console)
     machine = table.machine
     console.print(
         "bare: Pinocchio's call; a: Workspace.acceleration, median and p95; solve: with its errors "
@@ -31,6 +32,7 @@ def print_bench(table: BenchTable, console: Console) -> None:
         f"{machine['processor']}, Pinocchio {machine['pinocchio']}, one thread.",
         highlight=False,
         markup=False,
+        soft_wrap=True,
     )
 
 

@@ -14,12 +14,12 @@ import typer
 
 from condyn_pin import __version__
 from condyn_pin.commands import commands
+from condyn_pin.commands.output import INTERRUPTED
 from condyn_pin.errors import CondynError
 
 # Exit codes; 0 and 1 are given by the commands themselves.
 _CANNOT = 2
 _UNEXPECTED = 3
-_INTERRUPTED = 130
 
 _EPILOG = """
 **First steps**
@@ -40,10 +40,10 @@ robot.toml.
     1     an answer that is not ok: singular, inaccurate, loops left open
     2     a question that cannot be answered; a line on stderr says what would do
     3     a defect of this program; the same with --debug shows where
-    130   interrupted
+    130   interrupted; what was measured is kept
 
 **Output**: with `--json` there is json on stdout and nothing else; options that take a path write a
-file. **Completion**: `condyn --install-completion` completes commands, robots and solvers.
+file. **Completion**: `condyn --install-completion` completes commands and the names they take.
 """
 
 app = typer.Typer(
@@ -86,20 +86,22 @@ def main() -> None:
     try:
         code = app(words or ["--help"], prog_name="condyn", standalone_mode=False)
     except KeyboardInterrupt:
-        _end("interrupted", _INTERRUPTED)
+        code = INTERRUPTED
     except Exception as error:
         if say := getattr(error, "format_message", None):  # a line that Typer cannot read
-            command = getattr(getattr(error, "ctx", None), "command_path", "condyn")
+            command = " ".join(["condyn", *(word for word in words[:1] if word in commands())])
             _end(f"{say().rstrip('.')}; `{command} --help` says what there is", _CANNOT)
         if len(words) < len(sys.argv) - 1:
             raise
-        if isinstance(error, CondynError):
+        if isinstance(error, (CondynError, OSError)):  # the second: a disk that is full
             _end(str(error), _CANNOT)
         _end(
             f"{type(error).__name__}: {error}; this should not happen: the same line with "
             "--debug shows where",
             _UNEXPECTED,
         )
+    if code == INTERRUPTED:
+        _end("interrupted", INTERRUPTED)
     sys.exit(code or 0)
 
 

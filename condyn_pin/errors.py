@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from condyn_pin.solution import Solution
     from condyn_pin.states.assembly_report import Assembly
     from condyn_pin.trade.row import Row
-    from condyn_pin.trade.table import Table
 
 
 class CondynError(Exception):
@@ -165,15 +164,15 @@ class Interrupted(KeyboardInterrupt):
 
     Attributes
     ----------
-    table : Table
-        What was measured until then.
+    table
+        What was measured until then, as the run would have returned it: of `Study.run` a `Table`.
     """
 
-    def __init__(self, table: Table) -> None:
+    def __init__(self, table: Any) -> None:
         super().__init__("interrupted; what was measured until then is in its `table`")
         self.table = table
 
-    def __reduce__(self) -> tuple[type[Interrupted], tuple[Table]]:
+    def __reduce__(self) -> tuple[type[Interrupted], tuple[Any]]:
         return Interrupted, (self.table,)
 
 

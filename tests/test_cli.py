@@ -6,6 +6,7 @@ import csv
 import json
 import subprocess
 import sys
+from contextlib import contextmanager
 
 import pytest
 from shared import SOLVERS
@@ -74,6 +75,13 @@ def test_bench_of_all_leaves_out_what_does_not_take_the_scene(tmp_path):
     assert methods == titles | {"ABA, unconstrained"}
 
 
+def test_bench_leaves_out_main_methods_that_do_not_take_the_scene():
+    result = run("bench", "rolling_ball", "--quick")
+    assert result.exit_code == 0, result.output
+    assert "Dense KKT" in result.output
+    assert "LCABA" not in result.output
+
+
 @pytest.mark.parametrize("solver", list(SOLVERS))
 def test_solve_prints_json_that_equals_the_library(solver):
     words = ("solve", "talos", "--contacts", "left_sole_link,right_sole_link", "--json")
@@ -105,9 +113,11 @@ def test_frames_can_be_named_with_a_kind():
 
 def test_export_writes_a_file_that_reads_back(tmp_path):
     path = tmp_path / "bar.xml"
-    assert run("export", "four_bar", "--mjcf", str(path)).exit_code == 0
+    result = run("export", "four_bar", "--mjcf", str(path))
+    assert result.exit_code == 0
+    assert result.output == f"written: {path}\n"
     assert cp.load_robot(path).loops == cp.load_robot("four_bar").loops
-    words = ("export", "four_bar", "--mjcf", str(path), "--without", "coupler_rocker")
+    words = ("export", "four_bar", "--mjcf", str(path), "--without", " coupler_rocker,")
     assert run(*words).exit_code == 0
     assert cp.load_robot(path).loops == ()
 
@@ -137,7 +147,7 @@ def test_bench_writes_table_and_picture(tmp_path):
         (("show", "talos", "--plot", "l.png"), "add --ladder"),
         (("show", "solo12", "--ladder"), "no ladder named 'solo12'"),
         (("show", "talos", "--ladder", "--plot", "l.foo"), ".png, .svg, .pdf"),
-        (("show", "talos", "--ladder", "--json"), "neither variants nor json"),
+        (("show", "talos", "--ladder", "--variant", "a=b"), "leave --variant out"),
         (("show", "cassie", "--variant", "springs"), "OPTION=VALUE"),
         (("show", "cassie", "--variant", "springs=lost"), "'lost'"),
         (("show", "cassie", "--variant", "spring=locked"), "did you mean 'springs'"),
@@ -147,11 +157,22 @@ def test_bench_writes_table_and_picture(tmp_path):
         (("solve", "talos", "--mu", "-1"), "mu = -1.0"),
         (("solve", "talos", "--solver", "reference", "--mu", "1"), "no such knob"),
         (("export", "pendulum", "--mjcf", "p.xml"), "'pivot' carries 1 kg"),
-        (("export", "four_bar", "--mjcf", "no/such/b.xml"), "b.xml: cannot be written"),
+        (("export", "four_bar", "--mjcf", "no/such/b.xml"), "there is no folder no/such"),
         (("bench", "four_bar", "--quick", "--native", "no.json"), "make native"),
         (("bench", "four_bar", "--quick", "--plot", "b.foo"), ".png, .svg, .pdf"),
         (("bench", "four_bar", "--solvers", "nulspace"), "did you mean 'nullspace'"),
         (("bench", "four_bar", "--quick", "--csv", "no/such/b.csv"), "there is no folder no/such"),
+        (("bench", "four_bar", "--quick", "--csv", "."), ".: cannot be written: Is a directory"),
+        (("bench", "four_bar", "--json"), "`condyn bench --help`"),
+        (("simulate", "four_bar", "--save", "a.txt"), ".npz"),
+        (("simulate", "four_bar", "--gain", "5"), "add --drift baumgarte"),
+        (("drift", "--dt", "0"), "--dt 0.0: a number > 0 [s]"),
+        (("problem", "--n", "3"), "A01"),
+        (("stress", "--seconds", "nan"), "--seconds nan"),
+        (("view", "cassie", "--port", "70000"), "`condyn view --help`"),
+        (("view", "cassie", "--png", "x.jpg"), "x.jpg: the ending says the format: .png"),
+        (("view", "m.npz", "--no-loops"), "a motion has its own"),
+        (("view", "m.npz"), "m.npz: no file of a trajectory (No such file or directory)"),
         (("nothing",), "No such command 'nothing'; `condyn --help`"),
         (("robots", "more"), "`condyn robots --help` says what there is"),
         (("solve", "cassie", "--mu", "x"), "'--mu'"),
@@ -209,7 +230,143 @@ main()
     words = [sys.executable, "-c", code, "show", "talos"]
     result = subprocess.run(words, capture_output=True, text=True)
     assert result.returncode == 130
-    assert "Traceback" not in result.stderr
+    assert result.stderr == "condyn: interrupted\n"
+
+
+def stopping_after(count: int):
+    """A bar of progress during which Ctrl-C comes."""
+    calls = iter(range(count))
+
+    @contextmanager
+    def bar():
+        def progress(what: str, done: int, total: int) -> None:
+            if next(calls, None) is None:
+                raise KeyboardInterrupt
+
+        yield progress
+
+    return bar
+
+
+def test_ctrl_c_keeps_the_scenes_that_were_timed(tmp_path, monkeypatch):
+    monkeypatch.setattr("condyn_pin.commands.bench.progress_bar", stopping_after(40))
+    table = tmp_path / "b.csv"
+    result = run("bench", "four_bar", "pendulum", "--quick", "--json", "-", "--csv", str(table))
+    assert result.exit_code == 130
+    assert {row["scene"] for row in json.loads(result.stdout)["rows"]} == {"four_bar loops"}
+    assert "four_bar loops" in table.read_text()
+
+
+def test_ctrl_c_keeps_the_cases_that_were_put(tmp_path, monkeypatch):
+    monkeypatch.setattr("condyn_pin.commands.stress.progress_bar", stopping_after(3))
+    table = tmp_path / "s.csv"
+    words = ("--families", "few_iterations", "--solver", "Proximal", "--csv", str(table))
+    result = run("stress", "four_bar", *words, "--json")
+    assert result.exit_code == 130
+    assert json.loads(result.stdout)["cases"] == 4
+    assert "few_iterations" in table.read_text()
+
+
+def test_ctrl_c_keeps_the_runs_of_the_pendulum(monkeypatch):
+    monkeypatch.setattr("condyn_pin.commands.drift.progress_bar", stopping_after(25))
+    result = run("drift", "--steps", "20", "--json")
+    assert result.exit_code == 130
+    runs = json.loads(result.stdout)["runs"]
+    assert runs
+    assert all(one["errors"]["status"] == "finished" for one in runs.values())
+
+
+@pytest.mark.parametrize("words", [("simulate", "four_bar"), ("problem", "A01")])
+def test_ctrl_c_keeps_the_motion_so_far(words, monkeypatch):
+    from condyn_pin.simulation.loop import Loop
+
+    whole = Loop.run
+
+    def interrupted(self, steps, *rest):
+        whole(self, 3, *rest)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Loop, "run", interrupted)
+    result = run(*words)
+    assert result.exit_code == 130
+    assert "interrupted after t = " in result.output
+
+
+def test_ctrl_c_in_one_motion_stops_the_whole_study(monkeypatch):
+    from condyn_pin.simulation.loop import Loop
+
+    def interrupted(self, *_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Loop, "run", interrupted)
+    study = cp.Study("four_bar", [cp.NullSpace()], states=2, measure="trajectory")
+    with pytest.raises(cp.Interrupted):
+        study.run()
+
+
+def test_a_table_goes_to_stdout_as_json_and_to_people_beside():
+    words = ("--quick", "--solvers", "soft,nullspace", "--json", "-")
+    few = {"bench": (), "trade": ("--states", "2")}
+    for command, more in few.items():
+        result = run(command, "four_bar", *words, *more)
+        assert result.exit_code == 0, result.output
+        assert {row["scene"] for row in json.loads(result.stdout)["rows"]} == {"four_bar loops"}
+        assert "four_bar loops" in result.stderr
+        assert "…" not in result.stderr
+
+
+def test_what_no_solver_meets_is_json_too(monkeypatch):
+    def nothing(*_, **__):
+        raise cp.NotReached("nothing meets that")
+
+    monkeypatch.setattr("condyn_pin.trade.tuning.choose", nothing)
+    result = run("tune", "four_bar", "--json")
+    assert result.exit_code == 1
+    answer = json.loads(result.stdout)
+    assert answer["solver"] is None
+    assert answer["reason"] == "nothing meets that"
+
+
+def test_a_ladder_is_json_too(monkeypatch):
+    from condyn_pin.smaller.ladder_table import LadderTable
+
+    monkeypatch.setattr("condyn_pin.smaller.climbing.ladder", lambda n: LadderTable(n, (), 20, {}))
+    result = run("show", "talos", "--ladder", "--json")
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["ladder"] == "talos"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("robots",), ("solvers",), ("problem",), ("show", "cassie", "--frames"), ("show", "talos")],
+)
+def test_a_table_of_words_is_not_cut(words):
+    assert "…" not in run(*words).output
+
+
+def test_a_line_of_an_answer_is_not_broken():
+    lines = run("problem", "A01", "--duration", "0.1").output.splitlines()
+    assert all(line.startswith(("A01", "  ")) for line in lines)
+
+
+def test_a_file_that_was_there_is_kept_by_the_check(tmp_path):
+    from condyn_pin.commands.output import check_written
+
+    there, new = tmp_path / "there.csv", tmp_path / "new.csv"
+    there.write_text("kept")
+    check_written(there, new, None)
+    assert there.read_text() == "kept"
+    assert not new.exists()
+
+
+def test_a_full_disk_is_one_line():
+    code = "from condyn_pin.cli import main; main()"
+    with open("/dev/full", "w") as full:
+        words = [sys.executable, "-c", code, "solvers", "--json"]
+        result = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert result.returncode == 2
+    assert result.stderr.startswith("condyn: ")
+    assert len(result.stderr.splitlines()) == 1
 
 
 def test_a_variant_of_a_robot():
@@ -273,6 +430,12 @@ def test_help_is_a_page_of_the_manual():
         ("condyn sol", "solvers"),
         ("condyn show cas", "cassie"),
         ("condyn solve x --solver nu", "nullspace"),
+        ("condyn bench --solvers soft,nu", "soft,nullspace"),
+        ("condyn simulate x --integrator rat", "rattle"),
+        ("condyn simulate x --drift bau", "baumgarte"),
+        ("condyn problem heavy", "heavy_top"),
+        ("condyn stress --families few", "few_iterations"),
+        ("condyn trade --measure fo", "forces"),
     ],
 )
 def test_the_shell_completes(line, said, monkeypatch):

@@ -15,7 +15,9 @@ import condyn_pin as cp
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
-cheapest, trade, trade_text = map(import_module, ("cheapest", "trade", "trade_text"))
+cheapest, marks, trade, trade_text = map(
+    import_module, ("cheapest", "marks", "trade", "trade_text")
+)
 
 TABLE = cp.Table.from_json(ROOT / "benchmarks" / "results" / "trade.json")
 VERDICTS = cheapest.read()
@@ -25,7 +27,7 @@ PAGES = trade_text.pages(TABLE, VERDICTS, trade.SHOWN)
 @pytest.mark.parametrize("path", list(PAGES))
 def test_a_page_is_what_the_results_make_of_it(path):
     page = (ROOT / path).read_text(encoding="utf-8")
-    assert trade_text.filled(page, PAGES[path]) == page
+    assert marks.filled(page, PAGES[path]) == page
 
 
 def test_every_robot_is_measured_and_every_solver_is_in_the_study():

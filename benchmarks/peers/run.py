@@ -1,4 +1,4 @@
-"""Time condyn_pin and its peers on the same states; benchmarks/results/peers.{json,md}, README.
+"""Time condyn_pin and its peers on the same states; write results/peers.{json,md}, README, docs.
 
     python benchmarks/peers/run.py [--quick] [--passes 5] [--only mujoco] [--folder build/peers]
 
@@ -21,11 +21,12 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
 sys.path.insert(0, str(HERE.parent))
 
+import marks  # noqa: E402
+
 from peers.environments import ENVIRONMENTS, LEFT_OUT, Environment, Missing, last_line  # noqa: E402
-from peers.table import PeerTable, gather, load  # noqa: E402
+from peers.table import TARGETS, PeerTable, gather, load  # noqa: E402
 
 RESULTS = ROOT / "benchmarks" / "results"
-BEGIN, END = "<!-- peers:begin -->", "<!-- peers:end -->"
 TIME_LIMIT = 600  # [s] for one script
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
@@ -102,14 +103,17 @@ def measure(
     return PeerTable(gather(gathered), machine(), skipped, len(gathered), export.STATES)
 
 
-def with_peers(readme: str, table: PeerTable) -> str:
-    """Return the README with the table between its two marks."""
-    head, rest = readme.split(BEGIN)
-    return f"{head}{BEGIN}\n{table.at_equal_error()}\n{END}{rest.split(END)[1]}"
+def pages(table: PeerTable) -> dict[str, dict[str, str]]:
+    """Return the blocks of README and docs: the first error that is asked for, and every one."""
+    first = {quantity: targets[:1] for quantity, targets in TARGETS.items()}
+    return {
+        marks.README: {"peers": table.at_equal_error(first)},
+        marks.RESULTS: {"peers": table.at_equal_error()},
+    }
 
 
 def main() -> None:
-    """Run, write, and update the README."""
+    """Run, write, and update README and docs."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="one pass with few rounds")
     parser.add_argument("--passes", type=int, default=5, help="passes over all peers")
@@ -130,9 +134,7 @@ def main() -> None:
         return
     table.to_json(RESULTS / "peers.json")
     (RESULTS / "peers.md").write_text(table.to_markdown(), encoding="utf-8")
-    readme = ROOT / "README.md"
-    text = with_peers(readme.read_text(encoding="utf-8"), table)
-    readme.write_text(text, encoding="utf-8")
+    marks.write(pages(table))
     print(table.at_equal_error())
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import median
@@ -123,15 +123,15 @@ class PeerTable:
         lines += [f"- {peer}: {why}" for peer, why in self.skipped.items()]
         return "\n".join(lines) + "\n"
 
-    def at_equal_error(self) -> str:
-        """Return the README's table: the fastest way of each peer to each error."""
+    def at_equal_error(self, targets: Mapping[str, Sequence[float]] = TARGETS) -> str:
+        """Return a table: the fastest way of each peer to each error."""
         lines = [
             f"| scene | what | error at most | bare [us] | {' | '.join(PEERS)} |",
             "|---" * (4 + len(PEERS)) + "|",
         ]
         for scene, quantity in dict.fromkeys((row.scene, row.quantity) for row in self.rows):
             bare = self.bare_us(scene, quantity)
-            for target in TARGETS[quantity]:
+            for target in targets[quantity]:
                 rows = [self.fastest(scene, quantity, peer, target) for peer in PEERS]
                 cells = ["" if row is None else f"{row.ratio:.2f}" for row in rows]
                 lines.append(

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from condyn_pin.commands.arguments import AsJson, Loops, Posture, RobotName, Variant
-from condyn_pin.commands.output import console, plain, print_json
+from condyn_pin.commands.output import plain, print_json, say
 
 PANEL = "Solve"
 
@@ -22,11 +22,12 @@ def assemble(
     as_json: AsJson = False,
 ) -> None:
     """Close the loops from a posture as it is described; exits with 1 if that cannot be."""
-    from condyn_pin.commands.words import scene_of
+    from condyn_pin.commands.words import names_in, scene_of
 
     scene = scene_of(robot, "", loops, variant)
-    held = [name.strip() for name in fixed.split(",") if name.strip()]
-    assembly = scene.assemble(scene.guess(posture), fixed=held, within_limits=limits, throw=False)
+    assembly = scene.assemble(
+        scene.guess(posture), fixed=names_in(fixed), within_limits=limits, throw=False
+    )
     joints = {}
     for name in scene.robot.joints:
         joint = scene.robot.model.joints[scene.robot.model.getJointId(name)]
@@ -35,8 +36,8 @@ def assemble(
         status = {"status": assembly.status.name.lower(), "advice": assembly.status.value}
         print_json(plain(assembly) | status | {"joints": joints})
     else:
-        console.print(str(assembly))
+        say(str(assembly))
         for name, values in joints.items():
-            console.print(f"{name:<28} {' '.join(f'{value:.9g}' for value in values)}")
+            say(f"{name:<28} {' '.join(f'{value:.9g}' for value in values)}")
     if not assembly.status.ok:
         raise typer.Exit(1)

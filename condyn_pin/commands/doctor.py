@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import typer
-from rich.table import Table
 
 from condyn_pin.commands.arguments import AsJson
-from condyn_pin.commands.output import console, print_json
+from condyn_pin.commands.output import console, print_json, words
 
 PANEL = "Look"
 
@@ -19,7 +18,7 @@ def doctor(as_json: AsJson = False) -> None:
     if as_json:
         print_json(found)
         raise typer.Exit(1 if found.remedy else 0)
-    table = Table("", found.platform)
+    table = words("", found.platform)
     for name, version in found.versions.items():
         table.add_row(name, version)
     for name, text in found.features.items():

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from condyn_pin.commands.arguments import RobotName, Variant
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.commands.output import check_written, say
 
 PANEL = "Look"
 
@@ -20,10 +20,9 @@ def export(
     variant: Variant = None,
 ) -> None:
     """Write a robot in another format."""
-    from condyn_pin.commands.words import robot_of
+    from condyn_pin.commands.words import names_in, robot_of
 
-    text = robot_of(robot, variant).to_mjcf(without=[name for name in without.split(",") if name])
-    try:
-        mjcf.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InvalidArgument(f"{mjcf}: cannot be written: {error.strerror}") from error
+    check_written(mjcf)
+    text = robot_of(robot, variant).to_mjcf(without=names_in(without))
+    mjcf.write_text(text, encoding="utf-8")
+    say(f"written: {mjcf}")

@@ -13,31 +13,79 @@ from typing import Any, Final
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Column, Table
 
 from condyn_pin.errors import InvalidArgument
 
-# Tables keep their columns: a narrow terminal, or a file, gets long lines rather than cut numbers.
-console = Console(width=max(Console().width, 118), markup=False)
+# As shells say that a program was interrupted.
+INTERRUPTED: Final = 130
+
+# Tables of words are folded to this width at least, on narrow terminals and in files too.
+_WIDTH: Final = max(Console().width, 118)
+
+console = Console(width=_WIDTH, markup=False)
+_beside = Console(width=_WIDTH, markup=False, stderr=True)
 
 _REDRAW: Final = 0.2  # [s]
+_STDOUT: Final = Path("-")
 
 
-def check_files(
-    csv: Path | None, as_json: Path | None, plot: Path | None, native: Path | None
-) -> None:
-    """Refuse what would only fail when everything has been measured."""
-    from condyn_pin.bench_table import BenchTable
-    from condyn_pin.plots import PICTURES, require_matplotlib
+def say(text: str) -> None:
+    """Print a text with its own lines: none is broken."""
+    console.print(text, soft_wrap=True)
 
-    for path in (csv, as_json, plot):
-        if path and not path.absolute().parent.is_dir():
+
+def words(*headings: str | Column) -> Table:
+    """Return a table of words: what is too long for a column goes on in the next line, uncut."""
+    table = Table(*headings)
+    for column in table.columns:
+        column.overflow = "fold"
+    return table
+
+
+def for_people(as_json: Path | None) -> Console:
+    """Return where people read: stderr if a table in json goes to stdout."""
+    return _beside if as_json == _STDOUT else console
+
+
+def check_written(*paths: Path | None) -> None:
+    """Refuse files that could not be written when everything has been measured."""
+    for path in paths:
+        if path is None or path == _STDOUT:
+            continue
+        if not path.absolute().parent.is_dir():
             raise InvalidArgument(f"{path}: there is no folder {path.parent}; make it first")
-    if plot:
+        is_new = not path.exists()
+        try:
+            path.open("ab").close()
+        except OSError as error:
+            raise InvalidArgument(f"{path}: cannot be written: {error.strerror}") from error
+        if is_new:
+            path.unlink()
+
+
+def check_ending(path: Path | None, *endings: str) -> None:
+    """Refuse a file whose ending says another format than it would have."""
+    if path and path.suffix not in endings:
+        raise InvalidArgument(f"{path}: the ending says the format: {', '.join(endings)}")
+
+
+def check_picture(path: Path | None) -> None:
+    """Refuse a picture that could not be drawn when everything has been measured."""
+    if path:
+        from condyn_pin.plots import PICTURES, require_matplotlib
+
         require_matplotlib()
-        if plot.suffix not in PICTURES:
-            raise InvalidArgument(f"{plot}: the ending says the format: {', '.join(PICTURES)}")
-    if native:
-        BenchTable((), {}).with_native(native)
+        check_ending(path, *PICTURES)
+        check_written(path)
+
+
+def write_json(table: Any, path: Path) -> None:
+    """Write a table with `to_json` and `as_dict` to a file, or to stdout if its name is ``-``."""
+    if path == _STDOUT:
+        print_json(table.as_dict())
+    else:
+        table.to_json(path)
 
 
 def print_json(answer: Any) -> None:
@@ -67,11 +115,13 @@ def progress_bar() -> Iterator[Callable[[str, int, int], None]]:
     """Give what is called with (what, done, total), and shows it with the time that is left.
 
     Drawn when it is called, five times a second at most, and never in between: a thread that draws
-    would take the interpreter from what is timed.
+    would take the interpreter from what is timed. Nothing is drawn into a file.
     """
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
     screen = Console(stderr=True)
-    with Progress(*columns, console=screen, transient=True, auto_refresh=False) as bar:
+    with Progress(
+        *columns, console=screen, transient=True, auto_refresh=False, disable=not screen.is_terminal
+    ) as bar:
         task, drawn = bar.add_task("", total=None), 0.0
 
         def show(what: str, done: int, total: int) -> None:

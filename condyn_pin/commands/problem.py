@@ -6,8 +6,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from condyn_pin.commands.arguments import AsJson
-from condyn_pin.commands.output import console, print_json
+from condyn_pin.commands.arguments import (
+    AsJson,
+    DriftName,
+    Gain,
+    IntegratorName,
+    ProblemName,
+    SolverOrNone,
+)
+from condyn_pin.commands.output import INTERRUPTED, console, print_json, say, words
 
 if TYPE_CHECKING:
     from condyn_pin.problems.base import Problem
@@ -16,18 +23,21 @@ PANEL = "Simulate"
 
 
 def problem(
-    name: Annotated[str, typer.Argument(help="Its name; without one they are listed.")] = "",
+    name: ProblemName = "",
     n: Annotated[int | None, typer.Option(help="Its size, such as the cells of A02.")] = None,
     dt: Annotated[float | None, typer.Option(help="Step [s].")] = None,
-    integrator: Annotated[str, typer.Option(help="Name of an integrator.")] = "",
-    drift: Annotated[str, typer.Option(help="Name of a drift scheme.")] = "",
-    gain: Annotated[float, typer.Option(help="Of Baumgarte, alpha = beta [1/s].")] = 10.0,
-    solver: Annotated[str, typer.Option(help="A name of `condyn solvers`.")] = "",
-    duration: Annotated[float | None, typer.Option(help="A part of it [s].")] = None,
+    integrator: IntegratorName = None,
+    drift: DriftName = None,
+    gain: Gain = None,
+    solver: SolverOrNone = None,
+    duration: Annotated[
+        float | None, typer.Option(help="A part of it [s]; only the whole has a verdict.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Run a benchmark problem and judge the motion; exits with 1 if no limit is met."""
-    if not name:
+    choices = (n, dt, integrator, drift, gain, solver, duration)
+    if not name and all(each is None for each in choices):
         _list(as_json)
         return
     from condyn_pin.commands.words import drift_of, integrator_of, solver_of
@@ -36,28 +46,28 @@ def problem(
 
     result = load_problem(name, n=n).run(
         dt=dt,
-        integrator=integrator_of(integrator) if integrator else None,
-        drift=drift_of(drift, gain) if drift else None,
-        solver=solver_of(solver, {}) if solver else None,
+        integrator=integrator_of(integrator),
+        drift=drift_of(drift, gain),
+        solver=solver_of(solver) if solver else None,
         duration=duration,
     )
     if as_json:
         print_json(result.to_dict() | {"machine": machine()})
     else:
-        console.print(str(result))
+        say(str(result))
+    if result.trajectory.status.name == "INTERRUPTED":
+        raise typer.Exit(INTERRUPTED)
     if not result.met:
         raise typer.Exit(1)
 
 
 def _list(as_json: bool) -> None:
-    from rich.table import Table
-
     from condyn_pin.problems import PROBLEMS
 
     if as_json:
         print_json({kind.name: _facts(kind()) for kind in PROBLEMS.values()})
         return
-    table = Table("problem", "title", "sizes", "seconds", "the finest limit", "source")
+    table = words("problem", "title", "sizes", "seconds", "the finest limit", "source")
     for kind in PROBLEMS.values():
         one = kind()
         finest = one.limits[-1]

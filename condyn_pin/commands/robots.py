@@ -5,10 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.table import Table
-
 from condyn_pin.commands.arguments import AsJson
-from condyn_pin.commands.output import console, print_json
+from condyn_pin.commands.output import console, print_json, words
 
 if TYPE_CHECKING:
     from condyn_pin.robot import Robot
@@ -24,10 +22,9 @@ def robots(as_json: AsJson = False) -> None:
     if as_json:
         print_json({name: _facts(robot) for name, robot in loaded.items()})
         return
-    table = Table("robot", "nq", "nv", "mass [kg]", "loops", "postures", "file", "licence")
+    table = words("robot", "nq", "nv", "mass [kg]", "loops", "postures", "file", "licence")
     for column in table.columns[1:5]:
         column.justify = "right"
-    table.columns[6].overflow = "fold"  # a name that is cut helps nobody
     for robot in loaded.values():
         table.add_row(
             robot.name,

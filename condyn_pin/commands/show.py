@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.table import Table
 
 from condyn_pin.commands.arguments import AsJson, Contacts, Loops, Posture, RobotName, Variant
-from condyn_pin.commands.output import check_files, console, plain, print_json
+from condyn_pin.commands.output import check_picture, console, plain, print_json, words
 from condyn_pin.errors import InvalidArgument
 
 PANEL = "Look"
@@ -20,7 +19,9 @@ def show(
     contacts: Contacts = "",
     loops: Loops = True,
     posture: Posture = None,
-    frames: Annotated[bool, typer.Option(help="List the frames that constraints can use.")] = False,
+    frames: Annotated[
+        bool, typer.Option("--frames", help="List the frames that constraints can use.")
+    ] = False,
     ladder: Annotated[
         bool, typer.Option("--ladder", help="Show smaller scenes instead, with their price.")
     ] = False,
@@ -30,12 +31,7 @@ def show(
 ) -> None:
     """Show what a scene contains, what is redundant, and what is not used."""
     if ladder:
-        from condyn_pin.smaller.ladder_print import show_ladder
-
-        if variant or as_json:
-            raise InvalidArgument("--ladder has neither variants nor json; leave them out")
-        check_files(None, None, plot, None)
-        show_ladder(robot, plot, console)
+        _show_ladder(robot, plot, variant, as_json)
         return
     if plot:
         raise InvalidArgument("--plot draws a ladder; add --ladder")
@@ -48,7 +44,7 @@ def show(
         ready = [contact.name for contact in scene.robot.contacts]
         print_json(plain(summary) | names | {"ready_contacts": ready})
         return
-    table = Table("", summary.robot, show_header=True)
+    table = words("", summary.robot)
     for label, text in summary.facts().items():
         table.add_row(label, text)
     for name, kind, rows in summary.constraints:
@@ -62,3 +58,21 @@ def show(
     if frames:
         table.add_row("frames", ", ".join(scene.robot.frames))
     console.print(table)
+
+
+def _show_ladder(name: str, plot: Path | None, variant: list[str] | None, as_json: bool) -> None:
+    from condyn_pin.smaller.climbing import ladder
+    from condyn_pin.smaller.ladder_print import print_ladder
+
+    if variant:
+        raise InvalidArgument("--ladder has no variants: its rungs are; leave --variant out")
+    check_picture(plot)
+    table = ladder(name)
+    if as_json:
+        print_json(table.as_dict())
+    else:
+        print_ladder(table, console)
+    if plot:
+        from condyn_pin.smaller.ladder_plot import save_ladders
+
+        save_ladders([table], plot)

@@ -7,9 +7,25 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from condyn_pin.commands.arguments import AsJson, Contacts, Loops, Posture, RobotName, Variant
-from condyn_pin.commands.output import check_files, console, print_json
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.commands.arguments import (
+    AsJson,
+    Contacts,
+    DriftName,
+    Gain,
+    IntegratorName,
+    Loops,
+    Posture,
+    RobotName,
+    SolverOrNone,
+    Variant,
+)
+from condyn_pin.commands.output import (
+    INTERRUPTED,
+    check_ending,
+    check_written,
+    print_json,
+    say,
+)
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.trajectory import Trajectory
@@ -24,44 +40,42 @@ def simulate(
     posture: Posture = None,
     duration: Annotated[float, typer.Option(help="[s]")] = 1.0,
     dt: Annotated[float, typer.Option(help="The step [s].")] = 1e-3,
-    integrator: Annotated[
-        str, typer.Option(help="Such as rungekutta4, semiimpliciteuler or rattle.")
-    ] = "rungekutta4",
-    drift: Annotated[
-        str | None,
-        typer.Option(
-            help="nodrift, baumgarte, projection or poststabilization; the last one by default "
-            "where it is needed."
-        ),
-    ] = None,
-    gain: Annotated[float, typer.Option(help="alpha = beta of baumgarte [1/s].")] = 30.0,
-    solver: Annotated[str | None, typer.Option(help="A name of `condyn solvers`.")] = None,
-    record: Annotated[int, typer.Option(help="Every which sample is kept.")] = 1,
+    integrator: IntegratorName = None,
+    drift: DriftName = None,
+    gain: Gain = None,
+    solver: SolverOrNone = None,
+    record: Annotated[int, typer.Option(help="Keep every so many steps a sample.")] = 1,
     save: Annotated[Path | None, typer.Option(help="Write the trajectory here (npz).")] = None,
     csv: Annotated[Path | None, typer.Option(help="Write the samples here.")] = None,
     variant: Variant = None,
     as_json: AsJson = False,
 ) -> None:
-    """Simulate from a posture at rest, without torques; exits with 1 if it broke down."""
+    """Simulate from a posture at rest, without torques; exits with 1 if it broke down.
+
+    Ctrl-C keeps the motion so far.
+    """
     from condyn_pin.commands.words import drift_of, integrator_of, scene_of, solver_of
     from condyn_pin.simulation.run import simulate as simulate_scene
 
+    check_ending(save, ".npz")
+    check_written(save, csv)
     scene = scene_of(robot, contacts, loops, variant)
-    check_files(csv, save, None, None)
-    if save and save.suffix != ".npz":
-        raise InvalidArgument(f"{save}: the ending has to be .npz")
-    q, v = scene.state(posture)
     found = simulate_scene(
         scene,
-        q,
-        v,
+        *scene.state(posture),
         duration=duration,
         dt=dt,
         integrator=integrator_of(integrator),
-        drift=drift_of(drift, gain) if drift else None,
-        solver=solver_of(solver, {}) if solver else None,
+        drift=drift_of(drift, gain),
+        solver=solver_of(solver) if solver else None,
         record=record,
     )
+    _write(found, save, csv, as_json)
+    if not found.status.ok:
+        raise typer.Exit(INTERRUPTED if found.status.name == "INTERRUPTED" else 1)
+
+
+def _write(found: Trajectory, save: Path | None, csv: Path | None, as_json: bool) -> None:
     if save:
         found.save(save)
     if csv:
@@ -69,9 +83,7 @@ def simulate(
     if as_json:
         print_json(_summary(found))
     else:
-        console.print(str(found))
-    if not found.status.ok:
-        raise typer.Exit(1)
+        say(str(found))
 
 
 def _summary(found: Trajectory) -> dict[str, object]:

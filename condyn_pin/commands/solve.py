@@ -15,7 +15,7 @@ from condyn_pin.commands.arguments import (
     SolverName,
     Variant,
 )
-from condyn_pin.commands.output import console, print_json
+from condyn_pin.commands.output import print_json, say
 from condyn_pin.tolerances import SOLVED
 
 PANEL = "Solve"
@@ -64,10 +64,10 @@ def solve(
         }
         print_json(answer)
     else:
-        console.print(f"{scene.robot.name}, {chosen!r}")
-        console.print(str(solution))
+        say(f"{scene.robot.name}, {chosen!r}")
+        say(str(solution))
         for note in scene.rank(q).notes:
-            console.print(f"note: {note}")
+            say(f"note: {note}")
     if not solution.status.ok:
         typer.echo(str(solution.status), err=True)
         raise typer.Exit(1)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from rich.table import Column, Table
+from rich.table import Column
 
 from condyn_pin.commands.arguments import AsJson
-from condyn_pin.commands.output import console, print_json
+from condyn_pin.commands.output import console, print_json, words
 
 PANEL = "Look"
 
@@ -17,9 +17,8 @@ def solvers(as_json: AsJson = False) -> None:
     if as_json:
         print_json(solver_rows())
         return
-    table = Table(
-        "solver", "takes", "cost", "when to use it", Column("knobs", width=24), show_lines=True
-    )
+    table = words("solver", "takes", "cost", "when to use it", Column("knobs", width=24))
+    table.show_lines = True
     for row in solver_rows():
         takes = f"{row.kinds}\nredundant rows, singular states: {row.redundant}"
         table.add_row(row.name, takes, row.cost, row.use, row.knobs)

@@ -3,98 +3,139 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
+from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from condyn_pin.commands.arguments import AsJson
-from condyn_pin.commands.output import check_files, console, print_json
+from condyn_pin.commands.arguments import (
+    AsJson,
+    Csv,
+    Families,
+    Plot,
+    RobotsToStress,
+    SolversToStress,
+)
+from condyn_pin.commands.output import (
+    INTERRUPTED,
+    check_picture,
+    check_written,
+    print_json,
+    progress_bar,
+    say,
+)
 
 if TYPE_CHECKING:
     from condyn_pin.extremes.stress_table import Map
+    from condyn_pin.extremes.verdict import Outcome, Task
 
 PANEL = "Measure"
 
 
 def stress(
-    robots: Annotated[
-        list[str] | None,
-        typer.Argument(help="Robots to put through it; four of them, and mechanisms, if none."),
-    ] = None,
-    solver: Annotated[str, typer.Option(help="Names of `condyn solvers`, or all.")] = "all",
-    families: Annotated[
-        str, typer.Option(help="Comma-separated: families; all of them by default.")
-    ] = "",
+    robots: RobotsToStress = None,
+    solver: SolversToStress = "all",
+    families: Families = "",
     seeds: Annotated[int, typer.Option(min=1, help="How many cases of each severity.")] = 1,
     seconds: Annotated[
         float, typer.Option(help="Stop after this time; cases come in a mixed order then.")
     ] = math.inf,
-    plot: Annotated[Path | None, typer.Option(help="Draw the maps (png, svg, pdf).")] = None,
-    csv: Annotated[Path | None, typer.Option(help="Write the table here.")] = None,
+    plot: Plot = None,
+    csv: Csv = None,
     as_json: AsJson = False,
 ) -> None:
-    """Turn the dial from tame to absurd; exits with 1 if an answer is wrong without saying so."""
-    from condyn_pin._pin import VERSION_TEXT
-    from condyn_pin.extremes.base import EXTREMES
-    from condyn_pin.extremes.stress import ROBOTS, mixed, tasks
-    from condyn_pin.extremes.stress import stress as run
-    from condyn_pin.extremes.stress_table import counts, maps, write_csv
+    """Turn the dial from tame to absurd; exits with 1 if an answer is wrong without saying so.
 
-    check_files(csv, None, plot, None)
-    names = _names(families)
-    if robots and not names:  # a robot is put through what any scene can be put through
-        names = [name for name, family in EXTREMES.items() if family.any_scene]
-    todo = tasks(names, robots or ROBOTS, seeds, heavy=not math.isfinite(seconds))
-    if math.isfinite(seconds):
-        todo = mixed(todo)
-    methods = [] if solver == "all" else _names(solver)
-    columns = (TextColumn("cases"), BarColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        bar = progress.add_task("cases", total=len(todo))
-        outcomes = run(
-            todo,
-            methods,
-            seconds=seconds,
-            progress=lambda done, _: progress.update(bar, completed=done),
-        )
+    Ctrl-C keeps the cases that were put.
+    """
+    from condyn_pin._pin import VERSION_TEXT
+    from condyn_pin.commands.words import names_in
+    from condyn_pin.errors import Interrupted, InvalidArgument
+    from condyn_pin.extremes.stress import stress as run
+    from condyn_pin.extremes.stress_table import maps, write_csv
+
+    if not seconds > 0:
+        raise InvalidArgument(f"--seconds {seconds}: a number > 0 is needed")
+    check_written(csv)
+    check_picture(plot)
+    todo = _tasks(robots, names_in(families), seeds, seconds)
+    methods = [] if solver.lower() == "all" else [name.lower() for name in names_in(solver)]
+    stopped = False
+    try:
+        with progress_bar() as progress:
+            outcomes = run(todo, methods, seconds=seconds, progress=partial(progress, "cases"))
+    except Interrupted as stop:
+        outcomes, stopped = stop.table, True
+    whole = not stopped and not math.isfinite(seconds)
     found = maps(outcomes)
-    if not math.isfinite(seconds) and not as_json:
-        for each in found:
-            console.print(f"{each.label}: {EXTREMES[each.family].title}")
-            for method in each.methods:
-                console.print(f"    {each.advice(method)}")
-    defects = [
-        f"{outcome.verdict.name} {outcome.method}: {outcome.task} {outcome.said}"
-        for outcome in outcomes
-        if outcome.verdict.defect
-    ]
-    counted = counts(outcomes)
     if as_json:
-        facts = {"pinocchio": VERSION_TEXT, "cases": len(outcomes), "counts": counted}
-        print_json(facts | {"defects": defects, "maps": [_facts(each) for each in found]})
+        print_json(_facts(outcomes, found))
     else:
-        for defect in defects:
-            console.print(defect)
-        said = ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in counted.items())
-        console.print(f"{len(outcomes)} cases on Pinocchio {VERSION_TEXT}: {said}")
+        _print(outcomes, found if whole else [])
     if csv:
         write_csv(found, csv, VERSION_TEXT)
-    if plot:
+    if plot and found:
         from condyn_pin.extremes.stress_plot import save_maps
 
         save_maps(found, plot, f"Pinocchio {VERSION_TEXT}; ")
-    if defects:
+    if stopped:
+        raise typer.Exit(INTERRUPTED)
+    if _defects(outcomes):
         raise typer.Exit(1)
 
 
-def _names(text: str) -> list[str]:
-    return [name.strip() for name in text.split(",") if name.strip()]
+def _tasks(robots: list[str] | None, families: list[str], seeds: int, seconds: float) -> list[Task]:
+    """Return the cases, in a mixed order if there is no time for all."""
+    from condyn_pin.extremes.base import EXTREMES
+    from condyn_pin.extremes.stress import ROBOTS, mixed, tasks
+
+    if robots and not families:  # a robot is put through what any scene can be put through
+        families = [name for name, family in EXTREMES.items() if family.any_scene]
+    todo = tasks(families, robots or ROBOTS, seeds, heavy=not math.isfinite(seconds))
+    return mixed(todo) if math.isfinite(seconds) else todo
 
 
-def _facts(each: Map) -> dict[str, Any]:
+def _defects(outcomes: Sequence[Outcome]) -> list[str]:
+    """Return what must not be, a line each."""
+    return [
+        f"{one.verdict.name} {one.method}: {one.task} {one.said}"
+        for one in outcomes
+        if one.verdict.defect
+    ]
+
+
+def _print(outcomes: Sequence[Outcome], shown: Sequence[Map]) -> None:
+    """Print the advice of some maps, the defects, and the counts of everything."""
+    from condyn_pin._pin import VERSION_TEXT
+    from condyn_pin.extremes.base import EXTREMES
+    from condyn_pin.extremes.stress_table import counts
+
+    for each in shown:
+        say(f"{each.label}: {EXTREMES[each.family].title}")
+        for method in each.methods:
+            say(f"    {each.advice(method)}")
+    for defect in _defects(outcomes):
+        say(defect)
+    said = ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in counts(outcomes).items())
+    say(f"{len(outcomes)} cases on Pinocchio {VERSION_TEXT}: {said}")
+
+
+def _facts(outcomes: Sequence[Outcome], found: Sequence[Map]) -> dict[str, Any]:
+    """Return everything in the words of json."""
+    from condyn_pin._pin import VERSION_TEXT
+    from condyn_pin.extremes.stress_table import counts
+
+    return {
+        "pinocchio": VERSION_TEXT,
+        "cases": len(outcomes),
+        "counts": counts(outcomes),
+        "defects": _defects(outcomes),
+        "maps": [_map(each) for each in found],
+    }
+
+
+def _map(each: Map) -> dict[str, Any]:
     """Return a map in the words of json, its cells in a row."""
     cells = [
         {

@@ -6,8 +6,16 @@ from typing import Annotated
 
 import typer
 
-from condyn_pin.commands.arguments import AsJson, Contacts, Loops, RobotName, Variant
-from condyn_pin.commands.output import console, print_json, progress_bar
+from condyn_pin.commands.arguments import (
+    AsJson,
+    Contacts,
+    Loops,
+    Measure,
+    RobotName,
+    SolversToSweep,
+    Variant,
+)
+from condyn_pin.commands.output import print_json, progress_bar, say
 from condyn_pin.tolerances import SOLVED
 
 PANEL = "Measure"
@@ -18,10 +26,8 @@ def tune(
     contacts: Contacts = "",
     loops: Loops = True,
     error: Annotated[float, typer.Option(help="The worst error that is good enough.")] = SOLVED,
-    measure: Annotated[str, typer.Option(help="As in `condyn trade`.")] = "acceleration",
-    solvers: Annotated[
-        str, typer.Option(help="Names of `condyn solvers`, all knobs turned; all by default.")
-    ] = "",
+    measure: Measure = "acceleration",
+    solvers: SolversToSweep = "",
     save: Annotated[bool, typer.Option(help="Keep the choice, for `tuned`.")] = True,
     variant: Variant = None,
     as_json: AsJson = False,
@@ -38,13 +44,15 @@ def tune(
         with progress_bar() as progress:
             choice = choose(scene, error, measure=measure, solvers=chosen, progress=progress)
     except NotReached as reason:
+        if as_json:
+            print_json({"measure": measure, "error": error, "solver": None, "reason": str(reason)})
         typer.echo(f"condyn: {reason}", err=True)
         raise typer.Exit(1) from reason
     plan = keep(scene, choice) if save else plan_for(scene, choice)
     if as_json:
         print_json(plan)
         return
-    console.print(str(choice))
+    say(str(choice))
     if save:
-        console.print(f"kept in {path_of(plan.fingerprint, plan.measure, plan.error)}")
-        console.print(f"solve(scene, q, v, tau, solver=tuned(scene, {error:g}))")
+        say(f"kept in {path_of(plan.fingerprint, plan.measure, plan.error)}")
+        say(f"solve(scene, q, v, tau, solver=tuned(scene, {error:g}))")

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from condyn_pin.commands.arguments import Loops, Posture, Variant
-from condyn_pin.commands.output import console
+from condyn_pin.commands.arguments import Loops, Posture, Variant, complete_robots
+from condyn_pin.commands.output import check_ending, check_written, say
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
     from condyn_pin.viewing.verbs import Subject
+    from condyn_pin.viewing.viewer import Viewer
 
 PANEL = "Look"
 
@@ -20,7 +21,10 @@ PANEL = "Look"
 def view(
     subject: Annotated[
         str,
-        typer.Argument(help="A name of `condyn robots`, a path of a robot, or a motion (.npz)."),
+        typer.Argument(
+            help="A name of `condyn robots`, a path of a robot, or a motion (.npz).",
+            autocompletion=complete_robots,
+        ),
     ],
     contacts: Annotated[
         str | None,
@@ -37,7 +41,9 @@ def view(
     light: Annotated[bool, typer.Option("--light", help="At most 30 000 triangles.")] = False,
     html: Annotated[Path | None, typer.Option(help="Write one page that opens from disk.")] = None,
     png: Annotated[Path | None, typer.Option(help="Write a picture; needs Chromium.")] = None,
-    port: Annotated[int, typer.Option(help="Of the server; a free one by default.")] = 0,
+    port: Annotated[
+        int, typer.Option(help="Of the server; a free one by default.", min=0, max=65535)
+    ] = 0,
     browser: Annotated[
         bool, typer.Option(help="Open the browser, where there is a screen.")
     ] = True,
@@ -46,30 +52,36 @@ def view(
     """Look at a robot or a motion in a browser until Ctrl-C, or write it to a file."""
     from condyn_pin.viewing.verbs import view as view_subject
 
-    if subject.endswith(".npz"):
-        if posture or forces or contacts or variant:
-            raise InvalidArgument(f"{subject}: a motion has its own states, contacts and forces")
-        chosen = _motion(subject)
-        posture = None
-    else:
+    check_ending(html, ".html", ".htm")
+    check_ending(png, ".png")
+    check_written(html, png)
+    if not subject.endswith(".npz"):
         chosen = _standing(subject, contacts, loops, posture, forces, variant)
-        posture = None if forces else posture
+    elif posture or forces or contacts or variant or not loops:
+        raise InvalidArgument(f"{subject}: a motion has its own states, constraints and forces")
+    else:
+        chosen = _motion(subject)
     viewer = view_subject(
-        chosen, posture=posture, speed=speed, light=light, html=html, png=png, browser=browser,
-        port=port,
+        chosen, posture=None if forces else posture, speed=speed, light=light, html=html, png=png,
+        browser=browser, port=port,
     )  # fmt: skip
     with viewer:
         for note in viewer.notes:
-            console.print(f"note: {note}")
+            say(f"note: {note}")
         for path in (html, png):
             if path:
-                console.print(f"written: {path}")
+                say(f"written: {path}")
         if viewer.url:
-            try:
-                console.print(f"{viewer.drawing.title}: {viewer.url} (Ctrl-C ends it)")
-                viewer.wait()
-            except KeyboardInterrupt:
-                console.print("closed")
+            _serve(viewer)
+
+
+def _serve(viewer: Viewer) -> None:
+    """Say where to look, and wait for Ctrl-C."""
+    try:
+        say(f"{viewer.drawing.title}: {viewer.url} (Ctrl-C ends it)")
+        viewer.wait()
+    except KeyboardInterrupt:
+        say("closed")
 
 
 def _motion(path: str) -> Subject:

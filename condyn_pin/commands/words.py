@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -18,11 +18,18 @@ from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
 from condyn_pin.solvers import SOLVERS, Solver
 from condyn_pin.trade.sweeps import sweep
 
+_GAIN = 30.0  # [1/s] of Baumgarte's method, if none is given
+
+
+def names_in(text: str) -> list[str]:
+    """Return the names of a list with commas."""
+    return [name.strip() for name in text.split(",") if name.strip()]
+
 
 def scene_of(name: str, contacts: str, loops: bool, variant: Sequence[str] | None = None) -> Scene:
     """Return the scene of a robot, its loops if wanted, and the contacts that are listed."""
     robot = robot_of(name, variant)
-    chosen = [_contact(robot, text.strip()) for text in contacts.split(",") if text.strip()]
+    chosen = [_contact(robot, text) for text in names_in(contacts)]
     return Scene(robot, (*(robot.loops if loops else ()), *chosen))
 
 
@@ -50,12 +57,12 @@ def _contact(robot: Robot, text: str) -> Constraint:
     raise unknown_name(f"ready-made contact (or {wanted})", text, ready)
 
 
-def solver_of(name: str, knobs: dict[str, Any]) -> Solver:
+def solver_of(name: str, knobs: Mapping[str, Any] | None = None) -> Solver:
     """Return the solver of a name, with the knobs that are not None."""
     if name.lower() not in SOLVERS:
         raise unknown_name("solver", name, SOLVERS)
     chosen = SOLVERS[name.lower()]
-    given = {key: value for key, value in knobs.items() if value is not None}
+    given = {key: value for key, value in (knobs or {}).items() if value is not None}
     known = {field.name for field in fields(chosen)}  # type: ignore[arg-type]
     for key in given.keys() - known:
         raise InvalidArgument(f"{key}: {chosen.__name__} has no such knob; it has {sorted(known)}")
@@ -68,26 +75,33 @@ def solvers_of(names: str) -> tuple[Solver, ...]:
     ``all`` are those that this Pinocchio has, without Reference: it judges the others.
     """
     if names.lower() != "all":
-        return tuple(solver_of(name.strip(), {}) for name in names.split(",") if name.strip())
+        return tuple(solver_of(name) for name in names_in(names))
     missing = () if _pin.HAS_LCABA else ("lcaba",)
     return tuple(
         solver() for name, solver in SOLVERS.items() if name not in ("reference", *missing)
     )
 
 
-def integrator_of(name: str) -> Integrator:
+def integrator_of(name: str | None) -> Integrator | None:
     """Return the integrator of a name, with its defaults."""
+    if name is None:
+        return None
     if name.lower() not in INTEGRATORS:
         raise unknown_name("integrator", name, INTEGRATORS)
     return INTEGRATORS[name.lower()]()
 
 
-def drift_of(name: str, gain: float) -> Drift:
+def drift_of(name: str | None, gain: float | None) -> Drift | None:
     """Return the drift scheme of a name; `gain` is alpha and beta of Baumgarte's [1/s]."""
-    if name.lower() not in DRIFTS:
+    if name is not None and name.lower() not in DRIFTS:
         raise unknown_name("drift scheme", name, DRIFTS)
-    kind = DRIFTS[name.lower()]
-    return kind(gain, gain) if kind is Baumgarte else kind()
+    kind = DRIFTS[name.lower()] if name else None
+    if kind is Baumgarte:
+        chosen = _GAIN if gain is None else gain
+        return Baumgarte(chosen, chosen)
+    if gain is not None:
+        raise InvalidArgument(f"--gain {gain:g} is of Baumgarte's method; add --drift baumgarte")
+    return kind() if kind else None
 
 
 def swept_solvers_of(names: str) -> tuple[Solver, ...] | None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._pin import HAS_LCABA
-from condyn_pin.errors import unknown_name
+from condyn_pin.errors import Interrupted, unknown_name
 from condyn_pin.extremes.base import EXTREMES
 from condyn_pin.extremes.verdict import Outcome, Task, Verdict
 from condyn_pin.load import load_robot
@@ -111,6 +111,8 @@ def stress(
     ------
     UnknownName
         If there is no such solver or robot.
+    Interrupted
+        With the outcomes before Ctrl-C.
 
     Notes
     -----
@@ -123,13 +125,16 @@ def stress(
         if robot and robot not in scenes:
             load_robot(robot)  # a name that is none is no refusal of a method
     found: list[Outcome] = []
-    with _Process(scenes, imports) as process:
-        for k, task in enumerate(todo):
-            if monotonic() - start >= seconds:
-                break
-            found += process.answers(task, names, patience)
-            if progress:
-                progress(k + 1, len(todo))
+    try:
+        with _Process(scenes, imports) as process:
+            for k, task in enumerate(todo):
+                if monotonic() - start >= seconds:
+                    break
+                found += process.answers(task, names, patience)
+                if progress:
+                    progress(k + 1, len(todo))
+    except KeyboardInterrupt as stop:
+        raise Interrupted(found) from stop
     return found
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import gc
+import signal
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from itertools import chain
 from multiprocessing.connection import Connection
 
 from condyn_pin.errors import CondynError
@@ -47,6 +49,7 @@ def work(pipe: Connection, scenes: dict[str, Scene], imports: Sequence[str]) -> 
     """
     for module in imports:
         import_module(module)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks
     memory = Memory(dict(scenes))
     pipe.send("ready")
     while True:
@@ -54,9 +57,11 @@ def work(pipe: Connection, scenes: dict[str, Scene], imports: Sequence[str]) -> 
             task, methods = pipe.recv()
         except (EOFError, OSError):
             return
-        for answer in answers(task, methods, memory):
-            pipe.send(answer)
-        pipe.send(None)
+        try:
+            for answer in chain(answers(task, methods, memory), [None]):
+                pipe.send(answer)
+        except BrokenPipeError:  # nobody asks any more
+            return
 
 
 def answers(task: Task, methods: list[str], memory: Memory) -> Iterator[str | Outcome]:

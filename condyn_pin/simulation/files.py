@@ -96,8 +96,13 @@ def load(path: Path_) -> Trajectory:
         # numpy leaves a file open that is no archive
         with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             content = {name: file[name] for name in file.files}
+    except OSError as error:
+        raise InvalidArgument(f"{path}: no file of a trajectory ({error.strerror})") from error
     except Exception as error:  # numpy and zipfile raise whatever a damaged byte makes them
-        raise InvalidArgument(f"{path}: no file of a trajectory ({error})") from error
+        raise InvalidArgument(
+            f"{path}: no file of a trajectory ({type(error).__name__} on reading it); "
+            "Trajectory.save and `condyn simulate --save` write one"
+        ) from error
     try:
         header = json.loads(str(content["header"]))
         written_by = header["pinocchio"]

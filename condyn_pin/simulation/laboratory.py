@@ -22,6 +22,7 @@ from condyn_pin.drift.base import Drift
 from condyn_pin.drift.baumgarte import Baumgarte
 from condyn_pin.drift.no_drift import NoDrift
 from condyn_pin.drift.projection import Projection
+from condyn_pin.errors import Interrupted
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.integrators import Integrator
@@ -30,6 +31,7 @@ from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4
 from condyn_pin.simulation.integrators.semi_implicit_euler import SemiImplicitEuler
 from condyn_pin.simulation.run import simulate
 from condyn_pin.simulation.trajectory import Trajectory
+from condyn_pin.simulation.uninterrupted import uninterrupted
 from condyn_pin.simulation.walls import growth
 
 # Samples of a run whose largest errors are wanted.
@@ -166,10 +168,11 @@ def _end(integrator: Integrator, drift: Drift, dt: float, steps: int, start: Arr
     theta, omega = start
     out = np.array([np.sin(theta), -np.cos(theta)])
     along = np.array([np.cos(theta), np.sin(theta)])
-    run = simulate(
+    motion = simulate(
         rod_pendulum(), out, omega * along, duration=steps * dt, dt=dt, integrator=integrator,
         drift=drift, record=steps,
     )  # fmt: skip
+    run = uninterrupted(motion)
     (x, z), (vx, vz) = run.q[-1], run.v[-1]
     return np.array([np.arctan2(x, -z), (x * vz - z * vx) / (x * x + z * z)])
 
@@ -184,10 +187,11 @@ def _run(
     progress: Callable[[float], object] | None = None,
 ) -> Trajectory:
     scene = rod_pendulum()
-    return simulate(
+    motion = simulate(
         scene, *scene.state("horizontal"), duration=steps * dt, dt=dt, integrator=integrator,
         drift=drift, record=record, progress=progress,
     )  # fmt: skip
+    return uninterrupted(motion)
 
 
 @dataclass(frozen=True)
@@ -236,15 +240,21 @@ def contest(
     steps : int
     progress : callable, optional
         Called with the share that is done.
+
+    Raises
+    ------
+    Interrupted
+        With those that went to their end before Ctrl-C.
     """
     ways = contenders(dt)
-    results = []
-    for i, (integrator, drift) in enumerate(ways):
-        tick = None
-        if progress is not None:
-            tick = partial(_part, progress, i, len(ways))
-        found = errors(integrator, drift, dt=dt, steps=steps, progress=tick)
-        results.append(Contest(integrator, drift, dt, found, area(integrator, drift, dt=dt)))
+    results: list[Contest] = []
+    try:
+        for i, (integrator, drift) in enumerate(ways):
+            tick = None if progress is None else partial(_part, progress, i, len(ways))
+            found = errors(integrator, drift, dt=dt, steps=steps, progress=tick)
+            results.append(Contest(integrator, drift, dt, found, area(integrator, drift, dt=dt)))
+    except KeyboardInterrupt as stop:
+        raise Interrupted(tuple(results)) from stop
     return tuple(results)
 
 

@@ -21,7 +21,7 @@ class RunStatus(Enum):
     DIVERGED = "its numbers grew without bound: use a smaller dt, or other gains"
     FAILED = "a step could not be taken"
     PILED_UP = "events piled up"
-    INTERRUPTED = "it was interrupted"
+    INTERRUPTED = "what came before is kept"
 
     @property
     def ok(self) -> bool:

@@ -166,6 +166,8 @@ def _run(
     except PiledUp as end:
         return RunStatus.PILED_UP, str(end)
     except KeyboardInterrupt:
+        if not any(recorder.count for recorder in loop.recorders):
+            raise
         return RunStatus.INTERRUPTED, f"interrupted after t = {loop.t:g} s"
     except CondynError as error:
         speed = float(np.abs(loop.v).max(initial=0.0))

@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from rich.console import Console
 from rich.table import Table
 
-from condyn_pin.smaller.climbing import ladder
-from condyn_pin.smaller.ladder_plot import save_ladders
-from condyn_pin.smaller.ladder_table import COLUMNS
+from condyn_pin.printing import print_whole
+from condyn_pin.smaller.ladder_table import COLUMNS, LadderTable
 
 
-def show_ladder(name: str, plot: Path | None, console: Console) -> None:
-    """Measure a ladder, print it, and draw it if a file is named."""
-    table = ladder(name)
+def print_ladder(table: LadderTable, console: Console) -> None:
+    """Print what every rung costs and saves, and why it is there."""
     shown = Table(*COLUMNS)
     for cells in table.cells():
         shown.add_row(*cells)
-    console.print(shown)
+    print_whole(shown, console)
     for row in table.rows:
-        console.print(f"{row.label}: {row.why}")
+        console.print(f"{row.label}: {row.why}", soft_wrap=True)
     console.print(
-        f"worst of {table.states} motions on both feet, against the first rung / the rung above"
+        f"worst of {table.states} motions on both feet, against the first rung / the rung above",
+        soft_wrap=True,
     )
-    if plot:
-        save_ladders([table], plot)

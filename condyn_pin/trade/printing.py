@@ -5,6 +5,7 @@ from __future__ import annotations
 from rich.console import Console
 from rich.table import Table as Grid
 
+from condyn_pin.printing import print_whole
 from condyn_pin.trade.exports import COLUMNS, cells, short, status_words
 from condyn_pin.trade.front import answered
 from condyn_pin.trade.row import ALONE, Row
@@ -25,15 +26,16 @@ def print_table(table: Table, console: Console) -> None:
             shown.add_column(column, justify=side, no_wrap=True)  # type: ignore[arg-type]
         for row in best:
             shown.add_row(*(dict(zip(COLUMNS, cells(row), strict=True))[c] for c in _SHOWN))
-        console.print(shown)
+        print_whole(shown, console)
         for text in failures(asked.rows):
-            console.print(text)
+            console.print(text, soft_wrap=True)
     if table.rows:
         console.print(
             "error: median and worst over the states, relative. Times: median and p95 of what the "
             f"measure calls. {timed(table)}\n{table.machine.get('processor')}, "
             f"Pinocchio {table.machine.get('pinocchio')}, one thread.",
             highlight=False,
+            soft_wrap=True,
         )
 
 

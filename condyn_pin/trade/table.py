@@ -141,6 +141,10 @@ class Table:
         """Write machine, floors and rows; what was not measured is null."""
         exports.write_json(self, path)
 
+    def as_dict(self) -> dict[str, Any]:
+        """Return what `to_json` writes, as plain values."""
+        return exports.as_dict(self)
+
     @classmethod
     def from_json(cls, path: str | Path, scenes: Mapping[str, Scene] | None = None) -> Table:
         """Return the table that `to_json` wrote.

@@ -22,6 +22,7 @@ from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
 from condyn_pin.simulation.run import simulate
 from condyn_pin.simulation.trajectory import Trajectory
+from condyn_pin.simulation.uninterrupted import uninterrupted
 from condyn_pin.timing import Call, State
 from condyn_pin.trade.measures.base import Answer, Measure, relative
 from condyn_pin.trade.row import Knob
@@ -132,7 +133,7 @@ class TrajectoryMeasure(Measure):
         return {"once": once}
 
     def _motion(self, workspace: Workspace, state: State) -> Trajectory:
-        return simulate(
+        motion = simulate(
             workspace.scene,
             *state,
             duration=self.duration,
@@ -141,6 +142,7 @@ class TrajectoryMeasure(Measure):
             drift=self.drift,
             solver=workspace.solver,
         )
+        return uninterrupted(motion)
 
 
 def _made(text: str) -> Integrator | Drift:
@@ -162,7 +164,7 @@ def _end(scene: Scene, duration: float, q: bytes, v: bytes, tau: bytes) -> Array
         drift=NoDrift(),
         solver=default_solver(scene),
     )
-    if not motion.status.ok:
+    if not uninterrupted(motion).status.ok:
         raise InvalidArgument(f"duration = {duration!r}: no converged motion: {motion.reason}")
     return np.concatenate([motion.q[-1], motion.v[-1]])
 

@@ -1,0 +1,30 @@
+"""Blocks of pages that scripts write, so that a figure is copied by no hand.
+
+A block stands between ``<!-- NAME:begin -->`` and ``<!-- NAME:end -->``. The README has the rows
+that say most; docs/results.md has whole tables. Both are made from the same committed results.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+README = "README.md"
+RESULTS = "docs/results.md"
+
+
+def filled(page: str, blocks: Mapping[str, str]) -> str:
+    """Return a page with its blocks replaced."""
+    for name, text in blocks.items():
+        begin, end = f"<!-- {name}:begin -->", f"<!-- {name}:end -->"
+        head, rest = page.split(begin)
+        page = f"{head}{begin}\n{text}\n{end}{rest.split(end)[1]}"
+    return page
+
+
+def write(pages: Mapping[str, Mapping[str, str]]) -> None:
+    """Replace the blocks of some pages, given by their paths."""
+    for path, blocks in pages.items():
+        page = (ROOT / path).read_text(encoding="utf-8")
+        (ROOT / path).write_text(filled(page, blocks), encoding="utf-8")
