@@ -60,10 +60,13 @@ def row(
     given = states(scene, count)
     call(scene, *given, executor=pool)  # warm-up: processes, imports, workspaces
     ways = partial(call, scene, *given), partial(call, scene, *given, executor=pool)
-    pairs = [[worked(way, pool) for way in ways] for _ in range(rounds)]
-    one, two = np.array([[each.seconds for each, _ in pair] for pair in pairs]).T
-    here, there = np.array([[work for _, work in pair] for pair in pairs]).T
-    alone, both = (getattr(each, "solution", each) for each, _ in pairs[-1])
+    figures, found = [], []
+    for _ in range(rounds):
+        found.clear()  # a gigabyte that is kept makes the next one of pages that nobody has used
+        found += [worked(way, pool) for way in ways]
+        figures.append([(each.seconds, work) for each, work in found])
+    (one, here), (two, there) = np.array(figures).transpose(1, 2, 0)
+    alone, both = (getattr(each, "solution", each) for each, _ in found)
     difference = np.abs(alone.a - both.a).max()
     return (
         f"{count} | {count / np.median(one):.0f} | {count / np.median(two):.0f} | "
