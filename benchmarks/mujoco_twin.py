@@ -18,6 +18,12 @@ SETTINGS = {
     "solref .005, solimp .9999": (0.005, 0.9999),
 }
 
+# As stiff as it may be at smaller steps: solref is no less than two of them.
+SMALL_STEPS = {
+    "solref .0005, solimp .9999": (0.0005, 0.9999),
+    "solref .0002, solimp .9999": (0.0002, 0.9999),
+}
+
 INTEGRATORS = {
     "Euler": mujoco.mjtIntegrator.mjINT_EULER,
     "RK4": mujoco.mjtIntegrator.mjINT_RK4,
@@ -57,7 +63,7 @@ class Twin:
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT
         if conservative:
             model.dof_damping[:] = 0.0
-        stiff = SETTINGS[setting]
+        stiff = (SETTINGS | SMALL_STEPS)[setting]
         if stiff:
             model.eq_solref[:, 0], model.eq_solref[:, 1] = stiff[0], 1.0
             model.eq_solimp[:, :2] = stiff[1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 from pathlib import Path
@@ -121,6 +122,22 @@ def test_simulation_beside_mujoco_is_that_of_the_committed_results(monkeypatch):
         if row.engine == "MuJoCo" and (found := versus.answer(rows, row)):
             assert found.gap <= row.gap
             assert found.energy <= row.energy
+
+
+def test_batches_are_those_of_the_committed_results(monkeypatch):
+    """Two processes are worth two, and a motion stays closer to its loops than MuJoCo's."""
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    import batch
+
+    saved = json.loads(batch.JSON.read_text(encoding="utf-8"))
+    assert_written(batch.pages(saved))
+    solved = [row for row in saved["answers"] if "derivatives" not in row["name"]]
+    assert all(row["ratio"] > 1.8 and row["states"] == 100_000 for row in solved)
+    rows = [batch.Motions(**row) for row in saved["motions"]]
+    theirs = [row for row in rows if "mujoco" in row.name]
+    for mine in (row for row in rows if row not in theirs and "Euler" in row.name):
+        as_closed = [row.two * row.dt for row in theirs if row.gap < 2 * mine.gap]
+        assert mine.two * mine.dt > max(as_closed, default=0.0)
 
 
 def test_extremes_are_those_of_the_committed_results(monkeypatch):
