@@ -125,14 +125,15 @@ def test_simulation_beside_mujoco_is_that_of_the_committed_results(monkeypatch):
 
 
 def test_batches_are_those_of_the_committed_results(monkeypatch):
-    """Two processes are worth two, and a motion stays closer to its loops than MuJoCo's."""
+    """All answers are ok and the same; at MuJoCo's smallest gaps more time is simulated here."""
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
     import batch
 
     saved = json.loads(batch.JSON.read_text(encoding="utf-8"))
     assert_written(batch.pages(saved))
-    solved = [row for row in saved["answers"] if "derivatives" not in row["name"]]
-    assert all(row["ratio"] > 1.8 and row["states"] == 100_000 for row in solved)
+    for row in saved["answers"]:
+        assert row["difference"] == 0.0
+        assert row["counts"] == {"ok": row["states"]}
     rows = [batch.Motions(**row) for row in saved["motions"]]
     theirs = [row for row in rows if "mujoco" in row.name]
     for mine in (row for row in rows if row not in theirs and "Euler" in row.name):
