@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
@@ -16,23 +17,21 @@ def complete_robots(incomplete: str) -> list[str]:
 
 
 def _solvers(incomplete: str) -> list[str]:
-    """Return the solvers that a name may become, or the last name of a list."""
     from condyn_pin.solvers import SOLVERS
 
-    before, comma, last = incomplete.rpartition(",")
-    return [f"{before}{comma}{name}" for name in SOLVERS if name.startswith(last)]
+    return _last_of_list(SOLVERS, incomplete)
 
 
 def _integrators(incomplete: str) -> list[str]:
     from condyn_pin.simulation.integrators import INTEGRATORS
 
-    return [name for name in INTEGRATORS if name.startswith(incomplete)]
+    return _starting(INTEGRATORS, incomplete)
 
 
 def _drifts(incomplete: str) -> list[str]:
     from condyn_pin.drift import DRIFTS
 
-    return [name for name in DRIFTS if name.startswith(incomplete)]
+    return _starting(DRIFTS, incomplete)
 
 
 def _problems(incomplete: str) -> list[str]:
@@ -45,14 +44,24 @@ def _problems(incomplete: str) -> list[str]:
 def _families(incomplete: str) -> list[str]:
     from condyn_pin.extremes import EXTREMES
 
-    before, comma, last = incomplete.rpartition(",")
-    return [f"{before}{comma}{name}" for name in EXTREMES if name.startswith(last)]
+    return _last_of_list(EXTREMES, incomplete)
 
 
 def _measures(incomplete: str) -> list[str]:
     from condyn_pin.trade.measures import MEASURES
 
-    return [name for name in MEASURES if name.startswith(incomplete)]
+    return _starting(MEASURES, incomplete)
+
+
+def _starting(names: Iterable[str], incomplete: str) -> list[str]:
+    """Return what a name may become."""
+    return [name for name in names if name.startswith(incomplete)]
+
+
+def _last_of_list(names: Iterable[str], incomplete: str) -> list[str]:
+    """Return what a list with commas may become, by its last name."""
+    before, comma, last = incomplete.rpartition(",")
+    return [f"{before}{comma}{name}" for name in _starting(names, last)]
 
 
 # What a scene is made of

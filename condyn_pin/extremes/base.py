@@ -153,6 +153,14 @@ def by_reference(scene: Scene, q: Array, v: Array, tau: Array) -> Array:
     return Workspace(scene, Reference()).solve(q, v, tau, throw=False).a
 
 
+def near(severity: float, held: Array, free: Array) -> tuple[Array, ...]:
+    """Return what is right where two constraints differ by `severity`: both, below what they show.
+
+    `held` by both of them, and `free` by one, which they are at zero.
+    """
+    return (free,) if severity == 0.0 else (held,) if severity > 1e-6 else (held, free)
+
+
 def sized(x: Array, size: float) -> Array:
     """Return a multiple of x whose largest entry is `size`; nothing stays nothing."""
     largest = float(np.abs(x).max(initial=0.0))

@@ -6,7 +6,7 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.contacts import LineContact, SurfaceContact
-from condyn_pin.extremes.base import Case, by_reference, extreme, moving, powers
+from condyn_pin.extremes.base import Case, by_reference, extreme, moving, near, powers
 from condyn_pin.load import load_robot
 from condyn_pin.scene import Scene
 
@@ -24,5 +24,5 @@ def near_edges(severity: float, rng: np.random.Generator) -> Case:
     state = moving(flat, rng)
     held = by_reference(flat, *state)
     free = by_reference(Scene(cassie, [*others, LineContact(edge)]), *state)
-    right = (free,) if severity == 0.0 else (held,) if severity > 1e-6 else (held, free)
+    right = near(severity, held, free)
     return Case(Scene(cassie, [*others, LineContact(edge), LineContact("turned")]), *state, right)

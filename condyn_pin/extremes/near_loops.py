@@ -11,7 +11,7 @@ import numpy as np
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.constraints import Loop
-from condyn_pin.extremes.base import Case, by_reference, extreme, powers, torques, unit
+from condyn_pin.extremes.base import Case, by_reference, extreme, near, powers, torques, unit
 from condyn_pin.load import load_robot
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
@@ -39,7 +39,7 @@ def near_loops(severity: float, rng: np.random.Generator) -> Case:
     hinged = Scene(cassie, hinges)
     v = hinged.project_velocity(q, rng.normal(size=cassie.nv))
     held, free = by_reference(hinged, q, v, tau), by_reference(once, q, v, tau)
-    right = (free,) if severity == 0.0 else (held,) if severity > 1e-6 else (held, free)
+    right = near(severity, held, free)
     return Case(Scene(cassie, [*once.constraints, *seconds]), q, v, tau, right)
 
 

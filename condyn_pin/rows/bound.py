@@ -205,3 +205,8 @@ class Rolled:
 
 
 AnyBound = Bound | Coupled | Rolled
+
+
+def is_scalar(bound: AnyBound) -> bool:
+    """Whether the force of a constraint is one number: that of a rod or a coupling."""
+    return isinstance(bound, Coupled) or (isinstance(bound, Bound) and bound.is_rod)

@@ -14,7 +14,7 @@ from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
 from condyn_pin.drift.base import Drift
 from condyn_pin.errors import CondynError, InvalidArgument
-from condyn_pin.rows.bound import AnyBound, Bound, Coupled
+from condyn_pin.rows.bound import is_scalar
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Event
@@ -198,7 +198,7 @@ def _events(scene: Scene, events: Sequence[Event]) -> tuple[Event, ...]:
     if isinstance(events, Event) or not isinstance(events, Iterable):
         raise InvalidArgument("events: a list is needed, also for a single event")
     checked = tuple(events)
-    scalar = {bound.name: _is_scalar(bound) for bound in scene.bounds}
+    scalar = {bound.name: is_scalar(bound) for bound in scene.bounds}
     for event in checked:
         if not isinstance(event, Event):
             raise InvalidArgument(f"events: {event!r} is not an Event")
@@ -215,7 +215,7 @@ def _events(scene: Scene, events: Sequence[Event]) -> tuple[Event, ...]:
                     "what changes on the way is a torque: tau(t, q, v)"
                 )
             for bound in other.bounds if other is not None else ():
-                if scalar.setdefault(bound.name, _is_scalar(bound)) != _is_scalar(bound):
+                if scalar.setdefault(bound.name, is_scalar(bound)) != is_scalar(bound):
                     raise InvalidArgument(
                         f"event {event.name!r}: {bound.name!r} has a force of one number in one "
                         "scene and a vector in another; give one of the two another name"
@@ -223,8 +223,3 @@ def _events(scene: Scene, events: Sequence[Event]) -> tuple[Event, ...]:
         if event.at is not None and event.at <= 0:
             raise InvalidArgument(f"event {event.name!r}: at = {event.at:g}: after the start")
     return checked
-
-
-def _is_scalar(bound: AnyBound) -> bool:
-    """Whether the force of a constraint is one number: that of a rod or a coupling."""
-    return isinstance(bound, Coupled) or (isinstance(bound, Bound) and bound.is_rod)

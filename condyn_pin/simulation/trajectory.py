@@ -10,7 +10,7 @@ import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array
-from condyn_pin.rows.bound import Bound, Rolled
+from condyn_pin.rows.bound import is_scalar
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.measures import Energy, Kinematics, gauge_of, work
 from condyn_pin.simulation.outcome import Run, RunStatus
@@ -87,8 +87,8 @@ class Trajectory:
         for phase in self.phases:
             for bound in phase.scene.bounds:
                 force = self.lam[phase.samples][:, list(phase.columns[bound.rows])]
-                if isinstance(bound, Rolled) or (isinstance(bound, Bound) and not bound.is_rod):
-                    force = np.array([bound.whole(row) for row in force])
+                if not is_scalar(bound):
+                    force = np.array([bound.whole(row) for row in force])  # type: ignore[union-attr]
                 parts.setdefault(bound.name, []).append((phase.samples, force))
         return {name: self._joined(each) for name, each in parts.items()}
 

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import inf
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -41,7 +41,6 @@ class _Gap:
 
     def __init__(self, drift: Baumgarte, dt: float) -> None:
         self._Kp, self._Kd = drift.Kp * dt * dt, drift.Kd * dt
-        self.lam: Any = lambda: np.zeros(0)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return c''."""

@@ -143,9 +143,7 @@ class Proximal(Solver):
             a = solve(model, data, q, v, tau, models, datas, settings)
             workspace.proximal_settings = settings
             step = settings.relative_residual
-            if step <= accuracy:
-                return a  # type: ignore[no-any-return]
-            better = at_state.settings(step)  # type: ignore[union-attr]
+            better = None if step <= accuracy else at_state.settings(step)  # type: ignore[union-attr]
             if better is None:
                 return a  # type: ignore[no-any-return]
             workspace.proximal_settings = better
