@@ -254,7 +254,7 @@ def nothing() -> str:
     still = three.track("position", "vector3", np.zeros((round(30 * PLAYED) + 1, 3)))
     commands = [three.animation({"nothing": [still]}, 30.0)]
     eye, middle = np.array([1.0, 0.0, 0.0]), np.zeros(3)
-    return page("nothing", (), commands, camera=eye, target=middle, moves=True)
+    return page("nothing", (), commands, camera=eye, target=middle)
 
 
 def _played(name: str, html: str, size: tuple[int, int] = chromium.SIZE) -> None:

@@ -69,6 +69,46 @@ def test_a_simplified_mesh_keeps_its_form_to_a_cell(cassie):
     assert coarse.faces.max() < len(coarse.vertices)
 
 
+@pytest.mark.parametrize("edges", [(0.01, 0.01, 1.0), (0.01, 1.0, 1.0), (1.0, 1.0, 1.0)])
+def test_a_simplified_rod_or_plate_stays_one(edges):
+    fine = meshes.box(*edges)
+    for _ in range(4):  # 3072 triangles
+        fine = halved(fine)
+    coarse = fine.simplified(0.2)
+    assert len(coarse.faces) < 0.3 * len(fine.faces)
+    assert volume(coarse) == pytest.approx(np.prod(edges), rel=0.6)
+    assert (np.ptp(coarse.vertices, axis=0) > 0.6 * np.array(edges)).all()
+    flat = meshes.Mesh(fine.vertices * (1.0, 1.0, 0.0), fine.faces).simplified(0.2)
+    assert np.isfinite(flat.vertices).all()
+
+
+def halved(mesh):
+    """Every triangle in four."""
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
+    corners = np.vstack(
+        [np.hstack(t) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
+    )
+    return meshes._used(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+
+
+@pytest.mark.parametrize("name", ["cassie", "talos"])
+def test_what_moves_has_few_triangles_and_the_same_extent(name):
+    found = drawing(cp.load_robot(name))
+    bodies = [part for part in found.parts if part.path.startswith("robot/")]
+    assert sum(len(few.faces) for part in bodies for few in part.coarse) <= 10_000
+    placed = [(part.place(found.moments[0]), whole, few) for part in bodies
+              for (whole, _), few in zip(part.meshes, part.coarse, strict=True)]  # fmt: skip
+    assert all(len(few.faces) for _, _, few in placed)
+    whole = np.vstack([mesh.moved(T).vertices for T, mesh, _ in placed])
+    few = np.vstack([mesh.moved(T).vertices for T, _, mesh in placed])
+    assert np.abs(whole.min(axis=0) - few.min(axis=0)).max() < 0.04  # [m]
+    assert np.abs(whole.max(axis=0) - few.max(axis=0)).max() < 0.04
+    light = {part.path: part for part in drawing(cp.load_robot(name), light=True).parts}
+    assert all(light[part.path].coarse for part in bodies)
+    assert not any(part.coarse for part in drawing(cp.four_bar()).parts)  # it has few as it is
+
+
 def test_a_span_takes_the_unit_length_to_a_segment():
     rng = np.random.default_rng(0)
     for _ in range(20):

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import urllib.error
 import urllib.request
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -267,52 +268,120 @@ def test_a_slow_browser_leaves_pictures_out_and_keeps_the_speed(tmp_path, swingi
     assert found["smoothed"] is False  # by more pixels at a pause
 
 
-_SHARPNESS = """<script>
-function ratio_after(drawn) {  // [pictures] in one second
-  pictures = drawn;
-  look(since + 1000);
-  return viewer.renderer.getPixelRatio();
-}
+_PACE = """<script>
 let answer = document.createElement("pre");
 answer.id = "answer";
-for (let playing of [false, true]) {  // whatever was drawn, or was not, while the page was loaded
-  viewer.animator.playing = playing;
-  ratio_after(40);
+let clock = 0, found = {};
+performance.now = () => clock;
+function seen() {
+  viewer.render();
+  return [viewer.renderer.getPixelRatio(), viewer.renderer.info.render.triangles];
 }
-let ratios = [ratio_after(40), ratio_after(10), ratio_after(10)];
-viewer.animator.playing = false;
-ratios.push(ratio_after(10));
-viewer.animator.playing = true;
-answer.textContent = JSON.stringify([...ratios, ratio_after(10)]);
+function play(seconds, rate) {  // [pictures/s]
+  viewer.animator.playing = true;
+  for (let picture = 0; picture < seconds * rate; ++picture) {
+    viewer.animator.display_progress(0.001 * clock);
+    look(clock += 1000 / rate);
+  }
+  return seen();
+}
+function rest() {
+  viewer.animator.playing = false;
+  look(clock += 1000);
+  return seen();
+}
+found.first = seen();
+viewer.controls.dispatchEvent({type: "change"});
+look(clock += 10);
+found.turned = seen();
+found.rest = rest();
+found.fast = play(2, 60);
+found.slow = play(1, 10);
+found.slower = play(9, 10);
+found.paused = rest();
+found.again = play(0.2, 60);
+found.faster = play(9, 60);
+found.steady = [15, 29, 39].map(rate => { rest(); return play(2, rate); });
+answer.textContent = JSON.stringify(found);
 document.body.appendChild(answer);
 </script></body>"""
 
 
-def test_a_slow_browser_draws_fewer_pixels_until_the_pause(tmp_path, swinging):
-    assert "rate < 28" not in drawing(cp.pendulum()).html()  # a picture that rests is sharp
-    text = drawing(swinging).html().replace("</body>", _SHARPNESS)
-    fast, slow, slower, paused, again = asked(tmp_path, text)
-    assert slower < slow < fast == again == 1  # what was drawn at the pause is not counted
-    assert paused == 2  # four pixels for each one: how a processor smooths edges
+@pytest.fixture(scope="module")
+def pace(tmp_path_factory, standing):
+    """Pixels each way and triangles of what a browser without a graphics card draws, and when."""
+    scene, q, _, _ = standing
+    found = drawing(scene, q, light=True)
+    found = replace(found, moments=2 * found.moments)  # a motion, which the questions play
+    return asked(tmp_path_factory.mktemp("pace"), found.html().replace("</body>", _PACE))
 
 
-def test_a_pause_is_as_smooth_as_a_picture_that_rests(tmp_path, swinging, monkeypatch):
+def test_what_rests_is_whole_and_sharp(pace):
+    assert pace["first"] == pace["rest"] == pace["paused"]
+    assert pace["first"][0] == 2  # four pixels for each one: how a processor smooths edges
+    assert pace["first"][1] > 20_000
+
+
+def test_what_moves_has_few_triangles(pace):
+    few = {pace[when][1] for when in ("turned", "fast", "slow", "slower", "again", "faster")}
+    assert len(few) == 1
+    assert few.pop() < 0.7 * pace["first"][1]  # with marks, which stay as they are
+    assert pace["turned"][0] == 1
+
+
+def test_a_slow_motion_has_fewer_pixels_until_it_is_fast_again(pace):
+    pixels = {when: pace[when][0] for when in ("fast", "slow", "slower", "again", "faster")}
+    assert pixels["slower"] < pixels["slow"] < pixels["fast"] == pixels["faster"] == 1
+    assert pixels["again"] == pixels["slower"] == 0.25  # a pause does not change what it needs
+    low, *others = (pixels for pixels, _ in pace["steady"])
+    assert others == [low, low]  # from 28 to 40 pictures a second
+    assert low < 1
+
+
+def test_the_slider_follows_the_motion(tmp_path, swinging):
+    look = """<script>
+    let answer = document.createElement("pre"), clock = 0, {animator} = viewer;
+    answer.id = "answer";
+    animator.pause();
+    let said = () => animator.time_scrubber.domElement.querySelector("input").value;
+    let seen = [];
+    for (let time of [0.1, 0.2, 0.3]) { animator.display_progress(time); look(clock += 400); }
+    seen.push(said());
+    animator.display_progress(0.4);
+    look(clock += 10);
+    look(clock += 1000);
+    seen.push(said());
+    answer.textContent = JSON.stringify(seen);
+    document.body.appendChild(answer);
+    </script></body>"""
+    moving, resting = asked(tmp_path, drawing(swinging).html().replace("</body>", look))
+    assert float(moving) > 0.0
+    assert float(resting) == 0.4
+
+
+def test_a_rest_is_as_smooth_as_a_graphics_card_draws_it(tmp_path, swinging, monkeypatch):
     from PIL import Image
 
     monkeypatch.setattr(chromium, "SIZE", (320, 240))
-    found = drawing(swinging)
+    still, moving = drawing(swinging).first.html(), drawing(swinging).html()
+    one = ("software ? 2 : 1", "1")
     stop = "<script>viewer.animator.pause(); viewer.animator.seek(0);</script></body>"
-    paused = found.html().replace("</body>", stop)
-    pages = {"still": found.first.html(), "paused": paused,
-             "rough": paused.replace("software ? 2 : 1", "1")}  # fmt: skip
+    pages = {
+        "smooth": still.replace(*one).replace("antialias: !software", "antialias: true"),
+        "rough": still.replace(*one),
+        "still": still,
+        "paused": moving.replace("</body>", stop),
+    }
     seen = {}
     for name, text in pages.items():
         file = tmp_path / f"{name}.png"
         chromium.screenshot(text.replace("</style>", ".dg { display: none; }</style>", 1), file)
         seen[name] = np.asarray(Image.open(file).convert("RGB"), dtype=float)
-    assert (seen["still"] < 200).any()
-    smooth, rough = (np.abs(seen[each] - seen["still"]).mean() for each in ("paused", "rough"))
-    assert smooth < 0.75 * rough  # the samples of a pixel lie elsewhere
+    assert (seen["smooth"] < 200).any()
+    off = {name: np.abs(seen[name] - seen["smooth"]).mean() for name in pages}
+    assert (
+        max(off["still"], off["paused"]) < 0.75 * off["rough"]
+    )  # samples of a pixel lie elsewhere
 
 
 def test_a_browser_draws_robot_arrows_and_closures(tmp_path, standing):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Final
 
 from condyn_pin._pin import pin
 from condyn_pin.robot import Robot
@@ -14,7 +15,8 @@ from condyn_pin.viewing.palette import Colour
 from condyn_pin.viewing.part import Part, joint_pose
 from condyn_pin.viewing.skeleton import skeleton
 
-_LIGHT = 30_000  # triangles of a robot that is to be light
+_LIGHT: Final = 30_000  # triangles of a robot that is to be light
+_SWIFT: Final = 10_000  # and of one that a processor is to draw thirty times a second
 
 
 def body_parts(robot: Robot, size: float) -> tuple[tuple[Part, ...], tuple[str, ...]]:
@@ -45,14 +47,21 @@ def _parts(robot: Robot, drawn: dict[int, dict[Colour, Mesh]]) -> Iterator[Part]
         yield Part(f"robot/{robot.model.names[i]}", joint_pose(i), meshes)
 
 
-def lighter(parts: Sequence[Part], size: float) -> tuple[Part, ...]:
-    """Return parts with at most 30 000 triangles together, in cells as small as that allows."""
+def lighter(parts: Sequence[Part], size: float, most: int = _LIGHT) -> tuple[Part, ...]:
+    """Return parts with at most so many triangles together, in cells as small as that allows."""
     cell = size / 400.0
     while True:
-        if sum(len(m.faces) for part in parts for m, _ in part.meshes) <= _LIGHT:
+        if sum(len(m.faces) for part in parts for m, _ in part.meshes) <= most:
             return tuple(parts)
         parts = [
             replace(part, meshes=tuple((m.simplified(cell), c) for m, c in part.meshes))
             for part in parts
         ]
-        cell *= 1.4
+        cell *= 1.2
+
+
+def with_coarse(parts: Sequence[Part], size: float) -> Iterator[Part]:
+    """Return parts that know what to show while they move, where a processor draws them."""
+    for part, few in zip(parts, lighter(parts, size, _SWIFT), strict=True):
+        coarse = () if few is part else tuple(mesh for mesh, _ in few.meshes)
+        yield replace(part, coarse=coarse)

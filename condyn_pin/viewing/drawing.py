@@ -13,7 +13,7 @@ from condyn_pin.scene import Scene
 from condyn_pin.states.gaps import Gap
 from condyn_pin.viewing import palette, three
 from condyn_pin.viewing.arrows import arrow_parts
-from condyn_pin.viewing.bodies import body_parts, lighter
+from condyn_pin.viewing.bodies import body_parts, lighter, with_coarse
 from condyn_pin.viewing.closures import closure_parts
 from condyn_pin.viewing.floor import floor_part, spacing
 from condyn_pin.viewing.ground import contact_parts
@@ -80,8 +80,7 @@ class Drawing:
         """Return the page: one text that holds everything."""
         eye = self.eye
         return page(
-            self.title, self._legend(), self.commands(), camera=eye.at, target=eye.target,
-            moves=len(self.moments) > 1,
+            self.title, self._legend(), self.commands(), camera=eye.at, target=eye.target
         )  # fmt: skip
 
     def _legend(self) -> Iterator[tuple[str, str]]:
@@ -136,6 +135,7 @@ def draw(
     bodies, notes = body_parts(robot, size)
     if light:
         bodies = lighter(bodies, size)
+    bodies = tuple(with_coarse(bodies, size))
     marks = [*joint_parts(robot, size)]
     worst = _worst([*moments])
     closures = [part for scene in scenes for part in closure_parts(scene, worst, size)]

@@ -38,16 +38,18 @@ class Mesh:
         return Mesh(self.vertices @ T[:3, :3].T + T[:3, 3], self.faces)
 
     def simplified(self, cell: float) -> Mesh:
-        """Return it with all vertices in a cube of edge `cell` [m] merged to their mean.
+        """Return it with all vertices in a box of edges `cell` [m] merged to their mean.
 
-        Triangles that lose a corner vanish, so what is smaller than a cell does too. Vertex
+        Triangles that lose a corner vanish, so what is smaller than a cell does too; but no edge is
+        longer than a third of the mesh along it, for a rod or a plate is to stay one. Vertex
         clustering of Rossignac and Borrel (1993): O(k log k), and no topology is needed.
         """
         if not len(self.faces):
             return self
-        cubes = np.floor((self.vertices - self.vertices.min(axis=0)) / cell).astype(np.int64)
-        _, cluster = np.unique(cubes, axis=0, return_inverse=True)
-        cluster = cluster.ravel()
+        from_corner = self.vertices - self.vertices.min(axis=0)
+        extent = np.maximum(from_corner.max(axis=0), 1e-9 * cell)  # what is flat has no thickness
+        boxes = np.floor(from_corner / np.minimum(cell, extent / 3.0)).astype(np.int64)
+        _, cluster = np.unique(_numbers(boxes), return_inverse=True)
         count = np.bincount(cluster)[:, None]
         sums = [np.bincount(cluster, weights=x) for x in self.vertices.T]
         return _used(np.column_stack(sums) / count, cluster[self.faces])
@@ -57,11 +59,21 @@ class Mesh:
         return Mesh(np.vstack([self.vertices, other.vertices]), faces.astype(np.uint32))
 
 
+def _numbers(rows: NDArray[Any]) -> NDArray[np.int64]:
+    """Return a number for each row (k, 3) of integers from 0 on, the same for the same row.
+
+    Numbers are told apart much faster than rows.
+    """
+    x, y, z = rows.T.astype(np.int64)
+    numbers: NDArray[np.int64] = (x * (y.max(initial=0) + 1) + y) * (z.max(initial=0) + 1) + z
+    return numbers
+
+
 def _used(vertices: Array, corners: NDArray[Any]) -> Mesh:
     """Return a mesh without triangles that have no area or are there twice, and lone vertices."""
     a, b, c = corners.T
     corners = corners[(a != b) & (b != c) & (c != a)]
-    _, first = np.unique(np.sort(corners, axis=1), axis=0, return_index=True)
+    _, first = np.unique(_numbers(np.sort(corners, axis=1)), return_index=True)
     kept, faces = np.unique(corners[np.sort(first)], return_inverse=True)
     return Mesh(vertices[kept], faces.reshape(-1, 3).astype(np.uint32))
 

@@ -28,7 +28,6 @@ body {{ margin: 0; }}
 <div id="legend">{legend}</div>
 <script>{script}</script>
 <script>
-var pane = document.getElementById("meshcat-pane");
 {lamp}
 {viewer}
 function draw(text) {{
@@ -40,7 +39,7 @@ viewer.camera.fov = 50;
 viewer.camera.position.set(...{position});
 viewer.controls.target.set(...{target});
 viewer.controls.update();
-{playing}
+{pace}
 </script>
 </body>
 </html>
@@ -70,45 +69,19 @@ MeshCat.THREE.ShaderLib.lambert.fragmentShader = `
   }`;
 """
 
-_STILL = "var viewer = new MeshCat.Viewer(pane);"
-
 # A graphics card smooths edges for nothing. On a processor that is half of the time of a picture:
-# there a motion plays without, and what rests has four pixels in place of each one.
-_MOVING = """
+# there edges are smoothed by more pixels, of what rests.
+_VIEWER = """
+let pane = document.getElementById("meshcat-pane");
 let probe = document.createElement("canvas").getContext("webgl2");
 let known = probe && probe.getExtension("WEBGL_debug_renderer_info");
 let card = known ? probe.getParameter(known.UNMASKED_RENDERER_WEBGL) : "";
 var software = /swiftshader|llvmpipe|softpipe|software|basic render/i.test(card);
-var renderer = new MeshCat.THREE.WebGLRenderer({antialias: !software, alpha: true});
+let renderer = new MeshCat.THREE.WebGLRenderer({antialias: !software, alpha: true});
 pane.appendChild(renderer.domElement);
-var viewer = new MeshCat.Viewer(pane, true, renderer);
+var viewer = new MeshCat.Viewer(pane, false, renderer);
 """
-
-# The more pixels a picture has, the longer a processor takes. While a motion plays at less than 30
-# pictures a second it has fewer; a pause shows all of them again. What the first half second draws
-# counts without its time, in which shaders are compiled.
-_PLAYING = """
-var sharpest = software ? 2 : 1, ratio = 1, pictures = 0, since = performance.now() + 500;
-function sharpen(wanted) {
-  if (wanted === ratio) return;
-  viewer.renderer.setPixelRatio(window.devicePixelRatio * wanted);
-  ratio = wanted;
-  viewer.render();  // a canvas that changes its size is blank
-}
-function look(now) {
-  requestAnimationFrame(look);
-  pictures += 1;
-  if (!viewer.animator.playing) sharpen(sharpest);
-  else if (ratio > 1) { sharpen(1); pictures = 0; since = now; }
-  if (now - since < 500) return;
-  let rate = 1000 * pictures / (now - since);
-  if (viewer.animator.playing && rate < 28) sharpen(Math.max(0.25, 0.7 * ratio));
-  pictures = 0;
-  since = now;
-}
-document.addEventListener("visibilitychange", () => { pictures = 30; since = performance.now(); });
-requestAnimationFrame(look);
-"""
+_PACE = Path(__file__).with_name("pace.js")
 
 _MISSING = 'pictures in a browser need meshcat: python -m pip install "condyn_pin[view]"'
 
@@ -120,7 +93,6 @@ def page(
     *,
     camera: Array,
     target: Array,
-    moves: bool = False,
 ) -> str:
     """Return the page.
 
@@ -132,8 +104,6 @@ def page(
     commands : iterable of Command
     camera, target : (3,) array
         Where the camera is, and what it looks at and turns about [m].
-    moves : bool
-        Whether a motion is played.
     """
     lines = [_patch(colour) + html.escape(text) for colour, text in legend]
     return _PAGE.format(
@@ -141,11 +111,11 @@ def page(
         legend="<br>".join(lines),
         script=_script(),
         lamp=_LAMP,
-        viewer=_MOVING if moves else _STILL,
+        viewer=_VIEWER,
         commands="\n".join(f'draw("{packed(command)}");' for command in commands),
         position=_y_up(camera),
         target=_y_up(target),
-        playing=_PLAYING if moves else "",
+        pace=_PACE.read_text(encoding="utf-8"),
     )
 
 

@@ -30,6 +30,8 @@ class Part:
         Its name in meshcat's tree, such as ``closures/achilles/gap``.
     pose : Pose
     meshes : tuple of (Mesh, Colour)
+    coarse : tuple of Mesh
+        What is seen in place of each mesh while it moves, if a processor draws; none: the same.
     picture : bytes
         A PNG that faces the camera, in place of meshes.
     opacity : float
@@ -42,6 +44,7 @@ class Part:
     path: str
     pose: Pose
     meshes: tuple[tuple[Mesh, Colour], ...] = ()
+    coarse: tuple[Mesh, ...] = ()
     picture: bytes = b""
     opacity: float = 1.0
     on_top: bool = False
@@ -57,8 +60,9 @@ class Part:
         for i, (shape, colour) in enumerate(self.meshes):
             chosen = colour if self.tint is None else self.tint(at)
             yield three.mesh(
-                f"{self.path}/{i}", shape, chosen, opacity=self.opacity, on_top=self.on_top
-            )
+                f"{self.path}/{i}", shape, chosen, opacity=self.opacity, on_top=self.on_top,
+                coarse=self.coarse[i] if self.coarse else None,
+            )  # fmt: skip
         if self.picture:
             yield three.label(f"{self.path}/0", self.picture)
         yield three.transform(self.path, self.place(at))

@@ -26,13 +26,24 @@ _EXTENSION: Final = {"uint16": ("Uint16Array", 0x14), "uint32": ("Uint32Array", 
 
 
 def mesh(
-    path: str, shape: Mesh, colour: Colour, *, opacity: float = 1.0, on_top: bool = False
+    path: str,
+    shape: Mesh,
+    colour: Colour,
+    *,
+    opacity: float = 1.0,
+    on_top: bool = False,
+    coarse: Mesh | None = None,
 ) -> Command:
     """Return the command that draws triangles.
 
+    Those of `coarse` follow those of `shape` in one geometry, `whole` says after how many indices:
+    a page chooses by the range that it draws, which costs nothing.
     What is `on_top` is seen through what is before it. It is a solid that is wound outward: seen
     from one side only, since three.js draws both sides of what is transparent one after the other.
     """
+    whole = shape.faces.size
+    if coarse is not None:
+        shape = shape + coarse
     small = len(shape.vertices) < 2**16
     geometry = {
         "uuid": f"{path} geometry",
@@ -53,7 +64,10 @@ def mesh(
         "transparent": on_top or opacity < 1.0,
         "depthTest": not on_top,
     }
-    return _object(path, "Mesh", [geometry], material)
+    command = _object(path, "Mesh", [geometry], material)
+    if coarse is not None:
+        command["object"]["object"]["userData"] = {"whole": whole}
+    return command
 
 
 def label(path: str, png: bytes) -> Command:
