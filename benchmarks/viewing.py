@@ -39,6 +39,7 @@ import umsgpack
 import condyn_pin as cp
 from condyn_pin.machine import machine
 from condyn_pin.viewing import chromium, three
+from condyn_pin.viewing.drawing import stage
 from condyn_pin.viewing.page import page
 
 PLAYED = 5.0  # [s]
@@ -252,7 +253,7 @@ def motion(robot: str) -> cp.Trajectory:
 def nothing() -> str:
     """Return a page that plays a motion of nothing: what a picture costs by itself."""
     still = three.track("position", "vector3", np.zeros((round(30 * PLAYED) + 1, 3)))
-    commands = [three.animation({"nothing": [still]}, 30.0)]
+    commands = [*stage(), three.animation({"nothing": [still]}, 30.0)]
     eye, middle = np.array([1.0, 0.0, 0.0]), np.zeros(3)
     return page("nothing", (), commands, camera=eye, target=middle)
 

@@ -60,7 +60,7 @@ class Drawing:
 
     def commands(self) -> Iterator[three.Command]:
         """Return the commands that draw it, in meshcat's viewer."""
-        yield from _stage()
+        yield from stage()
         for part in self.parts:
             yield from part.commands(self.moments[0])
         if len(self.moments) > 1:
@@ -187,7 +187,7 @@ def _worst(moments: Sequence[Moment]) -> dict[str, Gap]:
     return worst
 
 
-def _stage() -> Iterator[three.Command]:
+def stage() -> Iterator[three.Command]:
     """Return the commands that hide meshcat's own background, axes and grid, and take its lamps."""
     yield three.delete("/Lights")
     for path in ("/Background", "/Axes", "/Grid"):

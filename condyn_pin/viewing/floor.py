@@ -29,10 +29,12 @@ def floor_part(middle: Array, size: float) -> Part:
     step = spacing(size)
     centre = np.round(middle[:2] / step) * step
     long, thin = 2.0 * _HALF * step, 0.0025 * size
+    corners = np.array([(-0.5, -0.5, 0.0), (0.5, -0.5, 0.0), (0.5, 0.5, 0.0), (-0.5, 0.5, 0.0)])
+    line = meshes.Mesh(corners, np.array([(0, 1, 2), (0, 2, 3)], dtype=np.uint32))
     lines = meshes.Mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint32))
     for i in range(-_HALF, _HALF + 1):
         for x, y, at in ((long, thin, (0.0, i * step)), (thin, long, (i * step, 0.0))):
-            T = np.eye(4)
+            T = np.diag([x, y, 1.0, 1.0])
             T[:2, 3] = centre + at
-            lines = lines + meshes.box(x, y, 0.2 * thin).moved(T)
+            lines = lines + line.moved(T)
     return Part("floor", lambda _: np.eye(4), ((lines, _LINE),))

@@ -1,12 +1,14 @@
-// What rests is seen whole and sharp. What moves, because it plays or because somebody turns it, is to have 30 pictures
-// a second: where a processor draws them, it has few triangles, and as many pixels as that allows.
+// What rests is seen whole and sharp. What moves, because it plays or because somebody turns it,
+// is to have 30 pictures a second: where a processor draws them it has few triangles, for these
+// take most of the time, and then as many pixels as that allows.
 
-var sharpest = software ? 2 : 1;  // [pixels] at rest for each one, each way: how a processor smooths edges
+var sharpest = software ? 2 : 1;  // [pixels for each one, each way] at rest: smooth edges
 var swift = 1;                    // and in motion
 var ratio, moving;                // what is drawn now
 var moved = -Infinity;            // [ms] when something moved last
-var pictures = -3, since;         // of a motion, and from when on [ms]
-var shown = 0, told = 0;          // [s] the time of the motion that is seen, and that its slider says
+var pictures = -3, since;         // of the motion, and since when [ms]
+var shown = 0;                    // [s] the time of the motion that is seen
+var told = {time: 0, at: 0};      // [s] what its slider says, [ms] and since when
 
 function show(moves) {
   let wanted = moves ? swift : sharpest;
@@ -21,30 +23,37 @@ function show(moves) {
   viewer.set_dirty();
 }
 
-// The time of a picture grows with its pixels at most in proportion. So this lowers them in a few steps, and never raises
-// them so far that they had to be lowered again. The first pictures do not count: shaders are compiled for them.
+// The time of a picture grows at most as its pixels do. So these are lowered in a few steps, and
+// never raised so far that they had to be lowered again. The first pictures do not count: shaders
+// are compiled for them.
 function pace(now) {
   if (!viewer.animator.playing) pictures = -3;
   else if (++pictures === 0) since = now;
   if (pictures < 1 || now - since < 500) return;
   let rate = 1000 * pictures / (now - since);
-  if (rate < 28 || rate > 40) swift = Math.min(1, Math.max(0.25, swift * Math.sqrt(rate / 32)));
+  let wanted = swift * Math.sqrt(rate / 34);
+  if (rate < 30 || rate > 42) swift = Math.min(1, Math.max(0.25, wanted));
   pictures = 0;
   since = now;
 }
 
-function look(now) {
-  let {animator} = viewer;
-  if (animator.time !== shown) moved = now;
-  shown = animator.time;
-  pace(now);
-  show(now - moved < 250 && !animator.recording);
-  if (shown === told || (moving && now % 250 > 50)) return;
-  told = shown;
-  animator.time_scrubber.updateDisplay();
+// The slider of time follows a few times a second: to lay it out for each picture takes as long
+// as all else in the page that is not drawn by the renderer.
+function tell(now) {
+  if (shown === told.time || (moving && now - told.at < 250)) return;
+  told = {time: shown, at: now};
+  viewer.animator.time_scrubber.updateDisplay();
 }
 
-// The slider of time follows a few times a second: to lay it out for each picture takes as long as all other scripts.
+function look(now) {
+  let {time, recording} = viewer.animator;
+  if (time !== shown) moved = now;
+  shown = time;
+  pace(now);
+  show(now - moved < 250 && !recording);
+  tell(now);
+}
+
 viewer.animator.display_progress = function (time) { this.time = time; };
 viewer.controls.addEventListener("change", () => { moved = performance.now(); });
 document.addEventListener("visibilitychange", () => { pictures = -3; });
