@@ -404,6 +404,15 @@ def test_the_wall_is_where_gaps_grow(share, stable):
     assert (abs(np.hypot(*q) - 1.0) < 0.1) == stable
 
 
+def test_torques_of_a_function_that_are_stiff():
+    """Springs and dampers that the integrator does not know of, as its docstring says."""
+    middle = cp.LinearlyImplicitMidpoint()
+    assert 2 * wall(middle, beta_per_alpha=0.0) == pytest.approx(1.0, abs=2e-4)
+    oscillating = [growth(middle, cp.Baumgarte(0.0, omega), 1.0) for omega in (0.1, 1.4, 1.42)]
+    assert 1 - 1e-4 < oscillating[0] < 1.0
+    assert oscillating[1] < 1.0 < oscillating[2]
+
+
 @pytest.mark.parametrize("integrator", [cp.Leapfrog(), cp.LinearlyImplicitMidpoint()], ids=repr)
 @pytest.mark.parametrize(("share", "stable"), [(0.95, True), (1.05, False)])
 def test_the_wall_of_integrators_that_remember_a_step(integrator, share, stable, monkeypatch):

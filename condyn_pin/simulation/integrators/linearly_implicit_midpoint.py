@@ -28,7 +28,9 @@ class LinearlyImplicitMidpoint(Integrator):
     linear, so that the one iteration solves for them exactly: they set no wall to dt. The first
     step has two iterations, and begins with a(t0, q0, v0).
 
-    With `Baumgarte` a step is one solve; a projection needs another one at its end.
+    Torques of a function are not known to be springs or dampers: it follows those up to
+    omega dt = 1.4, which it damps a little, and d dt = m. With `Baumgarte` a step is one solve; a
+    projection needs another one at its end.
 
     References
     ----------
