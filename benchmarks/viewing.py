@@ -92,15 +92,17 @@ def _page(process: subprocess.Popen[str]) -> str:
 
 
 def triangles_of_robot(html: str) -> int:
-    """Return how many triangles a page draws under ``robot/``."""
+    """Return how many triangles a page draws under ``robot/``, of what rests."""
     found = 0
     for packed in re.findall(r'^draw\("(.*)"\);$', html, flags=re.MULTILINE):
         command = umsgpack.unpackb(base64.b64decode(packed))
         if command["type"] == "set_object" and command["path"].startswith("robot/"):
-            for geometry in command["object"].get("geometries", ()):
+            drawn = command["object"]
+            for geometry in drawn.get("geometries", ()):
                 index = geometry["data"]["index"]
                 width = 2 if index["type"] == "Uint16Array" else 4
-                found += len(index["array"].data) // (3 * width)
+                corners = len(index["array"].data) // width
+                found += drawn["object"].get("userData", {}).get("whole", corners) // 3
     return found
 
 

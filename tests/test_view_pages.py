@@ -326,7 +326,7 @@ def test_what_moves_has_few_triangles(pace):
     few = {pace[when][1] for when in ("turned", "fast", "slow", "slower", "again", "faster")}
     assert len(few) == 1
     assert few.pop() < 0.7 * pace["first"][1]  # with marks, which stay as they are
-    assert pace["turned"][0] == 1
+    assert pace["turned"][0] == 0.5
 
 
 def test_a_slow_motion_has_fewer_pixels_until_it_is_fast_again(pace):

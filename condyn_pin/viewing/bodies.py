@@ -49,7 +49,7 @@ def _parts(robot: Robot, drawn: dict[int, dict[Colour, Mesh]]) -> Iterator[Part]
 
 def lighter(parts: Sequence[Part], size: float, most: int = _LIGHT) -> tuple[Part, ...]:
     """Return parts with at most so many triangles together, in cells as small as that allows."""
-    cell = size / 400.0
+    cell = size / (2.3 * most**0.5)  # smaller ones are too many on a surface of this size
     while True:
         if sum(len(m.faces) for part in parts for m, _ in part.meshes) <= most:
             return tuple(parts)

@@ -3,7 +3,7 @@
 // take most of the time, and then as many pixels as that allows.
 
 var sharpest = software ? 2 : 1;  // [pixels for each one, each way] at rest: smooth edges
-var swift = 1;                    // and in motion
+var swift = software ? 0.5 : 1;   // and in motion, until its pictures are counted
 var ratio, moving;                // what is drawn now
 var moved = -Infinity;            // [ms] when something moved last
 var pictures = -3, since;         // of the motion, and since when [ms]

@@ -91,7 +91,10 @@ def view(
 
     Notes
     -----
-    A page of Talos has 3.7 MB, and 1.4 MB if it is light; 0.9 MB of them are meshcat's viewer.
+    A page of Talos has 3.8 MB, and 1.6 MB if it is light; 0.9 MB of them are meshcat's viewer.
+
+    Where a processor draws, without a graphics card, what moves has 10 000 triangles at most, and
+    as many pixels as 30 pictures a second allow; what rests is whole and sharp.
     """
     if not np.isfinite(speed) or speed <= 0.0:
         raise InvalidArgument(f"speed = {speed!r}: a positive number is needed")
