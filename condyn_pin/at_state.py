@@ -14,7 +14,8 @@ from condyn_pin.arguments import Arguments
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.minimum_norm import MinimumNorm, factorise
-from condyn_pin.rows.equations import Equations, Terms
+from condyn_pin.rows.equations import Equations
+from condyn_pin.rows.terms import Terms
 from condyn_pin.scene import Scene
 
 # The equations of this thread's last scene: their memory takes longer to make than to use.

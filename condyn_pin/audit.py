@@ -13,9 +13,10 @@ from condyn_pin.arrays import Array
 from condyn_pin.errors import BranchChanged, NotAssembled
 from condyn_pin.minimum_norm import MinimumNorm, factorise
 from condyn_pin.proof import Yardstick
-from condyn_pin.rows.equations import Equations, Terms
+from condyn_pin.rows.equations import Equations
 from condyn_pin.rows.native import natives
 from condyn_pin.rows.reach import reach
+from condyn_pin.rows.terms import Terms
 from condyn_pin.solvers.reference import Reference
 from condyn_pin.states.chains import redundant_rows
 

@@ -24,7 +24,8 @@ from condyn_pin.errors import InvalidArgument, SolveFailed, unknown_name
 from condyn_pin.judge import Judge, check_accuracy_of_a
 from condyn_pin.raw import ConstraintDatas, ConstraintModels, raw_constraints
 from condyn_pin.rows.bound import AnyBound
-from condyn_pin.rows.equations import Equations, Terms
+from condyn_pin.rows.equations import Equations
+from condyn_pin.rows.terms import Terms
 from condyn_pin.scene import Scene
 from condyn_pin.solution import Solution, Status
 from condyn_pin.solvers.base import Singular, Solver
