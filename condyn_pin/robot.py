@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array, finite
-from condyn_pin.constraints import WORLD, Constraint, Coupling, Loop, check_size
+from condyn_pin.constraint_fields import check_size
+from condyn_pin.constraints import WORLD, Constraint, Coupling, Loop
 from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
 from condyn_pin.robot_fields import MEMBERS, members, postures
 from condyn_pin.soundness import check_model, rotation_fault
