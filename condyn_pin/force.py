@@ -11,10 +11,10 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from condyn_pin import tolerances
-from condyn_pin.arrays import Array
+from condyn_pin.arrays import Array, read_only
+from condyn_pin.as_array import AsArray
 from condyn_pin.constraints import Constraint, Coupling, Loop
 from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
 from condyn_pin.errors import InvalidArgument
@@ -68,7 +68,7 @@ class Sites:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ConstraintForce(NDArrayOperatorsMixin):
+class ConstraintForce(AsArray):
     """The force of one constraint on one of its two bodies; it works as the array of its numbers.
 
     Attributes
@@ -125,7 +125,7 @@ class ConstraintForce(NDArrayOperatorsMixin):
         if isinstance(b, Coupled):
             scale = b.ratio if self._first else 1.0 / b.ratio
         return ConstraintForce(
-            self.name, _frozen(-scale * self.components), self.by, self.on, self.frame, self.lam,
+            self.name, read_only(-scale * self.components), self.by, self.on, self.frame, self.lam,
             self._sites, self._index, not self._first,
         )  # fmt: skip
 
@@ -150,44 +150,6 @@ class ConstraintForce(NDArrayOperatorsMixin):
 
     def _nowhere(self) -> InvalidArgument:
         return InvalidArgument(f"{self.name}: a coupling acts along joints, at no point")
-
-    # As an array.
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
-        array = self.components if dtype is None else self.components.astype(dtype)
-        return array.copy() if copy else array
-
-    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
-        plain = [x.components if isinstance(x, ConstraintForce) else x for x in inputs]
-        return getattr(ufunc, method)(*plain, **options)
-
-    def __len__(self) -> int:
-        return len(self.components)
-
-    def __getitem__(self, index: Any) -> Any:
-        return self.components[index]
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape of the components."""
-        return self.components.shape
-
-    @property
-    def size(self) -> int:
-        """Number of components."""
-        return self.components.size
-
-    def copy(self) -> Array:
-        """Return the components in an array of their own."""
-        return self.components.copy()
-
-    def tolist(self) -> list[float]:
-        """Return the components as a list."""
-        return [float(x) for x in self.components]
-
-    def round(self, decimals: int = 0) -> Array:
-        """Return the components rounded to some `decimals`."""
-        return self.components.round(decimals)
 
     def __repr__(self) -> str:
         numbers = np.array2string(self.components, precision=4, suppress_small=True)
@@ -233,7 +195,7 @@ def _force(
         components = bound.whole(lam)
     on, by, frame = _names(constraint, bound)
     return ConstraintForce(
-        bound.name, _frozen(components), on, by, frame, _frozen(lam.copy()), sites, i, True
+        bound.name, read_only(components), on, by, frame, read_only(lam.copy()), sites, i, True
     )
 
 
@@ -251,8 +213,3 @@ def _names(constraint: Constraint, bound: AnyBound) -> tuple[str, str, str]:
         return constraint.frame, "world", f"{constraint.name}/touching"
     assert isinstance(constraint, PointContact | SurfaceContact | LineContact | Knife)
     return constraint.frame, "world", constraint.frame
-
-
-def _frozen(array: Array) -> Array:
-    array.flags.writeable = False
-    return array
