@@ -113,3 +113,9 @@ class Scene(States, Smaller):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Scene, (self.robot, self.constraints)
+
+
+def check_scene(scene: object, argument: str = "scene") -> None:
+    """Refuse what is no scene."""
+    if not isinstance(scene, Scene):
+        raise InvalidArgument(f"{argument} = {type(scene).__name__}: a Scene is needed")

@@ -23,7 +23,7 @@ from condyn_pin.differentiation.check import BLOCKS
 from condyn_pin.drift import Baumgarte
 from condyn_pin.errors import InvalidArgument, SolveFailed, WorkersLost, unknown_name
 from condyn_pin.judge import check_accuracy_of_a
-from condyn_pin.scene import Scene
+from condyn_pin.scene import Scene, check_scene
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.base import Solver
 from condyn_pin.tolerances import SOLVED
@@ -163,8 +163,7 @@ def derivatives_batch(
 def _inputs(
     scene: Scene, Q: ArrayLike, V: ArrayLike, TAU: ArrayLike, accuracy: float
 ) -> tuple[Arrays, int]:
-    if not isinstance(scene, Scene):
-        raise InvalidArgument(f"scene = {type(scene).__name__}: a Scene is needed")
+    check_scene(scene)
     check_accuracy_of_a(accuracy)
     q, v, tau = check_states(scene.robot.model, Q, V, TAU)
     return {"q": q, "v": v, "tau": tau}, len(q)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from condyn_pin.arrays import finite
 from condyn_pin.drift.base import Drift
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.scene import Scene
+from condyn_pin.scene import Scene, check_scene
 from condyn_pin.simulation.defaults import default_drift, default_integrator
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.integrators import Integrator
@@ -54,8 +54,7 @@ def plan(
     effects: Effects | None = None,
 ) -> Plan:  # fmt: skip
     """Return the plan of a run; arguments and errors are those of `simulate`."""
-    if not isinstance(scene, Scene):
-        raise InvalidArgument(f"scene = {type(scene).__name__}: a Scene is needed")
+    check_scene(scene)
     effects = Effects() if effects is None else effects
     steps, dt = _steps(duration, dt)
     integrator = default_integrator() if integrator is None else integrator

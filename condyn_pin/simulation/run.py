@@ -15,7 +15,7 @@ from condyn_pin.arrays import Array, finite
 from condyn_pin.drift.base import Drift
 from condyn_pin.errors import CondynError, InvalidArgument
 from condyn_pin.rows.bound import is_scalar
-from condyn_pin.scene import Scene
+from condyn_pin.scene import Scene, check_scene
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Event
 from condyn_pin.simulation.fit import check_fit
@@ -111,8 +111,7 @@ def simulate(
     -----
     Cost: `Integrator.solves_per_step` solves a step, and a few microseconds.
     """
-    if not isinstance(scene, Scene):
-        raise InvalidArgument(f"scene = {type(scene).__name__}: a Scene is needed")
+    check_scene(scene)
     effects = Effects(gravity=gravity, springs=springs, damping=damping, armature=armature)
     state = start(scene, q, v)
     planned = plan(
