@@ -16,7 +16,7 @@ import condyn_pin as cp
 from condyn_pin._pin import HAS_LCABA, pin
 from condyn_pin.drift.post_stabilization import PostStabilization
 from condyn_pin.drift.projection import Projection
-from condyn_pin.simulation.files import _KINDS
+from condyn_pin.simulation.coding import KINDS
 from condyn_pin.simulation.integrators import INTEGRATORS, dormand_prince
 from condyn_pin.simulation.integrators.generalised_alpha import GeneralisedAlpha
 from condyn_pin.simulation.measures import work
@@ -1155,7 +1155,7 @@ def test_a_file_with_a_loose_quaternion_is_refused(tmp_path):
 
 def test_every_kind_of_constraint_can_be_in_a_file():
     kinds = {k for k in kinds_below(cp.Constraint) if not k.__abstractmethods__}
-    assert {k for k in kinds if k.__module__.startswith("condyn_pin")} <= set(_KINDS.values())
+    assert {k for k in kinds if k.__module__.startswith("condyn_pin")} <= set(KINDS.values())
 
 
 def test_a_file_of_another_pinocchio_is_not_tried(tmp_path):
