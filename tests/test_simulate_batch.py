@@ -144,7 +144,7 @@ def test_what_breaks_down_is_counted_and_stops_nobody():
     *numbers, first, second = str(found).splitlines()
     assert "steps/s" in numbers[0]
     assert first == f"not ok: 1 after 0 s ({cp.RunStatus.FAILED})"
-    wanted = cp.simulate(scene, Q[3], V[3], duration=DURATION)
+    wanted = cp.simulate(scene, Q[3], V[3], duration=DURATION, record=10)
     assert second == f"not ok: 3 after {wanted.t[-1]:.4g} s ({wanted.status})"
     assert "not ok" not in str(cp.simulate_batch(scene, Q[:1], V[:1], duration=DURATION))
     lost = replace(found, statuses=np.full(N, -1, np.int8), t=np.full(N, np.nan))
