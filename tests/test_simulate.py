@@ -639,6 +639,19 @@ def test_contacts_that_stay_keep_their_place():
     assert found.violation.max() < 1e-6
 
 
+def test_a_contact_that_lands_again_has_another_place():
+    """A ball is let go, falls by 12 mm, and is held again where it is then."""
+    ball = body(pin.JointModelTranslation())
+    free, held = cp.Scene(ball), cp.Scene(ball, [cp.PointContact("origin")])
+    events = [
+        cp.Event(name="let go", at=0.05, scene=free),
+        cp.Event(name="hold", at=0.1, scene=held),
+    ]
+    found = cp.simulate(held, [0.0, 0.0, 1.0], np.zeros(3), duration=0.2, events=events)
+    assert found.status is cp.RunStatus.FINISHED
+    assert found.q[-1] == pytest.approx([0.0, 0.0, 1.0 - 0.5 * G * 0.05**2], abs=1e-9)
+
+
 def test_a_scene_that_does_not_fit_ends_the_run():
     air, floor = falling()
     early = cp.Event(name="floor", at=0.1, scene=floor)

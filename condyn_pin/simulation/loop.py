@@ -209,6 +209,8 @@ class Loop:
             self.happened.append(Happened(event.name, self.t, sample - 1))
             raise Ended(f"event {event.name!r} at t = {self.t:g} s")
         before = self.leg.scene
+        # a contact that was lifted has its place wherever it touches again
+        self._places = {c: self._places[c] for c in self._asked.constraints if c in self._places}
         met = event.met or event.scene
         assert met is not None
         change = switch(before, self._placed(met), self.q, self.v, restitution=event.restitution)
