@@ -576,6 +576,40 @@ def test_lift_off_when_the_force_ends():
     assert found.q[-1, 0] == pytest.approx(20.0 * s**3 / 6, abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("contact", "words"),
+    [
+        (cp.PlanarContact("origin", height=0.0), ""),
+        (cp.PointContact("origin"), " (the vertical is its normal)"),
+    ],
+)
+def test_a_contact_that_pulls_is_told(contact, words):
+    """Pulled up harder and harder, and nothing lets go; a contact that is gone pulls no more."""
+    ball = body(pin.JointModelTranslation())
+    held, free = cp.Scene(ball, [contact]), cp.Scene(ball)
+
+    def pull(t, q, v):
+        return np.array([0.0, 0.0, 20.0 * t])
+
+    run = {"tau": pull, "duration": 1.0, "dt": 1e-2}
+    found = cp.simulate(held, np.zeros(3), np.zeros(3), **run)
+    assert found.notices == (
+        f"origin: the contact pulls with {20.0 - G:.4g} N at t = 1 s{words}; the ground would let "
+        "go; an Event takes it off",
+    )
+    off = cp.Event(name="off", when=lambda m: m.forces["origin"].in_world()[2], scene=free)
+    assert cp.simulate(held, np.zeros(3), np.zeros(3), **run, events=[off]).notices == ()
+
+
+def test_what_an_event_brings_is_kept_closed():
+    """The first scene has nothing to close; that of the event has."""
+    air, floor = falling()
+    land = cp.Event(name="land", when=lambda m: m.q[0], scene=floor)
+    found = cp.simulate(air, [1.0], [0.0], duration=0.1, events=[land])
+    assert found.run.drift == cp.PostStabilization()
+    assert cp.simulate(air, [1.0], [0.0], duration=0.1).run.drift == cp.NoDrift()
+
+
 def test_events_at_a_time_and_the_end():
     air, floor = falling()
     floor = cp.Scene(air.robot, [cp.PlanarContact("origin")])

@@ -50,7 +50,8 @@ class Moment:
     @property
     def forces(self) -> dict[str, ConstraintForce]:
         """Force on the first-named body by constraint; they cost a solve."""
-        return Sites(self._system.scene, self.q).forces(self._solved[1])
+        system = self._system
+        return Sites(system.scene, self.q, system.equations).forces(self._solved[1])
 
     def position(self, frame: str) -> Array:
         """Return where the origin of a frame is in the world (3,) [m]."""

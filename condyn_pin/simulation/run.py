@@ -77,7 +77,7 @@ def simulate(
         that keeps the constraints.
     drift : Drift, optional
         What keeps the constraints closed. By default `PostStabilization()`, which has no gains to
-        choose; `NoDrift()` where there is nothing to do.
+        choose; `NoDrift()` where there is nothing to do, in no event's scene either.
     solver : Solver, optional
         As in `solve`; by default with four iterations at most where rows are redundant, since more
         move nothing (`condyn_pin.simulation.defaults`).
@@ -114,12 +114,12 @@ def simulate(
     if not isinstance(scene, Scene):
         raise InvalidArgument(f"scene = {type(scene).__name__}: a Scene is needed")
     effects = Effects(gravity=gravity, springs=springs, damping=damping, armature=armature)
-    state = start(scene, q, v)
+    state, happenings = start(scene, q, v), _events(scene, events)
     planned = plan(
         scene, tau, duration=duration, dt=dt, integrator=integrator, drift=drift, solver=solver,
-        record=record, effects=effects,
+        record=record, effects=effects, events=happenings,
     )  # fmt: skip
-    return follow(planned, *state, _events(scene, events), progress)[0]
+    return follow(planned, *state, happenings, progress)[0]
 
 
 def follow(

@@ -14,6 +14,7 @@ from condyn_pin.rows.bound import is_scalar
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.measures import Energy, Kinematics, gauge_of, work
 from condyn_pin.simulation.outcome import Run, RunStatus
+from condyn_pin.simulation.pulls import pull_notices
 from condyn_pin.simulation.recorder import Phase
 from condyn_pin.simulation.torques import Passive
 from condyn_pin.simulation.verify import solver_notices
@@ -156,7 +157,7 @@ class Trajectory:
             said.append(
                 f"the constraints are open by {worst:.2g} m or rad at t = {when:.4g} s: {remedy}"
             )
-        said += solver_notices(self)
+        said += solver_notices(self) + pull_notices(self)
         error, scale = float(np.abs(self.energy.error).max()), self.energy.scale
         if error > max(tolerances.BALANCED * scale, self.energy.kept):
             said.append(
