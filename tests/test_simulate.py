@@ -579,7 +579,7 @@ def test_lift_off_when_the_force_ends():
 @pytest.mark.parametrize(
     ("contact", "words"),
     [
-        (cp.PlanarContact("origin", height=0.0), ""),
+        (cp.PlanarContact("origin"), ""),
         (cp.PointContact("origin"), " (the vertical is its normal)"),
     ],
 )
@@ -592,13 +592,49 @@ def test_a_contact_that_pulls_is_told(contact, words):
         return np.array([0.0, 0.0, 20.0 * t])
 
     run = {"tau": pull, "duration": 1.0, "dt": 1e-2}
-    found = cp.simulate(held, np.zeros(3), np.zeros(3), **run)
+    start = held, [0.0, 0.0, 1.0], np.zeros(3)
+    found = cp.simulate(*start, **run)
     assert found.notices == (
         f"origin: the contact pulls with {20.0 - G:.4g} N at t = 1 s{words}; the ground would let "
         "go; an Event takes it off",
     )
     off = cp.Event(name="off", when=lambda m: m.forces["origin"].in_world()[2], scene=free)
-    assert cp.simulate(held, np.zeros(3), np.zeros(3), **run, events=[off]).notices == ()
+    assert cp.simulate(*start, **run, events=[off]).notices == ()
+
+
+@pytest.mark.parametrize("height", np.linspace(0.1, 1.3, 5))  # rounded up, or down
+def test_what_lets_go_of_the_ground_lands_again(height):
+    """The floor lets a ball go that has no way but down: it is on the floor at once."""
+    air, _ = falling()
+    floor = cp.Scene(air.robot, [cp.PlanarContact("origin", height=height)])
+    events = [
+        cp.Event(name="off", at=0.1, scene=air),
+        cp.Event(name="on", when=lambda m: m.q[0] - height, scene=floor),
+    ]
+    start = floor.assemble([height], fixed=[]).q
+    found = cp.simulate(floor, start, [0.0], duration=0.3, dt=1e-2, events=events)
+    assert [event.name for event in found.run.happened] == ["off", "on"]
+    assert np.abs(found.q[:, 0] - height).max() < 1e-8
+
+
+def test_scenes_with_the_same_constraints_are_one():
+    """Neither the start nor an event has to be the same object: a foot that is off has no force."""
+    air, floor = falling()
+    touch = cp.Event(name="touch", when=lambda m: m.q[0], scene=floor)
+    lift = cp.Event(name="lift", when=lambda m: m.forces["origin"][2], scene=cp.Scene(air.robot))
+    found = cp.simulate(air, [0.1], [0.0], duration=0.3, events=[touch, lift])
+    assert [event.name for event in found.run.happened] == ["touch"]
+
+
+def test_a_condition_on_a_contact_that_is_off_is_named():
+    air, _ = falling()
+    other = cp.Scene(air.robot, [cp.PlanarContact("origin", height=-1.0, name="cellar")])
+    event = cp.Event(name="lift", when=lambda m: m.forces["origin"][2], scene=other)
+    with pytest.raises(cp.InvalidArgument, match=r"'lift'.*asks for 'origin'.*has no constraint"):
+        cp.simulate(air, [0.1], [0.0], duration=0.3, events=[event])
+    misspelt = replace(event, when=lambda m: m.position("orgin")[2])
+    with pytest.raises(cp.UnknownName, match="orgin"):
+        cp.simulate(air, [0.1], [0.0], duration=0.3, events=[misspelt])
 
 
 def test_what_an_event_brings_is_kept_closed():
@@ -639,7 +675,7 @@ def test_events_of_one_instant_all_happen():
 
 
 def test_two_feet_that_land_together_both_stay():
-    """Two balls fall side by side, each with an event of its own."""
+    """Two balls fall side by side, each with an event of its own; none takes the other's off."""
     model = pin.Model(body(pin.JointModelPZ()).model)
     j = model.addJoint(0, pin.JointModelPZ(), pin.SE3.Identity(), "second")
     model.appendBodyToJoint(j, pin.Inertia.FromSphere(2.0, 0.1), pin.SE3.Identity())

@@ -11,7 +11,7 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array, finite, locked
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.errors import InvalidArgument, UnknownName
 from condyn_pin.force import ConstraintForce, Sites
 from condyn_pin.impacts import Restitution, restitutions
 from condyn_pin.scene import Scene
@@ -151,7 +151,16 @@ class Event:
         if self.at is not None:
             return self.at - moment.t
         assert self.when is not None
-        found = self.when(moment)
+        try:
+            found = self.when(moment)
+        except UnknownName:
+            raise
+        except KeyError as error:
+            there = ", ".join(moment.forces) or "no constraint"
+            raise InvalidArgument(
+                f"event {self.name!r}: its condition asks for {error} at t = {moment.t:g} s, where "
+                f"the scene has {there}; `name in moment.forces` says whether one is there"
+            ) from error
         try:
             value = float(found)
         except (TypeError, ValueError) as error:

@@ -5,7 +5,7 @@ A run keeps its contacts until an event takes them off: between events they are 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -48,5 +48,5 @@ def pull_notices(trajectory: Trajectory) -> list[str]:
 def _upwards(scene: Scene, i: int, q: Array, force: Array) -> Array:
     """Return the parts (k,) against gravity of the forces (k, 3) of constraint i, its own axes."""
     up, equations = upward(scene), gauge_of(scene).equations
-    axes = [equations.placements(each)[i][0].rotation for each in q]
-    return np.array([up @ R @ f for R, f in zip(axes, force, strict=True)])
+    ends: list[Any] = [equations.placements(each)[i] for each in q]
+    return np.array([up @ one.rotation @ f for (one, _), f in zip(ends, force, strict=True)])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from math import isfinite
 from time import perf_counter
 
@@ -222,4 +223,15 @@ def _events(scene: Scene, events: Sequence[Event]) -> tuple[Event, ...]:
                     )
         if event.at is not None and event.at <= 0:
             raise InvalidArgument(f"event {event.name!r}: at = {event.at:g}: after the start")
-    return checked
+    return _shared(scene, checked)
+
+
+def _shared(scene: Scene, events: tuple[Event, ...]) -> tuple[Event, ...]:
+    """Return the events with one scene where several have the same constraints: it is one place."""
+    known = {scene.constraints: scene}
+    return tuple(
+        replace(event, scene=known.setdefault(event.scene.constraints, event.scene))
+        if event.scene
+        else event
+        for event in events
+    )
