@@ -455,6 +455,14 @@ def test_soft_constraints_and_lcaba_take_no_gains():
 # Torques and work.
 
 
+def test_rounding_of_what_rests_is_no_energy():
+    """A ball held where all its energies are zero."""
+    held = cp.Scene(body(pin.JointModelFreeFlyer()), [cp.SurfaceContact("origin")])
+    found = cp.simulate(held, *held.state(), duration=0.05)
+    assert np.abs(found.energy.total).max() < 1e-20
+    assert found.notices == ()
+
+
 def test_energy_changes_by_the_work_of_the_torques():
     scene, q, v = bar()
 

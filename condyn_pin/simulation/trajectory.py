@@ -159,13 +159,19 @@ class Trajectory:
             )
         said += solver_notices(self) + pull_notices(self)
         error, scale = float(np.abs(self.energy.error).max()), self.energy.scale
-        if error > max(tolerances.BALANCED * scale, self.energy.kept):
+        if error > max(tolerances.BALANCED * scale, self.energy.kept, self._hardly_lifted):
             said.append(
                 f"{error:.3g} J of energy came or went without work, of {scale:.3g} J exchanged"
             )
         if beyond := self._beyond_limits():
             said.append(f"{beyond_text(beyond)}; the dynamics know no limits")
         return tuple(said)
+
+    @property
+    def _hardly_lifted(self) -> float:
+        """What lifts the robot by a nanometre [J]: the energies of one at rest may all be zero."""
+        gravity = float(np.linalg.norm(self.scene.robot.model.gravity.linear))
+        return tolerances.ENERGY_KEPT * self.scene.robot.mass * gravity
 
     def _beyond_limits(self) -> dict[str, Gap]:
         """Return the joints that leave their limits, and how far at most, unless they began so."""
