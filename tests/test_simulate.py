@@ -457,9 +457,9 @@ def test_soft_constraints_and_lcaba_take_no_gains():
 
 def test_rounding_of_what_rests_is_no_energy():
     """A ball held where all its energies are zero."""
-    held = cp.Scene(body(pin.JointModelFreeFlyer()), [cp.SurfaceContact("origin")])
-    found = cp.simulate(held, *held.state(), duration=0.05)
-    assert np.abs(found.energy.total).max() < 1e-20
+    held = cp.Scene(body(pin.JointModelFreeFlyer(), inertia=1 / 600), [cp.SurfaceContact("origin")])
+    found = cp.simulate(held, *held.state(), duration=0.2)
+    assert 0 < np.abs(found.energy.error).max() < 1e-20
     assert found.notices == ()
 
 
