@@ -187,7 +187,7 @@ def _notes(scene: Scene, at: Rank) -> Iterator[str]:
     if missing := scene.natives.missing:
         yield (
             f"{', '.join(missing)}: Pinocchio has no such rows, so that Proximal and LCABA refuse "
-            "the scene; what solves it instead takes about ten times as long"
+            "the scene; what solves it instead takes ten times as long, or more"
         )
     if rolling := [c.name for c in scene.constraints if isinstance(c, Nonholonomic)]:
         yield (

@@ -91,7 +91,8 @@ class Event:
     when : callable, optional
         A function of a `Moment`; the event is where it falls from above zero to zero or below,
         such as a height or a normal force. It is looked at after every step, unless its scene goes
-        on already: what falls and rises again within one is not seen.
+        on already: what falls and rises again within one is not seen. It happens as often as it
+        falls, by more than 1e-9; what is not above zero has nothing to fall from.
     scene : Scene, optional
         What goes on, a scene of the same robot; contacts without an anchor are anchored where they
         are then, and those that are in the scene before keep their anchor. Without a scene and
