@@ -25,6 +25,10 @@ from condyn_pin.rows.equations import Equations
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
 
+# Contacts whose third axis is the normal, and those that have none: the vertical stands for it.
+WITH_NORMAL = (SurfaceContact, PlanarContact, RollingWheel, RollingBall)
+WITHOUT_NORMAL = (PointContact, LineContact)
+
 
 @dataclass(frozen=True, eq=False)
 class Sites:
@@ -34,10 +38,13 @@ class Sites:
     ----------
     scene : Scene
     q : (nq,) array
+    equations : Equations, optional
+        Memory to find them with; made for it otherwise.
     """
 
     scene: Scene
     q: Array
+    equations: Equations | None = None
 
     @cached_property
     def placements(self) -> list[Any]:
@@ -50,7 +57,7 @@ class Sites:
         return self._equations().jacobian(self.q)
 
     def _equations(self) -> Equations:
-        return Equations(self.scene.robot.model, self.scene.bounds)
+        return self.equations or Equations(self.scene.robot.model, self.scene.bounds)
 
     def forces(self, lam: Array) -> dict[str, ConstraintForce]:
         """Return the forces lam (m,) by name, each on the first-named body."""
@@ -163,24 +170,32 @@ def pulling(forces: dict[str, ConstraintForce], sites: Sites, unit: str = "N") -
     The normal is the z axis of a `SurfaceContact` and that of the plane of a `PlanarContact` and
     of what rolls. A point or a line has none: the vertical stands for it, if there is gravity.
     """
-    up = -np.array(sites.scene.robot.model.gravity.linear)
-    up /= max(float(np.linalg.norm(up)), np.finfo(float).tiny)
+    up = upward(sites.scene)
     largest = max((float(np.abs(f.components).max()) for f in forces.values()), default=0.0)
     said = []
     for constraint in sites.scene.constraints:
-        force, words = forces[constraint.name], ""
-        if isinstance(constraint, SurfaceContact | PlanarContact | RollingWheel | RollingBall):
+        force = forces[constraint.name]
+        if isinstance(constraint, WITH_NORMAL):
             normal = float(force[2])
-        elif isinstance(constraint, PointContact | LineContact):
-            normal, words = float(force.in_world()[:3] @ up), " (the vertical is its normal)"
+        elif isinstance(constraint, WITHOUT_NORMAL):
+            normal = float(force.in_world()[:3] @ up)
         else:
             continue
         if normal < -tolerances.SOLVED * largest:
-            said.append(
-                f"{constraint.name}: the contact pulls with {-normal:.4g} {unit}{words}; "
-                "the ground would let go"
-            )
+            said.append(pull_text(constraint, f"{-normal:.4g} {unit}"))
     return tuple(said)
+
+
+def upward(scene: Scene) -> Array:
+    """Return the direction against gravity (3,); zero where there is none."""
+    up = -np.array(scene.robot.model.gravity.linear)
+    return np.asarray(up / max(float(np.linalg.norm(up)), np.finfo(float).tiny))
+
+
+def pull_text(constraint: Constraint, pull: str) -> str:
+    """Return the sentence on a contact that pulls, with how much."""
+    words = " (the vertical is its normal)" if isinstance(constraint, WITHOUT_NORMAL) else ""
+    return f"{constraint.name}: the contact pulls with {pull}{words}; the ground would let go"
 
 
 def _force(

@@ -164,5 +164,5 @@ def test_bad_input_is_refused_before_anything_is_done():
         with pytest.raises(cp.InvalidArgument):
             cp.simulate_batch(scene, Q, V, **wrong)
     Q[2, 1] = np.nan
-    with pytest.raises(cp.InvalidArgument, match=r"Q\[2, 1\] = nan"):
+    with pytest.raises(cp.InvalidArgument, match=r"Q0\[2, 1\] = nan"):
         cp.simulate_batch(scene, Q, V, duration=1.0)

@@ -101,7 +101,7 @@ def simulate_batch(
     nv = scene.robot.nv
     zero = function is not None or (isinstance(TAU, int | float) and TAU == 0)
     given: ArrayLike = np.zeros(nv) if zero else TAU  # type: ignore[assignment]
-    q, v, tau = check_states(scene.robot.model, Q0, V0, given)
+    q, v, tau = check_states(scene.robot.model, Q0, V0, given, suffix="0")
     method = planned.method
     kernel = Motions(function, duration, dt, method.integrator, method.drift, solver, every)
     most = max(1, int(_SOLVES / planned.steps / max(method.integrator.solves_per_step, 1)))

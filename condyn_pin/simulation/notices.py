@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from condyn_pin import tolerances
+from condyn_pin.scene import Scene
+from condyn_pin.simulation.pulls import pull_notices
 from condyn_pin.simulation.verify import solver_notices
 from condyn_pin.states.gaps import Gap, beyond_text
 from condyn_pin.states.limits import Limits
@@ -16,15 +18,15 @@ if TYPE_CHECKING:
 
 
 def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
-    """Return what there is to say: of its end, constraints, solver, energy and joint limits."""
+    """Return what there is to say: of its end, gaps, solver, pulls, energy and joint limits."""
     said = []
     if not trajectory.status.ok:
         said.append(f"{trajectory.status}; {trajectory.reason}")
     said += _open_constraints(trajectory)
-    said += solver_notices(trajectory)
+    said += solver_notices(trajectory) + pull_notices(trajectory)
     energy = trajectory.energy
     error, scale = float(np.abs(energy.error).max()), energy.scale
-    if error > max(tolerances.BALANCED * scale, energy.kept):
+    if error > max(tolerances.BALANCED * scale, energy.kept, _hardly_lifted(trajectory.scene)):
         said.append(
             f"{error:.3g} J of energy came or went without work, of {scale:.3g} J exchanged"
         )
@@ -44,6 +46,12 @@ def _open_constraints(trajectory: Trajectory) -> list[str]:
     if not run.solver.exact:
         remedy = f"{run.solver.title} lets them give way; use a stiffer solref"
     return [f"the constraints are open by {worst:.2g} m or rad at t = {when:.4g} s: {remedy}"]
+
+
+def _hardly_lifted(scene: Scene) -> float:
+    """Return what lifts the robot by a nanometre [J]; one at rest may have no energies at all."""
+    gravity = float(np.linalg.norm(scene.robot.model.gravity.linear))
+    return tolerances.ENERGY_KEPT * scene.robot.mass * gravity
 
 
 def _beyond_limits(trajectory: Trajectory) -> dict[str, Gap]:
