@@ -42,16 +42,15 @@ FEW = 6
 _MORE, _CORRECTED, _STEP = 15, 5, 0.01
 
 # What those leave of an error: the last digits are not worth a smaller mu, which adds noise. And a
-# share of the largest eigenvalue of G: rows that depend on others may have a sigma of -eps |G|.
-_LEFT, _NOISE = 1e-15, 2.0**-51
+# multiple of eps |G|: rows that depend on others may have a sigma of as much, below zero.
+_LEFT, _NOISE = 1e-15, 4.0
 
 _EPS = 2.0**-53
 
 
 def default_mu(audit: Audit) -> float:
     """Return a proximal weight with which every part of lam converges in a few iterations."""
-    largest = audit.delassus_norm
-    smallest = float(audit.singular_values[audit.rank - 1]) ** 2 if audit.rank else largest
+    largest, smallest = audit.native_spectrum
     if audit.independent and not audit.rounded:
         return max(min(_LARGEST_FREE * largest, _SMALLEST_FREE * smallest), _LEAST_FREE * largest)
     return max(min(_LARGEST * largest, _SMALLEST * smallest), _LEAST * largest)
@@ -89,12 +88,13 @@ class WeightAtState:
         # a row that is rounding has sigma < m eps |G|: a force f along it moves a by w sigma^1/2 f,
         # and ten steps of lam are more than were made
         audit, rows = workspace.scene.audit, sum(c.size for c in workspace.natives.constraints)
-        moved = audit.yardstick.largest_weight * (rows * _EPS * audit.delassus_norm) ** 0.5
+        rounding = _EPS * audit.native_spectrum[0]
+        moved = audit.yardstick.largest_weight * (rows * rounding) ** 0.5
         self._harmless = (
             tolerances.SOLVED * audit.yardstick.gravity / (10.0 * moved) if rows else 0.0
         )
-        self._damping, self._least = self._mu * np.eye(rows), _NOISE * audit.delassus_norm
-        self._weak = _EPS * audit.delassus_norm / tolerances.SOLVED if corrected else 0.0
+        self._damping, self._least = self._mu * np.eye(rows), _NOISE * rounding
+        self._weak = rounding / tolerances.SOLVED if corrected else 0.0
 
     def settings(self, step: float) -> Any:
         """Return settings for a better answer, or None where nothing but rounding is left.
