@@ -145,10 +145,11 @@ def _native_spectrum(native: Natives, factors: MinimumNorm) -> tuple[float, floa
     With lam = E^T lam_native and J L^-T = U S V^T these are the squares of the singular values of
     E U S. Rows that Pinocchio does not have stay as they are.
     """
-    S = factors.S[: factors.rank]
-    if native.to_scene is not None and not native.missing:
-        S = np.linalg.svd(native.to_scene.T @ (factors.U[:, : factors.rank] * S), compute_uv=False)
-    return float(S[0] ** 2), float(S[factors.rank - 1] ** 2)
+    rank, E_ = factors.rank, native.to_scene
+    S = factors.S[:rank]
+    if E_ is not None and not native.missing:
+        S = np.asarray(np.linalg.svd(E_.T @ (factors.U[:, :rank] * S), compute_uv=False), float)
+    return float(S[0] ** 2), float(S[rank - 1] ** 2)
 
 
 def _lively_rows(equations: Equations, q: Array) -> tuple[int, bool]:

@@ -29,20 +29,24 @@ if TYPE_CHECKING:
 
 # Shares of the largest eigenvalue of G, and of the smallest nonzero one. The first of each are for
 # redundant rows, the others for rows of which none depends on others, wherever the loops are. Rows
-# that are zero but for rounding are of the first kind: lam grows along them as well.
+# that are zero but for rounding are of the first kind: lam grows along them as well. The last share
+# is the least for the first kind; the others need none, and where a light body makes the largest
+# eigenvalue huge, what the last step leaves of an error still moves that body.
 _LARGEST, _SMALLEST, _LEAST = 1e-6, 1e-2, 1e-12
-_LARGEST_FREE, _SMALLEST_FREE, _LEAST_FREE = 1e-12, 1e-4, 1e-14
+_LARGEST_FREE, _SMALLEST_FREE = 1e-12, 1e-5
 
 # Iterations after which the default weight does not do: machines take up to six with it.
 FEW = 6
 
 # Iterations with the weight for a state, of those that are left: more would only take time. They
-# stop at a smaller step than those of the default weight, since each gains less. Where corrections
-# follow that G needs, eps |G| > SOLVED sigma, five: they leave a share mu / sigma of rounding.
-_MORE, _CORRECTED, _STEP = 15, 5, 0.01
+# stop at a smaller step than those of the default weight, since each gains less. Five are enough
+# where corrections follow that G needs, eps |G| > SOLVED sigma: they leave a share mu / sigma of
+# rounding. And where sigma is strong: lam of rows that contradict others by c ends at 5 c / mu, and
+# eps |G| of that is the error of a, with mu = 0.001 sigma and sigma > 0.01 |G| below 1e-10 c.
+_MORE, _FEWER, _STEP, _STRONG = 15, 5, 0.01, 0.01
 
 # What those leave of an error: the last digits are not worth a smaller mu, which adds noise. And a
-# multiple of eps |G|: rows that depend on others may have a sigma of as much, below zero.
+# multiple of eps |G|: rows that depend on others may have a sigma of as much below zero.
 _LEFT, _NOISE = 1e-15, 4.0
 
 _EPS = 2.0**-53
@@ -52,7 +56,7 @@ def default_mu(audit: Audit) -> float:
     """Return a proximal weight with which every part of lam converges in a few iterations."""
     largest, smallest = audit.native_spectrum
     if audit.independent and not audit.rounded:
-        return max(min(_LARGEST_FREE * largest, _SMALLEST_FREE * smallest), _LEAST_FREE * largest)
+        return min(_LARGEST_FREE * largest, _SMALLEST_FREE * smallest)
     return max(min(_LARGEST * largest, _SMALLEST * smallest), _LEAST * largest)
 
 
@@ -83,7 +87,7 @@ class WeightAtState:
         from scipy.linalg.lapack import dpstrf
 
         self._mu, self._accuracy = mu, _STEP * accuracy
-        self._usual, self._few = _plan(min(left, _MORE)), _plan(_CORRECTED)
+        self._usual, self._few = _plan(min(left, _MORE)), _plan(_FEWER)
         self._cholesky, self._factorise = _pin.constraint_cholesky(workspace.data), dpstrf
         # a row that is rounding has sigma < m eps |G|: a force f along it moves a by w sigma^1/2 f,
         # and ten steps of lam are more than were made
@@ -95,6 +99,7 @@ class WeightAtState:
         )
         self._damping, self._least = self._mu * np.eye(rows), _NOISE * rounding
         self._weak = rounding / tolerances.SOLVED if corrected else 0.0
+        self._strong = _STRONG * audit.native_spectrum[0]
 
     def settings(self, step: float) -> Any:
         """Return settings for a better answer, or None where nothing but rounding is left.
@@ -110,7 +115,8 @@ class WeightAtState:
         sigma = R.item(rank - 1, rank - 1) ** 2 if rank else 0.0
         if not 0.0 < sigma < inf:
             return None
-        limit, share, made = self._few if sigma < self._weak else self._usual
+        few = not self._weak <= sigma <= self._strong
+        limit, share, made = self._few if few else self._usual
         # five bits of mu will do: there are few such numbers, and settings take long to make
         mantissa, power = frexp(max(share * sigma, self._least))
         mu = ldexp(int(32.0 * mantissa), power - 5)
