@@ -8,10 +8,10 @@ them by c / mu an iteration, and rounding of G, eps |G| / mu, mixes it into the 
 The smallest sigma is that of the nominal state, nearly always. It is another near singular
 postures, and where loops are open by a gap: redundant rows come to life there, with a sigma of
 about gap^2. What does not converge in a few iterations is at such a state; then the smallest sigma
-is read off the factor that is there already, and mu is the largest that gains fourteen digits in
+is read off the factor that is there already, and mu is the largest that gains fifteen digits in
 the iterations k that are left:
 
-    (mu / (sigma + mu))^k = 1e-14.
+    (mu / (sigma + mu))^k = 1e-15.
 
 G is that of the rows that Pinocchio has: two points in place of an edge or a hinge.
 """
@@ -44,12 +44,12 @@ FEW = 6
 # stop at a smaller step than those of the default weight, since each gains less. Five are enough
 # where corrections follow that G needs, eps |G| > SOLVED sigma: they leave a share mu / sigma of
 # rounding. And where sigma is strong: lam of rows that contradict others by c ends at 5 c / mu, and
-# eps |G| of that is the error of a, with mu = 0.0016 sigma and sigma > 0.01 |G| below 1e-10 c.
-_MORE, _FEWER, _STEP, _STRONG = 15, 5, 0.01, 0.01
+# eps |G| of that is the error of a, with mu = 0.001 sigma and sigma > 0.01 |G| below 1e-10 c.
+_MORE, _FEWER, _STEP, _STRONG = 18, 5, 0.01, 0.01
 
 # What those leave of an error: the last digits are not worth a smaller mu, which adds noise. And a
 # multiple of eps |G|: rows that depend on others may have a sigma of as much below zero.
-_LEFT, _NOISE = 1e-14, 4.0
+_LEFT, _NOISE = 1e-15, 4.0
 
 _EPS = 2.0**-53
 

@@ -204,7 +204,7 @@ def test_open_loops_with_rows_that_contradict_each_other_are_solved():
         for limit in (20, 100):
             workspace = cp.Workspace(case.scene, cp.Proximal(max_iterations=limit))
             solution = workspace.solve(case.q, case.v, case.tau, throw=False)
-            assert 20 <= solution.iterations <= 22
+            assert 20 <= solution.iterations <= 24
             assert error_of(case, solution.a, right) < 2e-9
 
 

@@ -58,8 +58,8 @@ class Proximal(Solver):
         a planar loop; 1e-5 of the smallest if that is less, as with a body that weighs next to
         nothing. Should six iterations not converge, as near a singular posture or where loops are
         open, the others are made with a share of the smallest eigenvalue there that is more than
-        rounding: 0.11 for the fourteen that are left by default, 0.13 for fifteen, which is the
-        most, and 0.0016 for five, where corrections follow that G needs, or where that eigenvalue
+        rounding: 0.09 for the fourteen that are left by default, 0.17 for eighteen, which is the
+        most, and 0.001 for five, where corrections follow that G needs, or where that eigenvalue
         is more than a hundredth of the largest (`condyn_pin.weights`).
     max_iterations : int
         Upper limit. It is met without harm where lam keeps a little noise; convergence is judged
