@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 
 # Shares of the largest eigenvalue of G, and of the smallest nonzero one. The first of each are for
 # redundant rows, the others for rows of which none depends on others, wherever the loops are. Rows
-# that are zero but for rounding are of the first kind: lam grows along them as well. The last share
-# is the least for the first kind; the others need none, and where a light body makes the largest
-# eigenvalue huge, what the last step leaves of an error still moves that body.
+# that are zero but for rounding are of the first kind: lam grows along them as well. That kind has a
+# least share of the largest, too. The others have none: a body of next to no mass makes the largest
+# huge, and what the last step of lam leaves, mu / sigma of it, moves that body most.
 _LARGEST, _SMALLEST, _LEAST = 1e-6, 1e-2, 1e-12
 _LARGEST_FREE, _SMALLEST_FREE = 1e-12, 1e-5
 
@@ -67,7 +67,8 @@ class WeightAtState:
 
     With pivots on the diagonal, P^T G P = R^T R, the squares of the diagonal of R fall as the
     eigenvalues of G do, and the last is close to the smallest. LAPACK stops where what is left is
-    rounding, m eps |G|.
+    rounding, m eps |G|. The last counts, however near to that: rows of loops that are open by 1e-4
+    are as near, and below the widest gap between two pivots.
 
     Parameters
     ----------
@@ -94,14 +95,15 @@ class WeightAtState:
         # a row that is rounding has sigma < m eps |G|: a force f along it moves a by w sigma^1/2 f,
         # and ten steps of lam are more than were made
         audit, rows = workspace.scene.audit, sum(c.size for c in workspace.natives.constraints)
-        rounding = _EPS * audit.native_spectrum[0]
+        largest, _ = audit.native_spectrum
+        rounding = _EPS * largest
         moved = audit.yardstick.largest_weight * (rows * rounding) ** 0.5
         self._harmless = (
             tolerances.SOLVED * audit.yardstick.gravity / (10.0 * moved) if rows else 0.0
         )
         self._damping, self._least = self._mu * np.eye(rows), _NOISE * rounding
         self._weak = rounding / tolerances.SOLVED if corrected else 0.0
-        self._strong = _STRONG * audit.native_spectrum[0]
+        self._strong = _STRONG * largest
 
     def settings(self, step: float) -> Any:
         """Return settings for a better answer, or None where nothing but rounding is left.
