@@ -194,7 +194,8 @@ def candidates(problem: Problem, *, quick: bool) -> list[tuple[Row, Block]]:
         for integrator in INTEGRATORS
         for dt in steps
     ]
-    for integrator in (*eulers, cp.Leapfrog(), cp.RungeKutta4()):
+    second = (cp.Leapfrog(), cp.LinearlyImplicitMidpoint())
+    for integrator in (*eulers, *second, cp.RungeKutta4()):
         gain = 0.03 if integrator.order.q > 2 else 0.3
         for dt in steps:
             drifts = cp.Baumgarte.critical(gain / dt), cp.PostStabilization(), cp.Projection()

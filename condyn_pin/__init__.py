@@ -105,6 +105,9 @@ if TYPE_CHECKING:
         ImplicitMidpoint as ImplicitMidpoint,
     )
     from condyn_pin.simulation.integrators.leapfrog import Leapfrog as Leapfrog
+    from condyn_pin.simulation.integrators.linearly_implicit_midpoint import (
+        LinearlyImplicitMidpoint as LinearlyImplicitMidpoint,
+    )
     from condyn_pin.simulation.integrators.radau import GearGuptaLeimkuhler as GearGuptaLeimkuhler
     from condyn_pin.simulation.integrators.radau import RadauIIA as RadauIIA
     from condyn_pin.simulation.integrators.rattle import Rattle as Rattle
@@ -254,6 +257,7 @@ _HOME = {
     "simulation.integrators.generalised_alpha": ("GeneralisedAlpha",),
     "simulation.integrators.implicit_midpoint": ("ImplicitMidpoint",),
     "simulation.integrators.leapfrog": ("Leapfrog",),
+    "simulation.integrators.linearly_implicit_midpoint": ("LinearlyImplicitMidpoint",),
     "simulation.integrators.radau": (
         "GearGuptaLeimkuhler",
         "RadauIIA",

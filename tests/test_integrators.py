@@ -14,7 +14,9 @@ from condyn_pin._pin import pin
 from condyn_pin.simulation.integrators import INTEGRATORS
 
 CLOSED = [kind() for kind in INTEGRATORS.values() if kind.keeps_constraints]
-IMPLICIT = [cp.StormerVerlet(), cp.ImplicitMidpoint(), *CLOSED]
+IMPLICIT = [
+    cp.StormerVerlet(), cp.ImplicitMidpoint(), cp.LinearlyImplicitMidpoint(), *CLOSED
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("integrator", CLOSED, ids=repr)
@@ -66,6 +68,7 @@ def test_stiff_damping_asks_for_no_small_step_of_implicit_methods():
         cp.GeneralisedAlpha(): 4e-3,
         cp.GearGuptaLeimkuhler(): 4e-3,
         cp.ImplicitMidpoint(): 4e-3,
+        cp.LinearlyImplicitMidpoint(): 4e-3,
         cp.Rattle(): 2e-3,  # its wall are the springs
         cp.Shake(): 2e-3,
     }

@@ -32,6 +32,7 @@ VARIANTS = [
     cp.Leapfrog(),
     cp.StormerVerlet(),
     cp.ImplicitMidpoint(),
+    cp.LinearlyImplicitMidpoint(),
     cp.RungeKutta4(),
     cp.Rattle(),
     cp.Shake(),

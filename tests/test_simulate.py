@@ -229,15 +229,20 @@ def test_leapfrog_keeps_an_oscillation_up_to_its_limit(omega_dt, stable):
     assert (np.abs(found.q).max() < 10.0) == stable
 
 
-def test_leapfrog_makes_one_solve_a_step(monkeypatch):
+@pytest.mark.parametrize(
+    ("integrator", "more"), [(cp.Leapfrog(), 0), (cp.LinearlyImplicitMidpoint(), 2)], ids=repr
+)
+def test_one_solve_a_step(monkeypatch, integrator, more):
     calls = []
     solve = cp.Workspace.next_acceleration
     monkeypatch.setattr(
         cp.Workspace, "next_acceleration", lambda *given: calls.append(1) or solve(*given)
     )
     scene, q, v = bar()
-    cp.simulate(scene, q, v, duration=0.1, integrator=cp.Leapfrog(), record=100)
-    assert len(calls) == 100 + 1  # the last sample
+    cp.simulate(
+        scene, q, v, duration=0.1, integrator=integrator, drift=cp.NoDrift(), record=100
+    )  # fmt: skip
+    assert len(calls) == 100 + 1 + more  # the last sample, and the first step
 
 
 def test_averaged_velocities_would_have_order_two(references):
@@ -397,6 +402,37 @@ def test_the_wall_is_where_gaps_grow(share, stable):
         if not abs(np.hypot(*q) - 1.0) < 1.0:
             break
     assert (abs(np.hypot(*q) - 1.0) < 0.1) == stable
+
+
+def test_torques_of_a_function_that_are_stiff():
+    """Springs and dampers that the integrator does not know of, as its docstring says."""
+    middle = cp.LinearlyImplicitMidpoint()
+    assert 2 * wall(middle, beta_per_alpha=0.0) == pytest.approx(1.0, abs=2e-4)
+    oscillating = [growth(middle, cp.Baumgarte(0.0, omega), 1.0) for omega in (0.1, 1.4, 1.42)]
+    assert 1 - 1e-4 < oscillating[0] < 1.0
+    assert oscillating[1] < 1.0 < oscillating[2]
+
+
+@pytest.mark.parametrize("integrator", [cp.Leapfrog(), cp.LinearlyImplicitMidpoint()], ids=repr)
+@pytest.mark.parametrize(("share", "stable"), [(0.95, True), (1.05, False)])
+def test_the_wall_of_integrators_that_remember_a_step(integrator, share, stable, monkeypatch):
+    monkeypatch.setattr("condyn_pin.simulation.plan.check_wall", lambda *_: None)
+    scene, q, v = rod_pendulum()
+    dt = 1e-2
+    found = cp.simulate(
+        scene, q, v, duration=20.0, dt=dt, integrator=integrator,
+        drift=cp.Baumgarte.critical(share * wall(integrator) / dt),
+    )  # fmt: skip
+    assert (found.status.ok and found.violation.max() < 0.1) == stable
+
+
+def test_gains_with_which_an_iteration_does_not_converge_are_refused():
+    scene, q, v = bar()
+    with pytest.raises(cp.InvalidArgument, match=r"every gap grows .* is stable below"):
+        cp.simulate(
+            scene, q, v, duration=1.0, dt=1e-3, integrator=cp.ImplicitMidpoint(),
+            drift=cp.Baumgarte.critical(2e3),
+        )  # fmt: skip
 
 
 def test_gains_beyond_the_wall_are_refused():

@@ -48,6 +48,9 @@ def to_the_end(
         two_before, before = before, left
         if not isfinite(left):
             break
+    else:
+        if before < small:
+            return
     left_over = f"{before:.1e} are left (m, rad)" if isfinite(before) else "its numbers are lost"
     raise StepFailed(
         f"{title} at t = {t:g} s: after {count} iterations {left_over}; take a smaller dt than "

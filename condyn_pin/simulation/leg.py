@@ -92,11 +92,12 @@ class Leg:
         if not self._at_start:
             self.recorder.drop_after(t)
 
-    def sample(self, t: float, q: Array, v: Array) -> None:
-        """Keep a state at which no step begins, or none has ended."""
+    def sample(self, t: float, q: Array, v: Array, system: System | None = None) -> None:
+        """Keep a state, by the solve there; a step that begins with the same one finds it made."""
+        solved = system or self.system
         self._tau.forget()
-        a = self.system.acceleration(t, q, v)
-        self.recorder.add((t, q, v, a, self.system.lam(), self._tau.first(t, q, v)))
+        a = solved.acceleration(t, q, v)
+        self.recorder.add((t, q, v, a, solved.lam(), self._tau.first(t, q, v)))
 
     def begin(self, t: float, q: Array, v: Array) -> Recorder:
         """Begin to keep samples, with another stepper; return what they go to."""
@@ -116,21 +117,14 @@ class Leg:
         self, mover: Mover, t1: float, t: float, q: Array, v: Array, keep: bool
     ) -> tuple[Array, Array]:
         stepper, correct, dt = mover
-        lam = v  # of samples only
-        if keep:
-            self._tau.forget()
-            if not stepper.lam:  # that of the solve with which the step begins: it is made once
-                solved = stepper.system or self.system
-                solved.acceleration(t, q, v)
-                lam = solved.lam()
+        if keep and self._at_start:
+            self.sample(t, q, v, stepper.system)
         q1, v1, a = stepper.step(t, q, v)
-        if keep and stepper.lam:  # before the correction solves again
-            lam = stepper.lam()
+        # before the correction solves again
+        lam = stepper.lam() if keep and stepper.lam else None
         if correct:
             q1, v1 = correct(t + dt, q1, v1)
-        if keep and self._at_start:
-            self.recorder.add((t, q, v, a, lam, self._tau.first(t, q, v)))
-        elif keep:
+        if lam is not None:
             self._tau.forget()
             self.recorder.add((t1, q1, v1, a, lam, self._tau.first(t1, q1, v1)))
         return q1, v1

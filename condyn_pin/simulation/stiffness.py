@@ -50,7 +50,7 @@ def stiff_damping(system: System, integrator: Integrator, dt: float, q: Array) -
     return (
         f"the damping of joint {system.model.names[joint]!r} ({system.passive.d[i]:.3g} N m s/rad "
         f"or N s/m) has a rate of {rate:.3g} / s, and {integrator.title} follows no more than "
-        f"{limit:.3g} / dt: use SemiImplicitEuler(), GeneralisedAlpha(), or dt below "
+        f"{limit:.3g} / dt: use SemiImplicitEuler(), LinearlyImplicitMidpoint(), or dt below "
         f"{limit / rate:.2g} s"
     )
 

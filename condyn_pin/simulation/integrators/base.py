@@ -8,10 +8,10 @@
    in `INTEGRATORS`; tests and the command line find it there, and `tests/test_orders.py` measures
    its orders with every value of its knobs that is entered there.
 3. Write `start(system, dt)`. It returns a `Stepper`: two callables closed over what they need.
-   `step(t, q, v)` returns (q, v, a): the state at t + dt, and the acceleration at that end of the
-   step which `a_at` names. None of the arrays is written to later, and neither are the arguments.
-   `lam()` returns the forces (m,) that belong to the a of its end; at its start a and lam are those
-   of the solve there, which the caller asks for before a step that is a sample.
+   `step(t, q, v)` returns (q, v, a): the state at t + dt, and the acceleration of the step. None
+   of the arrays is written to later, and neither are the arguments. Where `a_at` is the end of the
+   step, a is the one there, and `lam()` returns the forces (m,) that belong to it; else a sample
+   has those of the solve at its start, which the caller asks for before the step.
 4. A stepper may remember what it found, such as a multiplier to start the next iteration from. But
    a drift scheme may have moved the state since: it starts from the state it is handed. After an
    event another stepper is started; one step of another size is a stepper that is used once.
