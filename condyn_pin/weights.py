@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 
 # Shares of the largest eigenvalue of G, and of the smallest nonzero one. The first of each are for
 # redundant rows, the others for rows of which none depends on others, wherever the loops are. Rows
-# that are zero but for rounding are of the first kind: lam grows along them as well. That kind has a
-# least share of the largest, too. The others have none: a body of next to no mass makes the largest
-# huge, and what the last step of lam leaves, mu / sigma of it, moves that body most.
+# that are zero but for rounding are of the first kind: lam grows along them as well. That kind has
+# a least share of the largest, too. The others have none: a body of next to no mass makes the
+# largest huge, and what the last step of lam leaves, mu / sigma of it, moves that body most.
 _LARGEST, _SMALLEST, _LEAST = 1e-6, 1e-2, 1e-12
 _LARGEST_FREE, _SMALLEST_FREE = 1e-12, 1e-5
 
