@@ -39,7 +39,8 @@ import numpy as np
 import condyn_pin as cp
 from condyn_pin.machine import machine
 from condyn_pin.plots_drift import save_laboratory, title
-from condyn_pin.simulation.laboratory import contest, errors, gap_growth
+from condyn_pin.simulation.contest import contest
+from condyn_pin.simulation.laboratory import errors, gap_growth
 from condyn_pin.simulation.walls import wall
 
 if TYPE_CHECKING:

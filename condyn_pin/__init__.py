@@ -89,7 +89,7 @@ if TYPE_CHECKING:
     from condyn_pin.problems.result import ProblemResult as ProblemResult
     from condyn_pin.proof import Proof as Proof
     from condyn_pin.robot import Robot as Robot
-    from condyn_pin.rows.equations import Terms as Terms
+    from condyn_pin.rows.terms import Terms as Terms
     from condyn_pin.scene import Scene as Scene
     from condyn_pin.simulation.effects import Effects as Effects
     from condyn_pin.simulation.events import Event as Event
@@ -207,7 +207,7 @@ _HOME = {
     "drift.projection": ("Projection",),
     "force": ("ConstraintForce",),
     "impacts": ("Impact", "impact"),
-    "rows.equations": ("Terms",),
+    "rows.terms": ("Terms",),
     "errors": (
         "BranchChanged",
         "BrokenPinocchio",

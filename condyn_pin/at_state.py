@@ -14,8 +14,9 @@ from condyn_pin.arguments import Arguments
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.minimum_norm import MinimumNorm, factorise
-from condyn_pin.rows.equations import Equations, Terms
-from condyn_pin.scene import Scene
+from condyn_pin.rows.equations import Equations
+from condyn_pin.rows.terms import Terms
+from condyn_pin.scene import Scene, check_scene
 
 # The equations of this thread's last scene: their memory takes longer to make than to use.
 _last = threading.local()
@@ -63,8 +64,7 @@ def frame_jacobian(scene: Scene, q: Array, frame: str) -> Array:
 
 def equations_of(scene: Scene) -> Equations:
     """Return this thread's equations of a scene: the last ones, or new ones."""
-    if not isinstance(scene, Scene):
-        raise InvalidArgument(f"scene = {type(scene).__name__}: a Scene is needed")
+    check_scene(scene)
     scene.robot.check_unedited()
     equations: Equations | None = getattr(_last, "equations", None)
     if equations is None or _last.scene is not scene:

@@ -13,9 +13,10 @@ from condyn_pin.arrays import Array
 from condyn_pin.errors import BranchChanged, NotAssembled
 from condyn_pin.minimum_norm import MinimumNorm, factorise
 from condyn_pin.proof import Yardstick
-from condyn_pin.rows.equations import Equations, Terms
-from condyn_pin.rows.native import natives
+from condyn_pin.rows.equations import Equations
+from condyn_pin.rows.native import Natives
 from condyn_pin.rows.reach import reach
+from condyn_pin.rows.terms import Terms
 from condyn_pin.solvers.reference import Reference
 from condyn_pin.states.chains import redundant_rows
 
@@ -63,6 +64,9 @@ class Audit:
         Condition number of the mass matrix.
     delassus_norm : float
         Largest eigenvalue of J M^-1 J^T [1/kg]; 1/mass without constraints.
+    native_spectrum : (float, float)
+        Largest and smallest nonzero eigenvalue of the same with the rows that Pinocchio has in
+        place of the scene's (`condyn_pin.rows.native`) [1/kg].
     weight : float
         Mass times gravity, or mass times 1 m/s^2 without gravity [N].
     yardstick : Yardstick
@@ -85,6 +89,7 @@ class Audit:
     rounded: bool
     condition: float
     delassus_norm: float
+    native_spectrum: tuple[float, float]
     weight: float
     yardstick: Yardstick
     states: tuple[NominalState, ...]
@@ -93,9 +98,9 @@ class Audit:
 
     @property
     def delassus_condition(self) -> float:
-        """Condition number of G = J M^-1 J^T, but for redundant rows."""
-        S = self.singular_values
-        return float(S[0] / S[self.rank - 1]) ** 2 if self.rank else 1.0
+        """Condition number of G = J M^-1 J^T as Pinocchio has it, but for redundant rows."""
+        largest, smallest = self.native_spectrum
+        return largest / smallest
 
 
 def audit(scene: Scene) -> Audit:
@@ -115,6 +120,7 @@ def audit(scene: Scene) -> Audit:
     gravity = float(np.linalg.norm(robot.model.gravity.linear))
     weight = robot.mass * (gravity or 1.0)
     lively, rounded = _lively_rows(equations, q)
+    norm = float(S[0] ** 2) if rank else 1 / robot.mass
     return Audit(
         q=q,
         closed=closed,
@@ -122,15 +128,29 @@ def audit(scene: Scene) -> Audit:
         rank=rank,
         mobility=robot.nv - rank,
         redundant=redundant_rows(factors.U[:, rank:], scene.row_names),
-        independent=rank == lively and not natives(scene.bounds).imitated,
+        independent=rank == lively and not scene.natives.imitated,
         rounded=rounded,
         condition=float(np.linalg.cond(terms.M)),
-        delassus_norm=float(S[0] ** 2) if rank else 1 / robot.mass,
+        delassus_norm=norm,
+        native_spectrum=_native_spectrum(scene.natives, factors) if rank else (norm, norm),
         weight=weight,
         yardstick=Yardstick.of(factors, reach(equations, q), gravity, weight),
         states=_nominal_states(equations, q, factors),
         terms=terms,
     )
+
+
+def _native_spectrum(native: Natives, factors: MinimumNorm) -> tuple[float, float]:
+    """Return the largest and the smallest nonzero eigenvalue of G as Pinocchio has it.
+
+    With lam = E^T lam_native and J L^-T = U S V^T these are the squares of the singular values of
+    E U S. Rows that Pinocchio does not have stay as they are.
+    """
+    rank, E_ = factors.rank, native.to_scene
+    S = factors.S[:rank]
+    if E_ is not None and not native.missing:
+        S = np.asarray(np.linalg.svd(E_.T @ (factors.U[:, :rank] * S), compute_uv=False), float)
+    return float(S[0] ** 2), float(S[rank - 1] ** 2)
 
 
 def _lively_rows(equations: Equations, q: Array) -> tuple[int, bool]:

@@ -18,20 +18,14 @@ and a kind is a choice of rows of s = 0:
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass
-from numbers import Real
-from typing import Any, Final, Literal, get_args
+from typing import Final, Literal, get_args
 
-import numpy as np
-
-from condyn_pin import tolerances
 from condyn_pin.arrays import finite
+from condyn_pin.constraint_fields import Axis, check_axis, check_size, positive, text
 from condyn_pin.errors import InvalidArgument
 
-Axis = Literal["x", "y", "z"]
 LoopKind = Literal["ball", "weld", "hinge", "slider", "planar", "rod"]
 
 WORLD = ("world", "universe")
@@ -39,65 +33,6 @@ WORLD = ("world", "universe")
 _ROWS: Final[dict[str, int]] = {
     "ball": 3, "weld": 6, "hinge": 5, "slider": 5, "planar": 2, "rod": 1,
 }  # fmt: skip
-
-
-def floats(argument: str, value: Any, size: int) -> tuple[float, ...]:
-    """Return a sequence of numbers as a tuple, or raise InvalidArgument."""
-    try:
-        array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        array = np.empty(0)
-    if array.shape != (size,) or not np.isfinite(array).all():
-        raise InvalidArgument(f"{argument} = {value!r}: {size} finite numbers are needed")
-    check_size(argument, *array)
-    return tuple(float(x) for x in array)
-
-
-def check_size(argument: str, *numbers: float) -> None:
-    """Refuse numbers so large that what is computed from them overflows."""
-    for number in numbers:
-        if abs(number) > tolerances.HUGE:
-            raise InvalidArgument(
-                f"{argument} = {number:g}: no machine has that; {tolerances.HUGE:g} is the largest "
-                "number"
-            )
-
-
-def direction(argument: str, value: Any) -> tuple[float, ...]:
-    """Return three numbers as a vector of unit length, or raise InvalidArgument."""
-    return unit(floats(argument, value, 3), f"{argument} = (0, 0, 0): a direction is needed")
-
-
-def unit(vector: Sequence[float], fault: str) -> tuple[float, ...]:
-    """Return a vector at unit length; InvalidArgument says the fault of one that is zero."""
-    exponent = math.frexp(max(map(abs, vector)))[1]
-    scaled = [math.ldexp(x, -exponent) for x in vector]  # exact, and no longer subnormal
-    norm = math.hypot(*scaled)
-    if norm == 0.0:
-        raise InvalidArgument(fault)
-    return tuple(x / norm for x in scaled)
-
-
-def text(argument: str, value: Any, what: str = "frame") -> str:
-    """Return the name of something, or raise InvalidArgument."""
-    if not isinstance(value, str) or not value:
-        raise InvalidArgument(f"{argument} = {value!r}: the name of a {what} is needed")
-    return value
-
-
-def positive(argument: str, value: float | None) -> None:
-    """Refuse what is not a positive length."""
-    number = isinstance(value, Real) and not isinstance(value, bool)
-    if value is not None and not (number and math.isfinite(value) and value > 0):
-        raise InvalidArgument(f"{argument} = {value!r}: a positive length [m] is needed")
-    if value is not None:
-        check_size(argument, value)
-
-
-def check_axis(axis: Any) -> None:
-    """Refuse what is not the name of an axis."""
-    if axis not in get_args(Axis):
-        raise InvalidArgument(f"axis = {axis!r}: one of {', '.join(get_args(Axis))} is needed")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,21 +12,19 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.constraints import (
+from condyn_pin.constraint_fields import (
     Axis,
-    Constraint,
+    Placement,
+    Vector3,
     check_axis,
     direction,
     floats,
+    placement,
     positive,
     text,
-    unit,
 )
+from condyn_pin.constraints import Constraint
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.soundness import rotation_fault
-
-Vector3 = tuple[float, float, float]
-Placement = tuple[float, float, float, float, float, float, float]
 
 
 @dataclass(frozen=True)
@@ -100,7 +98,7 @@ class SurfaceContact(Constraint):
         text("frame", self.frame)
         positive("half_length", self.half_length)
         positive("half_width", self.half_width)
-        object.__setattr__(self, "anchor", _placement("anchor", self.anchor))
+        object.__setattr__(self, "anchor", placement("anchor", self.anchor))
         self._set_name(self.frame)
 
     @property
@@ -158,7 +156,7 @@ class LineContact(Constraint):
         text("frame", self.frame)
         check_axis(self.axis)
         positive("half_length", self.half_length)
-        object.__setattr__(self, "anchor", _placement("anchor", self.anchor))
+        object.__setattr__(self, "anchor", placement("anchor", self.anchor))
         self._set_name(self.frame)
 
     @property
@@ -233,22 +231,6 @@ CONTACTS: dict[str, type[Contact]] = {
     "line": LineContact,
     "planar": PlanarContact,
 }
-
-
-def _placement(argument: str, value: object) -> Placement | None:
-    """Return a placement in the world with a unit quaternion, or raise InvalidArgument."""
-    if value is None:
-        return None
-    if isinstance(value, pin.SE3):
-        fault = rotation_fault(value.rotation)
-        if fault and np.isfinite(value.rotation).all():
-            raise InvalidArgument(f"{argument}: its rotation is none: {fault}")
-    x, y, z, *quaternion = floats(
-        argument, pin.SE3ToXYZQUAT(value) if isinstance(value, pin.SE3) else value, 7
-    )
-    fault = f"{argument}: its quaternion (x y z w) is zero; use 0 0 0 1"
-    qx, qy, qz, qw = unit(quaternion, fault)
-    return x, y, z, qx, qy, qz, qw
 
 
 def _point(contact: SurfaceContact | LineContact, name: str, offset: Array) -> PointContact:

@@ -11,10 +11,10 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from condyn_pin import tolerances
-from condyn_pin.arrays import Array
+from condyn_pin.arrays import Array, read_only
+from condyn_pin.as_array import AsArray
 from condyn_pin.constraints import Constraint, Coupling, Loop
 from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
 from condyn_pin.errors import InvalidArgument
@@ -25,6 +25,10 @@ from condyn_pin.rows.equations import Equations
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
 
+# Contacts whose third axis is the normal, and those that have none: the vertical stands for it.
+WITH_NORMAL = (SurfaceContact, PlanarContact, RollingWheel, RollingBall)
+WITHOUT_NORMAL = (PointContact, LineContact)
+
 
 @dataclass(frozen=True, eq=False)
 class Sites:
@@ -34,10 +38,13 @@ class Sites:
     ----------
     scene : Scene
     q : (nq,) array
+    equations : Equations, optional
+        Memory to find them with; made for it otherwise.
     """
 
     scene: Scene
     q: Array
+    equations: Equations | None = None
 
     @cached_property
     def placements(self) -> list[Any]:
@@ -50,7 +57,7 @@ class Sites:
         return self._equations().jacobian(self.q)
 
     def _equations(self) -> Equations:
-        return Equations(self.scene.robot.model, self.scene.bounds)
+        return self.equations or Equations(self.scene.robot.model, self.scene.bounds)
 
     def forces(self, lam: Array) -> dict[str, ConstraintForce]:
         """Return the forces lam (m,) by name, each on the first-named body."""
@@ -68,7 +75,7 @@ class Sites:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ConstraintForce(NDArrayOperatorsMixin):
+class ConstraintForce(AsArray):
     """The force of one constraint on one of its two bodies; it works as the array of its numbers.
 
     Attributes
@@ -125,7 +132,7 @@ class ConstraintForce(NDArrayOperatorsMixin):
         if isinstance(b, Coupled):
             scale = b.ratio if self._first else 1.0 / b.ratio
         return ConstraintForce(
-            self.name, _frozen(-scale * self.components), self.by, self.on, self.frame, self.lam,
+            self.name, read_only(-scale * self.components), self.by, self.on, self.frame, self.lam,
             self._sites, self._index, not self._first,
         )  # fmt: skip
 
@@ -151,44 +158,6 @@ class ConstraintForce(NDArrayOperatorsMixin):
     def _nowhere(self) -> InvalidArgument:
         return InvalidArgument(f"{self.name}: a coupling acts along joints, at no point")
 
-    # As an array.
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
-        array = self.components if dtype is None else self.components.astype(dtype)
-        return array.copy() if copy else array
-
-    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
-        plain = [x.components if isinstance(x, ConstraintForce) else x for x in inputs]
-        return getattr(ufunc, method)(*plain, **options)
-
-    def __len__(self) -> int:
-        return len(self.components)
-
-    def __getitem__(self, index: Any) -> Any:
-        return self.components[index]
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape of the components."""
-        return self.components.shape
-
-    @property
-    def size(self) -> int:
-        """Number of components."""
-        return self.components.size
-
-    def copy(self) -> Array:
-        """Return the components in an array of their own."""
-        return self.components.copy()
-
-    def tolist(self) -> list[float]:
-        """Return the components as a list."""
-        return [float(x) for x in self.components]
-
-    def round(self, decimals: int = 0) -> Array:
-        """Return the components rounded to some `decimals`."""
-        return self.components.round(decimals)
-
     def __repr__(self) -> str:
         numbers = np.array2string(self.components, precision=4, suppress_small=True)
         axes = f", axes of {self.frame}" if self.frame else ""
@@ -201,24 +170,32 @@ def pulling(forces: dict[str, ConstraintForce], sites: Sites, unit: str = "N") -
     The normal is the z axis of a `SurfaceContact` and that of the plane of a `PlanarContact` and
     of what rolls. A point or a line has none: the vertical stands for it, if there is gravity.
     """
-    up = -np.array(sites.scene.robot.model.gravity.linear)
-    up /= max(float(np.linalg.norm(up)), np.finfo(float).tiny)
+    up = upward(sites.scene)
     largest = max((float(np.abs(f.components).max()) for f in forces.values()), default=0.0)
     said = []
     for constraint in sites.scene.constraints:
-        force, words = forces[constraint.name], ""
-        if isinstance(constraint, SurfaceContact | PlanarContact | RollingWheel | RollingBall):
+        force = forces[constraint.name]
+        if isinstance(constraint, WITH_NORMAL):
             normal = float(force[2])
-        elif isinstance(constraint, PointContact | LineContact):
-            normal, words = float(force.in_world()[:3] @ up), " (the vertical is its normal)"
+        elif isinstance(constraint, WITHOUT_NORMAL):
+            normal = float(force.in_world()[:3] @ up)
         else:
             continue
         if normal < -tolerances.SOLVED * largest:
-            said.append(
-                f"{constraint.name}: the contact pulls with {-normal:.4g} {unit}{words}; "
-                "the ground would let go"
-            )
+            said.append(pull_text(constraint, f"{-normal:.4g} {unit}"))
     return tuple(said)
+
+
+def upward(scene: Scene) -> Array:
+    """Return the direction against gravity (3,); zero where there is none."""
+    up = -np.array(scene.robot.model.gravity.linear)
+    return np.asarray(up / max(float(np.linalg.norm(up)), np.finfo(float).tiny))
+
+
+def pull_text(constraint: Constraint, pull: str) -> str:
+    """Return the sentence on a contact that pulls, with how much."""
+    words = " (the vertical is its normal)" if isinstance(constraint, WITHOUT_NORMAL) else ""
+    return f"{constraint.name}: the contact pulls with {pull}{words}; the ground would let go"
 
 
 def _force(
@@ -233,7 +210,7 @@ def _force(
         components = bound.whole(lam)
     on, by, frame = _names(constraint, bound)
     return ConstraintForce(
-        bound.name, _frozen(components), on, by, frame, _frozen(lam.copy()), sites, i, True
+        bound.name, read_only(components), on, by, frame, read_only(lam.copy()), sites, i, True
     )
 
 
@@ -251,8 +228,3 @@ def _names(constraint: Constraint, bound: AnyBound) -> tuple[str, str, str]:
         return constraint.frame, "world", f"{constraint.name}/touching"
     assert isinstance(constraint, PointContact | SurfaceContact | LineContact | Knife)
     return constraint.frame, "world", constraint.frame
-
-
-def _frozen(array: Array) -> Array:
-    array.flags.writeable = False
-    return array

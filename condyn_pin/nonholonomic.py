@@ -17,8 +17,16 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from condyn_pin.constraints import Axis, Constraint, check_axis, direction, floats, positive, text
-from condyn_pin.contacts import Vector3
+from condyn_pin.constraint_fields import (
+    Axis,
+    Vector3,
+    check_axis,
+    direction,
+    floats,
+    positive,
+    text,
+)
+from condyn_pin.constraints import Constraint
 from condyn_pin.errors import InvalidArgument
 
 Direction = Literal["rolling", "lateral", "normal"]

@@ -10,8 +10,9 @@ import numpy as np
 
 from condyn_pin.plot_style import COLOURS
 from condyn_pin.plots import axes, require_matplotlib
+from condyn_pin.simulation.contest import Contest
 from condyn_pin.simulation.integrators import Integrator
-from condyn_pin.simulation.laboratory import Contest, Growth, stability_map
+from condyn_pin.simulation.laboratory import Growth, stability_map
 from condyn_pin.simulation.walls import wall
 
 # Okabe and Ito's colours; the lines tell them apart in print.

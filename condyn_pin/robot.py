@@ -11,10 +11,11 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array, finite
-from condyn_pin.constraints import WORLD, Constraint, Coupling, Loop, check_size
+from condyn_pin.constraints import Constraint, Coupling, Loop
 from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
 from condyn_pin.robot_fields import MEMBERS, members, postures
-from condyn_pin.soundness import check_model, rotation_fault
+from condyn_pin.robot_frames import find_frame, model_with_frame
+from condyn_pin.soundness import check_model
 from condyn_pin.spring import Spring
 
 
@@ -130,26 +131,7 @@ class Robot:
             If several frames of this name are in different places, or one with the world's name
             is elsewhere.
         """
-        if not isinstance(name, str):
-            raise InvalidArgument(f"frame = {name!r}: the name of a frame is needed")
-        found = [frame for frame in self.model.frames if frame.name == name]
-        if name in WORLD:
-            if any(f.parentJoint or f.placement != pin.SE3.Identity() for f in found):
-                raise InvalidModel(
-                    f"frame {name!r} of {self.name} has the world's name and is elsewhere; "
-                    "rename it"
-                )
-            return 0, pin.SE3.Identity()
-        if not found:
-            raise unknown_name("frame", name, self.frames)
-        first = found[0]
-        for other in found[1:]:
-            if other.parentJoint != first.parentJoint or other.placement != first.placement:
-                raise InvalidModel(
-                    f"frame {name!r} of {self.name} exists {len(found)} times in different "
-                    "places; rename one of them or add your own with Robot.with_frame"
-                )
-        return int(first.parentJoint), pin.SE3(first.placement)
+        return find_frame(self, name)
 
     def with_frame(
         self, name: str, parent: str, translation: ArrayLike, rotation: ArrayLike | None = None
@@ -167,22 +149,7 @@ class Robot:
         rotation : (3, 3) array_like, optional
             Its axes in the parent frame; the same axes by default.
         """
-        if not isinstance(name, str) or not name:
-            raise InvalidArgument(f"name = {name!r}: a text is needed")
-        if name in self.frames or name in WORLD:
-            raise InvalidArgument(f"name = {name!r}: {self.name} has a frame of this name")
-        joint, placement = self.frame(parent)
-        p = finite("translation", translation, (3,))
-        check_size("translation", *p)
-        R = finite("rotation", np.eye(3) if rotation is None else rotation, (3, 3))
-        fault = rotation_fault(R)
-        if fault:
-            raise InvalidArgument(
-                f"rotation = {R.tolist()}: {fault}; an orthonormal matrix with determinant 1 is "
-                "needed"
-            )
-        model = pin.Model(self.model)
-        model.addFrame(pin.Frame(name, joint, 0, placement * pin.SE3(R, p), pin.FrameType.OP_FRAME))
+        model = model_with_frame(self, name, parent, translation, rotation)
         return replace(self, model=model)
 
     def passive_torque(self, q: ArrayLike, v: ArrayLike) -> Array:

@@ -184,6 +184,11 @@ def _notes(scene: Scene, at: Rank) -> Iterator[str]:
             f"{len(at.redundant)} redundant rows: a is unique, lam is the smallest of many; "
             "DenseKKT needs mu > 0"
         )
+    if missing := scene.natives.missing:
+        yield (
+            f"{', '.join(missing)}: Pinocchio has no such rows, so that Proximal and LCABA refuse "
+            "the scene; what solves it instead takes ten times as long, or more"
+        )
     if rolling := [c.name for c in scene.constraints if isinstance(c, Nonholonomic)]:
         yield (
             f"{', '.join(rolling)}: rows on the velocity; mobility counts directions of motion, "

@@ -12,7 +12,7 @@ from condyn_pin.at_state import at_state
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.impacts import Impact, Restitution, impact
 from condyn_pin.names import listed
-from condyn_pin.scene import Scene
+from condyn_pin.scene import Scene, check_scene
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -87,8 +87,7 @@ def switch(
     Cost and source are those of `impact`.
     """
     for argument, scene in (("scene_before", scene_before), ("scene_after", scene_after)):
-        if not isinstance(scene, Scene):
-            raise InvalidArgument(f"{argument} = {type(scene).__name__}: a Scene is needed")
+        check_scene(scene, argument)
     if scene_before.robot.model != scene_after.robot.model:
         raise InvalidArgument(
             f"scene_after: its robot {scene_after.robot.name!r} has another model than that of "

@@ -12,6 +12,8 @@ is read off the factor that is there already, and mu is the largest that gains f
 the iterations k that are left:
 
     (mu / (sigma + mu))^k = 1e-15.
+
+G is that of the rows that Pinocchio has: two points in place of an edge or a hinge.
 """
 
 from __future__ import annotations
@@ -29,31 +31,34 @@ if TYPE_CHECKING:
 
 # Shares of the largest eigenvalue of G, and of the smallest nonzero one. The first of each are for
 # redundant rows, the others for rows of which none depends on others, wherever the loops are. Rows
-# that are zero but for rounding are of the first kind: lam grows along them as well.
+# that are zero but for rounding are of the first kind: lam grows along them as well. That kind has
+# a least share of the largest, too. The others have none: a body of next to no mass makes the
+# largest huge, and what the last step of lam leaves, mu / sigma of it, moves that body most.
 _LARGEST, _SMALLEST, _LEAST = 1e-6, 1e-2, 1e-12
-_LARGEST_FREE, _SMALLEST_FREE, _LEAST_FREE = 1e-12, 1e-4, 1e-14
+_LARGEST_FREE, _SMALLEST_FREE = 1e-12, 1e-5
 
 # Iterations after which the default weight does not do: machines take up to six with it.
 FEW = 6
 
 # Iterations with the weight for a state, of those that are left: more would only take time. They
-# stop at a smaller step than those of the default weight, since each gains less. Where corrections
-# follow that G needs, eps |G| > SOLVED sigma, five: they leave a share mu / sigma of rounding.
-_MORE, _CORRECTED, _STEP = 15, 5, 0.01
+# stop at a smaller step than those of the default weight, since each gains less. Five are enough
+# where corrections follow that G needs, eps |G| > SOLVED sigma: they leave a share mu / sigma of
+# rounding. And where sigma is strong: lam of rows that contradict others by c ends at 5 c / mu, and
+# eps |G| of that is the error of a, with mu = 0.001 sigma and sigma > 0.01 |G| below 1e-10 c.
+_MORE, _FEWER, _STEP, _STRONG = 18, 5, 0.01, 0.01
 
 # What those leave of an error: the last digits are not worth a smaller mu, which adds noise. And a
-# share of the largest eigenvalue of G: rows that depend on others may have a sigma of -eps |G|.
-_LEFT, _NOISE = 1e-15, 2.0**-51
+# multiple of eps |G|: rows that depend on others may have a sigma of as much below zero.
+_LEFT, _NOISE = 1e-15, 4.0
 
 _EPS = 2.0**-53
 
 
 def default_mu(audit: Audit) -> float:
     """Return a proximal weight with which every part of lam converges in a few iterations."""
-    largest = audit.delassus_norm
-    smallest = float(audit.singular_values[audit.rank - 1]) ** 2 if audit.rank else largest
+    largest, smallest = audit.native_spectrum
     if audit.independent and not audit.rounded:
-        return max(min(_LARGEST_FREE * largest, _SMALLEST_FREE * smallest), _LEAST_FREE * largest)
+        return min(_LARGEST_FREE * largest, _SMALLEST_FREE * smallest)
     return max(min(_LARGEST * largest, _SMALLEST * smallest), _LEAST * largest)
 
 
@@ -62,7 +67,8 @@ class WeightAtState:
 
     With pivots on the diagonal, P^T G P = R^T R, the squares of the diagonal of R fall as the
     eigenvalues of G do, and the last is close to the smallest. LAPACK stops where what is left is
-    rounding, m eps |G|.
+    rounding, m eps |G|. The last counts, however near to that: rows of loops that are open by 1e-4
+    are as near, and below the widest gap between two pivots.
 
     Parameters
     ----------
@@ -84,17 +90,20 @@ class WeightAtState:
         from scipy.linalg.lapack import dpstrf
 
         self._mu, self._accuracy = mu, _STEP * accuracy
-        self._usual, self._few = _plan(min(left, _MORE)), _plan(_CORRECTED)
+        self._usual, self._few = _plan(min(left, _MORE)), _plan(_FEWER)
         self._cholesky, self._factorise = _pin.constraint_cholesky(workspace.data), dpstrf
         # a row that is rounding has sigma < m eps |G|: a force f along it moves a by w sigma^1/2 f,
         # and ten steps of lam are more than were made
         audit, rows = workspace.scene.audit, sum(c.size for c in workspace.natives.constraints)
-        moved = audit.yardstick.largest_weight * (rows * _EPS * audit.delassus_norm) ** 0.5
+        largest, _ = audit.native_spectrum
+        rounding = _EPS * largest
+        moved = audit.yardstick.largest_weight * (rows * rounding) ** 0.5
         self._harmless = (
             tolerances.SOLVED * audit.yardstick.gravity / (10.0 * moved) if rows else 0.0
         )
-        self._damping, self._least = self._mu * np.eye(rows), _NOISE * audit.delassus_norm
-        self._weak = _EPS * audit.delassus_norm / tolerances.SOLVED if corrected else 0.0
+        self._damping, self._least = self._mu * np.eye(rows), _NOISE * rounding
+        self._weak = rounding / tolerances.SOLVED if corrected else 0.0
+        self._strong = _STRONG * largest
 
     def settings(self, step: float) -> Any:
         """Return settings for a better answer, or None where nothing but rounding is left.
@@ -110,7 +119,8 @@ class WeightAtState:
         sigma = R.item(rank - 1, rank - 1) ** 2 if rank else 0.0
         if not 0.0 < sigma < inf:
             return None
-        limit, share, made = self._few if sigma < self._weak else self._usual
+        few = not self._weak <= sigma <= self._strong
+        limit, share, made = self._few if few else self._usual
         # five bits of mu will do: there are few such numbers, and settings take long to make
         mantissa, power = frexp(max(share * sigma, self._least))
         mu = ldexp(int(32.0 * mantissa), power - 5)

@@ -24,8 +24,9 @@ from condyn_pin.errors import InvalidArgument, SolveFailed, unknown_name
 from condyn_pin.judge import Judge, check_accuracy_of_a
 from condyn_pin.raw import ConstraintDatas, ConstraintModels, raw_constraints
 from condyn_pin.rows.bound import AnyBound
-from condyn_pin.rows.equations import Equations, Terms
-from condyn_pin.scene import Scene
+from condyn_pin.rows.equations import Equations
+from condyn_pin.rows.terms import Terms
+from condyn_pin.scene import Scene, check_scene
 from condyn_pin.solution import Solution, Status
 from condyn_pin.solvers.base import Singular, Solver
 from condyn_pin.tolerances import SOLVED
@@ -71,8 +72,7 @@ class Workspace:
     def __init__(
         self, scene: Scene, solver: Solver | None = None, *, drift: Baumgarte | None = None
     ) -> None:
-        if not isinstance(scene, Scene):
-            raise InvalidArgument(f"scene = {type(scene).__name__}: a Scene is needed")
+        check_scene(scene)
         if not isinstance(solver, Solver | None):
             raise InvalidArgument(
                 f"solver = {solver!r}: a solver object is needed, such as Proximal() or LCABA()"
@@ -97,8 +97,7 @@ class Workspace:
 
         Everything that depends on the constraints is made anew; nothing of the old ones is left.
         """
-        if not isinstance(scene, Scene):
-            raise InvalidArgument(f"scene = {type(scene).__name__}: a Scene is needed")
+        check_scene(scene)
         if scene.robot.model != self.model:
             raise InvalidArgument(
                 f"scene: its robot {scene.robot.name!r} has another model; make a new Workspace"

@@ -9,7 +9,8 @@ import numpy as np
 
 import condyn_pin as cp
 from condyn_pin.plots_drift import save_laboratory, title
-from condyn_pin.simulation.laboratory import area, contest, gap_growth, rod_pendulum
+from condyn_pin.simulation.contest import contest
+from condyn_pin.simulation.laboratory import area, gap_growth, rod_pendulum
 from condyn_pin.simulation.walls import wall
 
 parser = argparse.ArgumentParser(description=__doc__)

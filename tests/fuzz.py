@@ -51,7 +51,7 @@ def spoilt(text: str, rng: random.Random) -> str:
     return text
 
 
-def survive(folder: Path, name: str, text: str, seed: int, count: int = 100) -> None:
+def assert_survived(folder: Path, name: str, text: str, seed: int, count: int = 100) -> None:
     """Load spoilt texts in an interpreter that may die; it must not, and finish in time."""
     rng = random.Random(seed)
     texts = folder / "texts"

@@ -42,7 +42,7 @@ def refused(cases: dict[str, Case]):
     return pytest.mark.parametrize(("call", "text"), cases.values(), ids=cases)
 
 
-def check(call: Callable[[], Any], text: str) -> None:
+def assert_refused(call: Callable[[], Any], text: str) -> None:
     with pytest.raises(cp.CondynError, match=text):
         call()
 
@@ -205,7 +205,7 @@ CONSTRAINTS: dict[str, Case] = {
 
 @refused(CONSTRAINTS)
 def test_constraints_refuse(call, text):
-    check(call, text)
+    assert_refused(call, text)
 
 
 @pytest.mark.parametrize("size", [5e-324, 1e-310, 1e-155, 1.0, 1e49])
@@ -283,7 +283,7 @@ ROBOTS: dict[str, Case] = {
 
 @refused(ROBOTS)
 def test_robots_refuse(call, text):
-    check(call, text)
+    assert_refused(call, text)
 
 
 def framed(name="new", parent="world", translation=(0, 0, 0), rotation=None) -> Case:
@@ -316,7 +316,7 @@ FRAMES: dict[str, Case] = {
 
 @refused(FRAMES)
 def test_with_frame_refuses(call, text):
-    check(call, text)
+    assert_refused(call, text)
 
 
 @pytest.mark.parametrize(
@@ -377,12 +377,14 @@ NAMES = {
 
 @pytest.mark.parametrize(("name", "text"), NAMES.items(), ids=NAMES)
 def test_load_robot_refuses_names_and_paths(name, text):
-    check(lambda: cp.load_robot(name), text)
+    assert_refused(lambda: cp.load_robot(name), text)
 
 
 @pytest.mark.parametrize("root_joint", ["fixed", "free_flyer"])
 def test_load_robot_refuses_a_root_joint_for_what_says_it_itself(root_joint):
-    check(lambda: cp.load_robot("talos", root_joint=root_joint), "only a URDF and an SDF take it")
+    assert_refused(
+        lambda: cp.load_robot("talos", root_joint=root_joint), "only a URDF and an SDF take it"
+    )
 
 
 @pytest.mark.parametrize("root_joint", ["flying", "", 3], ids=repr)
@@ -549,7 +551,7 @@ SAID = {
 def test_a_wrong_card_is_refused_in_the_words_of_the_file(tmp_path, card, text):
     (tmp_path / "arm.urdf").write_text(f"<robot name='arm'>{A}{B}{J}</robot>")
     (tmp_path / "robot.toml").write_text('name = "x"\n' + card)
-    check(lambda: cp.load_robot(tmp_path), rf"robot\.toml: .*{text}")
+    assert_refused(lambda: cp.load_robot(tmp_path), rf"robot\.toml: .*{text}")
 
 
 def test_a_card_needs_a_name_and_a_file_and_no_more(tmp_path):
@@ -619,9 +621,9 @@ def test_a_good_file_is_loaded(loaded):
 
 def test_bytes_that_are_no_text_are_refused_with_the_path(tmp_path: Path):
     (tmp_path / "robot.toml").write_bytes(b"\xff\xfe\x00")
-    check(lambda: cp.load_robot(tmp_path), r"robot\.toml: .*utf-8")
+    assert_refused(lambda: cp.load_robot(tmp_path), r"robot\.toml: .*utf-8")
     (tmp_path / "arm.urdf").write_bytes(b"\xff\xfe\x00")
-    check(lambda: cp.load_robot(tmp_path / "arm.urdf"), r"arm\.urdf: not well-formed")
+    assert_refused(lambda: cp.load_robot(tmp_path / "arm.urdf"), r"arm\.urdf: not well-formed")
 
 
 # --- scenes
@@ -702,7 +704,7 @@ SCENES: dict[str, Case] = {
 
 @refused(SCENES)
 def test_scenes_refuse(call, text):
-    check(call, text)
+    assert_refused(call, text)
 
 
 # --- solvers and workspaces
@@ -733,7 +735,7 @@ KNOBS: dict[str, Case] = {
 
 @refused(KNOBS)
 def test_knobs_refuse(call, text):
-    check(call, text)
+    assert_refused(call, text)
 
 
 def bar_state() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -771,7 +773,7 @@ WORKSPACES: dict[str, Case] = {
 
 @refused(WORKSPACES)
 def test_workspaces_refuse(call, text):
-    check(call, text)
+    assert_refused(call, text)
 
 
 NO_NUMBERS = ["abc", None, [[1], [1, 2]], {"a": 1}, np.full(3, 1j), [None] * 3, object()]
@@ -844,7 +846,7 @@ def known(name: str) -> list[tuple[tuple[np.ndarray, ...], np.ndarray]]:
     return [(state, reference.solve(*state, throw=False).a) for state in states]
 
 
-def promise(name: str, solver: cp.Solver) -> None:
+def assert_keeps_its_promise(name: str, solver: cp.Solver) -> None:
     """Solve at every known state: what says ok is right, what does not says why."""
     workspace = cp.Workspace(scene(name), solver)
     for state, right in known(name):
@@ -867,7 +869,7 @@ examples = settings(max_examples=200)
 @examples
 @given(exponent=exponents, iterations=st.integers(1, 20))
 def test_proximal_is_right_where_it_says_ok(name, exponent, iterations):
-    promise(name, cp.Proximal(mu=10.0**exponent, max_iterations=iterations))
+    assert_keeps_its_promise(name, cp.Proximal(mu=10.0**exponent, max_iterations=iterations))
 
 
 @pytest.mark.parametrize("name", SCENES_OF_PROMISE)
@@ -876,7 +878,7 @@ def test_proximal_is_right_where_it_says_ok(name, exponent, iterations):
 def test_lcaba_is_right_where_it_says_ok(name, exponent, iterations):
     solver = cp.LCABA(mu=10.0**exponent, max_iterations=iterations)
     if HAS_LCABA:
-        promise(name, solver)
+        assert_keeps_its_promise(name, solver)
     else:
         with pytest.raises(cp.UnsupportedBackend, match="needs Pinocchio 4"):
             cp.Workspace(scene(name), solver)
@@ -886,13 +888,13 @@ def test_lcaba_is_right_where_it_says_ok(name, exponent, iterations):
 @examples
 @given(exponent=exponents)
 def test_dense_kkt_is_right_where_it_says_ok(name, exponent):
-    promise(name, cp.DenseKKT(mu=10.0**exponent))
+    assert_keeps_its_promise(name, cp.DenseKKT(mu=10.0**exponent))
 
 
 @pytest.mark.parametrize("name", SCENES_OF_PROMISE)
 def test_no_solver_says_ok_by_default_and_is_wrong(name):
     for solver in SOLVERS:
-        promise(name, solver)
+        assert_keeps_its_promise(name, solver)
 
 
 def test_a_failed_solve_carries_its_solution():

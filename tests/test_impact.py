@@ -213,7 +213,7 @@ def test_derivatives_of_every_kind(root, kind, e):
     rng = np.random.default_rng(1)
     q, _ = scene.sample(rng)
     v = rng.normal(size=scene.robot.nv)
-    check(scene, q, v, e, rng.normal(size=(2, scene.robot.nv)), close=False)
+    assert_derivatives(scene, q, v, e, rng.normal(size=(2, scene.robot.nv)), close=False)
 
 
 @pytest.mark.parametrize("label", ["cassie loops + contacts", "talos corners", "four_bar loops"])
@@ -224,10 +224,10 @@ def test_derivatives_with_redundant_rows_are_those_along_the_constraints(label):
     J = cp.Workspace(scene).jacobian(q)
     dq = rng.normal(size=scene.robot.nv)
     dq -= np.linalg.lstsq(J, J @ dq, rcond=1e-9)[0]
-    check(scene, q, v, 0.3, (dq, dv), close=True)
+    assert_derivatives(scene, q, v, 0.3, (dq, dv), close=True)
 
 
-def check(scene, q, v, e, directions, *, close):
+def assert_derivatives(scene, q, v, e, directions, *, close):
     model, (dq, dv) = scene.robot.model, directions
     workspace = cp.Workspace(scene)
 

@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 
 import condyn_pin as cp
 from condyn_pin.cli import app
+from condyn_pin.simulation.contest import contest
 from condyn_pin.simulation.laboratory import (
     area,
-    contest,
     errors,
     gap_growth,
     rod_pendulum,

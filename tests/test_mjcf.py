@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fuzz import survive
+from fuzz import assert_survived
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from referee import MujocoReferee
@@ -546,5 +546,5 @@ def test_there_is_no_such_file():
 @given(seed=st.integers(0, 2**32))
 @settings(max_examples=3, suppress_health_check=list(HealthCheck))
 def test_a_spoilt_mjcf_is_refused_or_read(tmp_path, seed):
-    survive(tmp_path, "robot.xml", TWO_ARMS.replace("EQUALITY", ALL_EQUALITIES), seed)
-    survive(tmp_path, "robot.xml", EVERYTHING, seed)
+    assert_survived(tmp_path, "robot.xml", TWO_ARMS.replace("EQUALITY", ALL_EQUALITIES), seed)
+    assert_survived(tmp_path, "robot.xml", EVERYTHING, seed)

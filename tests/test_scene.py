@@ -81,6 +81,14 @@ def test_a_weld_in_place_of_a_hinge_locks_it_and_is_still_solved():
     assert np.abs(solution.a).max() < 1e-9
 
 
+def test_a_kind_that_costs_the_fast_solvers_is_told():
+    bar = robot("four_bar")
+    for kind, slow in (("planar", True), ("ball", False)):
+        pin_ = cp.Loop("coupler_tip", "rocker_tip", kind, axis="y", name="pin")
+        notes = cp.Scene(bar, [pin_]).summary().notes
+        assert any(note.startswith("pin: Pinocchio has no such rows") for note in notes) == slow
+
+
 def test_a_scene_that_cannot_be_closed_says_so():
     long = robot("four_bar").with_frame("far", "coupler_tip", [3.0, 0, 0])
     scene = cp.Scene(long, [cp.Loop("far", "rocker_tip", name="reach")])

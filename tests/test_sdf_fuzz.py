@@ -62,17 +62,17 @@ NAMES = ("world", "universe", "__model__", "base", "link", "joint", "model", "fi
 STRANGE = st.one_of(st.sampled_from(WORDS + NAMES), st.sampled_from(VALUES), st.text(max_size=5))
 
 
-def only_a_model_or_a_condyn_error(path: Path, content: bytes) -> None:
+def assert_a_model_or_a_condyn_error(path: Path, content: bytes) -> None:
     path.write_bytes(content)
     for options in WAYS:
         try:
             robot = read_sdf(path, **options)
         except CondynError:
             continue
-        check_model(robot)
+        assert_sound(robot)
 
 
-def check_model(robot: SdfRobot) -> None:
+def assert_sound(robot: SdfRobot) -> None:
     for coupling in robot.couplings:
         for name in (coupling.joint_a, coupling.joint_b):
             assert robot.model.joints[robot.model.getJointId(name)].nv == 1
@@ -101,7 +101,7 @@ def test_the_file_that_is_mutated_below_is_a_valid_one(fuzz_file):
 @given(end=st.integers(0, len(VALID) - 1), closed=st.booleans())
 def test_a_truncated_file_gives_a_condyn_error(fuzz_file, end, closed):
     tail = "</model></sdf>" if closed else ""
-    only_a_model_or_a_condyn_error(fuzz_file, (VALID[:end] + tail).encode())
+    assert_a_model_or_a_condyn_error(fuzz_file, (VALID[:end] + tail).encode())
 
 
 @settings(max_examples=300)
@@ -111,7 +111,7 @@ def test_a_file_with_strange_values_gives_a_model_or_a_condyn_error(fuzz_file, e
     for at, value in edits:
         pieces[2 * at + 1] = value
     text = "".join(pieces)
-    only_a_model_or_a_condyn_error(fuzz_file, text.encode("utf-8", "surrogatepass"))
+    assert_a_model_or_a_condyn_error(fuzz_file, text.encode("utf-8", "surrogatepass"))
 
 
 @settings(max_examples=300)
@@ -128,7 +128,7 @@ def test_a_file_with_elements_lost_or_moved_gives_a_model_or_a_condyn_error(fuzz
             to.append(deepcopy(element))
         else:
             owner.remove(element)
-    only_a_model_or_a_condyn_error(fuzz_file, ElementTree.tostring(sdf))
+    assert_a_model_or_a_condyn_error(fuzz_file, ElementTree.tostring(sdf))
 
 
 @settings(max_examples=50)
@@ -136,4 +136,4 @@ def test_a_file_with_elements_lost_or_moved_gives_a_model_or_a_condyn_error(fuzz
 def test_a_file_with_a_wrong_byte_gives_a_model_or_a_condyn_error(fuzz_file, at, byte):
     content = bytearray(VALID.encode())
     content[at] = byte
-    only_a_model_or_a_condyn_error(fuzz_file, bytes(content))
+    assert_a_model_or_a_condyn_error(fuzz_file, bytes(content))

@@ -16,7 +16,7 @@ import condyn_pin as cp
 from condyn_pin._pin import HAS_LCABA, pin
 from condyn_pin.drift.post_stabilization import PostStabilization
 from condyn_pin.drift.projection import Projection
-from condyn_pin.simulation.files import _KINDS
+from condyn_pin.simulation.coding import KINDS
 from condyn_pin.simulation.integrators import INTEGRATORS, dormand_prince
 from condyn_pin.simulation.integrators.generalised_alpha import GeneralisedAlpha
 from condyn_pin.simulation.measures import work
@@ -491,6 +491,14 @@ def test_soft_constraints_and_lcaba_take_no_gains():
 # Torques and work.
 
 
+def test_rounding_of_what_rests_is_no_energy():
+    """A ball held where all its energies are zero."""
+    held = cp.Scene(body(pin.JointModelFreeFlyer(), inertia=1 / 600), [cp.SurfaceContact("origin")])
+    found = cp.simulate(held, *held.state(), duration=0.2)
+    assert 0 < np.abs(found.energy.error).max() < 1e-20
+    assert found.notices == ()
+
+
 def test_energy_changes_by_the_work_of_the_torques():
     scene, q, v = bar()
 
@@ -612,6 +620,76 @@ def test_lift_off_when_the_force_ends():
     assert found.q[-1, 0] == pytest.approx(20.0 * s**3 / 6, abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("contact", "words"),
+    [
+        (cp.PlanarContact("origin"), ""),
+        (cp.PointContact("origin"), " (the vertical is its normal)"),
+    ],
+)
+def test_a_contact_that_pulls_is_told(contact, words):
+    """Pulled up harder and harder, and nothing lets go; a contact that is gone pulls no more."""
+    ball = body(pin.JointModelTranslation())
+    held, free = cp.Scene(ball, [contact]), cp.Scene(ball)
+
+    def pull(t, q, v):
+        return np.array([0.0, 0.0, 20.0 * t])
+
+    run = {"tau": pull, "duration": 1.0, "dt": 1e-2}
+    start = held, [0.0, 0.0, 1.0], np.zeros(3)
+    found = cp.simulate(*start, **run)
+    assert found.notices == (
+        f"origin: the contact pulls with {20.0 - G:.4g} N at t = 1 s{words}; the ground would let "
+        "go; an Event takes it off",
+    )
+    off = cp.Event(name="off", when=lambda m: m.forces["origin"].in_world()[2], scene=free)
+    assert cp.simulate(*start, **run, events=[off]).notices == ()
+
+
+@pytest.mark.parametrize("height", np.linspace(0.1, 1.3, 5))  # rounded up, or down
+def test_what_lets_go_of_the_ground_lands_again(height):
+    """The floor lets a ball go that has no way but down: it is on the floor at once."""
+    air, _ = falling()
+    floor = cp.Scene(air.robot, [cp.PlanarContact("origin", height=height)])
+    events = [
+        cp.Event(name="off", at=0.1, scene=air),
+        cp.Event(name="on", when=lambda m: m.q[0] - height, scene=floor),
+    ]
+    start = floor.assemble([height], fixed=[]).q
+    found = cp.simulate(floor, start, [0.0], duration=0.3, dt=1e-2, events=events)
+    assert [event.name for event in found.run.happened] == ["off", "on"]
+    assert np.abs(found.q[:, 0] - height).max() < 1e-8
+
+
+def test_scenes_with_the_same_constraints_are_one():
+    """Neither the start nor an event has to be the same object: a foot that is off has no force."""
+    air, floor = falling()
+    touch = cp.Event(name="touch", when=lambda m: m.q[0], scene=floor)
+    lift = cp.Event(name="lift", when=lambda m: m.forces["origin"][2], scene=cp.Scene(air.robot))
+    found = cp.simulate(air, [0.1], [0.0], duration=0.3, events=[touch, lift])
+    assert [event.name for event in found.run.happened] == ["touch"]
+
+
+def test_a_condition_on_a_contact_that_is_off_is_named():
+    air, _ = falling()
+    other = cp.Scene(air.robot, [cp.PlanarContact("origin", height=-1.0, name="cellar")])
+    event = cp.Event(name="lift", when=lambda m: m.forces["origin"][2], scene=other)
+    with pytest.raises(cp.InvalidArgument, match=r"'lift'.*asks for 'origin'.*has no constraint"):
+        cp.simulate(air, [0.1], [0.0], duration=0.3, events=[event])
+    misspelt = replace(event, when=lambda m: m.position("orgin")[2])
+    with pytest.raises(cp.UnknownName, match="orgin"):
+        cp.simulate(air, [0.1], [0.0], duration=0.3, events=[misspelt])
+
+
+def test_what_an_event_brings_is_kept_closed():
+    """The first scene has nothing to close; that of the event has."""
+    air, floor = falling()
+    land = cp.Event(name="land", when=lambda m: m.q[0], scene=floor)
+    found = cp.simulate(air, [1.0], [0.0], duration=0.1, events=[land])
+    assert found.run.drift == cp.PostStabilization()
+    assert cp.simulate(air, [1.0], [0.0], duration=0.1).run.drift == cp.NoDrift()
+
+
 def test_events_at_a_time_and_the_end():
     air, floor = falling()
     floor = cp.Scene(air.robot, [cp.PlanarContact("origin")])
@@ -641,7 +719,7 @@ def test_events_of_one_instant_all_happen():
 
 
 def test_two_feet_that_land_together_both_stay():
-    """Two balls fall side by side, each with an event of its own."""
+    """Two balls fall side by side, each with an event of its own; none takes the other's off."""
     model = pin.Model(body(pin.JointModelPZ()).model)
     j = model.addJoint(0, pin.JointModelPZ(), pin.SE3.Identity(), "second")
     model.appendBodyToJoint(j, pin.Inertia.FromSphere(2.0, 0.1), pin.SE3.Identity())
@@ -673,6 +751,19 @@ def test_contacts_that_stay_keep_their_place():
     assert found.lam.shape == (len(found.t), 12)
     assert not found.forces[feet[0].name][found.run.happened[0].sample :].any()
     assert found.violation.max() < 1e-6
+
+
+def test_a_contact_that_lands_again_has_another_place():
+    """A ball is let go, falls by 12 mm, and is held again where it is then."""
+    ball = body(pin.JointModelTranslation())
+    free, held = cp.Scene(ball), cp.Scene(ball, [cp.PointContact("origin")])
+    events = [
+        cp.Event(name="let go", at=0.05, scene=free),
+        cp.Event(name="hold", at=0.1, scene=held),
+    ]
+    found = cp.simulate(held, [0.0, 0.0, 1.0], np.zeros(3), duration=0.2, events=events)
+    assert found.status is cp.RunStatus.FINISHED
+    assert found.q[-1] == pytest.approx([0.0, 0.0, 1.0 - 0.5 * G * 0.05**2], abs=1e-9)
 
 
 def test_a_scene_that_does_not_fit_ends_the_run():
@@ -1191,7 +1282,7 @@ def test_a_file_with_a_loose_quaternion_is_refused(tmp_path):
 
 def test_every_kind_of_constraint_can_be_in_a_file():
     kinds = {k for k in kinds_below(cp.Constraint) if not k.__abstractmethods__}
-    assert {k for k in kinds if k.__module__.startswith("condyn_pin")} <= set(_KINDS.values())
+    assert {k for k in kinds if k.__module__.startswith("condyn_pin")} <= set(KINDS.values())
 
 
 def test_a_file_of_another_pinocchio_is_not_tried(tmp_path):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from shared import robot
@@ -139,7 +141,14 @@ def test_what_breaks_down_is_counted_and_stops_nobody():
     assert sum(found.counts.values()) == N
     assert not found.ok
     assert "finished" in repr(found)
-    assert "steps/s" in str(found)
+    *numbers, first, second = str(found).splitlines()
+    assert "steps/s" in numbers[0]
+    assert first == f"not ok: 1 after 0 s ({cp.RunStatus.FAILED})"
+    wanted = cp.simulate(scene, Q[3], V[3], duration=DURATION, record=10)
+    assert second == f"not ok: 3 after {wanted.t[-1]:.4g} s ({wanted.status})"
+    assert "not ok" not in str(cp.simulate_batch(scene, Q[:1], V[:1], duration=DURATION))
+    lost = replace(found, statuses=np.full(N, -1, np.int8), t=np.full(N, np.nan))
+    assert str(lost).endswith("not ok: 0, 1, 2, 3, 4 (missing: no worker got to it)")
 
 
 def test_bad_input_is_refused_before_anything_is_done():
@@ -155,5 +164,5 @@ def test_bad_input_is_refused_before_anything_is_done():
         with pytest.raises(cp.InvalidArgument):
             cp.simulate_batch(scene, Q, V, **wrong)
     Q[2, 1] = np.nan
-    with pytest.raises(cp.InvalidArgument, match=r"Q\[2, 1\] = nan"):
+    with pytest.raises(cp.InvalidArgument, match=r"Q0\[2, 1\] = nan"):
         cp.simulate_batch(scene, Q, V, duration=1.0)

@@ -13,7 +13,8 @@ from shared import all_scenes, relative, robot
 import condyn_pin as cp
 from condyn_pin._pin import pin
 from condyn_pin.catalogue import motor_torque
-from condyn_pin.rows.equations import Equations, Terms
+from condyn_pin.rows.equations import Equations
+from condyn_pin.rows.terms import Terms
 from condyn_pin.smaller.smaller_tree import smaller_tree
 from condyn_pin.tolerances import CLOSED
 

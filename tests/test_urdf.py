@@ -8,7 +8,7 @@ from textwrap import dedent
 
 import numpy as np
 import pytest
-from fuzz import survive
+from fuzz import assert_survived
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -306,4 +306,4 @@ def test_joints_that_mimic_in_a_circle_are_refused(read):
 @given(seed=st.integers(0, 2**32))
 @settings(max_examples=5, suppress_health_check=list(HealthCheck))
 def test_a_spoilt_urdf_is_refused_or_read(tmp_path, seed):
-    survive(tmp_path, "robot.urdf", f'<robot name="r">{"".join(SWING)}</robot>', seed)
+    assert_survived(tmp_path, "robot.urdf", f'<robot name="r">{"".join(SWING)}</robot>', seed)

@@ -12,7 +12,7 @@ import pytest
 from shared import all_scenes, relative, states, takes, truth
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
+from condyn_pin._pin import factorise_constraints, pin
 from condyn_pin.extremes import EXTREMES
 from condyn_pin.extremes.verdict import Task, error_of, right_answers
 
@@ -80,6 +80,51 @@ def test_planar_loops_in_a_slanted_plane_take_three_iterations(name):
 )
 def test_redundant_rows_that_come_to_life_are_found(label, independent):
     assert all_scenes()[label].audit.independent is independent
+
+
+@pytest.mark.parametrize(
+    "label", ["cassie on lines", "four_bar hinge", "talos hands hinged", "cassie loops"]
+)
+def test_shares_are_of_the_matrix_that_pinocchio_factorises(label):
+    """Two points in place of an edge have other eigenvalues than its turns, 1 / (kg m^2), have."""
+    scene = all_scenes()[label]
+    audit, w = scene.audit, cp.Workspace(scene)
+    models, datas = w.constraint_models, w.constraint_datas
+    factor = factorise_constraints(w.model, w.data, models, datas, audit.q, 1e-3)
+    G = factor.getInverseOperationalSpaceInertiaMatrix() - 1e-3 * np.eye(factor.constraintDim())
+    sigma = np.sort(np.linalg.eigvalsh(G))[::-1]
+    assert audit.native_spectrum == pytest.approx((sigma[0], sigma[audit.rank - 1]), rel=1e-6)
+    assert sigma[audit.rank : audit.rank + 1].max(initial=0.0) < 1e-9 * sigma[0]
+
+
+@pytest.mark.parametrize(("severity", "most"), [(1e-9, 6), (1e-12, 5), (0.0, 5)])
+def test_edges_through_one_point_leave_ten_digits(severity, most):
+    """With shares of the largest eigenvalue for turns, mu was too large to converge in six."""
+    for seed in range(3):
+        case = EXTREMES["near_edges"].case(severity, seed)
+        solution = cp.solve(case.scene, case.q, case.v, case.tau)
+        assert min(error_of(case, solution.a, right) for right in right_answers(case)) < 5e-11
+        assert solution.iterations <= most
+
+
+@pytest.mark.parametrize("severity", [1e-9, 1e-12])
+def test_a_body_that_weighs_nothing_is_not_moved_by_the_last_step_of_lam(severity):
+    """A force of 1e-9 of the weight is 1e-8 N, and 1e4 m/s^2 to a body of 1e-12 kg."""
+    scene = all_scenes()["four_bar loops"]
+    for seed in range(3):
+        case = EXTREMES["massless_body"].case(severity, seed, scene)
+        found = cp.solve(case.scene, case.q, case.v, case.tau, throw=False)
+        error = min(error_of(case, found.a, each) for each in right_answers(case))
+        assert error < 1e-4 * 2.0**-52 * case.scene.audit.delassus_condition
+
+
+@pytest.mark.parametrize("severity", [1e-10, 1e-11, 0.0])
+def test_a_flat_parallelogram_takes_five_iterations_more(severity):
+    """What is left of G has one eigenvalue, a large one: a small mu is as safe as a large one."""
+    case = EXTREMES["parallelogram"].case(severity, 0)
+    solution = cp.solve(case.scene, case.q, case.v, case.tau, throw=False)
+    assert solution.iterations <= 11
+    assert min(error_of(case, solution.a, right) for right in right_answers(case)) < 1e-12
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -159,7 +204,7 @@ def test_open_loops_with_rows_that_contradict_each_other_are_solved():
         for limit in (20, 100):
             workspace = cp.Workspace(case.scene, cp.Proximal(max_iterations=limit))
             solution = workspace.solve(case.q, case.v, case.tau, throw=False)
-            assert 20 <= solution.iterations <= 22
+            assert 20 <= solution.iterations <= 24
             assert error_of(case, solution.a, right) < 2e-9
 
 

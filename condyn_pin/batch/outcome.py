@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import Enum
-from typing import ClassVar
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin.batch.rows import MISSING
+
+_SHOWN: Final = 10
 
 
 class Outcome:
@@ -40,3 +42,18 @@ class Outcome:
         names = {MISSING: "missing"} | {i: s.name.lower() for i, s in enumerate(self._endings)}
         found = {name: int((self.statuses == i).sum()) for i, name in names.items()}
         return {name: number for name, number in found.items() if number}
+
+    def _not_ok(self) -> list[str]:
+        """Return a line for each status but ok: the first few rows that have it, and what it is."""
+        texts = {MISSING: "missing: no worker got to it"}
+        texts |= {i: str(ending) for i, ending in enumerate(self._endings)}
+        lines = []
+        for code in dict.fromkeys(self.statuses[self.failed].tolist()):
+            rows = np.flatnonzero(self.statuses == code).tolist()
+            some = ", ".join(map(self._named, rows[:_SHOWN]))
+            lines.append(f"not ok: {some}{', ...' if rows[_SHOWN:] else ''} ({texts[code]})")
+        return lines
+
+    def _named(self, i: int) -> str:
+        """Return what to call a row."""
+        return str(i)

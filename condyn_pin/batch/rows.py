@@ -5,10 +5,12 @@ from __future__ import annotations
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
+from math import nan
 from typing import Final
 
 import numpy as np
 
+from condyn_pin.arrays import read_only
 from condyn_pin.batch.chunks import Progress, in_flight, silent
 from condyn_pin.batch.memory import CAN_SHARE, Arrays, Kinds
 from condyn_pin.batch.processes import Processes, workers_of
@@ -129,6 +131,15 @@ class Rows:
         except WorkersLost as lost:
             lost.done = outputs
             raise
+
+
+def seal(outputs: Arrays) -> None:
+    """Make NaN of what is missing, and let nobody write to the outputs any more."""
+    missing = outputs["statuses"] == MISSING
+    for array in outputs.values():
+        if array.dtype.kind == "f" and missing.any():
+            array[missing] = nan
+        read_only(array)
 
 
 def _part(rows: int, of: int) -> int:

@@ -145,8 +145,6 @@ class BatchSolution(Outcome):
         lines = [
             f"{repr(self)[len('BatchSolution(') : -1]}, in {self.seconds:.3g} s",
             f"largest error bound of a  {worst:.1e} (relative)",
+            *self._not_ok(),
         ]
-        if self.failed.size:
-            some = ", ".join(map(str, self.failed[:10].tolist()))
-            lines.append(f"not ok: {some}{', ...' if self.failed.size > 10 else ''}")
         return "\n".join(lines)

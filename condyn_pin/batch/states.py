@@ -13,7 +13,7 @@ from condyn_pin.errors import InvalidArgument
 
 
 def check_states(
-    model: Any, Q: ArrayLike, V: ArrayLike, TAU: ArrayLike
+    model: Any, Q: ArrayLike, V: ArrayLike, TAU: ArrayLike, *, suffix: str = ""
 ) -> tuple[Array, Array, Array]:
     """Return the arrays of a batch, converted where necessary.
 
@@ -22,15 +22,18 @@ def check_states(
     model : pin.Model
     Q, V : (N, nq), (N, nv) array_like
     TAU : (N, nv) or (nv,) array_like, or 0
+    suffix : str
+        Of the names of the first two arguments: "0" where they are the first states of motions.
 
     Raises
     ------
     InvalidArgument
         Naming the argument, the row and the entry, the value, and what would do.
     """
-    count = _rows("Q", Q, model.nq)
-    q = finite("Q", Q, (count, model.nq))
-    v = finite("V", V, (count, model.nv))
+    name = f"Q{suffix}"
+    count = _rows(name, Q, model.nq)
+    q = finite(name, Q, (count, model.nq))
+    v = finite(f"V{suffix}", V, (count, model.nv))
     if isinstance(TAU, int | float) and TAU == 0:
         TAU = np.zeros(model.nv)
     for_all = np.ndim(TAU) == 1
@@ -39,11 +42,11 @@ def check_states(
         norms = np.einsum("ij,ij->i", q[:, part], q[:, part])
         bad = np.flatnonzero(~((norms > LOW) & (norms < HIGH)))
         if bad.size:
-            i = int(bad[0])
+            i, norm = int(bad[0]), norms[bad[0]] ** 0.5
             raise InvalidArgument(
-                f"Q[{i}, {part.start}:{part.stop}] = {q[i, part]} has norm {norms[i] ** 0.5:.9g}: "
-                "a unit quaternion (x y z w) or (cos, sin) is needed; "
-                f"pin.normalize(robot.model, Q[{i}]) makes one"
+                f"{name}[{i}, {part.start}:{part.stop}] = {q[i, part]} has norm {norm:.9g}: a unit "
+                "quaternion (x y z w) or (cos, sin) is needed; "
+                f"pin.normalize(robot.model, {name}[{i}]) makes one"
             )
     return np.ascontiguousarray(q), np.ascontiguousarray(v), np.ascontiguousarray(tau)
 

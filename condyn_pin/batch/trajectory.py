@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from condyn_pin.arrays import Array
 from condyn_pin.batch.outcome import Outcome
+from condyn_pin.batch.rows import MISSING
 from condyn_pin.drift.base import Drift
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.integrators.base import Integrator
@@ -78,7 +79,9 @@ class BatchTrajectory(Outcome):
 
     Notes
     -----
-    `simulate` from the state of a row that is not ok says why it ended.
+    Printing it names the motions that are not ok. There is no ``batch[i]``: neither the anchors of
+    a motion nor the words of its end are kept. `simulate` from the state of a row gives its
+    `Trajectory`, to the bit, and says why it ended.
     """
 
     scene: Scene
@@ -116,8 +119,12 @@ class BatchTrajectory(Outcome):
                 f"violation   {self._worst(self.violation)} m, rad at most; "
                 f"{self._worst(self.slip)} m/s, rad/s",
                 f"unexplained {self._worst(self.energy_error)} J at most",
+                *self._not_ok(),
             )
         )
+
+    def _named(self, i: int) -> str:
+        return str(i) if self.statuses[i] == MISSING else f"{i} after {self.t[i]:.4g} s"
 
     @staticmethod
     def _worst(values: Array) -> str:

@@ -15,7 +15,7 @@ from condyn_pin.arrays import Array, read_only
 from condyn_pin.batch.chunks import Progress, silent
 from condyn_pin.batch.derivatives import BatchDerivatives
 from condyn_pin.batch.memory import Arrays, Kind
-from condyn_pin.batch.rows import MISSING, Rows
+from condyn_pin.batch.rows import Rows, seal
 from condyn_pin.batch.solution import STATUSES, BatchSolution
 from condyn_pin.batch.states import check_states
 from condyn_pin.differentiation import METHODS
@@ -23,7 +23,7 @@ from condyn_pin.differentiation.check import BLOCKS
 from condyn_pin.drift import Baumgarte
 from condyn_pin.errors import InvalidArgument, SolveFailed, WorkersLost, unknown_name
 from condyn_pin.judge import check_accuracy_of_a
-from condyn_pin.scene import Scene
+from condyn_pin.scene import Scene, check_scene
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.base import Solver
 from condyn_pin.tolerances import SOLVED
@@ -163,8 +163,7 @@ def derivatives_batch(
 def _inputs(
     scene: Scene, Q: ArrayLike, V: ArrayLike, TAU: ArrayLike, accuracy: float
 ) -> tuple[Arrays, int]:
-    if not isinstance(scene, Scene):
-        raise InvalidArgument(f"scene = {type(scene).__name__}: a Scene is needed")
+    check_scene(scene)
     check_accuracy_of_a(accuracy)
     q, v, tau = check_states(scene.robot.model, Q, V, TAU)
     return {"q": q, "v": v, "tau": tau}, len(q)
@@ -233,12 +232,8 @@ def _put(outputs: Arrays, i: int, solution: Solution) -> None:
 
 
 def _batch(scene: Scene, q: Array, outputs: Arrays, start: float) -> BatchSolution:
-    """Return the outputs as a value; what is missing is NaN."""
-    missing = outputs["statuses"] == MISSING
-    for array in outputs.values():
-        if array.dtype.kind == "f" and missing.any():
-            array[missing] = nan
-        read_only(array)
+    """Return the outputs as a value."""
+    seal(outputs)
     parts = {name: outputs[name] for name in _of_solution(scene)}
     return BatchSolution(scene, read_only(q.copy()), **parts, seconds=perf_counter() - start)
 

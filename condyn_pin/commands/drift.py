@@ -19,7 +19,8 @@ from condyn_pin.commands.output import (
 from condyn_pin.printing import print_whole
 
 if TYPE_CHECKING:
-    from condyn_pin.simulation.laboratory import Contest, Growth
+    from condyn_pin.simulation.contest import Contest
+    from condyn_pin.simulation.laboratory import Growth
 
 PANEL = "Simulate"
 
@@ -37,10 +38,11 @@ def drift(
     Ctrl-C keeps the runs that went to their end.
     """
     from condyn_pin.errors import Interrupted, InvalidArgument
+    from condyn_pin.simulation.contest import contest
     from condyn_pin.simulation.integrators.explicit_euler import ExplicitEuler
     from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4
     from condyn_pin.simulation.integrators.semi_implicit_euler import SemiImplicitEuler
-    from condyn_pin.simulation.laboratory import contest, gap_growth
+    from condyn_pin.simulation.laboratory import gap_growth
 
     if not 0 < dt < float("inf"):
         raise InvalidArgument(f"--dt {dt}: a number > 0 [s] is needed")

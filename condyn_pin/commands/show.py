@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from condyn_pin.commands.arguments import AsJson, Contacts, Loops, Posture, RobotName, Variant
 from condyn_pin.commands.output import check_picture, console, plain, print_json, words
 from condyn_pin.errors import InvalidArgument
+
+if TYPE_CHECKING:
+    from condyn_pin.scene import Scene
+    from condyn_pin.summary import Summary
 
 PANEL = "Look"
 
@@ -44,6 +48,10 @@ def show(
         ready = [contact.name for contact in scene.robot.contacts]
         print_json(plain(summary) | names | {"ready_contacts": ready})
         return
+    _print(scene, summary, frames)
+
+
+def _print(scene: Scene, summary: Summary, frames: bool) -> None:
     table = words("", summary.robot)
     for label, text in summary.facts().items():
         table.add_row(label, text)

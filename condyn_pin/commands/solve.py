@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,6 +17,9 @@ from condyn_pin.commands.arguments import (
 )
 from condyn_pin.commands.output import print_json, say
 from condyn_pin.tolerances import SOLVED
+
+if TYPE_CHECKING:
+    from condyn_pin.solution import Solution
 
 PANEL = "Solve"
 
@@ -42,27 +45,7 @@ def solve(
     chosen = solver_of(solver, {"mu": mu, "max_iterations": max_iterations})
     solution = solve_scene(scene, q, v, 0 * v, solver=chosen, accuracy=accuracy, throw=False)
     if as_json:
-        from condyn_pin.machine import machine
-
-        answer = {
-            "robot": scene.robot.name,
-            "solver": repr(chosen),
-            "status": solution.status.name.lower(),
-            "advice": str(solution.status),
-            "q": q,
-            "a": solution.a,
-            "lam": solution.lam,
-            "world_forces": solution.world_forces,
-            "forces": solution.forces,
-            "dynamics_error": solution.dynamics_error,
-            "constraint_error": solution.constraint_error,
-            "state_error": list(solution.state_error),
-            "error_bound": solution.error_bound,
-            "iterations": solution.iterations,
-            "solve_time": solution.solve_time,
-            "machine": machine(),
-        }
-        print_json(answer)
+        print_json({"robot": scene.robot.name, "solver": repr(chosen)} | _facts(solution))
     else:
         say(f"{scene.robot.name}, {chosen!r}")
         say(str(solution))
@@ -71,3 +54,24 @@ def solve(
     if not solution.status.ok:
         typer.echo(str(solution.status), err=True)
         raise typer.Exit(1)
+
+
+def _facts(solution: Solution) -> dict[str, object]:
+    from condyn_pin.machine import machine
+
+    return {
+        "status": solution.status.name.lower(),
+        "advice": str(solution.status),
+        "q": solution.q,
+        "a": solution.a,
+        "lam": solution.lam,
+        "world_forces": solution.world_forces,
+        "forces": solution.forces,
+        "dynamics_error": solution.dynamics_error,
+        "constraint_error": solution.constraint_error,
+        "state_error": list(solution.state_error),
+        "error_bound": solution.error_bound,
+        "iterations": solution.iterations,
+        "solve_time": solution.solve_time,
+        "machine": machine(),
+    }

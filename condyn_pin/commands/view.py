@@ -18,35 +18,40 @@ if TYPE_CHECKING:
 PANEL = "Look"
 
 
+ViewedName = Annotated[
+    str,
+    typer.Argument(
+        help="A name of `condyn robots`, a path of a robot, or a motion (.npz).",
+        autocompletion=complete_robots,
+    ),
+]
+ViewedContacts = Annotated[
+    str | None,
+    typer.Option(help="As in `condyn solve`; by default the ready-made ones if there are forces."),
+]
+Forces = Annotated[
+    bool, typer.Option("--forces", help="Draw the forces on it while it is held still.")
+]
+Speed = Annotated[float, typer.Option(help="Seconds of a motion played in one second.")]
+Light = Annotated[bool, typer.Option("--light", help="At most 30 000 triangles.")]
+Html = Annotated[Path | None, typer.Option(help="Write one page that opens from disk.")]
+Png = Annotated[Path | None, typer.Option(help="Write a picture; needs Chromium.")]
+Port = Annotated[int, typer.Option(help="Of the server; a free one by default.", min=0, max=65535)]
+Browser = Annotated[bool, typer.Option(help="Open the browser, where there is a screen.")]
+
+
 def view(
-    subject: Annotated[
-        str,
-        typer.Argument(
-            help="A name of `condyn robots`, a path of a robot, or a motion (.npz).",
-            autocompletion=complete_robots,
-        ),
-    ],
-    contacts: Annotated[
-        str | None,
-        typer.Option(
-            help="As in `condyn solve`; by default the ready-made ones if there are forces."
-        ),
-    ] = None,
+    subject: ViewedName,
+    contacts: ViewedContacts = None,
     loops: Loops = True,
     posture: Posture = None,
-    forces: Annotated[
-        bool, typer.Option("--forces", help="Draw the forces on it while it is held still.")
-    ] = False,
-    speed: Annotated[float, typer.Option(help="Seconds of a motion played in one second.")] = 1.0,
-    light: Annotated[bool, typer.Option("--light", help="At most 30 000 triangles.")] = False,
-    html: Annotated[Path | None, typer.Option(help="Write one page that opens from disk.")] = None,
-    png: Annotated[Path | None, typer.Option(help="Write a picture; needs Chromium.")] = None,
-    port: Annotated[
-        int, typer.Option(help="Of the server; a free one by default.", min=0, max=65535)
-    ] = 0,
-    browser: Annotated[
-        bool, typer.Option(help="Open the browser, where there is a screen.")
-    ] = True,
+    forces: Forces = False,
+    speed: Speed = 1.0,
+    light: Light = False,
+    html: Html = None,
+    png: Png = None,
+    port: Port = 0,
+    browser: Browser = True,
     variant: Variant = None,
 ) -> None:
     """Look at a robot or a motion in a browser until Ctrl-C, or write it to a file."""
@@ -66,17 +71,18 @@ def view(
         browser=browser, port=port,
     )  # fmt: skip
     with viewer:
-        for note in viewer.notes:
-            say(f"note: {note}")
-        for path in (html, png):
-            if path:
-                say(f"written: {path}")
-        if viewer.url:
-            _serve(viewer)
+        _show(viewer, html, png)
 
 
-def _serve(viewer: Viewer) -> None:
-    """Say where to look, and wait for Ctrl-C."""
+def _show(viewer: Viewer, *files: Path | None) -> None:
+    """Say what is drawn and where, and wait for Ctrl-C if it is on a server."""
+    for note in viewer.notes:
+        say(f"note: {note}")
+    for path in files:
+        if path:
+            say(f"written: {path}")
+    if not viewer.url:
+        return
     try:
         say(f"{viewer.drawing.title}: {viewer.url} (Ctrl-C ends it)")
         viewer.wait()

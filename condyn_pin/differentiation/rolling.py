@@ -11,13 +11,14 @@ and the product rule does the rest.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
+from condyn_pin.differentiation.frames import Frames
 from condyn_pin.differentiation.gaps import Gap
 from condyn_pin.differentiation.partials import End, dual_cross
 from condyn_pin.drift import Baumgarte
@@ -32,14 +33,13 @@ class RollingPartials:
 
     Parameters
     ----------
-    data : pin.Data
-        Holds `oMi` when its methods are called, and what derivatives of frames read.
+    frames : Frames
     bounds : sequence of AnyBound
     drift : Baumgarte, optional
     """
 
-    def __init__(self, data: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None) -> None:
-        self._data, self._drift = data, drift
+    def __init__(self, frames: Frames, bounds: Sequence[AnyBound], drift: Baumgarte | None) -> None:
+        self._frames, self._drift = frames, drift
         self._bounds = [b for b in bounds if isinstance(b, Rolled)]
         self._duals = [b.placement1.toDualActionMatrix() for b in self._bounds]
         self.joints = {b.joint1 for b in self._bounds}
@@ -49,23 +49,24 @@ class RollingPartials:
         for b, dual in zip(self._bounds, self._duals, strict=True):
             on_joint[b.joint1][:] += dual @ self._wrench(b, lam[b.rows])
 
-    def write(self, end_of: Callable[[int, Any], End], lam: Array, rhs: Array, J: Array) -> None:
+    def write(self, lam: Array, rhs: Array, J: Array) -> None:
         """Write the rows into J (m, nv) and -[s_q, s_v], and add the turning of J^T lam to -r_q."""
         n = J.shape[1]
         for b in self._bounds:
-            one = end_of(b.joint1, b.placement1)
+            one = self._frames.end(b.joint1, b.placement1)
             of = self._rows(b, one, lam[b.rows])
             J[b.rows] = of.J
             rhs[n:, :n][b.rows], rhs[n:, n:][b.rows] = -of.s_q, -of.s_v
             rhs[:n, :n] += one.J.T @ of.wrench_q
 
-    def turning(self, end_of: Callable[[int, Any], End], out: Array) -> None:
+    def turning(self, out: Array) -> None:
         """Write the partials (m, nv) of J v by q."""
         for b in self._bounds:
-            out[b.rows] = v_q_of_touch(self._touch(b, end_of(b.joint1, b.placement1)))
+            out[b.rows] = v_q_of_touch(self._touch(b, self._frames.end(b.joint1, b.placement1)))
 
-    def by_frame(self, b: Rolled, one: End, lam: Array) -> tuple[Array, Array]:
+    def by_frame(self, b: Rolled, lam: Array) -> tuple[Array, Array]:
         """Return r (nv, 6) and s (rows, 6) by a twist of the frame in the middle on its body."""
+        one = self._frames.end(b.joint1, b.placement1)
         of = self._rows(b, one.by_twist(), lam)
         return -one.J.T @ (of.wrench_q + dual_cross(self._wrench(b, lam))), of.s_q
 
@@ -79,12 +80,12 @@ class RollingPartials:
         return of
 
     def _touch(self, b: Rolled, one: End) -> Touch:
-        R = (self._data.oMi[b.joint1] * b.placement1).rotation.T @ b.placement2.rotation
+        R = (self._frames.data.oMi[b.joint1] * b.placement1).rotation.T @ b.placement2.rotation
         return touch_of(b, one, R)
 
     def _wrench(self, b: Rolled, lam: Array) -> Array:
         """Return the wrench (6,) of a force at the origin of c1, in its axes."""
-        oMi = self._data.oMi[b.joint1]
+        oMi = self._frames.data.oMi[b.joint1]
         at_point = pin.Force(b.whole(lam), np.zeros(3))
         return np.array((oMi * b.placement1).actInv(touching(b, oMi)).act(at_point).vector)
 

@@ -10,7 +10,7 @@ from typing import Any, Final, TypeVar, cast
 import numpy as np
 
 from condyn_pin._pin import pin
-from condyn_pin.constraints import check_size
+from condyn_pin.constraint_fields import check_size
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.registry import enter
 from condyn_pin.robot import Robot

@@ -21,7 +21,7 @@ from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.joints import indices
 from condyn_pin.names import checked
 from condyn_pin.robot import Robot
-from condyn_pin.scene import Scene
+from condyn_pin.scene import Scene, check_scene
 
 
 @dataclass(frozen=True)
@@ -129,8 +129,7 @@ def _ratios(
 
 def motors_of(scene: Scene, actuation: Actuation | None) -> Actuation:
     """Return the motors that a caller chose, or those of the robot; they have to fit the scene."""
-    if not isinstance(scene, Scene):
-        raise InvalidArgument(f"scene = {type(scene).__name__}: a Scene is needed")
+    check_scene(scene)
     if actuation is None:
         return Actuation(scene.robot)
     if not isinstance(actuation, Actuation):

@@ -11,7 +11,6 @@ Newton-Euler with lam as external forces, and forward kinematics with the answer
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -28,36 +27,12 @@ from condyn_pin.rows.loops import Balls, Weld
 from condyn_pin.rows.rods import Rods
 from condyn_pin.rows.rolling import Rolling, touching
 from condyn_pin.rows.sorting import sorted_by_rows
+from condyn_pin.rows.terms import Terms
 
 # bound once: these are called in every proof, which is to cost little more than they do
 _rnea = pin.rnea
 _forward_kinematics = pin.forwardKinematics
 _largest = np.maximum.reduceat
-
-
-@dataclass(frozen=True, eq=False)
-class Terms:
-    """The terms of the two equations at one state.
-
-    Attributes
-    ----------
-    M : (nv, nv) array
-        Mass matrix, armature included, both triangles.
-    h : (nv,) array
-        Coriolis, centrifugal and gravity torque.
-    J : (m, nv) array
-        Constraint Jacobian, rows in the order of the scene, in the axes of each constraint.
-    gamma : (m,) array
-        Jdot v where J v = 0; for points and balls the classical acceleration elsewhere.
-    a_ref : (m,) array
-        Wanted acceleration of the constraints; zero without drift control.
-    """
-
-    M: Array
-    h: Array
-    J: Array
-    gamma: Array
-    a_ref: Array
 
 
 class Equations:

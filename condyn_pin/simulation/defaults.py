@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from condyn_pin import choice
@@ -9,6 +10,7 @@ from condyn_pin.drift.base import Drift
 from condyn_pin.drift.no_drift import NoDrift
 from condyn_pin.drift.post_stabilization import PostStabilization
 from condyn_pin.scene import Scene
+from condyn_pin.simulation.events import Event
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4
 from condyn_pin.solvers.base import Solver
@@ -23,7 +25,9 @@ def default_integrator() -> Integrator:
     return RungeKutta4()
 
 
-def default_drift(scene: Scene, integrator: Integrator, solver: Solver | None) -> Drift:
+def default_drift(
+    scene: Scene, integrator: Integrator, solver: Solver | None, events: Sequence[Event] = ()
+) -> Drift:
     """Return the drift scheme for those who name none.
 
     One that has no gains to choose and costs no solve. Of a gap it leaves the square; moving the
@@ -31,7 +35,8 @@ def default_drift(scene: Scene, integrator: Integrator, solver: Solver | None) -
     """
     # it has a spring of its own; what is no solver is refused where it is used
     soft = isinstance(solver, Solver) and not solver.exact
-    if integrator.keeps_constraints or soft or not scene.rows:
+    scenes = (scene, *(event.scene for event in events if event.scene))
+    if integrator.keeps_constraints or soft or not any(each.rows for each in scenes):
         return NoDrift()
     return PostStabilization()
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array, finite, locked
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.errors import InvalidArgument, UnknownName
 from condyn_pin.force import ConstraintForce, Sites
 from condyn_pin.impacts import Restitution, restitutions
 from condyn_pin.scene import Scene
@@ -50,7 +50,8 @@ class Moment:
     @property
     def forces(self) -> dict[str, ConstraintForce]:
         """Force on the first-named body by constraint; they cost a solve."""
-        return Sites(self._system.scene, self.q).forces(self._solved[1])
+        system = self._system
+        return Sites(system.scene, self.q, system.equations).forces(self._solved[1])
 
     def position(self, frame: str) -> Array:
         """Return where the origin of a frame is in the world (3,) [m]."""
@@ -90,7 +91,8 @@ class Event:
     when : callable, optional
         A function of a `Moment`; the event is where it falls from above zero to zero or below,
         such as a height or a normal force. It is looked at after every step, unless its scene goes
-        on already: what falls and rises again within one is not seen.
+        on already: what falls and rises again within one is not seen. It happens as often as it
+        falls, by more than 1e-9; what is not above zero has nothing to fall from.
     scene : Scene, optional
         What goes on, a scene of the same robot; contacts without an anchor are anchored where they
         are then, and those that are in the scene before keep their anchor. Without a scene and
@@ -150,7 +152,16 @@ class Event:
         if self.at is not None:
             return self.at - moment.t
         assert self.when is not None
-        found = self.when(moment)
+        try:
+            found = self.when(moment)
+        except UnknownName:
+            raise
+        except KeyError as error:
+            there = ", ".join(moment.forces) or "no constraint"
+            raise InvalidArgument(
+                f"event {self.name!r}: its condition asks for {error} at t = {moment.t:g} s, where "
+                f"the scene has {there}; `name in moment.forces` says whether one is there"
+            ) from error
         try:
             value = float(found)
         except (TypeError, ValueError) as error:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import fields
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -13,21 +13,18 @@ import numpy as np
 from condyn_pin import tolerances
 from condyn_pin._pin import VERSION_TEXT, pin
 from condyn_pin.arrays import finite
-from condyn_pin.constraints import Coupling, Loop
-from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
-from condyn_pin.drift import DRIFTS, Drift
+from condyn_pin.drift import Drift
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.nonholonomic import Knife, RollingBall, RollingWheel
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
+from condyn_pin.simulation.coding import decode, encode, plain
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Happened
-from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
+from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.recorder import Phase
 from condyn_pin.simulation.trajectory import Trajectory
-from condyn_pin.solvers import SOLVERS, Solver
-from condyn_pin.spring import Spring
+from condyn_pin.solvers import Solver
 
 Path_ = str | PathLike[str]
 
@@ -35,59 +32,49 @@ _FORMAT = "condyn_pin trajectory 1"
 _LISTS = ("loops", "contacts", "springs")
 _WORDS = ("name", "actuated", "unused", "source", "licence", "description")
 _ARRAYS = ("t", "q", "v", "a", "lam", "tau")
-
-# What a value in a file may be, by the name of its class.
-_KINDS: dict[str, type] = {
-    kind.__name__: kind
-    for kind in (
-        *(PointContact, SurfaceContact, LineContact, PlanarContact, Loop, Coupling),
-        *(Knife, RollingBall, RollingWheel),
-        *(Effects, Happened, Spring),
-        *(INTEGRATORS | DRIFTS | SOLVERS).values(),
-    )
-}
+_PLAIN = ("duration", "dt", "reason", "wall_time")
+_CHOICES = {"integrator": Integrator, "drift": Drift, "solver": Solver, "effects": Effects}
 
 
 def save(trajectory: Trajectory, path: Path_) -> None:
     """Write a trajectory; see `Trajectory.save`."""
+    robot = trajectory.scene.robot
+    content = {
+        "header": np.array(json.dumps(_header(trajectory), default=plain)),
+        "model": np.array(robot.model.saveToString()),
+        **{name: getattr(trajectory, name) for name in _ARRAYS},
+        **{f"posture {name}": q for name, q in robot.postures.items()},
+    }
+    with Path(path).open("wb") as file:  # a name without .npz stays as it is
+        np.savez_compressed(file, allow_pickle=False, **content)
+
+
+def _header(trajectory: Trajectory) -> dict[str, Any]:
+    """Return what is no array, in words and numbers."""
     robot, run = trajectory.scene.robot, trajectory.run
-    header = {
+    return {
         "format": _FORMAT,
         "pinocchio": VERSION_TEXT,
         "robot": {
             **{key: getattr(robot, key) for key in _WORDS},
-            **{key: [_encode(c) for c in getattr(robot, key)] for key in _LISTS},
+            **{key: [encode(c) for c in getattr(robot, key)] for key in _LISTS},
         },
         "phases": [
             {
-                "constraints": [_encode(c) for c in phase.scene.constraints],
+                "constraints": [encode(c) for c in phase.scene.constraints],
                 "samples": [phase.samples.start, phase.samples.stop],
                 "columns": phase.columns,
             }
             for phase in trajectory.phases
         ],
         "run": {
-            "duration": run.duration,
-            "dt": run.dt,
-            "integrator": _encode(run.integrator),
-            "drift": _encode(run.drift),
-            "solver": _encode(run.solver),
-            "effects": _encode(run.effects),
+            **{key: getattr(run, key) for key in _PLAIN},
+            **{key: encode(getattr(run, key)) for key in _CHOICES},
             "status": run.status.name,
-            "reason": run.reason,
-            "happened": [_encode(event) for event in run.happened],
+            "happened": [encode(event) for event in run.happened],
             "missed": run.missed,
-            "wall_time": run.wall_time,
         },
     }
-    with Path(path).open("wb") as file:  # a name without .npz stays as it is
-        content = {
-            "header": np.array(json.dumps(header, default=_plain)),
-            "model": np.array(robot.model.saveToString()),
-            **{name: getattr(trajectory, name) for name in _ARRAYS},
-            **{f"posture {name}": q for name, q in robot.postures.items()},
-        }
-        np.savez_compressed(file, allow_pickle=False, **content)
 
 
 def load(path: Path_) -> Trajectory:
@@ -128,7 +115,7 @@ def _trajectory(header: dict[str, Any], content: dict[str, Any]) -> Trajectory:
     robot = _robot(header, content)
     phases = tuple(
         Phase(
-            Scene(robot, [_decode(c) for c in phase["constraints"]]),
+            Scene(robot, [decode(c) for c in phase["constraints"]]),
             slice(*phase["samples"]),
             tuple(phase["columns"]),
         )
@@ -142,17 +129,11 @@ def _trajectory(header: dict[str, Any], content: dict[str, Any]) -> Trajectory:
 
 def _run(run: dict[str, Any]) -> Run:
     return Run(
-        duration=run["duration"],
-        dt=run["dt"],
-        integrator=_decode(run["integrator"]),
-        drift=_decode(run["drift"]),
-        solver=_decode(run["solver"]),
-        effects=_decode(run["effects"]),
+        **{key: run[key] for key in _PLAIN},
+        **{key: decode(run[key]) for key in _CHOICES},
         status=RunStatus[run["status"]],
-        reason=run["reason"],
-        happened=tuple(_decode(event) for event in run["happened"]),
+        happened=tuple(decode(event) for event in run["happened"]),
         missed=tuple(run.get("missed", ())),  # files of before have none
-        wall_time=run["wall_time"],
     )
 
 
@@ -189,8 +170,7 @@ def _count(phases: tuple[Phase, ...]) -> int:
 
 def _check_run(run: Run, count: int) -> None:
     """Refuse what is none of the choices and events of a run."""
-    kinds = {"integrator": Integrator, "drift": Drift, "solver": Solver, "effects": Effects}
-    for name, kind in {**kinds, "reason": str}.items():
+    for name, kind in {**_CHOICES, "reason": str}.items():
         if not isinstance(getattr(run, name), kind):
             raise TypeError(f"{name} = {getattr(run, name)!r}")
     for name in ("duration", "dt", "wall_time"):
@@ -204,35 +184,11 @@ def _robot(header: dict[str, Any], content: dict[str, Any]) -> Robot:
     model = pin.Model()
     model.loadFromString(str(content["model"]))
     about = header["robot"]
-    lists: dict[str, Any] = {key: [_decode(c) for c in about[key]] for key in _LISTS}
+    lists: dict[str, Any] = {key: [decode(c) for c in about[key]] for key in _LISTS}
     words: dict[str, Any] = {key: about[key] for key in _WORDS}
     begin = "posture "
     postures = {k.removeprefix(begin): q for k, q in content.items() if k.startswith(begin)}
     return Robot(model=model, postures=postures, **lists, **words)
-
-
-def _encode(value: Any) -> dict[str, Any]:
-    """Return a frozen dataclass as its name and its fields."""
-    assert is_dataclass(value)
-    return {"class": type(value).__name__, **asdict(value)}  # type: ignore[arg-type]
-
-
-def _plain(value: Any) -> Any:
-    """Return a number of numpy as one of Python's: a knob may be either."""
-    if isinstance(value, np.generic):
-        return value.item()
-    raise TypeError(f"{value!r} cannot be written to a file")
-
-
-def _decode(coded: dict[str, Any]) -> Any:
-    """Return the frozen dataclass of a name and fields; lists become tuples."""
-    values = dict(coded)
-    name = values.pop("class")
-    # those of the user's own have registered since
-    kind = _KINDS.get(name) or (INTEGRATORS | DRIFTS | SOLVERS).get(name.lower())
-    if kind is None:
-        raise LookupError(f"{name} is not known here: import the module that defines it")
-    return kind(**{k: tuple(x) if isinstance(x, list) else x for k, x in values.items()})
 
 
 def to_csv(trajectory: Trajectory, path: Path_) -> None:

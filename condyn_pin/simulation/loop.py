@@ -20,6 +20,10 @@ _FOUND = 1e-12
 # What is left of a step after an event, and is not worth one, as a share of dt.
 _NOTHING = 1e-9
 
+# From less than this above zero to less than this below it is noise: so a foot rests on the ground
+# [m, rad, N, ...].
+_NOISE = 1e-9
+
 # Events in one step, at most: more have piled up.
 _MOST = 100
 
@@ -139,7 +143,12 @@ class Loop:
             else:
                 q1, v1 = self.leg.part(self.t, self.q, self.v, t1, keep=keep)
         else:
-            raise PiledUp(f"more than {_MOST} events from t = {self.t:g} s to {t1:g} s")
+            names = " and ".join(sorted({each.name for each in self.happened[-_MOST:]}))
+            raise PiledUp(
+                f"more than {_MOST} events ({names}) from t = {self.t:g} s to {t1:g} s: one "
+                "undoes the other; a point that is held sideways while its normal force ends has "
+                "to slide, as a PlanarContact does"
+            )
         if self._is_there(t1):
             return q1, v1
         self._rebounding -= {name for name in self._rebounding if values[name] > 0}
@@ -148,7 +157,7 @@ class Loop:
                 f"event {min(self._rebounding)!r} goes on at t = {t1:g} s: its rebounds have "
                 "become shorter than a step; use a restitution of 0 and a scene that keeps it"
             )
-        self._values = values
+        self._values = {event.name: self._kept(event, values) for event in self._events}
         return q1, v1
 
     def _look(self, t: float, q: Array, v: Array) -> dict[str, float]:
@@ -160,12 +169,22 @@ class Loop:
             for event in self._events
         }
 
+    def _falls(self, event: Event, after: float) -> bool:
+        """Whether the value of an event has fallen to zero, by more than noise."""
+        before, noise = self._values[event.name], _NOISE if event.at is None else 0.0
+        return before > 0 >= after and (before > noise or after < -noise)
+
+    def _kept(self, event: Event, values: dict[str, float]) -> float:
+        """Return the value to compare the next one with: noise takes none below zero."""
+        before, after = self._values[event.name], values[event.name]
+        return before if before > 0 >= after else after
+
     def _first(self, t1: float, values: dict[str, float]) -> tuple[Event | None, float]:
         """Return the first event on the way to t1, and at which share of it."""
         found: tuple[Event | None, float] = (None, inf)
         for event in self._events:
             before, after = self._values[event.name], values[event.name]
-            if before > 0 >= after:
+            if self._falls(event, after):
                 share = self._share(event, t1, before, after)
                 if share < found[1]:
                     found = event, share
@@ -208,7 +227,9 @@ class Loop:
         if event.ends:
             self.happened.append(Happened(event.name, self.t, sample - 1))
             raise Ended(f"event {event.name!r} at t = {self.t:g} s")
-        before = self.leg.scene
+        before, left = self.leg.scene, self._asked
+        # a contact that was lifted has its place wherever it touches again
+        self._places = {c: self._places[c] for c in self._asked.constraints if c in self._places}
         met = event.met or event.scene
         assert met is not None
         change = switch(before, self._placed(met), self.q, self.v, restitution=event.restitution)
@@ -223,16 +244,22 @@ class Loop:
             self._rebounding.add(event.name)
         self.recorders.append(self.leg.begin(self.t, self.q, self.v))
         self.happened.append(_happened(event, self.t, sample, before, self.leg.scene, change))
-        self._values = self._values_after(event)
+        self._values = self._values_after(event, left)
 
-    def _values_after(self, event: Event) -> dict[str, float]:
-        """Return the values after an event; those that fell to zero with it are still to happen."""
+    def _values_after(self, event: Event, left: Scene) -> dict[str, float]:
+        """Return the values after an event, which left a scene.
+
+        Those that fell to zero with it are still to happen, and those that brought the scene may
+        happen again: what lets go of the ground is above it, whatever rounding says.
+        """
         values = self._look(self.t, self.q, self.v)
         for other in self._events:
             name, before = other.name, self._values[other.name]
             waits = other is not event and other.scene is not self._asked
             if waits and before > 0 >= values[name]:
                 values[name] = before
+            elif other.at is None and other.scene is left and abs(values[name]) <= _NOISE:
+                values[name] = _NOISE
         return values
 
     def _placed(self, scene: Scene) -> Scene:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil
 
@@ -11,9 +12,10 @@ from numpy.typing import ArrayLike
 from condyn_pin.arrays import finite
 from condyn_pin.drift.base import Drift
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.scene import Scene
+from condyn_pin.scene import Scene, check_scene
 from condyn_pin.simulation.defaults import default_drift, default_integrator
 from condyn_pin.simulation.effects import Effects
+from condyn_pin.simulation.events import Event
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.leg import Method
 from condyn_pin.simulation.torques import Applied, Torque
@@ -51,11 +53,10 @@ class Plan:
 def plan(
     scene: Scene, tau: float | ArrayLike | Torque, *, duration: float, dt: float,
     integrator: Integrator | None, drift: Drift | None, solver: Solver | None, record: int,
-    effects: Effects | None = None,
+    effects: Effects | None = None, events: Sequence[Event] = (),
 ) -> Plan:  # fmt: skip
     """Return the plan of a run; arguments and errors are those of `simulate`."""
-    if not isinstance(scene, Scene):
-        raise InvalidArgument(f"scene = {type(scene).__name__}: a Scene is needed")
+    check_scene(scene)
     effects = Effects() if effects is None else effects
     steps, dt = _steps(duration, dt)
     integrator = default_integrator() if integrator is None else integrator
@@ -63,7 +64,7 @@ def plan(
         raise InvalidArgument(
             f"integrator = {integrator!r}: an integrator is needed, such as RungeKutta4()"
         )
-    drift = default_drift(scene, integrator, solver) if drift is None else drift
+    drift = default_drift(scene, integrator, solver, events) if drift is None else drift
     if not isinstance(drift, Drift):
         raise InvalidArgument(f"drift = {drift!r}: a drift scheme is needed, such as Baumgarte")
     _check_drift(integrator, drift, dt)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from math import isfinite
 from time import perf_counter
 
@@ -15,7 +16,7 @@ from condyn_pin.arrays import Array, finite
 from condyn_pin.drift.base import Drift
 from condyn_pin.errors import CondynError, InvalidArgument
 from condyn_pin.rows.bound import is_scalar
-from condyn_pin.scene import Scene
+from condyn_pin.scene import Scene, check_scene
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Event
 from condyn_pin.simulation.fit import check_fit
@@ -77,7 +78,7 @@ def simulate(
         that keeps the constraints.
     drift : Drift, optional
         What keeps the constraints closed. By default `PostStabilization()`, which has no gains to
-        choose; `NoDrift()` where there is nothing to do.
+        choose; `NoDrift()` where there is nothing to do, in no event's scene either.
     solver : Solver, optional
         As in `solve`; by default with four iterations at most where rows are redundant, since more
         move nothing (`condyn_pin.simulation.defaults`).
@@ -109,17 +110,17 @@ def simulate(
 
     Notes
     -----
-    Cost: `Integrator.solves_per_step` solves a step, and a few microseconds.
+    Cost: `Integrator.solves_per_step` solves a step, and a few microseconds; an event with another
+    scene costs as much as about a hundred solves.
     """
-    if not isinstance(scene, Scene):
-        raise InvalidArgument(f"scene = {type(scene).__name__}: a Scene is needed")
+    check_scene(scene)
     effects = Effects(gravity=gravity, springs=springs, damping=damping, armature=armature)
-    state = start(scene, q, v)
+    state, happenings = start(scene, q, v), _events(scene, events)
     planned = plan(
         scene, tau, duration=duration, dt=dt, integrator=integrator, drift=drift, solver=solver,
-        record=record, effects=effects,
+        record=record, effects=effects, events=happenings,
     )  # fmt: skip
-    return follow(planned, *state, _events(scene, events), progress)[0]
+    return follow(planned, *state, happenings, progress)[0]
 
 
 def follow(
@@ -222,4 +223,15 @@ def _events(scene: Scene, events: Sequence[Event]) -> tuple[Event, ...]:
                     )
         if event.at is not None and event.at <= 0:
             raise InvalidArgument(f"event {event.name!r}: at = {event.at:g}: after the start")
-    return checked
+    return _shared(scene, checked)
+
+
+def _shared(scene: Scene, events: tuple[Event, ...]) -> tuple[Event, ...]:
+    """Return the events with one scene where several have the same constraints: it is one place."""
+    known = {scene.constraints: scene}
+    return tuple(
+        replace(event, scene=known.setdefault(event.scene.constraints, event.scene))
+        if event.scene
+        else event
+        for event in events
+    )

@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.rows.equations import Equations, Terms
+from condyn_pin.rows.equations import Equations
+from condyn_pin.rows.terms import Terms
 from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.torques import Applied, Passive, Torque
 from condyn_pin.workspace import Workspace

@@ -8,17 +8,14 @@ from os import PathLike
 
 import numpy as np
 
-from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.rows.bound import is_scalar
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.measures import Energy, Kinematics, gauge_of, work
+from condyn_pin.simulation.notices import notices_of
 from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.recorder import Phase
 from condyn_pin.simulation.torques import Passive
-from condyn_pin.simulation.verify import solver_notices
-from condyn_pin.states.gaps import Gap, beyond_text
-from condyn_pin.states.limits import Limits
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -144,38 +141,7 @@ class Trajectory:
     @cached_property
     def notices(self) -> tuple[str, ...]:
         """What deserves attention, a sentence each."""
-        said = []
-        if not self.status.ok:
-            said.append(f"{self.status}; {self.reason}")
-        worst = float(self.violation.max())
-        if worst > tolerances.NEARLY_CLOSED:
-            when = float(self.t[self.violation.argmax()])
-            remedy = "use a smaller dt, a higher order, or another drift scheme"
-            if not self.run.solver.exact:
-                remedy = f"{self.run.solver.title} lets them give way; use a stiffer solref"
-            said.append(
-                f"the constraints are open by {worst:.2g} m or rad at t = {when:.4g} s: {remedy}"
-            )
-        said += solver_notices(self)
-        error, scale = float(np.abs(self.energy.error).max()), self.energy.scale
-        if error > max(tolerances.BALANCED * scale, self.energy.kept):
-            said.append(
-                f"{error:.3g} J of energy came or went without work, of {scale:.3g} J exchanged"
-            )
-        if beyond := self._beyond_limits():
-            said.append(f"{beyond_text(beyond)}; the dynamics know no limits")
-        return tuple(said)
-
-    def _beyond_limits(self) -> dict[str, Gap]:
-        """Return the joints that leave their limits, and how far at most, unless they began so."""
-        limits = Limits.of(self.scene.robot.model)
-        inside = limits.beyond(self.q[0]).keys()
-        most = limits.beyond(self.q.min(axis=0)) | limits.beyond(self.q.max(axis=0))
-        return {
-            joint: gap
-            for joint, gap in most.items()
-            if joint not in inside and gap.size > tolerances.CLOSED
-        }
+        return notices_of(self)
 
     @cached_property
     def _kinematics(self) -> Kinematics:

@@ -20,7 +20,8 @@ from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.joints import Indices, indices
 from condyn_pin.minimum_norm import factorise
-from condyn_pin.rows.equations import Equations, Terms
+from condyn_pin.rows.equations import Equations
+from condyn_pin.rows.terms import Terms
 from condyn_pin.scene import Scene
 from condyn_pin.smaller.smaller_robot import free_flyers
 from condyn_pin.solvers.reference import Reference

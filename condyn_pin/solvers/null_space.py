@@ -13,7 +13,7 @@ from condyn_pin.knobs import check_share
 from condyn_pin.solvers.base import Method, Singular, Solver, free_force
 
 if TYPE_CHECKING:
-    from condyn_pin.rows.equations import Terms
+    from condyn_pin.rows.terms import Terms
     from condyn_pin.workspace import Workspace
 
 

@@ -55,11 +55,12 @@ class Proximal(Solver):
         Cassie. 1e-6 where rows are redundant; a hundredth of the smallest nonzero eigenvalue if
         that is less, as it is for points that are close to each other, and never less than 1e-12
         of the largest. 1e-12 where they are not, or only as zeros, like those across the plane of
-        a planar loop. Should six iterations not converge, as near a singular posture or where
-        loops are open, the others are made with a share of the smallest eigenvalue there that is
-        more than rounding: 0.09 for the fourteen that are left by default, 0.11 for fifteen, which
-        is the most, and 0.001 for five, where corrections follow that G needs
-        (`condyn_pin.weights`).
+        a planar loop; 1e-5 of the smallest if that is less, as with a body that weighs next to
+        nothing. Should six iterations not converge, as near a singular posture or where loops are
+        open, the others are made with a share of the smallest eigenvalue there that is more than
+        rounding: 0.09 for the fourteen that are left by default, 0.17 for eighteen, which is the
+        most, and 0.001 for five, where corrections follow that G needs, or where that eigenvalue
+        is more than a hundredth of the largest (`condyn_pin.weights`).
     max_iterations : int
         Upper limit. It is met without harm where lam keeps a little noise; convergence is judged
         by the errors of the `Solution`, never by this.

@@ -17,7 +17,7 @@ from condyn_pin.minimum_norm import factorise
 from condyn_pin.solvers.base import Method, Singular, Solver
 
 if TYPE_CHECKING:
-    from condyn_pin.rows.equations import Terms
+    from condyn_pin.rows.terms import Terms
     from condyn_pin.workspace import Workspace
 
 

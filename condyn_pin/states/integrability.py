@@ -28,7 +28,7 @@ from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.linearised import Linearisation
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.scene import Scene
+from condyn_pin.scene import Scene, check_scene
 from condyn_pin.states.assembly import assemble
 from condyn_pin.states.check import check
 
@@ -77,8 +77,7 @@ def is_integrable(scene: Scene, q: ArrayLike | None = None) -> bool:
     Murray, Li, Sastry. A Mathematical Introduction to Robotic Manipulation. CRC Press, 1994,
     chapter 7.
     """
-    if not isinstance(scene, Scene):
-        raise InvalidArgument(f"scene = {type(scene).__name__}: a Scene is needed")
+    check_scene(scene)
     model = scene.robot.model
     scene.robot.check_unedited()
     q_ = scene.audit.q if q is None else normalised(model, "q", q)

@@ -18,7 +18,8 @@ from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.minimum_norm import MinimumNorm, factorise
-from condyn_pin.rows.equations import Equations, Terms
+from condyn_pin.rows.equations import Equations
+from condyn_pin.rows.terms import Terms
 from condyn_pin.states.check import check
 from condyn_pin.states.gaps import slips, worst
 

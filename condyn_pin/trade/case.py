@@ -85,24 +85,7 @@ def measure_errors(case: Case, solver: Solver) -> Row:
     A refusal and an exception are statuses like others, and their text is kept: one bad solver does
     not end a study.
     """
-    answers: list[Answer] = []
-    statuses: Counter[str] = Counter()
-    notes: dict[str, None] = {}
-    try:
-        workspace = Workspace(case.scene, solver)
-    except Exception as error:
-        statuses[_kind(error)] = len(case.states)
-        notes[_text(error)] = None
-    else:
-        for state, truth in zip(case.states, case.truth, strict=True):
-            try:
-                found = case.measure.answer(workspace, state, truth, case.accuracy)
-            except Exception as error:
-                statuses[_kind(error)] += 1
-                notes[_text(error)] = None
-            else:
-                answers.append(found)
-                statuses[found.status] += 1
+    answers, statuses, notes = _answers(case, solver)
     missing = len(case.states) - len(answers)
     errors = [found.error for found in answers] + [inf] * missing
     return Row(
@@ -124,6 +107,29 @@ def measure_errors(case: Case, solver: Solver) -> Row:
         note="; ".join(notes),
         how=dict(case.measure.how),
     )
+
+
+def _answers(case: Case, solver: Solver) -> tuple[list[Answer], Counter[str], list[str]]:
+    """Return a solver's answers, how many states have which status, and what was said of them."""
+    answers: list[Answer] = []
+    statuses: Counter[str] = Counter()
+    notes: dict[str, None] = {}
+    try:
+        workspace = Workspace(case.scene, solver)
+    except Exception as error:
+        statuses[_kind(error)] = len(case.states)
+        notes[_text(error)] = None
+    else:
+        for state, truth in zip(case.states, case.truth, strict=True):
+            try:
+                found = case.measure.answer(workspace, state, truth, case.accuracy)
+            except Exception as error:
+                statuses[_kind(error)] += 1
+                notes[_text(error)] = None
+            else:
+                answers.append(found)
+                statuses[found.status] += 1
+    return answers, statuses, list(notes)
 
 
 def knobs_of(solver: Solver) -> dict[str, Knob]:

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Final
 
 from condyn_pin.bench import Progress, silent
-from condyn_pin.errors import CondynError, InvalidArgument, NotReached, NotTuned
+from condyn_pin.errors import CondynError, NotReached, NotTuned
 from condyn_pin.machine import machine
-from condyn_pin.scene import Scene
+from condyn_pin.scene import Scene, check_scene
 from condyn_pin.solvers.base import Solver
 from condyn_pin.tolerances import SOLVED
 from condyn_pin.trade import plan as plans
@@ -163,8 +163,7 @@ def _others(found: str) -> str:
 
 
 def _check(scene: Scene, error: float) -> None:
-    if not isinstance(scene, Scene):
-        raise InvalidArgument(f"scene = {type(scene).__name__}: a Scene is needed")
+    check_scene(scene)
     check_error(error)
 
 

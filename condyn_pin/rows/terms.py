@@ -1,0 +1,32 @@
+"""Terms: what the equations of a scene are made of at one state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from condyn_pin.arrays import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """The terms of the two equations at one state.
+
+    Attributes
+    ----------
+    M : (nv, nv) array
+        Mass matrix, armature included, both triangles.
+    h : (nv,) array
+        Coriolis, centrifugal and gravity torque.
+    J : (m, nv) array
+        Constraint Jacobian, rows in the order of the scene, in the axes of each constraint.
+    gamma : (m,) array
+        Jdot v where J v = 0; for points and balls the classical acceleration elsewhere.
+    a_ref : (m,) array
+        Wanted acceleration of the constraints; zero without drift control.
+    """
+
+    M: Array
+    h: Array
+    J: Array
+    gamma: Array
+    a_ref: Array

@@ -1,0 +1,66 @@
+"""Notices: what deserves attention in a trajectory, a sentence each."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from condyn_pin import tolerances
+from condyn_pin.scene import Scene
+from condyn_pin.simulation.pulls import pull_notices
+from condyn_pin.simulation.verify import solver_notices
+from condyn_pin.states.gaps import Gap, beyond_text
+from condyn_pin.states.limits import Limits
+
+if TYPE_CHECKING:
+    from condyn_pin.simulation.trajectory import Trajectory
+
+
+def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
+    """Return what there is to say: of its end, gaps, solver, pulls, energy and joint limits."""
+    said = []
+    if not trajectory.status.ok:
+        said.append(f"{trajectory.status}; {trajectory.reason}")
+    said += _open_constraints(trajectory)
+    said += solver_notices(trajectory) + pull_notices(trajectory)
+    energy = trajectory.energy
+    error, scale = float(np.abs(energy.error).max()), energy.scale
+    if error > max(tolerances.BALANCED * scale, energy.kept, _hardly_lifted(trajectory.scene)):
+        said.append(
+            f"{error:.3g} J of energy came or went without work, of {scale:.3g} J exchanged"
+        )
+    if beyond := _beyond_limits(trajectory):
+        said.append(f"{beyond_text(beyond)}; the dynamics know no limits")
+    return tuple(said)
+
+
+def _open_constraints(trajectory: Trajectory) -> list[str]:
+    """Return a sentence on the largest gap, if it is larger than a closed state has."""
+    violation, run = trajectory.violation, trajectory.run
+    worst = float(violation.max())
+    if not worst > tolerances.NEARLY_CLOSED:
+        return []
+    when = float(trajectory.t[violation.argmax()])
+    remedy = "use a smaller dt, a higher order, or another drift scheme"
+    if not run.solver.exact:
+        remedy = f"{run.solver.title} lets them give way; use a stiffer solref"
+    return [f"the constraints are open by {worst:.2g} m or rad at t = {when:.4g} s: {remedy}"]
+
+
+def _hardly_lifted(scene: Scene) -> float:
+    """Return what lifts the robot by a nanometre [J]; one at rest may have no energies at all."""
+    gravity = float(np.linalg.norm(scene.robot.model.gravity.linear))
+    return tolerances.ENERGY_KEPT * scene.robot.mass * gravity
+
+
+def _beyond_limits(trajectory: Trajectory) -> dict[str, Gap]:
+    """Return the joints that leave their limits, and how far at most, unless they began so."""
+    q, limits = trajectory.q, Limits.of(trajectory.scene.robot.model)
+    inside = limits.beyond(q[0]).keys()
+    most = limits.beyond(q.min(axis=0)) | limits.beyond(q.max(axis=0))
+    return {
+        joint: gap
+        for joint, gap in most.items()
+        if joint not in inside and gap.size > tolerances.CLOSED
+    }
