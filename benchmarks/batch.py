@@ -127,7 +127,7 @@ def measure(count: int, rounds: int) -> tuple[list[Answers], tuple[list[Motions]
         found.append(answers("cassie, loops", cp.solve_batch, loops, count, pool, rounds))
         name, few = "talos, two feet, derivatives", count // 20
         found.append(answers(name, cp.derivatives_batch, stance, few, pool, rounds))
-        return found, motions(loops, pool, rounds)
+        return found, motions(loops, pool, min(rounds, 3))  # each takes a minute
 
 
 def pairs(saved: dict[str, Any]) -> list[tuple[Motions, Motions | None]]:
@@ -145,7 +145,7 @@ def essence(saved: dict[str, Any]) -> str:
         f"Two processes on two cores solve {states} states {min(ratios):.2f} to {max(ratios):.2f} "
         f"times as fast as one.\nBeside {len(times)} ways to run `mujoco.rollout` on Cassie, "
         "`simulate_batch` simulates, with no larger gap and no larger error,\n"
-        f"{min(times):.2g} to {max(times):.2g} times as much time a second "
+        f"{min(times):.1f} to {max(times):.1f} times as much time a second "
         "(`python benchmarks/batch.py`)."
     )
 

@@ -140,6 +140,7 @@ def test_batches_are_those_of_the_committed_results(monkeypatch):
         assert mine is not None
         assert mine.gap <= theirs.gap
         assert mine.error <= theirs.error
+        assert mine.simulated > theirs.simulated
 
 
 def test_extremes_are_those_of_the_committed_results(monkeypatch):
