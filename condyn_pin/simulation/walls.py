@@ -33,9 +33,10 @@ if TYPE_CHECKING:
     from condyn_pin.simulation.system import System
 
 # A gap that grows by less a step is one that does not move: alpha = 0 or beta = 0.
-_GROWS = 1e-7  # a double 1 among the eigenvalues is found to the root of rounding
+_GROWS = 1e-9
 
-# Steps that the map is told from, and the share of |A|^2 that two may differ by and be the same.
+# Steps that a map of two states is told from, and the share of |A|^2 up to which a second step is
+# that of an integrator that remembers nothing.
 _STEPS = 4
 _SAME = 1e-10
 
@@ -78,19 +79,22 @@ def growth(integrator: Integrator, drift: Baumgarte, dt: float) -> float:
     those of the last two.
     """
     gap = cast("System", _Gap(drift, dt))
-    with np.errstate(all="ignore"):  # what overflows has grown
-        try:
-            runs = np.array([_steps(integrator, gap, x) for x in ((1.0, 0.0), (0.0, 1.0))])
-        except StepFailed:  # an iteration that does not converge, here or in a run
-            return inf
-        A = runs[:, 1].T
-        # beside a second step of an integrator that remembers nothing
-        more = np.abs(runs[:, 2] - runs[:, 1] @ A.T).max() > _SAME * np.abs(A).max() ** 2
-    if not np.isfinite(A).all():
+    try:
+        with np.errstate(all="ignore"):  # what overflows has grown
+            A = _map(integrator, gap)
+    except StepFailed:  # an iteration that does not converge, here or in a run
         return inf
-    if more and np.isfinite(runs).all():
-        A = _map_of_two(runs)
-    return float(np.abs(np.linalg.eigvals(A)).max())
+    return float(np.abs(np.linalg.eigvals(A)).max()) if np.isfinite(A).all() else inf
+
+
+def _map(integrator: Integrator, gap: System) -> Array:
+    """Return the map of one state to the next (2, 2), or of two states to the next two (4, 4)."""
+    runs = _runs(integrator, gap, 2)
+    A = runs[:, 1].T
+    remembers = np.abs(runs[:, 2] - runs[:, 1] @ A.T).max() > _SAME * np.abs(A).max() ** 2
+    if remembers and np.isfinite(runs := _runs(integrator, gap, _STEPS)).all():
+        return _map_of_two(runs)
+    return np.asarray(A)
 
 
 def _map_of_two(runs: Array) -> Array:
@@ -102,13 +106,16 @@ def _map_of_two(runs: Array) -> Array:
     return np.asarray(np.linalg.lstsq((before / scale)[used], (after / scale)[used], _SAME)[0])
 
 
-def _steps(integrator: Integrator, gap: System, x: tuple[float, float]) -> Array:
-    """Return (c, c') at the start and after each of some steps."""
-    step, states = integrator.start(gap, 1.0).step, [np.array(x)]
-    for k in range(_STEPS):
-        q, v, _ = step(float(k), states[-1][:1], states[-1][1:])
-        states.append(np.concatenate([q, v]))
-    return np.array(states)
+def _runs(integrator: Integrator, gap: System, steps: int) -> Array:
+    """Return (c, c') at the start and after each of some steps, from (1, 0) and from (0, 1)."""
+    runs = []
+    for start in np.eye(2):
+        step, states = integrator.start(gap, 1.0).step, [start]
+        for k in range(steps):
+            q, v, _ = step(float(k), states[-1][:1], states[-1][1:])
+            states.append(np.concatenate([q, v]))
+        runs.append(states)
+    return np.array(runs)
 
 
 def wall(integrator: Integrator, *, beta_per_alpha: float = 1.0) -> float:
