@@ -14,7 +14,7 @@ from condyn_pin.errors import BranchChanged, NotAssembled
 from condyn_pin.minimum_norm import MinimumNorm, factorise
 from condyn_pin.proof import Yardstick
 from condyn_pin.rows.equations import Equations
-from condyn_pin.rows.native import Natives
+from condyn_pin.rows.natives import Natives
 from condyn_pin.rows.reach import reach
 from condyn_pin.rows.terms import Terms
 from condyn_pin.solvers.reference import Reference
@@ -66,7 +66,7 @@ class Audit:
         Largest eigenvalue of J M^-1 J^T [1/kg]; 1/mass without constraints.
     native_spectrum : (float, float)
         Largest and smallest nonzero eigenvalue of the same with the rows that Pinocchio has in
-        place of the scene's (`condyn_pin.rows.native`) [1/kg].
+        place of the scene's (`condyn_pin.rows.natives`) [1/kg].
     weight : float
         Mass times gravity, or mass times 1 m/s^2 without gravity [N].
     yardstick : Yardstick

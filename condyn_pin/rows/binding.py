@@ -100,7 +100,7 @@ def _bind_contact(
 ) -> Bound:
     joint, placement = robot.frame(contact.frame)
     anchor = contact.anchor
-    selection, axis, lever = FRAME, 2, nan
+    selection, axis, lever = FRAME, 2, _lever(robot, placement)
     if isinstance(contact, PointContact):
         selection = POINT
         placement = placement * pin.SE3(np.eye(3), np.array(contact.offset))
@@ -108,7 +108,7 @@ def _bind_contact(
     elif isinstance(contact, LineContact):
         axis = "xyz".index(contact.axis)
         selection = tuple(i for i in FRAME if i != 3 + axis)
-        lever = contact.half_length or _lever(robot, placement)
+        lever = contact.half_length or lever
     target = pin.XYZQUATToSE3(np.array(anchor)) if anchor else pin.SE3.Identity()
     return Bound(
         contact.name, rows, joint, placement, 0, target, selection,

@@ -69,7 +69,7 @@ class SparseKKT(Solver):
         model, data = workspace.model, workspace.data
         models, datas = workspace.constraint_models, workspace.constraint_datas
         m, mu = workspace.scene.rows, self.mu
-        sign = workspace.scene_forces(np.ones(m))  # points and welds: that of the rows, and no more
+        sign = workspace.equations.sign
         # pivots of what is left of a row are squares of those of J L^-T
         own = _delassus_diagonal(workspace.scene.audit)
         limits = np.full(m, -mu / 2) if mu else -(tolerances.RANK**2) * own
