@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from condyn_pin.batch.trajectory import BatchTrajectory as BatchTrajectory
     from condyn_pin.batch.verbs import derivatives_batch as derivatives_batch
     from condyn_pin.batch.verbs import solve_batch as solve_batch
+    from condyn_pin.cones import FrictionCone as FrictionCone
     from condyn_pin.constraints import Constraint as Constraint
     from condyn_pin.constraints import Coupling as Coupling
     from condyn_pin.constraints import Loop as Loop
@@ -64,6 +65,10 @@ if TYPE_CHECKING:
     from condyn_pin.ladders import LADDERS as LADDERS
     from condyn_pin.load import available_robots as available_robots
     from condyn_pin.load import load_robot as load_robot
+    from condyn_pin.margin import ConeRows as ConeRows
+    from condyn_pin.margin import Margin as Margin
+    from condyn_pin.margin import cone_rows as cone_rows
+    from condyn_pin.margin import margins as margins
     from condyn_pin.mechanisms.chain import chain as chain
     from condyn_pin.mechanisms.four_bar import four_bar as four_bar
     from condyn_pin.mechanisms.n_four_bar import n_four_bar as n_four_bar
@@ -184,6 +189,7 @@ if TYPE_CHECKING:
     from condyn_pin.viewing.verbs import view as view
     from condyn_pin.viewing.viewer import Viewer as Viewer
     from condyn_pin.workspace import Workspace as Workspace
+    from condyn_pin.wrench_cone import WrenchCone as WrenchCone
 
 _HOME = {
     "states.assembly_report": ("Assembly", "AssemblyStatus"),
@@ -198,6 +204,7 @@ _HOME = {
     "states.check": ("Check",),
     "states.completion": ("CompleteState",),
     "smaller.climbing": ("Ladder", "LadderEffort", "Rung", "ladder"),
+    "cones": ("FrictionCone",),
     "constraints": ("Constraint", "Coupling", "Loop"),
     "contacts": ("LineContact", "PlanarContact", "PointContact", "SurfaceContact"),
     "differentiation.base": ("Derivatives",),
@@ -236,6 +243,7 @@ _HOME = {
     "extremes": ("EXTREMES",),
     "ladders": ("LADDERS",),
     "load": ("available_robots", "load_robot"),
+    "margin": ("ConeRows", "Margin", "cone_rows", "margins"),
     "mechanisms.chain": ("chain",),
     "mechanisms.four_bar": ("four_bar",),
     "mechanisms.n_four_bar": ("n_four_bar",),
@@ -324,6 +332,7 @@ _HOME = {
     "viewing.verbs": ("view",),
     "viewing.viewer": ("Viewer",),
     "workspace": ("Workspace",),
+    "wrench_cone": ("WrenchCone",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
