@@ -196,6 +196,20 @@ def test_edges_that_are_near_to_each_other_leave_digits(severity, knobs):
     assert 1e-7 < lost < 0.1
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_an_iteration_ends_when_light_joints_are_at_rest_too(seed):
+    """1e-9 of the weight, along points that weigh little in G, is 3e-9 of a light joint's a."""
+    case = EXTREMES["near_loops"].case(1e-6, seed)
+    by_weight = 1e-9 * case.scene.audit.weight
+    error, before = (
+        error_of(case, solution.a, right_answers(case)[0])
+        for solver in (cp.Proximal(), cp.Proximal(relative_accuracy=by_weight))
+        for solution in [cp.solve(case.scene, case.q, case.v, case.tau, solver=solver, throw=False)]
+    )
+    assert error < 3e-10
+    assert error <= before
+
+
 def test_open_loops_with_rows_that_contradict_each_other_are_solved():
     scene = all_scenes()["cassie loops + contacts"]
     for severity in (1e-4, 1e-3):
