@@ -165,6 +165,24 @@ def test_agrees_with_pinocchio_or_is_refused(label):
         assert np.abs(had - wanted).max(initial=0.0) < 1e-9 * size, block
 
 
+@pytest.mark.parametrize("distance", [1e-1, 1e-3])
+def test_pinocchios_are_of_the_forces_of_the_scene(distance):
+    """Points that are nearly one are handed to it at other places of the same foot."""
+    talos, rng = robot("talos"), np.random.default_rng(0)
+    foot = "left_sole_link"
+    points = [cp.PointContact(foot), cp.PointContact(foot, (distance, 0, 0), name="there")]
+    scene = cp.Scene(talos, points)
+    state = (*scene.sample(rng), rng.normal(size=talos.nv))
+    ours, theirs = (cp.derivatives(scene, *state, method=m) for m in ("kkt", "pinocchio"))
+    J = cp.Workspace(scene).jacobian(state[0])  # along redundant rows Pinocchio's are noise
+    for block in BLOCKS:
+        wanted, found = (getattr(d, block) for d in (ours, theirs))
+        if block.startswith("dlam"):
+            assert np.abs(found - wanted).max() < 1e-4 * np.abs(wanted).max(), block
+            wanted, found = J.T @ wanted, J.T @ found
+        assert np.abs(found - wanted).max() < 1e-9 * np.abs(wanted).max(), block
+
+
 @pytest.mark.parametrize("method", list(METHODS))
 @pytest.mark.parametrize("label", ["talos contacts", "cassie loops", "four_bar hinge"])
 def test_products_are_those_of_the_matrices(label, method):
