@@ -214,6 +214,19 @@ def test_a_pendulum_by_hand():
     assert d.da_dtau[0, 0] == pytest.approx(1 / (2.0 * 0.25), rel=1e-12)
 
 
+def test_a_machine_that_cannot_move_is_differentiated_and_checked():
+    """There is no direction along the constraints, and rows are redundant."""
+    crank, rng = cp.pendulum(), np.random.default_rng(0)
+    scene = cp.Scene(crank, [cp.PointContact(crank.frames[-1])])
+    assert scene.audit.redundant
+    assert scene.audit.mobility == 0
+    state = (rng.normal(size=1), np.zeros(1), rng.normal(size=1))
+    found = cp.derivatives(scene, *state, check=True)
+    numeric = cp.derivatives(scene, *state, method="differences")
+    assert not numeric.da_dq.any()
+    assert np.abs(found.da_dtau).max() < 1e-12
+
+
 def test_check_finds_a_wrong_entry():
     scene, (q, v, tau) = all_scenes()["solo12 contacts"], states("solo12 contacts")[0]
     workspace = cp.Workspace(scene)
