@@ -167,7 +167,7 @@ def _couple(robot: Robot, coupling: Coupling, rows: slice) -> Coupled:
         raise InvalidConstraint(f"{coupling.name}: both joints are {coupling.joint_a!r}")
     joints = []
     for name in (coupling.joint_a, coupling.joint_b):
-        if not model.existJointName(name):
+        if name not in robot.joints:
             raise unknown_name("joint", name, robot.joints)
         joint = model.joints[model.getJointId(name)]
         if joint.nq != 1 or joint.nv != 1:
