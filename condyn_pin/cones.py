@@ -21,7 +21,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import zip_longest
 from math import cos, pi, sin
-from typing import Literal, get_args
+from typing import Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,27 +34,18 @@ from condyn_pin.constraints import WORLD, Constraint
 from condyn_pin.contacts import LineContact, PointContact, SurfaceContact
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.force import ConstraintForce, presses, upward
+from condyn_pin.knobs import check_count
 from condyn_pin.margin import FAULTS, ConeRows, Margin, turned
 
 Pyramid = Literal["inner", "outer"]
 Row = tuple[str, tuple[float, ...]]  # its name and its entries of A
 
+_MOST_SIDES: Final = 1000
+
 
 @dataclass(frozen=True)
 class Cone(ABC):
-    """What every cone has: a coefficient of friction, a normal, and a pyramid.
-
-    Parameters
-    ----------
-    friction : float
-        Coefficient of friction mu [1]; 0 for a floor without friction.
-    normal : (3,) sequence of float, optional
-        Of the floor, in the world; any length. Points and edges need it on a slope: theirs is the
-        vertical otherwise. Other contacts have a normal of their own, and take none.
-    pyramid : {"inner", "outer"}
-        The flat sides that stand for the round cone: within it, so that the floor can give whatever
-        they allow, or around it, so that it cannot give what they forbid.
-    """
+    """What every cone has; `FrictionCone` and `WrenchCone` say what it means."""
 
     friction: float
     normal: Vector3 | None = field(default=None, kw_only=True)
@@ -106,7 +97,11 @@ class Cone(ABC):
             cone = self.fitted(force.constraint)
             T = cone.turn(force.constraint, force.rotation, upward(force.scene))
             return cone.judge(turned(T, force.components) * (-1.0 if force.on in WORLD else 1.0))
-        return self.judge(finite("force", force, (*np.shape(force)[:-1], self.rows().A.shape[1])))
+        try:
+            many = np.shape(force)[:-1]
+        except ValueError:  # of lists that differ in length, and `finite` says so
+            many = ()
+        return self.judge(finite("force", force, (*many, self.rows().A.shape[1])))
 
     def judge(self, force: Array, noise: Array | None = None) -> Margin:
         """Return the margin of a `force` (..., n) in the axes of the floor; NaN where it is NaN.
@@ -151,23 +146,32 @@ class Cone(ABC):
 
 @dataclass(frozen=True)
 class FrictionCone(Cone):
-    """Coulomb's cone of a point: |f_t| <= mu f_n.
+    """Coulomb's cone: the forces that friction at a point can give, |f_t| <= mu f_n.
 
-    For `PointContact`, `PlanarContact`, `RollingWheel` and `RollingBall`. Its `margin` is that of
-    the round cone; its `rows` are a pyramid's.
+    For `PointContact`, `PlanarContact`, `RollingWheel` and `RollingBall`.
 
     Parameters
     ----------
+    friction : float
+        Coefficient of friction mu [1]; 0 for a floor without.
+    normal : (3,) sequence of float, optional
+        Of the floor at a `PointContact`, in the world; any length. The vertical by default. The
+        others have a normal of their own, and take none.
+    pyramid : {"inner", "outer"}
+        Of `rows`: within the round cone, so that the floor can give whatever they allow, or around
+        it, so that it cannot give what they forbid. `margin` is that of the round cone itself.
     sides : int
-        Of the pyramid, 3 or more.
+        Of the pyramid, 3 or more. The first faces x of the floor, and that of a level one is x of
+        the world.
     """
 
     sides: int = field(default=4, kw_only=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not isinstance(self.sides, int) or self.sides < 3:
-            raise InvalidArgument(f"sides = {self.sides!r}: a pyramid has 3 or more")
+        check_count("sides", self.sides, least=3)
+        if self.sides > _MOST_SIDES:
+            raise InvalidArgument(f"sides = {self.sides}: {_MOST_SIDES} are round to 5e-6")
 
     def _table(self) -> Iterator[Row]:
         yield "pulls", (0.0, 0.0, -1.0)

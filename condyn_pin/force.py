@@ -137,7 +137,8 @@ class ConstraintForce(AsArray):
 
     def in_world(self) -> Array:
         """Return it in the axes of the world, still at `at`: (3,) or (6,)."""
-        return np.asarray((self.components.reshape(-1, 3) @ self.rotation.T).ravel())
+        R = self.rotation
+        return np.asarray((self.components.reshape(-1, 3) @ R.T).ravel())
 
     def on_other(self) -> ConstraintForce:
         """Return the opposite force: on the other body, in the same axes."""

@@ -23,12 +23,15 @@ from condyn_pin.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from condyn_pin.batch.solution import BatchSolution
+    from condyn_pin.batch.trajectory import BatchTrajectory
     from condyn_pin.cones import Cone
     from condyn_pin.impacts import Impact
     from condyn_pin.motors.inverse import InverseDynamics
     from condyn_pin.solution import Solution
 
-Answer: TypeAlias = "Solution | BatchSolution | Trajectory | InverseDynamics | Impact"
+Answer: TypeAlias = (
+    "Solution | BatchSolution | Trajectory | BatchTrajectory | InverseDynamics | Impact"
+)
 Cones: TypeAlias = "Cone | Mapping[str, Cone]"
 
 # What a contact does where its force leaves the cone. The later ones are often only consequences of
@@ -40,22 +43,21 @@ FAULTS: Final = ("pulls", "slips", "tips", "twists")
 class Margin:
     """How far forces are from leaving a cone; what is below zero has left it.
 
-    Each array has a number for each force: no axes for a single one, (k,) for k of them. Where a
-    contact is away all are infinite, and where there is no answer NaN. Margins of impulses have
-    [N s] in place of [N].
+    Each has a number for each of k forces, and a single number for a single force. Where a contact
+    is away all are infinite, and where there is no answer NaN. Impulses have [N s] in place of [N].
 
     Attributes
     ----------
-    pulls : (...) array
+    pulls : (k,) array
         Normal force [N].
-    slips : (...) array
+    slips : (k,) array
         Tangential force that is left before it slips [N].
-    tips : (...) array
+    tips : (k,) array
         Normal force on the edge that lifts first [N]; infinite for a point.
-    twists : (...) array
+    twists : (k,) array
         Yaw torque that is left before it turns about the normal, over half_length + half_width, as
         a tangential force [N]; infinite for a point.
-    noise : (...) array
+    noise : (k,) array
         The size of a force that counts as none [N].
     """
 
@@ -118,7 +120,7 @@ def margins(answer: Answer, cones: Cones) -> dict[str, Margin]:
 
     Parameters
     ----------
-    answer : Solution, BatchSolution, Trajectory, InverseDynamics or Impact
+    answer : Solution, BatchSolution, Trajectory, BatchTrajectory, InverseDynamics or Impact
         What has contact forces.
     cones : Cone or dict of str to Cone
         One for all contacts that press on a floor, or one each by name, and then only these are
@@ -127,7 +129,7 @@ def margins(answer: Answer, cones: Cones) -> dict[str, Margin]:
     Returns
     -------
     dict of str to Margin
-        By contact [N]; of a batch or a motion with a number for each state.
+        By contact [N]; of a batch or a motion with a number for each state, (N, k) of both.
 
     Raises
     ------
@@ -141,13 +143,17 @@ def margins(answer: Answer, cones: Cones) -> dict[str, Margin]:
     -----
     Costs half a millisecond, and for many states ten microseconds each.
     """
-    if not all(hasattr(answer, name) for name in ("scene", "q", "lam")):
-        raise InvalidArgument(f"answer = {type(answer).__name__}: it has no contact forces")
     if isinstance(answer, Trajectory):
         return _margins_of_motion(answer, cones)
+    at: Any = getattr(answer, "samples", answer)  # of a batch of motions
+    if not (hasattr(answer, "scene") and hasattr(at, "q") and hasattr(at, "lam")):
+        raise InvalidArgument(
+            f"answer = {type(answer).__name__}: it has no contact forces; a batch of motions keeps "
+            "them with record=..."
+        )
     _check(cones, [answer.scene])
-    noise = tolerances.SOLVED * np.abs(answer.lam).max(axis=-1, initial=0.0)
-    return _margins(answer.scene, answer.q, answer.lam, noise, cones)
+    noise = tolerances.SOLVED * np.abs(at.lam).max(axis=-1, initial=0.0)
+    return _margins(answer.scene, at.q, at.lam, noise, cones)
 
 
 def cone_rows(scene: Scene, q: ArrayLike, cones: Cones) -> ConeRows:

@@ -40,15 +40,22 @@ _SIGNS: Final = (("+", 1.0), ("-", -1.0))
 class WrenchCone(Cone):
     """The wrenches that friction at the corners of a rectangle, or the ends of an edge, can give.
 
-    For `SurfaceContact` and `LineContact`. With four-sided pyramids at the corners this cone has a
-    closed form (`condyn_pin.wrench_cone` opens with it), and with round cones it has none: `margin`
-    is that of the pyramids too.
+    For `SurfaceContact` and `LineContact`. It has a closed form where the cones at the corners are
+    pyramids, and none where they are round: `margin` and `rows` are both those of the pyramids.
 
     Parameters
     ----------
+    friction : float
+        Coefficient of friction mu [1]; 0 for a floor without.
     half_length, half_width : float, optional
-        Half of the size along x and y of the floor [m]; what the contact says of itself by default.
-        An edge lies along x, and its half_width is 0.
+        Half of the size along x and y of the floor [m]; by default that of the contact. An edge
+        lies along x, and its half_width is 0.
+    normal : (3,) sequence of float, optional
+        Of the floor under a `LineContact`, in the world; any length. The vertical by default. A
+        `SurfaceContact` has a normal of its own, and takes none.
+    pyramid : {"inner", "outer"}
+        Within round cones, mu / sqrt(2), so that the floor can give whatever has a margin, or
+        around them, mu, so that it cannot give what has none.
 
     References
     ----------
@@ -85,7 +92,7 @@ class WrenchCone(Cone):
 
     def judge(self, force: Array, noise: Array | None = None) -> Margin:
         """Return the margin as `Cone.judge`; refuse a moment of an edge about itself."""
-        if self.half_width == 0 and np.any(force[..., 3]):
+        if self.half_width == 0 and np.any(np.abs(force[..., 3]) > 0):
             raise InvalidArgument("force: an edge gives no moment about itself, about x")
         return super().judge(force, noise)
 

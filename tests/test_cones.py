@@ -405,6 +405,34 @@ def test_where_there_is_no_answer_there_is_no_margin():
     assert margin.fault[1] == "unknown"
 
 
+def test_edges_without_an_answer_have_no_margin_either():
+    cassie = cp.load_robot("cassie", variant={"feet": "lines"})
+    scene = cp.Scene(cassie, [*cassie.loops, *cassie.contacts])
+    q, v = scene.state("standing")
+    batch = cp.solve_batch(scene, [q, q], [v, v], np.zeros(cassie.nv))
+    lost = dataclasses.replace(batch, lam=batch.lam * [[1.0], [np.nan]])
+    for margin in cp.margins(lost, cp.WrenchCone(0.7)).values():
+        assert margin.fault[1] == "unknown"
+        assert np.isfinite(margin.least[0])
+
+
+def test_motions_side_by_side_are_judged_sample_by_sample():
+    solo = robot("solo12")
+    scene = cp.Scene(solo, solo.contacts)
+    q, v = scene.state()
+    tau = np.zeros((2, solo.nv))
+    tau[1, 8] = 5.0
+    cone, options = cp.FrictionCone(0.7), {"duration": 0.01, "dt": 1e-3}
+    many = cp.simulate_batch(scene, [q, q], [v, v], tau, record=1, **options)
+    found = cp.margins(many, cone)
+    for i in range(2):
+        for name, margin in cp.margins(cp.simulate(scene, q, v, tau[i], **options), cone).items():
+            assert found[name].least.shape == (2, len(margin.least))
+            assert np.allclose(found[name].least[i], margin.least)
+    with pytest.raises(cp.InvalidArgument, match=r"BatchTrajectory: .* keeps them with record="):
+        cp.margins(cp.simulate_batch(scene, [q, q], [v, v], tau, **options), cone)
+
+
 def test_a_block_that_is_pushed_harder_and_harder_slides_at_its_time():
     """mu m g = k t at the event; afterwards the contact is away, and nothing is left to leave."""
     scene = cp.Scene(block(), [SOLE])
@@ -465,8 +493,9 @@ def test_cones_are_values():
         (lambda: cp.FrictionCone(1e60), "no machine has that"),
         (lambda: cp.FrictionCone(0.5, normal=(0, 0, 0)), "a direction is needed"),
         (lambda: cp.FrictionCone(0.5, normal=(0, 0)), "3 finite numbers are needed"),
-        (lambda: cp.FrictionCone(0.5, sides=2), "sides = 2: a pyramid has 3 or more"),
-        (lambda: cp.FrictionCone(0.5, sides=4.0), r"sides = 4\.0: a pyramid has 3 or more"),
+        (lambda: cp.FrictionCone(0.5, sides=2), "sides = 2: a whole number >= 3"),
+        (lambda: cp.FrictionCone(0.5, sides=4.0), r"sides = 4\.0: a whole number >= 3"),
+        (lambda: cp.FrictionCone(0.5, sides=10**9), "1000 are round to 5e-6"),
         (lambda: cp.FrictionCone(0.5, pyramid="round"), "inner or outer is needed"),
         (lambda: cp.WrenchCone(0.5, 0.0, Y), r"half_length = 0\.0: a positive length"),
         (lambda: cp.WrenchCone(0.5, -X, Y), "half_length = -0.3: a positive length"),
@@ -476,6 +505,8 @@ def test_cones_are_values():
         (lambda: cp.WrenchCone(0.5, X, 0).margin(np.ones(6)), "no moment about itself"),
         (lambda: cp.FrictionCone(0.5).margin([0.0, np.nan, 1.0]), r"force\[1\] = nan"),
         (lambda: cp.FrictionCone(0.5).margin(1.0), "force has shape"),
+        (lambda: cp.FrictionCone(0.5).margin(None), "force has shape|force: an array"),
+        (lambda: cp.FrictionCone(0.5).margin([[1.0, 2.0], [3.0]]), "force: an array of shape"),
     ],
 )
 def test_bad_numbers_are_refused(make, message):
