@@ -403,6 +403,7 @@ def test_where_there_is_no_answer_there_is_no_margin():
     assert np.isfinite(margin.least[0])
     assert np.isnan(margin.least[1])
     assert margin.fault[1] == "unknown"
+    assert "1 unknown" in repr(margin)
 
 
 def test_edges_without_an_answer_have_no_margin_either():
@@ -457,6 +458,27 @@ def test_a_block_that_is_pushed_harder_and_harder_slides_at_its_time():
     assert np.allclose(found["sole"].slips[before], 0.5 * MASS * G - k * run.t[before])
     with pytest.raises(cp.UnknownName, match="no constraint named 'soul'; did you mean 'sole'"):
         cp.margins(run, {"soul": cone})
+
+
+def test_a_contact_that_is_away_leaves_no_cone():
+    scene = cp.Scene(block(), [SOLE])
+    drop = cp.Event(name="drop", at=0.02, scene=cp.Scene(block()))
+    run = cp.simulate(
+        scene, tilted("x", 0.0), np.zeros(6), duration=0.04, dt=0.01, events=[drop]
+    )  # fmt: skip
+    margin = cp.margins(run, cp.WrenchCone(0.5))["sole"]
+    away = run.phases[1].samples
+    assert np.all(margin.least[away] == np.inf)
+    assert np.allclose(margin.pulls[run.phases[0].samples], MASS * G)
+    assert repr(margin) == f"Margin({len(run)} forces, 6.937 N at least: no faults)"
+
+
+def test_no_states_have_no_margins():
+    scene = cp.Scene(block(), [SOLE])
+    none = cp.solve_batch(scene, np.zeros((0, 7)), np.zeros((0, 6)), np.zeros(6))
+    margin = cp.margins(none, cp.WrenchCone(0.5))["sole"]
+    assert margin.least.shape == margin.fault.shape == (0,)
+    assert repr(margin) == "Margin(0 forces, inf N at least: no faults)"
 
 
 def test_impulses_and_inverse_dynamics_are_judged_too():
