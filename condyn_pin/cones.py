@@ -59,7 +59,7 @@ class Cone(ABC):
         object.__setattr__(self, "friction", friction)
         if self.normal is not None:
             object.__setattr__(self, "normal", direction("normal", self.normal))
-        if self.pyramid not in get_args(Pyramid):
+        if not isinstance(self.pyramid, str) or self.pyramid not in get_args(Pyramid):
             raise InvalidArgument(f"pyramid = {self.pyramid!r}: inner or outer is needed")
 
     def rows(self) -> ConeRows:
@@ -101,7 +101,9 @@ class Cone(ABC):
             many = np.shape(force)[:-1]
         except ValueError:  # of lists that differ in length, and `finite` says so
             many = ()
-        return self.judge(finite("force", force, (*many, self.rows().A.shape[1])))
+        numbers = finite("force", force, (*many, self.rows().A.shape[1]))
+        check_size("force", np.abs(numbers).max(initial=0.0))
+        return self.judge(numbers)
 
     def judge(self, force: Array, noise: Array | None = None) -> Margin:
         """Return the margin of a `force` (..., n) in the axes of the floor; NaN where it is NaN.

@@ -69,7 +69,7 @@ class Margin:
 
     @property
     def least(self) -> Array:
-        """The smallest of the four [N]: a floor can give the force if it is not negative."""
+        """The smallest of the four [N]; a floor can give the force if it is not negative."""
         return np.asarray(np.minimum.reduce(self._four))[()]
 
     @property

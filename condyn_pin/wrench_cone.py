@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import product
+from numbers import Real
 from typing import Final
 
 import numpy as np
@@ -27,7 +28,7 @@ import numpy as np
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.cones import Cone, Row
-from condyn_pin.constraint_fields import positive
+from condyn_pin.constraint_fields import check_size, positive
 from condyn_pin.constraints import Constraint
 from condyn_pin.contacts import LineContact, SurfaceContact
 from condyn_pin.errors import InvalidArgument
@@ -68,9 +69,13 @@ class WrenchCone(Cone):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        is_edge = isinstance(self.half_width, Real) and self.half_width == 0
         positive("half_length", self.half_length)
-        if self.half_width != 0:
-            positive("half_width", self.half_width)
+        positive("half_width", None if is_edge else self.half_width)
+        for name in ("half_length", "half_width"):
+            if size := getattr(self, name):
+                object.__setattr__(self, name, float(size))
+                check_size(f"1 / {name}", 1.0 / float(size))
 
     def _table(self) -> Iterator[Row]:
         X, Y = self.half_length, self.half_width

@@ -504,6 +504,9 @@ def test_cones_are_values():
     assert cone == pickle.loads(pickle.dumps(cone)) == cp.WrenchCone(0.7, X, Y, normal=(0.0, 0, 1))
     assert len({cone, cp.WrenchCone(0.7, X, Y)}) == 2
     assert cp.FrictionCone(1) == cp.FrictionCone(1.0)
+    rounded = cp.WrenchCone(np.float32(0.5), np.float32(0.25), 1)
+    assert rounded == cp.WrenchCone(0.5, 0.25, 1.0)
+    assert type(rounded.half_length) is type(rounded.half_width) is float
 
 
 @pytest.mark.parametrize(
@@ -520,6 +523,9 @@ def test_cones_are_values():
         (lambda: cp.FrictionCone(0.5, sides=4.0), r"sides = 4\.0: a whole number >= 3"),
         (lambda: cp.FrictionCone(0.5, sides=10**9), "1000 are round to 5e-6"),
         (lambda: cp.FrictionCone(0.5, pyramid="round"), "inner or outer is needed"),
+        (lambda: cp.FrictionCone(0.5, pyramid=np.zeros(2)), "inner or outer is needed"),
+        (lambda: cp.FrictionCone(0.5).margin([0.0, 0.0, 1e300]), "force = 1e.300: no machine"),
+        (lambda: cp.WrenchCone(0.5, X, 1e-320), "1 / half_width = inf: no machine has that"),
         (lambda: cp.WrenchCone(0.5, 0.0, Y), r"half_length = 0\.0: a positive length"),
         (lambda: cp.WrenchCone(0.5, -X, Y), "half_length = -0.3: a positive length"),
         (lambda: cp.WrenchCone(0.5, X, np.nan), "half_width = nan: a positive length"),
