@@ -171,18 +171,31 @@ def _run(
             raise
         return RunStatus.INTERRUPTED, f"interrupted after t = {loop.t:g} s"
     except CondynError as error:
-        speed = float(np.abs(loop.v).max(initial=0.0))
-        lost = not (isfinite(speed) and speed < _LOST)
+        lost = _is_lost(loop.v)
         if not lost:
             with suppress(CondynError):  # no step leads away from it, but it may be a sample
                 loop.leg.end(loop.t, loop.q, loop.v)
         if not any(recorder.count for recorder in loop.recorders):
             raise
         status = RunStatus.DIVERGED if lost else RunStatus.FAILED
-        method = loop.leg.method
-        hint = stiff_damping(loop.leg.system, method.integrator, method.dt, q0)
-        return status, f"after t = {loop.t:g} s: " + (f"{hint}; {error}" if hint else str(error))
+        return status, f"after t = {loop.t:g} s: {_hint(loop, q0)}{error}"
+    if _is_lost(loop.v):
+        fastest = np.abs(loop.v).max()
+        return RunStatus.DIVERGED, f"{_hint(loop, q0)}it moves at {fastest:.3g} rad/s or m/s"
     return RunStatus.FINISHED, ""
+
+
+def _is_lost(v: Array) -> bool:
+    """Whether a velocity is none of a machine."""
+    speed = float(np.abs(v).max(initial=0.0))
+    return not (isfinite(speed) and speed < _LOST)
+
+
+def _hint(loop: Loop, q0: Array) -> str:
+    """Return which damping is too stiff for a run from q0, if there is one."""
+    method = loop.leg.method
+    hint = stiff_damping(loop.leg.system, method.integrator, method.dt, q0)
+    return f"{hint}; " if hint else ""
 
 
 def start(scene: Scene, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
