@@ -929,3 +929,23 @@ def test_a_status_that_is_not_finite_says_so():
     assert not np.isfinite(solution.a).any()
     with pytest.raises(cp.SolveFailed, match="not_finite"):
         cp.Workspace(scene("four_bar"), solver).acceleration(q, v, v)
+
+
+COUNTS = {
+    "refinements": lambda n: cp.Reference(refinements=n),
+    "max_iterations": lambda n: cp.Proximal(max_iterations=n),
+    "every": lambda n: cp.Projection(every=n),
+    "stages": lambda n: cp.RadauIIA(stages=n),
+    "workers": lambda n: cp.Processes(n).shutdown(),
+    "n": lambda n: cp.chain(n),
+    "count": lambda n: cp.SampledStates(n),
+}
+
+
+@pytest.mark.parametrize("name", COUNTS)
+def test_a_count_is_a_whole_number_of_python_or_numpy(name):
+    COUNTS[name](2)
+    COUNTS[name](np.int64(2))
+    for bad in (True, -1, 2.0, "2"):
+        with pytest.raises(cp.InvalidArgument, match=rf"^{name} = {bad!r}: "):
+            COUNTS[name](bad)

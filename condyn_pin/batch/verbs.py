@@ -21,8 +21,9 @@ from condyn_pin.batch.states import check_states
 from condyn_pin.differentiation import METHODS
 from condyn_pin.differentiation.check import BLOCKS
 from condyn_pin.drift import Baumgarte
-from condyn_pin.errors import InvalidArgument, SolveFailed, unknown_name
+from condyn_pin.errors import SolveFailed, unknown_name
 from condyn_pin.judge import check_accuracy_of_a
+from condyn_pin.knobs import check_count
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.base import Solver
@@ -162,9 +163,8 @@ def _inputs(
 
 def check_chunk(chunk: int | None) -> int | None:
     """Return the number of states in a chunk, if it is one."""
-    whole = isinstance(chunk, int | np.integer) and not isinstance(chunk, bool)
-    if chunk is not None and not (whole and chunk >= 1):
-        raise InvalidArgument(f"chunk = {chunk!r}: a whole number of at least 1 is needed")
+    if chunk is not None:
+        check_count("chunk", chunk)
     return chunk
 
 
