@@ -116,5 +116,5 @@ def _shrinks(before: float, after: float) -> bool:
 def check_projection(metric: str, every: int) -> None:
     """Refuse what says nothing."""
     if metric not in METRICS:
-        raise InvalidArgument(f"metric = {metric!r}: one of {', '.join(METRICS)}")
+        raise InvalidArgument(f"metric = {metric!r}: one of {', '.join(METRICS)} is needed")
     check_count("every", every)
