@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from condyn_pin.batch.trajectory import BatchTrajectory as BatchTrajectory
     from condyn_pin.batch.verbs import derivatives_batch as derivatives_batch
     from condyn_pin.batch.verbs import solve_batch as solve_batch
+    from condyn_pin.bridge.cross_check import CrossCheck as CrossCheck
+    from condyn_pin.bridge.cross_check import TermCheck as TermCheck
+    from condyn_pin.bridge.mujoco_bridge import MujocoBridge as MujocoBridge
     from condyn_pin.constraints import Constraint as Constraint
     from condyn_pin.constraints import Coupling as Coupling
     from condyn_pin.constraints import Loop as Loop
@@ -195,6 +198,8 @@ _HOME = {
     "batch.solution": ("BatchSolution",),
     "batch.trajectory": ("BatchTrajectory",),
     "batch.verbs": ("derivatives_batch", "solve_batch"),
+    "bridge.cross_check": ("CrossCheck", "TermCheck"),
+    "bridge.mujoco_bridge": ("MujocoBridge",),
     "states.check": ("Check",),
     "states.completion": ("CompleteState",),
     "smaller.climbing": ("Ladder", "LadderEffort", "Rung", "ladder"),

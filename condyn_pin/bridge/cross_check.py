@@ -1,0 +1,239 @@
+"""CrossCheck: the same question to both engines, term by term.
+
+MuJoCo's terms are brought to Pinocchio's coordinates (`mujoco_terms`). A light link is to count as
+a heavy one: with s_i = sqrt(M_ii), M is compared entry by entry relative to s_i s_j, forces as
+f_i / s_i and accelerations as s_i a_i, both relative to the largest. Rows of a constraint are
+scaled otherwise in MuJoCo, and in other axes; what they span is compared: the share of each row of
+one that the other's leave.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin import tolerances
+from condyn_pin._pin import pin
+from condyn_pin.arguments import Arguments
+from condyn_pin.arrays import Array
+from condyn_pin.bridge.causes import causes
+from condyn_pin.bridge.mujoco_terms import MujocoTerms, equalities_of
+from condyn_pin.errors import InvalidArgument
+from condyn_pin.names import listed
+from condyn_pin.rows.terms import Terms
+from condyn_pin.scene import Scene
+from condyn_pin.states.gaps import Gap, gaps
+from condyn_pin.workspace import Workspace
+
+if TYPE_CHECKING:
+    from condyn_pin.bridge.mujoco_bridge import MujocoBridge
+
+# Where nothing acts and nothing moves, forces are compared with those of 1 m/s^2 or 1 rad/s^2 on
+# the heaviest joint: rounding is no difference.
+_LEAST: Final = 1.0
+
+
+@dataclass(frozen=True)
+class TermCheck:
+    """One term in both engines.
+
+    Attributes
+    ----------
+    term : str
+        M, h, passive (springs and damping), a, gap or J.
+    error : float
+        Relative to the size of the term, light joints counted as heavy ones; of a gap, the
+        difference [m, rad].
+    where : str
+        The joints, or the loop, where it is largest.
+    here, there : float or None
+        The numbers there, of Pinocchio and of MuJoCo [kg, kg m, kg m^2; N, N m; m/s^2, rad/s^2;
+        m, rad]; None of J, whose rows are scaled otherwise in MuJoCo.
+    """
+
+    term: str
+    error: float
+    where: str
+    here: float | None
+    there: float | None
+
+
+@dataclass(frozen=True)
+class CrossCheck:
+    """What both engines say at one state, and where their models differ.
+
+    Attributes
+    ----------
+    robot : str
+    terms : tuple of TermCheck
+        M, h, springs and damping, a without constraints, and of loops the gap and the rows.
+    causes : tuple of str
+        Differences of the models, the root first, a sentence each: a body's mass, an armature, a
+        place. Also those that do not show at this state.
+    notes : tuple of str
+        What MuJoCo's model has beside, and was not compared.
+    tolerance : float
+        Error that counts as none: relative, of gaps [m, rad].
+    """
+
+    robot: str
+    terms: tuple[TermCheck, ...]
+    causes: tuple[str, ...]
+    notes: tuple[str, ...]
+    tolerance: float
+
+    @property
+    def ok(self) -> bool:
+        """Whether every term agrees at this state."""
+        return all(term.error <= self.tolerance for term in self.terms)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as plain values, for json."""
+        return asdict(self) | {"ok": self.ok}
+
+    def __str__(self) -> str:
+        found = "agree" if self.ok else "differ"
+        lines = [f"{self.robot}: Pinocchio and MuJoCo {found}, to {self.tolerance:g}"]
+        lines += [f"{'term':<8} {'error':<8} {'here':>14} {'MuJoCo':>14}  where it is largest"]
+        for term in self.terms:
+            numbers = (f"{'' if x is None else f'{x:.8g}':>14}" for x in (term.here, term.there))
+            mark = "  <-" if not term.error <= self.tolerance else ""
+            line = f"{term.term:<8} {term.error:<8.1e} {' '.join(numbers)}  {term.where}{mark}"
+            lines.append(line.rstrip())
+        lines += [f"differs: {cause}" for cause in self.causes]
+        return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
+
+
+def cross_check(
+    bridge: MujocoBridge, q: ArrayLike, v: ArrayLike, tau: ArrayLike, tolerance: float
+) -> CrossCheck:
+    """Return what both engines say at a state; `MujocoBridge.compare` has the words."""
+    if not (isinstance(tolerance, (float, int)) and 0.0 < tolerance < 1.0):
+        raise InvalidArgument(f"tolerance = {tolerance!r}: a number between 0 and 1 is needed")
+    robot = bridge.robot
+    workspace = Workspace(Scene(robot, robot.loops))
+    q_, v_, tau_ = Arguments(robot.model).check(q, v, tau)
+    theirs = MujocoTerms(bridge, q_, v_, tau_)
+    terms, passive = workspace.terms(q_, v_), robot.passive_torque(q_, v_)
+    a = pin.aba(robot.model, robot.model.createData(), q_, v_, tau_ + passive)
+    labels = _labels(robot.model)
+    s = np.sqrt(np.diag(terms.M))
+    found = [
+        _of_matrix("M", labels, terms.M, theirs.M, s),
+        _of_vector("h", labels, terms.h, theirs.h, 1.0 / s, s.max()),
+        _of_vector("passive", labels, passive, theirs.passive, 1.0 / s, s.max()),
+        _of_vector("a", labels, a, theirs.acceleration(tau_), s, s.max()),
+    ]
+    loops, notes = _of_loops(workspace, q_, terms, theirs)
+    return CrossCheck(
+        robot=robot.name,
+        terms=(*found, *loops),
+        causes=causes(bridge, theirs.data, q_, tolerance),
+        notes=(*notes, *_beside(bridge)),
+        tolerance=float(tolerance),
+    )
+
+
+def _labels(model: Any) -> list[str]:
+    """Return the joint of each entry of v; with its number in joints that have several."""
+    joints = ((model.names[i], model.joints[i].nv) for i in range(1, model.njoints))
+    return [f"{name}[{k}]" if nv > 1 else str(name) for name, nv in joints for k in range(nv)]
+
+
+def _of_matrix(term: str, labels: Sequence[str], here: Array, there: Array, s: Array) -> TermCheck:
+    errors = np.abs(here - there) / np.outer(s, s)
+    i, j = (int(k) for k in np.unravel_index(errors.argmax(), errors.shape))
+    where = labels[i] if i == j else f"{labels[i]}, {labels[j]}"
+    return TermCheck(term, float(errors[i, j]), where, float(here[i, j]), float(there[i, j]))
+
+
+def _of_vector(
+    term: str, labels: Sequence[str], here: Array, there: Array, scale: Array, heaviest: float
+) -> TermCheck:
+    largest = max(float(np.abs(scale * here).max()), _LEAST * heaviest)
+    errors = np.abs(scale * (here - there)) / largest
+    i = int(errors.argmax())
+    return TermCheck(term, float(errors[i]), labels[i], float(here[i]), float(there[i]))
+
+
+def _of_loops(
+    workspace: Workspace, q: Array, terms: Terms, theirs: MujocoTerms
+) -> tuple[list[TermCheck], list[str]]:
+    """Return gaps and rows of each loop that both have by name; rows of the others together."""
+    scene = workspace.scene
+    ours = gaps(scene, workspace.violation(q))
+    whitened = np.linalg.inv(np.linalg.cholesky(terms.M)).T
+    J = {bound.name: terms.J[bound.rows] @ whitened for bound in scene.bounds}
+    J_there = {name: rows @ whitened for name, rows in theirs.rows.items()}
+    gaps_there = dict(theirs.gaps)
+    for name, axis in ((loop.name, f"{loop.name}_axis") for loop in scene.robot.loops):
+        if J_there.keys() >= {name, axis} and axis not in J:  # a hinge is two points of its axis
+            J_there[name] = np.vstack((J_there[name], J_there.pop(axis)))
+            gaps_there[name] = Gap(gaps_there[name].length, ours[name].angle)
+    both = [name for name in J if name in J_there]
+    found = [_of_gap(name, ours[name], gaps_there[name]) for name in both]
+    open_by = max((gap.size for gap in (*ours.values(), *theirs.gaps.values())), default=0.0)
+    if open_by > tolerances.CLOSED:
+        return found, [
+            f"J was not compared: a loop is open by {open_by:.2g} m or rad at this state"
+        ]
+    found += [_of_rows(name, J[name], J_there[name]) for name in both]
+    mine, others = [n for n in J if n not in both], [n for n in J_there if n not in both]
+    if not (mine or others):
+        return found, []
+    nothing = np.zeros((0, terms.h.size))
+    rows, rows_there = (
+        np.vstack([nothing, *(each[name] for name in names)])
+        for each, names in ((J, mine), (J_there, others))
+    )
+    note = (
+        f"loops that only one has by name, here {listed(mine) or 'none'}, in MuJoCo "
+        f"{listed(others) or 'none'}: their rows were compared together"
+    )
+    return [*found, _of_rows("loops of other names", rows, rows_there)], [note]
+
+
+def _of_gap(name: str, here: Gap, there: Gap) -> TermCheck:
+    apart = float(np.abs(np.subtract(here, there)).max())
+    return TermCheck("gap", apart, name, here.size, there.size)
+
+
+def _of_rows(name: str, here: Array, there: Array) -> TermCheck:
+    error = max(_beyond(here, there), _beyond(there, here))
+    return TermCheck("J", error, name, None, None)
+
+
+def _beyond(A: Array, B: Array) -> float:
+    """Return the largest part of a row of A that B does not span, over the largest row."""
+    largest = np.linalg.norm(A, axis=1).max(initial=0.0)
+    if not largest:
+        return 0.0
+    _, sigma, Vt = np.linalg.svd(B, full_matrices=False)
+    basis = Vt[sigma > tolerances.RANK * sigma.max(initial=0.0)]
+    return float(np.linalg.norm(A - A @ basis.T @ basis, axis=1).max() / largest)
+
+
+def _beside(bridge: MujocoBridge) -> Iterator[str]:
+    """Say what MuJoCo's model has beside the terms that are compared."""
+    mj = bridge.model
+    rubbing = [p.name for p in bridge.pairs if mj.dof_frictionloss[p.dof].any()]
+    if rubbing:
+        yield f"dry friction in MuJoCo only (frictionloss): {listed(rubbing)}"
+    if np.any(mj.body_gravcomp) or mj.opt.density or mj.opt.viscosity:
+        yield "gravity compensation or a medium in MuJoCo only; both are part of its passive forces"
+    off = {"actuators": mj.nu, "limits of joints": np.count_nonzero(mj.jnt_limited),
+           "contacts": np.count_nonzero(mj.geom_contype | mj.geom_conaffinity)}  # fmt: skip
+    if any(off.values()):
+        listed_off = listed([name for name, number in off.items() if number])
+        yield f"switched off in MuJoCo for this: {listed_off}"
+    if mj.neq:
+        yield "equalities give way in MuJoCo: accelerations with closed loops are not compared"
+        unlike = mj.neq - len(equalities_of(mj))
+        if unlike:
+            yield f"{unlike} equalities other than connect, weld and joint were not compared"
+    if bridge.without:
+        yield f"held where they are in MuJoCo: {listed(bridge.without)}"
