@@ -21,6 +21,7 @@ from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.bridge.pairs import Pair, axes, holder
 from condyn_pin.io.mjcf_compiled import body_names
+from condyn_pin.io.mjcf_write_joint import scalar_axis
 
 if TYPE_CHECKING:
     from condyn_pin.bridge.mujoco_bridge import MujocoBridge
@@ -66,7 +67,7 @@ class _Causes:
         for pair in self.pairs:
             yield from self._joint(pair)
             elsewhere = self.model.parents[pair.here] in displaced
-            moved = None if elsewhere else self._place(pair)
+            moved = "" if elsewhere else self._place(pair) or self._zero(pair)
             carried = self._carried(pair, placed=not (elsewhere or moved))
             if moved:
                 yield f"joint {pair.name}: {moved}; places of what it carries were not compared"
@@ -109,8 +110,8 @@ class _Causes:
                 yield f"joint {pair.name}: {name} {here} {unit} here, {there} in MuJoCo"
         at = self.mj.qpos_spring[pair.qpos][0]
         if k and k_there and abs(rest - at) > self.tolerance:
-            unit = "rad" if turns else "m"
-            yield f"joint {pair.name}: its spring rests at {rest:.9g} {unit} here, {at:.9g} there"
+            text = f"{rest:.9g} {'rad' if turns else 'm'} here, {at:.9g} in MuJoCo"
+            yield f"joint {pair.name}: its spring rests at {text}"
 
     def _place(self, pair: Pair) -> str:
         """Say how the place of a joint differs from MuJoCo's; nothing if it does not."""
@@ -131,6 +132,30 @@ class _Causes:
             "m off"
         )
 
+    def _zero(self, pair: Pair) -> str:
+        """Say if another zero of a hinge or a slide explains another centre of mass."""
+        m, c, _ = self._inertia(pair)
+        ours, oMi = self.model.inertias[pair.here], self.placed.oMi[pair.here]
+        if pair.kind not in ("hinge", "slide") or not (m and ours.mass):
+            return ""
+        s = scalar_axis(self.model, pair.here)[1]
+        here, there = ours.lever, oMi.actInv(c)
+        if pair.kind == "slide":
+            shift, unit = float(s @ (there - here)), "m"
+            explained = here + shift * s
+        else:
+            shift = float(
+                np.arctan2(s @ np.cross(here, there), np.cross(s, here) @ np.cross(s, there))
+            )
+            explained, unit = pin.exp3(shift * s) @ here, "rad"
+        if self._differ(explained, there, self.length) or not self._differ(
+            here, there, self.length
+        ):
+            return ""
+        return (
+            f"the same coordinate puts it {shift:.6g} {unit} further in MuJoCo: another zero (ref?)"
+        )
+
     def _carried(self, pair: Pair, *, placed: bool) -> Iterator[str]:
         """Say how mass, its centre and the inertia about it differ, in the axes of the joint."""
         ours = self.model.inertias[pair.here]
@@ -140,12 +165,12 @@ class _Causes:
         if not (placed and ours.mass and m):
             return
         oMi = self.placed.oMi[pair.here]
-        lever = oMi.rotation.T @ (c - oMi.translation)
+        lever = oMi.actInv(c)
         if self._differ(ours.lever, lever, self.length):
             d = np.linalg.norm(ours.lever - lever)
             yield (
                 f"centre of mass {_text(ours.lever)} m here, {_text(lever)} in MuJoCo, {d:.3g} m "
-                f"off{self._turned_zero(pair, ours.lever, lever)}"
+                "off"
             )
         about = oMi.rotation.T @ inertia @ oMi.rotation
         if self._differ(ours.inertia, about):
@@ -167,25 +192,6 @@ class _Causes:
             inertia += R @ np.diag(self.mj.body_inertia[body]) @ R.T
             inertia += mass * (d @ d * np.eye(3) - np.outer(d, d))
         return m, c, inertia
-
-    def _turned_zero(self, pair: Pair, ours: Array, theirs: Array) -> str:
-        """Say if a hinge or a slide with another zero explains another centre of mass."""
-        if pair.kind not in ("hinge", "slide"):
-            return ""
-        R = self.placed.oMi[pair.here].rotation
-        s = R.T @ axes(self.model, self.placed, self.data, pair)[0]
-        if pair.kind == "slide":
-            shift = float(s @ (theirs - ours))
-            left = theirs - ours - shift * s
-            unit = "m"
-        else:
-            across = np.cross(s, ours)
-            shift = float(np.arctan2(s @ np.cross(ours, theirs), across @ np.cross(s, theirs)))
-            left = theirs - pin.exp3(shift * s) @ ours
-            unit = "rad"
-        if self._differ(left, 0.0, self.length):
-            return ""
-        return f", as if the zero of the joint were {shift:.6g} {unit} further in MuJoCo"
 
 
 def _one(values: Any) -> Array:

@@ -21,7 +21,8 @@ from condyn_pin._pin import pin
 from condyn_pin.arguments import Arguments
 from condyn_pin.arrays import Array
 from condyn_pin.bridge.causes import causes
-from condyn_pin.bridge.mujoco_terms import MujocoTerms, equalities_of
+from condyn_pin.bridge.mujoco_terms import LoopRows, MujocoTerms, equalities_of
+from condyn_pin.constraints import Loop
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.names import listed
 from condyn_pin.rows.terms import Terms
@@ -164,47 +165,56 @@ def _of_loops(
     workspace: Workspace, q: Array, terms: Terms, theirs: MujocoTerms
 ) -> tuple[list[TermCheck], list[str]]:
     """Return gaps and rows of each loop that both have by name; rows of the others together."""
-    scene = workspace.scene
-    ours = gaps(scene, workspace.violation(q))
+    here, there = _our_loops(workspace, q, terms.J), dict(theirs.loops)
+    for loop in workspace.scene.robot.loops:
+        axis = f"{loop.name}_axis"
+        if isinstance(loop, Loop) and loop.kind == "hinge" and there.keys() >= {loop.name, axis}:
+            point, second = there[loop.name], there.pop(axis)  # two points of its axis
+            gap = Gap(point.gap.length, here[loop.name].gap.angle)
+            there[loop.name] = LoopRows(np.vstack((point.J, second.J)), gap)
+    both = [name for name in here if name in there]
+    found = [_of_gap(name, here[name].gap, there[name].gap) for name in both]
+    groups = [(name, [here[name]], [there[name]]) for name in both]
+    mine, others = ([n for n in each if n not in both] for each in (here, there))
+    notes = []
+    if mine or others:
+        nothing = LoopRows(np.zeros((0, terms.h.size)), Gap(0.0, 0.0))
+        ours, theirs_ = [here[n] for n in mine], [there[n] for n in others]
+        groups.append(("loops of other names", [nothing, *ours], [nothing, *theirs_]))
+        notes.append(
+            f"loops that only one has by name, here {listed(mine) or 'none'}, in MuJoCo "
+            f"{listed(others) or 'none'}: their rows are compared together"
+        )
     whitened = np.linalg.inv(np.linalg.cholesky(terms.M)).T
-    J = {bound.name: terms.J[bound.rows] @ whitened for bound in scene.bounds}
-    J_there = {name: rows @ whitened for name, rows in theirs.rows.items()}
-    gaps_there = dict(theirs.gaps)
-    for name, axis in ((loop.name, f"{loop.name}_axis") for loop in scene.robot.loops):
-        if J_there.keys() >= {name, axis} and axis not in J:  # a hinge is two points of its axis
-            J_there[name] = np.vstack((J_there[name], J_there.pop(axis)))
-            gaps_there[name] = Gap(gaps_there[name].length, ours[name].angle)
-    both = [name for name in J if name in J_there]
-    found = [_of_gap(name, ours[name], gaps_there[name]) for name in both]
-    open_by = max((gap.size for gap in (*ours.values(), *theirs.gaps.values())), default=0.0)
-    if open_by > tolerances.CLOSED:
-        return found, [
-            f"J was not compared: a loop is open by {open_by:.2g} m or rad at this state"
-        ]
-    found += [_of_rows(name, J[name], J_there[name]) for name in both]
-    mine, others = [n for n in J if n not in both], [n for n in J_there if n not in both]
-    if not (mine or others):
-        return found, []
-    nothing = np.zeros((0, terms.h.size))
-    rows, rows_there = (
-        np.vstack([nothing, *(each[name] for name in names)])
-        for each, names in ((J, mine), (J_there, others))
-    )
-    note = (
-        f"loops that only one has by name, here {listed(mine) or 'none'}, in MuJoCo "
-        f"{listed(others) or 'none'}: their rows were compared together"
-    )
-    return [*found, _of_rows("loops of other names", rows, rows_there)], [note]
+    for name, *sides in groups:
+        bodies = (rows.gap.size for side in sides for rows in side if len(rows.J) > 1)
+        open_by = max(bodies, default=0.0)  # of a gear J does not depend on q
+        if open_by > tolerances.CLOSED:
+            notes.append(f"J of {name} was not compared: it is open by {open_by:.2g} m or rad")
+        else:
+            J, J_there = (np.vstack([rows.J @ whitened for rows in side]) for side in sides)
+            error = max(_beyond(J, J_there), _beyond(J_there, J))
+            found.append(TermCheck("J", error, name, None, None))
+    return found, notes
+
+
+def _our_loops(workspace: Workspace, q: Array, J: Array) -> dict[str, LoopRows]:
+    """Return the loops of the scene, their gaps as MuJoCo counts them."""
+    c, found = workspace.violation(q), {}
+    opened = gaps(workspace.scene, c)
+    for bound in workspace.scene.bounds:
+        gap = opened[bound.name]
+        if bound.size == 6:  # between the ends of a weld, not along its twist
+            gap = Gap(float(np.linalg.norm(pin.exp6(-c[bound.rows]).translation)), gap.angle)
+        elif bound.size == 1:
+            gap = Gap(gap.size, 0.0)
+        found[bound.name] = LoopRows(J[bound.rows], gap)
+    return found
 
 
 def _of_gap(name: str, here: Gap, there: Gap) -> TermCheck:
     apart = float(np.abs(np.subtract(here, there)).max())
     return TermCheck("gap", apart, name, here.size, there.size)
-
-
-def _of_rows(name: str, here: Array, there: Array) -> TermCheck:
-    error = max(_beyond(here, there), _beyond(there, here))
-    return TermCheck("J", error, name, None, None)
 
 
 def _beyond(A: Array, B: Array) -> float:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import copy
 from math import asin
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
@@ -24,15 +24,21 @@ if TYPE_CHECKING:
 _OFF: Final = ("ACTUATION", "CONTACT", "LIMIT", "FRICTIONLOSS")
 
 
+class LoopRows(NamedTuple):
+    """A loop in one engine: its rows of J (m, nv), and how far it is open [m, rad]."""
+
+    J: Array
+    gap: Gap
+
+
 class MujocoTerms:
     """MuJoCo's terms at a state, in Pinocchio's coordinates.
 
     Attributes
     ----------
     M, h, passive : (nv, nv), (nv,), (nv,) array
-    rows : dict of str to (m, nv) array
-        Of J, by the name of the equality.
-    gaps : dict of str to Gap
+    loops : dict of str to LoopRows
+        By the name of the equality.
     data : mujoco.MjData
     """
 
@@ -59,16 +65,15 @@ class MujocoTerms:
         self.M: Array = X.T @ M @ X
         self.h: Array = X.T @ (self.data.qfrc_bias + M @ turning)
         self.passive: Array = X.T @ self.data.qfrc_passive
-        self.rows: dict[str, Array] = {}
-        self.gaps: dict[str, Gap] = {}
-        equality = self.data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
+        self.loops: dict[str, LoopRows] = {}
         J = self.data.efc_J.reshape(-1, mj.nv) @ X
+        equality = self.data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
         for k, tag in equalities_of(mj).items():
             here = equality & (self.data.efc_id == k)
             if here.any():
                 name = mj.equality(k).name or f"{tag}{k}"
-                self.rows[name] = J[here]
-                self.gaps[name] = _gap(self.data.efc_pos[here], mj.eq_data[k, 10])
+                gap = _gap(self.data.efc_pos[here], mj.eq_data[k, 10])
+                self.loops[name] = LoopRows(J[here], gap)
 
     def acceleration(self, tau: Array) -> Array:
         """Return a without constraints; MuJoCo's own, unless joints are held that it would move."""

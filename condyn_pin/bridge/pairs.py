@@ -68,17 +68,17 @@ def pairs_of(
     known = joint_names(mj)
     there = _names_there(robot, known, names)
     left_out = checked("without", without, known, "joint of the MuJoCo model")
+    spare = [n for n in known if n not in there.values() and n not in left_out]
     for name, other in there.items():
         if other not in known or other in left_out:
             raise InvalidModel(
                 f"joint {name!r} of {robot.name} is not in the MuJoCo model, which has "
-                f"{listed([n for n in known if n not in there.values()]) or 'no other joint'}; "
-                f"if it has another name there, say names={{{name!r}: ...}}"
+                f"{listed(spare) or 'no other joint'}; if it has another name there, say "
+                f"names={{{name!r}: ...}}"
             )
-    more = [name for name in known if name not in there.values() and name not in left_out]
-    if more:
+    if spare:
         raise InvalidModel(
-            f"the MuJoCo model has joints that {robot.name} has not: {listed(more)}; name them in "
+            f"the MuJoCo model has joints that {robot.name} has not: {listed(spare)}; name them in "
             "without=[...], and they stay where they are"
         )
     paired = tuple(

@@ -73,7 +73,7 @@ def compiled(path: str | PathLike[str]) -> Any:
     try:
         mj = mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, mujoco.FatalError) as error:
-        raise InvalidModel(f"MuJoCo refuses it: {' '.join(str(error).split())}") from error
+        raise InvalidModel(f"MuJoCo refuses: {' '.join(str(error).split())}") from error
     finally:
         mujoco.set_mju_user_warning(handler)
     if any("NaN" in warning for warning in warnings):
