@@ -7,6 +7,7 @@ with it.
 from __future__ import annotations
 
 import copy
+import functools
 import json
 import pickle
 import re
@@ -53,8 +54,20 @@ def every_joint(*, fixed: bool = False) -> cp.Robot:
     return cp.Robot("every joint", model)
 
 
-def mujoco_of(robot: cp.Robot) -> mujoco.MjModel:
+@functools.cache
+def compiled(robot: cp.Robot) -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(robot.to_mjcf())
+
+
+def mujoco_of(robot: cp.Robot) -> mujoco.MjModel:
+    """The robot in MuJoCo, a model of one's own to change."""
+    return copy.copy(compiled(robot))
+
+
+@functools.cache
+def cassie_and_state() -> tuple[cp.Robot, np.ndarray, np.ndarray]:
+    robot = cp.load_robot("cassie")
+    return robot, *cp.Scene(robot, robot.loops).sample(np.random.default_rng(0))
 
 
 def states(robot: cp.Robot, n: int = 4) -> tuple[np.ndarray, np.ndarray]:
@@ -64,7 +77,9 @@ def states(robot: cp.Robot, n: int = 4) -> tuple[np.ndarray, np.ndarray]:
     return np.array(Q), rng.normal(size=(n, robot.nv))
 
 
-@pytest.fixture(params=["every joint", "fixed", "cassie", "talos", "solo12", "four_bar"])
+@pytest.fixture(
+    scope="module", params=["every joint", "fixed", "cassie", "talos", "solo12", "four_bar"]
+)
 def both(request: pytest.FixtureRequest) -> tuple[cp.Robot, cp.MujocoBridge]:
     made = {"every joint": every_joint, "fixed": lambda: every_joint(fixed=True)}
     robot = made[request.param]() if request.param in made else cp.load_robot(request.param)
@@ -358,14 +373,23 @@ def test_what_was_read_from_mujocos_file_agrees(name, tmp_path):
 
 
 def test_one_urdf_read_by_both():
-    """No file of ours between them: MuJoCo reads Talos's URDF by itself, with dry friction."""
+    """No file of ours between them: MuJoCo reads Talos's URDF by itself, with dry friction.
+
+    Before version 4 it lost the rotation of an inertial frame, and put fixed links that are turned
+    together wrongly: google-deepmind/mujoco, issues 3559 and 2982.
+    """
     path = example_robot_data() / "talos_data" / "robots" / "talos_reduced.urdf"
     text = re.sub(r"<(visual|collision)\b.*?</\1>", "", path.read_text(), flags=re.DOTALL)
     model = mujoco.MjModel.from_xml_string(text)
     found = compared(cp.load_robot(path, root_joint="fixed"), model, tolerance=1e-10)
-    assert found.ok, str(found)
-    assert not found.causes
     assert any(note.startswith("dry friction in MuJoCo only") for note in found.notes)
+    if int(mujoco.__version__.split(".")[0]) >= 4:
+        assert found.ok, str(found)
+        assert not found.causes
+    else:
+        assert not found.ok
+        for said in ("leg_left_3_link .* in both, about other axes", "arm_left_7_link .* m off"):
+            assert any(re.search(said, cause) for cause in found.causes), str(found)
 
 
 def body(model, name: str) -> int:
@@ -450,11 +474,11 @@ WRONG = {
 
 @pytest.mark.parametrize("wrong", WRONG, ids=lambda wrong: wrong.__name__)
 def test_what_is_wrong_is_seen_and_named(wrong):
-    cassie = cp.load_robot("cassie")
+    cassie, q, v = cassie_and_state()
     model = mujoco_of(cassie)
     wrong(model)
     term, said = WRONG[wrong]
-    found = compared(cassie, model)
+    found = cp.MujocoBridge(cassie, model).compare(q, v, 0 * v)
     assert not found.ok
     assert max(each.error for each in found.terms if each.term == term) > found.tolerance
     assert re.search(said, found.causes[0]), str(found)
@@ -589,3 +613,19 @@ def test_the_command_takes_names_and_joints_that_are_held(tmp_path):
         result = run("compare", str(model), *words)
         assert isinstance(result.exception, cp.CondynError), words
         assert said in str(result.exception), words
+
+
+def test_what_only_mujoco_has_is_noted():
+    robot = two_links()
+    bridge = cp.MujocoBridge(robot, arm(), without=HELD)
+    bridge.model.opt.viscosity = 0.1
+    bridge.model.body_gravcomp[3] = 0.5
+    bridge.model.dof_frictionloss[7] = 0.2
+    found = bridge.compare([0.1, 0.2], [1.0, 2.0], [0.0, 0.0])
+    assert not found.ok
+    assert not found.causes
+    assert {term.term for term in found.terms if term.error > found.tolerance} == {"passive", "a"}
+    notes = " ".join(found.notes)
+    assert "dry friction in MuJoCo only (frictionloss): elbow" in notes
+    assert "add to passive forces: gravity compensation, a medium" in notes
+    assert "switched off in MuJoCo for this: contacts" in notes

@@ -233,8 +233,16 @@ def _beside(bridge: MujocoBridge) -> Iterator[str]:
     rubbing = [p.name for p in bridge.pairs if mj.dof_frictionloss[p.dof].any()]
     if rubbing:
         yield f"dry friction in MuJoCo only (frictionloss): {listed(rubbing)}"
-    if np.any(mj.body_gravcomp) or mj.opt.density or mj.opt.viscosity:
-        yield "gravity compensation or a medium in MuJoCo only; both are part of its passive forces"
+    forces = {
+        "gravity compensation": np.any(mj.body_gravcomp),
+        "a medium": mj.opt.density or mj.opt.viscosity,
+        "springs or dampers that are polynomials": np.any(getattr(mj, "jnt_stiffnesspoly", 0))
+        or np.any(getattr(mj, "dof_dampingpoly", 0)),
+        "tendons": mj.ntendon,
+    }
+    if any(forces.values()):
+        there = listed([name for name, found in forces.items() if found])
+        yield f"in MuJoCo only, where they add to passive forces: {there}"
     off = {"actuators": mj.nu, "limits of joints": np.count_nonzero(mj.jnt_limited),
            "contacts": np.count_nonzero(mj.geom_contype | mj.geom_conaffinity)}  # fmt: skip
     if any(off.values()):
