@@ -25,11 +25,10 @@ def posture(model: Any, values: Mapping[str, Any], where: str = "posture") -> Ar
     where : str
         What an error says first.
     """
-    q = np.array(pin.neutral(model))
+    q, joints = np.array(pin.neutral(model)), tuple(model.names)[1:]
     for name, value in values.items():
-        if not model.existJointName(name):
-            known = unknown_name("joint", name, tuple(model.names)[1:])
-            raise UnknownName(f"{where}: {known}")
+        if name not in joints:
+            raise UnknownName(f"{where}: {unknown_name('joint', name, joints)}")
         joint = model.joints[model.getJointId(name)]
         one = isinstance(value, Real)
         if one and joint.nq == 2 and joint.nv == 1:

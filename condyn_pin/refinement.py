@@ -42,12 +42,11 @@ class Refinement:
     def correct(self, q: Array, v: Array, tau: Array, a: Array, lam: Array) -> Array:
         """Return a (nv,) after the corrections, from a and the forces of Pinocchio's rows."""
         workspace, m = self._workspace, len(lam)
-        to_scene, residuals = workspace.natives.to_scene, workspace.equations.residuals
+        residuals = workspace.equations.residuals
         for _ in range(self._times):
             r, s = residuals(q, v, tau, a, workspace.scene_forces(lam))
-            if to_scene is not None:  # the slips of Pinocchio's rows, as lam goes the other way
-                s = to_scene.T.dot(s)
-            steps = self._cholesky.solve(np.concatenate([s, r])).ravel()
+            slips = workspace.native_slips(s)
+            steps = self._cholesky.solve(np.concatenate([slips, r])).ravel()
             a = a - steps[m:]
             lam = lam + steps[:m]
         self.lam = lam

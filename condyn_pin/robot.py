@@ -190,7 +190,7 @@ class Robot:
         return to_mjcf(self, without=without)
 
     def _joint(self, name: str) -> Any:
-        if not self.model.existJointName(name):
+        if name not in self.joints:
             raise unknown_name("joint", name, self.joints)
         return self.model.joints[self.model.getJointId(name)]
 

@@ -149,6 +149,11 @@ class Workspace:
         to_scene = self.natives.to_scene
         return lam if to_scene is None else to_scene.dot(lam)
 
+    def native_slips(self, s: Array) -> Array:
+        """Return what Pinocchio's constraints slip where the scene's rows slip by s."""
+        to_scene = self.natives.to_scene  # lam goes the other way
+        return s if to_scene is None else to_scene.T.dot(s)
+
     @cached_property
     def equations(self) -> Equations:
         """The equations of the scene, in memory of their own that no solver writes to."""

@@ -243,6 +243,14 @@ ROBOTS: dict[str, Case] = {
         lambda: cp.Robot("a", robot("talos").model, actuated=["leg_left_7_joint"]),
         "no joint named 'leg_left_7_joint'; did you mean .*leg_left_6_joint",
     ),
+    "motor of the world": (
+        lambda: cp.Robot("a", robot("talos").model, actuated=["universe"]),
+        "no joint named 'universe'",
+    ),
+    "spring on the world": (
+        lambda: cp.Robot("a", robot("talos").model, springs=[cp.Spring("universe", 1.0)]),
+        "no joint named 'universe'",
+    ),
     "spring on no joint": (
         lambda: cp.Robot("a", robot("talos").model, springs=[cp.Spring("knee", 1.0)]),
         "no joint named 'knee'",
@@ -538,6 +546,9 @@ SAID = {
     "description in one text": ('description = "arm.urdf"', "description = 'arm.urdf': a table"),
     "posture in one number": (ARM + "[postures]\nup = 3", r"postures\.up = 3: a table is needed"),
     "posture of two values": (ARM + "[postures.up]\nj = [1, 2]", r"postures\.up: j has shape \(2,"),
+    "posture of the world": (
+        ARM + "[postures.up]\nuniverse = 1.0", r"postures\.up: no joint named 'universe'",
+    ),
     "one value for a free joint": (
         ARM + 'root_joint = "free_flyer"\n[postures.up]\nroot_joint = 1.0',
         r"postures\.up: root_joint has shape",

@@ -165,6 +165,24 @@ def test_agrees_with_pinocchio_or_is_refused(label):
         assert np.abs(had - wanted).max(initial=0.0) < 1e-9 * size, block
 
 
+@pytest.mark.parametrize("distance", [1e-1, 1e-3])
+def test_pinocchios_are_of_the_forces_of_the_scene(distance):
+    """Points that are nearly one are handed to it at other places of the same foot."""
+    talos, rng = robot("talos"), np.random.default_rng(0)
+    foot = "left_sole_link"
+    points = [cp.PointContact(foot), cp.PointContact(foot, (distance, 0, 0), name="there")]
+    scene = cp.Scene(talos, points)
+    state = (*scene.sample(rng), rng.normal(size=talos.nv))
+    ours, theirs = (cp.derivatives(scene, *state, method=m) for m in ("kkt", "pinocchio"))
+    J = cp.Workspace(scene).jacobian(state[0])  # along redundant rows Pinocchio's are noise
+    for block in BLOCKS:
+        wanted, found = (getattr(d, block) for d in (ours, theirs))
+        if block.startswith("dlam"):
+            assert np.abs(found - wanted).max() < 1e-4 * np.abs(wanted).max(), block
+            wanted, found = J.T @ wanted, J.T @ found
+        assert np.abs(found - wanted).max() < 1e-9 * np.abs(wanted).max(), block
+
+
 @pytest.mark.parametrize("method", list(METHODS))
 @pytest.mark.parametrize("label", ["talos contacts", "cassie loops", "four_bar hinge"])
 def test_products_are_those_of_the_matrices(label, method):
@@ -194,6 +212,19 @@ def test_a_pendulum_by_hand():
     assert d.da_dq[0, 0] == pytest.approx(-9.81 / 0.5 * np.cos(0.7), rel=1e-12)
     assert d.da_dv[0, 0] == pytest.approx(0.0, abs=1e-12)
     assert d.da_dtau[0, 0] == pytest.approx(1 / (2.0 * 0.25), rel=1e-12)
+
+
+def test_a_machine_that_cannot_move_is_differentiated_and_checked():
+    """There is no direction along the constraints, and rows are redundant."""
+    crank, rng = cp.pendulum(), np.random.default_rng(0)
+    scene = cp.Scene(crank, [cp.PointContact(crank.frames[-1])])
+    assert scene.audit.redundant
+    assert scene.audit.mobility == 0
+    state = (rng.normal(size=1), np.zeros(1), rng.normal(size=1))
+    found = cp.derivatives(scene, *state, check=True)
+    numeric = cp.derivatives(scene, *state, method="differences")
+    assert not numeric.da_dq.any()
+    assert np.abs(found.da_dtau).max() < 1e-12
 
 
 def test_check_finds_a_wrong_entry():

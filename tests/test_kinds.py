@@ -262,6 +262,8 @@ def test_constraints_refuse(what):
     ("coupling", "error", "match"),
     [
         (("crank", "knob"), cp.UnknownName, "no joint named 'knob'"),
+        (("universe", "crank"), cp.UnknownName, "no joint named 'universe'"),
+        (("crank", "universe"), cp.UnknownName, "no joint named 'universe'"),
         (("crank", "crank"), cp.InvalidConstraint, "both joints are 'crank'"),
     ],
 )

@@ -187,6 +187,22 @@ def test_the_factor_is_that_of_the_state_asked_for():
         assert relative(workspace.solve(*state).a, right.a) < 1e-12
 
 
+@pytest.mark.parametrize("distance", [1e-1, 1e-3])
+def test_rows_that_pinocchio_has_further_apart_have_their_own_targets(distance):
+    """Points that are nearly one are handed to it at other places of the same foot."""
+    talos, rng = all_scenes()["talos contacts"].robot, np.random.default_rng(0)
+    foot = "left_sole_link"
+    points = [cp.PointContact(foot), cp.PointContact(foot, (distance, 0, 0), name="there")]
+    scene = cp.Scene(talos, points)
+    state = (*scene.sample(rng), rng.normal(size=talos.nv))
+    right = cp.solve(scene, *state, solver=cp.Reference())
+    damped = cp.SparseKKT(mu=1e-10 * scene.audit.delassus_norm)
+    found = cp.solve(scene, *state, solver=damped)
+    assert relative(found.lam, right.lam) < 1e-5
+    with pytest.raises(cp.SolveFailed, match="singular"):
+        cp.solve(scene, *state, solver=cp.SparseKKT())
+
+
 # --- The table, and the committed comparison
 
 

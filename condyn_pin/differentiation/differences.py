@@ -72,10 +72,10 @@ class DifferenceDerivatives(Derivatives):
     def _table(self, h: float) -> Array:
         """Return the derivatives of (a, lam) by (q, v, tau) with one step."""
         q, v, tau = self.solution.q, self._v, self._tau
-        answer, unit = self._answer, np.eye(self._n)
-        by_q = _central(lambda step: answer(self._moved(step), v, tau), self.along, h)
-        by_v = _central(lambda step: answer(q, v + step, tau), unit, h)
-        by_tau = _central(lambda step: answer(q, v, tau + step), unit, h)
+        answer, unit, size = self._answer, np.eye(self._n), self._n + self._m
+        by_q = _central(lambda step: answer(self._moved(step), v, tau), self.along, h, size)
+        by_v = _central(lambda step: answer(q, v + step, tau), unit, h, size)
+        by_tau = _central(lambda step: answer(q, v, tau + step), unit, h, size)
         return np.hstack([by_q @ self.along, by_v, by_tau])
 
     def _answer(self, q: Array, v: Array, tau: Array) -> Array:
@@ -101,9 +101,9 @@ def directions(J: Array, redundant: bool) -> Array:
     return np.asarray(Vt[rank:])
 
 
-def _central(f: Callable[[Array], Array], directions: Array, h: float) -> Array:
-    """Return the derivative of f along each of the directions, a column each."""
+def _central(f: Callable[[Array], Array], directions: Array, h: float, size: int) -> Array:
+    """Return the derivative of f (size,) along each of the directions, a column each."""
     columns = [
         (8 * (f(h * d) - f(-h * d)) - (f(2 * h * d) - f(-2 * h * d))) / (12 * h) for d in directions
     ]
-    return np.column_stack(columns)
+    return np.column_stack(columns) if columns else np.zeros((size, 0))

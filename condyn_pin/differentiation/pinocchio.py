@@ -47,8 +47,8 @@ class PinocchioDerivatives(Derivatives):
         # again, with nothing in between: the derivatives read what this leaves behind
         pin.constraintDynamics(model, data, solution.q, v, tau, models, datas, settings)
         parts = pin.computeConstraintDynamicsDerivatives(model, data, models, datas, settings)
-        sign = workspace.equations.sign[:, None]
-        of_lam = [sign * part for part in parts[3:]] if self._m else [np.zeros((0, self._n))] * 3
+        empty = [np.zeros((0, self._n))] * 3
+        of_lam = [workspace.scene_forces(part) for part in parts[3:]] if self._m else empty
         by_q, by_v, by_tau = map(np.vstack, zip(parts[:3], of_lam, strict=True))
         if _first_column_is_wrong(workspace):
             first = np.eye(self._n)[0]

@@ -151,7 +151,7 @@ def _bind_rolling(robot: Robot, rolling: RollingWheel | RollingBall, rows: slice
 
 
 def _lever(robot: Robot, *placements: Any) -> float:
-    """Return the size of the bodies that meet: the two points of a hinge are to be that far apart.
+    """Return the size of the bodies that meet: two points of them are to be that far apart.
 
     A short lever turns rounding of the points into moments: 1/lever^2 enters the condition. A frame
     near the middle of its joint says nothing about the size; then it is that of the robot's links.
@@ -167,7 +167,7 @@ def _couple(robot: Robot, coupling: Coupling, rows: slice) -> Coupled:
         raise InvalidConstraint(f"{coupling.name}: both joints are {coupling.joint_a!r}")
     joints = []
     for name in (coupling.joint_a, coupling.joint_b):
-        if not model.existJointName(name):
+        if name not in robot.joints:
             raise unknown_name("joint", name, robot.joints)
         joint = model.joints[model.getJointId(name)]
         if joint.nq != 1 or joint.nv != 1:

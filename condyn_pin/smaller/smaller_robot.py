@@ -79,7 +79,7 @@ def sides(robot: Robot, constraint: Constraint) -> tuple[int, int]:
     if isinstance(constraint, Coupling):
         joints = (constraint.joint_a, constraint.joint_b)
         for joint in joints:
-            if not robot.model.existJointName(joint):
+            if joint not in robot.joints:
                 raise unknown_name("joint", joint, robot.joints)
         return robot.model.getJointId(joints[0]), robot.model.getJointId(joints[1])
     if isinstance(constraint, Loop):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -69,9 +70,9 @@ class SparseKKT(Solver):
         model, data = workspace.model, workspace.data
         models, datas = workspace.constraint_models, workspace.constraint_datas
         m, mu = workspace.scene.rows, self.mu
-        sign = workspace.equations.sign
+        slips, scene_forces = workspace.native_slips, workspace.scene_forces
         # pivots of what is left of a row are squares of those of J L^-T
-        own = _delassus_diagonal(workspace.scene.audit)
+        own = _delassus_diagonal(workspace.scene.audit, slips)
         limits = np.full(m, -mu / 2) if mu else -(tolerances.RANK**2) * own
         answer = np.zeros(m + model.nv)
 
@@ -81,14 +82,14 @@ class SparseKKT(Solver):
             if not (factor.D[:m] < limits).all():
                 raise Singular
             forces = free_force(tau, pin.nonLinearEffects(model, data, q, v))
-            target = workspace.equations.target(q, v)
-            answer[:] = factor.solve(np.concatenate([sign * target, forces]))
+            target = slips(workspace.equations.target(q, v))
+            answer[:] = factor.solve(np.concatenate([target, forces]))
             return answer[m:].copy()
 
-        return Method(acceleration, lambda: -sign * answer[:m], lambda: 1)
+        return Method(acceleration, lambda: scene_forces(-answer[:m]), lambda: 1)
 
 
-def _delassus_diagonal(audit: Audit) -> Array:
-    """Return the diagonal of J M^-1 J^T at the nominal state [1/kg]."""
-    whitened = whiten(audit.terms.M, audit.terms.J)
+def _delassus_diagonal(audit: Audit, slips: Callable[[Array], Array]) -> Array:
+    """Return the diagonal of J M^-1 J^T of Pinocchio's rows at the nominal state [1/kg]."""
+    whitened = whiten(audit.terms.M, slips(audit.terms.J))
     return np.zeros(0) if whitened is None else np.array(whitened[2].diagonal())
