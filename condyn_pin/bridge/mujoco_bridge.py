@@ -25,10 +25,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin import tolerances
-from condyn_pin._pin import pin
 from condyn_pin.arguments import HIGH, LOW, Arguments
 from condyn_pin.arrays import Array, finite
 from condyn_pin.bridge.pairs import Pair, check_axes, pairs_of
+from condyn_pin.bridge.quaternions import moved, product, quaternion, reordered, turned
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.io.mjcf_compiled import require_mujoco
 from condyn_pin.robot import Robot
@@ -130,9 +130,9 @@ class MujocoBridge:
         for pair in self.pairs:
             x = q_[..., pair.q]
             if pair.kind == "free":
-                x = _moved(self.robot.model.jointPlacements[pair.here], x)
+                x = moved(self.robot.model.jointPlacements[pair.here], x)
             if pair.kind in ("free", "ball"):
-                x = _reordered(x, 1)
+                x = reordered(x, 1)
             if pair.kind == "hinge" and x.shape[-1] == 2:
                 x = np.arctan2(x[..., 1:], x[..., :1])
             qpos[..., pair.qpos] = x
@@ -161,10 +161,10 @@ class MujocoBridge:
         for pair in self.pairs:
             x = qpos_[..., pair.qpos]
             if pair.kind in ("free", "ball"):
-                x = _reordered(x, -1)
+                x = reordered(x, -1)
                 _check_units("qpos", x[..., -4:], slice(pair.qpos.stop - 4, pair.qpos.stop))
             if pair.kind == "free":
-                x = _moved(self.robot.model.jointPlacements[pair.here].inverse(), x)
+                x = moved(self.robot.model.jointPlacements[pair.here].inverse(), x)
             if pair.kind == "hinge" and pair.q.stop - pair.q.start == 2:
                 x = np.concatenate((np.cos(x), np.sin(x)), axis=-1)
             q[..., pair.q] = x
@@ -222,7 +222,7 @@ class MujocoBridge:
         InvalidArgument
             If an argument has a wrong size, is not finite, or has an unnormalised quaternion.
         """
-        from condyn_pin.bridge.cross_check import cross_check
+        from condyn_pin.bridge.comparing import cross_check
 
         return cross_check(self, q, v, tau, tolerance)
 
@@ -253,7 +253,7 @@ class MujocoBridge:
             out[..., pair.dof] = x[..., pair.v]
             if pair.kind == "free":
                 linear = slice(pair.dof.start, pair.dof.start + 3)
-                out[..., linear] = _turned(self._orientation(q, pair), out[..., linear])
+                out[..., linear] = turned(self._orientation(q, pair), out[..., linear])
         return out
 
     def _gather(self, q: Array, y: Array) -> Array:
@@ -264,7 +264,7 @@ class MujocoBridge:
             if pair.kind == "free":
                 linear = slice(pair.v.start, pair.v.start + 3)
                 back = self._orientation(q, pair) * np.array([-1.0, -1.0, -1.0, 1.0])
-                x[..., linear] = _turned(back, x[..., linear])
+                x[..., linear] = turned(back, x[..., linear])
         return x
 
     def _turning(self, v: Array) -> Array:
@@ -279,7 +279,7 @@ class MujocoBridge:
     def _orientation(self, q: Array, pair: Pair) -> Array:
         """Return the quaternion x y z w of a free body in the world."""
         placement = self.robot.model.jointPlacements[pair.here]
-        return _product(_quaternion(placement.rotation), q[..., pair.q][..., 3:])
+        return product(quaternion(placement.rotation), q[..., pair.q][..., 3:])
 
 
 def _rows(name: str, value: ArrayLike, size: int) -> Array:
@@ -302,32 +302,3 @@ def _check_units(name: str, x: Array, part: slice) -> None:
             + ("mujoco.mj_normalizeQuat" if name == "qpos" else "pin.normalize")
             + " makes one"
         )
-
-
-def _reordered(x: Array, by: int) -> Array:
-    """Return x with the quaternion at its end rolled: by 1 from x y z w to w x y z."""
-    return np.concatenate((x[..., :-4], np.roll(x[..., -4:], by, axis=-1)), axis=-1)
-
-
-def _moved(M: Any, pose: Array) -> Array:
-    """Return M times a pose (x y z, quaternion x y z w)."""
-    position = pose[..., :3] @ M.rotation.T + M.translation
-    return np.concatenate((position, _product(_quaternion(M.rotation), pose[..., 3:])), axis=-1)
-
-
-def _quaternion(rotation: Array) -> Array:
-    return np.array(pin.Quaternion(rotation).coeffs())
-
-
-def _product(one: Array, two: Array) -> Array:
-    """Return the product of quaternions x y z w."""
-    a, b, s, t = one[..., :3], two[..., :3], one[..., 3:], two[..., 3:]
-    vector = s * b + t * a + np.cross(a, b)
-    return np.concatenate((vector, s * t - (a * b).sum(axis=-1, keepdims=True)), axis=-1)
-
-
-def _turned(quaternion: Array, x: Array) -> Array:
-    """Return vectors turned by quaternions x y z w."""
-    u, w = quaternion[..., :3], quaternion[..., 3:]
-    twice = 2.0 * np.cross(u, x)
-    return x + w * twice + np.cross(u, twice)
