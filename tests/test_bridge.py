@@ -248,6 +248,22 @@ def test_joints_that_the_robot_has_not_are_held():
     assert np.array_equal(bridge.from_mujoco(qpos, qvel)[1], [v, v])
 
 
+def test_a_joint_between_others_can_be_held(tmp_path):
+    """The file with its elbow and its crate held is Pinocchio's reduced model."""
+    path = tmp_path / "arm.xml"
+    path.write_text(TWO.format(**PLAIN), encoding="utf-8")
+    whole = cp.load_robot(path)
+    drawn = whole.postures["qpos0"]
+    held = [whole.model.getJointId(name) for name in ("crate", "elbow")]
+    robot = cp.Robot("reduced", pin.buildReducedModel(whole.model, held, drawn))
+    assert robot.joints == ("shoulder", "finger")
+    found = cp.MujocoBridge(robot, arm(), without=["elbow", "crate"]).compare(
+        np.array([0.2, 0.5]), np.array([1.0, -2.0]), np.zeros(2)
+    )
+    assert found.ok, str(found)
+    assert not found.causes
+
+
 def test_joints_of_other_names():
     robot = two_links()
     more = {"names": {"shoulder": "s", "elbow": "lower_joint"}, "without": ["crate", "finger"]}
@@ -381,8 +397,10 @@ def test_one_urdf_read_by_both():
     path = example_robot_data() / "talos_data" / "robots" / "talos_reduced.urdf"
     text = re.sub(r"<(visual|collision)\b.*?</\1>", "", path.read_text(), flags=re.DOTALL)
     model = mujoco.MjModel.from_xml_string(text)
-    found = compared(cp.load_robot(path, root_joint="fixed"), model, tolerance=1e-10)
+    robot = cp.load_robot(path, root_joint="fixed")
+    found = compared(robot, model, tolerance=1e-10)
     assert any(note.startswith("dry friction in MuJoCo only") for note in found.notes)
+    assert [model.joint(k).name for k in range(model.njnt)] != [*robot.joints]  # another order
     if int(mujoco.__version__.split(".")[0]) >= 4:
         assert found.ok, str(found)
         assert not found.causes
@@ -455,7 +473,12 @@ def weightless(model):
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_GRAVITY
 
 
+def free_armature(model):
+    model.dof_armature[:6] = 0.01  # a default class gives it to <joint type="free">
+
+
 WRONG = {
+    free_armature: ("M", r"^joint root_joint: armature 0 kg m\^2 here, 0.01 in MuJoCo"),
     heavier: ("M", r"^body left-tarsus-crank-joint .*: mass 0.\d+ kg here, 0.1"),
     off_centre: ("M", r"^body left-knee-op .*: centre of mass .* 0.01 m off$"),
     other_moments: ("M", r"^body left-knee-op .*: principal moments .* kg m\^2 here, \("),
