@@ -26,6 +26,7 @@ _AREAS = {
     "Benchmark problems": ("problems",),
     "Many states at once": ("batch",),
     "Time against error": ("trade",),
+    "Beside MuJoCo": ("bridge",),
     "Errors": ("errors",),
 }
 _AREA_OF = {part: area for area, parts in _AREAS.items() for part in parts}
