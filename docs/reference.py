@@ -36,7 +36,7 @@ def areas() -> dict[str, list[str]]:
     """Return the public names by area, in the order of the table above."""
     found: dict[str, list[str]] = defaultdict(list)
     for name, home in condyn_pin._MODULE_OF.items():
-        part = home.split(".")[0]
+        part = home.split(".")[1]  # of condyn_pin.part
         found[_AREA_OF.get(part, part.capitalize())].append(name)
     order = [*_AREAS, *sorted(found.keys() - _AREAS.keys())]
     return {area: sorted(found[area], key=str.lower) for area in order if found[area]}
