@@ -12,6 +12,7 @@ from condyn_pin.batch.verbs import solve_batch as solve_batch
 from condyn_pin.bridge.cross_check import CrossCheck as CrossCheck
 from condyn_pin.bridge.cross_check import TermCheck as TermCheck
 from condyn_pin.bridge.mujoco_bridge import MujocoBridge as MujocoBridge
+from condyn_pin.cones import FrictionCone as FrictionCone
 from condyn_pin.constraints import Constraint as Constraint
 from condyn_pin.constraints import Coupling as Coupling
 from condyn_pin.constraints import Loop as Loop
@@ -53,6 +54,10 @@ from condyn_pin.impacts import impact as impact
 from condyn_pin.ladders import LADDERS as LADDERS
 from condyn_pin.load import available_robots as available_robots
 from condyn_pin.load import load_robot as load_robot
+from condyn_pin.margin import ConeRows as ConeRows
+from condyn_pin.margin import Margin as Margin
+from condyn_pin.margin import cone_rows as cone_rows
+from condyn_pin.margin import margins as margins
 from condyn_pin.mechanisms.chain import chain as chain
 from condyn_pin.mechanisms.four_bar import four_bar as four_bar
 from condyn_pin.mechanisms.n_four_bar import n_four_bar as n_four_bar
@@ -88,15 +93,23 @@ from condyn_pin.simulation.integrators import Integrator as Integrator
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince as DormandPrince
 from condyn_pin.simulation.integrators.explicit_euler import ExplicitEuler as ExplicitEuler
 from condyn_pin.simulation.integrators.generalised_alpha import (
+    GeneralisedAlpha as GeneralisedAlpha,
+)
 from condyn_pin.simulation.integrators.implicit_midpoint import (
+    ImplicitMidpoint as ImplicitMidpoint,
+)
 from condyn_pin.simulation.integrators.leapfrog import Leapfrog as Leapfrog
 from condyn_pin.simulation.integrators.linearly_implicit_midpoint import (
+    LinearlyImplicitMidpoint as LinearlyImplicitMidpoint,
+)
 from condyn_pin.simulation.integrators.radau import GearGuptaLeimkuhler as GearGuptaLeimkuhler
 from condyn_pin.simulation.integrators.radau import RadauIIA as RadauIIA
 from condyn_pin.simulation.integrators.rattle import Rattle as Rattle
 from condyn_pin.simulation.integrators.rattle import Shake as Shake
 from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4 as RungeKutta4
 from condyn_pin.simulation.integrators.semi_implicit_euler import (
+    SemiImplicitEuler as SemiImplicitEuler,
+)
 from condyn_pin.simulation.integrators.stormer_verlet import StormerVerlet as StormerVerlet
 from condyn_pin.simulation.measures import Energy as Energy
 from condyn_pin.simulation.outcome import RunStatus as RunStatus
@@ -165,3 +178,6 @@ from condyn_pin.verbs import solve as solve
 from condyn_pin.viewing.verbs import view as view
 from condyn_pin.viewing.viewer import Viewer as Viewer
 from condyn_pin.workspace import Workspace as Workspace
+from condyn_pin.wrench_cone import WrenchCone as WrenchCone
+
+__version__: str
