@@ -33,6 +33,15 @@ def locked(array: Array) -> Array:
     return view
 
 
+def check_overflow(name: str, value: Array, *results: Array) -> None:
+    """Refuse an argument, finite itself, from which numbers overflow."""
+    if not all(np.isfinite(each).all() for each in results):
+        raise InvalidArgument(
+            f"{name} has numbers up to {np.abs(value).max():.3g}: what is computed from it "
+            "overflows; smaller numbers are needed"
+        )
+
+
 def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Array:
     """Return what a user handed in as a float array, or raise InvalidArgument.
 

@@ -71,11 +71,12 @@ def default_accuracy(audit: Audit, mu: float) -> float:
 
     1e-9 of the robot's weight. The next one is smaller by mu / (sigma + mu), and moves a joint by
     up to max(w) sigma^1/2 of it, w the `Yardstick.weights`: where that is more than 1e-9 of
-    gravity, as along points that hold light bodies and weigh little in G, the step has to be less.
+    gravity, as along points that hold light bodies and weigh little in G, the step has to be less:
+    unless rounding of J^T lam moves that joint by more than this anyway.
     """
     yardstick, (_, smallest) = audit.yardstick, audit.native_spectrum
     moved = yardstick.largest_weight * smallest**0.5 * mu / (smallest + mu)
-    enough = tolerances.SOLVED / 10.0 * (yardstick.gravity or 1.0)
+    enough = max(tolerances.SOLVED / 10.0, yardstick.shaking) * (yardstick.gravity or 1.0)
     usual = _USUAL * audit.weight
     return max(min(usual, enough / moved), _FINEST * audit.weight) if moved > 0.0 else usual
 

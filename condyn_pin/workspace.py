@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from condyn_pin import _pin
 from condyn_pin._pin import pin
 from condyn_pin.arguments import FLOAT, HIGH, LOW, Arguments, unpack_quaternion
-from condyn_pin.arrays import Array
+from condyn_pin.arrays import Array, check_overflow
 from condyn_pin.choice import check_kinds, default_solver
 from condyn_pin.differentiation import METHODS, Derivatives
 from condyn_pin.differentiation.check import check_derivatives
@@ -328,7 +328,10 @@ class Workspace:
     def terms(self, q: ArrayLike, v: ArrayLike) -> Terms:
         """Return M, h, J, gamma and a_ref at a state."""
         q_, v_, _ = self._arguments.check(q, v, np.zeros(self.model.nv))
-        return self.equations.terms(q_, v_)
+        with np.errstate(all="ignore"):  # what overflows is refused
+            terms = self.equations.terms(q_, v_)
+        check_overflow("v", v_, terms.h, terms.gamma, terms.a_ref)
+        return terms
 
     def jacobian(self, q: ArrayLike) -> Array:
         """Return the constraint Jacobian J (m, nv)."""

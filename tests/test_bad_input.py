@@ -931,6 +931,33 @@ def test_a_status_that_is_not_finite_says_so():
         cp.Workspace(scene("four_bar"), solver).acceleration(q, v, v)
 
 
+@pytest.mark.parametrize("size", [1e160, 1e308])
+@pytest.mark.parametrize(
+    "verb",
+    [
+        lambda scene, q, v: cp.impact(scene, q, v),
+        lambda scene, q, v: cp.switch(cp.Scene(scene.robot), scene, q, v),
+        lambda scene, q, v: cp.inverse_dynamics(scene, q, v, 0 * v),
+        lambda scene, q, v: scene.project_acceleration(q, v, 0 * v),
+        lambda scene, q, v: cp.Workspace(scene).terms(q, v),
+    ],
+    ids=["impact", "switch", "inverse_dynamics", "project_acceleration", "terms"],
+)
+def test_a_velocity_whose_square_is_no_number_is_refused(verb, size):
+    bar = cp.four_bar()
+    scene = cp.Scene(bar, bar.loops)
+    q, v = scene.state()
+    v[0] = size
+    assert_refused(lambda: verb(scene, q, v), r"v has numbers up to 1e\+.* overflow")
+    assert size / 10 < scene.check(q, v).slip[bar.loops[0].name].size < size
+
+
+def test_an_acceleration_from_which_torques_overflow_is_refused():
+    scene = cp.Scene(cp.four_bar())
+    q, v = scene.state()
+    assert_refused(lambda: cp.inverse_dynamics(scene, q, v, np.full(3, 1.7e308)), "a has numbers")
+
+
 COUNTS = {
     "refinements": lambda n: cp.Reference(refinements=n),
     "max_iterations": lambda n: cp.Proximal(max_iterations=n),

@@ -1026,6 +1026,17 @@ def test_numbers_that_grow_stop_the_run():
     assert not found.status.ok
 
 
+def test_a_run_that_ends_before_its_numbers_overflow_has_grown_all_the_same():
+    damped = body(pin.JointModelRZ())
+    damped.model.damping[:] = 2.5e4  # a millionth of a second
+    scene = cp.Scene(cp.Robot("damped", damped.model))
+    found = cp.simulate(scene, [0.0], [1.0], duration=4e-3, dt=1e-3)
+    assert found.status is cp.RunStatus.DIVERGED
+    assert re.search(
+        r"LinearlyImplicitMidpoint\(\), or dt below .* it moves at 2.97e\+42", found.reason
+    )
+
+
 def test_an_open_state_is_an_error_that_names_the_gap():
     scene, q, v = bar()
     with pytest.raises(cp.NotAssembled, match=r"is open by .* mm; Scene.assemble"):

@@ -166,3 +166,12 @@ def test_bad_input_is_refused_before_anything_is_done():
     Q[2, 1] = np.nan
     with pytest.raises(cp.InvalidArgument, match=r"Q0\[2, 1\] = nan"):
         cp.simulate_batch(scene, Q, V, duration=1.0)
+
+
+@pytest.mark.parametrize("size", [1e200, 1e308])
+def test_a_velocity_whose_square_is_no_number_cannot_begin(size):
+    bar = cp.four_bar()
+    scene = cp.Scene(bar, bar.loops)
+    q, v = scene.state()
+    batch = cp.simulate_batch(scene, [q, q], [v, v + size], duration=1e-3)
+    assert batch.counts == {"finished": 1, "failed": 1}

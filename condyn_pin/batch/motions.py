@@ -98,7 +98,9 @@ class Runner:
 def _start(workspace: Workspace, q: Array, v: Array) -> tuple[Array, Array]:
     """Return a first state; what is clearly closed is not looked at twice."""
     q_, v_ = normalised(workspace.model, "q", q), v.copy()
-    if max(workspace.equations.open_by(q_, v_)) < tolerances.NEARLY_CLOSED / 10:
+    with np.errstate(all="ignore"):  # what overflows is clearly not closed
+        gap = max(workspace.equations.open_by(q_, v_))
+    if gap < tolerances.NEARLY_CLOSED / 10:
         return q_, v_
     return start(workspace.scene, q, v)
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin import tolerances
-from condyn_pin.arrays import Array, finite
+from condyn_pin.arrays import Array, check_overflow, finite
 from condyn_pin.at_state import at_state
 from condyn_pin.force import ConstraintForce, Sites, pulling
 from condyn_pin.motors.actuation import Actuation, motors_of
@@ -186,9 +186,12 @@ def inverse_dynamics(
     terms, factors, n = state.terms, state.factors, scene.robot.nv
     asked = finite("a", a, n)
     extra = np.zeros(n) if passive is None else finite("passive", passive, n)
-    wanted, _ = factors.solve(terms.M @ asked, -terms.gamma)
+    with np.errstate(all="ignore"):  # what overflows is refused
+        wanted, _ = factors.solve(terms.M @ asked, -terms.gamma)
+        missing = terms.M @ wanted + terms.h - extra
+    check_overflow("a", asked, missing)
     drive = Drive(factors, terms.J, actuation.B)
-    u, lam, residual = drive.share(terms.M @ wanted + terms.h - extra)
+    u, lam, residual = drive.share(missing)
     reached = wanted - factors.solve_mass(residual)
     return InverseDynamics(
         u=u,

@@ -171,18 +171,31 @@ def _run(
             raise
         return RunStatus.INTERRUPTED, f"interrupted after t = {driver.t:g} s"
     except CondynError as error:
-        speed = float(np.abs(driver.v).max(initial=0.0))
-        lost = not (isfinite(speed) and speed < _LOST)
+        lost = _is_lost(driver.v)
         if not lost:
             with suppress(CondynError):  # no step leads away from it, but it may be a sample
                 driver.leg.end(driver.t, driver.q, driver.v)
         if not any(recorder.count for recorder in driver.recorders):
             raise
         status = RunStatus.DIVERGED if lost else RunStatus.FAILED
-        method = driver.leg.method
-        hint = stiff_damping(driver.leg.system, method.integrator, method.dt, q0)
-        return status, f"after t = {driver.t:g} s: " + (f"{hint}; {error}" if hint else str(error))
+        return status, f"after t = {driver.t:g} s: {_hint(driver, q0)}{error}"
+    if _is_lost(driver.v):
+        fastest = np.abs(driver.v).max()
+        return RunStatus.DIVERGED, f"{_hint(driver, q0)}it moves at {fastest:.3g} rad/s or m/s"
     return RunStatus.FINISHED, ""
+
+
+def _is_lost(v: Array) -> bool:
+    """Whether a velocity is none of a machine."""
+    speed = float(np.abs(v).max(initial=0.0))
+    return not (isfinite(speed) and speed < _LOST)
+
+
+def _hint(driver: Driver, q0: Array) -> str:
+    """Return which damping is too stiff for a run from q0, if there is one."""
+    method = driver.leg.method
+    hint = stiff_damping(driver.leg.system, method.integrator, method.dt, q0)
+    return f"{hint}; " if hint else ""
 
 
 def start(scene: Scene, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:

@@ -75,7 +75,7 @@ def _gap(scene: Scene, bound: AnyBound, rows: Array) -> Gap:
         angular = np.array([not _slides(scene.robot.model, bound.velocity[0])])
     else:
         angular = np.array([row > 2 for row in bound.selection] or [False])
-    return Gap(float(np.linalg.norm(rows[~angular])), float(np.linalg.norm(rows[angular])))
+    return Gap(math.hypot(*rows[~angular]), math.hypot(*rows[angular]))  # no square overflows
 
 
 def _slides(model: Any, iv: int) -> bool:

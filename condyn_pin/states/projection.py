@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin import tolerances
 from condyn_pin.arguments import normalised
-from condyn_pin.arrays import Array, finite
+from condyn_pin.arrays import Array, check_overflow, finite
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.minimum_norm import MinimumNorm, factorise
 from condyn_pin.rows.equations import Equations
@@ -45,9 +45,12 @@ def project_acceleration(
     """Return the nearest acceleration with J a + gamma = 0; see `Scene.project_acceleration`."""
     nv = scene.robot.nv
     v_, a_ = finite("v", v, nv), finite("a", a, nv)
-    q_, terms, factors = _factors(scene, q, v_, metric)
-    missing = -terms.gamma - terms.J @ a_
-    projected = a_ + factors.solve(np.zeros(nv), missing)[0]
+    with np.errstate(all="ignore"):  # what overflows is refused
+        q_, terms, factors = _factors(scene, q, v_, metric)
+        missing = -terms.gamma - terms.J @ a_
+        projected = a_ + factors.solve(np.zeros(nv), missing)[0]
+    check_overflow("v", v_, terms.gamma)
+    check_overflow("a", a_, projected)
     size = max(float(np.abs(x).max(initial=0.0)) for x in (a_, projected, terms.gamma))
     _check_rows(scene, q_, terms.J @ projected + terms.gamma, size, "/s^2")
     return projected
