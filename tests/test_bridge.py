@@ -388,6 +388,42 @@ def test_what_was_read_from_mujocos_file_agrees(name, tmp_path):
     assert not found.causes
 
 
+MANY_JOINTS = """<mujoco><compiler angle="radian"/><worldbody>
+  <body name="a" pos="0 0 1" quat="0.6 0.8 0 0"><freejoint/><geom size="0.1 0.2 0.3" type="box"/>
+    <body name="b" pos="0.3 0.1 0" quat="0.5 0.5 -0.5 0.5">
+      <joint name="b1" axis="1 2 3" pos="0.1 0 0" ref="0.4"/>
+      <joint name="b2" type="slide" axis="0 1 1" ref="-0.2"/>
+      <joint name="b3" ref="0.7" pos="0.1 0.1 0.1" stiffness="3" springref="0.2" damping="0.1"/>
+      <joint name="b4" type="ball" pos="0 0.2 0.1"/>
+      <geom size="0.1 0.05 0.2" type="box" pos="0.1 0 0"/>
+      <body name="c" pos="0 0.3 0"><geom size="0.1 0.05 0.2" type="box" euler="0.3 0.2 0.1"/>
+        <body name="d" pos="0.1 0.3 0"><joint type="ball" damping="0.2"/>
+          <geom size="0.1 0.05 0.2" type="box" euler="0.3 0.2 0.1"/></body></body>
+    </body></body>
+</worldbody><equality>
+  <connect body1="a" body2="d" anchor="0.1 0.2 0.3"/><weld body1="c" body2="a" anchor="0 0.1 0"/>
+  <joint joint1="b1" joint2="b3" polycoef="0 2 0 0 0"/>
+</equality></mujoco>"""
+
+
+def test_many_joints_on_one_body_read_from_mujocos_file(tmp_path):
+    path = tmp_path / "robot.xml"
+    path.write_text(MANY_JOINTS, encoding="utf-8")
+    robot = cp.load_robot(path)
+    bridge = cp.MujocoBridge(robot, mujoco.MjModel.from_xml_path(str(path)))
+    (q,), (v,) = states(robot, 1)
+    opened = bridge.compare(q, v, 0 * v, tolerance=1e-10)
+    drawn = bridge.compare(robot.postures["qpos0"], v, 0 * v, tolerance=1e-10)
+    for found in (opened, drawn):
+        assert found.ok, str(found)
+        assert not found.causes
+    assert {each.where for each in drawn.terms if each.term == "J"} == {
+        "connect0",
+        "weld1",
+        "joint2",
+    }
+
+
 def test_one_urdf_read_by_both():
     """No file of ours between them: MuJoCo reads Talos's URDF by itself, with dry friction.
 

@@ -92,6 +92,9 @@ class MujocoBridge:
         object.__setattr__(self, "names", MappingProxyType(dict(self.names)))
         object.__setattr__(self, "without", tuple(self.without))
         object.__setattr__(self, "_pairs", paired)
+        object.__setattr__(self, "_free", tuple(pair for pair in paired if pair.kind == "free"))
+        dofs = [dof for pair in paired for dof in range(pair.dof.start, pair.dof.stop)]
+        object.__setattr__(self, "_dofs", np.array(dofs, dtype=np.int_))
         object.__setattr__(self, "_units", Arguments(self.robot.model).units)
         data = mujoco.MjData(self.model)
         mujoco.mj_kinematics(self.model, data)
@@ -249,31 +252,27 @@ class MujocoBridge:
 
     def _spread(self, q: Array, x: Array, out: Array) -> Array:
         """Write X x into `out`."""
-        for pair in self.pairs:
-            out[..., pair.dof] = x[..., pair.v]
-            if pair.kind == "free":
-                linear = slice(pair.dof.start, pair.dof.start + 3)
-                out[..., linear] = turned(self._orientation(q, pair), out[..., linear])
+        out[..., self._dofs] = x  # type: ignore[attr-defined]
+        for pair in self._free:  # type: ignore[attr-defined]
+            linear = slice(pair.dof.start, pair.dof.start + 3)
+            out[..., linear] = turned(self._orientation(q, pair), out[..., linear])
         return out
 
     def _gather(self, q: Array, y: Array) -> Array:
         """Return X' y."""
-        x = np.zeros((*y.shape[:-1], self.robot.nv))
-        for pair in self.pairs:
-            x[..., pair.v] = y[..., pair.dof]
-            if pair.kind == "free":
-                linear = slice(pair.v.start, pair.v.start + 3)
-                back = self._orientation(q, pair) * np.array([-1.0, -1.0, -1.0, 1.0])
-                x[..., linear] = turned(back, x[..., linear])
+        x: Array = np.take(y, self._dofs, axis=-1)  # type: ignore[attr-defined]
+        for pair in self._free:  # type: ignore[attr-defined]
+            linear = slice(pair.v.start, pair.v.start + 3)
+            back = self._orientation(q, pair) * np.array([-1.0, -1.0, -1.0, 1.0])
+            x[..., linear] = turned(back, x[..., linear])
         return x
 
     def _turning(self, v: Array) -> Array:
         """Return X' Xdot v: omega x v of free joints."""
         found = np.zeros_like(v)
-        for pair in self.pairs:
-            if pair.kind == "free":
-                k = pair.v.start
-                found[..., k : k + 3] = np.cross(v[..., k + 3 : k + 6], v[..., k : k + 3])
+        for pair in self._free:  # type: ignore[attr-defined]
+            k = pair.v.start
+            found[..., k : k + 3] = np.cross(v[..., k + 3 : k + 6], v[..., k : k + 3])
         return found
 
     def _orientation(self, q: Array, pair: Pair) -> Array:

@@ -12,7 +12,8 @@ from condyn_pin.arrays import Array
 
 def reordered(x: Array, by: int) -> Array:
     """Return x with the quaternion at its end rolled: by 1 to w x y z, by -1 back."""
-    return np.concatenate((x[..., :-4], np.roll(x[..., -4:], by, axis=-1)), axis=-1)
+    n = x.shape[-1]
+    return x[..., [*range(n - 4), *np.roll(range(n - 4, n), by)]]
 
 
 def moved(M: Any, pose: Array) -> Array:
