@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 from shared import robot
-from test_simulate import bar, rod_pendulum
+from test_simulate import bar, body, rod_pendulum
 
 import condyn_pin as cp
 from condyn_pin._pin import pin
@@ -172,3 +172,26 @@ def test_a_run_that_breaks_down_without_damping_blames_none():
     scene, q, v = bar()
     found = cp.simulate(scene, q, v, duration=30.0, dt=3.0, integrator=cp.Rattle())
     assert "damping" not in found.reason
+
+
+def test_damping_that_stops_a_tumbling_body_at_once():
+    """dt/2 of the first acceleration is a thousand times the velocity, and Coriolis its square."""
+    tumbling = body(pin.JointModelSpherical(), centre=(0.1, 0.2, -0.1))
+    tumbling.model.damping[2] = 1e5
+    scene, v = cp.Scene(cp.Robot("tumbling", tumbling.model)), np.array([50.0, 0.0, 50.0])
+    knobs = {"duration": 0.02, "integrator": cp.LinearlyImplicitMidpoint()}
+    found = cp.simulate(scene, [0, 0, 0, 1], v, **knobs)
+    assert found.status.ok
+    assert np.abs(found.v).max() < 10 * np.abs(v).max()  # measured: 3.6 times, it was 1e120
+
+
+def test_rattle_with_a_row_that_is_nothing():
+    """Along the axis of a wheel there is nothing to hold: J M^-1 J^T is zero."""
+    wheel = body(pin.JointModelRZ(), centre=(0.1, 0.0, 0.0))
+    across = cp.PlanarContact("origin", normal=(0.0, 0.0, 1.0))
+    free, held = (
+        cp.simulate(scene, [0.0], [3.0], duration=0.1, integrator=cp.Rattle())
+        for scene in (cp.Scene(wheel), cp.Scene(wheel, [across]))
+    )
+    assert held.status.ok
+    assert np.abs(held.q - free.q).max() < 1e-12

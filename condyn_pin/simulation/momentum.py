@@ -12,6 +12,7 @@ Hairer, Lubich, Wanner. Geometric Numerical Integration. Springer, 2006, chapter
 
 from __future__ import annotations
 
+from math import nan
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -87,7 +88,8 @@ def between(J1: Array, M_inv: Array, J: Array) -> Array:
     """Return (J1 M^-1 J^T)^-1 (m, m), damped."""
     G: Array = J1.dot(M_inv).dot(J.T)
     if len(G):
-        G[np.diag_indices(len(G))] += _DAMPING * G.diagonal().max()
+        # rows across a plane may all be zero
+        G[np.diag_indices(len(G))] += _DAMPING * (G.diagonal().max() or 1.0)
     return _inverse(G)
 
 
@@ -105,4 +107,8 @@ def _at_origin(model: Any) -> tuple[Any, list[int]]:
 
 
 def _inverse(A: Array) -> Array:
-    return np.asarray(np.linalg.inv(A), dtype=np.float64)
+    """Return A^-1; NaN if there is none, which the next solve finds."""
+    try:
+        return np.asarray(np.linalg.inv(A), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        return np.full_like(A, nan)

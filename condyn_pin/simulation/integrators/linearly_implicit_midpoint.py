@@ -26,7 +26,8 @@ class LinearlyImplicitMidpoint(Integrator):
     `ImplicitMidpoint` with one iteration that begins with the a_m of the step before: a_before is
     wrong by order dt, v_m by order dt^2, and so is what depends on it. Springs and damping are
     linear, so that the one iteration solves for them exactly: they set no wall to dt. The first
-    step has two iterations, and begins with a(t0, q0, v0).
+    step has two iterations, and begins with zero: of an a(t0, q0, v0) that stiff damping ends at
+    once, dt/2 would be a velocity that nothing has.
 
     Torques of a function are not known to be springs or dampers: it follows those up to
     omega dt = 1.4, which it damps a little, and d dt = m. With `Baumgarte` a step is one solve; a
@@ -59,7 +60,7 @@ class LinearlyImplicitMidpoint(Integrator):
         def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
             nonlocal a_middle
             if not a_middle.size:
-                a_middle = system.acceleration(t, q, v)
+                a_middle = np.zeros(len(v))
                 a_middle = improve(t, q, v)
             a = a_middle = improve(t, q, v)
             return integrate(q, h * (v + half * a)), v + h * a, a
