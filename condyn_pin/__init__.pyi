@@ -12,7 +12,12 @@ from condyn_pin.batch.verbs import solve_batch as solve_batch
 from condyn_pin.bridge.cross_check import CrossCheck as CrossCheck
 from condyn_pin.bridge.cross_check import TermCheck as TermCheck
 from condyn_pin.bridge.mujoco_bridge import MujocoBridge as MujocoBridge
-from condyn_pin.cones import FrictionCone as FrictionCone
+from condyn_pin.cones.friction_cone import FrictionCone as FrictionCone
+from condyn_pin.cones.margin import ConeRows as ConeRows
+from condyn_pin.cones.margin import Margin as Margin
+from condyn_pin.cones.verbs import cone_rows as cone_rows
+from condyn_pin.cones.verbs import margins as margins
+from condyn_pin.cones.wrench_cone import WrenchCone as WrenchCone
 from condyn_pin.constraints import Constraint as Constraint
 from condyn_pin.constraints import Coupling as Coupling
 from condyn_pin.constraints import Loop as Loop
@@ -54,10 +59,6 @@ from condyn_pin.impacts import impact as impact
 from condyn_pin.ladders import LADDERS as LADDERS
 from condyn_pin.load import available_robots as available_robots
 from condyn_pin.load import load_robot as load_robot
-from condyn_pin.margin import ConeRows as ConeRows
-from condyn_pin.margin import Margin as Margin
-from condyn_pin.margin import cone_rows as cone_rows
-from condyn_pin.margin import margins as margins
 from condyn_pin.mechanisms.chain import chain as chain
 from condyn_pin.mechanisms.four_bar import four_bar as four_bar
 from condyn_pin.mechanisms.n_four_bar import n_four_bar as n_four_bar
@@ -178,6 +179,5 @@ from condyn_pin.verbs import solve as solve
 from condyn_pin.viewing.verbs import view as view
 from condyn_pin.viewing.viewer import Viewer as Viewer
 from condyn_pin.workspace import Workspace as Workspace
-from condyn_pin.wrench_cone import WrenchCone as WrenchCone
 
 __version__: str

@@ -19,7 +19,7 @@ _AREAS = {
     "Scenes and states": ("scene", "summary", "audit", "states", "rows"),
     "Smaller scenes": ("smaller", "ladders"),
     "Answers": ("verbs", "workspace", "solution", "proof", "force"),
-    "Friction cones": ("cones", "wrench_cone", "margin"),
+    "Friction cones": ("cones",),
     "Solvers": ("solvers",),
     "Derivatives": ("differentiation",),
     "Motors and impacts": ("motors", "impacts", "switching"),

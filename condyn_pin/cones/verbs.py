@@ -1,4 +1,4 @@
-"""Margin and ConeRows: what cones say of the forces of an answer, and of those to be found.
+"""The verbs margins and cone_rows: all contacts of an answer, or of a scene, at once.
 
 Contacts stay bilateral: a cone is judged here, and enforced nowhere.
 """
@@ -6,8 +6,7 @@ Contacts stay bilateral: a cone is judged here, and enforced nowhere.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +15,8 @@ from condyn_pin import tolerances
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array
 from condyn_pin.at_state import equations_of
+from condyn_pin.cones.base import Cone, turned
+from condyn_pin.cones.margin import FAULTS, ConeRows, Margin
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.force import presses, upward
 from condyn_pin.scene import Scene, check_scene
@@ -24,7 +25,6 @@ from condyn_pin.simulation.trajectory import Trajectory
 if TYPE_CHECKING:
     from condyn_pin.batch.solution import BatchSolution
     from condyn_pin.batch.trajectory import BatchTrajectory
-    from condyn_pin.cones import Cone
     from condyn_pin.impacts import Impact
     from condyn_pin.motors.inverse import InverseDynamics
     from condyn_pin.solution import Solution
@@ -32,89 +32,7 @@ if TYPE_CHECKING:
 Answer: TypeAlias = (
     "Solution | BatchSolution | Trajectory | BatchTrajectory | InverseDynamics | Impact"
 )
-Cones: TypeAlias = "Cone | Mapping[str, Cone]"
-
-# What a contact does where its force leaves the cone. The later ones are often only consequences of
-# the first: what pulls also slips, by numbers.
-FAULTS: Final = ("pulls", "slips", "tips", "twists")
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Margin:
-    """How far forces are from leaving a cone; what is below zero has left it.
-
-    Each has a number for each of k forces, and a single number for a single force. Where a contact
-    is away all are infinite, and where there is no answer NaN. Impulses have [N s] in place of [N].
-
-    Attributes
-    ----------
-    pulls : (k,) array
-        Normal force [N].
-    slips : (k,) array
-        Tangential force that is left before it slips [N].
-    tips : (k,) array
-        Normal force on the edge that lifts first [N]; infinite for a point.
-    twists : (k,) array
-        Yaw torque that is left before it turns about the normal, over half_length + half_width, as
-        a tangential force [N]; infinite for a point.
-    noise : (k,) array
-        The size of a force that counts as none [N].
-    """
-
-    pulls: Array
-    slips: Array
-    tips: Array
-    twists: Array
-    noise: Array  # [N]
-
-    @property
-    def least(self) -> Array:
-        """The smallest of the four [N]; a floor can give the force if it is not negative."""
-        return np.asarray(np.minimum.reduce(self._four))[()]
-
-    @property
-    def fault(self) -> str | Array:
-        """Which of the four is violated, the first of them if several are; empty if none is.
-
-        An array of text for many forces. "unknown" where there is no answer.
-        """
-        left = [four < -self.noise for four in self._four]
-        found = np.select([np.isnan(self.least), *left], ["unknown", *FAULTS], "")
-        return found if found.ndim else str(found)
-
-    @property
-    def _four(self) -> tuple[Array, ...]:
-        return self.pulls, self.slips, self.tips, self.twists
-
-    def __repr__(self) -> str:
-        faults, least = np.ravel(self.fault), np.ravel(self.least)
-        if least.size == 1:
-            return f"Margin({least[0]:.4g} N{f': {faults[0]}' if faults[0] else ''})"
-        counts = ((int((faults == each).sum()), each) for each in (*FAULTS, "unknown"))
-        said = ", ".join(f"{n} {fault}" for n, fault in counts if n) or "no faults"
-        worst = float(np.fmin.reduce(least, initial=np.inf))
-        return f"Margin({least.size} forces, {worst:.4g} N at least: {said})"
-
-
-@dataclass(frozen=True, eq=False)
-class ConeRows:
-    """Linear inequalities of forces, A f <= b, as a quadratic program takes them.
-
-    Attributes
-    ----------
-    A : (r, m) array
-        For the forces of a scene, columns in the order and sign of its `lam` [1, 1/m].
-    names : tuple of str
-        Of the rows: the contact, what it does where the row is violated, and on which side.
-    """
-
-    A: Array
-    names: tuple[str, ...]
-
-    @property
-    def b(self) -> Array:
-        """Zeros (r,) [N]: these are cones."""
-        return np.zeros(len(self.A))
+Cones: TypeAlias = Cone | Mapping[str, Cone]
 
 
 def margins(answer: Answer, cones: Cones) -> dict[str, Margin]:
@@ -194,12 +112,6 @@ def cone_rows(scene: Scene, q: ArrayLike, cones: Cones) -> ConeRows:
     return ConeRows(np.vstack(blocks), tuple(names))
 
 
-def turned(T: Array, force: Array) -> Array:
-    """Return T f (...): forces (..., 3), or forces and moments (..., 6), three by three."""
-    threes = force.reshape(*force.shape[:-1], force.shape[-1] // 3, 3)
-    return np.asarray((threes @ np.swapaxes(T, -1, -2)).reshape(force.shape))
-
-
 def _margins(scene: Scene, q: Array, lam: Array, noise: Array, cones: Cones) -> dict[str, Margin]:
     """Return the margins at the states q (..., nq) with the forces lam (..., m)."""
     return {
@@ -259,8 +171,6 @@ def _fitted(scene: Scene, cones: Cones) -> dict[int, Cone]:
 
 def _check(cones: Cones, scenes: Sequence[Scene]) -> None:
     """Refuse what is no cone, names that no scene knows, and scenes without a contact."""
-    from condyn_pin.cones import Cone  # which imports this file
-
     named = cones if isinstance(cones, Mapping) else {"cones": cones}
     known = {name: None for scene in scenes for name in scene.names}
     for name, cone in named.items():

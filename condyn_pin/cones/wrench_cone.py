@@ -27,12 +27,12 @@ import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array
-from condyn_pin.cones import Cone, Row
+from condyn_pin.cones.base import Cone, Row
+from condyn_pin.cones.margin import Margin
 from condyn_pin.constraint_fields import check_size, positive
 from condyn_pin.constraints import Constraint
 from condyn_pin.contacts import LineContact, SurfaceContact
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.margin import Margin
 
 _SIGNS: Final = (("+", 1.0), ("-", -1.0))
 
