@@ -52,7 +52,7 @@ ROBOTS = ("four_bar", "cassie")
 LEFT_OUT = ("weight", "few_iterations", "bad_q", "bad_v", "bad_tau")
 
 
-Asked = list[tuple[cp.Workspace, cp.Solution]]
+Asked = list[tuple[cp.Proximal, cp.Solution]]
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def compare(
         return None
 
     def ask(mu: float | None, share: bool = False) -> tuple[float, Asked]:
-        """Return the worst error, and the memory and the answer of each case."""
+        """Return the worst error, and the solver and the answer of each case."""
         errors, asked = [], []
         for case, right in found:
             largest = case.scene.audit.delassus_norm
@@ -113,7 +113,7 @@ def compare(
             workspace = cp.Workspace(case.scene, solver, drift=case.drift)
             solution = workspace.solve(case.q, case.v, case.tau, throw=False)
             errors.append(min(error_of(case, solution.a, a) for a in right))
-            asked.append((workspace, solution))
+            asked.append((solver, solution))
         return max(errors), asked
 
     error, auto = ask(None)
@@ -124,9 +124,9 @@ def compare(
     if timed and as_good and np.isfinite(error):
         fewest = min(as_good, key=lambda asked: sum(each.iterations for _, each in asked))
         slower = times_slower([case for case, _ in found], auto, fewest)
-    (workspace, solution), best_mu = auto[0], tuned[0][0].solver.mu  # type: ignore[attr-defined]
+    (_, solution), best_mu = auto[0], tuned[0][0].mu
     return Comparison(
-        task, knobs, workspace.scene.audit.independent, error, best, best_mu,
+        task, knobs, found[0][0].scene.audit.independent, error, best, best_mu,  # type: ignore[arg-type]
         solution.status.name.lower(), slower,
     )  # fmt: skip
 
@@ -135,7 +135,11 @@ def times_slower(cases: Sequence[Case], auto: Asked, by_hand: Asked) -> float:
     """Return the time of one over that of the other, of all cases together."""
     took = {"auto": 0.0, "by hand": 0.0}
     for case, (one, _), (other, _) in zip(cases, auto, by_hand, strict=True):
-        calls = {"auto": one.acceleration, "by hand": other.acceleration}
+        solvers = {"auto": one, "by hand": other}
+        calls = {
+            name: cp.Workspace(case.scene, solver, drift=case.drift).acceleration
+            for name, solver in solvers.items()
+        }
         times = interleaved(calls, [(case.q, case.v, case.tau)], rounds=20, repeats=3)
         took = {name: took[name] + times[name].median for name in took}
     return took["auto"] / took["by hand"]

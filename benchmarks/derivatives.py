@@ -26,14 +26,21 @@ def main() -> None:
     state = (*scene.sample(rng), motor_torque(talos, rng))
     workspace = cp.Workspace(scene, cp.Proximal())
     fastest = cp.Workspace(scene, cp.LCABA() if HAS_LCABA else cp.Proximal())
-    solution, ones = workspace.solve(*state), np.ones(talos.nv)
-    model, data = workspace.model, workspace.data
-    models, datas = workspace.constraint_models, workspace.constraint_datas
-    settings = workspace.proximal_settings
+    solution = workspace.solve(*state)
 
     def of(v: np.ndarray, tau: np.ndarray) -> KktDerivatives:
         return KktDerivatives(workspace, solution, v, tau)
 
+    print("{processor}, Python {python}, Pinocchio {pinocchio}, {date}".format(**machine()))
+    beside_solves(workspace, fastest, state, of)
+    beside_differences(workspace.model, fastest, state, of)
+
+
+def beside_solves(workspace, fastest, state, of) -> None:
+    """Print the times of the derivatives, of Pinocchio's own and of a solve."""
+    model, data, ones = workspace.model, workspace.data, np.ones(workspace.model.nv)
+    models, datas = workspace.constraint_models, workspace.constraint_datas
+    settings = workspace.proximal_settings
     times = interleaved(
         {
             "pinocchio": lambda q, v, tau: pin.computeConstraintDynamicsDerivatives(
@@ -49,12 +56,14 @@ def main() -> None:
         rounds=200,
         repeats=30,
     )
-    print("{processor}, Python {python}, Pinocchio {pinocchio}, {date}".format(**machine()))
     for name, time in times.items():
         print(f"{name:<22} {time.median:7.1f} us")
-    kkt = times["kkt"]
-    print(f"kkt / pinocchio          {kkt.ratio(times['pinocchio']):.2f}")
+    print(f"kkt / pinocchio          {times['kkt'].ratio(times['pinocchio']):.2f}")
     print(f"jvp / solve              {times['jvp'].ratio(times['solve']):.2f}")
+
+
+def beside_differences(model, fastest, state, of) -> None:
+    """Print the times of central differences over those of the derivatives."""
     for what, f in (
         ("of a and lam, solve", lambda *at: np.concatenate(_answer(fastest.solve(*at)))),
         ("of a, acceleration", fastest.acceleration),

@@ -9,7 +9,6 @@ import mujoco
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
 
 # solref and solimp of equalities: MuJoCo's own, and two that are as stiff as they may be.
 SETTINGS = {
@@ -37,13 +36,13 @@ class Twin:
 
     Attributes
     ----------
-    robot : Robot
+    bridge : MujocoBridge
     model : mujoco.MjModel
         Of `Robot.to_mjcf`, without contacts and joint limits.
     data : mujoco.MjData
     """
 
-    robot: cp.Robot
+    bridge: cp.MujocoBridge
     model: Any
     data: Any
 
@@ -68,33 +67,16 @@ class Twin:
             model.eq_solref[:, 0], model.eq_solref[:, 1] = stiff[0], 1.0
             model.eq_solimp[:, :2] = stiff[1]
         model.opt.timestep, model.opt.integrator = dt, INTEGRATORS[integrator]
-        return cls(robot, model, mujoco.MjData(model))
+        return cls(cp.MujocoBridge(robot, model), model, mujoco.MjData(model))
 
     def set(self, q: np.ndarray, v: np.ndarray) -> None:
         """Begin at a state of Pinocchio."""
         mujoco.mj_resetData(self.model, self.data)
-        for joint, x, dof in self._joints():
-            part, speed = q[joint.idx_q :][: joint.nq].copy(), v[joint.idx_v :][: joint.nv].copy()
-            if joint.nq == 7:
-                speed[:3] = pin.XYZQUATToSE3(part).rotation @ speed[:3]
-            if joint.nq >= 4:
-                part[-4:] = np.roll(part[-4:], 1)  # x y z w to w x y z
-            self.data.qpos[x : x + joint.nq] = part
-            self.data.qvel[dof : dof + joint.nv] = speed
+        self.data.qpos[:], self.data.qvel[:] = self.bridge.to_mujoco(q, v)
 
     def state(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the present state as Pinocchio has it."""
-        q, v = pin.neutral(self.robot.model), np.zeros(self.robot.nv)
-        for joint, x, dof in self._joints():
-            part = self.data.qpos[x : x + joint.nq].copy()
-            speed = self.data.qvel[dof : dof + joint.nv].copy()
-            if joint.nq >= 4:
-                part[-4:] = np.roll(part[-4:], -1)
-            if joint.nq == 7:
-                speed[:3] = pin.XYZQUATToSE3(part).rotation.T @ speed[:3]
-            q[joint.idx_q : joint.idx_q + joint.nq] = part
-            v[joint.idx_v : joint.idx_v + joint.nv] = speed
-        return q, v
+        return self.bridge.from_mujoco(self.data.qpos, self.data.qvel)
 
     def physics(self) -> np.ndarray:
         """Return the present state as `mujoco.rollout` takes it."""
@@ -102,10 +84,3 @@ class Twin:
         state = np.zeros(mujoco.mj_stateSize(self.model, kind))
         mujoco.mj_getState(self.model, self.data, state, kind)
         return state
-
-    def _joints(self) -> list[tuple[Any, int, int]]:
-        pairs = []
-        for i in range(1, self.robot.model.njoints):
-            there = self.model.joint(self.robot.model.names[i])
-            pairs.append((self.robot.model.joints[i], int(there.qposadr[0]), int(there.dofadr[0])))
-        return pairs

@@ -69,7 +69,7 @@ def positive(argument: str, value: float | None) -> None:
     if value is not None and not (number and math.isfinite(value) and value > 0):
         raise InvalidArgument(f"{argument} = {value!r}: a positive length [m] is needed")
     if value is not None:
-        check_size(argument, value)
+        check_size(argument, float(value))
 
 
 def check_axis(axis: Any) -> None:

@@ -120,9 +120,24 @@ class ConstraintForce(AsArray):
             return np.array((two if at_two else one).translation)
         return np.array(two.translation)
 
+    @property
+    def scene(self) -> Scene:
+        """The scene that it is a force of."""
+        return self._sites.scene
+
+    @property
+    def constraint(self) -> Constraint:
+        """The constraint that exerts it."""
+        return self._sites.scene.constraints[self._index]
+
+    @property
+    def rotation(self) -> Array:
+        """The axes of its components in the world (3, 3), column by column."""
+        return np.array(self._ends[0].rotation)  # c1's axes
+
     def in_world(self) -> Array:
         """Return it in the axes of the world, still at `at`: (3,) or (6,)."""
-        R = self._ends[0].rotation  # c1's axes
+        R = self.rotation
         return np.asarray((self.components.reshape(-1, 3) @ R.T).ravel())
 
     def on_other(self) -> ConstraintForce:
@@ -184,6 +199,13 @@ def pulling(forces: dict[str, ConstraintForce], sites: Sites, unit: str = "N") -
         if normal < -tolerances.SOLVED * largest:
             said.append(pull_text(constraint, f"{-normal:.4g} {unit}"))
     return tuple(said)
+
+
+def presses(constraint: Constraint) -> bool:
+    """Whether a constraint is a contact with a normal force."""
+    if isinstance(constraint, RollingWheel):
+        return "normal" in constraint.holds
+    return isinstance(constraint, WITH_NORMAL + WITHOUT_NORMAL)
 
 
 def upward(scene: Scene) -> Array:

@@ -1,4 +1,4 @@
-"""What the knobs of solvers may be, and the sentences that say so."""
+"""What knobs may be, and the sentences that say so."""
 
 from __future__ import annotations
 
@@ -36,11 +36,7 @@ def check_knobs(mu: float | str | None, max_iterations: int, *, smallest_mu: flo
 
 def check_iterations(max_iterations: int) -> None:
     """Refuse an iteration limit that cannot be used."""
-    if (
-        isinstance(max_iterations, bool)
-        or not isinstance(max_iterations, (int, np.integer))
-        or not 1 <= max_iterations <= _MOST_ITERATIONS
-    ):
+    if not is_whole(max_iterations) or not 1 <= max_iterations <= _MOST_ITERATIONS:
         raise InvalidArgument(
             f"max_iterations = {max_iterations!r}: a whole number from 1 to {_MOST_ITERATIONS} "
             "is needed "
@@ -50,19 +46,22 @@ def check_iterations(max_iterations: int) -> None:
 
 def check_refinements(refinements: int) -> None:
     """Refuse a number of corrections that is none."""
-    whole = isinstance(refinements, int | np.integer) and not isinstance(refinements, bool)
-    if not whole or not 0 <= refinements <= _MOST_REFINEMENTS:
+    if not is_whole(refinements) or not 0 <= refinements <= _MOST_REFINEMENTS:
         raise InvalidArgument(
             f"refinements = {refinements!r}: a whole number from 0 to {_MOST_REFINEMENTS}; two "
             "reach what doubles can"
         )
 
 
+def is_whole(value: object) -> bool:
+    """Whether a value is a whole number, of Python or of numpy; True and False are none."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
 def check_count(name: str, value: int, *, least: int = 1) -> None:
     """Refuse what is not a whole number that is large enough."""
-    number = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-    if not number or value < least:
-        raise InvalidArgument(f"{name} = {value!r}: a whole number >= {least} is needed")
+    if not is_whole(value) or value < least:
+        raise InvalidArgument(f"{name} = {value!r}: a whole number of at least {least} is needed")
 
 
 def check_accuracy(name: str, value: float) -> None:

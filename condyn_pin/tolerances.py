@@ -32,6 +32,10 @@ NEARLY_CLOSED: Final = 1e-4
 # one is told to the user, for the file may mean another place.
 DRAWN: Final = 1e-6
 
+# Two engines on one robot, relative. A file of ours says all digits and agrees to 1e-12; files are
+# written with six, and MuJoCo's compiler finds principal axes of inertia to 1e-7.
+ENGINES: Final = 1e-6
+
 # Rank of the whitened constraint Jacobian, relative to its largest singular value. Redundant rows
 # of an assembled loop are at 1e-15, those of a loop open by CLOSED at 1e-10; the smallest useful
 # ones met in robots are at 1e-3.

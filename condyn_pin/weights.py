@@ -51,6 +51,10 @@ _MORE, _FEWER, _STEP, _STRONG = 18, 5, 0.01, 0.01
 # multiple of eps |G|: rows that depend on others may have a sigma of as much below zero.
 _LEFT, _NOISE = 1e-15, 4.0
 
+# The step of lam after which an iteration ends, as a share of the robot's weight; rounding of lam
+# along redundant rows is below the least.
+_USUAL, _FINEST = 1e-9, 1e-12
+
 _EPS = 2.0**-53
 
 
@@ -60,6 +64,21 @@ def default_mu(audit: Audit) -> float:
     if audit.independent and not audit.rounded:
         return min(_LARGEST_FREE * largest, _SMALLEST_FREE * smallest)
     return max(min(_LARGEST * largest, _SMALLEST * smallest), _LEAST * largest)
+
+
+def default_accuracy(audit: Audit, mu: float) -> float:
+    """Return the step of lam after which an iteration may end [N].
+
+    1e-9 of the robot's weight. The next one is smaller by mu / (sigma + mu), and moves a joint by
+    up to max(w) sigma^1/2 of it, w the `Yardstick.weights`: where that is more than 1e-9 of
+    gravity, as along points that hold light bodies and weigh little in G, the step has to be less:
+    unless rounding of J^T lam moves that joint by more than this anyway.
+    """
+    yardstick, (_, smallest) = audit.yardstick, audit.native_spectrum
+    moved = yardstick.largest_weight * smallest**0.5 * mu / (smallest + mu)
+    enough = max(tolerances.SOLVED / 10.0, yardstick.shaking) * (yardstick.gravity or 1.0)
+    usual = _USUAL * audit.weight
+    return max(min(usual, enough / moved), _FINEST * audit.weight) if moved > 0.0 else usual
 
 
 class WeightAtState:

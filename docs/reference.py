@@ -19,6 +19,7 @@ _AREAS = {
     "Scenes and states": ("scene", "summary", "audit", "states", "rows"),
     "Smaller scenes": ("smaller", "ladders"),
     "Answers": ("verbs", "workspace", "solution", "proof", "force"),
+    "Friction cones": ("cones", "wrench_cone", "margin"),
     "Solvers": ("solvers",),
     "Derivatives": ("differentiation",),
     "Motors and impacts": ("motors", "impacts", "switching"),
@@ -26,6 +27,7 @@ _AREAS = {
     "Benchmark problems": ("problems",),
     "Many states at once": ("batch",),
     "Time against error": ("trade",),
+    "Beside MuJoCo": ("bridge",),
     "Errors": ("errors",),
 }
 _AREA_OF = {part: area for area, parts in _AREAS.items() for part in parts}
@@ -35,7 +37,7 @@ def areas() -> dict[str, list[str]]:
     """Return the public names by area, in the order of the table above."""
     found: dict[str, list[str]] = defaultdict(list)
     for name, home in condyn_pin._MODULE_OF.items():
-        part = home.split(".")[0]
+        part = home.split(".")[1]  # of condyn_pin.part
         found[_AREA_OF.get(part, part.capitalize())].append(name)
     order = [*_AREAS, *sorted(found.keys() - _AREAS.keys())]
     return {area: sorted(found[area], key=str.lower) for area in order if found[area]}

@@ -956,3 +956,23 @@ def test_an_acceleration_from_which_torques_overflow_is_refused():
     scene = cp.Scene(cp.four_bar())
     q, v = scene.state()
     assert_refused(lambda: cp.inverse_dynamics(scene, q, v, np.full(3, 1.7e308)), "a has numbers")
+
+
+COUNTS = {
+    "refinements": lambda n: cp.Reference(refinements=n),
+    "max_iterations": lambda n: cp.Proximal(max_iterations=n),
+    "every": lambda n: cp.Projection(every=n),
+    "stages": lambda n: cp.RadauIIA(stages=n),
+    "workers": lambda n: cp.Processes(n).shutdown(),
+    "n": lambda n: cp.chain(n),
+    "count": lambda n: cp.SampledStates(n),
+}
+
+
+@pytest.mark.parametrize("name", COUNTS)
+def test_a_count_is_a_whole_number_of_python_or_numpy(name):
+    COUNTS[name](2)
+    COUNTS[name](np.int64(2))
+    for bad in (True, -1, 2.0, "2"):
+        with pytest.raises(cp.InvalidArgument, match=rf"^{name} = {bad!r}: "):
+            COUNTS[name](bad)

@@ -278,27 +278,27 @@ def test_ctrl_c_keeps_the_runs_of_the_pendulum(monkeypatch):
 
 @pytest.mark.parametrize("words", [("simulate", "four_bar"), ("problem", "A01")])
 def test_ctrl_c_keeps_the_motion_so_far(words, monkeypatch):
-    from condyn_pin.simulation.loop import Loop
+    from condyn_pin.simulation.driver import Driver
 
-    whole = Loop.run
+    whole = Driver.run
 
     def interrupted(self, steps, *rest):
         whole(self, 3, *rest)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Loop, "run", interrupted)
+    monkeypatch.setattr(Driver, "run", interrupted)
     result = run(*words)
     assert result.exit_code == 130
     assert "interrupted after t = " in result.output
 
 
 def test_ctrl_c_in_one_motion_stops_the_whole_study(monkeypatch):
-    from condyn_pin.simulation.loop import Loop
+    from condyn_pin.simulation.driver import Driver
 
     def interrupted(self, *_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Loop, "run", interrupted)
+    monkeypatch.setattr(Driver, "run", interrupted)
     study = cp.Study("four_bar", [cp.NullSpace()], states=2, measure="trajectory")
     with pytest.raises(cp.Interrupted):
         study.run()

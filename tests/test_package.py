@@ -14,15 +14,18 @@ import condyn_pin as cp
 PACKAGE = Path(cp.__file__).parent
 
 
-def test_names_for_the_type_checker_are_those_at_run_time():
-    tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
-    guarded = next(node for node in tree.body if isinstance(node, ast.If))
-    declared = {
-        (alias.name, node.module.removeprefix("condyn_pin."))
-        for node in guarded.body
-        for alias in node.names
-    }
-    assert declared == set(cp._MODULE_OF.items())
+def test_the_stub_lists_public_names_and_nothing_else():
+    stub = ast.parse((PACKAGE / "__init__.pyi").read_text(encoding="utf-8"))
+    *imports, version = stub.body
+    assert ast.unparse(version) == "__version__: str"
+    for line in imports:
+        assert isinstance(line, ast.ImportFrom)
+        assert line.module.startswith("condyn_pin.")
+        # without "as" a type checker takes it for the stub's own
+        assert all(alias.asname == alias.name for alias in line.names), line.module
+    names = [alias.name for line in imports for alias in line.names]
+    assert cp.__all__ == sorted(set(names))
+    assert len(names) == len(cp.__all__)
 
 
 @pytest.mark.parametrize("name", cp.__all__)

@@ -49,6 +49,8 @@ def test_condyn_commands_run(line, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     if "tune" in line:
         monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    if "compare" in line:
+        Path("cassie.xml").write_text(cp.load_robot("cassie").to_mjcf(), encoding="utf-8")
     result = CliRunner().invoke(app, shlex.split(line)[1:])
     assert result.exit_code == 0, result.output
 

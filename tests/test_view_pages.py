@@ -152,6 +152,7 @@ def test_a_browser_that_fails_is_quoted(monkeypatch, tmp_path):
         (lambda: cp.view(cp.pendulum(), [0.0], posture="up"), "leave one of them out"),
         (lambda: cp.view(cp.pendulum(), posture="nothing"), "nothing"),
         (lambda: cp.view(cp.pendulum(), speed=0.0), "positive"),
+        (lambda: cp.view(cp.pendulum(), speed="fast"), "speed = 'fast'"),
         (lambda: cp.view(cp.pendulum(), html="/nowhere/at/all.html"), "cannot be written"),
         (lambda: cp.view(cp.pendulum(), png="/nowhere/at/all.png"), "no folder"),
     ],

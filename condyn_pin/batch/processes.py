@@ -11,6 +11,7 @@ from threading import Thread
 from typing import Any, TypeVar
 
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.knobs import check_count
 
 Result = TypeVar("Result")
 
@@ -38,8 +39,7 @@ class Processes(Executor):
 
     def __init__(self, workers: int | None = None, *, start_method: str = "spawn") -> None:
         count = _cores() if workers is None else workers
-        if not isinstance(count, int) or isinstance(count, bool) or count < 1:
-            raise InvalidArgument(f"workers = {workers!r}: a whole number of at least 1 is needed")
+        check_count("workers", count)
         known = multiprocessing.get_all_start_methods()
         if start_method not in known:
             raise InvalidArgument(

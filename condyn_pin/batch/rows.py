@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
 from math import nan
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 
@@ -21,6 +22,8 @@ from condyn_pin.errors import WorkersLost
 from condyn_pin.scene import Scene
 from condyn_pin.solvers.base import Solver
 from condyn_pin.verbs import workspace_for
+
+Batch = TypeVar("Batch")
 
 # The status of a row that nobody has worked on.
 MISSING: Final = -1
@@ -59,8 +62,10 @@ class Rows:
     most: int = 1000
     progress: Progress = silent
 
-    def fill(self, count: int, inputs: Arrays, kinds: Kinds) -> Arrays:
-        """Return the outputs, a row a state; one of them is ``statuses``.
+    def fill(
+        self, count: int, inputs: Arrays, kinds: Kinds, batch: Callable[[Arrays], Batch]
+    ) -> Batch:
+        """Return the batch that is made of the outputs, a row a state.
 
         Parameters
         ----------
@@ -69,20 +74,27 @@ class Rows:
         inputs : mapping of str to array
             With two axes, a row a state; with one, the same for all.
         kinds : mapping of str to Kind
-            What a row of each output is.
+            What a row of each output is; one of them is ``statuses``.
+        batch : callable
+            Makes a value of the outputs, to which nobody writes any more. Where a row was not
+            worked on, ``statuses`` is MISSING, and floats are NaN.
 
         Raises
         ------
         WorkersLost
-            Its `done` has the outputs, ``statuses`` MISSING where a row was not worked on.
+            Its `done` is the batch of what was worked on.
         """
         kinds = {name: kind.times(count) for name, kind in kinds.items()}
         outputs = {name: np.zeros(kind.shape, kind.dtype) for name, kind in kinds.items()}
         outputs["statuses"][:] = MISSING
         chunks = self._chunks(count)
-        with closing(self._way(inputs, outputs, chunks)) as way:
-            self._drain(chunks, way, outputs)
-        return outputs
+        try:
+            with closing(self._way(inputs, outputs, chunks)) as way:
+                self._drain(chunks, way, count)
+        except WorkersLost as lost:
+            lost.done = batch(_sealed(outputs))
+            raise
+        return batch(_sealed(outputs))
 
     def _way(self, inputs: Arrays, outputs: Arrays, chunks: list[slice]) -> Way:
         """Return the way to whoever does the work."""
@@ -115,31 +127,28 @@ class Rows:
             start = stop
         return chunks
 
-    def _drain(self, chunks: list[slice], way: Way, outputs: Arrays) -> None:
+    def _drain(self, chunks: list[slice], way: Way, count: int) -> None:
         """Have all chunks done."""
-        done, count = 0, len(outputs["statuses"])
+        done = 0
         results = in_flight(
             way.work, len(chunks), lambda i, place: way.send(chunks[i], place), self.executor,
             way.places,
         )  # fmt: skip
-        try:
-            with closing(results):  # an interrupt cancels what nobody has begun
-                for i, found in results:
-                    way.receive(chunks[i], found)
-                    done += chunks[i].stop - chunks[i].start
-                    self.progress(done, count)
-        except WorkersLost as lost:
-            lost.done = outputs
-            raise
+        with closing(results):  # an interrupt cancels what nobody has begun
+            for i, found in results:
+                way.receive(chunks[i], found)
+                done += chunks[i].stop - chunks[i].start
+                self.progress(done, count)
 
 
-def seal(outputs: Arrays) -> None:
-    """Make NaN of what is missing, and let nobody write to the outputs any more."""
+def _sealed(outputs: Arrays) -> Arrays:
+    """Return the outputs, NaN where they are missing, and read-only."""
     missing = outputs["statuses"] == MISSING
     for array in outputs.values():
         if array.dtype.kind == "f" and missing.any():
             array[missing] = nan
         read_only(array)
+    return outputs
 
 
 def _part(rows: int, of: int) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import Executor
+from functools import partial
 from time import perf_counter
 from typing import Final
 
@@ -12,12 +13,11 @@ from numpy.typing import ArrayLike
 from condyn_pin.batch.chunks import Progress, silent
 from condyn_pin.batch.memory import Arrays
 from condyn_pin.batch.motions import Motions, of_ends, of_samples, samples_of
-from condyn_pin.batch.rows import Rows, seal
+from condyn_pin.batch.rows import Rows
 from condyn_pin.batch.states import check_states
 from condyn_pin.batch.trajectory import BatchTrajectory, Samples
 from condyn_pin.batch.verbs import check_chunk
 from condyn_pin.drift.base import Drift
-from condyn_pin.errors import WorkersLost
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.plan import Plan, plan
@@ -108,17 +108,12 @@ def simulate_batch(
     rows = Rows(kernel, scene, solver, None, executor, check_chunk(chunk), most, progress)
     kept = len(range(0, planned.steps, every)) + 1 if record is not None else 0
     kinds = of_ends(scene) | (of_samples(scene, kept) if kept else {})
-    try:
-        outputs = rows.fill(len(q), {"q0": q, "v0": v, "tau0": tau}, kinds)
-    except WorkersLost as lost:
-        lost.done = _batch(planned, lost.done, begun)
-        raise
-    return _batch(planned, outputs, begun)
+    inputs = {"q0": q, "v0": v, "tau0": tau}
+    return rows.fill(len(q), inputs, kinds, partial(_batch, planned, begun))
 
 
-def _batch(planned: Plan, outputs: Arrays, begun: float) -> BatchTrajectory:
+def _batch(planned: Plan, begun: float, outputs: Arrays) -> BatchTrajectory:
     """Return the outputs as a value."""
-    seal(outputs)
     method, samples = planned.method, dict(samples_of(outputs))
     return BatchTrajectory(
         planned.scene, method.integrator, method.drift, method.dt, planned.steps,

@@ -15,14 +15,15 @@ from condyn_pin.arrays import Array, read_only
 from condyn_pin.batch.chunks import Progress, silent
 from condyn_pin.batch.derivatives import BatchDerivatives
 from condyn_pin.batch.memory import Arrays, Kind
-from condyn_pin.batch.rows import Rows, seal
+from condyn_pin.batch.rows import Rows
 from condyn_pin.batch.solution import STATUSES, BatchSolution
 from condyn_pin.batch.states import check_states
 from condyn_pin.differentiation import METHODS
 from condyn_pin.differentiation.check import BLOCKS
 from condyn_pin.drift import Baumgarte
-from condyn_pin.errors import InvalidArgument, SolveFailed, WorkersLost, unknown_name
+from condyn_pin.errors import SolveFailed, unknown_name
 from condyn_pin.judge import check_accuracy_of_a
+from condyn_pin.knobs import check_count
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.base import Solver
@@ -97,12 +98,7 @@ def solve_batch(
     inputs, count = _inputs(scene, Q, V, TAU, accuracy)
     kernel = partial(_solve_rows, accuracy)
     rows = Rows(kernel, scene, solver, drift, executor, check_chunk(chunk), 1000, progress)
-    try:
-        outputs = rows.fill(count, inputs, _of_solution(scene))
-    except WorkersLost as lost:
-        lost.done = _batch(scene, inputs["q"], lost.done, start)
-        raise
-    return _batch(scene, inputs["q"], outputs, start)
+    return rows.fill(count, inputs, _of_solution(scene), partial(_batch, scene, inputs["q"], start))
 
 
 def derivatives_batch(
@@ -152,12 +148,8 @@ def derivatives_batch(
     inputs, count = _inputs(scene, Q, V, TAU, accuracy)
     kernel = partial(_derivatives_rows, method, accuracy)
     rows = Rows(kernel, scene, solver, drift, executor, check_chunk(chunk), 100, progress)
-    try:
-        outputs = rows.fill(count, inputs, _of_solution(scene) | _of_derivatives(scene))
-    except WorkersLost as lost:
-        lost.done = _derivatives(scene, inputs["q"], lost.done, start)
-        raise
-    return _derivatives(scene, inputs["q"], outputs, start)
+    kinds = _of_solution(scene) | _of_derivatives(scene)
+    return rows.fill(count, inputs, kinds, partial(_derivatives, scene, inputs["q"], start))
 
 
 def _inputs(
@@ -171,9 +163,8 @@ def _inputs(
 
 def check_chunk(chunk: int | None) -> int | None:
     """Return the number of states in a chunk, if it is one."""
-    whole = isinstance(chunk, int | np.integer) and not isinstance(chunk, bool)
-    if chunk is not None and not (whole and chunk >= 1):
-        raise InvalidArgument(f"chunk = {chunk!r}: a whole number of at least 1 is needed")
+    if chunk is not None:
+        check_count("chunk", chunk)
     return chunk
 
 
@@ -231,14 +222,13 @@ def _put(outputs: Arrays, i: int, solution: Solution) -> None:
     outputs["solve_times"][i] = solution.solve_time
 
 
-def _batch(scene: Scene, q: Array, outputs: Arrays, start: float) -> BatchSolution:
+def _batch(scene: Scene, q: Array, start: float, outputs: Arrays) -> BatchSolution:
     """Return the outputs as a value."""
-    seal(outputs)
     parts = {name: outputs[name] for name in _of_solution(scene)}
     return BatchSolution(scene, read_only(q.copy()), **parts, seconds=perf_counter() - start)
 
 
-def _derivatives(scene: Scene, q: Array, outputs: Arrays, start: float) -> BatchDerivatives:
-    solution = _batch(scene, q, outputs, start)
+def _derivatives(scene: Scene, q: Array, start: float, outputs: Arrays) -> BatchDerivatives:
+    solution = _batch(scene, q, start, outputs)
     blocks = {name: outputs[name] for name in BLOCKS}
     return BatchDerivatives(solution, **blocks, seconds=solution.seconds)

@@ -35,15 +35,19 @@ def scene_of(name: str, contacts: str, loops: bool, variant: Sequence[str] | Non
 
 def robot_of(name: str, variant: Sequence[str] | None) -> Robot:
     """Return a robot in a variant: texts OPTION=VALUE."""
-    chosen = {}
-    for text in variant or ():
-        option, equals, value = text.partition("=")
-        if not (option and equals and value):
-            raise InvalidArgument(
-                f"--variant {text}: OPTION=VALUE is needed, such as springs=locked"
-            )
-        chosen[option] = value
+    chosen = pairs_in("--variant", variant, "OPTION=VALUE is needed, such as springs=locked")
     return load_robot(name, variant=chosen or None)
+
+
+def pairs_in(option: str, texts: Sequence[str] | None, needed: str) -> dict[str, str]:
+    """Return texts NAME=VALUE of an option as a mapping."""
+    found = {}
+    for text in texts or ():
+        name, equals, value = text.partition("=")
+        if not (name and equals and value):
+            raise InvalidArgument(f"{option} {text}: {needed}")
+        found[name] = value
+    return found
 
 
 def _contact(robot: Robot, text: str) -> Constraint:

@@ -10,6 +10,7 @@ import numpy as np
 from condyn_pin.arrays import Array, finite
 from condyn_pin.drift.base import Correction, Drift
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.knobs import check_count
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.gaps import Gaps
@@ -115,6 +116,5 @@ def _shrinks(before: float, after: float) -> bool:
 def check_projection(metric: str, every: int) -> None:
     """Refuse what says nothing."""
     if metric not in METRICS:
-        raise InvalidArgument(f"metric = {metric!r}: one of {', '.join(METRICS)}")
-    if isinstance(every, bool) or not isinstance(every, int | np.integer) or every < 1:
-        raise InvalidArgument(f"every = {every!r}: a whole number of steps >= 1 is needed")
+        raise InvalidArgument(f"metric = {metric!r}: one of {', '.join(METRICS)} is needed")
+    check_count("every", every)

@@ -20,7 +20,7 @@ from condyn_pin.errors import InvalidModel, MissingExtra
 from condyn_pin.io.mjcf_equality import read_polynomial
 from condyn_pin.io.mjcf_types import Body, Closure, Description, End, Gear, Joint
 
-_KINDS = ("free", "ball", "slide", "hinge")  # in the order of MuJoCo's mjtJoint
+KINDS = ("free", "ball", "slide", "hinge")  # in the order of MuJoCo's mjtJoint
 
 
 def read_compiled(path: str | PathLike[str], reason: str) -> Description:
@@ -39,26 +39,62 @@ def read_compiled(path: str | PathLike[str], reason: str) -> Description:
     InvalidModel
         If MuJoCo refuses the file.
     """
+    mujoco = require_mujoco(f"{reason}, and only MuJoCo reads that")
+    try:
+        return _Compiled(mujoco, compiled(path)).description()
+    except InvalidModel as error:
+        error.args = (f"{reason}, so MuJoCo has to read it: {error}",)
+        raise
+
+
+def require_mujoco(reason: str) -> Any:
+    """Return the module of MuJoCo, or raise MissingExtra with what it is needed for."""
     try:
         import mujoco
     except ImportError as error:
-        raise MissingExtra(
-            f"{reason}, and only MuJoCo reads that: python -m pip install 'condyn_pin[mjcf]'"
-        ) from error
+        raise MissingExtra(f"{reason}: python -m pip install 'condyn_pin[mjcf]'") from error
+    return mujoco
+
+
+def compiled(path: str | PathLike[str]) -> Any:
+    """Return the mujoco.MjModel of a file; without MuJoCo's own file of warnings.
+
+    Raises
+    ------
+    MissingExtra
+        If MuJoCo is not installed.
+    InvalidModel
+        If MuJoCo refuses the file, or a number in it is NaN.
+    """
+    mujoco = require_mujoco("only MuJoCo compiles an MJCF")
     warnings: list[str] = []
     handler = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(warnings.append)  # by itself it writes a file MUJOCO_LOG.TXT
     try:
         mj = mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, mujoco.FatalError) as error:
-        raise InvalidModel(
-            f"{reason}, so MuJoCo has to read it, and refuses: {' '.join(str(error).split())}"
-        ) from error
+        raise InvalidModel(f"MuJoCo refuses: {' '.join(str(error).split())}") from error
     finally:
         mujoco.set_mju_user_warning(handler)
     if any("NaN" in warning for warning in warnings):
         raise InvalidModel("a number in it is NaN; finite numbers are needed")
-    return _Compiled(mujoco, mj).description()
+    return mj
+
+
+def body_names(mj: Any) -> list[str]:
+    """Return the names of the bodies of a mujoco.MjModel, ``bodyK`` for those without."""
+    return [mj.body(k).name or f"body{k}" for k in range(mj.nbody)]
+
+
+def joint_names(mj: Any) -> list[str]:
+    """Return the names of its joints, ``BODY_jointK`` for those without."""
+    bodies = body_names(mj)
+    names = []
+    for k in range(mj.njnt):
+        body = int(mj.jnt_bodyid[k])
+        number = k - int(mj.body_jntadr[body])
+        names.append(mj.joint(k).name or f"{bodies[body]}_joint{number or ''}")
+    return names
 
 
 class _Compiled:
@@ -67,12 +103,7 @@ class _Compiled:
     def __init__(self, mujoco: Any, mj: Any) -> None:
         self.mujoco, self.mj = mujoco, mj
         self.unused: list[str] = []
-        self.bodies = [mj.body(k).name or f"body{k}" for k in range(mj.nbody)]
-        self.joints: list[str] = []
-        for k in range(mj.njnt):
-            body = int(mj.jnt_bodyid[k])
-            number = k - int(mj.body_jntadr[body])
-            self.joints.append(mj.joint(k).name or f"{self.bodies[body]}_joint{number or ''}")
+        self.bodies, self.joints = body_names(mj), joint_names(mj)
 
     def description(self) -> Description:
         mj = self.mj
@@ -116,7 +147,7 @@ class _Compiled:
 
     def _joint(self, j: int) -> Joint:
         mj = self.mj
-        kind = _KINDS[int(mj.jnt_type[j])]
+        kind = KINDS[int(mj.jnt_type[j])]
         scalar = kind in ("slide", "hinge")
         at, dof = int(mj.jnt_qposadr[j]), int(mj.jnt_dofadr[j])
         lower, upper = mj.jnt_range[j] if scalar and mj.jnt_limited[j] else (-inf, inf)

@@ -87,15 +87,26 @@ def write_joint(robot: Robot, i: int, B: Any) -> dict[str, str]:
     return {"name": str(name)} | said | _spring([s for s in robot.springs if s.joint == name])
 
 
-def _scalar(model: Any, i: int, B: Any) -> dict[str, str]:
-    """Read a joint of one coordinate off its motion subspace S = (slide axis, hinge axis)."""
+def scalar_axis(model: Any, i: int) -> tuple[str, Array]:
+    """Return "slide" or "hinge", and the axis in the joint, from S = (slide axis, hinge axis).
+
+    The kind is empty if a joint of one coordinate is neither, such as a screw.
+    """
     joint = model.joints[i]
     data = joint.createData()
     joint.calc(data, pin.neutral(model))
     slide, hinge = np.array(data.S).reshape(2, 3)
     if slide.any() and hinge.any():
+        return "", hinge
+    return ("slide", slide) if slide.any() else ("hinge", hinge)
+
+
+def _scalar(model: Any, i: int, B: Any) -> dict[str, str]:
+    """Return the attributes of a joint of one coordinate."""
+    joint = model.joints[i]
+    kind, axis = scalar_axis(model, i)
+    if not kind:
         raise InvalidModel(f"joint {model.names[i]!r}: MuJoCo has no {joint.shortname()}")
-    kind, axis = ("slide", slide) if slide.any() else ("hinge", hinge)
     said = {"type": kind, "axis": numbers(B.rotation.T @ axis)}
     if not B.isIdentity(0.0):
         said["pos"] = numbers(B.inverse().translation)

@@ -105,9 +105,3 @@ def check_positive(**values: float) -> None:
         if not (number and math.isfinite(value) and value > 0):
             raise InvalidArgument(f"{name} = {value!r}: a positive number is needed")
         check_size(name, value)
-
-
-def check_count(name: str, value: int) -> None:
-    """Refuse what is not a whole number of at least one."""
-    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-        raise InvalidArgument(f"{name} = {value!r}: a whole number of at least 1 is needed")

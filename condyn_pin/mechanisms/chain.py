@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from condyn_pin._pin import pin
+from condyn_pin.knobs import check_count
 from condyn_pin.mechanisms.base import (
     LICENCE,
     add_rod,
-    check_count,
     check_positive,
     mechanism,
     source,

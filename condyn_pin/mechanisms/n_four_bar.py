@@ -9,10 +9,10 @@ import numpy as np
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.constraints import Loop
+from condyn_pin.knobs import check_count
 from condyn_pin.mechanisms.base import (
     LICENCE,
     add_rod,
-    check_count,
     check_positive,
     mechanism,
     source,

@@ -12,7 +12,7 @@ from scipy.special import ellipj, ellipkm1
 
 from condyn_pin.arrays import Array
 from condyn_pin.drift import Baumgarte
-from condyn_pin.mechanisms.base import check_count
+from condyn_pin.knobs import check_count
 from condyn_pin.mechanisms.n_four_bar import n_four_bar
 from condyn_pin.problems.base import Limit, Problem, Published, Setting
 from condyn_pin.scene import Scene

@@ -151,7 +151,7 @@ def _bind_rolling(robot: Robot, rolling: RollingWheel | RollingBall, rows: slice
 
 
 def _lever(robot: Robot, *placements: Any) -> float:
-    """Return the size of the bodies that meet: the two points of a hinge are to be that far apart.
+    """Return the size of the bodies that meet: two points of them are to be that far apart.
 
     A short lever turns rounding of the points into moments: 1/lever^2 enters the condition. A frame
     near the middle of its joint says nothing about the size; then it is that of the robot's links.

@@ -42,7 +42,8 @@ class Bound:
     length : float
         Of a rod [m]; NaN for all else.
     lever : float
-        Half the distance of two points on `axis` that stand for a hinge [m].
+        Half the distance of two points on `axis` that stand for a hinge, and what points that are
+        nearly one are moved apart by (`condyn_pin.rows.spread`) [m].
     """
 
     name: str

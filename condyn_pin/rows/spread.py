@@ -1,14 +1,15 @@
 """Points that are nearly one, taken further apart for Pinocchio's own methods.
 
 Two balls between the same two bodies are a hinge about the line through them, however near they
-are. At a distance d they leave the turns across it an eigenvalue of about d^2 in G, which rounding
-hides where d is a 1e-7th of the body. But the line can be had from other points of it. Weights of a
-row of W that add up to one make points of a body one of its points again, and their slips its slip:
+are. At a distance d they leave the turns across the line an eigenvalue of about d^2 in G, which
+rounding hides where d is a 1e-7th of the body. But any two points of the line are that hinge. So
+Pinocchio has n points p' in place of p, k times as far from their middle on both bodies:
 
     p' = W p,      s' = W s,      lam = W^T lam',      W = 1 1^T / n + k (1 - 1 1^T / n).
 
-W keeps the middle of n points and takes them k times as far from it. It has an inverse, so that the
-scene is the same; and as it is symmetric, forces along the line are shared as before.
+The slip of a point is affine in the point, and rows of W add up to one. W has an inverse: the scene
+is the same. And all forces that add up to nothing become k times smaller, so that those that bodies
+bear among the points, which no motion tells, stay the least as well.
 """
 
 from __future__ import annotations
@@ -31,9 +32,9 @@ ONE: Final = 1e-9
 
 
 def spread(natives: Sequence[Native]) -> tuple[tuple[Native, ...], Array | None]:
-    """Return constraints in which no points of two bodies are nearly one, and lam = W^T lam'.
+    """Return constraints in which no two points of the same bodies are nearly one.
 
-    Points are left where they are if others of the same bodies are not near; they hold the turns.
+    Points stay where they are if others of the same bodies are not near: those hold the turns.
 
     Parameters
     ----------
@@ -44,65 +45,61 @@ def spread(natives: Sequence[Native]) -> tuple[tuple[Native, ...], Array | None]
     natives : tuple of Native
         As many, in the same order.
     W : (m, m) array or None
-        None where all are as before.
+        lam = W^T lam'; None where all are as before.
+    """
+    made = list(natives)
+    starts = np.cumsum([0, *(native.size for native in natives)])
+    W, changed = np.eye(starts[-1]), False
+    for group in _groups(natives):
+        points = [natives[i] for i in group]
+        k = _times(points)
+        if k is None:
+            continue
+        mean, changed = np.full((len(group), len(group)), 1.0 / len(group)), True
+        weights = mean + k * (np.eye(len(group)) - mean)
+        for i, point, row in zip(group, _moved(points, weights), weights, strict=True):
+            made[i] = point
+            for j, weight in zip(group, row, strict=True):
+                turn = point.placement1.rotation.T @ natives[j].placement1.rotation
+                W[starts[i] : starts[i] + 3, starts[j] : starts[j] + 3] = weight * turn
+    return tuple(made), W if changed else None
 
-    Notes
-    -----
-    Groups are points with c1 on the same body, and c2 on the same: the axes of one c1 are then
-    those of another, turned for good.
+
+def _groups(natives: Sequence[Native]) -> list[list[int]]:
+    """Return the points of each two bodies, c1 on the one and c2 on the other.
+
+    The axes of one c1 are those of another of its group, turned for good.
     """
     groups: dict[tuple[int, int, bool], list[int]] = {}
     for i, native in enumerate(natives):
         if native.size == 3:
-            key = native.joint1, native.joint2, native.anchored
-            groups.setdefault(key, []).append(i)
-    starts = np.cumsum([0, *(native.size for native in natives)])
-    made, W = list(natives), np.eye(starts[-1])
-    for group in groups.values():
-        points = [natives[i] for i in group]
-        if (k := _factor(points)) == 1.0:
-            continue
-        weights = _weights(len(points), k)
-        for i, moved in zip(group, _moved(points, weights), strict=True):
-            made[i] = moved
-        axes = points[0].placement1.rotation.T
-        for i, row in zip(group, weights, strict=True):
-            for j, weight in zip(group, row, strict=True):
-                turned = axes @ natives[j].placement1.rotation
-                W[starts[i] : starts[i] + 3, starts[j] : starts[j] + 3] = weight * turned
-    changed = any(new is not old for new, old in zip(made, natives, strict=True))
-    return tuple(made), W if changed else None
+            bodies = native.joint1, native.joint2, native.anchored
+            groups.setdefault(bodies, []).append(i)
+    return list(groups.values())
 
 
-def _weights(n: int, k: float) -> Array:
-    """Return 1 1^T / n + k (1 - 1 1^T / n)."""
-    mean = np.full((n, n), 1.0 / n)
-    return np.asarray(mean + k * (np.eye(n) - mean))
-
-
-def _factor(points: Sequence[Native]) -> float:
-    """Return how many times as far apart points should be: 1 where they are not nearly one."""
-    one = np.array([p.placement1.translation for p in points])
-    radius = float(np.linalg.norm(one - one.mean(axis=0), axis=1).max())
-    lever = max(p.lever for p in points)
-    return lever / radius if ONE * lever < radius < NEARLY * lever else 1.0
+def _times(points: Sequence[Native]) -> float | None:
+    """Return how many times as far apart points are to be; None where they are not nearly one."""
+    p = np.array([point.placement1.translation for point in points])
+    radius = float(np.linalg.norm(p - p.mean(axis=0), axis=1).max())
+    lever = max(point.lever for point in points)
+    return lever / radius if ONE * lever < radius < NEARLY * lever else None
 
 
 def _moved(points: Sequence[Native], weights: Array) -> list[Native]:
     """Return the points p' = W p on both bodies, all with the axes of the first."""
     axes = points[0].placement1.rotation
-    ends = [
-        np.array([getattr(p, end).translation for p in points])
+    p1, p2 = (
+        _combined(weights, np.array([getattr(point, end).translation for point in points]))
         for end in ("placement1", "placement2")
-    ]
-    moved1, moved2 = (_combined(weights, p) for p in ends)
+    )
     return [
         replace(
-            point,
-            placement1=pin.SE3(axes, p1),
-            placement2=pin.SE3(point.placement2.rotation, p2),
+            points[i],
+            placement1=pin.SE3(axes, p1[i]),
+            placement2=pin.SE3(points[i].placement2.rotation, p2[i]),
         )
-        for point, p1, p2 in zip(points, moved1, moved2, strict=True)
+        for i in range(len(points))
     ]
 
 

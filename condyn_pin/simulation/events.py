@@ -198,3 +198,11 @@ class Happened:
     energy_lost: float = 0.0  # [J]
     added: tuple[str, ...] = ()
     dropped: tuple[str, ...] = ()
+
+
+class Ended(Exception):
+    """An event has ended the run."""
+
+
+class PiledUp(Exception):
+    """An event happens again at once."""

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin.arrays import finite
 from condyn_pin.drift.base import Drift
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.knobs import check_count
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.simulation.defaults import default_drift, default_integrator
 from condyn_pin.simulation.effects import Effects
@@ -68,7 +68,7 @@ def plan(
     if not isinstance(drift, Drift):
         raise InvalidArgument(f"drift = {drift!r}: a drift scheme is needed, such as Baumgarte")
     _check_drift(integrator, drift, dt)
-    _check_record(record)
+    check_count("record", record)
     method = Method(Applied(scene.robot.nv, tau), dt, integrator, drift, solver, effects)
     return Plan(scene, method, duration, steps, record)
 
@@ -104,9 +104,3 @@ def _check_drift(integrator: Integrator, drift: Drift, dt: float) -> None:
             f"drift = {drift!r}: {integrator.title} keeps the constraints itself; use NoDrift()"
         )
     check_wall(integrator, drift.rows, dt)
-
-
-def _check_record(record: int) -> None:
-    whole = isinstance(record, (int, np.integer)) and not isinstance(record, bool)
-    if not whole or record < 1:
-        raise InvalidArgument(f"record = {record!r}: a whole number from 1 is needed")

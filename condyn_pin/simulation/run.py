@@ -17,12 +17,12 @@ from condyn_pin.drift.base import Drift
 from condyn_pin.errors import CondynError, InvalidArgument
 from condyn_pin.rows.bound import is_scalar
 from condyn_pin.scene import Scene, check_scene
+from condyn_pin.simulation.driver import Driver
 from condyn_pin.simulation.effects import Effects
-from condyn_pin.simulation.events import Event
+from condyn_pin.simulation.events import Ended, Event, PiledUp
 from condyn_pin.simulation.fit import check_fit
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.leg import Leg
-from condyn_pin.simulation.loop import Ended, Loop, PiledUp
 from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.plan import Plan, plan
 from condyn_pin.simulation.recorder import merge
@@ -139,49 +139,49 @@ def follow(
     method = planned.method
     begun = perf_counter()
     with np.errstate(all="ignore"):  # what overflows is found by the next solve
-        loop = Loop(planned.scene, q, v, method, events, leg)
-        status, reason = _run(loop, planned.steps, planned.every, progress)
-    phases, (t, positions, velocities, a, lam, torques) = merge(loop.recorders)
+        driver = Driver(planned.scene, q, v, method, events, leg)
+        status, reason = _run(driver, planned.steps, planned.every, progress)
+    phases, (t, positions, velocities, a, lam, torques) = merge(driver.recorders)
     run = Run(
         duration=planned.duration, dt=method.dt, integrator=method.integrator, drift=method.drift,
-        solver=loop.leg.solver, effects=method.effects, status=status, reason=reason,
-        happened=tuple(loop.happened), missed=loop.missed(), wall_time=perf_counter() - begun,
+        solver=driver.leg.solver, effects=method.effects, status=status, reason=reason,
+        happened=tuple(driver.happened), missed=driver.missed(), wall_time=perf_counter() - begun,
     )  # fmt: skip
-    return Trajectory(phases, t, positions, velocities, a, lam, torques, run), loop.leg
+    return Trajectory(phases, t, positions, velocities, a, lam, torques, run), driver.leg
 
 
 def _run(
-    loop: Loop, steps: int, every: int, progress: Callable[[float], object] | None
+    driver: Driver, steps: int, every: int, progress: Callable[[float], object] | None
 ) -> tuple[RunStatus, str]:
-    """Run a loop to its end: how it ended, and why."""
-    stride, q0 = max(steps // 100, 1), loop.q
+    """Take a run to its end: how it ended, and why."""
+    stride, q0 = max(steps // 100, 1), driver.q
 
     def tick(done: int) -> None:
         if done % stride == 0 or done == steps:
             progress(done / steps)  # type: ignore[misc]
 
     try:
-        loop.run(steps, every, tick if progress else None)
+        driver.run(steps, every, tick if progress else None)
     except Ended as end:
         return RunStatus.ENDED, str(end)
     except PiledUp as end:
         return RunStatus.PILED_UP, str(end)
     except KeyboardInterrupt:
-        if not any(recorder.count for recorder in loop.recorders):
+        if not any(recorder.count for recorder in driver.recorders):
             raise
-        return RunStatus.INTERRUPTED, f"interrupted after t = {loop.t:g} s"
+        return RunStatus.INTERRUPTED, f"interrupted after t = {driver.t:g} s"
     except CondynError as error:
-        lost = _is_lost(loop.v)
+        lost = _is_lost(driver.v)
         if not lost:
             with suppress(CondynError):  # no step leads away from it, but it may be a sample
-                loop.leg.end(loop.t, loop.q, loop.v)
-        if not any(recorder.count for recorder in loop.recorders):
+                driver.leg.end(driver.t, driver.q, driver.v)
+        if not any(recorder.count for recorder in driver.recorders):
             raise
         status = RunStatus.DIVERGED if lost else RunStatus.FAILED
-        return status, f"after t = {loop.t:g} s: {_hint(loop, q0)}{error}"
-    if _is_lost(loop.v):
-        fastest = np.abs(loop.v).max()
-        return RunStatus.DIVERGED, f"{_hint(loop, q0)}it moves at {fastest:.3g} rad/s or m/s"
+        return status, f"after t = {driver.t:g} s: {_hint(driver, q0)}{error}"
+    if _is_lost(driver.v):
+        fastest = np.abs(driver.v).max()
+        return RunStatus.DIVERGED, f"{_hint(driver, q0)}it moves at {fastest:.3g} rad/s or m/s"
     return RunStatus.FINISHED, ""
 
 
@@ -191,10 +191,10 @@ def _is_lost(v: Array) -> bool:
     return not (isfinite(speed) and speed < _LOST)
 
 
-def _hint(loop: Loop, q0: Array) -> str:
+def _hint(driver: Driver, q0: Array) -> str:
     """Return which damping is too stiff for a run from q0, if there is one."""
-    method = loop.leg.method
-    hint = stiff_damping(loop.leg.system, method.integrator, method.dt, q0)
+    method = driver.leg.method
+    hint = stiff_damping(driver.leg.system, method.integrator, method.dt, q0)
     return f"{hint}; " if hint else ""
 
 

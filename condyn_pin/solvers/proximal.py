@@ -21,7 +21,7 @@ from condyn_pin.knobs import (
 )
 from condyn_pin.refinement import Refinement
 from condyn_pin.solvers.base import Method, Solver
-from condyn_pin.weights import FEW, WeightAtState, default_mu
+from condyn_pin.weights import FEW, WeightAtState, default_accuracy, default_mu
 
 if TYPE_CHECKING:
     from condyn_pin.audit import Audit
@@ -68,7 +68,8 @@ class Proximal(Solver):
         Iterate until |lam_k - lam_(k-1)|_inf is below this [N]: despite its name in Pinocchio, an
         absolute number. By default 1e-9 of the robot's weight: above the noise of redundant rows,
         where Pinocchio's 1e-12 never fires and doubles the time for nothing, and small enough,
-        since the next iterate is better by mu / sigma again.
+        since the next iterate is better by mu / sigma again; less where that could still move a
+        joint by 1e-9 of gravity.
     refinements : int, optional
         Corrections with residuals of our own and the same factor (`condyn_pin.refinement`). Each
         costs a look as in `solve`, and gains what rounding took where M or G is badly conditioned:
@@ -124,7 +125,9 @@ class Proximal(Solver):
         """Return `pin.constraintDynamics` bound to the memory of `workspace`."""
         audit = workspace.scene.audit
         mu = self.weight(audit)
-        accuracy = 1e-9 * audit.weight if self.relative_accuracy is None else self.relative_accuracy
+        accuracy = self.relative_accuracy
+        if accuracy is None:
+            accuracy = default_accuracy(audit, mu)
         patient = self.mu is None and self.max_iterations >= _PATIENT
         limit = FEW if patient else self.max_iterations
         settings = _pin.proximal_settings(self.absolute_accuracy, accuracy, mu, limit)

@@ -10,9 +10,9 @@ import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array
-from condyn_pin.errors import InvalidArgument, InvalidModel
+from condyn_pin.errors import InvalidModel
 from condyn_pin.extended import add, exact_residual
-from condyn_pin.knobs import check_share
+from condyn_pin.knobs import check_count, check_share
 from condyn_pin.minimum_norm import factorise
 from condyn_pin.solvers.base import Method, Singular, Solver
 
@@ -64,10 +64,7 @@ class Reference(Solver):
 
     def __post_init__(self) -> None:
         check_share("rank_tolerance", self.rank_tolerance)
-        if not isinstance(self.refinements, (int, np.integer)) or self.refinements < 0:
-            raise InvalidArgument(
-                f"refinements = {self.refinements!r}: a whole number >= 0 is needed"
-            )
+        check_count("refinements", self.refinements, least=0)
 
     def start(self, workspace: Workspace) -> Method:
         """Return the reference bound to the memory of `workspace`."""

@@ -60,7 +60,9 @@ def _factors(
     scene: Scene, q: ArrayLike, v: Array, metric: Metric
 ) -> tuple[Array, Terms, MinimumNorm]:
     if metric not in get_args(Metric):
-        raise InvalidArgument(f"metric = {metric!r}: one of {', '.join(get_args(Metric))}")
+        raise InvalidArgument(
+            f"metric = {metric!r}: one of {', '.join(get_args(Metric))} is needed"
+        )
     check(scene, q, None).raise_if_open(gap=tolerances.NEARLY_CLOSED)
     model = scene.robot.model
     q_ = normalised(model, "q", q)

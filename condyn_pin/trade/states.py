@@ -11,7 +11,7 @@ import numpy as np
 from condyn_pin.arrays import finite
 from condyn_pin.catalogue import motor_torque
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.knobs import check_count
+from condyn_pin.knobs import check_count, is_whole
 from condyn_pin.scene import Scene
 from condyn_pin.timing import State
 
@@ -167,7 +167,7 @@ def as_states(states: States | int) -> States:
     """Return a set of states; a number is that many sampled ones."""
     if isinstance(states, States):
         return states
-    if isinstance(states, bool) or not isinstance(states, (int, np.integer)):
+    if not is_whole(states):
         raise InvalidArgument(
             f"states = {states!r}: a number of them is needed, or a set such as "
             "SampledStates(20, seed=0) or NominalStates()"

@@ -6,11 +6,10 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin.arguments import normalised
-from condyn_pin.arrays import Array
+from condyn_pin.arrays import Array, finite
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.motors.inverse import InverseDynamics
 from condyn_pin.robot import Robot
@@ -96,7 +95,7 @@ def view(
     Where a processor draws, without a graphics card, what moves has 10 000 triangles at most, and
     as many pixels as 30 pictures a second allow; what rests is whole and sharp.
     """
-    if not np.isfinite(speed) or speed <= 0.0:
+    if not finite("speed", speed, ()) > 0:
         raise InvalidArgument(f"speed = {speed!r}: a positive number is needed")
     require_meshcat()
     viewer = Viewer(_drawing(_Wish(q, posture, forces, float(speed), light), subject))

@@ -92,23 +92,30 @@ class DormandPrince(Integrator):
 
             y0 = np.concatenate([np.zeros(n), v])
             method = kind(slope, 0.0, y0, dt, first_step=min(size[0], dt), **tolerances)
-            size[0], left = 0.0, _MOST
-            while method.status == "running":
-                size[0] = max(size[0], method.h_abs)  # the last substep is cut off, and says less
-                method.step()
-                left -= 1
-                if left < 0:
-                    raise StepFailed(
-                        f"{self!r}: more than {_MOST} substeps from t = {t:g} s: the motion is "
-                        "stiff; use SemiImplicitEuler() or GeneralisedAlpha(), or a smaller dt"
-                    )
-                if method.step_size and method.step_size < _SMALLEST * dt:
-                    break
-            if method.status != "finished":
-                raise StepFailed(
-                    f"{self!r}: no step from t = {t:g} s is small enough; the motion is too fast "
-                    "or not smooth there: use larger tolerances, or a tau without jumps"
-                )
+            size[0] = self._solve(method, t, dt)
             return integrate(q, method.y[:n]), method.y[n:].copy(), a
 
         return Stepper(step)
+
+    def _solve(self, method: Any, t: float, dt: float) -> float:
+        """Take the substeps of a step from t; return the largest one [s]."""
+        largest = 0.0
+        for _ in range(_MOST):
+            largest = max(
+                largest, float(method.h_abs)
+            )  # the last substep is cut off, and says less
+            method.step()
+            too_small = method.step_size and method.step_size < _SMALLEST * dt
+            if method.status != "running" or too_small:
+                break
+        else:
+            raise StepFailed(
+                f"{self!r}: more than {_MOST} substeps from t = {t:g} s: the motion is stiff; use "
+                "SemiImplicitEuler() or GeneralisedAlpha(), or a smaller dt"
+            )
+        if method.status != "finished":
+            raise StepFailed(
+                f"{self!r}: no step from t = {t:g} s is small enough; the motion is too fast or "
+                "not smooth there: use larger tolerances, or a tau without jumps"
+            )
+        return largest

@@ -36,11 +36,7 @@ class ImplicitMidpoint(Integrator):
     symplectic: ClassVar[bool] = False
     solves_per_step: ClassVar[float] = 7
     use: ClassVar[str] = "a symmetric method, for trees"
-
-    @property
-    def takes_stiff_damping(self) -> bool:
-        """True."""
-        return True
+    takes_stiff_damping: ClassVar[bool] = True
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""

@@ -44,11 +44,7 @@ class LinearlyImplicitMidpoint(Integrator):
     symplectic: ClassVar[bool] = False
     solves_per_step: ClassVar[float] = 1
     use: ClassVar[str] = "order 2 for one solve a step, with stiff springs and damping"
-
-    @property
-    def takes_stiff_damping(self) -> bool:
-        """True."""
-        return True
+    takes_stiff_damping: ClassVar[bool] = True
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.knobs import is_whole
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
 from condyn_pin.simulation.iteration import to_the_end
 from condyn_pin.simulation.residuals import Partials, Residuals
@@ -129,8 +130,7 @@ class GearGuptaLeimkuhler(Integrator):
 
 
 def _check_stages(stages: int) -> None:
-    whole = isinstance(stages, int | np.integer) and not isinstance(stages, bool)
-    if not whole or stages not in _TABLEAUS:
+    if not is_whole(stages) or stages not in _TABLEAUS:
         raise InvalidArgument(f"stages = {stages!r}: 1, 2 or 3")
 
 

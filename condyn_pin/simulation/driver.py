@@ -1,4 +1,4 @@
-"""Loop: a run on its way, leg after leg, with the events between them."""
+"""Driver: a run on its way, leg after leg, with the events between them."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from condyn_pin.arrays import Array
 from condyn_pin.constraints import Constraint
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.anchoring import anchored
-from condyn_pin.simulation.events import Event, Happened, Moment
+from condyn_pin.simulation.events import Ended, Event, Happened, Moment, PiledUp
 from condyn_pin.simulation.fit import check_fit
 from condyn_pin.simulation.leg import Leg, Method
+from condyn_pin.simulation.watch import Watch
 from condyn_pin.switching import Switch, switch
 
 # Where an event is found, as a share of dt.
@@ -20,23 +21,11 @@ _FOUND = 1e-12
 # What is left of a step after an event, and is not worth one, as a share of dt.
 _NOTHING = 1e-9
 
-# From less than this above zero to less than this below it is noise: so a foot rests on the ground
-# [m, rad, N, ...].
-_NOISE = 1e-9
-
 # Events in one step, at most: more have piled up.
 _MOST = 100
 
 
-class Ended(Exception):
-    """An event has ended the run."""
-
-
-class PiledUp(Exception):
-    """An event happens again at once."""
-
-
-class Loop:
+class Driver:
     """A run on its way.
 
     Parameters
@@ -70,7 +59,7 @@ class Loop:
         leg: Leg | None = None,
     ) -> None:
         self.t, self.q, self.v = 0.0, q, v
-        self._method, self._events = method, tuple(events)
+        self._method = method
         self._places: dict[Constraint, Constraint] = {}
         self._asked = scene  # as the user wrote it: its contacts may lack a place
         placed = self._placed(scene)
@@ -78,8 +67,9 @@ class Loop:
         self.leg.use(placed)
         self.recorders = [self.leg.begin(self.t, q, v)]
         self.happened: list[Happened] = []
-        self._rebounding: set[str] = set()  # events that have not been above zero since
-        self._values = self._look(self.t, q, v) if events else {}
+        self._watch = Watch(events)
+        if events:
+            self._watch.values = self._look(self.t, q, v)
 
     def run(self, steps: int, every: int, tick: Callable[[int], None] | None = None) -> None:
         """Take the steps; `tick` is told how many are taken.
@@ -89,7 +79,7 @@ class Loop:
         Ended, PiledUp
             If an event ends the run, or happens again at once.
         """
-        (self._run_watched if self._events else self._run_free)(steps, every, tick)
+        (self._run_watched if self._watch.events else self._run_free)(steps, every, tick)
         self.leg.end(self.t, self.q, self.v)
 
     def _run_free(self, steps: int, every: int, tick: Callable[[int], None] | None) -> None:
@@ -114,7 +104,7 @@ class Loop:
         for k in range(steps):
             q, v = self.leg.step(self.t, self.q, self.v, k, every)
             t1 = (k + 1) * self._method.dt
-            q, v = self._watch(t1, q, v, (k + 1) % every == 0)
+            q, v = self._through_events(t1, q, v, (k + 1) % every == 0)
             self.t, self.q, self.v = t1, q, v
             if tick:
                 tick(k + 1)
@@ -123,12 +113,12 @@ class Loop:
         """Return what there is to say of the events that did not happen."""
         names = {event.name for event in self.happened}
         return tuple(
-            f"{event.name} did not happen: {event.missed(self._values[event.name])}"
-            for event in self._events
+            f"{event.name} did not happen: {event.missed(self._watch.values[event.name])}"
+            for event in self._watch.events
             if event.name not in names and event.scene is not self._asked
         )
 
-    def _watch(self, t1: float, q1: Array, v1: Array, keep: bool) -> tuple[Array, Array]:
+    def _through_events(self, t1: float, q1: Array, v1: Array, keep: bool) -> tuple[Array, Array]:
         """Return the state at t1, a sample if it is to be kept, from that without events."""
         for _ in range(_MOST):
             values = self._look(t1, q1, v1)
@@ -149,46 +139,22 @@ class Loop:
                 "undoes the other; a point that is held sideways while its normal force ends has "
                 "to slide, as a PlanarContact does"
             )
-        if self._is_there(t1):
-            return q1, v1
-        self._rebounding -= {name for name in self._rebounding if values[name] > 0}
-        if self._rebounding:
-            raise PiledUp(
-                f"event {min(self._rebounding)!r} goes on at t = {t1:g} s: its rebounds have "
-                "become shorter than a step; use a restitution of 0 and a scene that keeps it"
-            )
-        self._values = {event.name: self._kept(event, values) for event in self._events}
+        if not self._is_there(t1):  # else the last event was at t1, and its values are known
+            self._watch.after_step(t1, values)
         return q1, v1
 
     def _look(self, t: float, q: Array, v: Array) -> dict[str, float]:
         """Return the value of every event at a state."""
-        moment = Moment(t, q, v, self.leg.system)
-        return {
-            # an event has nothing to say while its scene goes on
-            event.name: 0.0 if event.scene is self._asked else event.value(moment)
-            for event in self._events
-        }
-
-    def _falls(self, event: Event, after: float) -> bool:
-        """Whether the value of an event has fallen to zero, by more than noise."""
-        before, noise = self._values[event.name], _NOISE if event.at is None else 0.0
-        return before > 0 >= after and (before > noise or after < -noise)
-
-    def _kept(self, event: Event, values: dict[str, float]) -> float:
-        """Return the value to compare the next one with: noise takes none below zero."""
-        before, after = self._values[event.name], values[event.name]
-        return before if before > 0 >= after else after
+        return self._watch.look(Moment(t, q, v, self.leg.system), self._asked)
 
     def _first(self, t1: float, values: dict[str, float]) -> tuple[Event | None, float]:
         """Return the first event on the way to t1, and at which share of it."""
-        found: tuple[Event | None, float] = (None, inf)
-        for event in self._events:
-            before, after = self._values[event.name], values[event.name]
-            if self._falls(event, after):
-                share = self._share(event, t1, before, after)
-                if share < found[1]:
-                    found = event, share
-        return found
+        first: tuple[Event | None, float] = (None, inf)
+        for event in self._watch.fallen(values):
+            share = self._share(event, t1, self._watch.values[event.name], values[event.name])
+            if share < first[1]:
+                first = event, share
+        return first
 
     def _is_there(self, t1: float) -> bool:
         """Whether what is left to t1 is not worth a step."""
@@ -240,27 +206,9 @@ class Loop:
             check_fit(after, self.q, self.v, what=what)
             self._asked = event.scene
             self.leg = Leg(after, self._method)
-        elif event.at is None:  # a time does not come again
-            self._rebounding.add(event.name)
         self.recorders.append(self.leg.begin(self.t, self.q, self.v))
         self.happened.append(_happened(event, self.t, sample, before, self.leg.scene, change))
-        self._values = self._values_after(event, left)
-
-    def _values_after(self, event: Event, left: Scene) -> dict[str, float]:
-        """Return the values after an event, which left a scene.
-
-        Those that fell to zero with it are still to happen, and those that brought the scene may
-        happen again: what lets go of the ground is above it, whatever rounding says.
-        """
-        values = self._look(self.t, self.q, self.v)
-        for other in self._events:
-            name, before = other.name, self._values[other.name]
-            waits = other is not event and other.scene is not self._asked
-            if waits and before > 0 >= values[name]:
-                values[name] = before
-            elif other.at is None and other.scene is left and abs(values[name]) <= _NOISE:
-                values[name] = _NOISE
-        return values
+        self._watch.after_event(event, left, self._look(self.t, self.q, self.v), self._asked)
 
     def _placed(self, scene: Scene) -> Scene:
         """Return a scene as it takes part: its contacts with their places, effects off or on."""

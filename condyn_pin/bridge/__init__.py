@@ -1,0 +1,1 @@
+"""States and terms of a robot beside those of another engine."""

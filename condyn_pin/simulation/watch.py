@@ -1,0 +1,85 @@
+"""Watch: what events say from step to step, and which of them happen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from condyn_pin.scene import Scene
+from condyn_pin.simulation.events import Event, Moment, PiledUp
+
+# From less than this above zero to less than this below it is noise: so a foot rests on the ground
+# [m, rad, N, ...].
+_NOISE = 1e-9
+
+
+class Watch:
+    """The values of events on the way of a run: an event is where its value falls to zero.
+
+    Parameters
+    ----------
+    events : sequence of Event
+
+    Attributes
+    ----------
+    events : tuple of Event
+    values : dict of str to float
+        By name, those that the next step is compared with.
+    """
+
+    def __init__(self, events: Sequence[Event]) -> None:
+        self.events = tuple(events)
+        self.values: dict[str, float] = {}
+        self._rebounding: set[str] = set()  # events that have not been above zero since
+
+    def look(self, moment: Moment, scene: Scene) -> dict[str, float]:
+        """Return the value of every event at a moment of a scene."""
+        return {
+            # an event has nothing to say while its scene goes on
+            event.name: 0.0 if event.scene is scene else event.value(moment)
+            for event in self.events
+        }
+
+    def fallen(self, values: dict[str, float]) -> list[Event]:
+        """Return the events whose values have fallen to zero, by more than noise."""
+        return [event for event in self.events if self._falls(event, values[event.name])]
+
+    def after_step(self, t: float, values: dict[str, float]) -> None:
+        """Remember the values after a step to t, in which no event is left.
+
+        Raises
+        ------
+        PiledUp
+            If what has rebounded has not come off in a whole step.
+        """
+        self._rebounding -= {name for name in self._rebounding if values[name] > 0}
+        if self._rebounding:
+            raise PiledUp(
+                f"event {min(self._rebounding)!r} goes on at t = {t:g} s: its rebounds have "
+                "become shorter than a step; use a restitution of 0 and a scene that keeps it"
+            )
+        for name, before in self.values.items():
+            if not before > 0 >= values[name]:  # noise takes none below zero
+                self.values[name] = values[name]
+
+    def after_event(
+        self, event: Event, left: Scene, values: dict[str, float], scene: Scene
+    ) -> None:
+        """Remember the values after an event, which left one scene for another.
+
+        Those that fell to zero with it are still to happen, and those that brought the scene may
+        happen again: what lets go of the ground is above it, whatever rounding says.
+        """
+        if event.scene is None and event.at is None:  # a time does not come again
+            self._rebounding.add(event.name)
+        for other in self.events:
+            name, before = other.name, self.values[other.name]
+            waits = other is not event and other.scene is not scene
+            if waits and before > 0 >= values[name]:
+                values[name] = before
+            elif other.at is None and other.scene is left and abs(values[name]) <= _NOISE:
+                values[name] = _NOISE
+        self.values = values
+
+    def _falls(self, event: Event, after: float) -> bool:
+        before, noise = self.values[event.name], _NOISE if event.at is None else 0.0
+        return before > 0 >= after and (before > noise or after < -noise)
