@@ -227,6 +227,17 @@ def test_a_machine_that_cannot_move_is_differentiated_and_checked():
     assert np.abs(found.da_dtau).max() < 1e-12
 
 
+def test_pinocchios_of_a_single_joint_are_columns():
+    pendulum = cp.pendulum()
+    scene = cp.Scene(pendulum, [cp.PointContact(pendulum.frames[-1])])
+    state = ([0.7], [0.0], [0.1])
+    ours, theirs = (cp.derivatives(scene, *state, method=m) for m in ("kkt", "pinocchio"))
+    for block in BLOCKS:
+        wanted, found = (getattr(d, block) for d in (ours, theirs))
+        assert found.shape == wanted.shape
+        assert np.abs(found - wanted).max() < 1e-9 * max(1.0, np.abs(wanted).max()), block
+
+
 def test_check_finds_a_wrong_entry():
     scene, (q, v, tau) = all_scenes()["solo12 contacts"], states("solo12 contacts")[0]
     workspace = cp.Workspace(scene)

@@ -158,3 +158,12 @@ def test_knobs_that_mean_nothing_are_refused(knobs):
 def test_lists_are_knobs_too():
     assert cp.Soft(solref=[0.02, 1], solimp=[0.9, 0.95, 0.001, 0.5, 2]) == cp.Soft()
     assert hash(cp.Soft(solref=[0.02, 1])) == hash(cp.Soft())
+
+
+def test_a_robot_of_a_single_joint():
+    """Pinocchio hands out the one column of its Jacobian as a vector."""
+    pendulum = cp.pendulum()
+    scene = cp.Scene(pendulum, [cp.PointContact(pendulum.frames[-1])])
+    held = cp.solve(scene, [0.7], [0.0], [0.0], solver=cp.Soft(), throw=False)
+    free = cp.solve(cp.Scene(pendulum), [0.7], [0.0], [0.0])
+    assert 0 < np.abs(held.a).max() < 0.2 * np.abs(free.a).max()

@@ -46,7 +46,8 @@ class PinocchioDerivatives(Derivatives):
         settings = workspace.proximal_settings
         # again, with nothing in between: the derivatives read what this leaves behind
         pin.constraintDynamics(model, data, solution.q, v, tau, models, datas, settings)
-        parts = pin.computeConstraintDynamicsDerivatives(model, data, models, datas, settings)
+        found = pin.computeConstraintDynamicsDerivatives(model, data, models, datas, settings)
+        parts = [np.reshape(part, (-1, self._n)) for part in found]  # a column comes as a vector
         empty = [np.zeros((0, self._n))] * 3
         of_lam = [workspace.scene_forces(part) for part in parts[3:]] if self._m else empty
         by_q, by_v, by_tau = map(np.vstack, zip(parts[:3], of_lam, strict=True))

@@ -167,7 +167,8 @@ def inverse_inertias(workspace: Workspace) -> Array:
             return np.zeros(2)
         at_centre = pin.SE3(np.eye(3), model.inertias[joint].lever)
         J = pin.getFrameJacobian(model, data, joint, at_centre, LOCAL)
-        return np.asarray(gives(J).reshape(2, 3).mean(axis=1))
+        six = gives(np.reshape(J, (6, -1)))  # a single column comes as a vector
+        return np.asarray(six.reshape(2, 3).mean(axis=1))
 
     w = np.zeros(workspace.scene.rows)
     for bound in workspace.bounds:
