@@ -10,9 +10,10 @@ import numpy as np
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.errors import BranchChanged, NotAssembled
+from condyn_pin.errors import BranchChanged, InvalidModel, NotAssembled
 from condyn_pin.minimum_norm import MinimumNorm, factorise
 from condyn_pin.proof import Yardstick
+from condyn_pin.range_space import whiten
 from condyn_pin.rows.equations import Equations
 from condyn_pin.rows.natives import Natives
 from condyn_pin.rows.reach import reach
@@ -106,13 +107,7 @@ class Audit:
 def audit(scene: Scene) -> Audit:
     """Measure a scene."""
     robot = scene.robot
-    closed = True
-    try:
-        q, _ = scene.state()
-    except BranchChanged as error:
-        q = error.assembly.q
-    except NotAssembled:
-        q, closed = scene.guess(), False
+    q, closed = _nominal_configuration(scene)
     equations = Equations(robot.model, scene.bounds)
     terms = equations.terms(q, np.zeros(robot.nv))
     factors = factorise(terms.M, terms.J, tolerances.RANK)
@@ -138,6 +133,26 @@ def audit(scene: Scene) -> Audit:
         states=_nominal_states(equations, q, factors),
         terms=terms,
     )
+
+
+def whitened_rows(scene: Scene) -> Array:
+    """Return J L^-T (m, nv) at the nominal state, the Jacobian in the metric of M."""
+    robot, (q, _) = scene.robot, _nominal_configuration(scene)
+    terms = Equations(robot.model, scene.bounds).terms(q, np.zeros(robot.nv))
+    whitened = whiten(terms.M, terms.J)
+    if whitened is None:
+        raise InvalidModel("the mass matrix is not positive definite at the nominal state")
+    return np.asarray(whitened[1].T)
+
+
+def _nominal_configuration(scene: Scene) -> tuple[Array, bool]:
+    """Return q of the nominal state, and whether the loops are closed there."""
+    try:
+        return scene.state()[0], True
+    except BranchChanged as error:
+        return error.assembly.q, True
+    except NotAssembled:
+        return scene.guess(), False
 
 
 def _native_spectrum(native: Natives, factors: MinimumNorm) -> tuple[float, float]:

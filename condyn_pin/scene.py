@@ -10,7 +10,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from condyn_pin.arrays import read_only
-from condyn_pin.audit import Audit, audit
+from condyn_pin.audit import Audit, audit, whitened_rows
 from condyn_pin.constraints import Constraint
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.robot import Robot
@@ -90,7 +90,7 @@ class Scene(States, Smaller):
     @cached_property
     def natives(self) -> Natives:
         """The constraints as Pinocchio's own methods take them."""
-        return natives(self.bounds)
+        return natives(self.bounds, lambda: whitened_rows(self))
 
     @cached_property
     def audit(self) -> Audit:

@@ -107,6 +107,21 @@ def test_other_points_stay_where_they_are(places):
     assert scene.natives.to_scene is None
 
 
+def test_points_stay_where_they_are_if_others_hold_what_they_hold():
+    """Far apart they would bear forces among themselves, k times those that are the least."""
+    talos, pendulum = robot("talos"), cp.pendulum()
+    sole, bob = talos.contacts[0].frame, pendulum.frames[-1]
+    for whole, frame, others in ((talos, sole, [talos.contacts[0]]), (pendulum, bob, [])):
+        ends = [cp.PointContact(frame, (d, 0.0, 0.0), name=f"at {d}") for d in (0.0, 1e-5)]
+        scene = cp.Scene(whole, [*others, *ends])
+        assert not is_spread(scene)
+        state = (*scene.sample(np.random.default_rng(0)), np.ones(whole.nv))
+        lam, least = (
+            cp.solve(scene, *state, solver=s).lam for s in (cp.Proximal(), cp.Reference())
+        )
+        assert np.abs(lam - least).max() < 1e-7 * np.abs(least).max()
+
+
 def test_a_motion_stays_closed():
     """Drift control reads its gaps off what Pinocchio has."""
     scene = hands(0 * AHEAD, 1e-4 * AHEAD)

@@ -12,7 +12,7 @@ what rolls have none.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,8 +45,15 @@ class Natives:
     missing: tuple[str, ...]
 
 
-def natives(bounds: Sequence[AnyBound]) -> Natives:
-    """Return the constraints of a scene as Pinocchio takes them."""
+def natives(bounds: Sequence[AnyBound], rows: Callable[[], Array]) -> Natives:
+    """Return the constraints of a scene as Pinocchio takes them.
+
+    Parameters
+    ----------
+    bounds : sequence of AnyBound
+    rows : callable
+        Returns the Jacobian of the scene at its nominal state in the metric of M, J L^-T (m, nv).
+    """
     made: list[Native] = []
     blocks: list[Array] = []
     imitated: list[str] = []
@@ -64,10 +71,9 @@ def natives(bounds: Sequence[AnyBound]) -> Natives:
         else:
             missing.append(bound.name)
             blocks.append(np.zeros((bound.size, 0)))
-    to_scene = _block_diagonal(blocks)
-    constraints, W = spread(made)
-    if W is not None:
-        to_scene = to_scene @ W.T
+    blocked = _block_diagonal(blocks)
+    constraints, W = spread(made, lambda: blocked.T @ rows())
+    to_scene = blocked if W is None else blocked @ W.T
     same = to_scene.shape[0] == to_scene.shape[1] and (to_scene == np.eye(len(to_scene))).all()
     return Natives(constraints, None if same else to_scene, tuple(imitated), tuple(missing))
 

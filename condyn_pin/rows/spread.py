@@ -8,17 +8,22 @@ Pinocchio has n points p' in place of p, k times as far from their middle on bot
     p' = W p,      s' = W s,      lam = W^T lam',      W = 1 1^T / n + k (1 - 1 1^T / n).
 
 The slip of a point is affine in the point, and rows of W add up to one. W has an inverse: the scene
-is the same. And all forces that add up to nothing become k times smaller, so that those that bodies
-bear among the points, which no motion tells, stay the least as well.
+is the same. Forces along the line, which no motion tells, are shared as before.
+
+Points stay where they are if others hold the turns that they hold, as a weld between the same two
+bodies does. Those rows are then redundant, and far apart they would contradict the others by k
+times as much rounding, and bear k times as much among themselves.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
@@ -30,15 +35,73 @@ from condyn_pin.rows.native import Native
 NEARLY: Final = 1e-2
 ONE: Final = 1e-9
 
+# Singular value of rows, relative to the largest, that is none: above what that rounding leaves.
+_NONE: Final = 1e-6
 
-def spread(natives: Sequence[Native]) -> tuple[tuple[Native, ...], Array | None]:
-    """Return constraints in which no two points of the same bodies are nearly one.
 
-    Points stay where they are if others of the same bodies are not near: those hold the turns.
+@dataclass(frozen=True, eq=False)
+class Cluster:
+    """Points of the same two bodies that are nearly one.
+
+    Attributes
+    ----------
+    places : tuple of int
+        Theirs among all constraints.
+    rows : (3 n,) array
+        Theirs among all rows.
+    points : tuple of Native
+        c1 of all is on the same body, and c2: so their axes are those of the first, turned for
+        good.
+    k : float
+        How many times as far apart they are to be.
+    """
+
+    places: tuple[int, ...]
+    rows: NDArray[np.intp]
+    points: tuple[Native, ...]
+    k: float
+
+    @cached_property
+    def weights(self) -> Array:
+        """1 1^T / n + k (1 - 1 1^T / n), (n, n)."""
+        n = len(self.points)
+        mean = np.full((n, n), 1.0 / n)
+        return np.asarray(mean + self.k * (np.eye(n) - mean))
+
+    @cached_property
+    def W(self) -> Array:
+        """The same for rows (3 n, 3 n), to the axes of the first point from those of each."""
+        axes = self.points[0].placement1.rotation.T
+        turns = [axes @ point.placement1.rotation for point in self.points]
+        return np.block([[w * R for w, R in zip(row, turns, strict=True)] for row in self.weights])
+
+    def moved(self) -> list[Native]:
+        """Return the points p' = W p on both bodies."""
+        axes = self.points[0].placement1.rotation
+        return [
+            replace(point, placement1=pin.SE3(axes, p1), placement2=pin.SE3(axes, p2))
+            for point, p1, p2 in zip(
+                self.points, self._moved("placement1"), self._moved("placement2"), strict=True
+            )
+        ]
+
+    def _moved(self, end: str) -> Array:
+        """Return p' from differences to the first point: they are exact where points are near."""
+        p = np.array([getattr(point, end).translation for point in self.points])
+        return np.asarray(p[0] + self.weights @ (p - p[0]))
+
+
+def spread(
+    natives: Sequence[Native], rows: Callable[[], Array]
+) -> tuple[tuple[Native, ...], Array | None]:
+    """Return constraints in which no two points are nearly one that alone hold a turn.
 
     Parameters
     ----------
     natives : sequence of Native
+    rows : callable
+        Returns their Jacobian at the nominal state in the metric of M, J L^-T (m, nv). It is called
+        where there are points that are nearly one.
 
     Returns
     -------
@@ -47,62 +110,56 @@ def spread(natives: Sequence[Native]) -> tuple[tuple[Native, ...], Array | None]
     W : (m, m) array or None
         lam = W^T lam'; None where all are as before.
     """
-    made = list(natives)
-    starts = np.cumsum([0, *(native.size for native in natives)])
-    W, changed = np.eye(starts[-1]), False
-    for group in _groups(natives):
-        points = [natives[i] for i in group]
-        k = _times(points)
-        if k is None:
-            continue
-        mean, changed = np.full((len(group), len(group)), 1.0 / len(group)), True
-        weights = mean + k * (np.eye(len(group)) - mean)
-        for i, point, row in zip(group, _moved(points, weights), weights, strict=True):
+    clusters = _clusters(natives)
+    if not clusters:
+        return tuple(natives), None
+    made, J = list(natives), rows()
+    W, needed = np.eye(len(J)), _needed(clusters, J)
+    for cluster in needed:
+        W[np.ix_(cluster.rows, cluster.rows)] = cluster.W
+        for i, point in zip(cluster.places, cluster.moved(), strict=True):
             made[i] = point
-            for j, weight in zip(group, row, strict=True):
-                turn = point.placement1.rotation.T @ natives[j].placement1.rotation
-                W[starts[i] : starts[i] + 3, starts[j] : starts[j] + 3] = weight * turn
-    return tuple(made), W if changed else None
+    return tuple(made), W if needed else None
 
 
-def _groups(natives: Sequence[Native]) -> list[list[int]]:
-    """Return the points of each two bodies, c1 on the one and c2 on the other.
-
-    The axes of one c1 are those of another of its group, turned for good.
-    """
+def _clusters(natives: Sequence[Native]) -> list[Cluster]:
+    """Return the points that are nearly one, if no others of their two bodies are far from them."""
+    ends = np.cumsum([native.size for native in natives])
     groups: dict[tuple[int, int, bool], list[int]] = {}
     for i, native in enumerate(natives):
         if native.size == 3:
             bodies = native.joint1, native.joint2, native.anchored
             groups.setdefault(bodies, []).append(i)
-    return list(groups.values())
+    found = []
+    for places in groups.values():
+        points = tuple(natives[i] for i in places)
+        p = np.array([point.placement1.translation for point in points])
+        radius = float(np.linalg.norm(p - p.mean(axis=0), axis=1).max())
+        lever = max(point.lever for point in points)
+        if ONE * lever < radius < NEARLY * lever:
+            rows = np.concatenate([ends[i] + np.arange(-3, 0) for i in places])
+            found.append(Cluster(tuple(places), rows, points, lever / radius))
+    return found
 
 
-def _times(points: Sequence[Native]) -> float | None:
-    """Return how many times as far apart points are to be; None where they are not nearly one."""
-    p = np.array([point.placement1.translation for point in points])
-    radius = float(np.linalg.norm(p - p.mean(axis=0), axis=1).max())
-    lever = max(point.lever for point in points)
-    return lever / radius if ONE * lever < radius < NEARLY * lever else None
+def _needed(clusters: Sequence[Cluster], J: Array) -> list[Cluster]:
+    """Return the clusters that hold a turn that neither other rows nor clusters before them do."""
+    held, turns = np.delete(J, np.concatenate([c.rows for c in clusters]), axis=0), []
+    for cluster in clusters:
+        slips = (cluster.W @ J[cluster.rows]).reshape(len(cluster.points), 3, -1)
+        middle = slips.mean(axis=0)
+        held = np.vstack([held, middle])
+        turns.append((slips - middle).reshape(len(cluster.rows), -1))
+    needed = []
+    for cluster, slips in zip(clusters, turns, strict=True):
+        both = np.vstack([held, slips])
+        if _rank(both) > _rank(held):
+            held = both
+            needed.append(cluster)
+    return needed
 
 
-def _moved(points: Sequence[Native], weights: Array) -> list[Native]:
-    """Return the points p' = W p on both bodies, all with the axes of the first."""
-    axes = points[0].placement1.rotation
-    p1, p2 = (
-        _combined(weights, np.array([getattr(point, end).translation for point in points]))
-        for end in ("placement1", "placement2")
-    )
-    return [
-        replace(
-            points[i],
-            placement1=pin.SE3(axes, p1[i]),
-            placement2=pin.SE3(points[i].placement2.rotation, p2[i]),
-        )
-        for i in range(len(points))
-    ]
-
-
-def _combined(weights: Array, p: Array) -> Array:
-    """Return W p, from differences to the first: they are exact where points are near."""
-    return np.asarray(p[0] + weights @ (p - p[0]))
+def _rank(J: Array) -> int:
+    """Return the number of rows that are independent."""
+    S = np.linalg.svd(J, compute_uv=False)
+    return int(np.count_nonzero(_NONE * S.max(initial=0.0) < S))
