@@ -252,7 +252,7 @@ def _theirs(rows: Sequence[Row]) -> list[Row]:
 
 
 def _ratio(rows: Sequence[Row], row: Row) -> float:
-    """Return MuJoCo's time over ours at no larger errors; 0 where no way of ours is as accurate."""
+    """Return MuJoCo's time over ours at no larger errors; 0 where ours are all larger."""
     found = answer(rows, row)
     return row.us / found.us if found else 0.0
 
@@ -283,8 +283,8 @@ def _table(rows: Sequence[Row], about: dict[str, str], shown: Sequence[Row]) -> 
     lines += [
         "",
         "us/ms: CPU time a simulated millisecond. x: MuJoCo's over ours, at no larger gap and no "
-        "larger energy error; **below 1 MuJoCo is ahead**, 0 where no way of ours is as accurate. "
-        f"Of its points with steps from 0.5 to 16 ms condyn_pin is ahead at {counts}.",
+        "larger energy error; **below 1 MuJoCo is ahead**, 0 where no setting of condyn_pin is as "
+        f"accurate. Of its points with steps from 0.5 to 16 ms condyn_pin is ahead at {counts}.",
     ]
     where = (
         "`python benchmarks/simulation_vs_mujoco.py` on {processor} ({cores} cores, one thread), "

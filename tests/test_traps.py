@@ -732,7 +732,9 @@ def test_trap_22_no_module_copies_a_data():
     """Pinocchio 4: a copied Data works until it is used."""
     for file, tree in modules().items():
         names = names_in(tree)
-        assert not names & {"deepcopy", "copy.copy", "pin.Data"}, file
+        if file != "bridge/mujoco_terms.py":  # MuJoCo's model may be copied
+            assert not names & {"deepcopy", "copy.copy"}, file
+        assert "pin.Data" not in names, file
         copied = {name for name in names if name.lower().endswith("data.copy")}
         assert not copied, file
 
