@@ -24,7 +24,7 @@ STATUSES: Final = tuple(Status)
 # The arrays with a row a state.
 _ROWS: Final = ("q", "a", "lam", "proofs", "statuses", "iterations", "solve_times")
 
-Some = slice | NDArray[Any]  # of the rows, as NumPy takes them
+Some = slice | list[int] | NDArray[Any]  # of the rows, as NumPy takes them
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -116,6 +116,8 @@ class BatchSolution(Outcome):
     def __getitem__(self, i: Some) -> BatchSolution: ...
 
     def __getitem__(self, i: int | np.integer[Any] | Some) -> Solution | BatchSolution:
+        if isinstance(i, list):
+            i = np.arange(len(self))[i]
         if isinstance(i, slice | np.ndarray):
             return replace(self, **{name: read_only(getattr(self, name)[i]) for name in _ROWS})
         status = int(self.statuses[i])
