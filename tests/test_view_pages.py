@@ -144,6 +144,24 @@ def test_a_browser_that_fails_is_quoted(monkeypatch, tmp_path):
         cp.view(cp.pendulum(), png=tmp_path / "p.png")
 
 
+def test_a_chromium_that_hangs_is_started_once_more(monkeypatch, tmp_path):
+    fake, png = tmp_path / "chromium", tmp_path / "picture.png"
+    fake.write_text(
+        "#!/bin/sh\n"
+        f"test -e {tmp_path}/before || {{ touch {tmp_path}/before; exec sleep 60; }}\n"
+        'for word; do case "$word" in --screenshot=*) echo drawn > "${word#*=}";; esac; done\n'
+    )
+    fake.chmod(0o755)
+    monkeypatch.setattr(chromium, "_NAMES", (str(fake),))
+    monkeypatch.setattr(chromium, "_LIMIT", 2.0)
+    chromium.screenshot("<html></html>", png)
+    assert png.read_text() == "drawn\n"
+    (tmp_path / "before").unlink()
+    monkeypatch.setattr(chromium, "_STARTS", 1)
+    with pytest.raises(cp.BrowserFailed, match="did not end within 2 s"):
+        chromium.screenshot("<html></html>", png)
+
+
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
