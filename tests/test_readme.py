@@ -153,5 +153,16 @@ def test_extremes_are_those_of_the_committed_results(monkeypatch):
     assert_written(stress.pages(runs))
 
 
+def test_weights_are_those_of_the_committed_results(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    import auto_mu
+
+    found, machine = auto_mu.load(ROOT / "benchmarks" / "results" / "auto_mu.json")
+    assert_written(auto_mu.pages(found, machine))
+    table = (ROOT / "benchmarks" / "results" / "auto_mu.md").read_text(encoding="utf-8")
+    assert auto_mu.markdown(found, machine) == table
+    assert {c.task.family for c in found} <= set(cp.EXTREMES)
+
+
 def test_changelog_has_this_version():
     assert f"## [{cp.__version__}]" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
