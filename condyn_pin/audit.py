@@ -142,6 +142,8 @@ def whitened_rows(scene: Scene) -> Array:
     whitened = whiten(terms.M, terms.J)
     if whitened is None:
         raise InvalidModel("the mass matrix is not positive definite at the nominal state")
+    if not np.isfinite(whitened[1]).all():
+        raise InvalidModel("the constraint Jacobian is not finite at the nominal state")
     return np.asarray(whitened[1].T)
 
 

@@ -12,7 +12,8 @@ is the same. Forces along the line, which no motion tells, are shared as before.
 
 Points stay where they are if others hold the turns that they hold, as a weld between the same two
 bodies does. Those rows are then redundant, and far apart they would contradict the others by k
-times as much rounding, and bear k times as much among themselves.
+times as much rounding, and bear k times as much among themselves. Of points that hold one turn with
+others and another alone the second is what counts: a is right, and lam need not be the smallest.
 """
 
 from __future__ import annotations
