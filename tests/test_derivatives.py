@@ -129,6 +129,16 @@ def test_rows_turn_as_differences_say(kind):
     assert np.abs(had - wanted).max() < 1e-9 * max(np.abs(had).max(), 1.0)
 
 
+@pytest.mark.parametrize("mass", [1e-6, 1.0, 1e6])
+def test_differences_by_torques_know_how_heavy_joints_are(mass):
+    """A step of 1e-3 N m on an excavator moves nothing."""
+    scene = cp.Scene(cp.chain(4, length=100.0, mass=mass))
+    q, v = scene.sample(np.random.default_rng(1))
+    found = cp.derivatives(scene, q, v, 0 * v, method="differences")
+    inverse = np.linalg.inv(cp.Workspace(scene).terms(q, v).M)
+    assert np.abs(found.da_dtau - inverse).max() < 1e-9 * np.abs(inverse).max()
+
+
 @each_scene
 def test_scenes_agree_with_differences(label):
     """With redundant rows too: along the constraints; a check that fails raises."""
