@@ -2,9 +2,9 @@
 
     f'(0) ~ (8 (f(h) - f(-h)) - (f(2h) - f(-2h))) / (12 h)
 
-along ``pin.integrate(model, q, t e_i)`` and its like for v, and M_ii t e_i for tau, which moves a
-heavy joint as much as a light one. One step h serves all, that of a sweep at which the result
-changes least. Where rows are redundant a step off the
+along ``pin.integrate(model, q, t e_i)`` and its like for v, and max(M_ii) t e_i for tau, which
+also the heaviest joint feels: (a, lam) is linear in tau, no step is too large. One step h serves
+all, that of a sweep at which the result changes least. Where rows are redundant a step off the
 constraints makes them contradict each other, so q is closed again after each step, and the
 derivatives by q are those along the constraints: zero across.
 """
@@ -60,7 +60,7 @@ class DifferenceDerivatives(Derivatives):
         self._model, self._equations = workspace.model, workspace.equations
         scene = solution.scene
         self.along = directions(self._equations.jacobian(solution.q), bool(scene.audit.redundant))
-        self._inertias = np.diag(self._equations.terms(solution.q, v).M)
+        self._heaviest = float(np.diag(self._equations.terms(solution.q, v).M).max(initial=0.0))
         self.step = 0.0
 
     def _form(self) -> tuple[Array, Array, Array]:
@@ -77,8 +77,8 @@ class DifferenceDerivatives(Derivatives):
         answer, unit, size = self._answer, np.eye(self._n), self._n + self._m
         by_q = _central(lambda step: answer(self._moved(step), v, tau), self.along, h, size)
         by_v = _central(lambda step: answer(q, v + step, tau), unit, h, size)
-        by_tau = _central(lambda step: answer(q, v, tau + self._inertias * step), unit, h, size)
-        return np.hstack([by_q @ self.along, by_v, by_tau / self._inertias])
+        by_tau = _central(lambda step: answer(q, v, tau + self._heaviest * step), unit, h, size)
+        return np.hstack([by_q @ self.along, by_v, by_tau / self._heaviest])
 
     def _answer(self, q: Array, v: Array, tau: Array) -> Array:
         return np.concatenate(_PLAIN.solve(self._equations.terms(q, v), tau))
