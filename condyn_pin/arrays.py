@@ -67,3 +67,12 @@ def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Array:
         entry = str(list(bad)) if bad else ""
         raise InvalidArgument(f"{name}{entry} = {array[bad]}: finite numbers are needed")
     return array
+
+
+def finite_rows(name: str, value: ArrayLike, size: int) -> Array:
+    """Return one row of numbers or many, (..., size), as `finite` does."""
+    try:
+        many = np.shape(value)[:-1]
+    except ValueError:  # of lists that differ in length, and `finite` says so
+        many = ()
+    return finite(name, value, (*many, size))

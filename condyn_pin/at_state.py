@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arguments import Arguments
-from condyn_pin.arrays import Array, check_overflow
+from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.minimum_norm import MinimumNorm, factorise
 from condyn_pin.rows.equations import Equations
-from condyn_pin.rows.terms import Terms
+from condyn_pin.rows.terms import Terms, finite_terms
 from condyn_pin.scene import Scene, check_scene
 
 # The equations of this thread's last scene: their memory takes longer to make than to use.
@@ -45,9 +45,7 @@ def at_state(scene: Scene, q: ArrayLike, v: ArrayLike | None = None) -> State:
     equations = equations_of(scene)
     still = np.zeros(scene.robot.nv)
     q_, v_, _ = Arguments(equations.model).check(q, still if v is None else v, still)
-    with np.errstate(all="ignore"):  # what overflows is refused
-        terms = equations.terms(q_, v_)
-    check_overflow("v", v_, terms.h, terms.gamma)
+    terms = finite_terms(equations, q_, v_)
     return State(q_.copy(), v_.copy(), terms, factorise(terms.M, terms.J, tolerances.RANK))
 
 

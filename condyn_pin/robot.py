@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -109,6 +110,11 @@ class Robot:
     def mass(self) -> float:
         """Total mass [kg], with what is fixed to the world."""
         return float(sum(inertia.mass for inertia in self.model.inertias))
+
+    @cached_property
+    def longest_link(self) -> float:
+        """The longest way from a joint to the next one [m]."""
+        return max(float(np.linalg.norm(p.translation)) for p in self.model.jointPlacements)
 
     @property
     def frames(self) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from condyn_pin import _pin
 from condyn_pin._pin import pin
 from condyn_pin.arguments import FLOAT, HIGH, LOW, Arguments, unpack_quaternion
-from condyn_pin.arrays import Array, check_overflow
+from condyn_pin.arrays import Array
 from condyn_pin.choice import check_kinds, default_solver
 from condyn_pin.differentiation import METHODS, Derivatives
 from condyn_pin.differentiation.check import check_derivatives
@@ -25,7 +25,7 @@ from condyn_pin.judge import Judge, check_accuracy_of_a
 from condyn_pin.raw import ConstraintDatas, ConstraintModels, raw_constraints
 from condyn_pin.rows.bound import AnyBound
 from condyn_pin.rows.equations import Equations
-from condyn_pin.rows.terms import Terms
+from condyn_pin.rows.terms import Terms, finite_terms
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.solution import Solution, Status
 from condyn_pin.solvers.base import Singular, Solver
@@ -328,10 +328,7 @@ class Workspace:
     def terms(self, q: ArrayLike, v: ArrayLike) -> Terms:
         """Return M, h, J, gamma and a_ref at a state."""
         q_, v_, _ = self._arguments.check(q, v, np.zeros(self.model.nv))
-        with np.errstate(all="ignore"):  # what overflows is refused
-            terms = self.equations.terms(q_, v_)
-        check_overflow("v", v_, terms.h, terms.gamma, terms.a_ref)
-        return terms
+        return finite_terms(self.equations, q_, v_)
 
     def jacobian(self, q: ArrayLike) -> Array:
         """Return the constraint Jacobian J (m, nv)."""

@@ -54,10 +54,8 @@ class BatchDerivatives:
     def __getitem__(self, i: Some) -> BatchDerivatives: ...
 
     def __getitem__(self, i: int | np.integer[Any] | Some) -> Derivatives | BatchDerivatives:
-        if isinstance(i, list):
-            i = np.arange(len(self))[i]
         blocks = {name: getattr(self, name)[i] for name in BLOCKS}
-        if isinstance(i, slice | np.ndarray):
+        if isinstance(i, slice | list | np.ndarray):
             some = {name: read_only(block) for name, block in blocks.items()}
             return replace(self, solution=self.solution[i], **some)
         return StoredDerivatives(self.solution[i], blocks)

@@ -116,9 +116,7 @@ class BatchSolution(Outcome):
     def __getitem__(self, i: Some) -> BatchSolution: ...
 
     def __getitem__(self, i: int | np.integer[Any] | Some) -> Solution | BatchSolution:
-        if isinstance(i, list):
-            i = np.arange(len(self))[i]
-        if isinstance(i, slice | np.ndarray):
+        if isinstance(i, slice | list | np.ndarray):
             return replace(self, **{name: read_only(getattr(self, name)[i]) for name in _ROWS})
         status = int(self.statuses[i])
         if status == MISSING:

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin import tolerances
 from condyn_pin.arguments import HIGH, LOW, Arguments
-from condyn_pin.arrays import Array, finite
+from condyn_pin.arrays import Array, finite, finite_rows
 from condyn_pin.bridge.pairs import Pair, check_axes, pairs_of
 from condyn_pin.bridge.quaternions import moved, product, quaternion, reordered, turned
 from condyn_pin.errors import InvalidArgument
@@ -158,7 +158,7 @@ class MujocoBridge:
         InvalidArgument
             If a size is wrong, a number not finite, or a quaternion not normalised.
         """
-        qpos_ = _rows("qpos", qpos, self.model.nq)
+        qpos_ = finite_rows("qpos", qpos, self.model.nq)
         qvel_ = finite("qvel", qvel, (*qpos_.shape[:-1], self.model.nv))
         q = np.zeros((*qpos_.shape[:-1], self.robot.nq))
         for pair in self.pairs:
@@ -237,7 +237,7 @@ class MujocoBridge:
         return f"MujocoBridge({self.robot.name!r}: {len(self.pairs)} joints{held})"
 
     def _configuration(self, q: ArrayLike) -> Array:
-        q_ = _rows("q", q, self.robot.nq)
+        q_ = finite_rows("q", q, self.robot.nq)
         for part in self._units:  # type: ignore[attr-defined]
             _check_units("q", q_[..., part], part)
         return q_
@@ -279,15 +279,6 @@ class MujocoBridge:
         """Return the quaternion x y z w of a free body in the world."""
         placement = self.robot.model.jointPlacements[pair.here]
         return product(quaternion(placement.rotation), q[..., pair.q][..., 3:])
-
-
-def _rows(name: str, value: ArrayLike, size: int) -> Array:
-    """Return one row of numbers or many, or raise InvalidArgument."""
-    try:
-        lead = np.shape(value)[:-1]
-    except ValueError:  # rows of unequal length: `finite` says so
-        lead = ()
-    return finite(name, value, (*lead, size))
 
 
 def _check_units(name: str, x: Array, part: slice) -> None:

@@ -145,10 +145,8 @@ def _check_parents(robot: Robot, mj: Any, paired: Sequence[Pair], known: list[st
 def carrier(mj: Any, joint: int, among: Mapping[int, int]) -> int:
     """Return the joint that carries one of MuJoCo's, -1 for the world; held ones are skipped."""
     body, j = int(mj.jnt_bodyid[joint]), joint - 1
-    if j >= int(mj.body_jntadr[body]) and j in among:
-        return j
     if j >= int(mj.body_jntadr[body]):
-        return carrier(mj, j, among)
+        return j if j in among else carrier(mj, j, among)
     return holder(mj, int(mj.body_parentid[body]), among)
 
 
@@ -195,7 +193,5 @@ def axes(model: Any, placed: Any, data: Any, pair: Pair) -> tuple[Array, Array]:
 
 
 def _numbers(values: Array) -> str:
-    rows = np.atleast_2d(np.round(values, 4) + 0.0)
-    return ", ".join(
-        f"({', '.join(f'{x:g}' for x in row)})" for row in rows.T if len(rows) > 1
-    ) or (f"({', '.join(f'{x:g}' for x in rows[0])})")
+    columns = np.atleast_2d(np.round(values.T, 4) + 0.0)  # no minus zero
+    return ", ".join(f"({', '.join(f'{x:g}' for x in column)})" for column in columns)

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin import tolerances
-from condyn_pin.arrays import Array, finite, read_only
+from condyn_pin.arrays import Array, finite, finite_rows, read_only
 from condyn_pin.cones.margin import FAULTS, ConeRows, Margin
 from condyn_pin.constraint_fields import Vector3, check_size, direction
 from condyn_pin.constraints import WORLD, Constraint
@@ -87,11 +87,7 @@ class Cone(ABC):
             cone = self.fitted(force.constraint)
             T = cone.turn(force.constraint, force.rotation, upward(force.scene))
             return cone.judge(turned(T, force.components) * (-1.0 if force.on in WORLD else 1.0))
-        try:
-            many = np.shape(force)[:-1]
-        except ValueError:  # of lists that differ in length, and `finite` says so
-            many = ()
-        numbers = finite("force", force, (*many, self.rows().A.shape[1]))
+        numbers = finite_rows("force", force, self.rows().A.shape[1])
         check_size("force", np.abs(numbers).max(initial=0.0))
         return self.judge(numbers)
 

@@ -157,7 +157,7 @@ def _lever(robot: Robot, *placements: Any) -> float:
     near the middle of its joint says nothing about the size; then it is that of the robot's links.
     """
     own = max(float(np.linalg.norm(p.translation)) for p in placements)
-    links = max(float(np.linalg.norm(p.translation)) for p in robot.model.jointPlacements)
+    links = robot.longest_link
     return own if own > 0.1 * links else links or 1.0
 
 

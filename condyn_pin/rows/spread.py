@@ -151,11 +151,11 @@ def _needed(clusters: Sequence[Cluster], J: Array) -> list[Cluster]:
         middle = slips.mean(axis=0)
         held = np.vstack([held, middle])
         turns.append((slips - middle).reshape(len(cluster.rows), -1))
-    needed = []
+    needed, rank = [], _rank(held)
     for cluster, slips in zip(clusters, turns, strict=True):
         both = np.vstack([held, slips])
-        if _rank(both) > _rank(held):
-            held = both
+        if (more := _rank(both)) > rank:
+            held, rank = both, more
             needed.append(cluster)
     return needed
 

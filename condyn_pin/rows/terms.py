@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from condyn_pin.arrays import Array
+import numpy as np
+
+from condyn_pin.arrays import Array, check_overflow
+
+if TYPE_CHECKING:
+    from condyn_pin.rows.equations import Equations
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,3 +36,11 @@ class Terms:
     J: Array
     gamma: Array
     a_ref: Array
+
+
+def finite_terms(equations: Equations, q: Array, v: Array) -> Terms:
+    """Return the terms at a state that was checked; InvalidArgument if v makes them overflow."""
+    with np.errstate(all="ignore"):  # what overflows is refused
+        terms = equations.terms(q, v)
+    check_overflow("v", v, terms.h, terms.gamma, terms.a_ref)
+    return terms
