@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,15 +14,7 @@ from condyn_pin._pin import factorise_constraints, pin
 from condyn_pin.extremes import EXTREMES
 from condyn_pin.extremes.verdict import Task, error_of, right_answers
 
-BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
-
-
-def script(name):
-    spec = importlib.util.spec_from_file_location(name, BENCHMARKS / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # where its dataclasses look for their names
-    spec.loader.exec_module(module)
-    return module
+BENCHMARKS = str(Path(__file__).parent.parent / "benchmarks")
 
 
 @pytest.mark.parametrize(
@@ -238,9 +228,11 @@ def test_refinements_and_other_weights_agree(label):
 
 
 @pytest.mark.parametrize("name", ["mass_ratio", "parallelogram", "many_cells"])
-def test_no_mu_by_hand_is_three_times_better(name):
+def test_no_mu_by_hand_is_three_times_better(name, monkeypatch):
     """Times are not compared here: `benchmarks/auto_mu.py` does."""
-    auto_mu = script("auto_mu")
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    import auto_mu
+
     severities = EXTREMES[name].severities[1:8:2]
     todo = [Task(name, severity) for severity in severities]
     found = list(auto_mu.comparisons(todo, timed=False))
@@ -251,8 +243,10 @@ def test_no_mu_by_hand_is_three_times_better(name):
 
 
 @pytest.mark.parametrize("index", [1, 3])
-def test_runs_stay_closed_in_the_memory_that_they_began_with(index):
-    long_runs = script("long_runs")
+def test_runs_stay_closed_in_the_memory_that_they_began_with(index, monkeypatch):
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    import long_runs
+
     run = long_runs.long_run(list(long_runs.plans())[index], 2000)
     assert run.is_good, run
     assert run.slip < 1e-6
