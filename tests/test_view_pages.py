@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import colorsys
+import contextlib
 import json
 import os
 import re
@@ -210,11 +211,14 @@ def asked(folder, html):
     """What a page writes into its element `answer`, in a browser without a network."""
     file = folder / "asked.html"
     file.write_text(html, encoding="utf-8")
-    words = chromium.command(chromium.find_chromium(), str(folder / "profile"))
-    words += ["--host-resolver-rules=MAP * ~NOTFOUND", "--virtual-time-budget=400"]
-    words += ["--window-size=64,48", "--dump-dom", file.as_uri()]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE)
-    return json.loads(re.search(r'<pre id="answer">(.*?)</pre>', done.stdout)[1])
+    options = ["--host-resolver-rules=MAP * ~NOTFOUND", "--virtual-time-budget=400"]
+    options += ["--window-size=64,48", "--dump-dom", file.as_uri()]
+    for start in ("first", "second"):  # one start in 25 hangs where the machine has other work
+        words = chromium.command(chromium.find_chromium(), str(folder / start)) + options
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            done = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE / 3)
+            return json.loads(re.search(r'<pre id="answer">(.*?)</pre>', done.stdout)[1])
+    raise AssertionError("Chromium hung twice")
 
 
 _QUESTION = """<script>
@@ -359,7 +363,7 @@ def test_a_slow_motion_has_fewer_pixels_until_it_is_fast_again(pace):
 
 def test_the_slider_follows_the_motion(tmp_path, swinging):
     look = """<script>
-    let answer = document.createElement("pre"), clock = 0, {animator} = viewer;
+    let answer = document.createElement("pre"), clock = performance.now(), {animator} = viewer;
     answer.id = "answer";
     animator.pause();
     let said = () => animator.time_scrubber.domElement.querySelector("input").value;
@@ -378,18 +382,28 @@ def test_the_slider_follows_the_motion(tmp_path, swinging):
     assert float(resting) == 0.4
 
 
+_PAUSE = """<script>
+viewer.animator.clock.getDelta = () => 0.01;  // [s] has been played, however fast the machine is
+viewer.animator.update();
+look(performance.now());
+viewer.animator.pause();
+viewer.animator.seek(0);
+look(performance.now());
+moved -= 250;  // [ms] for which what moved is still drawn with fewer pixels
+</script></body>"""
+
+
 def test_a_rest_is_as_smooth_as_a_graphics_card_draws_it(tmp_path, swinging, monkeypatch):
     from PIL import Image
 
     monkeypatch.setattr(chromium, "SIZE", (320, 240))
     still, moving = drawing(swinging).first.html(), drawing(swinging).html()
     one = ("software ? 2 : 1", "1")
-    stop = "<script>viewer.animator.pause(); viewer.animator.seek(0);</script></body>"
     pages = {
         "smooth": still.replace(*one).replace("antialias: !software", "antialias: true"),
         "rough": still.replace(*one),
         "still": still,
-        "paused": moving.replace("</body>", stop),
+        "paused": moving.replace("</body>", _PAUSE),
     }
     seen = {}
     for name, text in pages.items():
@@ -398,9 +412,8 @@ def test_a_rest_is_as_smooth_as_a_graphics_card_draws_it(tmp_path, swinging, mon
         seen[name] = np.asarray(Image.open(file).convert("RGB"), dtype=float)
     assert (seen["smooth"] < 200).any()
     off = {name: np.abs(seen[name] - seen["smooth"]).mean() for name in pages}
-    assert (
-        max(off["still"], off["paused"]) < 0.75 * off["rough"]
-    )  # samples of a pixel lie elsewhere
+    # samples of a pixel lie elsewhere
+    assert max(off["still"], off["paused"]) < 0.75 * off["rough"]
 
 
 def test_a_browser_draws_robot_arrows_and_closures(tmp_path, standing):
