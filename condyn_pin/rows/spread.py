@@ -30,13 +30,15 @@ from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.rows.native import Native
 
-# Distance from their middle, as a share of the lever, at which points are nearly one, and to which
-# they are taken apart. At 1e-2 they leave 1e-4 in G, and so twelve digits; further apart, what a
-# state leaves open between them would count for more, and contradict the others. Below 1e-9
-# rounding of the placements alone, eps |p|, turns the line through them by 1e-7, and on each body
-# by another: there is no line to be had.
+# Distance from their middle, as a share of the lever, at which points are nearly one. At 1e-2 they
+# leave 1e-4 in G, and so twelve digits. Below 1e-9 rounding of the placements alone, eps |p|, turns
+# the line through them by 1e-7, and on each body by another: there is no line to be had.
 NEARLY: Final = 1e-2
 ONE: Final = 1e-9
+
+# The distance to which they are taken apart. Further, and what a state leaves open between them
+# would count for more, and contradict the others.
+_APART: Final = 0.1
 
 # Singular value of rows, relative to the largest, that is none: above what that rounding leaves.
 _NONE: Final = 1e-6
@@ -141,7 +143,7 @@ def _clusters(natives: Sequence[Native]) -> list[Cluster]:
         lever = max(point.lever for point in points)
         if ONE * lever < radius < NEARLY * lever:
             rows = np.concatenate([ends[i] + np.arange(-3, 0) for i in places])
-            found.append(Cluster(tuple(places), rows, points, NEARLY * lever / radius))
+            found.append(Cluster(tuple(places), rows, points, _APART * lever / radius))
     return found
 
 
