@@ -16,7 +16,7 @@ from condyn_pin.proof import Yardstick
 from condyn_pin.range_space import whiten
 from condyn_pin.rows.equations import Equations
 from condyn_pin.rows.natives import Natives
-from condyn_pin.rows.reach import reach
+from condyn_pin.rows.reach import ROUNDED, reach
 from condyn_pin.rows.terms import Terms
 from condyn_pin.solvers.reference import Reference
 from condyn_pin.states.chains import redundant_rows
@@ -25,9 +25,8 @@ if TYPE_CHECKING:
     from condyn_pin.scene import Scene
     from condyn_pin.solvers.base import Solver
 
-# How far joints are moved to open loops [rad, m], and what is rounding of a row, as a share of what
-# its two bodies bring to it.
-_APART, _ROUNDED = 1e-3, 1e-13
+# How far joints are moved to open loops [rad, m].
+_APART = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +178,7 @@ def _lively_rows(equations: Equations, q: Array) -> tuple[int, bool]:
     apart = _APART * np.random.default_rng(0).normal(size=equations.model.nv)
     q = pin.integrate(equations.model, q, apart)
     sizes = np.linalg.norm(equations.jacobian(q), axis=1)
-    lively = sizes > _ROUNDED * np.linalg.norm(reach(equations, q), axis=1)
+    lively = sizes > ROUNDED * np.linalg.norm(reach(equations, q), axis=1)
     return int(np.count_nonzero(lively)), bool(sizes[~lively].any())
 
 

@@ -188,3 +188,26 @@ def test_a_frame_with_the_worlds_name_is_not_taken_for_the_world():
     model.addFrame(pin.Frame("world", 2, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
     with pytest.raises(cp.InvalidModel, match="'world' of bar has the world's name"):
         cp.Scene(cp.Robot("bar", model), [cp.Loop("coupler_tip", "world")])
+
+
+@pytest.mark.parametrize("leaves", [1, 2])
+def test_what_says_nothing_holds_nothing(leaves):
+    """The second hinge of a door: all rows are rounding, and the largest of them held the door."""
+    model, askew = pin.Model(), pin.exp6(np.array([0.3, -0.2, 0.5, 0.4, 0.7, -1.1]))
+    for leaf in range(leaves):
+        model.addJoint(leaf, pin.JointModelRZ(), askew, f"hinge {leaf}")
+        body = pin.Inertia.FromBox(20.0, 0.8, 0.05, 2.0)
+        model.appendBodyToJoint(leaf + 1, body, askew)
+    up = pin.SE3(np.eye(3), np.array([0.0, 0.0, 1.2]))
+    for name, joint, place in (("door", leaves, up), ("post", leaves - 1, askew * up)):
+        model.addFrame(pin.Frame(name, joint, 0, place, pin.FrameType.OP_FRAME))
+    door = cp.Scene(cp.Robot("door", model), [cp.Loop("door", "post", "hinge")])
+    q, v = np.full(model.nq, 0.7), np.ones(model.nv)
+    free = pin.aba(model, model.createData(), q, v, v)
+    assert door.rank(q).mobility == model.nv
+    np.testing.assert_allclose(door.project_velocity(q, v), v, rtol=1e-12)
+    np.testing.assert_allclose(cp.impact(door, q, v).v, v, rtol=1e-12)
+    for solver in (None, cp.Reference(), cp.NullSpace(), cp.GaussPrinciple()):
+        np.testing.assert_allclose(cp.solve(door, q, v, v, solver=solver).a, free, rtol=1e-9)
+    found = cp.derivatives(door, q, v, v, check=True)
+    np.testing.assert_allclose(found.da_dtau, pin.computeMinverse(model, model.createData(), q))

@@ -68,10 +68,11 @@ class KktDerivatives(Derivatives):
         q = solution.q
         self._of = of = linearisation.at(q, v, solution.a, solution.lam)
         self._factors: MinimumNorm | None = None  # of redundant rows
-        Y = of.M_inv.dot(of.J.T)
-        K = _independent(of.J.dot(Y), _rounding(of.M_inv, of.J))
+        self._J = J = workspace.equations.grip(of.J)
+        Y = of.M_inv.dot(J.T)
+        K = _independent(J.dot(Y), _rounding(of.M_inv, J))
         if K is None:
-            self._factors = factorise(linearisation.mass_matrix(q), of.J, tolerances.RANK)
+            self._factors = factorise(linearisation.mass_matrix(q), J, tolerances.RANK)
             K = self._factors.U[:, : self._factors.rank] / self._factors.S[: self._factors.rank]
         self._inverse, self._workspace, self._v = _inverse(of.M_inv, Y, K), workspace, v
 
@@ -81,7 +82,7 @@ class KktDerivatives(Derivatives):
         if self._factors is None:
             return None
         q, lam = self.solution.q, self.solution.lam
-        return turning_null_space(self._linearisation, q, lam, self._of.J, self._factors)
+        return turning_null_space(self._linearisation, q, lam, self._J, self._factors)
 
     @cached_property
     def _lam_by_q(self) -> Array:

@@ -68,6 +68,10 @@ class Equations:
             for start, size in zip(self._starts, (n, n, *4 * [self.m]), strict=True)
         )
         self._motion = self._all[2 * n + width : 2 * n + 3 * width].reshape(2, width)
+        from condyn_pin.rows.reach import ROUNDED, reach  # which reads equations
+
+        reached = reach(self, pin.neutral(model))
+        self._least = ROUNDED**2 * float(np.vdot(reached, reached))
 
     def _sort(self) -> None:
         """Sort the constraints by the way in which their rows are evaluated."""
@@ -248,4 +252,11 @@ class Equations:
                 group.jacobian(J, of_frame)
         if self._couplings:
             self._couplings.jacobian(J)
-        return self.sign[:, None] * J if self._flipped else J
+        return self.grip(self.sign[:, None] * J if self._flipped else J)
+
+    def grip(self, J: Array) -> Array:
+        """Return J (m, nv), or zeros where all of it is rounding, as of a second hinge of a door.
+
+        The rank is relative to the largest singular value: such rows would hold what they cannot.
+        """
+        return np.zeros_like(J) if np.vdot(J, J) <= self._least else J
