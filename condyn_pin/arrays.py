@@ -58,7 +58,7 @@ def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Array:
         array = array.astype(np.float64, copy=False)
         if is_text:
             raise TypeError("numbers, not text")
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InvalidArgument(f"{found}: {needed} is needed ({error})") from error
     if array.shape != wanted:
         raise InvalidArgument(f"{found} has shape {array.shape}: {needed} is needed")

@@ -29,9 +29,12 @@ def example_robot_data() -> Path:
 def description_file(name: str, folder: Path) -> Path:
     """Return a file that a robot.toml names: beside it, or in example-robot-data."""
     beside = folder / name
-    if beside.is_file():
-        return beside
-    packed = example_robot_data() / name
-    if packed.is_file():
-        return packed
+    try:
+        if beside.is_file():
+            return beside
+        packed = example_robot_data() / name
+        if packed.is_file():
+            return packed
+    except OSError as error:
+        raise InvalidModel(f"file {name[:80]!r}: {error.strerror}") from error
     raise InvalidModel(f"no file {name!r}: neither {beside} nor {packed} is one")

@@ -91,7 +91,7 @@ def load_robot(
     if root_joint is not None:
         check_root_joint(root_joint)
     known = available_robots()
-    path = Path(name).expanduser()
+    path = _path(name)
     folder = robots_folder() / str(name) if str(name) in known else path
     if path.name == "robot.toml" and path.is_file():
         folder = path.parent
@@ -116,3 +116,13 @@ def load_robot(
             "robot.toml"
         )
     raise unknown_name("robot", str(name), known)
+
+
+def _path(name: str | Path) -> Path:
+    """Return the path that a name would be, whether or not there is something."""
+    try:
+        path = Path(name).expanduser()
+        path.exists()
+    except (OSError, RuntimeError) as error:  # too long, or of a user that does not exist
+        raise InvalidArgument(f"name = {str(name)[:80]!r}: no name and no path: {error}") from error
+    return path

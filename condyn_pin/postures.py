@@ -32,7 +32,8 @@ def posture(model: Any, values: Mapping[str, Any], where: str = "posture") -> Ar
         joint = model.joints[model.getJointId(name)]
         one = isinstance(value, Real)
         if one and joint.nq == 2 and joint.nv == 1:
-            value = [np.cos(value), np.sin(value)]
+            angle = finite(f"{where}: {name}", value, ())
+            value = [np.cos(angle), np.sin(angle)]
         elif one and joint.nq == 1:
             value = [value]
         numbers = finite(f"{where}: {name}", value, joint.nq)

@@ -380,6 +380,8 @@ NAMES = {
     "/nowhere/arm.xacro": "a .urdf, an .sdf or an .xml with an MJCF is needed",
     "/nowhere/arm": "no robot named '/nowhere/arm'",
     "": "a .urdf, an .sdf or an .xml with an MJCF is needed",
+    "a" * 5000: r"^name = 'a{80}': no name and no path: .*too long",
+    "~no_such_user/arm.urdf": "^name = '~no_such_user/arm.urdf': no name and no path: .*home",
 }
 
 
@@ -555,6 +557,7 @@ SAID = {
     ),
     "frame": (ARM + FRAME.replace('"b"', '"c"'), r"frames\[0\]: no frame named 'c'"),
     "file": (ARM.replace("arm.", "leg."), "no file 'leg.urdf': neither .*leg.urdf nor .*leg.urdf"),
+    "long": (ARM.replace("arm.", "a" * 5000 + "."), "file 'a{80}': .*too long"),
 }  # fmt: skip
 
 
@@ -563,6 +566,14 @@ def test_a_wrong_card_is_refused_in_the_words_of_the_file(tmp_path, card, text):
     (tmp_path / "arm.urdf").write_text(f"<robot name='arm'>{A}{B}{J}</robot>")
     (tmp_path / "robot.toml").write_text('name = "x"\n' + card)
     assert_refused(lambda: cp.load_robot(tmp_path), rf"robot\.toml: .*{text}")
+
+
+@pytest.mark.parametrize("angle", ["inf", "1" + 400 * "0"])
+def test_an_angle_of_a_posture_is_a_number(tmp_path, angle):
+    joint = J.replace("revolute", "continuous")
+    (tmp_path / "arm.urdf").write_text(f"<robot name='arm'>{A}{B}{joint}</robot>")
+    (tmp_path / "robot.toml").write_text(CARD + ARM + f"[postures.up]\nj = {angle}")
+    assert_refused(lambda: cp.load_robot(tmp_path), r"robot\.toml: postures\.up: j")
 
 
 def test_a_card_needs_a_name_and_a_file_and_no_more(tmp_path):
