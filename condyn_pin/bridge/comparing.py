@@ -24,6 +24,7 @@ from condyn_pin.bridge.cross_check import CrossCheck, TermCheck
 from condyn_pin.bridge.mujoco_terms import LoopRows, MujocoTerms, equalities_of
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.names import listed
+from condyn_pin.numerical_rank import counted
 from condyn_pin.rows.terms import Terms
 from condyn_pin.scene import Scene
 from condyn_pin.states.gaps import Gap, gaps
@@ -167,7 +168,7 @@ def _beyond(A: Array, B: Array) -> float:
     if not largest:
         return 0.0
     _, sigma, Vt = np.linalg.svd(B, full_matrices=False)
-    basis = Vt[sigma > tolerances.RANK * sigma.max(initial=0.0)]
+    basis = Vt[counted(sigma)]
     return float(np.linalg.norm(A - A @ basis.T @ basis, axis=1).max() / largest)
 
 

@@ -18,6 +18,11 @@ from condyn_pin.arrays import Array
 Body = tuple[str, float, Array]
 
 
+def tensor(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) -> Array:
+    """Return the symmetric matrix of the moments and products of inertia [kg m^2]."""
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
 def fault(inertia: Array) -> str:
     """Return why no solid has these moments of inertia; nothing if one has.
 

@@ -18,6 +18,7 @@ from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.joints import Indices, indices
 from condyn_pin.names import checked
+from condyn_pin.numerical_rank import rank_of
 from condyn_pin.rows.equations import Equations
 from condyn_pin.states.assembly_report import Assembly, AssemblyStatus
 from condyn_pin.states.closing import Closer, Closing
@@ -76,7 +77,7 @@ def assemble_from(
     start: Array,
     moving: NDArray[np.bool_],
     *,
-    within_limits: bool = True,
+    within_limits: bool,
     branch: Mapping[str, int] | None = None,
 ) -> Assembly:
     """Close the loops of a scene with the velocity indices that may move; nothing is raised."""
@@ -95,7 +96,7 @@ def assemble_from(
         q=end.q,
         gap=gaps(scene, equations.violation(end.q)),
         iterations=iterations,
-        rank=int(np.count_nonzero(tolerances.RANK * S.max(initial=0.0) < S)),
+        rank=rank_of(S),
         smallest_singular_value=chains.smallest(J),
         branch=chains.branch(J),
         flipped=flipped,

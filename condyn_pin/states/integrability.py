@@ -28,6 +28,7 @@ from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.linearised import Linearisation
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.numerical_rank import null_space
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.states.assembly import assemble
 from condyn_pin.states.check import check
@@ -103,9 +104,7 @@ def _is_involutive(model: Any, rows: int, linearisation: Linearisation, q: Array
     """Whether the brackets of the allowed velocities are allowed, at one configuration."""
     still, no_force = np.zeros(model.nv), np.zeros(rows)
     A = linearisation.at(q, still, still, no_force).J
-    _, S, Vt = np.linalg.svd(A)
-    rank = int(np.count_nonzero(tolerances.RANK * S.max(initial=0.0) < S))
-    allowed = Vt[rank:]
+    allowed = null_space(A)
     # turned[j] @ x = (dA x) y_j
     turned = [linearisation.at(q, still, y, no_force).s_q for y in allowed]
     size = max((float(np.abs(each).max(initial=0.0)) for each in turned), default=0.0)
