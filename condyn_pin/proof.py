@@ -1,4 +1,4 @@
-"""What two residuals say about the error of a.
+"""Proof: what two residuals say about the error of a.
 
 Let a be an answer with r = M a + h - tau - J^T lam and s = J a + gamma - a_ref. The exact answer
 differs by e with

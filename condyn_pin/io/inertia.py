@@ -1,4 +1,4 @@
-"""What no solid body has: the same look at masses and inertias for every format.
+"""Inertia of a body as files give it, and doubts about it: the same for every format.
 
 A file may have such a body where nothing moves it by itself, and real files do: the reader tells
 the user of it. What a joint moves is checked again when the parts are one (`condyn_pin.soundness`).
