@@ -11,14 +11,14 @@ from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 
 
-def counted(S: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
-    """Return which singular values are more than rounding beside the largest."""
-    return np.asarray(tolerances.RANK * S.max(initial=0.0) < S)
+def counted(S: NDArray[np.floating[Any]], share: float = tolerances.RANK) -> NDArray[np.bool_]:
+    """Return which singular values are more than a share of the largest, by default rounding."""
+    return np.asarray(share * S.max(initial=0.0) < S)
 
 
-def rank_of(S: NDArray[np.floating[Any]]) -> int:
+def rank_of(S: NDArray[np.floating[Any]], share: float = tolerances.RANK) -> int:
     """Return how many singular values count."""
-    return int(np.count_nonzero(counted(S)))
+    return int(np.count_nonzero(counted(S, share)))
 
 
 def null_space(A: Array) -> Array:
