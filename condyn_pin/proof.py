@@ -42,8 +42,8 @@ from typing import NamedTuple
 import numpy as np
 
 from condyn_pin import tolerances
+from condyn_pin.algebra.minimum_norm import MinimumNorm
 from condyn_pin.arrays import Array
-from condyn_pin.minimum_norm import MinimumNorm
 
 _EPS = float(np.finfo(np.float64).eps)
 

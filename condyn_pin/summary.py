@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import ArrayLike
 
 from condyn_pin.arrays import Array
-from condyn_pin.io.words import few
+from condyn_pin.names import few
 from condyn_pin.nonholonomic import Nonholonomic
 from condyn_pin.states.rank import Rank
 

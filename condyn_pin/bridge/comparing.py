@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
+from condyn_pin.algebra.numerical_rank import counted
 from condyn_pin.arguments import Arguments
 from condyn_pin.arrays import Array
 from condyn_pin.bridge.causes import causes
@@ -24,7 +25,6 @@ from condyn_pin.bridge.cross_check import CrossCheck, TermCheck
 from condyn_pin.bridge.mujoco_terms import LoopRows, MujocoTerms, equalities_of
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.names import listed
-from condyn_pin.numerical_rank import counted
 from condyn_pin.rows.terms import Terms
 from condyn_pin.scene import Scene
 from condyn_pin.states.gaps import Gap, gaps

@@ -19,9 +19,9 @@ import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
+from condyn_pin.algebra.numerical_rank import null_space
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.base import Derivatives
-from condyn_pin.numerical_rank import null_space
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.reference import Reference
 

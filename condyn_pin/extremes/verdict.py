@@ -18,11 +18,11 @@ from math import inf, nan
 import numpy as np
 
 from condyn_pin import tolerances
+from condyn_pin.algebra.minimum_norm import factorise
+from condyn_pin.algebra.numerical_rank import rank_of
 from condyn_pin.arrays import Array
 from condyn_pin.errors import CondynError
 from condyn_pin.extremes.base import Case
-from condyn_pin.minimum_norm import factorise
-from condyn_pin.numerical_rank import rank_of
 from condyn_pin.solution import Status
 from condyn_pin.solvers.base import Singular, Solver
 from condyn_pin.solvers.reference import Reference

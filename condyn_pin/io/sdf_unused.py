@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import inf
 from typing import Any
 
-from condyn_pin.io.sdf_span import quote
 from condyn_pin.io.sdf_types import Description, Joint
+from condyn_pin.names import quoted
 
 
 def unused_parts(
@@ -22,7 +22,7 @@ def unused_parts(
         counted = ", ".join(f"{n} <{tag}>" for tag, n in sorted(sdf.unread.items()))
         yield f"elements that are not read: {counted}"
     if drop:
-        yield f"joints left out: {quote(drop)}"
+        yield f"joints left out: {quoted(drop)}"
     changed = [
         f"{joint.name!r} ({joint.kind} as {kinds[joint.name]})"
         for joint in sdf.joints
@@ -31,7 +31,7 @@ def unused_parts(
     if changed:
         yield f"joint types of the file: {', '.join(changed)}"
     if idle:
-        yield f"joints between links that cannot move against each other: {quote(idle)}"
+        yield f"joints between links that cannot move against each other: {quoted(idle)}"
     if root_pose is not None and not root_pose.isIdentity():
         yield "pose of the root link in the file: the root joint's configuration replaces it"
 
@@ -45,7 +45,7 @@ def unused_settings(joints: Iterable[Joint], cut: Sequence[Joint]) -> Iterator[s
         if joint.axis2.direction is not None and joint.kind != "gearbox"
     ]
     if second:
-        yield f"second axis: {quote(second)}"
+        yield f"second axis: {quoted(second)}"
     for joint in joints:
         hanging = joint not in cut
         uses_axis = hanging and joint.has_axis
@@ -62,4 +62,4 @@ def unused_settings(joints: Iterable[Joint], cut: Sequence[Joint]) -> Iterator[s
                 names.append(joint.name)
     for setting, names in lost.items():
         if names:
-            yield f"joint {setting}: {quote(names)}"
+            yield f"joint {setting}: {quoted(names)}"

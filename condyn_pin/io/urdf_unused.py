@@ -8,7 +8,7 @@ from typing import Final
 from xml.etree.ElementTree import Element
 
 from condyn_pin.io.inertia import Body, doubts, tensor
-from condyn_pin.io.words import few
+from condyn_pin.names import few
 
 _MOMENTS: Final = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 _OF_A_CUT: Final = "closing_"

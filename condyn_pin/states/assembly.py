@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin import tolerances
+from condyn_pin.algebra.numerical_rank import rank_of
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.joints import Indices, indices
 from condyn_pin.names import checked
-from condyn_pin.numerical_rank import rank_of
 from condyn_pin.rows.equations import Equations
 from condyn_pin.states.assembly_report import Assembly, AssemblyStatus
 from condyn_pin.states.closing import Closer, Closing

@@ -25,10 +25,10 @@ import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
+from condyn_pin.algebra.minimum_norm import factorise
+from condyn_pin.algebra.numerical_rank import counted
 from condyn_pin.arrays import Array
 from condyn_pin.joints import Indices, indices
-from condyn_pin.minimum_norm import factorise
-from condyn_pin.numerical_rank import counted
 from condyn_pin.rows.equations import Equations
 from condyn_pin.states.closing import Closer
 from condyn_pin.states.clusters import Cluster, clusters, isolated

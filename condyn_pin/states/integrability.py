@@ -24,11 +24,11 @@ from numpy.typing import ArrayLike
 
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
+from condyn_pin.algebra.numerical_rank import null_space
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.linearised import Linearisation
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.numerical_rank import null_space
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.states.assembly import assemble
 from condyn_pin.states.check import check
