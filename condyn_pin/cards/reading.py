@@ -1,4 +1,4 @@
-"""From a robot.toml to a robot; `load` opens with the format, `entries` has what may stand in it."""
+"""From a robot.toml to a robot; `load` opens with the format, `entries` has what it may say."""
 
 from __future__ import annotations
 
