@@ -148,7 +148,7 @@ class Problem(ABC):
         """Return what they should be (k,)."""
 
     def error(self, found: Array, wanted: Array) -> float:
-        """Return the error of places (samples, k): the largest distance [m]."""
+        """Return the largest distance [m] of `found` from `wanted`, places (samples, k) both."""
         return float(np.linalg.norm(found - wanted, axis=1).max())
 
     def energy(self, q: Array, v: Array) -> float:
