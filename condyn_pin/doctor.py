@@ -74,10 +74,14 @@ def _major(version: str | None) -> int:
     return int(version.split(".")[0]) if version else 0
 
 
+def _mend(pin: str | None) -> str:
+    return MEND_3 if _major(pin) == 3 else MEND_4
+
+
 def mixed_install() -> tuple[tuple[str, ...], str]:
     """Return what does not fit together among the installed distributions, and the remedy."""
     pin, lib = installed_version("pin"), installed_version("libpinocchio")
-    mend = MEND_3 if _major(pin) == 3 else MEND_4
+    mend = _mend(pin)
     if pin is None and installed_version("pinocchio"):
         return (
             "the distribution 'pinocchio' is a test plugin that shares the import name; "
@@ -104,8 +108,7 @@ def mixed_install() -> tuple[tuple[str, ...], str]:
 def advise(error: BaseException) -> str:
     """Return the sentence for an `import pinocchio` that failed with `error`."""
     findings, remedy = mixed_install()
-    if not remedy:
-        remedy = MEND_3 if _major(installed_version("pin")) == 3 else MEND_4
+    remedy = remedy or _mend(installed_version("pin"))
     reason = "; ".join(findings) or f"{type(error).__name__}: {error}"
     return f"Pinocchio does not import ({reason}). This mends it: {remedy}"
 
@@ -132,6 +135,6 @@ def diagnose() -> Diagnosis:
         lines = probe.stderr.strip().splitlines()
         last = lines[-1] if lines else f"the interpreter ended with {probe.returncode}"
         findings = (f"`import pinocchio` fails: {last}", *findings)
-        remedy = remedy or (MEND_3 if _major(versions.get("pin")) == 3 else MEND_4)
+        remedy = remedy or _mend(versions.get("pin"))
     machine = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
     return Diagnosis(machine, versions, probe.returncode == 0, features, findings, remedy)
