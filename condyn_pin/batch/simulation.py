@@ -19,6 +19,7 @@ from condyn_pin.batch.trajectory import BatchTrajectory, Samples
 from condyn_pin.batch.verbs import check_chunk
 from condyn_pin.drift.base import Drift
 from condyn_pin.scene import Scene
+from condyn_pin.simulation.defaults import default_solver
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.plan import Plan, plan
 from condyn_pin.simulation.torques import Torque
@@ -115,8 +116,10 @@ def simulate_batch(
 def _batch(planned: Plan, begun: float, outputs: Arrays) -> BatchTrajectory:
     """Return the outputs as a value."""
     method, samples = planned.method, dict(samples_of(outputs))
+    solver = default_solver(planned.scene) if method.solver is None else method.solver
     return BatchTrajectory(
-        planned.scene, method.integrator, method.drift, method.dt, planned.steps,
-        **{name: outputs[name] for name in of_ends(planned.scene)},
+        planned.scene, method.integrator, method.drift, solver, planned.duration, method.dt,
+        planned.steps, **{name: outputs[name] for name in of_ends(planned.scene)},
+        reasons=outputs["words"],
         samples=Samples(**samples) if samples else None, seconds=perf_counter() - begun,
     )  # fmt: skip

@@ -18,6 +18,7 @@ from condyn_pin.batch.memory import Arrays, Kind
 from condyn_pin.batch.rows import Rows
 from condyn_pin.batch.solution import STATUSES, BatchSolution
 from condyn_pin.batch.states import check_states
+from condyn_pin.batch.ways import Words
 from condyn_pin.differentiation import METHODS
 from condyn_pin.differentiation.check import BLOCKS
 from condyn_pin.drift import Baumgarte
@@ -185,15 +186,16 @@ def _of_derivatives(scene: Scene) -> dict[str, Kind]:
     return {name: Kind((n if name.startswith("da") else m, n)) for name in BLOCKS}
 
 
-def _solve_rows(accuracy: float, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> None:
+def _solve_rows(accuracy: float, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> Words:
     """Solve some rows."""
     for i, state in enumerate(_states(inputs)):
         _put(outputs, i, workspace.solve(*state, accuracy=accuracy, throw=False))
+    return {}
 
 
 def _derivatives_rows(
     method: str, accuracy: float, workspace: Workspace, inputs: Arrays, outputs: Arrays
-) -> None:
+) -> Words:
     """Differentiate some rows."""
     for i, state in enumerate(_states(inputs)):
         try:
@@ -206,6 +208,7 @@ def _derivatives_rows(
             _put(outputs, i, found.solution)
             for name in BLOCKS:
                 outputs[name][i] = getattr(found, name)
+    return {}
 
 
 def _states(inputs: Arrays) -> zip[tuple[Array, Array, Array]]:
