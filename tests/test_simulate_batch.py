@@ -151,6 +151,46 @@ def test_what_breaks_down_is_counted_and_stops_nobody():
     assert str(lost).endswith("not ok: 0, 1, 2, 3, 4 (missing: no worker got to it)")
 
 
+@pytest.mark.parametrize("processes", [False, True])
+def test_an_interrupt_keeps_the_motions_that_are_done(processes, executor, monkeypatch):
+    scene = scene_of("four_bar")
+    Q, V = states(scene)
+    V[0] *= 1e6  # and its words
+    options = {"duration": DURATION, "chunk": 2}
+    wanted = cp.simulate_batch(scene, Q, V, **options)
+
+    def interrupt(done: int, total: int) -> None:
+        if done >= 2:
+            raise KeyboardInterrupt
+
+    options |= {"executor": executor, "chunk": 2} if processes else {}
+    with pytest.raises(cp.Interrupted) as stopped:
+        cp.simulate_batch(scene, Q, V, **options, progress=interrupt)
+    done = stopped.value.table
+    assert 2 <= N - len(done.missing) < N
+    ended = np.flatnonzero(done.statuses != -1)
+    np.testing.assert_array_equal(done.q[ended], wanted.q[ended])
+    assert done.reasons[ended].tolist() == wanted.reasons[ended].tolist()
+    assert np.isnan(done.q[done.missing]).all()
+
+
+def test_an_interrupt_in_a_motion_stops_all_of_them():
+    scene = scene_of("four_bar")
+    Q, V = states(scene)
+    calls = []
+
+    def impatient(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        calls.append(t)
+        if len(calls) == 300:  # in the second motion
+            raise KeyboardInterrupt
+        return np.zeros(3)
+
+    with pytest.raises(cp.Interrupted) as stopped:
+        cp.simulate_batch(scene, Q, V, impatient, duration=DURATION, chunk=1)
+    assert len(calls) == 300
+    assert stopped.value.table.counts == {"missing": N - 1, "finished": 1}
+
+
 def test_bad_input_is_refused_before_anything_is_done():
     scene = scene_of("four_bar")
     Q, V = states(scene)
