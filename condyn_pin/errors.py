@@ -146,8 +146,8 @@ class WorkersLost(CondynError, RuntimeError):
 
     Attributes
     ----------
-    done : BatchSolution or BatchDerivatives or Table or None
-        What was computed, of a batch or of a study; the `missing` of the first says which rows were
+    done : BatchSolution or BatchDerivatives or BatchTrajectory or Table or None
+        What was computed, of a batch or of a study; the `missing` of a batch says which rows were
         not.
     """
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import nan
 from time import perf_counter
 from typing import Final
@@ -45,7 +45,7 @@ _last = threading.local()
 class Motions:
     """The kernel: some rows of states in, their motions out."""
 
-    function: Torque | None
+    function: Torque | None = field(compare=False)  # its == may be that of arrays
     duration: float  # [s]
     dt: float  # [s]
     integrator: Integrator
@@ -56,7 +56,7 @@ class Motions:
     def __call__(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> Words:
         """Simulate the rows; return why those ended early that did."""
         runner: Runner | None = getattr(_last, "runner", None)
-        if runner is None or runner.workspace is not workspace or runner.motions != self:
+        if runner is None or not runner.fits(self, workspace):
             _last.runner = runner = Runner(self, workspace)
         tau, words = inputs["tau0"], {}
         for i, (q, v) in enumerate(zip(inputs["q0"], inputs["v0"], strict=True)):
@@ -90,6 +90,11 @@ class Runner:
             record=motions.every,
         )  # fmt: skip
         self._leg: Leg | None = None
+
+    def fits(self, motions: Motions, workspace: Workspace) -> bool:
+        """Return whether these motions can be run here too."""
+        same = self.motions == motions and self.motions.function is motions.function
+        return same and self.workspace is workspace
 
     def run(self, q: Array, v: Array, tau: Array) -> Trajectory:
         """Return the motion from a state under torques of its own.

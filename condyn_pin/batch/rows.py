@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import closing
@@ -19,7 +20,7 @@ from condyn_pin.batch.processes import Processes, workers_of
 from condyn_pin.batch.recipe import Recipe
 from condyn_pin.batch.ways import ByCopies, ByMemory, InPlace, Kernel, Way
 from condyn_pin.drift import Baumgarte
-from condyn_pin.errors import Interrupted, WorkersLost
+from condyn_pin.errors import Interrupted, InvalidArgument, WorkersLost
 from condyn_pin.scene import Scene
 from condyn_pin.solvers.base import Solver
 from condyn_pin.verbs import workspace_for
@@ -90,15 +91,19 @@ class Rows:
         outputs = {name: np.zeros(kind.shape, kind.dtype) for name, kind in kinds.items()}
         words, chunks = np.full(count, "", object), self._chunks(count)
         done = np.zeros(count, bool)
+
+        def found() -> Batch:
+            return batch(_sealed(outputs | {"words": words}, done))
+
         try:
             with closing(self._way(inputs, outputs, chunks)) as way:
                 self._drain(chunks, way, words, done)
         except WorkersLost as lost:
-            lost.done = batch(_sealed(outputs | {"words": words}, done))
+            lost.done = found()
             raise
         except KeyboardInterrupt as stop:
-            raise Interrupted(batch(_sealed(outputs | {"words": words}, done))) from stop
-        return batch(_sealed(outputs | {"words": words}, done))
+            raise Interrupted(found()) from stop
+        return found()
 
     def _way(self, inputs: Arrays, outputs: Arrays, chunks: list[slice]) -> Way:
         """Return the way to whoever does the work."""
@@ -106,7 +111,10 @@ class Rows:
             workspace = workspace_for(self.scene, self.solver, self.drift)
             return InPlace(self.kernel, workspace, inputs, outputs)
         recipe = Recipe.of(self.scene, self.solver, self.drift)
-        if CAN_SHARE and isinstance(self.executor, ProcessPoolExecutor | Processes):
+        if not isinstance(self.executor, ProcessPoolExecutor | Processes):
+            return ByCopies(self.kernel, recipe, inputs, outputs)
+        self._check_travels()
+        if CAN_SHARE:
             try:
                 return ByMemory(
                     self.kernel, recipe, inputs, outputs,
@@ -116,6 +124,16 @@ class Rows:
             except OSError:  # not so much memory at once: copies, then
                 pass
         return ByCopies(self.kernel, recipe, inputs, outputs)
+
+    def _check_travels(self) -> None:
+        """Refuse what cannot be sent to a process: its chunks would only be called lost."""
+        try:
+            pickle.dumps(self.kernel)
+        except (pickle.PicklingError, AttributeError, TypeError) as error:
+            raise InvalidArgument(
+                f"executor = {self.executor!r}: its processes need what pickles, such as torques "
+                f"that are a function of a module, no lambda ({error})"
+            ) from error
 
     def _chunks(self, count: int) -> list[slice]:
         """Return the rows of each chunk.

@@ -55,7 +55,8 @@ def solve_batch(
     ----------
     scene : Scene
     Q : (N, nq) array_like
-        Configurations, a row a state; quaternions x y z w, normalised.
+        Configurations, a row a state; quaternions x y z w, normalised. As all numbers here they
+        are taken in double precision: those of float32 have its 1e-7.
     V : (N, nv) array_like
         Velocities.
     TAU : (N, nv) or (nv,) array_like, or 0
@@ -86,6 +87,8 @@ def solve_batch(
     WorkersLost
         If workers were lost and the executor cannot go on, or it is shut down; its ``done`` is the
         BatchSolution of what was solved (`map_chunks` says when).
+    Interrupted
+        After Ctrl-C; its ``table`` is the same.
     UnsupportedConstraint, StaleModel
         As in `solve`.
 
@@ -138,6 +141,8 @@ def derivatives_batch(
     ------
     InvalidArgument, WorkersLost, UnsupportedConstraint, StaleModel
         As in `solve_batch` and `derivatives`. States that are not ok raise nothing.
+    Interrupted
+        As in `solve_batch`, with a BatchDerivatives.
 
     Notes
     -----
