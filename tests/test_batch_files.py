@@ -104,7 +104,7 @@ def test_a_motion_without_samples_is_named():
     assert small(record=None).reasons[3] == small().reasons[3]
     batch = small()
     lost = dataclasses.replace(batch, statuses=np.full(N, -1, np.int8))
-    with pytest.raises(cp.WorkersLost, match="motion 2 was lost with a worker"):
+    with pytest.raises(cp.WorkersLost, match="no worker got to motion 2"):
         lost[2]
 
 
