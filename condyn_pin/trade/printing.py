@@ -23,7 +23,7 @@ def print_table(table: Table, console: Console) -> None:
         shown = Grid(title=title, title_justify="left")
         for column in _SHOWN:
             side = "left" if column == "solver" else "right"
-            shown.add_column(column, justify=side, no_wrap=True)  # type: ignore[arg-type]
+            shown.add_column(column, justify=side)  # type: ignore[arg-type]
         for row in best:
             shown.add_row(*(dict(zip(COLUMNS, cells(row), strict=True))[c] for c in _SHOWN))
         print_whole(shown, console)
