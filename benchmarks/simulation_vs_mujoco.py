@@ -49,7 +49,7 @@ LOST = 1.0  # a loop that is open by so much is no loop [m]
 class Row:
     """One way to simulate one linkage.
 
-    `us` is CPU time a simulated millisecond [us]; gap [m], energy [J] and what happened.
+    `us` is CPU time per simulated millisecond [us]; gap [m], energy [J] and what happened.
     """
 
     problem: str
@@ -108,7 +108,7 @@ def problems() -> tuple[Problem, ...]:
     )
 
 
-Block = Callable[[], float]  # CPU time a simulated millisecond [us]
+Block = Callable[[], float]  # CPU time per simulated millisecond [us]
 
 
 def ours(problem: Problem, integrator: Any, drift: Any, dt: float) -> tuple[Row, Block] | None:
@@ -283,9 +283,10 @@ def _table(rows: Sequence[Row], about: dict[str, str], shown: Sequence[Row]) -> 
     )
     lines += [
         "",
-        "us/ms: CPU time a simulated millisecond. x: MuJoCo's over ours, at no larger gap and no "
-        "larger energy error; **below 1 MuJoCo is ahead**, 0 where no setting of condyn_pin is as "
-        f"accurate. Of its points with steps from 0.5 to 16 ms condyn_pin is ahead at {counts}.",
+        "us/ms: CPU time per simulated millisecond. x: MuJoCo's time over ours, at no larger gap "
+        "and no larger energy error; **below 1 MuJoCo is ahead**, 0 where no setting of condyn_pin "
+        "is as accurate. Of its points with steps from 0.5 to 16 ms condyn_pin is ahead at "
+        f"{counts}.",
     ]
     where = (
         "`python benchmarks/simulation_vs_mujoco.py` on {processor} ({cores} cores, one thread), "

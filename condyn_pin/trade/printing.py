@@ -43,7 +43,7 @@ def timed(table: Table) -> str:
     """Return how many of the times were taken while this process had a core for itself."""
     rows = [row for row in table.rows if row.median_us is not None]
     alone = sum(row.timed == ALONE for row in rows)
-    return f"{alone} of {len(rows)} times were taken with a core alone."
+    return f"{alone} of {len(rows)} times were taken on a core that nothing else used."
 
 
 def failures(rows: tuple[Row, ...]) -> list[str]:
