@@ -242,6 +242,16 @@ def test_a_batch_of_another_pinocchio_is_not_tried(tmp_path):
         cp.BatchTrajectory.load(path)
 
 
+def test_a_file_that_is_compressed_is_read(tmp_path):
+    """As those of trajectories were, and as users may make them."""
+    motion, path = small()[0], tmp_path / "run.npz"
+    motion.save(path)
+    with np.load(path) as file:
+        content = dict(file)
+    np.savez_compressed(path, **content)
+    assert_same_motion(cp.Trajectory.load(path), motion)
+
+
 def test_there_is_no_pickle_in_a_file(tmp_path):
     small().save(tmp_path / "batch.npz")
     with np.load(tmp_path / "batch.npz", allow_pickle=False) as file:
