@@ -25,9 +25,8 @@ def test_robots_lists_every_robot_with_its_licence():
     output = run("robots").output
     for name in cp.available_robots():
         assert name in output
-    assert "32.9400" in output
+    assert "32.94" in output
     assert "Apache-2.0" in output
-    assert "stewart.xml" in output
     assert "…" not in output
 
 
@@ -457,7 +456,7 @@ def test_what_looks_like_markup_is_printed():
     """A force of NaN is not a tag, and a unit in brackets is a unit."""
     result = run("solve", "four_bar", "--solver", "densekkt")
     assert "[nan nan nan]" in result.output
-    assert "mass [kg]" in run("robots").output
+    assert "[kg]" in run("robots").output
 
 
 def test_version():
@@ -468,3 +467,23 @@ def test_the_package_is_a_command_too():
     line = [sys.executable, "-m", "condyn_pin", "--version"]
     found = subprocess.run(line, capture_output=True, text=True, check=True)
     assert found.stdout.strip() == f"condyn_pin {cp.__version__}"
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_a_table_of_numbers_is_folded_for_a_narrow_terminal_and_never_cut(terminal):
+    from io import StringIO
+
+    from rich.console import Console
+    from rich.table import Table
+
+    from condyn_pin.printing import print_whole
+
+    table = Table("solver", "median of the times [us]", "error, worst of all", "status")
+    table.add_row("Proximal(mu=0.0001, max_iterations=1)", "12.5", "2e-04", "20 inaccurate")
+    paper = StringIO()
+    print_whole(table, Console(file=paper, width=60, force_terminal=terminal, color_system=None))
+    text = paper.getvalue()
+    assert "…" not in text
+    for word in ("max_iterations=1)", "12.5", "2e-04", "20 inaccurate", "median", "worst"):
+        assert word in text
+    assert (max(map(len, text.splitlines())) <= 60) == terminal

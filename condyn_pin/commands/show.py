@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from condyn_pin.commands.arguments import AsJson, Contacts, Loops, Posture, RobotName, Variant
-from condyn_pin.commands.output import check_picture, console, plain, print_json, words
+from condyn_pin.commands.output import (
+    check_picture,
+    console,
+    plain,
+    print_json,
+    progress_bar,
+    words,
+)
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
@@ -75,7 +82,9 @@ def _show_ladder(name: str, plot: Path | None, variant: list[str] | None, as_jso
     if variant:
         raise InvalidArgument("--ladder has no variants: its rungs are; leave --variant out")
     check_picture(plot)
-    table = ladder(name)
+    with progress_bar() as progress:
+        progress(f"{name}: every rung, about ten seconds", 0, 1)
+        table = ladder(name)
     if as_json:
         print_json(table.as_dict())
     else:
