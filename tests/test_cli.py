@@ -41,6 +41,7 @@ def test_show_without_loops_says_what_is_left_out():
     output = run("show", "four_bar", "--no-loops").output
     assert "mobility 3" in output
     assert "coupler_rocker" in output
+    assert "how-to-close-a-loop" in output
 
 
 def test_show_prints_and_draws_a_ladder(tmp_path):
