@@ -33,7 +33,7 @@ def drift(
     plot: Plot = None,
     as_json: AsJson = False,
 ) -> None:
-    """Show drift, walls of gains, and energy on a pendulum whose rod is a constraint.
+    """Show drift, stability limits of gains, and energy, on a pendulum whose rod is a constraint.
 
     Ctrl-C keeps the runs that went to their end.
     """
