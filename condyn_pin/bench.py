@@ -103,7 +103,7 @@ def bench_scene(
     scene: Scene,
     *,
     solvers: Sequence[Solver] = (),
-    effort: Effort = FULL,
+    effort: Effort,
     progress: Progress = silent,
 ) -> list[BenchRow]:
     """Time some methods on one scene."""

@@ -57,7 +57,7 @@ class Sites:
         return self._equations().jacobian(self.q)
 
     def _equations(self) -> Equations:
-        return self.equations or Equations(self.scene.robot.model, self.scene.bounds)
+        return self.equations or Equations(self.scene.robot.unedited, self.scene.bounds)
 
     def forces(self, lam: Array) -> dict[str, ConstraintForce]:
         """Return the forces lam (m,) by name, each on the first-named body."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from condyn_pin.plot_style import COLOURS
-from condyn_pin.plots import axes, require_matplotlib
+from condyn_pin.plots import axes, panels
 from condyn_pin.simulation.contest import Contest
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.laboratory import Growth, stability_map
@@ -117,12 +117,8 @@ def save_laboratory(
     path: str | Path,
 ) -> None:
     """Draw all of it into one picture; the ending of `path` says which format."""
-    require_matplotlib()
-    from matplotlib.figure import Figure  # a figure of its own leaves the user's backend alone
-
     count = 2 + len(integrators)
-    figure = Figure(figsize=(4.4 * count, 3.8), layout="constrained")
-    places = figure.subplots(1, count)
+    figure, places = panels(count, width=4.4, height=3.8, columns=count)
     draw_growth(growths, places[0])
     for integrator, ax in zip(integrators, places[1:-1], strict=True):
         draw_stability(integrator, ax)

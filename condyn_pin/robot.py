@@ -90,11 +90,16 @@ class Robot:
         object.__setattr__(self, "postures", postures(self.model, self.postures))
         # A private copy: what the model was when it was checked.
         object.__setattr__(self, "_pristine", pin.Model(self.model))
-        if self.model != self._pristine:  # type: ignore[attr-defined]
+        if self.model != self.unedited:
             raise InvalidModel(
                 "the model differs from its own copy: one of its numbers is NaN, such as a limit; "
                 "use infinity for a limit that does not exist"
             )
+
+    @property
+    def unedited(self) -> Any:
+        """A copy of the model as it was when it was checked: no edit reaches it."""
+        return self._pristine  # type: ignore[attr-defined]
 
     @property
     def nq(self) -> int:
@@ -202,7 +207,7 @@ class Robot:
 
     def check_unedited(self) -> None:
         """Raise `StaleModel` if the model was edited since the robot was made."""
-        if self.model != self._pristine:  # type: ignore[attr-defined]
+        if self.model != self.unedited:
             raise StaleModel(
                 f"the model of {self.name} was edited after the robot was made; "
                 "edit a copy, pin.Model(robot.model), and make a new one: "

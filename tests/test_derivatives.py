@@ -215,6 +215,23 @@ def test_products_are_those_of_the_matrices(label, method):
     assert np.abs(by_tau - da @ d.da_dtau - dlam @ d.dlam_dtau).max() < 1e-13 * size
 
 
+@pytest.mark.parametrize("seed", [38, 88, 131, 226])
+def test_a_redundant_row_is_found_whatever_rounding_leaves_of_it(seed):
+    """A point on a body that an edge holds: of its pivot more than 1e-7 was left in some states."""
+    cassie, foot = robot("cassie"), "left-foot"
+    scene = cp.Scene(
+        cassie, [cp.PointContact(foot, (0.03, 0.05, -0.02), name="point"), cp.LineContact(foot)]
+    )
+    still = np.zeros(cassie.nv)
+    step = 0.3 * np.random.default_rng(seed).normal(size=cassie.nv)
+    q = pin.integrate(cassie.model, scene.guess(), step)
+    found = cp.derivatives(scene, q, still, still)
+    terms = cp.Workspace(scene).terms(q, still)
+    L_inv = np.linalg.inv(np.linalg.cholesky(terms.M))
+    smallest = -np.linalg.pinv(L_inv @ terms.J.T, rcond=1e-9) @ L_inv  # of lam by tau
+    assert np.abs(found.dlam_dtau - smallest).max() < 1e-8 * np.abs(smallest).max()
+
+
 def test_a_pendulum_by_hand():
     """theta'' = -(g/l) sin(theta) + tau / (m l^2)."""
     pendulum = cp.pendulum(length=0.5, mass=2.0)

@@ -964,8 +964,12 @@ def test_trap_26_an_edited_model_is_noticed_and_harms_no_workspace(edit):
     made = cp.Scene(solo, solo.contacts)
     workspace = cp.Workspace(made)
     before = workspace.solve(q, v, tau)
-    np.testing.assert_array_equal(cp.solve(made, q, v, tau).a, before.a)
+    answer, foot = cp.solve(made, q, v, tau), made.names[0]
+    np.testing.assert_array_equal(answer.a, before.a)
+    at, pull = before.forces[foot].at, before.forces[foot].generalized()
     edit(solo.model)
+    np.testing.assert_array_equal(answer.forces[foot].at, at)
+    np.testing.assert_array_equal(answer.forces[foot].generalized(), pull)
     stale = {
         "solve": lambda: cp.solve(made, q, v, tau),
         "Scene": lambda: cp.Scene(solo),

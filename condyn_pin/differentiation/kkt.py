@@ -10,7 +10,7 @@ that of M and a product of rank m:
     [ M  -J^T ]^-1   [ M^-1  0 ]   [  W   ]
     [ J    0  ]    = [  0    0 ] + [ U^-1 ] [ -W^T  U^-T ].
 
-Where rows are redundant, the derivative is that of the smallest lam (`condyn_pin.minimum_norm`).
+Where rows are redundant, the derivative is that of the smallest lam (`algebra/minimum_norm.py`).
 With J L^-T = U S V^T and U_r the columns of U that belong to singular values above zero, U_r S^-1
 takes the place of U^-1. The other columns N span the left null space of J, and that lam keeps
 N^T lam = 0: with lam = J w
@@ -21,11 +21,12 @@ N^T lam = 0: with lam = J w
 from __future__ import annotations
 
 from functools import cache, cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from condyn_pin import tolerances
+from condyn_pin.algebra.minimum_norm import MinimumNorm, factorise
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.base import Derivatives
 from condyn_pin.differentiation.linearised import Linearisation
@@ -34,11 +35,16 @@ from condyn_pin.differentiation.parameters import (
     inertia_regressor,
     placement_partials,
 )
-from condyn_pin.minimum_norm import MinimumNorm, factorise
 from condyn_pin.solution import Solution
 
 if TYPE_CHECKING:
     from condyn_pin.workspace import Workspace
+
+# Squares of the pivots of G that are below this multiple of its rounding may be nothing else: those
+# of redundant rows are up to 6 times it, and those of robots with independent rows 1e7 times it.
+_NOISE: Final = 1e3
+
+_EPS: Final = float(np.finfo(float).eps)
 
 
 class KktDerivatives(Derivatives):
@@ -63,7 +69,7 @@ class KktDerivatives(Derivatives):
         self._of = of = linearisation.at(q, v, solution.a, solution.lam)
         self._factors: MinimumNorm | None = None  # of redundant rows
         Y = of.M_inv.dot(of.J.T)
-        K = _independent(of.J.dot(Y))
+        K = _independent(of.J.dot(Y), _rounding(of.M_inv, of.J))
         if K is None:
             self._factors = factorise(linearisation.mass_matrix(q), of.J, tolerances.RANK)
             K = self._factors.U[:, : self._factors.rank] / self._factors.S[: self._factors.rank]
@@ -147,16 +153,23 @@ class KktDerivatives(Derivatives):
         return by_state[:n], by_state[n:], x[:n]
 
 
-def _independent(G: Array) -> Array | None:
-    """Return U^-1 with U^T U = G (m, m); None without independent rows."""
+def _independent(G: Array, rounding: float) -> Array | None:
+    """Return U^-1 with U^T U = G (m, m), known to `rounding`; None unless rows are independent."""
     if not len(G):
         return G
     potrf, trtri = _lapack()
     U, info = potrf(G)
     pivots = U.diagonal().tolist()
-    if info or not min(pivots) > tolerances.RANK * max(pivots):
+    least = max(tolerances.RANK * max(pivots), (_NOISE * rounding) ** 0.5)
+    if info or not min(pivots) > least:
         return None
     return trtri(U)[0]  # type: ignore[no-any-return]
+
+
+def _rounding(M_inv: Array, J: Array) -> float:
+    """Return eps |J| |M^-1| |J^T|: rounding of G = J M^-1 J^T; the largest of M^-1 is diagonal."""
+    largest = float(np.abs(J).sum(axis=1).max(initial=0.0))
+    return _EPS * float(M_inv.diagonal().max()) * largest * largest
 
 
 def _inverse(M_inv: Array, Y: Array, K: Array) -> Array:

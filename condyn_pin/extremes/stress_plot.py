@@ -65,7 +65,7 @@ def severity_map(found: Map, ax: Any = None) -> Any:
     return ax
 
 
-def save_maps(found: Sequence[Map], path: str | Path, note: str = "") -> None:
+def save_maps(found: Sequence[Map], path: str | Path, note: str) -> None:
     """Draw every map into one picture; the ending of `path` says which format."""
     require_matplotlib()
     from matplotlib.figure import Figure

@@ -131,7 +131,7 @@ def ladder(name: str, *, effort: LadderEffort = FULL) -> LadderTable:
     return climb(LADDERS[name], effort=effort)
 
 
-def climb(chosen: Ladder, *, effort: LadderEffort = FULL) -> LadderTable:
+def climb(chosen: Ladder, *, effort: LadderEffort) -> LadderTable:
     """Measure every rung of a ladder: errors on the same motions, times in one interleaved run."""
     scenes = chosen.scenes()
     source, smallest = scenes[chosen.sampled], list(scenes.values())[-1]

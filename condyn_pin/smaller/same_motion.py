@@ -17,9 +17,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from condyn_pin import tolerances
+from condyn_pin.algebra.minimum_norm import factorise
 from condyn_pin.arrays import Array
 from condyn_pin.joints import Indices, indices
-from condyn_pin.minimum_norm import factorise
 from condyn_pin.rows.equations import Equations
 from condyn_pin.rows.terms import Terms
 from condyn_pin.scene import Scene
