@@ -336,6 +336,13 @@ def test_a_ladder_is_json_too(monkeypatch):
     assert json.loads(result.stdout)["ladder"] == "talos"
 
 
+def test_solve_prints_accelerations_and_says_that_nothing_holds_the_robot():
+    output = run("solve", "talos").output
+    assert "-9.81" in next(line for line in output.splitlines() if line.startswith("root_joint"))
+    assert "--contacts takes left_sole_link, right_sole_link" in output
+    assert "no constraints" not in run("solve", "four_bar").output
+
+
 @pytest.mark.parametrize(
     "words",
     [("robots",), ("solvers",), ("problem",), ("show", "cassie", "--frames"), ("show", "talos")],
