@@ -104,7 +104,7 @@ def test_a_motion_without_samples_is_named():
     assert small(record=None).reasons[3] == small().reasons[3]
     batch = small()
     lost = dataclasses.replace(batch, statuses=np.full(N, -1, np.int8))
-    with pytest.raises(cp.WorkersLost, match="motion 2 was lost with a worker"):
+    with pytest.raises(cp.WorkersLost, match="no worker got to motion 2"):
         lost[2]
 
 
@@ -240,6 +240,16 @@ def test_a_batch_of_another_pinocchio_is_not_tried(tmp_path):
     edit(path, lambda header, content: header.update(pinocchio="2.7.1"))
     with pytest.raises(cp.InvalidArgument, match=r"written by Pinocchio 2\.7\.1"):
         cp.BatchTrajectory.load(path)
+
+
+def test_a_file_that_is_compressed_is_read(tmp_path):
+    """As those of trajectories were, and as users may make them."""
+    motion, path = small()[0], tmp_path / "run.npz"
+    motion.save(path)
+    with np.load(path) as file:
+        content = dict(file)
+    np.savez_compressed(path, **content)
+    assert_same_motion(cp.Trajectory.load(path), motion)
 
 
 def test_there_is_no_pickle_in_a_file(tmp_path):

@@ -162,7 +162,7 @@ class Rows:
                 for k, text in way.receive(chunks[i], found).items():
                     words[chunks[i].start + k] = text
                 done[chunks[i]] = True
-                self.progress(int(done.sum()), len(done))
+                self.progress(int(np.count_nonzero(done)), len(done))
 
 
 def _sealed(outputs: Arrays, done: NDArray[np.bool_]) -> Arrays:

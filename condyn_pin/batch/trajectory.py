@@ -86,7 +86,7 @@ class BatchTrajectory(Outcome):
         integrated over them: where torques or damping act, ``record=1`` makes it accurate.
     statuses : (N,) int8 array
         Place in ``tuple(RunStatus)``: 0 is finished. -1 where no worker got that far, which only
-        the batch of a `WorkersLost` has.
+        the batch of a `WorkersLost` or an `Interrupted` has.
     reasons : (N,) array of str
         Why each ended where it did; empty where it went to its end.
     run_times : (N,) array
@@ -164,7 +164,7 @@ class BatchTrajectory(Outcome):
 
     def _motion(self, i: int) -> Trajectory:
         if self.statuses[i] == MISSING:
-            raise WorkersLost(f"motion {i} was lost with a worker; `missing` has all of them", self)
+            raise WorkersLost(f"no worker got to motion {i}; `missing` has all of them", self)
         if self.samples is None:
             raise NotRecorded(
                 f"motion {i}: no samples were kept; simulate_batch(..., record=1) keeps them all"
