@@ -1,4 +1,4 @@
-"""Say what is installed, whether Pinocchio imports, and the exact line that mends it when not.
+"""Say what is installed, whether Pinocchio imports, and the exact line that repairs it when not.
 
 This module imports nothing that could fail: it has to work when Pinocchio does not.
 """
@@ -51,7 +51,7 @@ class Diagnosis:
     findings : tuple of str
         What is wrong, one sentence each.
     remedy : str
-        The command that mends it; empty when nothing is wrong.
+        The command that repairs it; empty when nothing is wrong.
     """
 
     platform: str
@@ -110,7 +110,7 @@ def advise(error: BaseException) -> str:
     findings, remedy = mixed_install()
     remedy = remedy or _mend(installed_version("pin"))
     reason = "; ".join(findings) or f"{type(error).__name__}: {error}"
-    return f"Pinocchio does not import ({reason}). This mends it: {remedy}"
+    return f"Pinocchio does not import ({reason}). This repairs it: {remedy}"
 
 
 def diagnose() -> Diagnosis:

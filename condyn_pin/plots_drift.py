@@ -69,7 +69,7 @@ def draw_stability(integrator: Integrator, ax: Any = None, *, points: int = 60) 
     shown = ax.contourf(alphas, betas, factor, levels=levels, cmap="cividis")
     ax.contour(alphas, betas, factor, levels=[1.0], colors="k", linewidths=1.0)
     ax.plot([0, end], [0, end], ":", color="0.4", lw=0.8)
-    ax.set(title=f"{integrator.title}: factor a step", xlabel="alpha dt", ylabel="beta dt")
+    ax.set(title=f"{integrator.title}: factor per step", xlabel="alpha dt", ylabel="beta dt")
     ax.set(xlim=(0, end), ylim=(0, end))
     ax.figure.colorbar(shown, ax=ax)
     return ax

@@ -41,6 +41,7 @@ def test_show_without_loops_says_what_is_left_out():
     output = run("show", "four_bar", "--no-loops").output
     assert "mobility 3" in output
     assert "coupler_rocker" in output
+    assert "how-to-close-a-loop" in output
 
 
 def test_show_prints_and_draws_a_ladder(tmp_path):
@@ -333,6 +334,13 @@ def test_a_ladder_is_json_too(monkeypatch):
     result = run("show", "talos", "--ladder", "--json")
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["ladder"] == "talos"
+
+
+def test_solve_prints_accelerations_and_says_that_nothing_holds_the_robot():
+    output = run("solve", "talos").output
+    assert "-9.81" in next(line for line in output.splitlines() if line.startswith("root_joint"))
+    assert "--contacts takes left_sole_link, right_sole_link" in output
+    assert "no constraints" not in run("solve", "four_bar").output
 
 
 @pytest.mark.parametrize(

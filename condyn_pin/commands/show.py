@@ -24,6 +24,11 @@ if TYPE_CHECKING:
 
 PANEL = "Look"
 
+_NOTHING = (
+    "no constraints: --contacts adds some; loops come from the file, or from a robot.toml beside "
+    "it (docs/how-to-close-a-loop.md)"
+)
+
 
 def show(
     robot: RobotName,
@@ -68,6 +73,8 @@ def _print(scene: Scene, summary: Summary, frames: bool) -> None:
         table.add_row("not used", text)
     for text in summary.notes:
         table.add_row("note", text)
+    if not scene.constraints:
+        table.add_row("note", _NOTHING)
     table.add_row("postures", ", ".join(scene.robot.postures) or "none")
     table.add_row("ready contacts", ", ".join(c.name for c in scene.robot.contacts) or "none")
     if frames:
