@@ -570,6 +570,21 @@ def test_an_axis_that_is_a_little_off_is_a_cause():
     assert found.causes[0].startswith("joint leg_left_4_joint: its axis is")
 
 
+def test_rounding_is_no_cause_where_a_body_is_alone():
+    """Its centre of mass is its origin, so that nothing had a length but rounding."""
+    model = pin.Model()
+    free = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "free")
+    model.appendBodyToJoint(free, pin.Inertia.FromBox(2.0, 0.1, 0.2, 0.3), pin.SE3.Identity())
+    box = cp.Robot("box", model)
+    theirs = compiled(box)
+    theirs.body_ipos[:] = 1e-18
+    state = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.6, 0.8]), np.ones(6), np.ones(6)
+    assert cp.MujocoBridge(box, theirs).compare(*state).causes == ()
+    theirs.body_ipos[1] = 1e-3
+    (cause,) = cp.MujocoBridge(box, theirs).compare(*state).causes
+    assert "centre of mass" in cause
+
+
 def test_a_slide_with_another_zero_is_named():
     robot = every_joint()
     model = mujoco_of(robot)

@@ -79,6 +79,19 @@ def test_forces_are_those_of_the_scene(solver, places, other):
     assert np.abs(solution.lam - right.lam).max() < 1e-6 * np.abs(right.lam).max()
 
 
+@pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: type(s).__name__)
+def test_a_gap_of_rounding_is_not_made_a_contradiction(solver):
+    """Taken apart to the size of the body they were open by 3e-8, and a was off by as much."""
+    scene = hands(0 * AHEAD, 3e-4 * AHEAD, opened=1e-11)
+    assert is_spread(scene)
+    for seed in range(4):
+        state = moved(scene, seed)
+        solution = cp.solve(scene, *state, solver=solver, throw=False)
+        right = cp.solve(scene, *state, solver=cp.Reference(), throw=False)
+        assert solution.status.ok
+        assert relative(solution.a, right.a) < 1e-9
+
+
 def test_drift_control_pulls_at_the_same_gaps():
     scene, drift = hands(0 * AHEAD, 1e-3 * AHEAD, opened=1e-5), cp.Baumgarte(100.0, 20.0)
     state = moved(scene)

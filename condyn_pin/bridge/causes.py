@@ -53,10 +53,12 @@ class _Causes:
         pin.forwardKinematics(self.model, self.placed, q)
         among = {pair.there: pair.here for pair in self.pairs}
         self.holders = [holder(self.mj, body, among) for body in range(self.mj.nbody)]
-        # lengths are compared with the largest one in the robot [m]
+        # lengths are compared with the largest one in the robot [m], of a lone body with its own
         placements = (M.translation for M in tuple(self.model.jointPlacements)[1:])
-        levers = (inertia.lever for inertia in self.model.inertias)
-        self.length = max(float(np.abs(x).max()) for x in (*placements, *levers))
+        bodies = tuple(self.model.inertias)
+        own = (np.sqrt(np.abs(Y.inertia).max() / Y.mass) for Y in bodies if Y.mass)
+        lengths = (*placements, *(Y.lever for Y in bodies), *own)
+        self.length = max(float(np.abs(x).max()) for x in lengths)
 
     def all(self) -> Iterator[str]:
         disabled = self._disabled("GRAVITY")

@@ -30,9 +30,11 @@ from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.rows.native import Native
 
-# Distance from their middle, as a share of the lever, at which points are nearly one. At 1e-2 they
-# leave 1e-4 in G, and so twelve digits. Below 1e-9 rounding of the placements alone, eps |p|, turns
-# the line through them by 1e-7, and on each body by another: there is no line to be had.
+# Distance from their middle, as a share of the lever, at which points are nearly one, and to which
+# they are taken apart. At 1e-2 they leave 1e-4 in G, and so twelve digits; further apart, what a
+# state leaves open between them would count for more, and contradict the others. Below 1e-9
+# rounding of the placements alone, eps |p|, turns the line through them by 1e-7, and on each body
+# by another: there is no line to be had.
 NEARLY: Final = 1e-2
 ONE: Final = 1e-9
 
@@ -139,7 +141,7 @@ def _clusters(natives: Sequence[Native]) -> list[Cluster]:
         lever = max(point.lever for point in points)
         if ONE * lever < radius < NEARLY * lever:
             rows = np.concatenate([ends[i] + np.arange(-3, 0) for i in places])
-            found.append(Cluster(tuple(places), rows, points, lever / radius))
+            found.append(Cluster(tuple(places), rows, points, NEARLY * lever / radius))
     return found
 
 
