@@ -217,11 +217,13 @@ def pages(found: Sequence[Comparison], where: dict[str, Any]) -> dict[str, dict[
     families = len({c.task.family for c in found})
     errors, times = sum(c.error_is_good for c in found), sum(c.time_is_good for c in found)
     said = (
-        f"`Proximal` chooses its mu itself. Beside the best of {2 * len(WEIGHTS)} values by hand, "
-        f"on {families} families\nof hard questions, its error is within {WITHIN:g} times in "
-        f"{errors} of {len(found)} comparisons, and its time in {times}\n"
-        "(`benchmarks/auto_mu.py` on {processor}, {system}, Python {python}, Pinocchio {pinocchio},"
-        " {date})."
+        "`Proximal` chooses its mu itself. Compared with the best of "
+        f"{2 * len(WEIGHTS)} values set by hand, on {families} families of hard cases,\n"
+        f"its error is at most {WITHIN:g} times as large in {errors} of {len(found)} comparisons "
+        f"(errors below {NOTHING:g} count as equal), its time at most {WITHIN:g} times\n"
+        f"as long in {times} "
+        "(`benchmarks/auto_mu.py` on {processor}, {system}, Python {python}, Pinocchio "
+        "{pinocchio}, {date})."
     )
     return {marks.README: {"auto_mu": said.format(**where)}}
 

@@ -141,11 +141,13 @@ def essence(saved: dict[str, Any]) -> str:
     rows = [Answers(**row) for row in saved["answers"] if "derivatives" not in row["name"]]
     ratios, states = [row.ratio for row in rows], rows[0].states
     times = [mine.simulated / row.simulated if mine else 0.0 for row, mine in pairs(saved)]
+    slopes = next(row["ratio"] for row in saved["answers"] if "derivatives" in row["name"])
     return (
         f"Two processes on two cores solve {states} states {min(ratios):.2f} to {max(ratios):.2f} "
-        f"times as fast as one.\nBeside {len(times)} ways to run `mujoco.rollout` on Cassie, "
-        "`simulate_batch` simulates, with no larger gap and no larger error,\n"
-        f"{min(times):.1f} to {max(times):.1f} times as much time a second "
+        f"times as fast as one (derivatives: {slopes:.2f}).\n"
+        f"Compared with {len(times)} settings of "
+        "`mujoco.rollout` on Cassie, at no larger gap and no larger error, `simulate_batch`\n"
+        f"simulates {min(times):.1f} to {max(times):.1f} times as much time per second "
         "(`python benchmarks/batch.py`)."
     )
 

@@ -24,6 +24,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import condyn_pin as cp
 from condyn_pin.batch.chunks import map_chunks
 from condyn_pin.catalogue import standard_scenes
+from condyn_pin.table_text import write_csv
 from condyn_pin.trade.exports import short
 from condyn_pin.trade.fresh import FreshErrors
 from condyn_pin.trade.measures import MEASURES
@@ -168,11 +169,8 @@ def said(one: Verdict) -> str:
 
 def write(found: Sequence[Verdict], path: Path, where: Mapping[str, str]) -> None:
     """Write verdicts, after comment lines with the machine."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        file.writelines(f"# {key}: {value}\n" for key, value in where.items())
-        writer = csv.DictWriter(file, [field.name for field in fields(Verdict)])
-        writer.writeheader()
-        writer.writerows(asdict(one) for one in found)
+    columns = [field.name for field in fields(Verdict)]
+    write_csv(path, where, columns, (asdict(one) for one in found))
 
 
 def main() -> int:

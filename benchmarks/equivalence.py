@@ -9,7 +9,6 @@ than it promises.
 from __future__ import annotations
 
 import argparse
-import csv
 import os
 import sys
 from collections.abc import Iterator, Sequence
@@ -25,6 +24,7 @@ from condyn_pin.catalogue import motor_torque, standard_scenes
 from condyn_pin.choice import untaken
 from condyn_pin.commands.words import solvers_of
 from condyn_pin.machine import machine
+from condyn_pin.table_text import write_csv
 from condyn_pin.tolerances import SOLVED
 
 RESULTS = Path(__file__).resolve().parent / "results" / "equivalence.csv"
@@ -137,12 +137,8 @@ def main() -> int:
         for label, scene in standard_scenes(cp.load_robot(name)).items():
             table += agreements(label, scene, arguments.states)
             print(label, flush=True)
-    with arguments.csv.open("w", newline="", encoding="utf-8") as file:
-        for key, value in machine().items():
-            file.write(f"# {key}: {value}\n")
-        writer = csv.DictWriter(file, [field.name for field in fields(Agreement)])
-        writer.writeheader()
-        writer.writerows(asdict(row) for row in table)
+    columns = [field.name for field in fields(Agreement)]
+    write_csv(arguments.csv, machine(), columns, (asdict(row) for row in table))
     lies = [row for row in table if not row.is_honest]
     for row in lies:
         print(f"{row.scene}, {row.solver}: off by {row.error:.1e} where it says ok")

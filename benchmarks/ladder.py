@@ -21,7 +21,7 @@ import marks
 from condyn_pin.ladders import LADDERS
 from condyn_pin.smaller.climbing import FULL, QUICK, ladder
 from condyn_pin.smaller.ladder_plot import save_ladders
-from condyn_pin.smaller.ladder_table import LadderRow, LadderTable, write_csv
+from condyn_pin.smaller.ladder_table import LadderRow, LadderTable, write_ladders
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
@@ -82,7 +82,7 @@ def main() -> None:
         tables = load(RESULTS / "ladder.json")
     else:
         tables = [ladder(name, effort=QUICK if arguments.quick else FULL) for name in LADDERS]
-        write_csv(tables, RESULTS / "ladder.csv")
+        write_ladders(tables, RESULTS / "ladder.csv")
         text = json.dumps([table.as_dict() for table in tables], indent=1)
         (RESULTS / "ladder.json").write_text(text + "\n", encoding="utf-8")
         save_ladders(tables, RESULTS / "ladder.png")

@@ -21,6 +21,7 @@ from typing import Any
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import marks
+from method_lines import Lines
 
 import condyn_pin as cp
 from condyn_pin.drift import DRIFTS, Baumgarte, Drift
@@ -105,28 +106,26 @@ def run(problem: Problem, setting: Setting) -> dict[str, Any] | None:
 
 def plot(rows: list[dict[str, Any]], path: Path) -> None:
     """Draw error against CPU seconds, one panel a problem, one line a method."""
-    import matplotlib.pyplot as plt
+    from matplotlib.figure import Figure
 
     names = list(dict.fromkeys(row["problem"] for row in rows))
-    methods = list(dict.fromkeys(_method(row) for row in rows))
-    figure, panels = plt.subplots(2, 3, figsize=(14, 8), squeeze=False)
+    lines = Lines(dict.fromkeys(_method(row) for row in rows))
+    figure = Figure(figsize=(14, 9), layout="constrained")
+    panels = figure.subplots(2, 3, squeeze=False)
     for ax, name in zip(panels.flat, names, strict=False):
-        for k, method in enumerate(methods):
-            here = (row for row in rows if row["problem"] == name and _method(row) == method)
-            line = sorted((row for row in here if row["error"]), key=lambda r: r["cpu_seconds"])
-            x, y = ([row[key] for row in line] for key in ("cpu_seconds", "error"))
-            colour, marker = f"C{k % 10}", "osd^vxP*"[k % 8]
-            ax.plot(x, y, f"{marker}-", color=colour, ms=4, label=method)
+        curves: dict[str, list[dict[str, Any]]] = {}
+        for row in rows:
+            if row["problem"] == name and row["error"]:
+                curves.setdefault(_method(row), []).append(row)
+        for method, points in curves.items():
+            points.sort(key=lambda row: row["cpu_seconds"])
+            x, y = ([row[key] for row in points] for key in ("cpu_seconds", "error"))
+            ax.plot(x, y, **lines.of(method))
         ax.set(title=name, xlabel="CPU [s]", ylabel="error", xscale="log", yscale="log")
         ax.set_ylim(1e-15, 10.0)  # what broke down is off the picture
         ax.xaxis.set_minor_formatter("")
-        ax.grid(alpha=0.3)
-    handles: dict[str, Any] = {}
-    for ax in panels.flat:
-        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
-            handles.setdefault(label, handle)
-    figure.legend(handles.values(), handles.keys(), loc="lower center", ncols=4, frameon=False)
-    figure.tight_layout(rect=(0, 0.1, 1, 1))
+        ax.grid(visible=True, color="0.92")
+    figure.legend(handles=lines.legend(), loc="outside lower center", ncols=5, frameon=False)
     figure.savefig(path, dpi=110)
 
 

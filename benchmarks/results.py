@@ -19,7 +19,7 @@ import marks
 
 from condyn_pin.bench import bench
 from condyn_pin.bench_table import BenchRow, BenchTable
-from condyn_pin.plots import save_bench
+from condyn_pin.plots_bench import save_bench
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"

@@ -26,6 +26,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import marks
 import numpy as np
+from method_lines import Lines
 
 import condyn_pin as cp
 from condyn_pin._pin import pin
@@ -48,7 +49,7 @@ LOST = 1.0  # a loop that is open by so much is no loop [m]
 class Row:
     """One way to simulate one linkage.
 
-    `us` is CPU time a simulated millisecond [us]; gap [m], energy [J] and what happened.
+    `us` is CPU time per simulated millisecond [us]; gap [m], energy [J] and what happened.
     """
 
     problem: str
@@ -107,7 +108,7 @@ def problems() -> tuple[Problem, ...]:
     )
 
 
-Block = Callable[[], float]  # CPU time a simulated millisecond [us]
+Block = Callable[[], float]  # CPU time per simulated millisecond [us]
 
 
 def ours(problem: Problem, integrator: Any, drift: Any, dt: float) -> tuple[Row, Block] | None:
@@ -282,9 +283,10 @@ def _table(rows: Sequence[Row], about: dict[str, str], shown: Sequence[Row]) -> 
     )
     lines += [
         "",
-        "us/ms: CPU time a simulated millisecond. x: MuJoCo's over ours, at no larger gap and no "
-        "larger energy error; **below 1 MuJoCo is ahead**, 0 where no setting of condyn_pin is as "
-        f"accurate. Of its points with steps from 0.5 to 16 ms condyn_pin is ahead at {counts}.",
+        "us/ms: CPU time per simulated millisecond. x: MuJoCo's time over ours, at no larger gap "
+        "and no larger energy error; **below 1 MuJoCo is ahead**, 0 where no setting of condyn_pin "
+        "is as accurate. Of its points with steps from 0.5 to 16 ms condyn_pin is ahead at "
+        f"{counts}.",
     ]
     where = (
         "`python benchmarks/simulation_vs_mujoco.py` on {processor} ({cores} cores, one thread), "
@@ -301,39 +303,47 @@ def pages(rows: Sequence[Row], about: dict[str, str]) -> dict[str, dict[str, str
     }
 
 
+# MuJoCo's ways, all without lines: colours of its constraints, and markers of its integrators.
+_STIFFNESS = {"default": "#F0A000", "solref .005": "#D55E00", "solref .002": "#802000"}
+_STEPS = {"Euler": "x", "RK4": "+", "implicitfast": "1"}
+
+
+def _of_mujoco(method: str) -> dict[str, Any]:
+    """Return how a way of MuJoCo is drawn, from 'integrator, constraints'."""
+    integrator, _, constraints = method.partition(", ")
+    colour = next(c for key, c in _STIFFNESS.items() if constraints.startswith(key))
+    return {"color": colour, "marker": _STEPS[integrator], "ls": "", "ms": 7, "zorder": 3}
+
+
 def draw(rows: Sequence[Row], path: Path) -> None:
     """Draw gap and energy error against time, a column a linkage."""
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
     names = list(dict.fromkeys(row.problem for row in rows))
-    figure = Figure(figsize=(5.5 * len(names), 7.5), layout="constrained")
+    lines = Lines(dict.fromkeys(row.method for row in rows if row.engine != "MuJoCo"))
+    figure = Figure(figsize=(6 * len(names), 10), layout="constrained")
     places = figure.subplots(2, len(names), squeeze=False)
-    colours = ("#0072B2", "#009E73", "#56B4E9", "#CC79A7", "#000000", "#0072B2", "#009E73")
     for j, name in enumerate(names):
+        kept = [r for r in rows if r.problem == name and r.status == "finished"]
+        curves: dict[tuple[str, str], list[Row]] = {}
+        for row in kept:
+            curves.setdefault((row.engine, row.method), []).append(row)
         for i, (field, unit) in enumerate((("gap", "m"), ("energy", "J"))):
             ax = places[i, j]
-            kept = [r for r in rows if r.problem == name and r.status == "finished"]
-            curves: dict[tuple[str, str], list[Row]] = {}
-            for row in kept:
-                curves.setdefault((row.engine, row.method), []).append(row)
-            mine = 0
             for (engine, method), points in curves.items():
                 x = [row.us for row in points]
                 y = [max(getattr(row, field), 1e-17) for row in points]
-                if engine == "MuJoCo":
-                    shade = {"d": "#E69F00", "2": "#D55E00", "5": "#8B3A00"}
-                    key = "d" if "default" in method else method.split("solref .00")[1][0]
-                    mark = {"E": "x", "R": "+", "i": "1"}[method[0]]
-                    ax.plot(x, y, mark, color=shade[key], ms=6, label=f"MuJoCo {method}")
-                else:
-                    colour = colours[mine % len(colours)]
-                    ax.plot(x, y, "o-", color=colour, ms=3, lw=0.8, label=method)
-                    mine += 1
+                ax.plot(x, y, **(_of_mujoco(method) if engine == "MuJoCo" else lines.of(method)))
             ax.set(xscale="log", yscale="log", title=f"{name}: {field} error [{unit}]")
-            ax.set(xlabel="CPU time a simulated ms [us]", ylim=(None, LOST))
-            ax.grid(visible=True, color="0.9")
-            if i == 0:
-                ax.legend(fontsize=5, frameon=False)
+            ax.set(xlabel="CPU time per simulated ms [us]", ylim=(None, LOST))
+            ax.grid(visible=True, color="0.92")
+    theirs = [
+        Line2D([], [], label=f"MuJoCo {method}", **_of_mujoco(method))
+        for method in dict.fromkeys(row.method for row in rows if row.engine == "MuJoCo")
+    ]
+    shown = theirs + lines.legend()
+    figure.legend(handles=shown, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
     figure.savefig(path, dpi=130)
 
 

@@ -11,7 +11,7 @@ only the last three are made anew, without running anything.
 Errors and choices are computed on all cores, and do not care what else the machine does; times are
 taken in between, by this process alone. A run that is stopped goes on from demo/trade.jsonl when it
 is started again, and takes the times again that were taken on a shared core. When every time was
-taken with a core alone the file is removed.
+taken on a core that nothing else used, the file is removed.
 """
 
 from __future__ import annotations

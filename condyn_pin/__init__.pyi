@@ -44,6 +44,7 @@ from condyn_pin.errors import InvalidModel as InvalidModel
 from condyn_pin.errors import MissingExtra as MissingExtra
 from condyn_pin.errors import NotAssembled as NotAssembled
 from condyn_pin.errors import NotReached as NotReached
+from condyn_pin.errors import NotRecorded as NotRecorded
 from condyn_pin.errors import NotTuned as NotTuned
 from condyn_pin.errors import SolveFailed as SolveFailed
 from condyn_pin.errors import StaleModel as StaleModel

@@ -3,10 +3,9 @@
 | what                | 3.9                             | 4.x                                |
 |---------------------|---------------------------------|------------------------------------|
 | initialisation      | of the constraint models        | takes the constraint datas as well |
-| rows                | `size()`                        | `residualSize()`                   |
 | Baumgarte gains     | `corrector.Kp/.Kd`, vectors     | `m_baumgarte_parameters`, scalars  |
 | constraint Cholesky | `data.contact_chol`             | `data.constraint_chol`             |
-| constraint Jacobian | needs joint Jacobians           | needs each constraint's `calc` too |
+| ... to compute it   | needs `crba`                    | needs each constraint's `calc` too |
 | LCABA               | missing                         | `lcaba`, and an elimination order  |
 """
 
@@ -72,11 +71,6 @@ def init_constraint_dynamics(model: Any, data: Any, models: Any, datas: Any) -> 
         pin.initConstraintDynamics(model, data, models)
 
 
-def constraint_rows(constraint_model: Any) -> int:
-    """Return the number of rows of a rigid constraint: 3 or 6."""
-    return int(constraint_model.residualSize() if _IS_4 else constraint_model.size())
-
-
 def set_baumgarte(constraint_model: Any, Kp: float, Kd: float) -> None:
     """Set isotropic stabilisation gains Kp [1/s^2] and Kd [1/s] of one constraint."""
     if _IS_4:
@@ -91,17 +85,6 @@ def set_baumgarte(constraint_model: Any, Kp: float, Kd: float) -> None:
 def constraint_cholesky(data: Any) -> Any:
     """Return Pinocchio's Cholesky factor of [[-mu I, J], [J^T, M]]."""
     return data.constraint_chol if _IS_4 else data.contact_chol
-
-
-def constraints_jacobian(
-    model: Any, data: Any, models: Any, datas: Any, q: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return J (m, nv) of all constraints at q, each in its own reference frame."""
-    pin.computeJointJacobians(model, data, q)
-    if _IS_4:
-        for constraint_model, constraint_data in zip(models, datas, strict=True):
-            constraint_model.calc(model, data, constraint_data)
-    return np.array(pin.getConstraintsJacobian(model, data, models, datas))
 
 
 def factorise_constraints(

@@ -9,11 +9,11 @@ import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
+from condyn_pin.algebra.minimum_norm import MinimumNorm, factorise
+from condyn_pin.algebra.range_space import whiten
 from condyn_pin.arrays import Array
 from condyn_pin.errors import BranchChanged, InvalidModel, NotAssembled
-from condyn_pin.minimum_norm import MinimumNorm, factorise
 from condyn_pin.proof import Yardstick
-from condyn_pin.range_space import whiten
 from condyn_pin.rows.equations import Equations
 from condyn_pin.rows.natives import Natives
 from condyn_pin.rows.reach import ROUNDED, reach

@@ -27,6 +27,7 @@ from condyn_pin.solvers.dense_kkt import DenseKKT
 from condyn_pin.solvers.lcaba import LCABA
 from condyn_pin.solvers.proximal import Proximal
 from condyn_pin.solvers.reference import Reference
+from condyn_pin.timed_calls import bare, unthrown
 from condyn_pin.timing import Call, State, Times, interleaved
 from condyn_pin.workspace import Workspace
 
@@ -103,7 +104,7 @@ def bench_scene(
     scene: Scene,
     *,
     solvers: Sequence[Solver] = (),
-    effort: Effort = FULL,
+    effort: Effort,
     progress: Progress = silent,
 ) -> list[BenchRow]:
     """Time some methods on one scene."""
@@ -176,17 +177,10 @@ class _Candidate:
         workspace, key = self.workspace, self.method
         calls: dict[str, Call] = {
             f"{key} acceleration": workspace.acceleration,
-            f"{key} solve": workspace.solve if self.all_ok else _unthrown(workspace),
+            f"{key} solve": workspace.solve if self.all_ok else unthrown(workspace),
         }
-        if isinstance(self.solver, LCABA | Proximal):
-            bare = _pin.lcaba() if isinstance(self.solver, LCABA) else pin.constraintDynamics
-            model, data = workspace.model, workspace.data
-            models, datas = workspace.constraint_models, workspace.constraint_datas
-            settings = workspace.proximal_settings
-            calls[f"{key} bare"] = lambda q, v, tau: bare(
-                model, data, q, v, tau, models, datas, settings
-            )
-        return calls
+        pinocchio = bare(workspace)
+        return calls if pinocchio is None else calls | {f"{key} bare": pinocchio}
 
     def times(self, times: dict[str, Times]) -> Times:
         return times[f"{self.method} acceleration"]
@@ -211,7 +205,3 @@ class _Candidate:
         hot, full = self.times(times), times[f"{self.method} solve"]
         bare = times.get(f"{self.method} bare")
         return row.timed(hot, full, bare, dense)
-
-
-def _unthrown(workspace: Workspace) -> Call:
-    return lambda q, v, tau: workspace.solve(q, v, tau, throw=False)

@@ -16,11 +16,11 @@ def print_bench(table: BenchTable, console: Console) -> None:
         counted = next((row for row in rows if row.rows), None)
         title = f"{scene}: {counted.rows} rows, rank {counted.rank}" if counted else scene
         shown = Table(title=title, title_justify="left")
-        shown.add_column("method", no_wrap=True)
-        for heading in ("bare", "a", "p95", "solve", "a/bare", "solve/bare", "x dense"):
-            shown.add_column(heading, justify="right", no_wrap=True)
+        shown.add_column("method")
+        for heading in ("bare", "a", "p95", "solve", "a / bare", "solve / bare", "x dense"):
+            shown.add_column(heading, justify="right")
         for heading in ("error of a", "it.", "status"):
-            shown.add_column(heading, justify="right", no_wrap=True)
+            shown.add_column(heading, justify="right")
         for row in rows:
             shown.add_row(*_cells(row))
         print_whole(shown, console)

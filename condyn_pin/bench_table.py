@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 from dataclasses import asdict, dataclass, fields, replace
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.table_text import nulled, write_csv
 from condyn_pin.timing import Times
 
 
@@ -91,12 +91,8 @@ class BenchTable:
 
     def to_csv(self, path: str | Path) -> None:
         """Write the rows, after comment lines with the machine."""
-        with Path(path).open("w", newline="", encoding="utf-8") as file:
-            for key, value in self.machine.items():
-                file.write(f"# {key}: {value}\n")
-            writer = csv.DictWriter(file, [field.name for field in fields(BenchRow)])
-            writer.writeheader()
-            writer.writerows(asdict(row) for row in self.rows)
+        columns = [field.name for field in fields(BenchRow)]
+        write_csv(path, self.machine, columns, (asdict(row) for row in self.rows))
 
     def to_json(self, path: str | Path) -> None:
         """Write machine and rows; what was not measured is null."""
@@ -104,7 +100,7 @@ class BenchTable:
 
     def as_dict(self) -> dict[str, Any]:
         """Return machine and rows as plain values."""
-        return {"machine": self.machine, "rows": [_plain(asdict(row)) for row in self.rows]}
+        return {"machine": self.machine, "rows": [nulled(asdict(row)) for row in self.rows]}
 
     def with_native(self, path: str | Path) -> BenchTable:
         """Return the table with the rows that `benchmarks/native` wrote to a json file."""
@@ -120,13 +116,6 @@ class BenchTable:
             f"native {key}": str(value) for key, value in native.items() if isinstance(value, str)
         }
         return BenchTable(self.rows + rows, self.machine | known)
-
-
-def _plain(row: dict[str, Any]) -> dict[str, Any]:
-    return {
-        key: None if isinstance(value, float) and not math.isfinite(value) else value
-        for key, value in row.items()
-    }
 
 
 def _native_row(row: dict[str, Any], size: dict[str, Any]) -> BenchRow:

@@ -1,4 +1,4 @@
-"""Which solver takes which scene."""
+"""Choice of a solver: which one takes which scene."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ _UNEXPECTED = 3
 _EPILOG = """
 **First steps**
 
-    condyn doctor                      what is installed, what mends it
+    condyn doctor                      what is installed, how to repair it
     condyn show cassie                 rows, rank, redundant rows, what is not used
     condyn view cassie                 see it in the browser, until Ctrl-C
     condyn assemble cassie             close the loops from a posture
@@ -66,7 +66,10 @@ def _print_version(wanted: bool) -> None:
 @app.callback()
 def options(
     version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Say which.")
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version."
+        ),
     ] = False,
     debug: Annotated[
         bool, typer.Option("--debug", help="Anywhere on the line: show the traceback of an error.")
@@ -76,7 +79,7 @@ def options(
 
     M(q) a + h(q, v) = tau + J(q)^T lam,   J(q) a + gamma(q, v) = a_ref
 
-    For closed chains and for machines on legs. `condyn COMMAND --help` has the options of each.
+    For closed chains and for legged machines. `condyn COMMAND --help` has the options of each.
     """
 
 

@@ -63,13 +63,19 @@ def text(argument: str, value: Any, what: str = "frame") -> str:
     return value
 
 
-def positive(argument: str, value: float | None) -> None:
-    """Refuse what is not a positive length."""
-    number = isinstance(value, Real) and not isinstance(value, bool)
-    if value is not None and not (number and math.isfinite(value) and value > 0):
-        raise InvalidArgument(f"{argument} = {value!r}: a positive length [m] is needed")
-    if value is not None:
-        check_size(argument, float(value))
+def check_positive(kind: str = "number", /, **values: float) -> None:
+    """Refuse values, by name, that are not positive."""
+    for name, value in values.items():
+        number = isinstance(value, Real) and not isinstance(value, bool)
+        if not (number and math.isfinite(value) and value > 0):
+            raise InvalidArgument(f"{name} = {value!r}: a positive {kind} is needed")
+        check_size(name, float(value))
+
+
+def check_lengths(**lengths: float | None) -> None:
+    """Refuse lengths, by name, that are not positive; None is left out."""
+    said = {name: length for name, length in lengths.items() if length is not None}
+    check_positive("length [m]", **said)
 
 
 def check_axis(axis: Any) -> None:

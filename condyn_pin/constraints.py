@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from typing import Final, Literal, get_args
 
 from condyn_pin.arrays import finite
-from condyn_pin.constraint_fields import Axis, check_axis, check_size, positive, text
+from condyn_pin.constraint_fields import Axis, check_axis, check_lengths, check_size, text
 from condyn_pin.errors import InvalidArgument
 
 LoopKind = Literal["ball", "weld", "hinge", "slider", "planar", "rod"]
@@ -99,7 +99,7 @@ class Loop(Constraint):
                 f"kind = {self.kind!r}: known kinds of loops are {', '.join(_ROWS)}"
             )
         check_axis(self.axis)
-        positive("length", self.length)
+        check_lengths(length=self.length)
         if (self.kind == "rod") != (self.length is not None):
             wanted = "a rod needs its length" if self.kind == "rod" else "only a rod has a length"
             raise InvalidArgument(f"length = {self.length!r} for a {self.kind}: {wanted} [m]")

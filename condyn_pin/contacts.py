@@ -17,10 +17,10 @@ from condyn_pin.constraint_fields import (
     Placement,
     Vector3,
     check_axis,
+    check_lengths,
     direction,
     floats,
     placement,
-    positive,
     text,
 )
 from condyn_pin.constraints import Constraint
@@ -96,8 +96,7 @@ class SurfaceContact(Constraint):
 
     def __post_init__(self) -> None:
         text("frame", self.frame)
-        positive("half_length", self.half_length)
-        positive("half_width", self.half_width)
+        check_lengths(half_length=self.half_length, half_width=self.half_width)
         object.__setattr__(self, "anchor", placement("anchor", self.anchor))
         self._set_name(self.frame)
 
@@ -155,7 +154,7 @@ class LineContact(Constraint):
     def __post_init__(self) -> None:
         text("frame", self.frame)
         check_axis(self.axis)
-        positive("half_length", self.half_length)
+        check_lengths(half_length=self.half_length)
         object.__setattr__(self, "anchor", placement("anchor", self.anchor))
         self._set_name(self.frame)
 

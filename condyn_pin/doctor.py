@@ -1,4 +1,4 @@
-"""Say what is installed, whether Pinocchio imports, and the exact line that mends it when not.
+"""Say what is installed, whether Pinocchio imports, and the exact line that repairs it when not.
 
 This module imports nothing that could fail: it has to work when Pinocchio does not.
 """
@@ -51,7 +51,7 @@ class Diagnosis:
     findings : tuple of str
         What is wrong, one sentence each.
     remedy : str
-        The command that mends it; empty when nothing is wrong.
+        The command that repairs it; empty when nothing is wrong.
     """
 
     platform: str
@@ -74,10 +74,14 @@ def _major(version: str | None) -> int:
     return int(version.split(".")[0]) if version else 0
 
 
+def _mend(pin: str | None) -> str:
+    return MEND_3 if _major(pin) == 3 else MEND_4
+
+
 def mixed_install() -> tuple[tuple[str, ...], str]:
     """Return what does not fit together among the installed distributions, and the remedy."""
     pin, lib = installed_version("pin"), installed_version("libpinocchio")
-    mend = MEND_3 if _major(pin) == 3 else MEND_4
+    mend = _mend(pin)
     if pin is None and installed_version("pinocchio"):
         return (
             "the distribution 'pinocchio' is a test plugin that shares the import name; "
@@ -104,10 +108,9 @@ def mixed_install() -> tuple[tuple[str, ...], str]:
 def advise(error: BaseException) -> str:
     """Return the sentence for an `import pinocchio` that failed with `error`."""
     findings, remedy = mixed_install()
-    if not remedy:
-        remedy = MEND_3 if _major(installed_version("pin")) == 3 else MEND_4
+    remedy = remedy or _mend(installed_version("pin"))
     reason = "; ".join(findings) or f"{type(error).__name__}: {error}"
-    return f"Pinocchio does not import ({reason}). This mends it: {remedy}"
+    return f"Pinocchio does not import ({reason}). This repairs it: {remedy}"
 
 
 def diagnose() -> Diagnosis:
@@ -132,6 +135,6 @@ def diagnose() -> Diagnosis:
         lines = probe.stderr.strip().splitlines()
         last = lines[-1] if lines else f"the interpreter ended with {probe.returncode}"
         findings = (f"`import pinocchio` fails: {last}", *findings)
-        remedy = remedy or (MEND_3 if _major(versions.get("pin")) == 3 else MEND_4)
+        remedy = remedy or _mend(versions.get("pin"))
     machine = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
     return Diagnosis(machine, versions, probe.returncode == 0, features, findings, remedy)

@@ -146,8 +146,8 @@ class WorkersLost(CondynError, RuntimeError):
 
     Attributes
     ----------
-    done : BatchSolution or BatchDerivatives or Table or None
-        What was computed, of a batch or of a study; the `missing` of the first says which rows were
+    done : BatchSolution or BatchDerivatives or BatchTrajectory or Table or None
+        What was computed, of a batch or of a study; the `missing` of a batch says which rows were
         not.
     """
 
@@ -159,13 +159,18 @@ class WorkersLost(CondynError, RuntimeError):
         return WorkersLost, (str(self), self.done)
 
 
+class NotRecorded(CondynError):
+    """A batch has no samples of a motion; the text says why."""
+
+
 class Interrupted(KeyboardInterrupt):
     """Ctrl-C in a long run: no error of this library, so not a `CondynError`.
 
     Attributes
     ----------
     table
-        What was measured until then, as the run would have returned it: of `Study.run` a `Table`.
+        What was measured until then, as the run would have returned it: of `Study.run` a `Table`,
+        of `simulate_batch` a `BatchTrajectory`.
     """
 
     def __init__(self, table: Any) -> None:

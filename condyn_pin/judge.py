@@ -9,10 +9,10 @@ import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
+from condyn_pin.algebra.minimum_norm import factorise
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
 from condyn_pin.errors import InvalidArgument, InvalidModel
-from condyn_pin.minimum_norm import factorise
 from condyn_pin.proof import Proof, Yardstick
 from condyn_pin.rows.reach import reach
 from condyn_pin.solution import Solution, Status

@@ -25,13 +25,13 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
-from condyn_pin.card import read_alone, read_card
+from condyn_pin.cards.folders import example_robot_data, robots_folder
+from condyn_pin.cards.reading import read_alone, read_card
+from condyn_pin.cards.variants import check_variant
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
-from condyn_pin.folders import example_robot_data, robots_folder
 from condyn_pin.io.urdf import check_root_joint
 from condyn_pin.mechanisms import MECHANISMS
 from condyn_pin.robot import Robot
-from condyn_pin.variants import check_variant
 
 __all__ = ["available_robots", "example_robot_data", "load_robot", "robots_folder"]
 
@@ -92,9 +92,6 @@ def load_robot(
         check_root_joint(root_joint)
     known = available_robots()
     path = _path(name)
-    folder = robots_folder() / str(name) if str(name) in known else path
-    if path.name == "robot.toml" and path.is_file():
-        folder = path.parent
     chosen = {} if variant is None else variant
     plain = path.suffix in _ROOTED or (path.suffix == ".xml" and root_joint is None)
     if str(name) not in known and plain and not path.is_dir():
@@ -108,8 +105,9 @@ def load_robot(
     if str(name) in MECHANISMS:
         check_variant(chosen, {})
         return MECHANISMS[str(name)]()
-    if (folder / "robot.toml").is_file():
-        return read_card(folder / "robot.toml", chosen)
+    card = _card(robots_folder() / str(name) if str(name) in known else path)
+    if card.is_file():
+        return read_card(card, chosen)
     if path.suffix or path.exists():
         raise InvalidModel(
             f"{path}: a .urdf, an .sdf or an .xml with an MJCF is needed, or a folder with a "
@@ -126,3 +124,8 @@ def _path(name: str | Path) -> Path:
     except (OSError, RuntimeError) as error:  # too long, or of a user that does not exist
         raise InvalidArgument(f"name = {str(name)[:80]!r}: no name and no path: {error}") from error
     return path
+
+
+def _card(path: Path) -> Path:
+    """Return where the robot.toml of a folder would be, or the path if it is one."""
+    return path if path.name == "robot.toml" and path.is_file() else path / "robot.toml"

@@ -1,4 +1,4 @@
-"""What a measurement was taken on."""
+"""The machine that a measurement was taken on: processor, system, versions."""
 
 from __future__ import annotations
 

@@ -28,3 +28,13 @@ def listed(names: Sequence[str]) -> str:
     """Return names for a sentence, the first few of many."""
     more = len(names) - _NAMES_SHOWN
     return ", ".join(names[:_NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")
+
+
+def few(names: Sequence[str]) -> str:
+    """Return up to four names, or how many joints there are."""
+    return ", ".join(names) if len(names) <= 4 else f"{len(names)} joints"
+
+
+def quoted(names: Iterable[str]) -> str:
+    """Return names as errors list them."""
+    return ", ".join(repr(name) for name in names)

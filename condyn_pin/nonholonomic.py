@@ -21,9 +21,9 @@ from condyn_pin.constraint_fields import (
     Axis,
     Vector3,
     check_axis,
+    check_positive,
     direction,
     floats,
-    positive,
     text,
 )
 from condyn_pin.constraints import Constraint
@@ -180,9 +180,7 @@ Rolling = RollingWheel | RollingBall
 
 def _check_rolling(made: Rolling) -> None:
     text("frame", made.frame)
-    if made.radius is None:
-        raise InvalidArgument("radius = None: a positive length [m] is needed")
-    positive("radius", made.radius)
+    check_positive("length [m]", radius=made.radius)
     object.__setattr__(made, "radius", float(made.radius))
     object.__setattr__(made, "normal", direction("normal", made.normal))
     if made.height is not None:

@@ -1,4 +1,4 @@
-"""How lines are told apart: by colour-blind eyes, and on paper.
+"""Style of plots: lines that colour-blind eyes tell apart, and those who read on paper.
 
 Colours are those of Okabe and Ito, without their yellow, which paper loses; dashes tell lines apart
 where there is no colour.

@@ -1,85 +1,14 @@
-"""Pictures of results: `bench` draws on matplotlib axes, `save_bench` writes a file."""
+"""What pictures are drawn on: axes of the caller or of a new figure, and figures for a file."""
 
 from __future__ import annotations
 
 import importlib.util
 import math
-from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from condyn_pin.bench_table import BenchRow, BenchTable
 from condyn_pin.errors import MissingExtra
-from condyn_pin.plot_style import METHODS, OTHER
-from condyn_pin.tolerances import SOLVED
 
-_FLOOR = 1e-16
-
-PICTURES = (".png", ".svg", ".pdf")
-
-
-def bench(table: BenchTable, scene: str, ax: Any = None) -> Any:
-    """Draw error against time of every method on one scene: down and to the left is better.
-
-    Parameters
-    ----------
-    table : BenchTable
-    scene : str
-        Label of the scene.
-    ax : matplotlib axes, optional
-        A new figure by default.
-
-    Returns
-    -------
-    matplotlib axes
-    """
-    ax = axes(ax)
-    rows = [row for row in table.rows if row.scene == scene and row.origin == "python"]
-    for row in rows:
-        colour, marker = next(
-            (s for key, s in METHODS.items() if row.method.startswith(key)), OTHER
-        )
-        time = row.acceleration_us if math.isfinite(row.acceleration_us) else row.bare_us
-        if row.rows == 0:
-            ax.axvline(time, color=colour, lw=0.8, ls=":", label=row.method)
-        elif math.isfinite(row.error):
-            hollow = "none" if "inaccurate" in row.status else colour
-            error = max(row.error, _FLOOR)
-            ax.plot(time, error, marker, color=colour, mfc=hollow, ms=7, label=row.method)
-    ax.axhline(SOLVED, color="0.6", lw=0.8, ls="--")
-    for row in rows:
-        if row.rows and not math.isfinite(row.error):
-            ax.plot([], [], " ", label=f"{row.method}: {row.status.split(' ', 1)[1]}")
-    ax.set(title=_title(rows, scene), xlabel="time of a [us]", ylabel="error of a")
-    ax.set(xscale="log", xlim=(1.0, 300.0), yscale="log", ylim=(_FLOOR / 3, 1.0))
-    ax.set_xticks([1, 3, 10, 30, 100, 300], ["1", "3", "10", "30", "100", "300"])
-    ax.minorticks_off()
-    ax.grid(visible=True, which="major", color="0.9")
-    ax.legend(fontsize=7, frameon=False)
-    return ax
-
-
-def save_bench(table: BenchTable, path: str | Path) -> None:
-    """Draw every scene of a table into one picture; the ending of `path` says which format."""
-    scenes = list(dict.fromkeys(row.scene for row in table.rows if row.origin == "python"))
-    columns = min(3, len(scenes))
-    lines = math.ceil(len(scenes) / columns)
-    require_matplotlib()
-    from matplotlib.figure import Figure  # a figure of its own leaves the user's backend alone
-
-    figure = Figure(figsize=(4.2 * columns, 3.4 * lines), layout="constrained")
-    axes = figure.subplots(lines, columns, squeeze=False)
-    for ax, scene in zip(axes.flat, scenes, strict=False):
-        bench(table, scene, ax)
-    for ax in axes.flat[len(scenes) :]:
-        ax.set_axis_off()
-    note = "{processor}, Pinocchio {pinocchio}; dashed: what status ok promises"
-    figure.suptitle(note.format(**table.machine), fontsize=8)
-    figure.savefig(path, dpi=150)
-
-
-def _title(rows: list[BenchRow], scene: str) -> str:
-    counted = next((row for row in rows if row.rows), None)
-    return f"{scene}: {counted.rows} rows, rank {counted.rank}" if counted else scene
+PICTURES: Final = (".png", ".svg", ".pdf")
 
 
 def axes(ax: Any) -> Any:
@@ -90,6 +19,30 @@ def axes(ax: Any) -> Any:
     from matplotlib import pyplot
 
     return pyplot.subplots()[1]
+
+
+def panels(count: int, *, width: float, height: float, columns: int) -> tuple[Any, list[Any]]:
+    """Return a figure for a file, and the axes of its panels, those that are left over blank.
+
+    Parameters
+    ----------
+    count : int
+        Panels that are needed.
+    width, height : float
+        Of one panel [inch].
+    columns : int
+        Panels side by side, at most.
+    """
+    require_matplotlib()
+    from matplotlib.figure import Figure  # a figure of its own leaves the user's backend alone
+
+    columns = min(columns, count)
+    lines = math.ceil(count / columns)
+    figure = Figure(figsize=(width * columns, height * lines), layout="constrained")
+    places = list(figure.subplots(lines, columns, squeeze=False).flat)
+    for ax in places[count:]:
+        ax.set_axis_off()
+    return figure, places
 
 
 def require_matplotlib() -> None:

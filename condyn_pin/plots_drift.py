@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from condyn_pin.plot_style import COLOURS
-from condyn_pin.plots import axes, require_matplotlib
+from condyn_pin.plots import axes, panels
 from condyn_pin.simulation.contest import Contest
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.laboratory import Growth, stability_map
@@ -69,7 +69,7 @@ def draw_stability(integrator: Integrator, ax: Any = None, *, points: int = 60) 
     shown = ax.contourf(alphas, betas, factor, levels=levels, cmap="cividis")
     ax.contour(alphas, betas, factor, levels=[1.0], colors="k", linewidths=1.0)
     ax.plot([0, end], [0, end], ":", color="0.4", lw=0.8)
-    ax.set(title=f"{integrator.title}: factor a step", xlabel="alpha dt", ylabel="beta dt")
+    ax.set(title=f"{integrator.title}: factor per step", xlabel="alpha dt", ylabel="beta dt")
     ax.set(xlim=(0, end), ylim=(0, end))
     ax.figure.colorbar(shown, ax=ax)
     return ax
@@ -117,12 +117,8 @@ def save_laboratory(
     path: str | Path,
 ) -> None:
     """Draw all of it into one picture; the ending of `path` says which format."""
-    require_matplotlib()
-    from matplotlib.figure import Figure  # a figure of its own leaves the user's backend alone
-
     count = 2 + len(integrators)
-    figure = Figure(figsize=(4.4 * count, 3.8), layout="constrained")
-    places = figure.subplots(1, count)
+    figure, places = panels(count, width=4.4, height=3.8, columns=count)
     draw_growth(growths, places[0])
     for integrator, ax in zip(integrators, places[1:-1], strict=True):
         draw_stability(integrator, ax)

@@ -106,6 +106,8 @@ def forces(trajectory: Trajectory, names: Sequence[str] | None = None, ax: Any =
     ax = axes(ax)
     for i, name in enumerate(found if names is None else names):
         ax.plot(trajectory.t, np.linalg.norm(found[name][:, :3], axis=1), label=name, **line(i))
+    ax.update_datalim([(trajectory.t[0], 0.0)])  # from zero: a steady force is a level line
+    ax.autoscale_view()
     _mark_events(trajectory, ax)
     return finished(ax, title=_title(trajectory), x=_TIME, y="force [N]")
 

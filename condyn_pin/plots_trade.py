@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -11,7 +10,7 @@ import numpy as np
 
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.plot_style import COLOURS
-from condyn_pin.plots import axes, require_matplotlib
+from condyn_pin.plots import axes, panels
 from condyn_pin.solvers import SOLVERS
 from condyn_pin.tolerances import SOLVED
 from condyn_pin.trade.front import ANSWERED, answered, comparable, front, microseconds
@@ -142,20 +141,12 @@ def _height(row: Row) -> float:
 
 def save_trade(table: Table, path: str | Path) -> None:
     """Draw every scene and measure of a table into one picture; the ending says which format."""
-    require_matplotlib()
-    from matplotlib.figure import Figure  # a figure of its own leaves the user's backend alone
-
     questions = list(dict.fromkeys((row.scene, row.measure) for row in table.rows))
     if not questions:
         raise InvalidArgument("the table has no rows: nothing to draw")
-    columns = min(3, len(questions))
-    lines = math.ceil(len(questions) / columns)
-    figure = Figure(figsize=(5.4 * columns, 3.6 * lines), layout="constrained")
-    grid = figure.subplots(lines, columns, squeeze=False)
-    for (scene, measure), ax in zip(questions, grid.flat, strict=False):
+    figure, places = panels(len(questions), width=5.4, height=3.6, columns=3)
+    for (scene, measure), ax in zip(questions, places, strict=False):
         work_precision(table, scene, measure, ax)
-    for ax in grid.flat[len(questions) :]:
-        ax.set_axis_off()
     note = "{processor}, Pinocchio {pinocchio}; hollow: said to be inaccurate"
     figure.suptitle(note.format_map({"processor": "", "pinocchio": ""} | table.machine), fontsize=8)
     figure.savefig(path, dpi=150)

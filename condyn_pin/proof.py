@@ -1,4 +1,4 @@
-"""What two residuals say about the error of a.
+"""Proof: what two residuals say about the error of a.
 
 Let a be an answer with r = M a + h - tau - J^T lam and s = J a + gamma - a_ref. The exact answer
 differs by e with
@@ -42,8 +42,8 @@ from typing import NamedTuple
 import numpy as np
 
 from condyn_pin import tolerances
+from condyn_pin.algebra.minimum_norm import MinimumNorm
 from condyn_pin.arrays import Array
-from condyn_pin.minimum_norm import MinimumNorm
 
 _EPS = float(np.finfo(np.float64).eps)
 

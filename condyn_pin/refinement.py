@@ -34,7 +34,7 @@ class Refinement:
         Forces of the rows that Pinocchio has, after the last correction.
     """
 
-    def __init__(self, workspace: Workspace, times: int = 1) -> None:
+    def __init__(self, workspace: Workspace, times: int) -> None:
         self._workspace, self._times = workspace, times
         self._cholesky = _pin.constraint_cholesky(workspace.data)
         self.lam: Array = np.zeros(0)

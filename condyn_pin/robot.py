@@ -236,7 +236,9 @@ class Robot:
         return Robot, (*state, self.actuated, self.springs, self.unused, *origin)
 
     def __repr__(self) -> str:
+        count = len(self.loops)
         return (
             f"Robot({self.name!r}: nq {self.nq}, nv {self.nv}, {self.mass:.4g} kg, "
-            f"{len(self.loops)} loops, postures: {', '.join(self.postures) or 'none'})"
+            f"{count} loop{'' if count == 1 else 's'}, "
+            f"postures: {', '.join(self.postures) or 'none'})"
         )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import ArrayLike
 
 from condyn_pin.arrays import Array
-from condyn_pin.io.words import few
+from condyn_pin.names import few
 from condyn_pin.nonholonomic import Nonholonomic
 from condyn_pin.states.rank import Rank
 
@@ -104,8 +104,8 @@ class Summary:
         return "\n".join(lines)
 
 
-def summarise(scene: Scene, q: ArrayLike | None = None) -> Summary:
-    """Return the summary of a scene at q, the nominal state by default."""
+def summarise(scene: Scene, q: ArrayLike | None) -> Summary:
+    """Return the summary of a scene at q, the nominal state if it is None."""
     robot, at = scene.robot, scene.rank(q)
     notes = [*_notes(scene, at)]
     if q is None and not scene.audit.closed:

@@ -52,8 +52,8 @@ def interleaved(
     calls: Mapping[_Key, Call],
     states: Sequence[State],
     *,
-    rounds: int = 300,
-    repeats: int = 10,
+    rounds: int,
+    repeats: int,
     enough: float = inf,
     tick: Callable[[], None] = lambda: None,
 ) -> dict[_Key, Times]:
@@ -147,7 +147,7 @@ def trial(scene: Scene, solver: Solver, states: Sequence[State]) -> Trial:
 
 
 def time_trials(
-    trials: Mapping[_Key, Trial], *, rounds: int = 300, repeats: int = 10
+    trials: Mapping[_Key, Trial], *, rounds: int, repeats: int = 10
 ) -> dict[_Key, Times]:
     """Time what can be timed of some trials, in one interleaved run."""
     calls = {name: one.call for name, one in trials.items() if one.call is not None}

@@ -27,6 +27,8 @@ root_doc = "index"
 
 html_theme = "furo"
 html_title = f"condyn_pin {release}"
+html_static_path = ["_static"]
+html_css_files = ["wide.css"]
 html_math_renderer = "mathml"
 html_copy_source = False
 

@@ -43,7 +43,7 @@ def cut() -> Any:
         ax.set(title=title, aspect="equal", xticks=[], yticks=[])
         ax.margins(0.12)
     axes[1].annotate("coupler_tip", tips[0], (-72, 2), textcoords="offset points", color=BLUE)
-    axes[1].annotate("rocker_tip", tips[1], (8, -4), textcoords="offset points", color=GREEN)
+    axes[1].annotate("rocker_tip", tips[1], (-66, -50), textcoords="offset points", color=GREEN)
     return figure
 
 
@@ -76,9 +76,9 @@ def loop() -> Any:
     _body(ax, np.array([4.3, 0.3]), two, GREEN, "body 2, of the second frame")
     _frame(ax, one, 0.25, "c1", (0.1, -0.22))
     _frame(ax, two, -0.35, "c2", (0.34, 0.02))
-    _arrow(ax, one, two, GREY, "r = c2 in c1", (-0.2, 0.12))
+    _arrow(ax, one, two, GREY, "r = c2 in c1", (-0.75, 0.16))
     _arrow(ax, two, two + up, BLUE, "lam: on body 1, axes of c1", (0.08, -0.05))
-    _arrow(ax, two, two - up, GREEN, "- lam: on body 2", (0.08, 0.05))
+    _arrow(ax, two, two - up, GREEN, "- lam: on body 2", (-0.6, -0.2))
     ax.set(xlim=(-0.1, 5.6), ylim=(-0.2, 2.1), aspect="equal")
     ax.axis("off")
     return figure
@@ -122,7 +122,7 @@ def wall() -> Any:
     ax.annotate(
         f"alpha dt = {edge:.3f}", (edge, 0.2), (6, 0), textcoords="offset points", color=ORANGE
     )
-    ax.set(xlabel="alpha dt, with beta = alpha", ylabel="growth of a gap a step", ylim=(0, 2.2))
+    ax.set(xlabel="alpha dt, with beta = alpha", ylabel="growth of a gap per step", ylim=(0, 2.2))
     ax.spines[["top", "right"]].set_visible(False)
     return figure
 
@@ -142,7 +142,7 @@ def drift() -> Any:
     runs = {
         "semi-implicit Euler": (cp.SemiImplicitEuler(), cp.NoDrift(), ORANGE, "-"),
         "Runge-Kutta 4": (cp.RungeKutta4(), cp.NoDrift(), BLUE, "-"),
-        "Runge-Kutta 4, Baumgarte": (cp.RungeKutta4(), None, BLUE, "--"),
+        "Runge-Kutta 4, Baumgarte": (cp.RungeKutta4(), cp.Baumgarte.critical(30.0), BLUE, "--"),
         "Runge-Kutta 4, projection": (cp.RungeKutta4(), cp.Projection(), GREEN, "--"),
     }
     for label, (integrator, scheme, colour, line) in runs.items():
@@ -150,7 +150,7 @@ def drift() -> Any:
         gap = np.maximum.accumulate(run.violation)
         ax.loglog(run.t[1:], np.maximum(gap[1:], 1e-17), line, color=colour, label=label)
     ax.set(xlabel="t [s]", ylabel="largest gap so far [m]", xlim=(2e-2, 5.0))
-    ax.legend(frameon=False, ncols=2, loc="lower right", fontsize=8)
+    ax.legend(frameon=False, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.2), fontsize=8)
     ax.spines[["top", "right"]].set_visible(False)
     return figure
 

@@ -404,7 +404,7 @@ def test_a_plain_pool_that_breaks_hands_over_what_is_done(verb, shared, monkeypa
     assert np.isnan(done.a[done.missing]).all()
     solved = np.flatnonzero(done.statuses == 0)
     np.testing.assert_array_equal(done.a[solved], here.a[solved])
-    with pytest.raises(cp.WorkersLost, match="was lost with a worker"):
+    with pytest.raises(cp.WorkersLost, match="no worker got to state"):
         done[int(done.missing[0])]
 
 

@@ -150,10 +150,10 @@ def test_picture_has_a_mark_for_every_method_and_a_line_for_aba():
     matplotlib.use("agg")
     from matplotlib import pyplot
 
-    from condyn_pin import plots
+    from condyn_pin import plots_bench
 
     rows = bench_scene("four_bar loops", all_scenes()["four_bar loops"], effort=TINY)
-    ax = plots.bench(BenchTable(tuple(rows), machine()), "four_bar loops")
+    ax = plots_bench.bench(BenchTable(tuple(rows), machine()), "four_bar loops")
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
     assert "Dense KKT: 2 singular".replace("2 ", "") in " ".join(labels)
     assert "Proximal" in labels
@@ -161,5 +161,5 @@ def test_picture_has_a_mark_for_every_method_and_a_line_for_aba():
     proximal = next(row for row in rows if row.method == "Proximal")
     assert drawn["Proximal"].get_xdata()[0] == proximal.acceleration_us
     assert drawn["Proximal"].get_ydata()[0] == max(proximal.error, 1e-16)
-    assert plots.bench(BenchTable(tuple(rows), machine()), "four_bar loops", ax) is ax
+    assert plots_bench.bench(BenchTable(tuple(rows), machine()), "four_bar loops", ax) is ax
     pyplot.close("all")

@@ -1,4 +1,4 @@
-"""Installations that do not fit together, and the line that mends each."""
+"""Installations that do not fit together, and the line that repairs each."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_the_package_and_the_doctor_work_without_pinocchio(tmp_path):
         """,
     )
     assert result.returncode == 0, result.stderr
-    assert "This mends it: python -m pip install" in result.stdout
+    assert "This repairs it: python -m pip install" in result.stdout
 
 
 def test_condyn_doctor_runs_without_pinocchio(tmp_path):

@@ -51,9 +51,11 @@ def test_jacobian_equals_pinocchios(label):
     if not scene.rows:
         assert workspace.jacobian(q).shape == (0, scene.robot.nv)
         return
-    theirs = _pin.constraints_jacobian(
-        workspace.model, workspace.data, workspace.constraint_models, workspace.constraint_datas, q
-    )
+    pinocchio = (
+        workspace.model, workspace.data, workspace.constraint_models, workspace.constraint_datas
+    )  # fmt: skip
+    _pin.factorise_constraints(*pinocchio, q, 1.0)  # which computes what the next line reads
+    theirs = pin.getConstraintsJacobian(*pinocchio)
     assert relative(workspace.equations.sign[:, None] * workspace.jacobian(q), theirs, 1.0) < 1e-14
 
 

@@ -454,6 +454,7 @@ def test_maps_count_and_advise():
         rf"proximal: {right}; says inaccurate at 1e-8, 1e-9", found.advice("proximal")
     )
     assert sum(counts(outcomes).values()) == len(outcomes) == 2 * len(found.severities)
+    assert maps(outcomes[::-1])[0].severities == EXTREMES["parallelogram"].severities
 
 
 def test_advice_lists_the_runs_of_a_dial():

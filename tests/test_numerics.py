@@ -13,8 +13,8 @@ from shared import all_scenes, each_scene, each_solver, states, truth
 
 import condyn_pin as cp
 from condyn_pin._pin import pin
-from condyn_pin.extended import add, exact_product, exact_residual, split
-from condyn_pin.minimum_norm import factorise
+from condyn_pin.algebra.extended import add, exact_product, exact_residual, split
+from condyn_pin.algebra.minimum_norm import factorise
 from condyn_pin.rows.equations import Equations
 
 numbers = st.floats(-1e100, 1e100).filter(lambda x: x == 0 or abs(x) > 1e-100)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
+from fnmatch import fnmatch
 from pathlib import Path
 
 import pytest
@@ -75,3 +77,14 @@ def test_marker_for_type_checkers_is_there():
 def test_nothing_relies_on_a_wider_long_double():
     for path in PACKAGE.rglob("*.py"):
         assert "longdouble" not in path.read_text().replace("long double", ""), path
+
+
+def test_contributing_says_where_every_module_is():
+    text = (Path(__file__).parent.parent / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    table = text.partition("## Where things are")[2].partition("\n## ")[0]
+    said = re.findall(r"`([\w*/]+(?:\.py|/))`", table)
+    modules = [path.name for path in PACKAGE.glob("*.py")]
+    modules += [f"{path.parent.name}/" for path in PACKAGE.glob("*/__init__.py")]
+    unsaid = [name for name in modules if not any(fnmatch(name, each) for each in said)]
+    assert unsaid == ["__init__.py"]
+    assert all([*PACKAGE.glob(each)] for each in said)

@@ -19,14 +19,6 @@ def test_version_is_read_as_numbers():
     assert (3, 9) <= _pin.VERSION < (5, 0)
 
 
-@pytest.mark.parametrize("label", ["talos contacts", "talos corners", "cassie loops"])
-def test_rows_of_a_constraint(label):
-    scene = all_scenes()[label]
-    workspace = cp.Workspace(scene)
-    rows = [_pin.constraint_rows(model) for model in workspace.constraint_models]
-    assert rows == [constraint.rows for constraint in scene.constraints]
-
-
 @pytest.mark.parametrize("label", ["talos contacts", "solo12 contacts", "cassie loops"])
 def test_cholesky_is_that_of_the_damped_kkt_matrix(label):
     scene = all_scenes()[label]

@@ -51,6 +51,10 @@ def test_condyn_commands_run(line, tmp_path, monkeypatch):
         monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     if "compare" in line:
         Path("cassie.xml").write_text(cp.load_robot("cassie").to_mjcf(), encoding="utf-8")
+    if line.startswith("condyn view run.npz"):
+        bar = cp.load_robot("four_bar")
+        scene = cp.Scene(bar, bar.loops)
+        cp.simulate(scene, *scene.state(), duration=0.05).save("run.npz")
     result = CliRunner().invoke(app, shlex.split(line)[1:])
     assert result.exit_code == 0, result.output
 
@@ -162,6 +166,42 @@ def test_weights_are_those_of_the_committed_results(monkeypatch):
     table = (ROOT / "benchmarks" / "results" / "auto_mu.md").read_text(encoding="utf-8")
     assert auto_mu.markdown(found, machine) == table
     assert {c.task.family for c in found} <= set(cp.EXTREMES)
+
+
+def test_sentences_say_what_the_committed_results_say():
+    """Numbers that stand in a sentence, outside the blocks that a script writes."""
+    text = " ".join(README.split())
+    results = ROOT / "benchmarks" / "results"
+
+    times: dict[str, dict[str, float]] = {}
+    for row in json.loads((results / "bench.json").read_text())["rows"]:
+        times.setdefault(row["scene"], {})[row["method"]] = row["acceleration_us"]
+    slowest = max(each["Proximal"] / each["LCABA"] for each in times.values())
+    assert f"at worst {slowest:.1f} times as slow as `LCABA`" in text
+
+    rows = json.loads((results / "peers.json").read_text())["rows"]
+
+    def least(field, scene, quantity, peer):
+        asked = (scene, quantity, peer)
+        return min(
+            row[field] for row in rows if (row["scene"], row["quantity"], row["peer"]) == asked
+        )
+
+    soft = (
+        least("error_worst", scene, "acceleration", "MuJoCo")
+        for scene in ("talos, two feet", "cassie, loops")
+    )
+    assert (
+        "give a to {:.0e} on Talos and to {:.0e} on Cassie".format(*soft).replace("e-0", "e-")
+        in text
+    )
+    ours, theirs = (
+        least("ratio", "talos, two feet", "derivatives", peer) for peer in ("condyn_pin", "MuJoCo")
+    )
+    assert round(theirs / ours) == 8
+    assert "take eight times as long as our exact derivatives" in text
+    assert round(least("ratio", "cassie, loops", "derivatives", "condyn_pin")) == 4
+    assert "take four times as long as Pinocchio's on Cassie" in text
 
 
 def test_changelog_has_this_version():

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -29,6 +30,16 @@ def states(scene: cp.Scene, count: int = N) -> tuple[np.ndarray, np.ndarray]:
 def pull(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """A torque that workers find in this module."""
     return -0.1 * v
+
+
+@dataclass(frozen=True)
+class Policy:
+    """A torque with numbers of its own, whose == is that of arrays."""
+
+    gains: np.ndarray
+
+    def __call__(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return -self.gains @ v
 
 
 @pytest.fixture(scope="module")
@@ -94,6 +105,41 @@ def test_torques_for_all_and_functions(executor):
     np.testing.assert_array_equal(braked.q[2], wanted.q[-1])
 
 
+def test_a_torque_is_an_object_with_arrays(executor):
+    scene = scene_of("four_bar")
+    Q, V = states(scene)
+    weak, strong = (Policy(gain * np.eye(3)) for gain in (0.1, 1.0))
+    options = {"duration": DURATION, "chunk": 2}
+    one = cp.simulate_batch(scene, Q, V, weak, **options)
+    other = cp.simulate_batch(scene, Q, V, strong, **options)
+    assert np.abs(one.v - other.v).max() > 1e-6
+    assert_same(cp.simulate_batch(scene, Q, V, strong, executor=executor, **options), other)
+    np.testing.assert_array_equal(
+        one.q[4], cp.simulate(scene, Q[4], V[4], weak, duration=DURATION).q[-1]
+    )
+
+
+def test_a_torque_that_cannot_travel_is_named(executor):
+    scene = scene_of("four_bar")
+    Q, V = states(scene)
+    with pytest.raises(cp.InvalidArgument, match=r"executor = Processes\(2.*lambda.*<lambda>"):
+        cp.simulate_batch(scene, Q, V, lambda *_: 0 * V[0], duration=0.01, executor=executor)
+    with ThreadPoolExecutor(2) as threads:  # where nothing is pickled
+        found = cp.simulate_batch(
+            scene, Q, V, lambda *_: 0 * V[0], duration=0.01, executor=threads, chunk=2
+        )
+    assert_same(found, cp.simulate_batch(scene, Q, V, duration=0.01))
+
+
+def test_float32_is_taken_in_double_precision():
+    scene = scene_of("four_bar")
+    Q, V = (each.astype(np.float32) for each in states(scene))
+    found = cp.simulate_batch(scene, Q, V, duration=0.01)
+    assert found.q.dtype == np.float64
+    wanted = cp.simulate_batch(scene, Q.astype(np.float64), V.astype(np.float64), duration=0.01)
+    assert_same(found, wanted)
+
+
 def test_what_motions_share_is_made_once(monkeypatch):
     made = []
     start = Leg.__init__
@@ -149,6 +195,46 @@ def test_what_breaks_down_is_counted_and_stops_nobody():
     assert "not ok" not in str(cp.simulate_batch(scene, Q[:1], V[:1], duration=DURATION))
     lost = replace(found, statuses=np.full(N, -1, np.int8), t=np.full(N, np.nan))
     assert str(lost).endswith("not ok: 0, 1, 2, 3, 4 (missing: no worker got to it)")
+
+
+@pytest.mark.parametrize("processes", [False, True])
+def test_an_interrupt_keeps_the_motions_that_are_done(processes, executor, monkeypatch):
+    scene = scene_of("four_bar")
+    Q, V = states(scene)
+    V[0] *= 1e6  # and its words
+    options = {"duration": DURATION, "chunk": 2}
+    wanted = cp.simulate_batch(scene, Q, V, **options)
+
+    def interrupt(done: int, total: int) -> None:
+        if done >= 2:
+            raise KeyboardInterrupt
+
+    options |= {"executor": executor, "chunk": 2} if processes else {}
+    with pytest.raises(cp.Interrupted) as stopped:
+        cp.simulate_batch(scene, Q, V, **options, progress=interrupt)
+    done = stopped.value.table
+    assert 2 <= N - len(done.missing) < N
+    ended = np.flatnonzero(done.statuses != -1)
+    np.testing.assert_array_equal(done.q[ended], wanted.q[ended])
+    assert done.reasons[ended].tolist() == wanted.reasons[ended].tolist()
+    assert np.isnan(done.q[done.missing]).all()
+
+
+def test_an_interrupt_in_a_motion_stops_all_of_them():
+    scene = scene_of("four_bar")
+    Q, V = states(scene)
+    calls = []
+
+    def impatient(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        calls.append(t)
+        if len(calls) == 300:  # in the second motion
+            raise KeyboardInterrupt
+        return np.zeros(3)
+
+    with pytest.raises(cp.Interrupted) as stopped:
+        cp.simulate_batch(scene, Q, V, impatient, duration=DURATION, chunk=1)
+    assert len(calls) == 300
+    assert stopped.value.table.counts == {"missing": N - 1, "finished": 1}
 
 
 def test_bad_input_is_refused_before_anything_is_done():

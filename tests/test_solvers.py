@@ -14,7 +14,7 @@ from shared import SOLVERS, all_scenes, relative, states, truth
 
 import condyn_pin as cp
 from condyn_pin._pin import HAS_LCABA
-from condyn_pin.range_space import range_space
+from condyn_pin.algebra.range_space import range_space
 from condyn_pin.solver_table import solver_rows
 from condyn_pin.solvers.conjugate_gradient import conjugate_gradients
 from condyn_pin.tolerances import SOLVED

@@ -256,6 +256,30 @@ def test_what_nobody_drew_has_its_inertia():
     assert np.allclose(np.sort(half), (0.1, 0.2, 0.3), rtol=0.06)
 
 
+HANGING = """<robot name="arm"><link name="ground"/>
+<link name="upper"><inertial><origin xyz="0 0 -0.2"/><mass value="1"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
+<visual><geometry><box size="0.1 0.1 0.1"/></geometry></visual></link>
+<link name="lower"><inertial><origin xyz="0 0 -0.2"/><mass value="1"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="shoulder" type="continuous"><parent link="ground"/><child link="upper"/>
+<axis xyz="0 1 0"/></joint>
+<joint name="elbow" type="continuous"><parent link="upper"/><child link="lower"/>
+<origin xyz="0 0 -0.4"/><axis xyz="0 1 0"/></joint></robot>"""
+
+
+def test_a_robot_that_is_drawn_in_part_is_seen_whole_and_above_the_floor(tmp_path):
+    (tmp_path / "arm.urdf").write_text(HANGING)
+    found = parts(cp.load_robot(tmp_path / "arm.urdf"))
+    boxes = {path: part.meshes[0][0] for path, part in found.items() if path.startswith("robot/")}
+    assert set(boxes) == {"robot/shoulder", "robot/elbow"}
+    assert np.allclose(np.ptp(boxes["robot/shoulder"].vertices, axis=0), 0.1)  # as the file has it
+    (floor,) = {float(z) for z in found["floor"].meshes[0][0].vertices[:, 2]}
+    assert floor < -0.6
+    (floor,) = {float(z) for z in parts(cp.four_bar())["floor"].meshes[0][0].vertices[:, 2]}
+    assert floor == 0.0
+
+
 def held(name, posture=None):
     """A robot that its motors hold still."""
     robot = cp.load_robot(name)

@@ -204,6 +204,23 @@ def test_the_command_plays_a_motion(tmp_path, swinging):
     assert isinstance(result.exception, cp.InvalidArgument)
 
 
+def test_the_command_plays_one_motion_of_a_batch(tmp_path, swinging):
+    path, page = tmp_path / "many.npz", tmp_path / "run.html"
+    q, v = swinging.q[0], swinging.v[0]
+    cp.simulate_batch(swinging.scene, [q, q], [v, 2 * v], duration=0.1, record=5).save(path)
+    result = run(str(path), "--motion", "1", "--html", str(page))
+    assert result.exit_code == 0, result.output
+    assert page.stat().st_size > 10**5
+    for words, said in (
+        ((str(path), "--motion", "2"), "many.npz has 2, from 0"),
+        ((str(path),), "`condyn view --motion 0`"),
+        (("cassie", "--motion", "0"), "of a batch"),
+    ):
+        found = run(*words)
+        assert isinstance(found.exception, cp.InvalidArgument)
+        assert said in str(found.exception)
+
+
 # In a browser
 
 

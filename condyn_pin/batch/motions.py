@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import nan
 from time import perf_counter
 from typing import Final
@@ -16,6 +16,7 @@ from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array
 from condyn_pin.batch.memory import Arrays, Kind
 from condyn_pin.batch.trajectory import RUN_STATUSES
+from condyn_pin.batch.ways import Words
 from condyn_pin.drift.base import Drift
 from condyn_pin.errors import NotAssembled, SolveFailed, StepFailed
 from condyn_pin.scene import Scene
@@ -26,11 +27,15 @@ from condyn_pin.simulation.plan import plan
 from condyn_pin.simulation.run import follow, start
 from condyn_pin.simulation.torques import Torque
 from condyn_pin.simulation.trajectory import Trajectory
+from condyn_pin.simulation.uninterrupted import uninterrupted
 from condyn_pin.solvers.base import Solver
 from condyn_pin.workspace import Workspace
 
 _CODES: Final = {status: code for code, status in enumerate(RUN_STATUSES)}
 _SAMPLED: Final = ("t", "q", "v", "a", "lam", "tau")
+
+# What `simulate` raises of a state that no motion begins at.
+_CANNOT_BEGIN: Final = (NotAssembled, SolveFailed, StepFailed)
 
 # The runner of this thread's last chunk: a worker does chunk after chunk of one batch.
 _last = threading.local()
@@ -40,7 +45,7 @@ _last = threading.local()
 class Motions:
     """The kernel: some rows of states in, their motions out."""
 
-    function: Torque | None
+    function: Torque | None = field(compare=False)  # its == may be that of arrays
     duration: float  # [s]
     dt: float  # [s]
     integrator: Integrator
@@ -48,20 +53,24 @@ class Motions:
     solver: Solver | None
     every: int
 
-    def __call__(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> None:
-        """Simulate the rows."""
+    def __call__(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> Words:
+        """Simulate the rows; return why those ended early that did."""
         runner: Runner | None = getattr(_last, "runner", None)
-        if runner is None or runner.workspace is not workspace or runner.motions != self:
+        if runner is None or not runner.fits(self, workspace):
             _last.runner = runner = Runner(self, workspace)
-        tau = inputs["tau0"]
+        tau, words = inputs["tau0"], {}
         for i, (q, v) in enumerate(zip(inputs["q0"], inputs["v0"], strict=True)):
             begun = perf_counter()
-            trajectory = runner.run(q, v, tau if tau.ndim == 1 else tau[i])
-            if trajectory is None:
+            try:
+                trajectory = runner.run(q, v, tau if tau.ndim == 1 else tau[i])
+            except _CANNOT_BEGIN as error:
+                words[i] = str(error)
                 _put_nothing(outputs, i, q, v)
             else:
+                words |= {i: trajectory.reason} if trajectory.reason else {}
                 _put(outputs, i, trajectory)
             outputs["run_times"][i] = perf_counter() - begun
+        return words
 
 
 class Runner:
@@ -82,16 +91,28 @@ class Runner:
         )  # fmt: skip
         self._leg: Leg | None = None
 
-    def run(self, q: Array, v: Array, tau: Array) -> Trajectory | None:
-        """Return the motion from a state under torques of its own; None if it cannot begin."""
+    def fits(self, motions: Motions, workspace: Workspace) -> bool:
+        """Return whether these motions can be run here too."""
+        same = self.motions == motions and self.motions.function is motions.function
+        return same and self.workspace is workspace
+
+    def run(self, q: Array, v: Array, tau: Array) -> Trajectory:
+        """Return the motion from a state under torques of its own.
+
+        Raises
+        ------
+        NotAssembled, SolveFailed, StepFailed
+            If it cannot begin.
+        KeyboardInterrupt
+            If it was interrupted, which is meant for all.
+        """
         if not self.motions.function:
             self._plan.method.tau.hold(tau)
-        try:
-            state = _start(self.workspace, q, v)
-            trajectory, self._leg = follow(self._plan, *state, leg=self._leg)
-        except (NotAssembled, SolveFailed, StepFailed):
-            self._leg = None
-            return None
+        leg, self._leg = self._leg, None  # one that cannot begin leaves none
+        state = _start(self.workspace, q, v)
+        trajectory, leg = follow(self._plan, *state, leg=leg)
+        uninterrupted(trajectory)
+        self._leg = leg
         return trajectory
 
 

@@ -33,7 +33,7 @@ class Outcome:
 
     @property
     def missing(self) -> NDArray[np.intp]:
-        """Indices of the rows that no worker got to; none, but in a `WorkersLost`."""
+        """Indices of the rows that no worker got to: after a `WorkersLost` or an `Interrupted`."""
         return np.flatnonzero(self.statuses == MISSING)
 
     @property

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
 from math import nan
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from condyn_pin.arrays import read_only
 from condyn_pin.batch.chunks import Progress, in_flight, silent
@@ -18,7 +20,7 @@ from condyn_pin.batch.processes import Processes, workers_of
 from condyn_pin.batch.recipe import Recipe
 from condyn_pin.batch.ways import ByCopies, ByMemory, InPlace, Kernel, Way
 from condyn_pin.drift import Baumgarte
-from condyn_pin.errors import WorkersLost
+from condyn_pin.errors import Interrupted, InvalidArgument, WorkersLost
 from condyn_pin.scene import Scene
 from condyn_pin.solvers.base import Solver
 from condyn_pin.verbs import workspace_for
@@ -77,24 +79,31 @@ class Rows:
             What a row of each output is; one of them is ``statuses``.
         batch : callable
             Makes a value of the outputs, to which nobody writes any more. Where a row was not
-            worked on, ``statuses`` is MISSING, and floats are NaN.
+            worked on, ``statuses`` is MISSING, and floats are NaN; ``words`` has what the kernel
+            said of each, a text that may be empty.
 
         Raises
         ------
-        WorkersLost
-            Its `done` is the batch of what was worked on.
+        WorkersLost, Interrupted
+            Its `done`, or its `table`, is the batch of what was worked on.
         """
         kinds = {name: kind.times(count) for name, kind in kinds.items()}
         outputs = {name: np.zeros(kind.shape, kind.dtype) for name, kind in kinds.items()}
-        outputs["statuses"][:] = MISSING
-        chunks = self._chunks(count)
+        words, chunks = np.full(count, "", object), self._chunks(count)
+        done = np.zeros(count, bool)
+
+        def found() -> Batch:
+            return batch(_sealed(outputs | {"words": words}, done))
+
         try:
             with closing(self._way(inputs, outputs, chunks)) as way:
-                self._drain(chunks, way, count)
+                self._drain(chunks, way, words, done)
         except WorkersLost as lost:
-            lost.done = batch(_sealed(outputs))
+            lost.done = found()
             raise
-        return batch(_sealed(outputs))
+        except KeyboardInterrupt as stop:
+            raise Interrupted(found()) from stop
+        return found()
 
     def _way(self, inputs: Arrays, outputs: Arrays, chunks: list[slice]) -> Way:
         """Return the way to whoever does the work."""
@@ -102,7 +111,10 @@ class Rows:
             workspace = workspace_for(self.scene, self.solver, self.drift)
             return InPlace(self.kernel, workspace, inputs, outputs)
         recipe = Recipe.of(self.scene, self.solver, self.drift)
-        if CAN_SHARE and isinstance(self.executor, ProcessPoolExecutor | Processes):
+        if not isinstance(self.executor, ProcessPoolExecutor | Processes):
+            return ByCopies(self.kernel, recipe, inputs, outputs)
+        self._check_travels()
+        if CAN_SHARE:
             try:
                 return ByMemory(
                     self.kernel, recipe, inputs, outputs,
@@ -112,6 +124,16 @@ class Rows:
             except OSError:  # not so much memory at once: copies, then
                 pass
         return ByCopies(self.kernel, recipe, inputs, outputs)
+
+    def _check_travels(self) -> None:
+        """Refuse what cannot be sent to a process: its chunks would only be called lost."""
+        try:
+            pickle.dumps(self.kernel)
+        except (pickle.PicklingError, AttributeError, TypeError) as error:
+            raise InvalidArgument(
+                f"executor = {self.executor!r}: its processes need what pickles, such as torques "
+                f"that are a function of a module, no lambda ({error})"
+            ) from error
 
     def _chunks(self, count: int) -> list[slice]:
         """Return the rows of each chunk.
@@ -127,26 +149,28 @@ class Rows:
             start = stop
         return chunks
 
-    def _drain(self, chunks: list[slice], way: Way, count: int) -> None:
-        """Have all chunks done."""
-        done = 0
+    def _drain(
+        self, chunks: list[slice], way: Way, words: NDArray[Any], done: NDArray[np.bool_]
+    ) -> None:
+        """Have all chunks done; put down what is said of rows, and which of them are done."""
         results = in_flight(
             way.work, len(chunks), lambda i, place: way.send(chunks[i], place), self.executor,
             way.places,
         )  # fmt: skip
         with closing(results):  # an interrupt cancels what nobody has begun
             for i, found in results:
-                way.receive(chunks[i], found)
-                done += chunks[i].stop - chunks[i].start
-                self.progress(done, count)
+                for k, text in way.receive(chunks[i], found).items():
+                    words[chunks[i].start + k] = text
+                done[chunks[i]] = True
+                self.progress(int(np.count_nonzero(done)), len(done))
 
 
-def _sealed(outputs: Arrays) -> Arrays:
+def _sealed(outputs: Arrays, done: NDArray[np.bool_]) -> Arrays:
     """Return the outputs, NaN where they are missing, and read-only."""
-    missing = outputs["statuses"] == MISSING
+    outputs["statuses"][~done] = MISSING
     for array in outputs.values():
-        if array.dtype.kind == "f" and missing.any():
-            array[missing] = nan
+        if array.dtype.kind == "f" and not done.all():
+            array[~done] = nan
         read_only(array)
     return outputs
 

@@ -45,7 +45,7 @@ class BatchSolution(Outcome):
         A `Proof` a row; the properties below name its columns.
     statuses : (N,) int8 array
         Place in ``tuple(Status)``: 0 is ok. -1 where no worker got that far, which only the
-        batch of a `WorkersLost` has.
+        batch of a `WorkersLost` or an `Interrupted` has.
     iterations : (N,) int32 array
         Of the solver.
     solve_times : (N,) array
@@ -120,7 +120,7 @@ class BatchSolution(Outcome):
             return replace(self, **{name: read_only(getattr(self, name)[i]) for name in _ROWS})
         status = int(self.statuses[i])
         if status == MISSING:
-            raise WorkersLost(f"state {i} was lost with a worker; `missing` has all of them", self)
+            raise WorkersLost(f"no worker got to state {i}; `missing` has all of them", self)
         proof = Proof(*self.proofs[i].tolist())
         return Solution(
             self.a[i],

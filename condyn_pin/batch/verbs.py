@@ -18,6 +18,7 @@ from condyn_pin.batch.memory import Arrays, Kind
 from condyn_pin.batch.rows import Rows
 from condyn_pin.batch.solution import STATUSES, BatchSolution
 from condyn_pin.batch.states import check_states
+from condyn_pin.batch.ways import Words
 from condyn_pin.differentiation import METHODS
 from condyn_pin.differentiation.check import BLOCKS
 from condyn_pin.drift import Baumgarte
@@ -54,7 +55,8 @@ def solve_batch(
     ----------
     scene : Scene
     Q : (N, nq) array_like
-        Configurations, a row a state; quaternions x y z w, normalised.
+        Configurations, a row a state; quaternions x y z w, normalised. As all numbers here they
+        are taken in double precision: those of float32 have its 1e-7.
     V : (N, nv) array_like
         Velocities.
     TAU : (N, nv) or (nv,) array_like, or 0
@@ -85,6 +87,8 @@ def solve_batch(
     WorkersLost
         If workers were lost and the executor cannot go on, or it is shut down; its ``done`` is the
         BatchSolution of what was solved (`map_chunks` says when).
+    Interrupted
+        After Ctrl-C; its ``table`` is the same.
     UnsupportedConstraint, StaleModel
         As in `solve`.
 
@@ -137,6 +141,8 @@ def derivatives_batch(
     ------
     InvalidArgument, WorkersLost, UnsupportedConstraint, StaleModel
         As in `solve_batch` and `derivatives`. States that are not ok raise nothing.
+    Interrupted
+        As in `solve_batch`, with a BatchDerivatives.
 
     Notes
     -----
@@ -185,15 +191,16 @@ def _of_derivatives(scene: Scene) -> dict[str, Kind]:
     return {name: Kind((n if name.startswith("da") else m, n)) for name in BLOCKS}
 
 
-def _solve_rows(accuracy: float, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> None:
+def _solve_rows(accuracy: float, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> Words:
     """Solve some rows."""
     for i, state in enumerate(_states(inputs)):
         _put(outputs, i, workspace.solve(*state, accuracy=accuracy, throw=False))
+    return {}
 
 
 def _derivatives_rows(
     method: str, accuracy: float, workspace: Workspace, inputs: Arrays, outputs: Arrays
-) -> None:
+) -> Words:
     """Differentiate some rows."""
     for i, state in enumerate(_states(inputs)):
         try:
@@ -206,6 +213,7 @@ def _derivatives_rows(
             _put(outputs, i, found.solution)
             for name in BLOCKS:
                 outputs[name][i] = getattr(found, name)
+    return {}
 
 
 def _states(inputs: Arrays) -> zip[tuple[Array, Array, Array]]:

@@ -24,9 +24,12 @@ from condyn_pin.batch.memory import Address, Arrays, Kind, Kinds, SharedArrays
 from condyn_pin.batch.recipe import Recipe
 from condyn_pin.workspace import Workspace
 
-# It writes every number of its outputs, where those of another chunk may have been. To travel to
-# workers it has to pickle: a function of a module, or a partial of one.
-Kernel = Callable[[Workspace, Arrays, Arrays], None]
+# What there is to say of some rows, by their place in the chunk: most have nothing.
+Words = dict[int, str]
+
+# It writes every number of its outputs, where those of another chunk may have been, and returns
+# words. To travel to workers it has to pickle: a function of a module, or a partial of one.
+Kernel = Callable[[Workspace, Arrays, Arrays], Words]
 
 
 class Way(ABC):
@@ -48,8 +51,8 @@ class Way(ABC):
         """Return what the worker needs for some rows; while it works, the place is theirs."""
 
     @abstractmethod
-    def receive(self, rows: slice, found: Any) -> None:
-        """Put into the outputs what the worker found, as `work` returned it."""
+    def receive(self, rows: slice, found: Any) -> Words:
+        """Put into the outputs what the worker found, as `work` returned it; return its words."""
 
     def close(self) -> None:  # noqa: B027 - most ways take nothing
         """Give back what the way took."""
@@ -67,8 +70,9 @@ class InPlace(Way):
         """Return the rows: the arrays are here."""
         return rows
 
-    def receive(self, rows: slice, found: slice) -> None:
-        """Do nothing: the outputs are filled."""
+    def receive(self, rows: slice, found: Words) -> Words:
+        """Return the words: the outputs are filled."""
+        return found
 
 
 class ByMemory(Way):
@@ -118,10 +122,12 @@ class ByMemory(Way):
             self._shared[name][there] = array[rows]
         return there
 
-    def receive(self, rows: slice, found: slice) -> None:
+    def receive(self, rows: slice, found: tuple[slice, Words]) -> Words:
         """Copy out of shared memory."""
+        there, words = found
         for name, array in self._outputs.items():
-            array[rows] = self._shared[name][found]
+            array[rows] = self._shared[name][there]
+        return words
 
     def close(self) -> None:
         """Let no worker open the memory any more."""
@@ -140,10 +146,12 @@ class ByCopies(Way):
         """Return the number of rows and their inputs."""
         return rows.stop - rows.start, _inputs_of(self._inputs, rows)
 
-    def receive(self, rows: slice, found: Arrays) -> None:
+    def receive(self, rows: slice, found: tuple[Arrays, Words]) -> Words:
         """Put the copies into their place."""
-        for name, array in found.items():
+        arrays, words = found
+        for name, array in arrays.items():
             self._outputs[name][rows] = array
+        return words
 
 
 @dataclass(frozen=True)
@@ -155,11 +163,11 @@ class _InMemory:
     address: Address
     inputs: tuple[str, ...]
 
-    def __call__(self, rows: slice) -> slice:
+    def __call__(self, rows: slice) -> tuple[slice, Words]:
         arrays = _opened(self.address)
         inputs = {name: arrays[name] for name in self.inputs}
         outputs = {name: arrays[name] for name in arrays.keys() - inputs.keys()}
-        return _fill(self.kernel, self.recipe.workspace, inputs, outputs, rows)
+        return rows, _fill(self.kernel, self.recipe.workspace, inputs, outputs, rows)
 
 
 @lru_cache(maxsize=1)
@@ -176,12 +184,11 @@ class _OnCopies:
     recipe: Recipe
     kinds: Kinds  # of a row
 
-    def __call__(self, sent: tuple[int, Arrays]) -> Arrays:
+    def __call__(self, sent: tuple[int, Arrays]) -> tuple[Arrays, Words]:
         count, inputs = sent
         kinds = {name: kind.times(count) for name, kind in self.kinds.items()}
         outputs = {name: np.zeros(kind.shape, kind.dtype) for name, kind in kinds.items()}
-        self.kernel(self.recipe.workspace(), inputs, outputs)
-        return outputs
+        return outputs, self.kernel(self.recipe.workspace(), inputs, outputs)
 
 
 def _fill(
@@ -190,11 +197,10 @@ def _fill(
     inputs: Arrays,
     outputs: Arrays,
     rows: slice,
-) -> slice:
-    """Have a kernel fill some rows, and return which."""
+) -> Words:
+    """Have a kernel fill some rows."""
     chosen = {name: array[rows] for name, array in outputs.items()}
-    kernel(workspace(), _inputs_of(inputs, rows), chosen)
-    return rows
+    return kernel(workspace(), _inputs_of(inputs, rows), chosen)
 
 
 def _inputs_of(arrays: Arrays, rows: slice) -> Arrays:

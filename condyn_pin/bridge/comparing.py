@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
+from condyn_pin.algebra.numerical_rank import counted
 from condyn_pin.arguments import Arguments
 from condyn_pin.arrays import Array
 from condyn_pin.bridge.causes import causes
@@ -97,17 +98,8 @@ def _of_loops(
     """Return gaps and rows of each loop that both have by name, rows of the others together."""
     here = _our_loops(workspace, q, terms.J)
     there = _with_hinges(theirs.loops, workspace, here)
-    both = [name for name in here if name in there]
-    found = [_of_gap(name, here[name].gap, there[name].gap) for name in both]
-    groups = [(name, [here[name]], [there[name]]) for name in both]
-    mine, yours = ([name for name in each if name not in both] for each in (here, there))
-    notes = []
-    if mine or yours:
-        groups.append((_OTHERS, [here[name] for name in mine], [there[name] for name in yours]))
-        notes.append(
-            f"loops that only one has by name, here {listed(mine) or 'none'}, in MuJoCo "
-            f"{listed(yours) or 'none'}: their rows are compared together"
-        )
+    groups, notes = _paired(here, there)
+    found = [_of_gap(name, here[name].gap, there[name].gap) for name in here if name in there]
     whitened = np.linalg.inv(np.linalg.cholesky(terms.M)).T
     for name, ours, others in groups:
         # of a gear, one row, J does not depend on q
@@ -118,6 +110,23 @@ def _of_loops(
         else:
             found.append(_of_rows(name, _stacked(ours, whitened), _stacked(others, whitened)))
     return found, notes
+
+
+def _paired(
+    here: Mapping[str, LoopRows], there: Mapping[str, LoopRows]
+) -> tuple[list[tuple[str, list[LoopRows], list[LoopRows]]], list[str]]:
+    """Return what to compare with what: loops of one name, and all others together."""
+    groups = [(name, [here[name]], [there[name]]) for name in here if name in there]
+    mine = [name for name in here if name not in there]
+    yours = [name for name in there if name not in here]
+    if not (mine or yours):
+        return groups, []
+    groups.append((_OTHERS, [here[name] for name in mine], [there[name] for name in yours]))
+    note = (
+        f"loops that only one has by name, here {listed(mine) or 'none'}, in MuJoCo "
+        f"{listed(yours) or 'none'}: their rows are compared together"
+    )
+    return groups, [note]
 
 
 def _with_hinges(
@@ -167,7 +176,7 @@ def _beyond(A: Array, B: Array) -> float:
     if not largest:
         return 0.0
     _, sigma, Vt = np.linalg.svd(B, full_matrices=False)
-    basis = Vt[sigma > tolerances.RANK * sigma.max(initial=0.0)]
+    basis = Vt[counted(sigma)]
     return float(np.linalg.norm(A - A @ basis.T @ basis, axis=1).max() / largest)
 
 

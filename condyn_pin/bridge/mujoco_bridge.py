@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from math import sqrt
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -28,7 +29,8 @@ from condyn_pin import tolerances
 from condyn_pin.arguments import HIGH, LOW, Arguments
 from condyn_pin.arrays import Array, finite, finite_rows
 from condyn_pin.bridge.pairs import Pair, check_axes, pairs_of
-from condyn_pin.bridge.quaternions import moved, product, quaternion, reordered, turned
+from condyn_pin.bridge.quaternions import moved, reordered
+from condyn_pin.bridge.velocity_map import VelocityMap
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.io.mjcf_compiled import require_mujoco
 from condyn_pin.robot import Robot
@@ -92,9 +94,6 @@ class MujocoBridge:
         object.__setattr__(self, "names", MappingProxyType(dict(self.names)))
         object.__setattr__(self, "without", tuple(self.without))
         object.__setattr__(self, "_pairs", paired)
-        object.__setattr__(self, "_free", tuple(pair for pair in paired if pair.kind == "free"))
-        dofs = [dof for pair in paired for dof in range(pair.dof.start, pair.dof.stop)]
-        object.__setattr__(self, "_dofs", np.array(dofs, dtype=np.int_))
         object.__setattr__(self, "_units", Arguments(self.robot.model).units)
         data = mujoco.MjData(self.model)
         mujoco.mj_kinematics(self.model, data)
@@ -104,6 +103,10 @@ class MujocoBridge:
     def pairs(self) -> tuple[Pair, ...]:
         """The joints in both engines, in the order of q."""
         return self._pairs  # type: ignore[attr-defined, no-any-return]
+
+    @cached_property
+    def _map(self) -> VelocityMap:
+        return VelocityMap(self.robot.model, self.pairs)
 
     def to_mujoco(self, q: ArrayLike, v: ArrayLike, *, data: Any = None) -> tuple[Array, Array]:
         """Return (qpos, qvel) of a state.
@@ -139,7 +142,7 @@ class MujocoBridge:
             if pair.kind == "hinge" and x.shape[-1] == 2:
                 x = np.arctan2(x[..., 1:], x[..., :1])
             qpos[..., pair.qpos] = x
-        return qpos, self._spread(q_, v_, qvel)
+        return qpos, self._map.spread(q_, v_, qvel)
 
     def from_mujoco(self, qpos: ArrayLike, qvel: ArrayLike) -> tuple[Array, Array]:
         """Return (q, v) of MuJoCo's state.
@@ -171,7 +174,7 @@ class MujocoBridge:
             if pair.kind == "hinge" and pair.q.stop - pair.q.start == 2:
                 x = np.concatenate((np.cos(x), np.sin(x)), axis=-1)
             q[..., pair.q] = x
-        return q, self._gather(q, qvel_)
+        return q, self._map.gather(q, qvel_)
 
     def acceleration_to_mujoco(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
         """Return qacc = X a + Xdot v, (..., model.nv), of `a` at a state (q, v).
@@ -181,32 +184,32 @@ class MujocoBridge:
         """
         q_ = self._configuration(q)
         v_, a_ = (finite(n, x, (*q_.shape[:-1], self.robot.nv)) for n, x in (("v", v), ("a", a)))
-        turning = self._turning(v_)
-        return self._spread(q_, a_ + turning, np.zeros((*q_.shape[:-1], self.model.nv)))
+        turning = self._map.turning(v_)
+        return self._map.spread(q_, a_ + turning, np.zeros((*q_.shape[:-1], self.model.nv)))
 
     def acceleration_from_mujoco(self, q: ArrayLike, v: ArrayLike, qacc: ArrayLike) -> Array:
         """Return a = X' qacc - X' Xdot v, (..., nv), of MuJoCo's `qacc` at our state (q, v)."""
         q_ = self._configuration(q)
         v_ = finite("v", v, (*q_.shape[:-1], self.robot.nv))
         qacc_ = finite("qacc", qacc, (*q_.shape[:-1], self.model.nv))
-        return self._gather(q_, qacc_) - self._turning(v_)
+        return self._map.gather(q_, qacc_) - self._map.turning(v_)
 
     def torque_to_mujoco(self, q: ArrayLike, tau: ArrayLike) -> Array:
         """Return generalised forces (..., model.nv) for ``data.qfrc_applied``, zero elsewhere."""
         q_ = self._configuration(q)
         tau_ = finite("tau", tau, (*q_.shape[:-1], self.robot.nv))
-        return self._spread(q_, tau_, np.zeros((*q_.shape[:-1], self.model.nv)))
+        return self._map.spread(q_, tau_, np.zeros((*q_.shape[:-1], self.model.nv)))
 
     def torque_from_mujoco(self, q: ArrayLike, qfrc: ArrayLike) -> Array:
         """Return tau = X' qfrc, (..., nv), of any `qfrc` of MuJoCo at our configuration q."""
         q_ = self._configuration(q)
-        return self._gather(q_, finite("qfrc", qfrc, (*q_.shape[:-1], self.model.nv)))
+        return self._map.gather(q_, finite("qfrc", qfrc, (*q_.shape[:-1], self.model.nv)))
 
     def velocity_map(self, q: ArrayLike) -> Array:
         """Return X (model.nv, nv) at q (nq,): qvel = X v, M = X' M_mujoco X, J = J_mujoco X."""
         q_ = self._configuration(finite("q", q, self.robot.nq))
         columns = np.eye(self.robot.nv)
-        return self._spread(q_, columns, np.zeros((self.robot.nv, self.model.nv))).T
+        return self._map.spread(q_, columns, np.zeros((self.robot.nv, self.model.nv))).T
 
     def compare(
         self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, *, tolerance: float = tolerances.ENGINES
@@ -249,36 +252,6 @@ class MujocoBridge:
             raise InvalidArgument(f"data = {type(data).__name__}: a mujoco.MjData is needed")
         qpos = finite("data.qpos", data.qpos, self.model.nq)
         return qpos, finite("data.qvel", data.qvel, self.model.nv)
-
-    def _spread(self, q: Array, x: Array, out: Array) -> Array:
-        """Write X x into `out`."""
-        out[..., self._dofs] = x  # type: ignore[attr-defined]
-        for pair in self._free:  # type: ignore[attr-defined]
-            linear = slice(pair.dof.start, pair.dof.start + 3)
-            out[..., linear] = turned(self._orientation(q, pair), out[..., linear])
-        return out
-
-    def _gather(self, q: Array, y: Array) -> Array:
-        """Return X' y."""
-        x: Array = np.take(y, self._dofs, axis=-1)  # type: ignore[attr-defined]
-        for pair in self._free:  # type: ignore[attr-defined]
-            linear = slice(pair.v.start, pair.v.start + 3)
-            back = self._orientation(q, pair) * np.array([-1.0, -1.0, -1.0, 1.0])
-            x[..., linear] = turned(back, x[..., linear])
-        return x
-
-    def _turning(self, v: Array) -> Array:
-        """Return X' Xdot v: omega x v of free joints."""
-        found = np.zeros_like(v)
-        for pair in self._free:  # type: ignore[attr-defined]
-            k = pair.v.start
-            found[..., k : k + 3] = np.cross(v[..., k + 3 : k + 6], v[..., k : k + 3])
-        return found
-
-    def _orientation(self, q: Array, pair: Pair) -> Array:
-        """Return the quaternion x y z w of a free body in the world."""
-        placement = self.robot.model.jointPlacements[pair.here]
-        return product(quaternion(placement.rotation), q[..., pair.q][..., 3:])
 
 
 def _check_units(name: str, x: Array, part: slice) -> None:

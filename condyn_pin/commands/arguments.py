@@ -83,7 +83,7 @@ RobotsToStress = Annotated[
 Variant = Annotated[
     list[str] | None,
     typer.Option(
-        help="OPTION=VALUE of the robot, such as springs=locked; again for another option."
+        help="OPTION=VALUE of the robot, such as springs=locked; repeat it for another option."
     ),
 ]
 Contacts = Annotated[
@@ -148,7 +148,7 @@ Gain = Annotated[
 Measure = Annotated[
     str,
     typer.Option(
-        help="What the error is one of: acceleration, forces, derivatives or trajectory.",
+        help="The quantity whose error counts: acceleration, forces, derivatives or trajectory.",
         autocompletion=_measures,
     ),
 ]

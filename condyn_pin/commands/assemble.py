@@ -21,7 +21,7 @@ def assemble(
     variant: Variant = None,
     as_json: AsJson = False,
 ) -> None:
-    """Close the loops from a posture as it is described; exits with 1 if that cannot be."""
+    """Close the loops, starting from a posture; exits with 1 if they cannot be closed."""
     from condyn_pin.commands.words import names_in, scene_of
 
     scene = scene_of(robot, "", loops, variant)

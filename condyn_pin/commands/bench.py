@@ -56,7 +56,7 @@ def bench(
     if as_json:
         write_json(table, as_json)
     if plot and table.rows:
-        from condyn_pin.plots import save_bench
+        from condyn_pin.plots_bench import save_bench
 
         save_bench(table, plot)
     if stopped:

@@ -21,14 +21,16 @@ def compare(
     name: Annotated[
         list[str] | None,
         typer.Option(
-            help="OURS=THEIRS of a joint that is named otherwise there; again for others."
+            help="OURS=THEIRS: a joint with another name in the file; repeat it for others."
         ),
     ] = None,
     without: Annotated[
-        str, typer.Option(help="Comma-separated: joints of the file that the robot has not.")
+        str, typer.Option(help="Comma-separated: joints of the file that the robot lacks.")
     ] = "",
     tolerance: Annotated[float, typer.Option(help="Relative error that counts as none.")] = ENGINES,
-    seed: Annotated[int, typer.Option(help="Of the random state that both are put in.", min=0)] = 0,
+    seed: Annotated[
+        int, typer.Option(help="Seed of the random state that is compared.", min=0)
+    ] = 0,
     variant: Variant = None,
     as_json: AsJson = False,
 ) -> None:

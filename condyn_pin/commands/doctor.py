@@ -11,7 +11,7 @@ PANEL = "Look"
 
 
 def doctor(as_json: AsJson = False) -> None:
-    """Say what is installed, whether it fits together, and the line that mends it."""
+    """Say what is installed, whether it fits together, and how to repair it."""
     from condyn_pin.doctor import diagnose
 
     found = diagnose()
@@ -27,7 +27,7 @@ def doctor(as_json: AsJson = False) -> None:
     for finding in found.findings:
         console.print(f"wrong: {finding}", style="bold red")
     if found.remedy:
-        typer.echo("This mends it:")
+        typer.echo("This repairs it:")
         typer.echo(f"  {found.remedy}")
         raise typer.Exit(1)
     console.print("Everything fits together.")

@@ -33,7 +33,7 @@ def drift(
     plot: Plot = None,
     as_json: AsJson = False,
 ) -> None:
-    """Show drift, walls of gains, and energy on a pendulum whose rod is a constraint.
+    """Show drift, stability limits of gains, and energy, on a pendulum whose rod is a constraint.
 
     Ctrl-C keeps the runs that went to their end.
     """
@@ -56,7 +56,7 @@ def drift(
         }
         try:
             found = contest(
-                dt, steps, progress=lambda share: progress("a rod", int(share * 1000), 1000)
+                dt, steps, progress=lambda share: progress("pendulum", int(share * 1000), 1000)
             )
         except Interrupted as stop:
             found, stopped = stop.table, True
@@ -108,7 +108,7 @@ def _print(
         table.add_row(integrator.title, *(f"{limit:.3f}" for limit in walls))
     print_whole(table, console)
 
-    columns = ("gap [m]", "slip [m/s]", "energy [J], first tenth", "last tenth", "area a step")
+    columns = ("gap [m]", "slip [m/s]", "energy [J], first tenth", "last tenth", "area per step")
     table = Table(heading, *columns, "status")
     for one in found:
         e = one.errors

@@ -20,11 +20,16 @@ from condyn_pin.errors import InvalidArgument
 # As shells say that a program was interrupted.
 INTERRUPTED: Final = 130
 
-# Tables of words are folded to this width at least, on narrow terminals and in files too.
-_WIDTH: Final = max(Console().width, 118)
+_PAPER: Final = 118  # columns of a file
 
-console = Console(width=_WIDTH, markup=False)
-_beside = Console(width=_WIDTH, markup=False, stderr=True)
+
+def _wide(*, stderr: bool = False) -> Console:
+    """Return where tables of words are folded: to the width of a terminal, or to that of paper."""
+    screen = Console(markup=False, stderr=stderr)
+    return screen if screen.is_terminal else Console(width=_PAPER, markup=False, stderr=stderr)
+
+
+console, _beside = _wide(), _wide(stderr=True)
 
 _REDRAW: Final = 0.2  # [s]
 _STDOUT: Final = Path("-")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from rich.table import Column
 
 from condyn_pin.commands.arguments import AsJson
 from condyn_pin.commands.output import console, print_json, words
@@ -15,14 +16,15 @@ PANEL = "Look"
 
 
 def robots(as_json: AsJson = False) -> None:
-    """List what can be loaded; `condyn show` has source and licence in full."""
+    """List what can be loaded; `condyn show` names the file, and the licence in full."""
     from condyn_pin.load import available_robots
 
     loaded = {name: load() for name, load in available_robots().items()}
     if as_json:
         print_json({name: _facts(robot) for name, robot in loaded.items()})
         return
-    table = words("robot", "nq", "nv", "mass [kg]", "loops", "postures", "file", "licence")
+    columns = "robot", "nq", "nv", "mass\n[kg]", "loops", "postures", "licence"
+    table = words(*(Column(name, no_wrap=name in ("robot", "licence")) for name in columns))
     for column in table.columns[1:5]:
         column.justify = "right"
     for robot in loaded.values():
@@ -30,10 +32,9 @@ def robots(as_json: AsJson = False) -> None:
             robot.name,
             str(robot.nq),
             str(robot.nv),
-            f"{robot.mass:.4f}",
+            f"{robot.mass:.2f}",
             str(len(robot.loops)),
             ", ".join(robot.postures),
-            Path(robot.source).name,
             robot.licence.split(" (")[0],
         )
     console.print(table)

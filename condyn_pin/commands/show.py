@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from condyn_pin.commands.arguments import AsJson, Contacts, Loops, Posture, RobotName, Variant
-from condyn_pin.commands.output import check_picture, console, plain, print_json, words
+from condyn_pin.commands.output import (
+    check_picture,
+    console,
+    plain,
+    print_json,
+    progress_bar,
+    words,
+)
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
@@ -16,6 +23,11 @@ if TYPE_CHECKING:
     from condyn_pin.summary import Summary
 
 PANEL = "Look"
+
+_NOTHING = (
+    "no constraints: --contacts adds some; loops come from the file, or from a robot.toml beside "
+    "it (docs/how-to-close-a-loop.md)"
+)
 
 
 def show(
@@ -61,6 +73,8 @@ def _print(scene: Scene, summary: Summary, frames: bool) -> None:
         table.add_row("not used", text)
     for text in summary.notes:
         table.add_row("note", text)
+    if not scene.constraints:
+        table.add_row("note", _NOTHING)
     table.add_row("postures", ", ".join(scene.robot.postures) or "none")
     table.add_row("ready contacts", ", ".join(c.name for c in scene.robot.contacts) or "none")
     if frames:
@@ -75,7 +89,9 @@ def _show_ladder(name: str, plot: Path | None, variant: list[str] | None, as_jso
     if variant:
         raise InvalidArgument("--ladder has no variants: its rungs are; leave --variant out")
     check_picture(plot)
-    table = ladder(name)
+    with progress_bar() as progress:
+        progress(f"{name}: every rung, about ten seconds", 0, 1)
+        table = ladder(name)
     if as_json:
         print_json(table.as_dict())
     else:

@@ -49,11 +49,24 @@ def solve(
     else:
         say(f"{scene.robot.name}, {chosen!r}")
         say(str(solution))
+        _say_accelerations(solution)
+        if not scene.constraints:
+            ready = ", ".join(contact.name for contact in scene.robot.contacts) or "FRAME:KIND"
+            say(f"note: no constraints; --contacts takes {ready}")
         for note in scene.rank(q).notes:
             say(f"note: {note}")
     if not solution.status.ok:
         typer.echo(str(solution.status), err=True)
         raise typer.Exit(1)
+
+
+def _say_accelerations(solution: Solution) -> None:
+    robot = solution.scene.robot
+    say("accelerations of the joints, free-flyers linear first [rad/s^2, m/s^2]:")
+    for name in robot.joints:
+        joint = robot.model.joints[robot.model.getJointId(name)]
+        values = solution.a[joint.idx_v : joint.idx_v + joint.nv]
+        say(f"{name:<28} {' '.join(f'{value:.6g}' for value in values)}")
 
 
 def _facts(solution: Solution) -> dict[str, object]:

@@ -45,7 +45,7 @@ def stress(
     csv: Csv = None,
     as_json: AsJson = False,
 ) -> None:
-    """Turn the dial from tame to absurd; exits with 1 if an answer is wrong without saying so.
+    """Put cases from tame to absurd to every method; exits with 1 if an answer is wrong unsaid.
 
     Ctrl-C keeps the cases that were put.
     """

@@ -34,6 +34,7 @@ Forces = Annotated[
 ]
 Speed = Annotated[float, typer.Option(help="Seconds of a motion played in one second.")]
 Light = Annotated[bool, typer.Option("--light", help="At most 30 000 triangles.")]
+Motion = Annotated[int | None, typer.Option(help="Which motion of a batch, from 0.", min=0)]
 Html = Annotated[Path | None, typer.Option(help="Write one page that opens from disk.")]
 Png = Annotated[Path | None, typer.Option(help="Write a picture; needs Chromium.")]
 Port = Annotated[int, typer.Option(help="Of the server; a free one by default.", min=0, max=65535)]
@@ -53,6 +54,7 @@ def view(
     port: Port = 0,
     browser: Browser = True,
     variant: Variant = None,
+    motion: Motion = None,
 ) -> None:
     """Look at a robot or a motion in a browser until Ctrl-C, or write it to a file."""
     from condyn_pin.viewing.verbs import view as view_subject
@@ -61,11 +63,13 @@ def view(
     check_ending(png, ".png")
     check_written(html, png)
     if not subject.endswith(".npz"):
+        if motion is not None:
+            raise InvalidArgument(f"--motion {motion}: it is of a batch (.npz), not of {subject}")
         chosen = _standing(subject, contacts, loops, posture, forces, variant)
     elif posture or forces or contacts or variant or not loops:
         raise InvalidArgument(f"{subject}: a motion has its own states, constraints and forces")
     else:
-        chosen = _motion(subject)
+        chosen = _motion(subject, motion)
     viewer = view_subject(
         chosen, posture=None if forces else posture, speed=speed, light=light, html=html, png=png,
         browser=browser, port=port,
@@ -90,10 +94,16 @@ def _show(viewer: Viewer, *files: Path | None) -> None:
         say("closed")
 
 
-def _motion(path: str) -> Subject:
+def _motion(path: str, motion: int | None) -> Subject:
+    from condyn_pin.batch.trajectory import BatchTrajectory
     from condyn_pin.simulation.trajectory import Trajectory
 
-    return Trajectory.load(path)
+    if motion is None:
+        return Trajectory.load(path)
+    batch = BatchTrajectory.load(path)
+    if motion >= len(batch):
+        raise InvalidArgument(f"--motion {motion}: {path} has {len(batch)}, from 0")
+    return batch[motion]
 
 
 def _standing(

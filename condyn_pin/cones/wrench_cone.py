@@ -29,7 +29,7 @@ from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.cones.base import Cone, Row
 from condyn_pin.cones.margin import Margin
-from condyn_pin.constraint_fields import check_size, positive
+from condyn_pin.constraint_fields import check_lengths, check_size
 from condyn_pin.constraints import Constraint
 from condyn_pin.contacts import LineContact, SurfaceContact
 from condyn_pin.errors import InvalidArgument
@@ -70,8 +70,8 @@ class WrenchCone(Cone):
     def __post_init__(self) -> None:
         super().__post_init__()
         is_edge = isinstance(self.half_width, Real) and self.half_width == 0
-        positive("half_length", self.half_length)
-        positive("half_width", None if is_edge else self.half_width)
+        half_width = None if is_edge else self.half_width
+        check_lengths(half_length=self.half_length, half_width=half_width)
         for name in ("half_length", "half_width"):
             if size := getattr(self, name):
                 object.__setattr__(self, name, float(size))

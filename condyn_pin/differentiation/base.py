@@ -19,7 +19,10 @@ if TYPE_CHECKING:
 
 
 class Derivatives(ABC):
-    """The derivatives of an answer; the six matrices are formed when one of them is asked for.
+    """The derivatives of an answer, as `condyn_pin.derivatives` returns them.
+
+    Columns are tangent: those by q belong to ``pin.integrate(model, q, dq)``. The six matrices are
+    formed when one of them is asked for; `jvp` and `vjp` do without.
 
     Attributes
     ----------
@@ -44,32 +47,32 @@ class Derivatives(ABC):
 
     @property
     def da_dq(self) -> Array:
-        """(nv, nv)."""
+        """Accelerations by the configuration (nv, nv)."""
         return self._blocks[0][: self._n]
 
     @property
     def da_dv(self) -> Array:
-        """(nv, nv)."""
+        """Accelerations by the velocity (nv, nv)."""
         return self._blocks[1][: self._n]
 
     @property
     def da_dtau(self) -> Array:
-        """(nv, nv)."""
+        """Accelerations by the torques (nv, nv)."""
         return self._blocks[2][: self._n]
 
     @property
     def dlam_dq(self) -> Array:
-        """(m, nv)."""
+        """Constraint forces by the configuration (m, nv)."""
         return self._blocks[0][self._n :]
 
     @property
     def dlam_dv(self) -> Array:
-        """(m, nv)."""
+        """Constraint forces by the velocity (m, nv)."""
         return self._blocks[1][self._n :]
 
     @property
     def dlam_dtau(self) -> Array:
-        """(m, nv)."""
+        """Constraint forces by the torques (m, nv)."""
         return self._blocks[2][self._n :]
 
     def jvp(self, dq: ArrayLike, dv: ArrayLike, dtau: ArrayLike) -> tuple[Array, Array]:

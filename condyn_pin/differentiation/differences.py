@@ -19,6 +19,7 @@ import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
+from condyn_pin.algebra.numerical_rank import null_space
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.base import Derivatives
 from condyn_pin.solution import Solution
@@ -96,11 +97,7 @@ class DifferenceDerivatives(Derivatives):
 
 def directions(J: Array, redundant: bool) -> Array:
     """Return the directions in which q is moved: all, or those along the constraints."""
-    if not redundant:
-        return np.eye(J.shape[1])
-    _, S, Vt = np.linalg.svd(J)
-    rank = int(np.count_nonzero(tolerances.RANK * S.max(initial=0.0) < S))
-    return np.asarray(Vt[rank:])
+    return null_space(J) if redundant else np.eye(J.shape[1])
 
 
 def _central(f: Callable[[Array], Array], directions: Array, h: float, size: int) -> Array:

@@ -10,7 +10,7 @@ that of M and a product of rank m:
     [ M  -J^T ]^-1   [ M^-1  0 ]   [  W   ]
     [ J    0  ]    = [  0    0 ] + [ U^-1 ] [ -W^T  U^-T ].
 
-Where rows are redundant, the derivative is that of the smallest lam (`condyn_pin.minimum_norm`).
+Where rows are redundant, the derivative is that of the smallest lam (`algebra/minimum_norm.py`).
 With J L^-T = U S V^T and U_r the columns of U that belong to singular values above zero, U_r S^-1
 takes the place of U^-1. The other columns N span the left null space of J, and that lam keeps
 N^T lam = 0: with lam = J w
@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from condyn_pin import tolerances
+from condyn_pin.algebra.minimum_norm import MinimumNorm, factorise
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.base import Derivatives
 from condyn_pin.differentiation.linearised import Linearisation
@@ -34,7 +35,6 @@ from condyn_pin.differentiation.parameters import (
     inertia_regressor,
     placement_partials,
 )
-from condyn_pin.minimum_norm import MinimumNorm, factorise
 from condyn_pin.solution import Solution
 
 if TYPE_CHECKING:

@@ -6,9 +6,8 @@ import math
 
 import numpy as np
 
-from condyn_pin._pin import pin
 from condyn_pin.drift import Baumgarte
-from condyn_pin.extremes.base import Case, Motion, extreme, moving
+from condyn_pin.extremes.base import Case, Motion, ajar, extreme, moving
 from condyn_pin.mechanisms.four_bar import four_bar
 from condyn_pin.scene import Scene
 
@@ -27,7 +26,7 @@ def bad_gain(severity: float, rng: np.random.Generator) -> Case:
     """Gains alpha = beta of Baumgarte on a four-bar, from nothing to what is not a number [1/s]."""
     scene = _linkage()
     q, v, tau = moving(scene, rng)
-    q = pin.integrate(scene.robot.model, q, 1e-7 * rng.normal(size=len(v)))
+    q = ajar(scene, q, rng)
     return Case(scene, q, v, tau, drift=Baumgarte(severity, severity))
 
 
@@ -43,7 +42,7 @@ def bad_step(severity: float, rng: np.random.Generator) -> Case:
     """Step of a run of a four-bar, from what is usual to what is not a number [s]."""
     scene = _linkage()
     q, v = scene.state()
-    q = pin.integrate(scene.robot.model, q, 1e-7 * rng.normal(size=len(v)))
+    q = ajar(scene, q, rng)
     motion = Motion(severity, steps=10)
     return Case(scene, q, v, np.zeros(len(v)), drift=Baumgarte(1.0, 1.0), motion=motion)
 

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.drift import Baumgarte
 from condyn_pin.errors import InvalidArgument
@@ -148,6 +149,12 @@ def moving(scene: Scene, rng: np.random.Generator) -> tuple[Array, Array, Array]
     return q, v, torques(scene, rng)
 
 
+def ajar(scene: Scene, q: Array, rng: np.random.Generator) -> Array:
+    """Return a configuration near q whose loops are open by about 1e-7."""
+    model = scene.robot.model
+    return np.asarray(pin.integrate(model, q, 1e-7 * rng.normal(size=model.nv)))
+
+
 def by_reference(scene: Scene, q: Array, v: Array, tau: Array) -> Array:
     """Return the acceleration by `Reference`: for a scene that is easier than that of the case."""
     return Workspace(scene, Reference()).solve(q, v, tau, throw=False).a
@@ -180,8 +187,6 @@ def whole(value: float) -> int:
 
 def with_inertias(model: Any, inertias: Sequence[Any]) -> Any:
     """Return a copy of a model with other bodies."""
-    from condyn_pin._pin import pin
-
     copy = pin.Model(model)
     for joint, inertia in enumerate(inertias):
         copy.inertias[joint] = inertia

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from condyn_pin._pin import pin
 from condyn_pin.drift import Baumgarte
-from condyn_pin.extremes.base import Case, extreme, moving, powers
+from condyn_pin.extremes.base import Case, ajar, extreme, moving, powers
 from condyn_pin.scene import Scene
 
 
@@ -14,5 +13,5 @@ from condyn_pin.scene import Scene
 def stiff_drift(severity: float, rng: np.random.Generator, scene: Scene) -> Case:
     """Gains alpha = beta of Baumgarte on loops that are open by 1e-7 [1/s]."""
     q, v, tau = moving(scene, rng)
-    q = pin.integrate(scene.robot.model, q, 1e-7 * rng.normal(size=len(v)))
+    q = ajar(scene, q, rng)
     return Case(scene, q, v, tau, drift=Baumgarte(severity, severity))

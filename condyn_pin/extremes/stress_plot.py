@@ -65,7 +65,7 @@ def severity_map(found: Map, ax: Any = None) -> Any:
     return ax
 
 
-def save_maps(found: Sequence[Map], path: str | Path, note: str = "") -> None:
+def save_maps(found: Sequence[Map], path: str | Path, note: str) -> None:
     """Draw every map into one picture; the ending of `path` says which format."""
     require_matplotlib()
     from matplotlib.figure import Figure
@@ -79,10 +79,12 @@ def save_maps(found: Sequence[Map], path: str | Path, note: str = "") -> None:
         severity_map(each, ax)
     for ax in places.flat[len(found) :]:
         ax.set_axis_off()
-    colours = figure.colorbar(places.flat[0].images[0], ax=places, shrink=0.8, aspect=30)
+    colours = figure.colorbar(
+        places.flat[0].images[0], ax=places, location="top", shrink=min(1.0, 2 / columns), aspect=40
+    )
     digits = range(int(_BEST), int(_WORST) + 1, 4)
     colours.set_ticks(list(digits), labels=[f"1e{k}" if k else "1" for k in digits])
     colours.set_label("error of a, relative; ok promises 1e-8")
-    colours.ax.axhline(math.log10(SOLVED), color="w")
+    colours.ax.axvline(math.log10(SOLVED), color="w")
     figure.suptitle(fill(f"{note}{_LEGEND}", int(13 * width)), fontsize=10)
     figure.savefig(path, dpi=120)

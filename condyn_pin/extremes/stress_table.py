@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
+from condyn_pin.extremes.base import EXTREMES
 from condyn_pin.extremes.verdict import Outcome, Verdict
 
 # From bad to worse: a cell with several seeds is as bad as its worst.
@@ -92,7 +93,7 @@ def maps(outcomes: Iterable[Outcome]) -> list[Map]:
             Map(
                 family,
                 robot,
-                tuple(dict.fromkeys(map(_severity, group))),
+                _along_the_dial(family, dict.fromkeys(map(_severity, group))),
                 tuple(dict.fromkeys(outcome.method for outcome in group)),
                 {key: _cell(some) for key, some in cells.items()},
             )
@@ -145,6 +146,15 @@ def _severity(outcome: Outcome) -> float:
     """Return the severity as a key: NaN is found in a dict only as one and the same object."""
     severity = outcome.task.severity
     return math.nan if math.isnan(severity) else severity
+
+
+def _along_the_dial(family: str, found: Iterable[float]) -> tuple[float, ...]:
+    """Return severities from tame to absurd: with little time, cases come in a mixed order."""
+    dial = (
+        [repr(severity) for severity in EXTREMES[family].severities] if family in EXTREMES else []
+    )
+    places = {text: i for i, text in enumerate(dial)}  # as text, for NaN is unlike itself
+    return tuple(sorted(found, key=lambda severity: places.get(repr(severity), len(places))))
 
 
 def _cell(outcomes: Sequence[Outcome]) -> Cell:

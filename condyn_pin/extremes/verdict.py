@@ -18,10 +18,11 @@ from math import inf, nan
 import numpy as np
 
 from condyn_pin import tolerances
+from condyn_pin.algebra.minimum_norm import factorise
+from condyn_pin.algebra.numerical_rank import rank_of
 from condyn_pin.arrays import Array
 from condyn_pin.errors import CondynError
 from condyn_pin.extremes.base import Case
-from condyn_pin.minimum_norm import factorise
 from condyn_pin.solution import Status
 from condyn_pin.solvers.base import Singular, Solver
 from condyn_pin.solvers.reference import Reference
@@ -128,9 +129,7 @@ def right_answers(case: Case) -> tuple[Array, ...]:
         with np.errstate(all="ignore"):
             terms = workspace.terms(case.q, case.v)
             S = factorise(terms.M, terms.J, tolerances.REFERENCE_RANK).S
-            ranks = {
-                int(np.count_nonzero(share * S.max(initial=0.0) < S)): share for share in _READINGS
-            }
+            ranks = {rank_of(S, share): share for share in _READINGS}
             clearest = max(ranks, default=0)
             for rank, share in ranks.items():
                 if not (case.right and rank == clearest):

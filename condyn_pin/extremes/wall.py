@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from condyn_pin._pin import pin
 from condyn_pin.drift import Baumgarte
-from condyn_pin.extremes.base import Case, Motion, extreme
+from condyn_pin.extremes.base import Case, Motion, ajar, extreme
 from condyn_pin.scene import Scene
 
 _DIAL = (1e-3, 1e-2, 0.1, 0.5, 0.8, 0.82, 0.828, 0.829, 0.84, 1.0, 2.0, 10.0, 1e3, 1e6)
@@ -20,6 +19,6 @@ def wall(severity: float, rng: np.random.Generator, scene: Scene) -> Case:
     """
     dt = 10.0 ** rng.uniform(-6.0, -1.0)  # [s]
     q, v = scene.state()
-    q = pin.integrate(scene.robot.model, q, 1e-7 * rng.normal(size=len(v)))
+    q = ajar(scene, q, rng)
     drift = Baumgarte(severity / dt, severity / dt)
     return Case(scene, q, v, np.zeros(len(v)), drift=drift, motion=Motion(dt))

@@ -1,4 +1,4 @@
-"""What no solid body has: the same look at masses and inertias for every format.
+"""Inertia of a body as files give it, and doubts about it: the same for every format.
 
 A file may have such a body where nothing moves it by itself, and real files do: the reader tells
 the user of it. What a joint moves is checked again when the parts are one (`condyn_pin.soundness`).
@@ -16,6 +16,11 @@ from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 
 Body = tuple[str, float, Array]
+
+
+def tensor(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) -> Array:
+    """Return the symmetric matrix of the moments and products of inertia [kg m^2]."""
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 def fault(inertia: Array) -> str:

@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from condyn_pin.errors import InvalidModel
-from condyn_pin.io.inertia import fault, inertia_in
+from condyn_pin.io.inertia import fault, inertia_in, tensor
 from condyn_pin.io.mjcf_pose import direction, pose
 from condyn_pin.io.mjcf_source import Source
 from condyn_pin.io.mjcf_types import COORDINATES, WORLD, Body, Joint
@@ -87,15 +87,14 @@ class _Reader:
         if "fullinertia" in said:
             if len(list(said.given("diaginertia", *ORIENTATIONS))):
                 said.refuse("fullinertia", "it excludes diaginertia and an orientation")
-            xx, yy, zz, xy, xz, yz = said.floats("fullinertia", 6)
-            tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            inertia = tensor(*said.floats("fullinertia", 6))
         else:
-            tensor = np.diag(said.floats("diaginertia", 3))
+            inertia = np.diag(said.floats("diaginertia", 3))
         mass = said.positive("mass")
-        reason = fault(tensor)
+        reason = fault(inertia)
         if reason:
             raise InvalidModel(f"body {name!r}: {reason}, as in no solid; MuJoCo refuses it too")
-        return inertia_in(mass, placed, tensor)
+        return inertia_in(mass, placed, inertia)
 
     def _joint(self, element: Element, number: int, body: str, childclass: str) -> Joint:
         said = self.source.attributes(element, childclass=childclass)

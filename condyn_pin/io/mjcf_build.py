@@ -36,7 +36,7 @@ from condyn_pin.io.mjcf_types import (
     MjcfRobot,
 )
 from condyn_pin.io.tree import NO_LIMIT, one_coordinate, orthonormal
-from condyn_pin.io.words import few
+from condyn_pin.names import few
 from condyn_pin.spring import Spring
 
 

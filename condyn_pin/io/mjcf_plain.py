@@ -70,7 +70,7 @@ def _equalities(source: Source, bodies: Iterable[Body], hold: bool) -> Iterator[
         kind = "equality/joint" if element.tag == "joint" else element.tag
         said = source.attributes(element, kind)
         name = said.text("name") or f"{element.tag}{number}"
-        if not (said.flag("active", True) and hold):
+        if not (said.flag("active") and hold):
             source.unused.append(f"equality {name!r} is not active")
             continue
         equality = read_equality(said, element.tag, name, sites)

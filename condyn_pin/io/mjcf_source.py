@@ -64,7 +64,7 @@ class Source:
         return Settings(
             angle=np.pi / 180 if unit == "degree" else 1.0,
             eulerseq=eulerseq,
-            autolimits=said.flag("autolimits", True),
+            autolimits=said.flag("autolimits"),
         )
 
     def remarks(self) -> tuple[str, ...]:

@@ -57,9 +57,9 @@ class Attributes:
             self.refuse(key, f"one of {', '.join(words)} is needed")
         return word
 
-    def flag(self, key: str, default: bool) -> bool:
-        """Return a truth value."""
-        return self.one_of(key, ("true", "false"), "true" if default else "false") == "true"
+    def flag(self, key: str) -> bool:
+        """Return a truth value; true where the element says nothing."""
+        return self.one_of(key, ("true", "false"), "true") == "true"
 
     def floats(self, key: str, count: int, default: Array | None = None) -> Array:
         """Return exactly `count` finite numbers."""

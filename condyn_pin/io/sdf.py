@@ -30,7 +30,7 @@ import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin.errors import InvalidModel
-from condyn_pin.io.inertia import inertia_in
+from condyn_pin.io.inertia import inertia_in, tensor
 from condyn_pin.io.sdf_build import Choices, build
 from condyn_pin.io.sdf_graph import links_of, model_poses, parts_of, pose_in, pose_of
 from condyn_pin.io.sdf_joint import joint_of
@@ -197,10 +197,10 @@ def _inertia(element: Element, name: str, poses: Mapping[str, Any]) -> Any | Non
     if inertial.get("auto", "false") not in ("false", "0"):
         raise InvalidModel(f"{label(element)}: <inertial auto>; write its mass and inertia out")
     mass = number(element, "inertial/mass")
-    xx, yy, zz = (number(element, f"inertial/inertia/i{ab}") for ab in ("xx", "yy", "zz"))
-    xy, xz, yz = (number(element, f"inertial/inertia/i{ab}", 0.0) for ab in ("xy", "xz", "yz"))
-    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])  # [kg m^2]
-    smallest, _, largest = np.linalg.eigvalsh(tensor)
+    moments = (number(element, f"inertial/inertia/i{ab}") for ab in ("xx", "yy", "zz"))
+    products = (number(element, f"inertial/inertia/i{ab}", 0.0) for ab in ("xy", "xz", "yz"))
+    inertia = tensor(*moments, *products)
+    smallest, _, largest = np.linalg.eigvalsh(inertia)
     if smallest < -tolerances.MOMENT * abs(largest):
         raise InvalidModel(
             f"{label(element)}: <inertia> has the principal moment {smallest:g}; none may be < 0"
@@ -208,4 +208,4 @@ def _inertia(element: Element, name: str, poses: Mapping[str, Any]) -> Any | Non
     linkMc, base = pose_in(element, "inertial/pose")
     if base not in ("", name):
         linkMc = poses[name].actInv(pose_of(base, poses, element) * linkMc)
-    return inertia_in(mass, linkMc, tensor)
+    return inertia_in(mass, linkMc, inertia)

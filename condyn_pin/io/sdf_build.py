@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from condyn_pin.constraints import Coupling
 from condyn_pin.errors import InvalidArgument, unknown_name
-from condyn_pin.io.inertia import doubts
+from condyn_pin.io.inertia import Body, doubts
 from condyn_pin.io.sdf_copies import with_copies
 from condyn_pin.io.sdf_gears import coupling_of
 from condyn_pin.io.sdf_kinds import chosen_joints, in_series
@@ -57,20 +57,12 @@ def build(sdf: Description, choices: Choices) -> SdfRobot:
         model=tree.model,
         closures=closures + welds,
         couplings=couplings,
-        springs={
-            joint.name: (joint.axis.stiffness, joint.axis.reference)
-            for joint in joints
-            if joint.axis.stiffness != 0 and joint.has_axis and joint not in spanned.cut
-        },
+        springs=_springs(joints, spanned.cut),
         reversed=spanned.reversed,
         unused=(
             *unused_parts(sdf, choices.kinds, choices.drop, root_pose, idle),
             *unused_settings((*joints, *gearboxes), (*spanned.cut, *gearboxes)),
-            *doubts(
-                (link.name, link.inertia.mass, link.inertia.inertia)
-                for link in links
-                if link.inertia is not None and not link.massless
-            ),
+            *doubts(_bodies(links)),
         ),
     )
 
@@ -117,3 +109,18 @@ def _grow(sdf: Description, spanned: Span, root_joint: Any | None) -> Tree:
     for joint in spanned.tree:
         tree.attach(joint)
     return tree
+
+
+def _springs(joints: Sequence[Joint], cut: Sequence[Joint]) -> dict[str, tuple[float, float]]:
+    """Return stiffness and reference of the springs of joints that are in the tree."""
+    return {
+        joint.name: (joint.axis.stiffness, joint.axis.reference)
+        for joint in joints
+        if joint.axis.stiffness != 0 and joint.has_axis and joint not in cut
+    }
+
+
+def _bodies(links: Sequence[Link]) -> Iterator[Body]:
+    for link in links:
+        if link.inertia is not None and not link.massless:
+            yield link.name, link.inertia.mass, link.inertia.inertia

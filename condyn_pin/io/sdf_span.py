@@ -15,6 +15,7 @@ from typing import NamedTuple
 from condyn_pin.errors import InvalidModel, unknown_name
 from condyn_pin.io.sdf_kinds import FREEDOM
 from condyn_pin.io.sdf_types import WORLD, Description, Joint
+from condyn_pin.names import quoted
 
 
 class Span(NamedTuple):
@@ -49,7 +50,7 @@ def span(
     lost = [link.name for link in sdf.links if link.name not in reached]
     if lost:
         raise InvalidModel(
-            f"no joint leads from {start!r} to the links {quote(lost)}: add a joint that connects "
+            f"no joint leads from {start!r} to the links {quoted(lost)}: add a joint that connects "
             "them, or leave them out of the file"
         )
     opened = tuple(joint for joint in joints if joint.name not in names)
@@ -64,7 +65,7 @@ def _start(sdf: Description, joints: Sequence[Joint], root: str | None, floating
         raise unknown_name("link", root, links)
     anchors = [joint for joint in joints if joint.parent == WORLD]
     if anchors:
-        names = quote([joint.name for joint in anchors])
+        names = quoted([joint.name for joint in anchors])
         if floating:
             raise InvalidModel(
                 f"the joints {names} attach the model to the world: leave them out with drop, or "
@@ -79,7 +80,7 @@ def _start(sdf: Description, joints: Sequence[Joint], root: str | None, floating
     children = {joint.child for joint in joints}
     roots = [root] if root is not None else [link for link in links if link not in children]
     if len(roots) != 1:
-        found = f"no joint has the links {quote(roots)} as child" if roots else "every link is one"
+        found = f"no joint has the links {quoted(roots)} as child" if roots else "every link is one"
         raise InvalidModel(
             f"the tree needs one root, a link that is no joint's child, and {found}: "
             + ("connect them by joints, or " if roots else "")
@@ -151,8 +152,3 @@ def _check_cuts(
                 "could be cut: read a passive joint there as another type with kinds, or leave "
                 "one out with drop"
             )
-
-
-def quote(names: Iterable[str]) -> str:
-    """Return names as errors list them."""
-    return ", ".join(repr(name) for name in names)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import inf
 from typing import Any
 
-from condyn_pin.io.sdf_span import quote
 from condyn_pin.io.sdf_types import Description, Joint
+from condyn_pin.names import quoted
 
 
 def unused_parts(
@@ -22,7 +22,7 @@ def unused_parts(
         counted = ", ".join(f"{n} <{tag}>" for tag, n in sorted(sdf.unread.items()))
         yield f"elements that are not read: {counted}"
     if drop:
-        yield f"joints left out: {quote(drop)}"
+        yield f"joints left out: {quoted(drop)}"
     changed = [
         f"{joint.name!r} ({joint.kind} as {kinds[joint.name]})"
         for joint in sdf.joints
@@ -31,35 +31,36 @@ def unused_parts(
     if changed:
         yield f"joint types of the file: {', '.join(changed)}"
     if idle:
-        yield f"joints between links that cannot move against each other: {quote(idle)}"
+        yield f"joints between links that cannot move against each other: {quoted(idle)}"
     if root_pose is not None and not root_pose.isIdentity():
         yield "pose of the root link in the file: the root joint's configuration replaces it"
 
 
-def unused_settings(joints: Iterable[Joint], cut: Sequence[Joint]) -> Iterator[str]:
+def unused_settings(joints: Sequence[Joint], cut: Sequence[Joint]) -> Iterator[str]:
     """Say which settings of the joints that are kept are not in the model."""
-    lost: dict[str, list[str]] = {"friction": [], "damping": [], "spring": [], "limits": []}
     second = [
         joint.name
         for joint in joints
         if joint.axis2.direction is not None and joint.kind != "gearbox"
     ]
     if second:
-        yield f"second axis: {quote(second)}"
-    for joint in joints:
-        hanging = joint not in cut
-        uses_axis = hanging and joint.has_axis
-        axis = joint.axis
-        limited = axis.lower > -inf or axis.upper < inf
-        is_lost = {
-            "friction": axis.friction != 0,
-            "damping": axis.damping != 0 and (not hanging or joint.kind == "fixed"),
-            "spring": axis.stiffness != 0 and not uses_axis,
-            "limits": limited and (not uses_axis or joint.kind == "continuous"),
-        }
-        for setting, names in lost.items():
-            if is_lost[setting]:
-                names.append(joint.name)
-    for setting, names in lost.items():
+        yield f"second axis: {quoted(second)}"
+    lost = [(joint.name, tuple(_lost(joint, joint not in cut))) for joint in joints]
+    for setting in ("friction", "damping", "spring", "limits"):
+        names = [name for name, settings in lost if setting in settings]
         if names:
-            yield f"joint {setting}: {quote(names)}"
+            yield f"joint {setting}: {quoted(names)}"
+
+
+def _lost(joint: Joint, hanging: bool) -> Iterator[str]:
+    """Yield the settings of a joint, hanging in the tree or cut, that are not in the model."""
+    axis, uses_axis = joint.axis, hanging and joint.has_axis
+    if axis.friction != 0:
+        yield "friction"
+    if axis.damping != 0 and (not hanging or joint.kind == "fixed"):
+        yield "damping"
+    if axis.stiffness != 0 and not uses_axis:
+        yield "spring"
+    limited = axis.lower > -inf or axis.upper < inf
+    if limited and (not uses_axis or joint.kind == "continuous"):
+        yield "limits"

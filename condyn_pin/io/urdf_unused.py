@@ -7,12 +7,10 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 from xml.etree.ElementTree import Element
 
-import numpy as np
+from condyn_pin.io.inertia import Body, doubts, tensor
+from condyn_pin.names import few
 
-from condyn_pin.io.inertia import Body, doubts
-from condyn_pin.io.words import few
-
-_MOMENTS: Final = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_MOMENTS: Final = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 _OF_A_CUT: Final = "closing_"
 
 # What is read: the elements below each one, and its attributes. All else is counted.
@@ -101,9 +99,8 @@ def _bodies(copy: Element) -> Iterator[Body]:
     for link in copy.findall("link"):
         mass, inertia = link.find("inertial/mass"), link.find("inertial/inertia")
         if mass is not None and inertia is not None:
-            xx, xy, xz, yy, yz, zz = (float(inertia.attrib[key]) for key in _MOMENTS)
-            tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-            yield link.attrib["name"], float(mass.attrib["value"]), tensor
+            about_centre = tensor(*(float(inertia.attrib[key]) for key in _MOMENTS))
+            yield link.attrib["name"], float(mass.attrib["value"]), about_centre
 
 
 def _count(element: Element, elements: Counter[str], attributes: Counter[str]) -> None:

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
-from numbers import Real
 from typing import Any, Final, TypeVar, cast
 
 import numpy as np
 
 from condyn_pin._pin import pin
-from condyn_pin.constraint_fields import check_size
-from condyn_pin.errors import InvalidArgument
 from condyn_pin.registry import enter
 from condyn_pin.robot import Robot
 
@@ -96,12 +92,3 @@ def disc(radius: float, mass: float) -> Any:
     """Return the inertia of a thin disc with its axle along y: m r^2 / 2, and half of it across."""
     across = mass * radius**2 / 4
     return pin.Inertia(mass, np.zeros(3), np.diag([across, 2 * across, across]))
-
-
-def check_positive(**values: float) -> None:
-    """Refuse what is not a positive number."""
-    for name, value in values.items():
-        number = isinstance(value, Real) and not isinstance(value, bool)
-        if not (number and math.isfinite(value) and value > 0):
-            raise InvalidArgument(f"{name} = {value!r}: a positive number is needed")
-        check_size(name, value)

@@ -7,11 +7,11 @@ import math
 import numpy as np
 
 from condyn_pin._pin import pin
+from condyn_pin.constraint_fields import check_positive
 from condyn_pin.knobs import check_count
 from condyn_pin.mechanisms.base import (
     LICENCE,
     add_rod,
-    check_positive,
     mechanism,
     source,
 )

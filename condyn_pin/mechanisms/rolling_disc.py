@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from condyn_pin.constraint_fields import check_positive
 from condyn_pin.mechanisms.base import (
     LICENCE,
-    check_positive,
     disc,
     floating_body,
     mechanism,

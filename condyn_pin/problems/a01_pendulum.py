@@ -89,7 +89,3 @@ class SimplePendulum(Problem):
         _, cn, dn, _ = ellipj(math.sqrt(_GRAVITY / _LENGTH) * t, _K**2)
         s = -_K * cn / dn  # sin(psi / 2)
         return _LENGTH * np.array([2 * s * math.sqrt(1 - s * s), 2 * s * s - 1])
-
-    def error(self, found: Array, wanted: Array) -> float:
-        """Return the largest distance [m]."""
-        return float(np.linalg.norm(found - wanted, axis=1).max())

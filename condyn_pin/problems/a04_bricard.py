@@ -92,10 +92,6 @@ class Bricard(Problem):
         z = -math.sin(a) / (1 + math.sin(a))
         return np.array([math.cos(a) / (1 + math.sin(a)), -math.sqrt(1 - z * z), z])
 
-    def error(self, found: Array, wanted: Array) -> float:
-        """Return the largest distance [m]."""
-        return float(np.linalg.norm(found - wanted, axis=1).max())
-
     def motion(self, t: float) -> tuple[float, float]:
         """Return a [rad] and a' [rad/s] at a time."""
         mean, c = self._series

@@ -148,8 +148,8 @@ class Problem(ABC):
         """Return what they should be (k,)."""
 
     def error(self, found: Array, wanted: Array) -> float:
-        """Return the error of numbers (samples, k): the largest of abs(found - wanted)."""
-        return float(np.abs(found - wanted).max())
+        """Return the largest distance [m] of `found` from `wanted`, places (samples, k) both."""
+        return float(np.linalg.norm(found - wanted, axis=1).max())
 
     def energy(self, q: Array, v: Array) -> float:
         """Return what is conserved [J]: kinetic energy and every potential."""

@@ -87,10 +87,6 @@ class HeavyTop(Problem):
         """Return the centre of mass [m]."""
         return _ARM * np.asarray(self._axis(t))[:3]
 
-    def error(self, found: Array, wanted: Array) -> float:
-        """Return the largest distance [m]."""
-        return float(np.linalg.norm(found - wanted, axis=1).max())
-
     @cached_property
     def _axis(self) -> Any:
         """(e, L) as a function of time."""

@@ -56,7 +56,7 @@ class Driver:
         v: Array,
         method: Method,
         events: Sequence[Event],
-        leg: Leg | None = None,
+        leg: Leg | None,
     ) -> None:
         self.t, self.q, self.v = 0.0, q, v
         self._method = method

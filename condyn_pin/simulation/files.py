@@ -1,23 +1,20 @@
-"""Files of trajectories: npz with a header in JSON, and csv."""
+"""Files of trajectories: archives, and csv."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import fields
-from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from condyn_pin import tolerances
-from condyn_pin._pin import VERSION_TEXT, pin
+from condyn_pin._pin import pin
 from condyn_pin.arrays import finite
 from condyn_pin.drift import Drift
-from condyn_pin.errors import InvalidArgument
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
-from condyn_pin.simulation.coding import decode, encode, plain
+from condyn_pin.simulation.archive import MOTION, Content, Header, Path_, read, write
+from condyn_pin.simulation.coding import decode, encode
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Happened
 from condyn_pin.simulation.integrators import Integrator
@@ -26,11 +23,6 @@ from condyn_pin.simulation.recorder import Phase
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.solvers import Solver
 
-Path_ = str | PathLike[str]
-
-_FORMAT = "condyn_pin trajectory 1"
-_LISTS = ("loops", "contacts", "springs")
-_WORDS = ("name", "actuated", "unused", "source", "licence", "description")
 _ARRAYS = ("t", "q", "v", "a", "lam", "tau")
 _PLAIN = ("duration", "dt", "reason", "wall_time")
 _CHOICES = {"integrator": Integrator, "drift": Drift, "solver": Solver, "effects": Effects}
@@ -38,27 +30,14 @@ _CHOICES = {"integrator": Integrator, "drift": Drift, "solver": Solver, "effects
 
 def save(trajectory: Trajectory, path: Path_) -> None:
     """Write a trajectory; see `Trajectory.save`."""
-    robot = trajectory.scene.robot
-    content = {
-        "header": np.array(json.dumps(_header(trajectory), default=plain)),
-        "model": np.array(robot.model.saveToString()),
-        **{name: getattr(trajectory, name) for name in _ARRAYS},
-        **{f"posture {name}": q for name, q in robot.postures.items()},
-    }
-    with Path(path).open("wb") as file:  # a name without .npz stays as it is
-        np.savez_compressed(file, allow_pickle=False, **content)
+    arrays = {name: getattr(trajectory, name) for name in _ARRAYS}
+    write(path, MOTION, trajectory.scene.robot, _header(trajectory), arrays)
 
 
-def _header(trajectory: Trajectory) -> dict[str, Any]:
+def _header(trajectory: Trajectory) -> Header:
     """Return what is no array, in words and numbers."""
-    robot, run = trajectory.scene.robot, trajectory.run
+    run = trajectory.run
     return {
-        "format": _FORMAT,
-        "pinocchio": VERSION_TEXT,
-        "robot": {
-            **{key: getattr(robot, key) for key in _WORDS},
-            **{key: [encode(c) for c in getattr(robot, key)] for key in _LISTS},
-        },
         "phases": [
             {
                 "constraints": [encode(c) for c in phase.scene.constraints],
@@ -79,40 +58,10 @@ def _header(trajectory: Trajectory) -> dict[str, Any]:
 
 def load(path: Path_) -> Trajectory:
     """Return a trajectory from a file; see `Trajectory.load`."""
-    try:
-        # numpy leaves a file open that is no archive
-        with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            content = {name: file[name] for name in file.files}
-    except OSError as error:
-        raise InvalidArgument(f"{path}: no file of a trajectory ({error.strerror})") from error
-    except Exception as error:  # numpy and zipfile raise whatever a damaged byte makes them
-        raise InvalidArgument(
-            f"{path}: no file of a trajectory ({type(error).__name__} on reading it); "
-            "Trajectory.save and `condyn simulate --save` write one"
-        ) from error
-    try:
-        header = json.loads(str(content["header"]))
-        written_by = header["pinocchio"]
-        if header["format"] != _FORMAT:
-            raise KeyError(header["format"])
-        if _series(written_by) == _series(VERSION_TEXT):
-            return _trajectory(header, content)
-    except (LookupError, AttributeError, TypeError, ValueError, RuntimeError) as error:
-        raise InvalidArgument(f"{path}: no file of a trajectory ({error!r})") from error
-    # not tried: Pinocchio 4.1 crashes on a model that 3.9 wrote
-    raise InvalidArgument(
-        f"{path}: its model was written by Pinocchio {written_by}, and {VERSION_TEXT} is "
-        "installed; use the same one, or to_csv"
-    )
+    return read(path, MOTION, _trajectory)
 
 
-def _series(version: str) -> list[str]:
-    """Return major and minor number of a version."""
-    return version.split(".")[:2]
-
-
-def _trajectory(header: dict[str, Any], content: dict[str, Any]) -> Trajectory:
-    robot = _robot(header, content)
+def _trajectory(robot: Robot, header: Header, content: Content) -> Trajectory:
     phases = tuple(
         Phase(
             Scene(robot, [decode(c) for c in phase["constraints"]]),
@@ -137,7 +86,7 @@ def _run(run: dict[str, Any]) -> Run:
     )
 
 
-def _check_arrays(content: dict[str, Any], robot: Robot, phases: tuple[Phase, ...]) -> None:
+def _check_arrays(content: Content, robot: Robot, phases: tuple[Phase, ...]) -> None:
     """Refuse arrays that do not fit each other, and numbers that are none."""
     k, nv = _count(phases), robot.nv
     m = max((column + 1 for phase in phases for column in phase.columns), default=0)
@@ -178,17 +127,6 @@ def _check_run(run: Run, count: int) -> None:
     for event in run.happened:
         if not isinstance(event, Happened) or event.sample not in range(count):
             raise ValueError(f"event {event!r} of {count} samples")
-
-
-def _robot(header: dict[str, Any], content: dict[str, Any]) -> Robot:
-    model = pin.Model()
-    model.loadFromString(str(content["model"]))
-    about = header["robot"]
-    lists: dict[str, Any] = {key: [decode(c) for c in about[key]] for key in _LISTS}
-    words: dict[str, Any] = {key: about[key] for key in _WORDS}
-    begin = "posture "
-    postures = {k.removeprefix(begin): q for k, q in content.items() if k.startswith(begin)}
-    return Robot(model=model, postures=postures, **lists, **words)
 
 
 def to_csv(trajectory: Trajectory, path: Path_) -> None:

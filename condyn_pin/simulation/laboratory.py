@@ -135,7 +135,7 @@ def stability_map(integrator: Integrator, alphas: Sequence[float], betas: Sequen
     return np.array([[growth(integrator, Baumgarte(a, b), 1.0) for a in alphas] for b in betas])
 
 
-def area(integrator: Integrator, drift: Drift, *, dt: float, steps: int = 10) -> float:
+def area(integrator: Integrator, drift: Drift, *, dt: float) -> float:
     """Return the factor by which a step changes areas in the phase plane, less 1.
 
     det d(theta1, omega1) / d(theta0, omega0) = 1    for a symplectic step
@@ -144,7 +144,7 @@ def area(integrator: Integrator, drift: Drift, *, dt: float, steps: int = 10) ->
     steps, by differences of order 4. A factor below 1 takes energy in the long run, one above 1
     brings it.
     """
-    size, weights = 1e-3, ((-2, 1.0), (-1, -8.0), (1, 8.0), (2, -1.0))
+    steps, size, weights = 10, 1e-3, ((-2, 1.0), (-1, -8.0), (1, 8.0), (2, -1.0))
     start = np.array([1.0, 1.0])  # theta [rad], omega [rad/s]
     columns = []
     for axis in np.eye(2):

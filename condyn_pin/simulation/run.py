@@ -219,24 +219,34 @@ def _events(scene: Scene, events: Sequence[Event]) -> tuple[Event, ...]:
         if sum(other.name == event.name for other in checked) > 1:
             raise InvalidArgument(f"two events are named {event.name!r}")
         for other in (event.scene, event.met):
-            if other is not None and other.robot.model != scene.robot.model:
-                raise InvalidArgument(
-                    f"event {event.name!r}: its scene is of another model than the one simulated"
-                )
-            if other is not None and other.robot.springs != scene.robot.springs:
-                raise InvalidArgument(
-                    f"event {event.name!r}: its scene has other springs than the one simulated; "
-                    "what changes on the way is a torque: tau(t, q, v)"
-                )
-            for bound in other.bounds if other is not None else ():
-                if scalar.setdefault(bound.name, is_scalar(bound)) != is_scalar(bound):
-                    raise InvalidArgument(
-                        f"event {event.name!r}: {bound.name!r} has a force of one number in one "
-                        "scene and a vector in another; give one of the two another name"
-                    )
+            if other is not None:
+                _check_scene(event.name, other, scene, scalar)
         if event.at is not None and event.at <= 0:
             raise InvalidArgument(f"event {event.name!r}: at = {event.at:g}: after the start")
     return _shared(scene, checked)
+
+
+def _check_scene(event: str, its: Scene, simulated: Scene, scalar: dict[str, bool]) -> None:
+    """Refuse the scene of an event that does not go with the one simulated.
+
+    `scalar` says of the constraints so far whether their force is one number; it gets those of this
+    scene.
+    """
+    if its.robot.model != simulated.robot.model:
+        raise InvalidArgument(
+            f"event {event!r}: its scene is of another model than the one simulated"
+        )
+    if its.robot.springs != simulated.robot.springs:
+        raise InvalidArgument(
+            f"event {event!r}: its scene has other springs than the one simulated; "
+            "what changes on the way is a torque: tau(t, q, v)"
+        )
+    for bound in its.bounds:
+        if scalar.setdefault(bound.name, is_scalar(bound)) != is_scalar(bound):
+            raise InvalidArgument(
+                f"event {event!r}: {bound.name!r} has a force of one number in one "
+                "scene and a vector in another; give one of the two another name"
+            )
 
 
 def _shared(scene: Scene, events: tuple[Event, ...]) -> tuple[Event, ...]:

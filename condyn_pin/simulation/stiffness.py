@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from condyn_pin import tolerances
+from condyn_pin.algebra.minimum_norm import factorise
 from condyn_pin.arrays import Array
-from condyn_pin.minimum_norm import factorise
 from condyn_pin.simulation.walls import wall
 
 if TYPE_CHECKING:

@@ -131,7 +131,7 @@ def ladder(name: str, *, effort: LadderEffort = FULL) -> LadderTable:
     return climb(LADDERS[name], effort=effort)
 
 
-def climb(chosen: Ladder, *, effort: LadderEffort = FULL) -> LadderTable:
+def climb(chosen: Ladder, *, effort: LadderEffort) -> LadderTable:
     """Measure every rung of a ladder: errors on the same motions, times in one interleaved run."""
     scenes = chosen.scenes()
     source, smallest = scenes[chosen.sampled], list(scenes.values())[-1]
@@ -147,11 +147,9 @@ def climb(chosen: Ladder, *, effort: LadderEffort = FULL) -> LadderTable:
     first = next(iter(scenes))
     reasons = {chosen.label: "the whole machine"} | {r.label: r.why for r in chosen.rungs}
     rows: list[LadderRow] = []
-    above = first
-    for label, scene in scenes.items():
+    for (label, scene), above in zip(scenes.items(), [first, *scenes], strict=False):
         errors = compare(scenes[first], found[first], found[label])
         step = compare(scenes[first], found[above], found[label])
-        above = label
         best = times[label]
         rows.append(
             LadderRow(

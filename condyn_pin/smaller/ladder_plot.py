@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from condyn_pin.plot_style import METHODS, OTHER
-from condyn_pin.plots import axes, require_matplotlib
+from condyn_pin.plots import axes, panels
 from condyn_pin.smaller.ladder_table import LadderTable
 
 _FLOOR = 1e-6  # where exact rungs are drawn
@@ -46,11 +46,8 @@ def draw_ladder(table: LadderTable, ax: Any = None) -> Any:
 
 def save_ladders(tables: list[LadderTable], path: str | Path) -> None:
     """Draw ladders side by side into a file; the ending of `path` says which format."""
-    require_matplotlib()
-    from matplotlib.figure import Figure  # a figure of its own leaves the user's backend alone
-
-    figure = Figure(figsize=(4.8 * len(tables), 4.0), layout="constrained")
-    for table, ax in zip(tables, figure.subplots(1, len(tables), squeeze=False)[0], strict=True):
+    figure, places = panels(len(tables), width=4.8, height=4.0, columns=len(tables))
+    for table, ax in zip(tables, places, strict=True):
         draw_ladder(table, ax)
     note = "{processor}, Pinocchio {pinocchio}"
     figure.suptitle(note.format(**tables[0].machine), fontsize=8)

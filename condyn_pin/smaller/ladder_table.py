@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 from collections.abc import Sequence
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from condyn_pin import tolerances
+from condyn_pin.table_text import markdown, nulled, write_csv
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class LadderTable:
 
     def to_csv(self, path: str | Path) -> None:
         """Write the rows, after comment lines with the machine."""
-        write_csv([self], path)
+        write_ladders([self], path)
 
     def to_json(self, path: str | Path) -> None:
         """Write name, machine and rows; what was not measured is null."""
@@ -91,17 +91,12 @@ class LadderTable:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the table as plain values."""
-        rows = [{k: _plain(x) for k, x in asdict(row).items()} for row in self.rows]
+        rows = [nulled(asdict(row)) for row in self.rows]
         return {"ladder": self.name, "states": self.states, "machine": self.machine, "rows": rows}
 
     def to_markdown(self) -> str:
         """Return the table for a README."""
-        lines = [
-            "| " + " | ".join((self.name, *COLUMNS[1:])) + " |",
-            "|" + "---|" * len(COLUMNS),
-            *("| " + " | ".join(cells) + " |" for cells in self.cells()),
-        ]
-        return "\n".join(lines)
+        return markdown((self.name, *COLUMNS[1:]), self.cells())
 
     def cells(self) -> list[tuple[str, ...]]:
         """Return the table as text, the columns being `COLUMNS`."""
@@ -135,20 +130,12 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def write_csv(tables: Sequence[LadderTable], path: str | Path) -> None:
+def write_ladders(tables: Sequence[LadderTable], path: str | Path) -> None:
     """Write the rows of ladders that were measured together, after lines with the machine."""
-    with Path(path).open("w", newline="", encoding="utf-8") as file:
-        for key, value in tables[0].machine.items():
-            file.write(f"# {key}: {value}\n")
-        writer = csv.DictWriter(file, ["ladder", *(f.name for f in fields(LadderRow))])
-        writer.writeheader()
-        for table in tables:
-            writer.writerows({"ladder": table.name} | asdict(row) for row in table.rows)
+    columns = ["ladder", *(field.name for field in fields(LadderRow))]
+    rows = ({"ladder": table.name} | asdict(row) for table in tables for row in table.rows)
+    write_csv(path, tables[0].machine, columns, rows)
 
 
 def _text(error: float) -> str:
     return f"{100 * error:.2g} %" if error >= tolerances.EXACT else "0"
-
-
-def _plain(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value

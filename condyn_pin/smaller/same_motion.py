@@ -17,9 +17,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from condyn_pin import tolerances
+from condyn_pin.algebra.minimum_norm import factorise
 from condyn_pin.arrays import Array
 from condyn_pin.joints import Indices, indices
-from condyn_pin.minimum_norm import factorise
 from condyn_pin.rows.equations import Equations
 from condyn_pin.rows.terms import Terms
 from condyn_pin.scene import Scene
@@ -65,9 +65,10 @@ def same_motion(source: Scene, target: Scene, state: State, joints: Sequence[str
     _, to_v = indices(robot.model, joints)
     wanted[to_v], motors[to_v] = v[from_v], tau[from_v]
     springs = [s for s in robot.springs if s.joint not in source.robot.joints]
-    fixed = [*joints, *(spring.joint for spring in springs)]
+    bent = [spring.joint for spring in springs]
+    fixed = [*joints, *bent]
     equations = Equations(robot.model, target.bounds)
-    _, of_springs = indices(robot.model, [spring.joint for spring in springs])
+    bent_q, of_springs = indices(robot.model, bent)
     known = np.concatenate([to_v, of_springs])
     for _ in range(_ROUNDS):
         q_ = target.assemble(guess, fixed=fixed, within_limits=False).q
@@ -77,7 +78,7 @@ def same_motion(source: Scene, target: Scene, state: State, joints: Sequence[str
             break
         step = _bend(equations, (q_, v_, tau_), springs, of_springs)
         guess = q_
-        guess[indices(robot.model, [spring.joint for spring in springs])[0]] += step
+        guess[bent_q] += step
         if np.abs(step).max() < _SETTLED:
             break
     return q_, v_, tau_

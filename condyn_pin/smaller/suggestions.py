@@ -9,10 +9,10 @@ from functools import partial
 import numpy as np
 
 from condyn_pin import tolerances
+from condyn_pin.algebra.minimum_norm import factorise
 from condyn_pin.arrays import Array
 from condyn_pin.constraints import Loop
 from condyn_pin.joints import indices
-from condyn_pin.minimum_norm import factorise
 from condyn_pin.names import listed
 from condyn_pin.rows.bound import Bound
 from condyn_pin.smaller.linkages import follows

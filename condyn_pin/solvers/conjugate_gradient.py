@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from condyn_pin._pin import pin
+from condyn_pin.algebra.minimum_norm import factorise
 from condyn_pin.arrays import Array
 from condyn_pin.knobs import (
     ACCURACIES,
@@ -19,7 +20,6 @@ from condyn_pin.knobs import (
     check_damping,
     check_iterations,
 )
-from condyn_pin.minimum_norm import factorise
 from condyn_pin.solvers.base import Method, Solver
 from condyn_pin.tolerances import RANK
 

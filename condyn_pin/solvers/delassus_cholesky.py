@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from condyn_pin.algebra.range_space import range_space
 from condyn_pin.arrays import Array
 from condyn_pin.knobs import WEIGHTS, Grid, check_damping
-from condyn_pin.range_space import range_space
 from condyn_pin.solvers.base import Method, Singular, Solver, free_force
 
 if TYPE_CHECKING:

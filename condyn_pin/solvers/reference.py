@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from condyn_pin import tolerances
+from condyn_pin.algebra.extended import add, exact_residual
+from condyn_pin.algebra.minimum_norm import factorise
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidModel
-from condyn_pin.extended import add, exact_residual
 from condyn_pin.knobs import check_count, check_share
-from condyn_pin.minimum_norm import factorise
 from condyn_pin.solvers.base import Method, Singular, Solver
 
 if TYPE_CHECKING:

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from condyn_pin._pin import LOCAL, pin
+from condyn_pin.algebra.range_space import whiten
 from condyn_pin.arrays import Array, finite
 from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.knobs import Grid
-from condyn_pin.range_space import whiten
 from condyn_pin.rows.bound import Coupled
 from condyn_pin.solvers.base import Method, Singular, Solver, free_force
 

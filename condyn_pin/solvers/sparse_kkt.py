@@ -10,9 +10,9 @@ import numpy as np
 
 from condyn_pin import _pin, tolerances
 from condyn_pin._pin import pin
+from condyn_pin.algebra.range_space import whiten
 from condyn_pin.arrays import Array
 from condyn_pin.knobs import WEIGHTS, Grid, check_damping
-from condyn_pin.range_space import whiten
 from condyn_pin.solvers.base import Method, Singular, Solver, free_force
 
 if TYPE_CHECKING:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin import tolerances
+from condyn_pin.algebra.numerical_rank import rank_of
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument, unknown_name
@@ -76,7 +77,7 @@ def assemble_from(
     start: Array,
     moving: NDArray[np.bool_],
     *,
-    within_limits: bool = True,
+    within_limits: bool,
     branch: Mapping[str, int] | None = None,
 ) -> Assembly:
     """Close the loops of a scene with the velocity indices that may move; nothing is raised."""
@@ -95,7 +96,7 @@ def assemble_from(
         q=end.q,
         gap=gaps(scene, equations.violation(end.q)),
         iterations=iterations,
-        rank=int(np.count_nonzero(tolerances.RANK * S.max(initial=0.0) < S)),
+        rank=rank_of(S),
         smallest_singular_value=chains.smallest(J),
         branch=chains.branch(J),
         flipped=flipped,

@@ -25,9 +25,10 @@ import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
+from condyn_pin.algebra.minimum_norm import factorise
+from condyn_pin.algebra.numerical_rank import counted
 from condyn_pin.arrays import Array
 from condyn_pin.joints import Indices, indices
-from condyn_pin.minimum_norm import factorise
 from condyn_pin.rows.equations import Equations
 from condyn_pin.states.closing import Closer
 from condyn_pin.states.clusters import Cluster, clusters, isolated
@@ -90,7 +91,7 @@ class Chains:
         if self.clusters:
             return min(float(c.singular_values(J)[-1]) for c in self.clusters)
         S = np.linalg.svd(J[self.rows], compute_uv=False)
-        kept = S[tolerances.RANK * S.max(initial=0.0) < S]
+        kept = S[counted(S)]
         return float(kept[-1]) if kept.size else 0.0
 
 

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
+from condyn_pin.algebra.numerical_rank import null_space
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.linearised import Linearisation
@@ -103,9 +104,7 @@ def _is_involutive(model: Any, rows: int, linearisation: Linearisation, q: Array
     """Whether the brackets of the allowed velocities are allowed, at one configuration."""
     still, no_force = np.zeros(model.nv), np.zeros(rows)
     A = linearisation.at(q, still, still, no_force).J
-    _, S, Vt = np.linalg.svd(A)
-    rank = int(np.count_nonzero(tolerances.RANK * S.max(initial=0.0) < S))
-    allowed = Vt[rank:]
+    allowed = null_space(A)
     # turned[j] @ x = (dA x) y_j
     turned = [linearisation.at(q, still, y, no_force).s_q for y in allowed]
     size = max((float(np.abs(each).max(initial=0.0)) for each in turned), default=0.0)

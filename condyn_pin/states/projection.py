@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin import tolerances
+from condyn_pin.algebra.minimum_norm import MinimumNorm, factorise
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, check_overflow, finite
 from condyn_pin.errors import InvalidArgument, NotAssembled
-from condyn_pin.minimum_norm import MinimumNorm, factorise
 from condyn_pin.rows.equations import Equations
 from condyn_pin.rows.terms import Terms
 from condyn_pin.states.check import check

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin import tolerances
+from condyn_pin.algebra.minimum_norm import MinimumNorm, factorise
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array
-from condyn_pin.minimum_norm import MinimumNorm, factorise
 from condyn_pin.rows.equations import Equations
 from condyn_pin.states.chains import redundant_rows
 from condyn_pin.states.gaps import Gap, closed, gaps, worst

@@ -60,7 +60,7 @@ class TimingEffort:
 def measure_times(
     rows: Mapping[Candidate, Row],
     effort: TimingEffort,
-    tick: Callable[[], None] = lambda: None,
+    tick: Callable[[], None],
 ) -> dict[Candidate, Row]:
     """Return the rows of some candidates with their times.
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from condyn_pin import table_text
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.trade.row import Row
 
@@ -20,14 +20,13 @@ FORMAT = 1  # of the json file; one more whenever a field changes its meaning
 
 def write_csv(table: Table, path: str | Path) -> None:
     """Write the rows, after comment lines with the machine."""
-    with Path(path).open("w", newline="", encoding="utf-8") as file:
-        for key, value in table.machine.items():
-            file.write(f"# {key}: {value}\n")
-        writer = csv.DictWriter(file, [field.name for field in fields(Row)])
-        writer.writeheader()
-        for row in table.rows:
-            words = {name: words_of(getattr(row, name)) for name in ("knobs", "how")}
-            writer.writerow(asdict(row) | words | {"statuses": status_words(row)})
+
+    def in_words(row: Row) -> dict[str, Any]:
+        words = {name: words_of(getattr(row, name)) for name in ("knobs", "how")}
+        return asdict(row) | words | {"statuses": status_words(row)}
+
+    columns = [field.name for field in fields(Row)]
+    table_text.write_csv(path, table.machine, columns, map(in_words, table.rows))
 
 
 def as_dict(table: Table) -> dict[str, Any]:
@@ -64,9 +63,7 @@ def read_json(path: str | Path) -> tuple[tuple[Row, ...], dict[str, str], dict[s
 
 def markdown(rows: Sequence[Row]) -> str:
     """Return rows as a table in Markdown."""
-    lines = ["| " + " | ".join(COLUMNS) + " |", "|" + "---|" * len(COLUMNS)]
-    lines += ["| " + " | ".join(cells(row)) + " |" for row in rows]
-    return "\n".join(lines)
+    return table_text.markdown(COLUMNS, map(cells, rows))
 
 
 COLUMNS = (

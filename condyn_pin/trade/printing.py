@@ -23,7 +23,7 @@ def print_table(table: Table, console: Console) -> None:
         shown = Grid(title=title, title_justify="left")
         for column in _SHOWN:
             side = "left" if column == "solver" else "right"
-            shown.add_column(column, justify=side, no_wrap=True)  # type: ignore[arg-type]
+            shown.add_column(column, justify=side)  # type: ignore[arg-type]
         for row in best:
             shown.add_row(*(dict(zip(COLUMNS, cells(row), strict=True))[c] for c in _SHOWN))
         print_whole(shown, console)
@@ -43,7 +43,7 @@ def timed(table: Table) -> str:
     """Return how many of the times were taken while this process had a core for itself."""
     rows = [row for row in table.rows if row.median_us is not None]
     alone = sum(row.timed == ALONE for row in rows)
-    return f"{alone} of {len(rows)} times were taken with a core alone."
+    return f"{alone} of {len(rows)} times were taken on a core that nothing else used."
 
 
 def failures(rows: tuple[Row, ...]) -> list[str]:

@@ -22,7 +22,7 @@ class Results:
     Parameters
     ----------
     path : str or Path, optional
-        Only in memory by default. A file that exists is read, and appended to.
+        Only in memory without one. A file that exists is read, and appended to.
 
     Raises
     ------
@@ -30,7 +30,7 @@ class Results:
         If the file cannot be read or written, or a line is not a row of a study.
     """
 
-    def __init__(self, path: str | Path | None = None) -> None:
+    def __init__(self, path: str | Path | None) -> None:
         self._path = None if path is None else Path(path)
         self._rows: dict[tuple[str, Key], Row] = {}
         if self._path is not None:

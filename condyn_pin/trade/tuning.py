@@ -78,9 +78,9 @@ def choose(
     scene: Scene,
     error: float,
     *,
-    measure: str = "acceleration",
-    solvers: Sequence[Solver] | None = None,
-    progress: Progress = silent,
+    measure: str,
+    solvers: Sequence[Solver] | None,
+    progress: Progress,
 ) -> Choice:
     """Return what `tune` chooses, with all that was found of it; nothing is kept."""
     _check(scene, error)

@@ -103,17 +103,19 @@ def _arrows(name: str, is_loop: bool) -> Iterator[_Arrow]:
 
 
 def _drawn(arrow: _Arrow, most: float, on: str, scale: float, size: float) -> Iterator[Part]:
-    def pose(at: Moment) -> Array | None:
+    def ends(at: Moment) -> tuple[Array, Array] | None:
         found = arrow.vector(at)
         if found is None or np.linalg.norm(found[1]) * scale < _LEAST * size:
             return None
-        return span(found[0], found[0] + scale * found[1])
+        return found[0], found[0] + scale * found[1]
+
+    def pose(at: Moment) -> Array | None:
+        drawn = ends(at)
+        return None if drawn is None else span(*drawn)
 
     def tip(at: Moment) -> Array | None:
-        found = arrow.vector(at)
-        if found is None or np.linalg.norm(found[1]) * scale < _LEAST * size:
-            return None
-        return at_point(found[0] + scale * found[1])
+        drawn = ends(at)
+        return None if drawn is None else at_point(drawn[1])
 
     kind = "moments" if arrow.unit == "N m" else "forces"
     path = f"{kind}/{arrow.name}/on {on.replace('/', ' ')}"

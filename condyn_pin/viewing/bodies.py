@@ -36,12 +36,13 @@ def body_parts(robot: Robot, size: float) -> tuple[tuple[Part, ...], tuple[str, 
         of_joint = drawn.setdefault(int(frame.parentJoint), {})
         old = of_joint.get(shape.colour)
         of_joint[shape.colour] = mesh if old is None else old + mesh
-    if not drawn:
-        return tuple(skeleton(robot, size)), missing
-    return tuple(_parts(robot, drawn)), missing
+    return tuple(_parts(robot, drawn, size)), missing
 
 
-def _parts(robot: Robot, drawn: dict[int, dict[Colour, Mesh]]) -> Iterator[Part]:
+def _parts(robot: Robot, drawn: dict[int, dict[Colour, Mesh]], size: float) -> Iterator[Part]:
+    """Yield what is drawn, and a skeleton of the bodies with mass that nobody drew."""
+    heavy = {i for i, inertia in enumerate(robot.model.inertias) if i and inertia.mass > 0.0}
+    yield from skeleton(robot, size, only=heavy - drawn.keys() if drawn else None)
     for i, by_colour in drawn.items():
         meshes = tuple((mesh, colour) for colour, mesh in by_colour.items())
         yield Part(f"robot/{robot.model.names[i]}", joint_pose(i), meshes)

@@ -74,7 +74,7 @@ def _knob(path: str, name: str, size: float) -> Part:
 
 
 def _label(path: str, name: str, gap: Gap, height: float) -> Part:
-    said = str(gap) if gap.size > tolerances.CLOSED else f"{1e3 * gap.length:.0e} mm"
+    said = str(gap) if gap.size > tolerances.CLOSED else f"{1e3 * gap.length:.1g} mm"
     return label(path, f"{name}: {said}", gap_colour(gap.length), middle(name), height)
 
 

@@ -1,4 +1,4 @@
-"""The floor: a grid in the plane z = 0, whose squares give the scale.
+"""The floor: a grid in the plane z = 0, or below what hangs from there; its squares give the scale.
 
 meshcat's own grid is of lines, which software renderers drop where they pass behind the camera.
 """
@@ -26,6 +26,7 @@ def spacing(size: float) -> float:
 
 def floor_part(middle: Array, size: float) -> Part:
     """Return the grid under a scene, its lines on whole multiples of the spacing."""
+    height = 0.0 if middle[2] >= 0.0 else middle[2] - 0.5 * size
     step = spacing(size)
     centre = np.round(middle[:2] / step) * step
     long, thin = 2.0 * _HALF * step, 0.0025 * size
@@ -35,6 +36,6 @@ def floor_part(middle: Array, size: float) -> Part:
     for i in range(-_HALF, _HALF + 1):
         for x, y, at in ((long, thin, (0.0, i * step)), (thin, long, (i * step, 0.0))):
             T = np.diag([x, y, 1.0, 1.0])
-            T[:2, 3] = centre + at
+            T[:3, 3] = *(centre + at), height
             lines = lines + line.moved(T)
     return Part("floor", lambda _: np.eye(4), ((lines, _LINE),))

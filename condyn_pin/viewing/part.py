@@ -17,6 +17,7 @@ from condyn_pin.viewing.palette import Colour
 Pose = Callable[[Moment], Array | None]
 Tint = Callable[[Moment], Colour]
 
+_GHOST = 0.25  # opacity of what was
 _NOWHERE = np.diag([1e-9, 1e-9, 1e-9, 1.0])  # too small to be seen; zero has no rotation
 
 
@@ -67,7 +68,7 @@ class Part:
             yield three.label(f"{self.path}/0", self.picture)
         yield three.transform(self.path, self.place(at))
 
-    def ghost(self, at: Moment, opacity: float = 0.25) -> Part:
+    def ghost(self, at: Moment) -> Part:
         """Return it as it was at a moment, beside what is."""
         T, tint = self.pose(at), self.tint
         colour = None if tint is None else tint(at)
@@ -76,7 +77,7 @@ class Part:
             path=f"before/{self.path}",
             pose=lambda _: T,
             tint=None if colour is None else lambda _: colour,
-            opacity=self.opacity if self.on_top else opacity,
+            opacity=self.opacity if self.on_top else _GHOST,
         )
 
 

@@ -8,7 +8,7 @@ principal moments I_k at its centre of mass, its half axes are
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Any
 
 import numpy as np
@@ -21,10 +21,10 @@ from condyn_pin.viewing.palette import BODY, GHOST, Colour
 from condyn_pin.viewing.part import Part, joint_pose, span
 
 
-def skeleton(robot: Robot, size: float) -> Iterator[Part]:
-    """Return a part for each joint: rods to what it carries, and the ellipsoid of its inertia."""
+def skeleton(robot: Robot, size: float, only: Collection[int] | None = None) -> Iterator[Part]:
+    """Yield a part for each joint, or `only` some: rods to what it carries, and its inertia."""
     model = robot.model
-    for i in range(model.njoints):
+    for i in range(model.njoints) if only is None else sorted(only):
         points = _points(robot, i)
         start = points[0] if i == 0 and points else np.zeros(3)
         rods = [_rod(start, p, 0.006 * size) for p in points if np.linalg.norm(p - start) > 0.0]

@@ -125,7 +125,7 @@ def _drawing(wish: _Wish, subject: Subject) -> Drawing:
     if not isinstance(subject, Subject):
         raise InvalidArgument(
             f"subject = {subject!r}: a Robot, a Scene, a Solution, an InverseDynamics, a "
-            "Trajectory or an Assembly is needed"
+            "Trajectory or an Assembly is needed; of a batch, one: batch[i]"
         )
     if isinstance(subject, Robot):
         subject = Scene(subject, subject.loops)

@@ -115,8 +115,8 @@ class Viewer:
         still = self.drawing.first.html()
         screenshot(still.replace("</style>", ".dg { display: none; }</style>", 1), target)
 
-    def serve(self, port: int = 0) -> None:
-        """Serve the page at a port; at a free one by default."""
+    def serve(self, port: int) -> None:
+        """Serve the page at a port; at a free one if it is 0."""
         if self._server is not None:
             return
         try:

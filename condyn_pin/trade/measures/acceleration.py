@@ -8,16 +8,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from condyn_pin import _pin
-from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.errors import SolveFailed
 from condyn_pin.scene import Scene
-from condyn_pin.solvers.lcaba import LCABA
-from condyn_pin.solvers.proximal import Proximal
 from condyn_pin.solvers.reference import Reference
+from condyn_pin.timed_calls import bare, unthrown
 from condyn_pin.timing import Call, State
-from condyn_pin.trade.measures.base import Answer, Measure, relative, unthrown
+from condyn_pin.trade.measures.base import Answer, Measure, relative
 from condyn_pin.workspace import Workspace
 
 
@@ -49,12 +46,5 @@ class AccelerationMeasure(Measure):
     def calls(self, workspace: Workspace) -> Mapping[str, Call]:
         """Return the hot loop, the solve with its proof, and Pinocchio's own call."""
         calls: dict[str, Call] = {"once": workspace.acceleration, "solve": unthrown(workspace)}
-        if isinstance(workspace.solver, LCABA | Proximal):
-            bare = pin.constraintDynamics
-            if isinstance(workspace.solver, LCABA):
-                bare = _pin.lcaba()
-            model, data = workspace.model, workspace.data
-            models, datas = workspace.constraint_models, workspace.constraint_datas
-            settings = workspace.proximal_settings
-            calls["bare"] = lambda q, v, tau: bare(model, data, q, v, tau, models, datas, settings)
-        return calls
+        pinocchio = bare(workspace)
+        return calls if pinocchio is None else calls | {"bare": pinocchio}

@@ -22,7 +22,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from functools import partial
 from math import inf, isfinite
 from typing import ClassVar
 
@@ -133,11 +132,6 @@ def relative(x: Array, truth: Array, least: float) -> float:
     if not isfinite(worst):
         return inf
     return worst / (max(float(np.abs(truth).max(initial=0.0)), least) or 1.0)
-
-
-def unthrown(workspace: Workspace) -> Call:
-    """Return `Workspace.solve`, which then answers whatever its status."""
-    return partial(workspace.solve, throw=False)
 
 
 def _or_inf(x: float) -> float:

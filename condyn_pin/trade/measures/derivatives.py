@@ -17,8 +17,9 @@ from condyn_pin.knobs import Grid
 from condyn_pin.scene import Scene
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.reference import Reference
+from condyn_pin.timed_calls import unthrown
 from condyn_pin.timing import Call, State
-from condyn_pin.trade.measures.base import Answer, Measure, relative, unthrown
+from condyn_pin.trade.measures.base import Answer, Measure, relative
 from condyn_pin.workspace import Workspace
 
 

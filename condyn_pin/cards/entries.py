@@ -1,4 +1,4 @@
-"""The entries of a robot.toml: which there are, and what each has to be.
+"""Entries of a robot.toml: which there are, and what each has to be.
 
 What is wrong is said in the words of the file: the entry, its value, and what would do.
 """

@@ -1,4 +1,4 @@
-"""From a robot.toml to a robot; `load` opens with the format, `card_check` has its entries."""
+"""From a robot.toml to a robot; `load` opens with the format, `entries` has what it may say."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
-from condyn_pin.card_check import FOR_SDF, check_card, contacts_of, loops_of, said
+from condyn_pin.cards.entries import FOR_SDF, check_card, contacts_of, loops_of, said
+from condyn_pin.cards.folders import description_file
+from condyn_pin.cards.postures import posture, srdf_postures
+from condyn_pin.cards.variants import chosen_card
 from condyn_pin.constraints import Constraint, Coupling, Loop
 from condyn_pin.errors import CondynError, InvalidModel
-from condyn_pin.folders import description_file
 from condyn_pin.io.mjcf import read_mjcf
 from condyn_pin.io.sdf import read_sdf
 from condyn_pin.io.urdf import check_root_joint, read_urdf
-from condyn_pin.postures import posture, srdf_postures
 from condyn_pin.robot import Robot
 from condyn_pin.rows.binding import bind
 from condyn_pin.rows.equations import Equations
 from condyn_pin.smaller.lock import lock_joints
 from condyn_pin.spring import Spring
-from condyn_pin.variants import chosen_card
 
 _UNKNOWN = "unknown"
 

@@ -14,7 +14,7 @@ from condyn_pin.arrays import Array, finite
 from condyn_pin.errors import InvalidModel, UnknownName, unknown_name
 
 
-def posture(model: Any, values: Mapping[str, Any], where: str = "posture") -> Array:
+def posture(model: Any, values: Mapping[str, Any], where: str) -> Array:
     """Return the configuration with these values by joint, and neutral otherwise.
 
     Parameters
@@ -42,7 +42,7 @@ def posture(model: Any, values: Mapping[str, Any], where: str = "posture") -> Ar
 
 
 def srdf_postures(
-    model: Any, srdf: Path, rotors: bool = False, inverted: Sequence[str] = ()
+    model: Any, srdf: Path, rotors: bool, inverted: Sequence[str]
 ) -> dict[str, Array]:
     """Return the postures of an SRDF; joints that the model has not are left out.
 

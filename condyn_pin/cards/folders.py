@@ -1,4 +1,4 @@
-"""Where robots and their descriptions are."""
+"""Folders: where robots and their descriptions are."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from condyn_pin.errors import InvalidModel, MissingExtra
 
 def robots_folder() -> Path:
     """Return the folder of robots: inside the installed package, or beside it in a checkout."""
-    package = Path(__file__).parent
+    package = Path(__file__).parent.parent
     packed = package / "robots"
     return packed if packed.is_dir() else package.parent / "robots"
 
