@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from numbers import Real
 from typing import Any, Literal, get_args
@@ -23,7 +24,7 @@ def floats(argument: str, value: Any, size: int) -> tuple[float, ...]:
     """Return a sequence of numbers as a tuple, or raise InvalidArgument."""
     try:
         array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         array = np.empty(0)
     if array.shape != (size,) or not np.isfinite(array).all():
         raise InvalidArgument(f"{argument} = {value!r}: {size} finite numbers are needed")
@@ -67,7 +68,7 @@ def check_positive(kind: str = "number", /, **values: float) -> None:
     """Refuse values, by name, that are not positive."""
     for name, value in values.items():
         number = isinstance(value, Real) and not isinstance(value, bool)
-        if not (number and math.isfinite(value) and value > 0):
+        if not (number and 0 < value <= sys.float_info.max):
             raise InvalidArgument(f"{name} = {value!r}: a positive {kind} is needed")
         check_size(name, float(value))
 

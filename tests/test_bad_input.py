@@ -192,6 +192,8 @@ CONSTRAINTS: dict[str, Case] = {
         "anchor = 1e.60: no machine",
     ),
     "huge offset": (lambda: cp.Knife("a", offset=(0, 0, -1e155)), "offset = -1e.155: no machine"),
+    "whole offset": (lambda: cp.Knife("a", offset=(0, 0, 10**400)), "offset = .*finite numbers"),
+    "whole length": (lambda: cp.Loop("a", "b", "rod", length=10**400), "length = 10.* a positive"),
     "huge rod": (lambda: cp.Loop("a", "b", "rod", length=1e300), "length = 1e.300: no machine"),
     "huge wheel": (lambda: cp.RollingBall("a", 1e77), "radius = 1e.77: no machine"),
     "huge ratio": (lambda: cp.Coupling("a", "b", 1e77), "ratio = 1e.77: no machine"),
