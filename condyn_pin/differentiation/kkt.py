@@ -169,8 +169,7 @@ def _independent(G: Array, rounding: float) -> Array | None:
 
 def _rounding(M_inv: Array, J: Array) -> float:
     """Return eps |J| |M^-1| |J^T|: rounding of G = J M^-1 J^T; the largest of M^-1 is diagonal."""
-    largest = float(np.abs(J).sum(axis=1).max(initial=0.0))
-    return _EPS * float(M_inv.diagonal().max()) * largest * largest
+    return _EPS * float(M_inv.diagonal().max()) * float(np.vdot(J, J))
 
 
 def _inverse(M_inv: Array, Y: Array, K: Array) -> Array:
