@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Sequence
 from numbers import Real
 from typing import Any, Literal, get_args
@@ -67,10 +66,14 @@ def text(argument: str, value: Any, what: str = "frame") -> str:
 def check_positive(kind: str = "number", /, **values: float) -> None:
     """Refuse values, by name, that are not positive."""
     for name, value in values.items():
-        number = isinstance(value, Real) and not isinstance(value, bool)
-        if not (number and 0 < value <= sys.float_info.max):
+        try:
+            number = isinstance(value, Real) and not isinstance(value, bool)
+            size = float(value) if number else 0.0
+        except OverflowError:  # a whole number beyond a double
+            size = math.inf
+        if not 0.0 < size < math.inf:
             raise InvalidArgument(f"{name} = {value!r}: a positive {kind} is needed")
-        check_size(name, float(value))
+        check_size(name, size)
 
 
 def check_lengths(**lengths: float | None) -> None:

@@ -293,7 +293,7 @@ class Workspace:
 
         `method`, `check` and `accuracy` are those of `condyn_pin.derivatives`.
         """
-        if method not in METHODS:
+        if not isinstance(method, str) or method not in METHODS:
             raise unknown_name("method", str(method), METHODS)
         if not self.solver.exact:
             raise InvalidArgument(

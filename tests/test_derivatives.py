@@ -314,6 +314,8 @@ def test_refuses(what):
     if what == "method":
         with pytest.raises(cp.UnknownName, match="did you mean 'pinocchio'"):
             cp.derivatives(scene, q, v, tau, method="pinochio")
+        with pytest.raises(cp.UnknownName, match="no method named"):
+            cp.derivatives(scene, q, v, tau, method=["kkt"])
     elif what == "solver":
         with pytest.raises(cp.InvalidArgument, match=r"differentiates Proximal\(\)"):
             cp.derivatives(scene, q, v, tau, solver=cp.Reference(), method="pinocchio")

@@ -164,7 +164,7 @@ class Event:
             ) from error
         try:
             value = float(found)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             raise InvalidArgument(
                 f"event {self.name!r}: its condition returns {found!r}: a number is needed"
             ) from error
