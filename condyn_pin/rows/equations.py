@@ -24,6 +24,7 @@ from condyn_pin.rows.cut_joints import CutJoints
 from condyn_pin.rows.ends import Ends
 from condyn_pin.rows.frames import WorldContacts, Wrenches
 from condyn_pin.rows.loops import Balls, Weld
+from condyn_pin.rows.reach import ROUNDED, reach
 from condyn_pin.rows.rods import Rods
 from condyn_pin.rows.rolling import Rolling, touching
 from condyn_pin.rows.sorting import sorted_by_rows
@@ -68,9 +69,7 @@ class Equations:
             for start, size in zip(self._starts, (n, n, *4 * [self.m]), strict=True)
         )
         self._motion = self._all[2 * n + width : 2 * n + 3 * width].reshape(2, width)
-        from condyn_pin.rows.reach import ROUNDED, reach  # which reads equations
-
-        reached = reach(self, pin.neutral(model))
+        reached = reach(self, pin.neutral(model))  # here, where data holds no state of anybody's
         self._least = ROUNDED**2 * float(np.vdot(reached, reached))
 
     def _sort(self) -> None:

@@ -5,14 +5,16 @@ J = J1 - X J2 is rounded to eps (|J1| + |X J2|), however small it is itself.
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from condyn_pin._pin import LOCAL, pin
 from condyn_pin.arrays import Array
 from condyn_pin.rows.bound import Coupled, Rolled
-from condyn_pin.rows.equations import Equations
+
+if TYPE_CHECKING:
+    from condyn_pin.rows.equations import Equations
 
 # What is rounding of a row, as a share of what its two bodies bring to it.
 ROUNDED: Final = 1e-13
