@@ -7,8 +7,9 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: answers to the bi
 import pytest
 from hypothesis import HealthCheck, settings
 
-# Pages are as wide as they are without a terminal, and no window opens.
-for _name in ("COLUMNS", "TERMINAL_WIDTH", "DISPLAY", "WAYLAND_DISPLAY"):
+# Pages are as wide and as plain as they are without a terminal, and no window opens.
+_COLOURS = ("FORCE_COLOR", "CLICOLOR_FORCE", "TTY_COMPATIBLE", "TTY_INTERACTIVE")
+for _name in ("COLUMNS", "TERMINAL_WIDTH", "DISPLAY", "WAYLAND_DISPLAY", *_COLOURS):
     os.environ.pop(_name, None)
 os.environ |= {"MPLBACKEND": "agg", "no_proxy": "127.0.0.1"}
 
