@@ -146,9 +146,9 @@ class WorkersLost(CondynError, RuntimeError):
 
     Attributes
     ----------
-    done : BatchSolution or BatchDerivatives or BatchTrajectory or Table or None
-        What was computed, of a batch or of a study; the `missing` of a batch says which rows were
-        not.
+    done : BatchSolution, BatchDerivatives, BatchTrajectory, Table, list of Outcome, or None
+        What was computed, of a batch, a study or a stress test; the `missing` of a batch says which
+        rows were not.
     """
 
     def __init__(self, message: str, done: Any = None) -> None:

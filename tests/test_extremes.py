@@ -5,6 +5,8 @@ from __future__ import annotations
 import functools
 import math
 import re
+import subprocess
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -389,6 +391,25 @@ def test_broken_solvers_are_found_and_do_not_stop_the_run():
     assert [(outcome.task, outcome.verdict) for outcome in found] == [
         (task, Verdict.HUNG) for task in todo
     ]
+
+
+def test_a_script_without_a_guard_is_told_so(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from condyn_pin.extremes.stress import stress, tasks\nstress(tasks(['strong'])[:1])\n"
+    )
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True)
+    assert done.returncode == 1
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith("condyn_pin.errors.WorkersLost")
+    assert 'if __name__ == "__main__":' in last
+
+
+def test_a_module_that_cannot_be_imported_is_no_fault_of_a_method():
+    todo = [Task("strong", 1.0, 0, "four_bar")]
+    with pytest.raises(cp.WorkersLost, match="exit code 1 before its first one") as caught:
+        stress(todo, ["reference"], imports=["nowhere_to_be_found"])
+    assert caught.value.done == []
 
 
 def test_time_is_kept_and_every_family_comes_early():

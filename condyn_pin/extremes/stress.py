@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._pin import HAS_LCABA
-from condyn_pin.errors import Interrupted, unknown_name
+from condyn_pin.errors import Interrupted, WorkersLost, unknown_name
 from condyn_pin.extremes.base import EXTREMES
 from condyn_pin.extremes.verdict import Outcome, Task, Verdict
 from condyn_pin.load import load_robot
@@ -25,6 +25,11 @@ PATIENCE = 60.0
 
 # How often a process may be killed from outside before its method is blamed.
 _KILLS = 3
+
+_NOT_BEGUN = (
+    "the process that runs the cases ended with exit code {} before its first one; it printed why. "
+    'It imports the main script: a script that calls stress needs `if __name__ == "__main__":`'
+)
 
 Progress = Callable[[int, int], None]
 
@@ -113,6 +118,9 @@ def stress(
         If there is no such solver or robot.
     Interrupted
         With the outcomes before Ctrl-C.
+    WorkersLost
+        If the process that runs the cases cannot import the main script or `imports`; its ``done``
+        has the outcomes before.
 
     Notes
     -----
@@ -135,6 +143,9 @@ def stress(
                     progress(k + 1, len(todo))
     except KeyboardInterrupt as stop:
         raise Interrupted(found) from stop
+    except WorkersLost as lost:
+        lost.done = found
+        raise
     return found
 
 
@@ -200,12 +211,15 @@ class _Process:
         from condyn_pin.extremes.worker import work
 
         self._pipe, other = self._context.Pipe()
-        self._worker = self._context.Process(
+        worker = self._context.Process(
             target=work, args=(other, self._scenes, self._imports), daemon=True
         )
-        self._worker.start()
+        worker.start()
+        self._worker = worker
         other.close()
-        self._receive(PATIENCE)  # until it has imported everything, which no method is blamed for
+        # until it has imported everything, which no method is blamed for
+        if self._receive(PATIENCE) is Verdict.CRASHED:
+            raise WorkersLost(_NOT_BEGUN.format(self._stop()))
 
     def _stop(self) -> int:
         """End the process, if there is one; return its exit code, negative for a signal."""
