@@ -79,8 +79,8 @@ def save_maps(found: Sequence[Map], path: str | Path, note: str) -> None:
         severity_map(each, ax)
     for ax in places.flat[len(found) :]:
         ax.set_axis_off()
-    bar = {"shrink": min(1.0, 2 / columns), "aspect": 40, "pad": 0.05 / lines}
-    colours = figure.colorbar(places.flat[0].images[0], ax=places, location="top", **bar)
+    drawn, shrink, pad = places.flat[0].images[0], min(1.0, 2 / columns), 0.05 / lines
+    colours = figure.colorbar(drawn, ax=places, location="top", shrink=shrink, aspect=40, pad=pad)
     digits = range(int(_BEST), int(_WORST) + 1, 4)
     colours.set_ticks(list(digits), labels=[f"1e{k}" if k else "1" for k in digits])
     colours.set_label("error of a, relative; ok promises 1e-8")
