@@ -28,6 +28,7 @@ from condyn_pin.drift import DRIFTS, Baumgarte, Drift
 from condyn_pin.drift.no_drift import NoDrift
 from condyn_pin.drift.post_stabilization import PostStabilization
 from condyn_pin.machine import machine
+from condyn_pin.plots import panels
 from condyn_pin.problems.base import Problem, Setting
 from condyn_pin.simulation.defaults import default_integrator
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
@@ -106,13 +107,10 @@ def run(problem: Problem, setting: Setting) -> dict[str, Any] | None:
 
 def plot(rows: list[dict[str, Any]], path: Path) -> None:
     """Draw error against CPU seconds, one panel a problem, one line a method."""
-    from matplotlib.figure import Figure
-
     names = list(dict.fromkeys(row["problem"] for row in rows))
     lines = Lines(dict.fromkeys(_method(row) for row in rows))
-    figure = Figure(figsize=(14, 9), layout="constrained")
-    panels = figure.subplots(2, 3, squeeze=False)
-    for ax, name in zip(panels.flat, names, strict=False):
+    figure, places = panels(len(names), width=14 / 3, height=4.5, columns=3)
+    for ax, name in zip(places, names, strict=False):
         curves: dict[str, list[dict[str, Any]]] = {}
         for row in rows:
             if row["problem"] == name and row["error"]:

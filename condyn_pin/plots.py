@@ -21,7 +21,9 @@ def axes(ax: Any) -> Any:
     return pyplot.subplots()[1]
 
 
-def panels(count: int, *, width: float, height: float, columns: int) -> tuple[Any, list[Any]]:
+def panels(
+    count: int, *, width: float, height: float, columns: int, above: float = 0.0
+) -> tuple[Any, list[Any]]:
     """Return a figure for a file, and the axes of its panels, those that are left over blank.
 
     Parameters
@@ -32,13 +34,15 @@ def panels(count: int, *, width: float, height: float, columns: int) -> tuple[An
         Of one panel [inch].
     columns : int
         Panels side by side, at most.
+    above : float, optional
+        Room for a legend above them all [inch].
     """
     require_matplotlib()
     from matplotlib.figure import Figure  # a figure of its own leaves the user's backend alone
 
     columns = min(columns, count)
     lines = math.ceil(count / columns)
-    figure = Figure(figsize=(width * columns, height * lines), layout="constrained")
+    figure = Figure(figsize=(width * columns, above + height * lines), layout="constrained")
     places = list(figure.subplots(lines, columns, squeeze=False).flat)
     for ax in places[count:]:
         ax.set_axis_off()

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin.arguments import HIGH, LOW, Arguments
-from condyn_pin.arrays import finite, read_only
+from condyn_pin.arrays import Array, finite, read_only
 from condyn_pin.batch.motions import of_ends, of_samples, samples_of
 from condyn_pin.batch.rows import MISSING
+from condyn_pin.batch.states import loose
 from condyn_pin.batch.trajectory import RUN_STATUSES, BatchTrajectory, Samples
 from condyn_pin.drift import Drift
 from condyn_pin.knobs import check_count
@@ -122,9 +122,7 @@ def _check_samples(batch: BatchTrajectory, samples: Samples) -> None:
     _check_units("samples_q", batch, samples.q[kept])
 
 
-def _check_units(name: str, batch: BatchTrajectory, q: NDArray[np.float64]) -> None:
+def _check_units(name: str, batch: BatchTrajectory, q: Array) -> None:
     """Refuse quaternions that are not normalised, of configurations (k, nq)."""
-    for part in Arguments(batch.scene.robot.model).units:
-        norms = np.einsum("ij,ij->i", q[:, part], q[:, part])
-        if not ((norms > LOW) & (norms < HIGH)).all():
-            raise ValueError(f"{name} has a quaternion that is not normalised")
+    if any(loose(batch.scene.robot.model, q)):
+        raise ValueError(f"{name} has a quaternion that is not normalised")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -38,17 +39,21 @@ def check_states(
         TAU = np.zeros(model.nv)
     for_all = np.ndim(TAU) == 1
     tau = finite("TAU", TAU, (model.nv,) if for_all else (count, model.nv))
+    for i, part, norm in loose(model, q):
+        raise InvalidArgument(
+            f"{name}[{i}, {part.start}:{part.stop}] = {q[i, part]} has norm {norm:.9g}: a unit "
+            "quaternion (x y z w) or (cos, sin) is needed; "
+            f"pin.normalize(robot.model, {name}[{i}]) makes one"
+        )
+    return np.ascontiguousarray(q), np.ascontiguousarray(v), np.ascontiguousarray(tau)
+
+
+def loose(model: Any, q: Array) -> Iterator[tuple[int, slice, float]]:
+    """Yield row, place and norm of the parts of q (N, nq) that should have norm 1 and have not."""
     for part in Arguments(model).units:
         norms = np.einsum("ij,ij->i", q[:, part], q[:, part])
-        bad = np.flatnonzero(~((norms > LOW) & (norms < HIGH)))
-        if bad.size:
-            i, norm = int(bad[0]), norms[bad[0]] ** 0.5
-            raise InvalidArgument(
-                f"{name}[{i}, {part.start}:{part.stop}] = {q[i, part]} has norm {norm:.9g}: a unit "
-                "quaternion (x y z w) or (cos, sin) is needed; "
-                f"pin.normalize(robot.model, {name}[{i}]) makes one"
-            )
-    return np.ascontiguousarray(q), np.ascontiguousarray(v), np.ascontiguousarray(tau)
+        for i in np.flatnonzero(~((norms > LOW) & (norms < HIGH))):
+            yield int(i), part, float(norms[i] ** 0.5)
 
 
 def _rows(name: str, value: ArrayLike, width: int) -> int:

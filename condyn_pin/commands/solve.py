@@ -61,11 +61,12 @@ def solve(
 
 
 def _say_accelerations(solution: Solution) -> None:
+    from condyn_pin.joints import indices
+
     robot = solution.scene.robot
     say("accelerations of the joints, free-flyers linear first [rad/s^2, m/s^2]:")
     for name in robot.joints:
-        joint = robot.model.joints[robot.model.getJointId(name)]
-        values = solution.a[joint.idx_v : joint.idx_v + joint.nv]
+        values = solution.a[indices(robot.model, [name])[1]]
         say(f"{name:<28} {' '.join(f'{value:.6g}' for value in values)}")
 
 

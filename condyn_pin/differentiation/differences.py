@@ -60,8 +60,9 @@ class DifferenceDerivatives(Derivatives):
         self._v, self._tau = v, tau
         self._model, self._equations = workspace.model, workspace.equations
         scene = solution.scene
-        self.along = directions(self._equations.jacobian(solution.q), bool(scene.audit.redundant))
-        self._heaviest = float(np.diag(self._equations.terms(solution.q, v).M).max(initial=0.0))
+        terms = self._equations.terms(solution.q, v)
+        self.along = directions(terms.J, bool(scene.audit.redundant))
+        self._heaviest = float(np.diag(terms.M).max(initial=0.0))
         self.step = 0.0
 
     def _form(self) -> tuple[Array, Array, Array]:

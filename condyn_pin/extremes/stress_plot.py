@@ -13,7 +13,7 @@ import numpy as np
 from condyn_pin.extremes.base import EXTREMES
 from condyn_pin.extremes.stress_table import Map, short
 from condyn_pin.extremes.verdict import Verdict
-from condyn_pin.plots import axes, require_matplotlib
+from condyn_pin.plots import axes, panels
 from condyn_pin.tolerances import SOLVED
 
 _MARKS = {Verdict.OK: "", Verdict.SAID_SO: "s", Verdict.REFUSED: "r"}
@@ -67,23 +67,15 @@ def severity_map(found: Map, ax: Any = None) -> Any:
 
 def save_maps(found: Sequence[Map], path: str | Path, note: str) -> None:
     """Draw every map into one picture; the ending of `path` says which format."""
-    require_matplotlib()
-    from matplotlib.figure import Figure
-
     columns = min(4, len(found))
-    lines = math.ceil(len(found) / columns)
-    width = 4.6 * columns
-    figure = Figure(figsize=(width, 0.8 + 3.1 * lines), layout="constrained")
-    places = figure.subplots(lines, columns, squeeze=False)
-    for ax, each in zip(places.flat, found, strict=False):
+    figure, places = panels(len(found), width=4.6, height=3.1, columns=columns, above=0.8)
+    for ax, each in zip(places, found, strict=False):
         severity_map(each, ax)
-    for ax in places.flat[len(found) :]:
-        ax.set_axis_off()
-    drawn, shrink, pad = places.flat[0].images[0], min(1.0, 2 / columns), 0.05 / lines
+    drawn, shrink, pad = places[0].images[0], min(1.0, 2 / columns), 0.05 * columns / len(places)
     colours = figure.colorbar(drawn, ax=places, location="top", shrink=shrink, aspect=40, pad=pad)
     digits = range(int(_BEST), int(_WORST) + 1, 4)
     colours.set_ticks(list(digits), labels=[f"1e{k}" if k else "1" for k in digits])
     colours.set_label("error of a, relative; ok promises 1e-8")
     colours.ax.axvline(math.log10(SOLVED), color="w")
-    figure.suptitle(fill(f"{note}{_LEGEND}", int(13 * width)), fontsize=10)
+    figure.suptitle(fill(f"{note}{_LEGEND}", int(13 * 4.6 * columns)), fontsize=10)
     figure.savefig(path, dpi=120)
