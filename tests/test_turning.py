@@ -154,3 +154,59 @@ def test_pinocchios_own_derivatives_are_refused_where_axes_turn(name):
     scene = cp.Scene(floating(name))
     with pytest.raises(cp.UnsupportedConstraint, match="'odd'.*axes turn"):
         cp.derivatives(scene, *state(scene.robot.model), method="pinocchio")
+
+
+def held(name: str):
+    """The same tree with one hand on the ground, and a state that keeps it there."""
+    scene = cp.Scene(floating(name), [cp.PointContact("hand")])
+    q, v, _ = state(scene.robot.model, seed=3)
+    return scene, q, scene.project_velocity(q, 0.3 * v)
+
+
+@pytest.mark.parametrize("integrator", [cp.Rattle(), cp.Shake()], ids=lambda each: each.title)
+@pytest.mark.parametrize("name", KINDS)
+def test_momentum_is_that_of_every_kind_of_joint(name, integrator):
+    """Half the step, a quarter of the error, against Dormand and Prince's method."""
+    scene, q, v = held(name)
+    wanted = cp.simulate(scene, q, v, duration=0.02, dt=0.02, integrator=cp.DormandPrince())
+    errors = []
+    for dt in (0.002, 0.001):
+        found = cp.simulate(scene, q, v, duration=0.02, dt=dt, integrator=integrator)
+        assert found.status.ok
+        assert found.violation.max() < 1e-11
+        gap = pin.difference(scene.robot.model, wanted.q[-1], found.q[-1])
+        errors.append([np.linalg.norm(gap), np.linalg.norm(found.v[-1] - wanted.v[-1])])
+    (q_error, v_error), (q_half, v_half) = errors
+    assert 3.5 < q_error / q_half < 4.5
+    assert v_half < (1 if integrator == cp.Shake() else 0.3) * v_error  # one has no projection
+    assert q_half < 2e-3
+
+
+@pytest.mark.parametrize("name", ["Universal", "SphericalZYX", "Ellipsoid", "Composite"])
+def test_energy_of_turning_axes_is_kept_to_the_order_of_the_method(name):
+    """Where nothing but one such joint moves, without weight."""
+    model = pin.Model()
+    joint = model.addJoint(0, made(name), PLACE, "joint")
+    model.appendBodyToJoint(joint, pin.Inertia.FromBox(1.0, 0.2, 0.3, 0.5), PLACE)
+    scene = cp.Scene(cp.Robot("one", model))
+    q, v = np.full(model.nq, 0.3), np.full(model.nv, 0.5)
+    errors = []
+    for dt in (4e-3, 2e-3):
+        found = cp.simulate(
+            scene, q, v, duration=1.0, dt=dt, integrator=cp.Rattle(), gravity=False
+        )
+        errors.append(np.abs(found.energy.error).max() / found.energy.kinetic[0])
+    assert errors[0] < 1e-4
+    assert 3.5 < errors[0] / errors[1] < 4.5
+
+
+@pytest.mark.parametrize("integrator", sorted(cp.INTEGRATORS))
+@pytest.mark.parametrize("name", sorted(TURNING))
+def test_every_integrator_goes_where_the_others_go(name, integrator):
+    scene, q, v = held(name)
+    wanted = cp.simulate(scene, q, v, duration=0.02, dt=0.02, integrator=cp.DormandPrince())
+    found = cp.simulate(scene, q, v, duration=0.02, integrator=cp.INTEGRATORS[integrator]())
+    assert found.status.ok
+    gap = pin.difference(scene.robot.model, wanted.q[-1], found.q[-1])
+    assert np.abs(gap).max() < 1e-3
+    assert np.abs(found.v[-1] - wanted.v[-1]).max() < 2e-2

@@ -73,7 +73,8 @@ class Carried:
         chosen, free = turning(model), pin.Model()
         self._n = model.nv
         self._joints: list[_Joint] = []
-        stay: list[_Places] = []
+        nothing = np.zeros(0, dtype=int)
+        stay = [_Places(nothing, nothing, nothing, nothing)]
         for i in range(1, model.njoints):
             joint = model.joints[i]
             kind = pin.JointModelFreeFlyer() if i in chosen else joint
@@ -84,7 +85,7 @@ class Carried:
                 self._joints.append(_alone(joint, places))
             else:
                 stay.append(places)
-        self._stay = _Places(*(np.concatenate([each[k] for each in stay]) for k in range(4)))
+        self._stay = _Places(*map(np.concatenate, zip(*stay, strict=True)))
         free.armature[self._stay.v_free] = model.armature[self._stay.v]
         free.gravity = model.gravity
         self.model = free

@@ -67,12 +67,13 @@ class Linearisation:
     def __init__(
         self, model: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None = None
     ) -> None:
+        given = model
         model, bounds = in_series(model, bounds)
         # the model whose q, v and a are asked for, and that in which no axes turn: most often one
         self._whole, self._whole_data = model, model.createData()
         self._model, self._data = model, self._whole_data
         self._carried: Carried | None = None
-        if turning(model):
+        if model is not given and turning(model):
             self._carried = Carried(model)
             self._model = model = self._carried.model
             self._data = model.createData()
