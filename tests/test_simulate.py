@@ -1358,3 +1358,75 @@ def test_events_that_do_not_happen_are_told(tmp_path):
     assert all(text in str(found) for text in found.run.missed)
     found.save(tmp_path / "run.npz")
     assert cp.Trajectory.load(tmp_path / "run.npz").run.missed == found.run.missed
+
+
+def test_a_rebound_off_the_scene_that_goes_on_is_one():
+    """A ball that falls through no floor: its scene is the one that runs, written out."""
+    air, floor = falling()
+    told = {"when": lambda m: m.position("origin")[2], "met": floor, "restitution": 0.5}
+    again = cp.Scene(air.robot, air.constraints)
+    runs = [
+        cp.simulate(
+            air, [1.0], [0.0], duration=0.7, dt=1e-2,
+            events=[cp.Event(name="bounce", scene=scene, **told)],
+        )
+        for scene in (None, air, again)
+    ]  # fmt: skip
+    wanted, *found = runs
+    assert len(wanted.run.happened) == 1
+    for each in found:
+        assert [e.t for e in each.run.happened] == [e.t for e in wanted.run.happened]
+        assert np.array_equal(each.q, wanted.q)
+        assert each.status is cp.RunStatus.FINISHED
+    long = cp.simulate(
+        air, [1.0], [0.0], duration=5.0, dt=1e-2,
+        events=[cp.Event(name="bounce", scene=again, **told)],
+    )  # fmt: skip
+    assert long.status is cp.RunStatus.PILED_UP
+    assert "shorter than a step" in long.reason
+    assert long.q.min() > -1e-9
+
+
+def test_a_blow_at_a_time_into_the_scene_that_goes_on():
+    air, floor = falling()
+    blow = cp.Event(name="blow", at=0.05, met=cp.Scene(air.robot, floor.constraints), scene=air)
+    found = cp.simulate(air, [0.5 * G * 0.05**2], [0.0], duration=0.1, dt=1e-2, events=[blow])
+    (event,) = found.run.happened
+    assert event.t == 0.05
+    assert event.energy_lost == pytest.approx(0.5 * (G * 0.05) ** 2)
+
+
+def test_what_an_event_with_the_scene_of_another_does():
+    """Nothing while its scene goes on, which is told, and its part once it does not."""
+    air, floor = falling()
+    again = cp.Scene(air.robot, floor.constraints)
+    events = [
+        cp.Event(name="land", when=lambda m: m.position("origin")[2], scene=floor),
+        cp.Event(name="late", at=0.6, scene=again),
+        cp.Event(name="up", at=0.7, scene=air),
+        cp.Event(name="down", at=0.75, scene=cp.Scene(air.robot, [cp.PlanarContact("origin")])),
+    ]
+    found = cp.simulate(
+        air, [1.0], [0.0], lambda t, q, v: np.array([2 * G * (t > 0.65)]), duration=0.8, dt=1e-2,
+        events=events,
+    )  # fmt: skip
+    assert [event.name for event in found.run.happened] == ["land", "up", "down"]
+    (said,) = found.run.missed
+    assert said.startswith("late did not happen: its scene went on at t = 0.6 s")
+    short = cp.simulate(air, [1.0], [0.0], duration=0.65, dt=1e-2, events=events[:2])
+    assert short.run.missed == (
+        "late did not happen: its scene is on already, and it brings no impact",
+    )
+
+
+def test_an_impact_that_tears_apart_what_goes_on_is_refused():
+    """A bob on a hinge, struck by a floor that does not know of its loop."""
+    scene, q, v = bar()
+    floor = cp.Scene(scene.robot, [cp.PointContact("crank_tip")])
+    event = cp.Event(name="struck", at=0.05, met=floor)
+    found = cp.simulate(scene, q, v, duration=0.1, events=[event])
+    assert found.status is cp.RunStatus.FAILED
+    assert "'struck': its impact tears apart" in found.reason
+    whole = cp.Scene(scene.robot, (*scene.constraints, cp.PointContact("crank_tip")))
+    found = cp.simulate(scene, q, v, duration=0.1, events=[replace(event, met=whole)])
+    assert found.status is cp.RunStatus.FINISHED
