@@ -20,7 +20,7 @@ from condyn_pin.simulation.coding import KINDS
 from condyn_pin.simulation.integrators import INTEGRATORS, dormand_prince
 from condyn_pin.simulation.integrators.generalised_alpha import GeneralisedAlpha
 from condyn_pin.simulation.measures import work
-from condyn_pin.simulation.walls import growth, wall
+from condyn_pin.simulation.walls import growth, is_beyond, wall
 
 G = 9.81
 
@@ -444,6 +444,54 @@ def test_gains_beyond_the_wall_are_refused():
             drift=popular,
         )  # fmt: skip
     assert cp.simulate(scene, q, v, duration=0.01, drift=popular).status.ok
+
+
+@pytest.mark.parametrize(
+    ("integrator", "alpha", "beta"),
+    [
+        (cp.ExplicitEuler(), 2.0, 2.0),
+        (cp.ExplicitEuler(), 1.0, 0.0),
+        (cp.ExplicitEuler(), 0.5, 1.0),  # two conjugate eigenvalues on the circle
+        (cp.ExplicitEuler(), 1.0, np.sqrt(2)),
+        (cp.SemiImplicitEuler(), 1.0, 0.0),
+        (cp.SemiImplicitEuler(), 0.0, 2.0),
+        (cp.SemiImplicitEuler(), 2 * np.sqrt(2) - 2, 2 * np.sqrt(2) - 2),
+        (cp.StormerVerlet(), 1.0, 1.0),
+        (cp.StormerVerlet(), 0.0, 2.0),
+        (cp.Leapfrog(), 0.0, 2.0),
+        (cp.RungeKutta4(), 2.785293563405282 / 2, 0.0),
+        (cp.LinearlyImplicitMidpoint(), 0.5, 0.0),
+    ],
+    ids=lambda each: f"{each:.3g}" if isinstance(each, float) else each.title,
+)  # fmt: skip
+def test_gains_at_the_wall_are_refused(integrator, alpha, beta):
+    """There no gap shrinks, and a hundredth below it each does."""
+    scene, q, v = rod_pendulum()
+    dt = 1e-3
+    options = {"duration": 0.01, "dt": dt, "integrator": integrator}
+    with pytest.raises(cp.InvalidArgument, match="no gap shrinks; .* is stable below"):
+        cp.simulate(scene, q, v, drift=cp.Baumgarte(alpha / dt, beta / dt), **options)
+    below = cp.Baumgarte(0.99 * alpha / dt, 0.99 * beta / dt)
+    assert cp.simulate(scene, q, v, drift=below, **options).status.ok
+
+
+@pytest.mark.parametrize(
+    "name",
+    sorted(
+        name
+        for name, kind in cp.INTEGRATORS.items()
+        if not (kind.keeps_constraints or kind.is_adaptive)
+    ),
+)
+def test_the_walls_of_all_integrators_are_open(name):
+    """What is refused begins at the wall that is told, whatever it is."""
+    integrator = cp.INTEGRATORS[name]()
+    limit = wall(integrator)
+    assert is_beyond(integrator, cp.Baumgarte.critical(limit + 2e-4), 1.0)
+    assert not is_beyond(integrator, cp.Baumgarte.critical(limit - 2e-4), 1.0)
+    for slow in (1e-9, 1e-6, 1e-3):  # gains that hardly do anything are no walls
+        for alpha, beta in ((slow, slow), (slow, 0.0), (0.0, 0.0)):
+            assert not is_beyond(integrator, cp.Baumgarte(alpha, beta), 1.0)
 
 
 def test_gains_by_other_names():
