@@ -22,6 +22,7 @@ from condyn_pin.scene import Scene
 from condyn_pin.simulation.defaults import default_solver
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.plan import Plan, plan
+from condyn_pin.simulation.slopes import TorqueJacobian
 from condyn_pin.simulation.torques import Torque
 from condyn_pin.solvers.base import Solver
 
@@ -40,6 +41,7 @@ def simulate_batch(
     V0: ArrayLike,
     TAU: float | ArrayLike | Torque = 0.0,
     *,
+    jacobian: TorqueJacobian | None = None,
     duration: float,
     dt: float = 1e-3,
     integrator: Integrator | None = None,
@@ -64,7 +66,7 @@ def simulate_batch(
     TAU : 0, (nv,) or (N, nv) array_like, or callable, optional
         The torques applied [N, N m]: the same for all, constant for each, or tau(t, q, v), a
         function of a module, or an object of its class, if there are processes.
-    duration, dt, integrator, drift, solver
+    jacobian, duration, dt, integrator, drift, solver
         As in `simulate`.
     record : int, optional
         Every which sample is kept, in 8 (1 + nq + 3 nv + m) bytes each: 1.2 kB of Cassie on its
@@ -100,6 +102,7 @@ def simulate_batch(
     planned = plan(
         scene, 0.0 if function is None else function, duration=duration, dt=dt,
         integrator=integrator, drift=drift, solver=solver, record=every,
+        jacobian=jacobian,
     )  # fmt: skip
     every = max(planned.steps // _LOOKS, _APART) if record is None else record
     nv = scene.robot.nv
@@ -107,7 +110,7 @@ def simulate_batch(
     given: ArrayLike = np.zeros(nv) if zero else TAU  # type: ignore[assignment]
     q, v, tau = check_states(scene.robot.model, Q0, V0, given, suffix="0")
     method = planned.method
-    kernel = Motions(function, duration, dt, method.integrator, method.drift, solver, every)
+    kernel = Motions(function, jacobian, duration, dt, method.integrator, method.drift, solver, every)
     most = max(1, int(_SOLVES / planned.steps / max(method.integrator.solves_per_step, 1)))
     rows = Rows(kernel, scene, solver, None, executor, check_chunk(chunk), most, progress)
     kept = len(range(0, planned.steps, every)) + 1 if record is not None else 0

@@ -25,7 +25,7 @@ def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
     if not trajectory.status.ok:
         said.append(f"{trajectory.status}; {trajectory.reason}")
     said += _open_constraints(trajectory)
-    said += _coarse_turns(trajectory)
+    said += _coarse_turns(trajectory) + _differenced(trajectory)
     said += solver_notices(trajectory) + pull_notices(trajectory)
     energy = trajectory.energy
     error, scale = float(np.abs(energy.error).max()), energy.scale
@@ -70,6 +70,17 @@ def _coarse_turns(trajectory: Trajectory) -> list[str]:
         f"joint {joint!r} turns by {turns[joint] * run.dt:.3g} rad in a step of {run.dt:.3g} s, "
         "and what its angle does to other joints is not seen: take dt below "
         f"{pi / turns[joint]:.2g} s"
+    ]
+
+
+def _differenced(trajectory: Trajectory) -> list[str]:
+    """Return a sentence on torques that were stiff, and what their differences cost."""
+    calls, nv = trajectory.run.differenced, trajectory.scene.robot.nv
+    if not calls:
+        return []
+    return [
+        f"tau(t, q, v) is stiff, and was called {calls} times for its differences, {2 * nv + 1} "
+        "times a step: jacobian=... saves them"
     ]
 
 

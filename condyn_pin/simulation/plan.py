@@ -16,8 +16,9 @@ from condyn_pin.scene import Scene, check_scene
 from condyn_pin.simulation.defaults import default_drift, default_integrator
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Event
-from condyn_pin.simulation.integrators import Integrator
+from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
 from condyn_pin.simulation.leg import Method
+from condyn_pin.simulation.slopes import TorqueJacobian
 from condyn_pin.simulation.torques import Applied, Torque
 from condyn_pin.simulation.walls import check_wall
 from condyn_pin.solvers.base import Solver
@@ -54,6 +55,7 @@ def plan(
     scene: Scene, tau: float | ArrayLike | Torque, *, duration: float, dt: float,
     integrator: Integrator | None, drift: Drift | None, solver: Solver | None, record: int,
     effects: Effects | None = None, events: Sequence[Event] = (),
+    jacobian: TorqueJacobian | None = None,
 ) -> Plan:  # fmt: skip
     """Return the plan of a run; arguments and errors are those of `simulate`."""
     check_scene(scene)
@@ -69,7 +71,8 @@ def plan(
         raise InvalidArgument(f"drift = {drift!r}: a drift scheme is needed, such as Baumgarte")
     _check_drift(integrator, drift, dt)
     check_count("record", record)
-    method = Method(Applied(scene.robot.nv, tau), dt, integrator, drift, solver, effects)
+    _check_jacobian(tau, jacobian, integrator)
+    method = Method(Applied(scene.robot.nv, tau, jacobian), dt, integrator, drift, solver, effects)
     return Plan(scene, method, duration, steps, record)
 
 
@@ -93,6 +96,22 @@ def _steps(duration: float, dt: float) -> tuple[int, float]:
             f"{_LONGEST:g} s is needed"
         )
     return steps, dt
+
+
+def _check_jacobian(tau: object, jacobian: object, integrator: Integrator) -> None:
+    """Refuse derivatives of torques that nothing would use."""
+    if jacobian is None:
+        return
+    if not callable(jacobian):
+        raise InvalidArgument(
+            f"jacobian = {jacobian!r}: a function of (t, q, v) is needed, that returns tau by q and "
+            "tau by v"
+        )
+    if not callable(tau):
+        raise InvalidArgument("jacobian: tau is no function, and its derivatives are zero")
+    if not integrator.takes_jacobian:
+        can = ", ".join(sorted(k.__name__ for k in INTEGRATORS.values() if k().takes_jacobian))
+        raise InvalidArgument(f"jacobian: {integrator.title} does not use it; {can} do")
 
 
 def _check_drift(integrator: Integrator, drift: Drift, dt: float) -> None:

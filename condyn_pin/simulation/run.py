@@ -26,6 +26,7 @@ from condyn_pin.simulation.leg import Leg
 from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.plan import Plan, plan
 from condyn_pin.simulation.recorder import merge
+from condyn_pin.simulation.slopes import TorqueJacobian
 from condyn_pin.simulation.stiffness import stiff_damping
 from condyn_pin.simulation.torques import Torque
 from condyn_pin.simulation.trajectory import Trajectory
@@ -41,6 +42,7 @@ def simulate(
     v: ArrayLike,
     tau: float | ArrayLike | Torque = 0.0,
     *,
+    jacobian: TorqueJacobian | None = None,
     duration: float,
     dt: float = 1e-3,
     integrator: Integrator | None = None,
@@ -67,6 +69,11 @@ def simulate(
     tau : 0, (nv,) array_like or callable, optional
         The torques applied [N, N m]: constant, or tau(t, q, v). A function is called at every stage
         of a step, with states that may be thrown away, and may not write to its arguments.
+    jacobian : callable, optional
+        (t, q, v) -> the derivatives of the function tau by q and by v, (nv, nv) each, for the
+        integrators that are implicit (`Integrator.takes_jacobian`): stiff springs and dampers in it
+        need no small dt then. Without it the fully implicit ones take differences where they need
+        them, for 2 nv + 1 calls of tau a step, and `notices` says so.
     duration : float
         [s]
     dt : float
@@ -118,7 +125,7 @@ def simulate(
     state, happenings = start(scene, q, v), _events(scene, events)
     planned = plan(
         scene, tau, duration=duration, dt=dt, integrator=integrator, drift=drift, solver=solver,
-        record=record, effects=effects, events=happenings,
+        record=record, effects=effects, events=happenings, jacobian=jacobian,
     )  # fmt: skip
     return follow(planned, *state, happenings, progress)[0]
 
@@ -138,6 +145,7 @@ def follow(
     """
     method = planned.method
     begun = perf_counter()
+    method.tau.differenced = 0
     with np.errstate(all="ignore"):  # what overflows is found by the next solve
         driver = Driver(planned.scene, q, v, method, events, leg)
         status, reason = _run(driver, planned.steps, planned.every, progress)
@@ -145,7 +153,8 @@ def follow(
     run = Run(
         duration=planned.duration, dt=method.dt, integrator=method.integrator, drift=method.drift,
         solver=driver.leg.solver, effects=method.effects, status=status, reason=reason,
-        happened=tuple(driver.happened), missed=driver.missed(), wall_time=perf_counter() - begun,
+        happened=tuple(driver.happened), missed=driver.missed(), differenced=method.tau.differenced,
+        wall_time=perf_counter() - begun,
     )  # fmt: skip
     return Trajectory(phases, t, positions, velocities, a, lam, torques, run), driver.leg
 
@@ -180,10 +189,11 @@ def _run(
         hint = _hint(driver, q0)
         # what no step can follow grows without bound, whatever it meets on the way
         status = RunStatus.DIVERGED if lost or hint else RunStatus.FAILED
-        return status, f"after t = {driver.t:g} s: {hint}{error}"
+        return status, f"after t = {driver.t:g} s: {hint}{error}{_remedy(driver)}"
     if _is_lost(driver.v):
         fastest = np.abs(driver.v).max()
-        return RunStatus.DIVERGED, f"{_hint(driver, q0)}it moves at {fastest:.3g} rad/s or m/s"
+        reason = f"{_hint(driver, q0)}it moves at {fastest:.3g} rad/s or m/s{_remedy(driver)}"
+        return RunStatus.DIVERGED, reason
     return RunStatus.FINISHED, ""
 
 
@@ -198,6 +208,14 @@ def _hint(driver: Driver, q0: Array) -> str:
     method = driver.leg.method
     hint = stiff_damping(driver.leg.system, method.integrator, method.dt, q0)
     return f"{hint}; " if hint else ""
+
+
+def _remedy(driver: Driver) -> str:
+    """Return what may help a run whose torques are those of a function."""
+    method = driver.leg.method
+    if not (method.integrator.takes_jacobian and driver.leg.system.slopes.could_be_differenced):
+        return ""
+    return "; if tau(t, q, v) is stiff, jacobian=... hands over its derivatives"
 
 
 def start(scene: Scene, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:

@@ -30,7 +30,7 @@ class GeneralisedAlpha(Integrator):
     M(q1) a1 + h(q1, v1) = tau + J(q1)^T lam
 
     Newton's iteration with the derivatives of Newton-Euler's equations and of the robot's springs
-    and damping: stiff springs need no small dt.
+    and damping, and with those of torques of a function (`Slopes`): stiff ones need no small dt.
 
     Parameters
     ----------
@@ -54,6 +54,7 @@ class GeneralisedAlpha(Integrator):
     use: ClassVar[str] = "for stiff springs with closed loops"
     a_at = "end"
     keeps_constraints: ClassVar[bool] = True
+    takes_jacobian: ClassVar[bool] = True
     needs_positions: ClassVar[bool] = True
 
     rho: float = 0.8  # [1]
@@ -89,7 +90,7 @@ class GeneralisedAlpha(Integrator):
                 v1 = v + dt * ((1 - gamma) * A0 + gamma * A1)
                 q1 = integrate(q, dt * v + dt**2 * ((0.5 - beta) * A0 + beta * A1))
                 if not len(inverse):
-                    of = residuals.partials(q1, v1, a1, lam)
+                    of = residuals.partials(t + dt, q1, v1, a1, lam)
                     top = of.M + by_v * of.r_v + by_q * of.r_q
                     inverse = np.linalg.inv(
                         np.block([[top, -of.J.T], [of.J, residuals.damping * np.eye(len(of.J))]])
@@ -103,7 +104,7 @@ class GeneralisedAlpha(Integrator):
             forces[0], known[:] = lam, [(q1, a1, A1)]
             return q1, v1, a1
 
-        return Stepper(step, lambda: forces[0])
+        return Stepper(system.slopes.retried(step), lambda: forces[0])
 
 
 def _begin(

@@ -45,7 +45,8 @@ class RadauIIA(Integrator):
     all s Jay). One stage is implicit Euler, whose orders are 1 from the second step on: a and lam
     of the first, also of that after an event, are wrong by a part that no dt makes smaller.
     Newton's iteration with one matrix a step, of size s (nv + m), in which the derivatives of
-    Newton-Euler's equations and of springs and damping are: for stiff systems.
+    Newton-Euler's equations, of springs and damping and of torques of a function (`Slopes`) are: for
+    stiff systems.
 
     Parameters
     ----------
@@ -66,6 +67,7 @@ class RadauIIA(Integrator):
     use: ClassVar[str] = "to compare: with the second multiplier v and lam are better"
     a_at = "end"
     keeps_constraints: ClassVar[bool] = True
+    takes_jacobian: ClassVar[bool] = True
     needs_positions: ClassVar[bool] = True
 
     stages: int = 2
@@ -112,6 +114,7 @@ class GearGuptaLeimkuhler(Integrator):
     use: ClassVar[str] = "for stiff systems with loops that stay closed at both levels"
     a_at = "end"
     keeps_constraints: ClassVar[bool] = True
+    takes_jacobian: ClassVar[bool] = True
 
     stages: int = 2
 
@@ -146,7 +149,7 @@ def _stepper(system: System, dt: float, s: int, title: str, *, stabilised: bool)
         a, lam, mu = np.tile(a0, (s, 1)), np.tile(system.lam(), (s, 1)), np.zeros((s, m))
         theta, Q, V = np.outer(dt * nodes, v), [q] * s, np.zeros((s, n))
         middle = system.integrate(q, dt / 2 * v), v + dt / 2 * a0
-        of = residuals.partials(*middle, a0, lam[0])
+        of = residuals.partials(t + dt / 2, *middle, a0, lam[0])
         inverse = _inverse(of, A, dt, residuals.damping)
         pull, hold = _second_multiplier(of, residuals.damping)
 
@@ -176,7 +179,7 @@ def _stepper(system: System, dt: float, s: int, title: str, *, stabilised: bool)
         forces[0] = lam[-1]
         return Q[-1], V[-1], a[-1]
 
-    return Stepper(step, lambda: forces[0])
+    return Stepper(system.slopes.retried(step), lambda: forces[0])
 
 
 def _inverse(of: Partials, A: Array, dt: float, damping: float) -> Array:
