@@ -79,7 +79,8 @@ class Momentum:
         q, nu, _, chain = self._carried.state(q, v, np.zeros_like(v))
         pull = chain.Phi.T @ self._pull(q, nu)
         rate = chain.a_v - chain.v_q  # Phi'
-        return pull + rate.T @ (pin.crba(self._model, self._data, q) @ nu) + tau
+        p = np.asarray(pin.crba(self._model, self._data, q)) @ nu
+        return np.asarray(pull + rate.T @ p + tau)
 
     def _pull(self, q: Array, v: Array) -> Array:
         """Return C^T v - g where no axes turn."""

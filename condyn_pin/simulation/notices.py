@@ -18,6 +18,10 @@ from condyn_pin.states.limits import Limits
 if TYPE_CHECKING:
     from condyn_pin.simulation.trajectory import Trajectory
 
+# A gap that is larger than that of an open start by this factor has opened on the way: one that
+# closes at a critical rate grows first by what its velocity brings.
+_LARGER = 2.0
+
 
 def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
     """Return what there is to say: of its end, gaps, solver, pulls, energy and joint limits."""
@@ -41,9 +45,15 @@ def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
 def _open_constraints(trajectory: Trajectory) -> list[str]:
     """Return a sentence on the largest gap, if it is larger than a closed state has."""
     violation, run = trajectory.violation, trajectory.run
-    worst = float(violation.max())
+    worst, first = float(violation.max()), float(violation[0])
     if not worst > tolerances.NEARLY_CLOSED:
         return []
+    if first > tolerances.NEARLY_CLOSED and worst < _LARGER * first:
+        left = float(violation[-1])
+        return [
+            f"the constraints were open by {first:.2g} m or rad at the start, as close_start=False "
+            f"allows, and are by {left:.2g} at the end"
+        ]
     when = float(trajectory.t[violation.argmax()])
     remedy = "use a smaller dt, a higher order, or another drift scheme"
     if not run.solver.exact:

@@ -98,6 +98,20 @@ def _steps(duration: float, dt: float) -> tuple[int, float]:
     return steps, dt
 
 
+def check_closing(integrator: Integrator, drift: Drift) -> None:
+    """Refuse choices with which an open start would stay open, or be closed by a leap."""
+    if integrator.keeps_constraints:
+        raise InvalidArgument(
+            f"close_start = False: {integrator.title} would close the start within one step, and "
+            "move by that; use RungeKutta4() with Baumgarte.critical(10.0)"
+        )
+    if not drift.closes:
+        raise InvalidArgument(
+            f"close_start = False: drift = {drift!r} closes no gap; use Baumgarte.critical(10.0), "
+            "or a state of Scene.assemble()"
+        )
+
+
 def _check_jacobian(tau: object, jacobian: object, integrator: Integrator) -> None:
     """Refuse derivatives of torques that nothing would use."""
     if jacobian is None:

@@ -24,7 +24,7 @@ from condyn_pin.simulation.fit import check_fit
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.leg import Leg
 from condyn_pin.simulation.outcome import Run, RunStatus
-from condyn_pin.simulation.plan import Plan, plan
+from condyn_pin.simulation.plan import Plan, check_closing, plan
 from condyn_pin.simulation.recorder import merge
 from condyn_pin.simulation.slopes import TorqueJacobian
 from condyn_pin.simulation.stiffness import stiff_damping
@@ -50,6 +50,7 @@ def simulate(
     solver: Solver | None = None,
     record: int = 1,
     events: Sequence[Event] = (),
+    close_start: bool = True,
     gravity: bool = True,
     springs: bool = True,
     damping: bool = True,
@@ -65,7 +66,7 @@ def simulate(
     scene : Scene
         Contacts without an anchor are anchored where they are at the start.
     q, v : (nq,), (nv,) array_like
-        A state that satisfies the constraints, up to 1e-4 m and rad.
+        A state that satisfies the constraints, up to 1e-4 m and rad, unless `close_start` is False.
     tau : 0, (nv,) array_like or callable, optional
         The torques applied [N, N m]: constant, or tau(t, q, v). A function is called at every stage
         of a step, with states that may be thrown away, and may not write to its arguments.
@@ -93,6 +94,9 @@ def simulate(
         Every which sample is kept. The first and the last one, and those at events, always are.
     events : sequence of Event, optional
         What happens on the way: other contacts, impacts, the end.
+    close_start : bool
+        Whether the start has to satisfy the constraints. With False the drift scheme closes what is
+        open, as `Baumgarte` does at the rate of its gains; it has to be one that does.
     gravity, springs, damping, armature : bool
         Which effects of the robot's model are on; see `Effects`.
     progress : callable, optional
@@ -107,7 +111,8 @@ def simulate(
     Raises
     ------
     InvalidArgument
-        If an argument cannot be used, or gains of `drift` are beyond the wall of the integrator.
+        If an argument cannot be used, gains of `drift` are beyond the wall of the integrator, or
+        `drift` cannot close the start.
     NotAssembled
         If a loop is open at q, or slips with v.
     SolveFailed
@@ -122,11 +127,15 @@ def simulate(
     """
     check_scene(scene)
     effects = Effects(gravity=gravity, springs=springs, damping=damping, armature=armature)
-    state, happenings = start(scene, q, v), _events(scene, events)
+    if not isinstance(close_start, bool):
+        raise InvalidArgument(f"close_start = {close_start!r}: True or False is needed")
+    state, happenings = start(scene, q, v, closed=close_start), _events(scene, events)
     planned = plan(
         scene, tau, duration=duration, dt=dt, integrator=integrator, drift=drift, solver=solver,
         record=record, effects=effects, events=happenings, jacobian=jacobian,
     )  # fmt: skip
+    if scene.rows and not close_start:
+        check_closing(planned.method.integrator, planned.method.drift)
     return follow(planned, *state, happenings, progress)[0]
 
 
@@ -218,12 +227,15 @@ def _remedy(driver: Driver) -> str:
     return "; if tau(t, q, v) is stiff, jacobian=... hands over its derivatives"
 
 
-def start(scene: Scene, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
-    """Return the first state, which has to satisfy the constraints."""
+def start(
+    scene: Scene, q: ArrayLike, v: ArrayLike, *, closed: bool = True
+) -> tuple[Array, Array]:
+    """Return the first state, which has to satisfy the constraints if it is to be closed."""
     q_ = normalised(scene.robot.model, "q", q)
     v_ = np.array(finite("v", v, scene.robot.nv))
     scene.robot.check_unedited()
-    check_fit(scene, q_, v_)
+    if closed:
+        check_fit(scene, q_, v_)
     return q_, v_
 
 
