@@ -204,3 +204,49 @@ def test_what_does_not_fit_is_refused(tau, jacobian, integrator, match):
         cp.simulate(
             slider(), [0.0], [0.0], tau, jacobian=jacobian, duration=0.01, integrator=integrator
         )
+
+
+@pytest.mark.parametrize("integrator", [*TAKING, cp.RadauIIA(1)], ids=repr)
+def test_a_torque_that_takes_all_inertia_away_ends_a_run_by_name(integrator):
+    """M - dt dtau/dv - dt^2 dtau/dq = 0 for the step of Euler's, and near it for the others."""
+    stiffness = 1.0 / 1e-3**2
+    found = cp.simulate(
+        slider(), [0.1], [0.0], lambda t, q, v: stiffness * q, duration=5e-3,
+        jacobian=lambda t, q, v: ([[stiffness]], [[0.0]]), integrator=integrator,
+    )  # fmt: skip
+    assert found.status.ok or "take a smaller dt" in found.reason
+    if integrator == cp.SemiImplicitEuler():
+        assert "M - dt dtau/dv - dt^2 dtau/dq is singular" in found.reason
+
+
+@pytest.mark.parametrize("solver", [cp.NullSpace(), cp.Reference(), cp.Proximal()])
+@pytest.mark.parametrize("integrator", [cp.SemiImplicitEuler(), cp.ImplicitMidpoint()], ids=title)
+def test_any_solver_of_hard_constraints_takes_them(integrator, solver):
+    bar = robot("four_bar")
+    scene = cp.Scene(bar, bar.loops)
+    q, v = scene.sample(np.random.default_rng(2))
+    options = {
+        "duration": 0.02, "integrator": integrator, "drift": cp.Baumgarte.critical(50.0),
+        "jacobian": lambda t, q, v: (-1e4 * np.eye(3), -1e3 * np.eye(3)),
+    }  # fmt: skip
+    found, wanted = (
+        cp.simulate(scene, q, v, lambda t, q, v: -1e4 * q - 1e3 * v, solver=each, **options)
+        for each in (solver, cp.GaussPrinciple())
+    )
+    assert found.status.ok
+    assert np.abs(found.q - wanted.q).max() < 1e-7
+
+
+def test_constraints_that_give_way_take_them_or_say_that_they_cannot():
+    bar = robot("four_bar")
+    scene = cp.Scene(bar, bar.loops)
+    q, v = scene.state()
+    for stiff in (1.0, 1e9):
+        found = cp.simulate(
+            scene, q, v, lambda t, q, v: -stiff * v, solver=cp.Soft(), duration=5e-3,
+            jacobian=lambda t, q, v: (np.zeros((3, 3)), -stiff * np.eye(3)),
+            integrator=cp.SemiImplicitEuler(),
+        )  # fmt: skip
+        assert found.status.ok or "too soft for the derivatives of tau" in found.reason
+        if stiff == 1.0:
+            assert found.status.ok

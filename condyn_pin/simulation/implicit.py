@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from condyn_pin import tolerances
+from condyn_pin.algebra.inverse import inverse
 from condyn_pin.algebra.minimum_norm import factorise
 from condyn_pin.arrays import Array
 from condyn_pin.errors import StepFailed
@@ -65,18 +66,17 @@ class _WithSlopes(System):
         free = solve(q, v, tau)
         factors = factorise(self._system.mass(q), self._system.jacobian(q), tolerances.RANK)
         PX, _ = factors.solve(X, np.zeros((self.m, len(v))))
-        try:
-            inverse = np.linalg.inv(np.eye(len(v)) + PX)
-        except np.linalg.LinAlgError:
+        correct = inverse(np.eye(len(v)) + PX)
+        a = correct @ free
+        if not np.isfinite(a).all():
             raise StepFailed(
                 f"dt = {self._dt:g} s: M - dt dtau/dv - dt^2 dtau/dq is singular; take a smaller dt"
-            ) from None
-        a = inverse @ free
+            )
         for _ in range(_CORRECTIONS):
             gap = solve(q, v, tau - X @ a) - a
             if self.workspace.solver.exact or not np.abs(gap).max() > _LEFT * np.abs(a).max():
                 return np.asarray(a)
-            a = a + inverse @ gap
+            a = a + correct @ gap
         raise StepFailed(
             f"solver = {self.workspace.solver!r}: what it lets give way is too soft for the "
             "derivatives of tau; use a solver of hard constraints, or no jacobian"

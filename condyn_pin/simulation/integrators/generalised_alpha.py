@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from condyn_pin.algebra.inverse import inverse as inverse_of
 from condyn_pin.arrays import Array, finite
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
@@ -92,9 +93,8 @@ class GeneralisedAlpha(Integrator):
                 if not len(inverse):
                     of = residuals.partials(t + dt, q1, v1, a1, lam)
                     top = of.M + by_v * of.r_v + by_q * of.r_q
-                    inverse = np.linalg.inv(
-                        np.block([[top, -of.J.T], [of.J, residuals.damping * np.eye(len(of.J))]])
-                    )
+                    bottom = [of.J, residuals.damping * np.eye(len(of.J))]
+                    inverse = inverse_of(np.block([[top, -of.J.T], bottom]))
                 left = residuals.at(t + dt, q1, v1, a1, lam)
                 change = inverse.dot(np.concatenate([left.r, left.c / by_q]))
                 a1, lam = a1 - change[:n], lam - change[n:]
