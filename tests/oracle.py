@@ -12,7 +12,9 @@ origin of each body, where Pinocchio carries spatial vectors in the axes of the 
     screw              z q'                     z pitch q'
     ellipsoid          turns about x, y, z      s',  s = radii * (third axis)
 
-and a composite joint is its parts, one after the other. Newton and Euler give the torques, from the tips to the root,
+and a composite joint is its parts, one after the other.
+
+Newton and Euler give the torques, from the tips to the root,
 
     f = m (a_com - g),   n = I alpha + omega x I omega,
 
@@ -262,7 +264,9 @@ def _across(joint, base: Body, q, v, a) -> Body:
         return _on_ellipsoid(joint.extract(), base, q, v, a)
     if kind == "Composite":
         at = 0
-        for part, place in zip(joint.extract().joints, joint.extract().jointPlacements, strict=True):
+        for part, place in zip(
+            joint.extract().joints, joint.extract().jointPlacements, strict=True
+        ):
             base = base.carried(exact(place.rotation), exact(place.translation))
             base = _across(part, base, *(x[at : at + part.nv] for x in (q, v, a)))
             at += part.nv

@@ -469,7 +469,7 @@ def test_gains_at_the_wall_are_refused(integrator, alpha, beta):
     scene, q, v = rod_pendulum()
     dt = 1e-3
     options = {"duration": 0.01, "dt": dt, "integrator": integrator}
-    with pytest.raises(cp.InvalidArgument, match="no gap shrinks; .* is stable below"):
+    with pytest.raises(cp.InvalidArgument, match=r"no gap shrinks; .* is stable below"):
         cp.simulate(scene, q, v, drift=cp.Baumgarte(alpha / dt, beta / dt), **options)
     below = cp.Baumgarte(0.99 * alpha / dt, 0.99 * beta / dt)
     assert cp.simulate(scene, q, v, drift=below, **options).status.ok

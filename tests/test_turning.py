@@ -56,10 +56,8 @@ def made(name: str):
 
 
 # whatever kinds this Pinocchio has; a mimic joint is refused when a robot is made
-KINDS = sorted(
-    {name.removeprefix("JointModel") for name in dir(pin) if name.startswith("JointModel")}
-    - {"", "Mimic"}
-) + ["composite of composites", "composite of one"]  # fmt: skip
+NAMES = {name.removeprefix("JointModel") for name in dir(pin) if name.startswith("JointModel")}
+KINDS = [*sorted(NAMES - {"", "Mimic"}), "composite of composites", "composite of one"]
 
 TURNING = {"SphericalZYX", "Universal", "Ellipsoid", "Composite", "composite of composites"}
 
@@ -152,7 +150,7 @@ def test_derivatives_of_every_kind_are_those_in_50_digits(name, looped):
 @pytest.mark.parametrize("name", sorted(TURNING))
 def test_pinocchios_own_derivatives_are_refused_where_axes_turn(name):
     scene = cp.Scene(floating(name))
-    with pytest.raises(cp.UnsupportedConstraint, match="'odd'.*axes turn"):
+    with pytest.raises(cp.UnsupportedConstraint, match=r"'odd'.*axes turn"):
         cp.derivatives(scene, *state(scene.robot.model), method="pinocchio")
 
 
@@ -192,9 +190,7 @@ def test_energy_of_turning_axes_is_kept_to_the_order_of_the_method(name):
     q, v = np.full(model.nq, 0.3), np.full(model.nv, 0.5)
     errors = []
     for dt in (4e-3, 2e-3):
-        found = cp.simulate(
-            scene, q, v, duration=1.0, dt=dt, integrator=cp.Rattle(), gravity=False
-        )
+        found = cp.simulate(scene, q, v, duration=1.0, dt=dt, integrator=cp.Rattle(), gravity=False)
         errors.append(np.abs(found.energy.error).max() / found.energy.kinetic[0])
     assert errors[0] < 1e-4
     assert 3.5 < errors[0] / errors[1] < 4.5

@@ -1,4 +1,4 @@
-"""Inverses that are not a number where there is none, for steps that look at their answer anyway."""
+"""Inverses that are NaN where there is none, for steps that look at their answer anyway."""
 
 from __future__ import annotations
 

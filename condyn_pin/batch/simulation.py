@@ -110,7 +110,9 @@ def simulate_batch(
     given: ArrayLike = np.zeros(nv) if zero else TAU  # type: ignore[assignment]
     q, v, tau = check_states(scene.robot.model, Q0, V0, given, suffix="0")
     method = planned.method
-    kernel = Motions(function, jacobian, duration, dt, method.integrator, method.drift, solver, every)
+    kernel = Motions(
+        function, jacobian, duration, dt, method.integrator, method.drift, solver, every
+    )
     most = max(1, int(_SOLVES / planned.steps / max(method.integrator.solves_per_step, 1)))
     rows = Rows(kernel, scene, solver, None, executor, check_chunk(chunk), most, progress)
     kept = len(range(0, planned.steps, every)) + 1 if record is not None else 0

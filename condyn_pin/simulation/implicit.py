@@ -2,8 +2,8 @@
 
     (M + X) a + h = tau + tau_ahead + J^T lam,    J a + gamma = a_ref,    X = -dt tau_v - dt^2 tau_q
 
-A solver knows M, not X. With P the inverse inertia that the constraints leave, and a_free its answer
-without X,
+A solver knows M, not X. With P the inverse inertia that the constraints leave, and a_free its
+answer without X,
 
     (1 + P X) a = a_free,
 

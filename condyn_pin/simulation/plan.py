@@ -118,8 +118,8 @@ def _check_jacobian(tau: object, jacobian: object, integrator: Integrator) -> No
         return
     if not callable(jacobian):
         raise InvalidArgument(
-            f"jacobian = {jacobian!r}: a function of (t, q, v) is needed, that returns tau by q and "
-            "tau by v"
+            f"jacobian = {jacobian!r}: a function of (t, q, v) is needed, that returns tau by q "
+            "and tau by v"
         )
     if not callable(tau):
         raise InvalidArgument("jacobian: tau is no function, and its derivatives are zero")

@@ -65,7 +65,7 @@ class Residuals:
         return Residual(bodies - system.torque(t, q, v) - J.T.dot(lam), c, J)
 
     def partials(self, t: float, q: Array, v: Array, a: Array, lam: Array) -> Partials:
-        """Return the partial derivatives; torques applied are constant where no slopes are known."""
+        """Return the partial derivatives; torques applied count as constant without slopes."""
         of, n = self._system.workspace.linearisation.at(q, v, a, lam), len(v)
         r_q, r_v = of.r_q + self._stiffness, self._damping - of.rhs[:n, n:]
         if self._system.slopes.are_known:

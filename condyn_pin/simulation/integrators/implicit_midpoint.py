@@ -23,8 +23,8 @@ class ImplicitMidpoint(Integrator):
     v1  = v0 + dt a_m,      q1 = q0 exp(dt v_m)
 
     Solved by an iteration on a_m in which the robot's springs and damping may be stiff, and torques
-    of a function (`System.iterated`); all else has to change little in a step. The constraints are held by
-    accelerations and drift.
+    of a function too (`System.iterated`); all else has to change little in a step. The constraints
+    are held by accelerations and drift.
 
     References
     ----------

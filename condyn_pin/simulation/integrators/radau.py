@@ -46,7 +46,7 @@ class RadauIIA(Integrator):
     all s Jay). One stage is implicit Euler, whose orders are 1 from the second step on: a and lam
     of the first, also of that after an event, are wrong by a part that no dt makes smaller.
     Newton's iteration with one matrix a step, of size s (nv + m), in which the derivatives of
-    Newton-Euler's equations, of springs and damping and of torques of a function (`Slopes`) are: for
+    Newton-Euler's equations, of springs, damping and torques of a function (`Slopes`) are: for
     stiff systems.
 
     Parameters
