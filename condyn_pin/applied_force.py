@@ -69,7 +69,12 @@ class AppliedForce:
     @property
     def has_rows(self) -> bool:
         """Whether it has a row a state, for a batch."""
-        return np.ndim(self.force) == 2  # type: ignore[arg-type]
+        return not self.is_function and self.numbers.ndim == 2
+
+    @property
+    def numbers(self) -> Array:
+        """Its numbers, where it is no function: (3,), (6,), or a row of these a state [N, N m]."""
+        return self.force  # type: ignore[return-value]
 
     def at(self, t: float, q: Array, v: Array) -> AppliedForce:
         """Return what it is at a time and a state."""
@@ -80,9 +85,9 @@ class AppliedForce:
             raise _of_another_shape(f"{self._what}({t:g}, q, v)", found.shape)
         return replace(self, force=found)
 
-    def row(self, i: int) -> AppliedForce:
-        """Return what it is at state i of a batch."""
-        return replace(self, force=self.force[i]) if self.has_rows else self  # type: ignore[index]
+    def row(self, i: Any) -> AppliedForce:
+        """Return what it is at state i of a batch, or at some states."""
+        return replace(self, force=self.numbers[i]) if self.has_rows else self
 
     @property
     def _what(self) -> str:
@@ -94,7 +99,7 @@ class AppliedForce:
         same = (self.frame, self.frame_of) == (other.frame, other.frame_of)
         if callable(self.force) or callable(other.force):
             return same and self.force is other.force
-        return same and np.array_equal(self.force, other.force)
+        return same and np.array_equal(self.numbers, other.numbers)
 
     def __hash__(self) -> int:
         return hash((self.frame, self.frame_of))
@@ -130,12 +135,12 @@ def applied_forces(
             )
         if force.has_rows and rows is None:
             raise InvalidArgument(
-                f"{name} has shape {np.shape(force.force)}: (3,) or (6,) is needed; rows are for "  # type: ignore[arg-type]
-                "the verbs of batches"
+                f"{name} has shape {force.numbers.shape}: (3,) or (6,) is needed; rows are for the "
+                "verbs of batches"
             )
-        if force.has_rows and len(force.force) != rows:  # type: ignore[arg-type]
+        if force.has_rows and len(force.numbers) != rows:
             raise InvalidArgument(
-                f"{name} has {len(force.force)} rows, and there are {rows} states"  # type: ignore[arg-type]
+                f"{name} has {len(force.numbers)} rows, and there are {rows} states"
             )
     return found
 

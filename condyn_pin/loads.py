@@ -96,7 +96,7 @@ class Loads:
     def bind(self, forces: Sequence[AppliedForce]) -> tuple[Push, ...]:
         """Return forces, all constant, bound to the model."""
         return tuple(
-            Push(self.place(each.frame), each.frame_of == "world", _six(each.force))
+            Push(self.place(each.frame), each.frame_of == "world", _six(each.numbers))
             for each in forces
         )
 
@@ -127,6 +127,6 @@ def in_axes(R: Array, wrench: Array) -> Array:
     return np.asarray(wrench.reshape(2, 3) @ R).ravel()
 
 
-def _six(force: Any) -> Array:
+def _six(force: Array) -> Array:
     """Return a force as a wrench (6,)."""
-    return np.asarray(force) if len(force) == 6 else np.concatenate([force, np.zeros(3)])
+    return force if len(force) == 6 else np.concatenate([force, np.zeros(3)])

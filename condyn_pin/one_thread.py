@@ -33,7 +33,7 @@ def alone(method: Callable[Concatenate[Self, P], R]) -> Callable[Concatenate[Sel
     """Return a method that raises `SharedWorkspace` while another thread is at work."""
 
     @wraps(method)
-    def guarded(self: Self, *args: P.args, **options: P.kwargs) -> R:
+    def guarded(self: Self, /, *args: P.args, **options: P.kwargs) -> R:
         me, user = get_ident(), self._user
         if user and user != me:
             raise in_use()
@@ -54,11 +54,15 @@ def in_use(what: str = "another thread is at work in this Workspace") -> SharedW
     )
 
 
-def of_workspace(method: Callable[[Any], R]) -> Callable[[Any], R]:
+def of_workspace(method: Callable[Concatenate[Any, P], R]) -> Callable[Concatenate[Any, P], R]:
     """Return a method, of what has a `_workspace`, that works in it alone, as `alone` does."""
 
     @wraps(method)
-    def guarded(self: Any) -> R:
-        return alone(lambda _: method(self))(self._workspace)
+    def guarded(self: Any, /, *args: P.args, **options: P.kwargs) -> R:
+        @alone
+        def work(_: OneThread) -> R:
+            return method(self, *args, **options)
+
+        return work(self._workspace)
 
     return guarded

@@ -1,6 +1,6 @@
 """Forces from outside: what they do, how that changes with the state, and that the proof has them.
 
-    M a + h = tau + J^T lam + sum_f J_f^T f
+M a + h = tau + J^T lam + sum_f J_f^T f
 """
 
 from __future__ import annotations
@@ -345,3 +345,128 @@ def test_no_force_changes_no_bit():
         two = cp.solve(scene, q, v, tau, solver=solver)
         assert np.array_equal(one.a, two.a)
         assert one.proof == two.proof
+
+
+def test_inverse_dynamics_counts_forces():
+    scene = cp.Scene(robot("talos"), robot("talos").contacts)
+    q, v = scene.sample(np.random.default_rng(2))
+    forces = pushes(scene.robot)
+    a = cp.solve(scene, q, v, np.zeros(scene.robot.nv)).a
+    asked = cp.inverse_dynamics(scene, q, v, a, forces=forces)
+    assert asked.applied == forces
+    again = cp.solve(scene, q, v, asked.tau, forces=forces)
+    assert np.abs(again.a - asked.a).max() <= 1e-8 * max(np.abs(a).max(), 9.81)
+    extra = torque_of(scene.robot, q, forces)
+    same = cp.inverse_dynamics(scene, q, v, a, passive=extra)
+    assert np.abs(same.u - asked.u).max() <= 1e-7 * np.abs(same.u).max()
+    held = cp.gravity_compensation(scene, q, forces=forces)
+    still = cp.solve(scene, q, 0 * v, held.tau, forces=forces)
+    assert np.abs(still.a - held.a).max() <= 1e-8 * 9.81
+
+
+def batch_of(count: int = 5) -> tuple[cp.Scene, *tuple[np.ndarray, ...]]:
+    scene = cp.Scene(robot("four_bar"), robot("four_bar").loops)
+    rng = np.random.default_rng(4)
+    q, v = map(np.array, zip(*(scene.sample(rng) for _ in range(count)), strict=True))
+    return scene, q, v, rng.uniform(-1, 1, v.shape), rng.uniform(-5, 5, (count, 3))
+
+
+def test_batches_have_a_force_a_row():
+    scene, q, v, tau, rows = batch_of()
+    forces = [
+        cp.AppliedForce("coupler_tip", rows),
+        cp.AppliedForce("rocker_tip", WRENCH, "body"),
+    ]
+    for executor in (None, cp.Processes(1)):
+        solved = cp.solve_batch(scene, q, v, tau, forces=forces, executor=executor, chunk=2)
+        found = cp.derivatives_batch(scene, q, v, tau, forces=forces, executor=executor, chunk=2)
+        for i in range(len(q)):
+            own = [cp.AppliedForce("coupler_tip", rows[i]), forces[1]]
+            wanted = cp.derivatives(scene, q[i], v[i], tau[i], forces=own)
+            assert np.array_equal(solved.a[i], wanted.solution.a)
+            assert np.array_equal(found.da_dq[i], wanted.da_dq)
+            assert solved[i].applied == found.solution[i].applied == tuple(own)
+        assert solved[2:4].applied[0] == cp.AppliedForce("coupler_tip", rows[2:4])
+    empty = cp.solve_batch(scene, q[:0], v[:0], tau[:0], forces=[forces[1]])
+    assert len(empty) == 0
+    with pytest.raises(cp.InvalidArgument, match="5 rows, and there are 4 states"):
+        cp.solve_batch(scene, q[:4], v[:4], tau[:4], forces=forces)
+    with pytest.raises(cp.UnknownName, match="no frame named 'tip'"):
+        cp.solve_batch(scene, q, v, tau, forces=[cp.AppliedForce("tip", FORCE)])
+
+
+def wind(t, q, v):
+    return (3.0 * np.cos(5.0 * t), 1.0 - v[0], q[0])
+
+
+def test_motions_of_a_batch_have_forces_of_their_own():
+    scene, q, v, tau, rows = batch_of()
+    forces = [cp.AppliedForce("coupler_tip", rows), cp.AppliedForce("rocker_tip", wind)]
+    for torques in (tau, 0.0):
+        for executor in (None, cp.Processes(1)):
+            batch = cp.simulate_batch(
+                scene, q, v, torques, forces=forces, duration=0.02, record=1,
+                executor=executor, chunk=2,
+            )  # fmt: skip
+            for i in range(len(q)):
+                own = [cp.AppliedForce("coupler_tip", rows[i]), forces[1]]
+                its = tau[i] if torques is tau else 0.0
+                alone = cp.simulate(scene, q[i], v[i], its, forces=own, duration=0.02)
+                assert np.array_equal(batch.q[i], alone.q[-1])
+                assert np.array_equal(batch[i].tau, alone.tau)
+
+
+@pytest.mark.parametrize("kind", ["universal", "zyx", "spherical", "free_flyer", "composite"])
+def test_work_of_forces_explains_the_energy(kind):
+    made = chain_on(kind)
+    q, v, tau = state_of(made)
+    forces = [
+        cp.AppliedForce("tip", (3.0, -2.0, 5.0)),
+        cp.AppliedForce("middle", lambda t, q, v: (np.cos(9 * t), 0.0, 2.0, 0.0, t, 0.3), "body"),
+    ]
+    found = cp.simulate(cp.Scene(made), q, v, tau, forces=forces, duration=0.2, dt=5e-4)
+    assert found.status.ok
+    free = cp.simulate(cp.Scene(made), q, v, tau, duration=0.2, dt=5e-4)
+    assert np.abs(found.energy.work - free.energy.work).max() > 1e-2
+    assert np.abs(found.energy.error).max() < 1e-7 * found.energy.scale
+    middle = len(found) // 2
+    at = found.q[middle], found.v[middle]
+    again = cp.solve(cp.Scene(made), *at, found.tau[middle])
+    assert np.abs(again.a - found.a[middle]).max() <= 1e-9 * np.abs(again.a).max()
+    now = [each.at(found.t[middle], *at) for each in forces]
+    pushed = cp.solve(cp.Scene(made), *at, tau, forces=now)
+    assert np.abs(pushed.a - found.a[middle]).max() <= 1e-9 * np.abs(again.a).max()
+
+
+def test_a_mass_hangs_on_a_force():
+    """A free body under its own weight turned round: it moves as if there were none."""
+    model = pin.Model()
+    body = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "body")
+    lever = np.array([0.3, 0.1, 0.2])
+    model.appendBodyToJoint(
+        body, pin.Inertia(2.0, lever, np.diag([0.2, 0.3, 0.4])), pin.SE3.Identity()
+    )
+    at = pin.SE3(np.eye(3), lever)
+    model.addFrame(pin.Frame("centre", body, 0, at, pin.FrameType.OP_FRAME))
+    scene = cp.Scene(cp.Robot("body", model))
+    lift = cp.AppliedForce("centre", -2.0 * np.array(model.gravity.linear))
+    q, v = pin.neutral(model), np.array([1.0, -2.0, 0.5, 0.3, 1.0, -0.7])
+    found = cp.simulate(scene, q, v, forces=[lift], duration=0.5)
+    momentum = found.momentum
+    assert np.abs(momentum - momentum[0]).max() < 1e-9
+
+
+def test_forces_of_a_run_are_checked_before_it():
+    scene, q, v, _, _ = batch_of(1)
+
+    def run(*forces):
+        return cp.simulate(scene, q[0], v[0], forces=forces, duration=0.01)
+
+    with pytest.raises(cp.UnknownName, match="no frame named 'tip'"):
+        run(cp.AppliedForce("tip", FORCE))
+    with pytest.raises(cp.InvalidArgument, match="belongs to the world"):
+        run(cp.AppliedForce("world", wind))
+    with pytest.raises(cp.InvalidArgument, match=r"\(0, q, v\) has shape \(2,\)"):
+        run(cp.AppliedForce("rocker_tip", lambda t, q, v: (1.0, 2.0)))
+    with pytest.raises(cp.InvalidArgument, match=r"\(0, q, v\) has shape \(1, 3\)"):
+        run(cp.AppliedForce("rocker_tip", lambda t, q, v: [FORCE]))

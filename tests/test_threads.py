@@ -173,3 +173,19 @@ def test_lazy_properties_of_a_scene_may_be_asked_for_at_once():
     with ThreadPoolExecutor(4) as pool:
         found = list(pool.map(look, range(4)))
     assert {(weight, rank) for weight, _, rank in found} == {(scene.audit.weight, found[0][2])}
+
+
+def test_derivatives_stay_those_of_their_scene():
+    """A derivative by a placement, asked for after the workspace has gone on to another scene."""
+    talos = robot("talos")
+    one, other = (
+        cp.Scene(talos, [cp.SurfaceContact(f"{side}_sole_link", name="foot", anchor=anchor)])
+        for side, anchor in (("left", (0, 0, 0, 0, 0, 0, 1)), ("right", (0, 0, 0.5, 0, 0, 0, 1)))
+    )
+    q, v, tau = states(LABEL)[0]
+    workspace = cp.Workspace(one)
+    found = workspace.derivatives(q, v, tau)
+    wanted = found.by_placement("foot")
+    workspace.use(other)
+    for had, want in zip(found.by_placement("foot"), wanted, strict=True):
+        assert np.array_equal(had, want)

@@ -112,6 +112,7 @@ class KktDerivatives(Derivatives):
         model, of = self._workspace.model, self.solution
         return self._by(inertia_regressor(model, of.q, self._v, of.a))
 
+    @of_workspace
     def by_placement(self, name: str, frame: str = "first") -> tuple[Array, Array]:
         """Return the derivatives of a (nv, 6) and lam (m, 6) by where a constraint is on a body.
 
@@ -123,9 +124,11 @@ class KktDerivatives(Derivatives):
             The first-named frame moves on its body, or the other one, by a small twist in its own
             axes, linear part first. Where rows are redundant, only a and J^T lam are unique.
         """
-        of = self.solution
+        of, bounds = self.solution, self.solution.scene.bounds
         return self._by(
-            *placement_partials(self._workspace, name, frame, of.q, self._v, of.a, of.lam)
+            *placement_partials(
+                self._linearisation, bounds, name, frame, of.q, self._v, of.a, of.lam
+            )
         )
 
     def _by(self, r: Array, s: Array | None = None) -> tuple[Array, Array]:

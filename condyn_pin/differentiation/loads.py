@@ -25,9 +25,9 @@ from typing import Any, Final
 import numpy as np
 
 from condyn_pin._pin import LOCAL, pin
+from condyn_pin.applied_force import AppliedForce
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.partials import dual_cross
-from condyn_pin.applied_force import AppliedForce
 from condyn_pin.loads import Loads, frame_jacobian, in_axes
 
 # Of f'(0) from f(h) - f(-h), f(2 h) - f(-2 h), and so on; the remainder is h^8 / 630 f^(9).

@@ -45,7 +45,9 @@ class PinocchioDerivatives(Derivatives):
         model, data = workspace.model, workspace.data
         models, datas = workspace.constraint_models, workspace.constraint_datas
         settings = workspace.proximal_settings
-        pushed = workspace.loads.at(solution.q, solution.applied).torque if solution.applied else 0.0
+        pushed = (
+            workspace.loads.at(solution.q, solution.applied).torque if solution.applied else 0.0
+        )
         # again, with nothing in between: the derivatives read what this leaves behind
         pin.constraintDynamics(model, data, solution.q, v, tau + pushed, models, datas, settings)
         found = pin.computeConstraintDynamicsDerivatives(model, data, models, datas, settings)

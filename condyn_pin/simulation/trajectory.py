@@ -35,7 +35,8 @@ class Trajectory:
         Constraint forces [N, N m], rows in the order of `row_names`; zero while a constraint is
         away.
     tau : (k, nv) array
-        Torques applied, without springs and damping [N, N m].
+        Torques applied, those of forces from outside J_f^T f with them, without springs and
+        damping [N, N m].
     run : Run
         How it was made, and how it ended.
     """
