@@ -147,6 +147,7 @@ from condyn_pin.solvers.reference import Reference as Reference
 from condyn_pin.solvers.soft import Soft as Soft
 from condyn_pin.solvers.sparse_kkt import SparseKKT as SparseKKT
 from condyn_pin.spring import Spring as Spring
+from condyn_pin.spring import SpringDamper as SpringDamper
 from condyn_pin.states.assembly_report import Assembly as Assembly
 from condyn_pin.states.assembly_report import AssemblyStatus as AssemblyStatus
 from condyn_pin.states.check import Check as Check

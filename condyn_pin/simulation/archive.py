@@ -35,7 +35,7 @@ _WRITERS: Final = {
 }
 _TITLES: Final = {MOTION: "a trajectory", MOTIONS: "a batch of motions"}
 
-_LISTS = ("loops", "contacts", "springs")
+_LISTS = ("loops", "contacts", "springs", "spring_dampers")
 _WORDS = ("name", "actuated", "unused", "source", "licence", "description")
 _POSTURE = "posture "
 
@@ -102,7 +102,8 @@ def _series(version: str) -> list[str]:
 def _robot(about: dict[str, Any], content: Content) -> Robot:
     model = pin.Model()
     model.loadFromString(str(content["model"]))
-    lists: dict[str, Any] = {key: [decode(c) for c in about[key]] for key in _LISTS}
+    # files from before there were spring-dampers have none
+    lists: dict[str, Any] = {key: [decode(c) for c in about.get(key, [])] for key in _LISTS}
     words: dict[str, Any] = {key: about[key] for key in _WORDS}
     postures = {k.removeprefix(_POSTURE): q for k, q in content.items() if k.startswith(_POSTURE)}
     return Robot(model=model, postures=postures, **lists, **words)

@@ -244,7 +244,8 @@ def _check_scene(event: str, its: Scene, simulated: Scene, scalar: dict[str, boo
         raise InvalidArgument(
             f"event {event!r}: its scene is of another model than the one simulated"
         )
-    if its.robot.springs != simulated.robot.springs:
+    one, other = its.robot, simulated.robot
+    if (one.springs, one.spring_dampers) != (other.springs, other.spring_dampers):
         raise InvalidArgument(
             f"event {event!r}: its scene has other springs than the one simulated; "
             "what changes on the way is a torque: tau(t, q, v)"

@@ -123,7 +123,7 @@ class Trajectory:
         parts = [
             (
                 work(self.t[s], np.sum(self.tau[s] * self.v[s], axis=1)),
-                work(self.t[s], -(self.v[s] ** 2) @ passive.d),
+                work(self.t[s], -passive.dissipation(self.q[s], self.v[s])),
             )
             for s in (phase.samples for phase in self.phases)
         ]
