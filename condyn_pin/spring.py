@@ -46,7 +46,9 @@ class SpringDamper:
     f = stiffness (l - rest_length) + damping l'
 
     with l the distance of the origins: f > 0 pulls the two bodies towards each other, each at the
-    origin of its frame. Where the origins coincide there is no direction, and no force.
+    origin of its frame. Where the origins coincide there is no direction, and no force; a damper
+    acts along the line alone, and near there its direction changes from one step to the next: what
+    is to stay together is held by a `Loop`.
 
     Parameters
     ----------

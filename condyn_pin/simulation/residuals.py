@@ -11,8 +11,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 

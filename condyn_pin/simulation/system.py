@@ -234,9 +234,7 @@ class _Heavier(System):
         self._solve = solve_heavier
 
 
-def with_rows(
-    solve: Callable[[Array], Array], tau: Array, rows: Array, weights: Array
-) -> Array:
+def with_rows(solve: Callable[[Array], Array], tau: Array, rows: Array, weights: Array) -> Array:
     """Return the a of (M + U^T w U) a + h = tau + J^T lam, by solves of M a + h = tau + J^T lam.
 
     What the rows U (r, nv) take is U^T f with f = w U a, and a falls with f as the solves say:
