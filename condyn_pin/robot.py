@@ -189,8 +189,9 @@ class Robot:
         """Return the robot with its loops as MJCF, for MuJoCo.
 
         Joints with armature, damping, springs and limits, frames as sites, loops and couplings as
-        equalities, spring-dampers as tendons, motors, and postures as keyframes. A hinge loop is two points of its axis, and
-        `load_robot` reads these as two balls. Contacts have no place in such a file.
+        equalities, spring-dampers as tendons, motors, and postures as keyframes. A hinge loop is
+        two points of its axis, and `load_robot` reads these as two balls. Contacts have no place
+        in such a file.
 
         Parameters
         ----------

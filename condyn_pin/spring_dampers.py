@@ -1,7 +1,7 @@
 """The spring-dampers of a robot bound to its model: lengths, torques, energies, stiffness.
 
-With r the way from the origin of frame a to that of frame b, in the axes of the world, r' = J v, and
-n = r / l of the length l,
+With r the way from the origin of frame a to that of frame b, in the axes of the world, r' = J v,
+and n = r / l of the length l,
 
     f = k (l - l0) + c n . r',    tau = -J^T n f,    E = 1/2 k (l - l0)^2.
 
@@ -34,7 +34,7 @@ _ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 # Origins that are nearer coincide: what is left of their distance is rounding [m].
 _COINCIDE: Final = 1e-12
 
-# Directions of a spring-damper that are less stiff than this, relative to its stiffest, are left out.
+# Directions of a spring-damper less stiff than this, relative to its stiffest, are left out.
 _SLACK: Final = 1e-12
 
 

@@ -19,7 +19,8 @@ class Effects:
     gravity : bool
         Otherwise nothing has weight.
     springs, damping : bool
-        Those of the joints and between frames. Pinocchio leaves them out of its dynamics; a simulation adds them.
+        Those of the joints and between frames. Pinocchio leaves them out of its dynamics; a
+        simulation adds them.
     armature : bool
         The inertia of the rotors. Otherwise M is that of the links alone.
     """

@@ -49,9 +49,9 @@ def stiff_damping(system: System, integrator: Integrator, dt: float, q: Array) -
     if rate * dt < limit:
         return ""
     return (
-        f"the damping {_damper(system, i)} has a rate of {rate:.3g} / s, and {integrator.title} follows no more than "
-        f"{limit:.3g} / dt: use SemiImplicitEuler(), LinearlyImplicitMidpoint(), or dt below "
-        f"{limit / rate:.2g} s"
+        f"the damping {_damper(system, i)} has a rate of {rate:.3g} / s, and "
+        f"{integrator.title} follows no more than {limit:.3g} / dt: use SemiImplicitEuler(), "
+        f"LinearlyImplicitMidpoint(), or dt below {limit / rate:.2g} s"
     )
 
 
