@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from shared import robot
 from test_applied_forces import chain_on, joints, state_of
+from viewed import drawing
 
 import condyn_pin as cp
 from condyn_pin._pin import pin
@@ -363,3 +364,16 @@ def test_mujoco_has_the_same_forces():
         wanted = bridge.torque_from_mujoco(q, data.qfrc_passive)
         found = made.passive_torque(q, v)
         assert np.abs(found - wanted).max() <= 1e-10 * np.abs(found).max()
+
+
+def test_they_are_seen():
+    made = sprung("revolute")
+    q, _, _ = state_of(made)
+    found = drawing(cp.Scene(made), q)
+    seen = {part.path: part for part in found.parts if part.path.startswith("springs/")}
+    assert len(seen) == len(SPRINGS)
+    at = Passive.of(made).between.stretch(q)
+    for part, length in zip(seen.values(), at.length, strict=True):
+        T = part.place(found.moments[0])
+        assert np.linalg.norm(T[:3, 2]) == pytest.approx(length)
+    assert "spring-damper" in found.html()

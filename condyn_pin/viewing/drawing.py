@@ -24,6 +24,7 @@ from condyn_pin.viewing.motion import tracks
 from condyn_pin.viewing.page import page
 from condyn_pin.viewing.part import Part
 from condyn_pin.viewing.placing import Eye, spread
+from condyn_pin.viewing.springs import spring_parts
 
 _TINY = 0.05  # [m] a scene is drawn as if it were at least this large
 _FAR = 1.15  # of the size of a scene, from its middle to the camera
@@ -91,6 +92,8 @@ class Drawing:
             yield _css(palette.ACTUATED), "joint with a motor"
         if "joints/passive" in kinds:
             yield _css(palette.PASSIVE), "passive joint"
+        if "springs" in seen:
+            yield _css(palette.SPRING), "spring-damper"
         if "closures" in seen:
             yield _css(palette.CLOSED), "closed"
             yield _css(palette.OPEN), "open by 1 cm or more (yellow: by less)"
@@ -136,7 +139,7 @@ def draw(
     if light:
         bodies = lighter(bodies, size)
     bodies = tuple(with_coarse(bodies, size))
-    marks = [*joint_parts(robot, size)]
+    marks = [*joint_parts(robot, size), *spring_parts(robot, size)]
     worst = _worst([*moments])
     closures = [part for scene in scenes for part in closure_parts(scene, worst, size)]
     parts = [floor_part(middle, size), *bodies, *marks, *closures]
