@@ -470,3 +470,19 @@ def test_forces_of_a_run_are_checked_before_it():
         run(cp.AppliedForce("rocker_tip", lambda t, q, v: (1.0, 2.0)))
     with pytest.raises(cp.InvalidArgument, match=r"\(0, q, v\) has shape \(1, 3\)"):
         run(cp.AppliedForce("rocker_tip", lambda t, q, v: [FORCE]))
+
+
+def test_a_check_is_not_blinded_by_large_torques():
+    """How a changes with v depends on no torque: differences have none to lose digits to."""
+    model, rng, parent = pin.Model(), np.random.default_rng(0), 0
+    for i, joint in enumerate((pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ) * 2):
+        placed = pin.SE3(np.eye(3), np.array([0.1, 0.2, 0.3]))
+        parent = model.addJoint(parent, joint(), placed, f"j{i}")
+        model.appendBodyToJoint(parent, pin.Inertia.FromBox(2.0, 0.3, 0.4, 0.2), placed)
+    model.addFrame(pin.Frame("tip", parent, 0, placed, pin.FrameType.OP_FRAME))
+    scene = cp.Scene(cp.Robot("arm", model))
+    q, v, tau = rng.uniform(-1, 1, (3, 6))
+    cp.derivatives(scene, q, v, 1e7 * tau, check=True)
+    push = cp.AppliedForce("tip", 1e7 * np.array(FORCE))
+    by_v = cp.derivatives(scene, q, v, tau, forces=[push], method="differences").da_dv
+    assert np.abs(by_v - cp.derivatives(scene, q, v, tau).da_dv).max() < 1e-8
