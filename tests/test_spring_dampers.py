@@ -241,6 +241,7 @@ def test_the_implicit_system_solves_its_equations(label):
     assert np.abs(K - K.T).max() <= 1e-12 * np.abs(K).max()
     assert np.linalg.eigvalsh(K).min() > -1e-9 * np.abs(K).max()
     heavy = terms.M + dt * D + dt**2 * K
+    assert np.abs(system.implicit(dt).mass(q) - heavy).max() <= 1e-12 * np.abs(heavy).max()
     rhs = tau + passive.torque(q, v) - dt * K @ v - terms.h
     m = len(terms.J)
     whole = np.block([[heavy, -terms.J.T], [terms.J, np.zeros((m, m))]])

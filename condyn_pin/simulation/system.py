@@ -231,7 +231,15 @@ class _Heavier(System):
                 return solve(q, v, tau)
             return with_rows(lambda tau: solve(q, v, tau), tau, *between.inertia_rows(q, dt))
 
-        self._solve = solve_heavier
+        self._solve, self._rows = solve_heavier, between and partial(between.inertia_rows, dt=dt)
+
+    def mass(self, q: Array) -> Array:
+        """Return M (nv, nv) with all that is added to it."""
+        M = super().mass(q)
+        if self._rows:
+            rows, weights = self._rows(q)
+            M += rows.T @ (weights[:, None] * rows)
+        return M
 
 
 def with_rows(solve: Callable[[Array], Array], tau: Array, rows: Array, weights: Array) -> Array:
