@@ -74,6 +74,11 @@ MOMENT: Final = 1e-6
 # beside a dead point by its square root, 1e-5.
 DEAD_POINT: Final = 1e-6
 
+# Columns whose norms differ by less, relative, are equal, and their place decides which is taken.
+# Rounding changes a null space by eps / RANK = 2e-9 at most, nearly always by 1e-15; the two legs of
+# Cassie, by the digits of its file, differ by 2e-8.
+TIED: Final = 1e-6
+
 # Loops that close at one configuration only, such as bars that just reach, are found no nearer than
 # the square root of a gap: for one of CLOSED, 1e-5 [rad, m]. Joints that are this near to each
 # other are at the same place, and smaller singular values, relative to the largest, are zeros.
