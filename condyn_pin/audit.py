@@ -12,6 +12,7 @@ from condyn_pin._pin import pin
 from condyn_pin.algebra.minimum_norm import MinimumNorm, factorise
 from condyn_pin.algebra.range_space import whiten
 from condyn_pin.arrays import Array
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.errors import BranchChanged, InvalidModel, NotAssembled
 from condyn_pin.proof import Yardstick
 from condyn_pin.rows.equations import Equations
@@ -103,6 +104,7 @@ class Audit:
         return largest / smallest
 
 
+@one_blas_thread
 def audit(scene: Scene) -> Audit:
     """Measure a scene."""
     robot = scene.robot
@@ -134,6 +136,7 @@ def audit(scene: Scene) -> Audit:
     )
 
 
+@one_blas_thread
 def whitened_rows(scene: Scene) -> Array:
     """Return J L^-T (m, nv) at the nominal state, the Jacobian in the metric of M."""
     robot, (q, _) = scene.robot, _nominal_configuration(scene)

@@ -12,6 +12,7 @@ from condyn_pin._pin import pin
 from condyn_pin.algebra.minimum_norm import factorise
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.proof import Proof, Yardstick
 from condyn_pin.rows.reach import reach
@@ -86,6 +87,7 @@ class Judge:
             q.copy(),
         )
 
+    @one_blas_thread
     def _careful_proof(self, q: Array, v: Array, tau: Array, a: Array, lam: Array) -> Proof:
         """Return the proof by the factors of the state itself, and by the rounding of J^T lam.
 

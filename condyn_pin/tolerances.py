@@ -75,8 +75,8 @@ MOMENT: Final = 1e-6
 DEAD_POINT: Final = 1e-6
 
 # Columns whose norms differ by less, relative, are equal, and their place decides which is taken.
-# Rounding changes a null space by eps / RANK = 2e-9 at most, nearly always by 1e-15; the two legs of
-# Cassie, by the digits of its file, differ by 2e-8.
+# Rounding changes a null space by eps / RANK = 2e-9 at most, nearly always by 1e-15; the two legs
+# of Cassie, by the digits of its file, differ by 2e-8.
 TIED: Final = 1e-6
 
 # Loops that close at one configuration only, such as bars that just reach, are found no nearer than

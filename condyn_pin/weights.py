@@ -71,10 +71,11 @@ def default_mu(audit: Audit) -> float:
 def default_accuracy(audit: Audit, mu: float) -> float:
     """Return the step of lam after which an iteration may end [N].
 
-    1e-9 of the robot's weight, or 4e-9 where rows are redundant. The next one is smaller by mu / (sigma + mu), and moves a joint by
-    up to max(w) sigma^1/2 of it, w the `Yardstick.weights`: where that is more than 1e-9 of
-    gravity, as along points that hold light bodies and weigh little in G, the step has to be less:
-    unless rounding of J^T lam moves that joint by more than this anyway.
+    1e-9 of the robot's weight, or 4e-9 where rows are redundant. The next one is smaller by
+    mu / (sigma + mu), and moves a joint by up to max(w) sigma^1/2 of it, w the `Yardstick.weights`:
+    where that is more than 1e-9 of gravity, as along points that hold light bodies and weigh little
+    in G, the step has to be less: unless rounding of J^T lam moves that joint by more than this
+    anyway.
     """
     yardstick, (_, smallest) = audit.yardstick, audit.native_spectrum
     moved = yardstick.largest_weight * smallest**0.5 * mu / (smallest + mu)

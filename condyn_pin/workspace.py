@@ -14,6 +14,7 @@ from condyn_pin import _pin
 from condyn_pin._pin import pin
 from condyn_pin.arguments import FLOAT, HIGH, LOW, Arguments, unpack_quaternion
 from condyn_pin.arrays import Array
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.choice import check_kinds, default_solver
 from condyn_pin.differentiation import METHODS, Derivatives
 from condyn_pin.differentiation.check import check_derivatives
@@ -279,6 +280,7 @@ class Workspace:
                 raise self._failure(solution)
         return solution
 
+    @one_blas_thread
     def derivatives(
         self,
         q: ArrayLike,

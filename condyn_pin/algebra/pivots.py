@@ -25,7 +25,8 @@ def pivots(A: Array, least: float) -> tuple[list[int], Array]:
     least : float
         Norm of what others leave of a column that counts as nothing.
     """
-    left, chosen, basis = A.copy(), [], np.zeros((len(A), 0))
+    chosen: list[int] = []
+    left, basis = A.copy(), np.zeros((len(A), 0))
     while len(chosen) < min(A.shape):
         sizes = np.linalg.norm(left, axis=0)
         largest = sizes.max()

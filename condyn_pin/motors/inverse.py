@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array, check_overflow, finite
 from condyn_pin.at_state import at_state
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.force import ConstraintForce, Sites, pulling
 from condyn_pin.motors.actuation import Actuation, motors_of
 from condyn_pin.motors.drive import Drive
@@ -134,6 +135,7 @@ class InverseDynamics:
         return "\n".join(lines)
 
 
+@one_blas_thread
 def inverse_dynamics(
     scene: Scene,
     q: ArrayLike,
@@ -209,6 +211,7 @@ def inverse_dynamics(
     )
 
 
+@one_blas_thread
 def gravity_compensation(
     scene: Scene,
     q: ArrayLike,

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.drift.base import Drift
 from condyn_pin.errors import CondynError, InvalidArgument
 from condyn_pin.rows.bound import is_scalar
@@ -123,6 +124,7 @@ def simulate(
     return follow(planned, *state, happenings, progress)[0]
 
 
+@one_blas_thread
 def follow(
     planned: Plan,
     q: Array,

@@ -9,6 +9,7 @@ import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.knobs import WEIGHTS, Grid, check_damping, check_refinements
 from condyn_pin.solvers.base import Method, Singular, Solver
 
@@ -72,6 +73,7 @@ class DenseKKT(Solver):
         empty[range(n, size), range(n, size)] = -self.mu
         answer = np.zeros(size)
 
+        @one_blas_thread
         @np.errstate(over="ignore", invalid="ignore")  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             terms = workspace.equations.terms(q, v)

@@ -10,6 +10,7 @@ import numpy as np
 from condyn_pin import tolerances
 from condyn_pin.algebra.minimum_norm import factorise
 from condyn_pin.arrays import Array
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.errors import InvalidModel
 from condyn_pin.knobs import check_share
 from condyn_pin.solvers.base import Method, Singular, Solver, free_force
@@ -60,6 +61,7 @@ class GaussPrinciple(Solver):
         rank_tolerance = self.rank_tolerance
         latest = np.zeros(workspace.scene.rows)
 
+        @one_blas_thread
         @np.errstate(over="ignore", invalid="ignore")  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             terms = workspace.equations.terms(q, v)

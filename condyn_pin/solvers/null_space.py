@@ -9,6 +9,7 @@ import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.knobs import check_share
 from condyn_pin.solvers.base import Method, Singular, Solver, free_force
 
@@ -63,6 +64,7 @@ class NullSpace(Solver):
         rank_tolerance = self.rank_tolerance
         latest: list[tuple[_Split, Array]] = []
 
+        @one_blas_thread
         @np.errstate(over="ignore", invalid="ignore")  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             terms = workspace.equations.terms(q, v)
@@ -72,6 +74,7 @@ class NullSpace(Solver):
             latest[:] = [(split, terms.M @ a - x)]
             return a
 
+        @one_blas_thread
         def lam() -> Array:
             split, missing = latest[-1]
             return split.forces(missing)

@@ -12,6 +12,7 @@ from condyn_pin import tolerances
 from condyn_pin.algebra.extended import add, exact_residual
 from condyn_pin.algebra.minimum_norm import factorise
 from condyn_pin.arrays import Array
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.errors import InvalidModel
 from condyn_pin.knobs import check_count, check_share
 from condyn_pin.solvers.base import Method, Singular, Solver
@@ -70,6 +71,7 @@ class Reference(Solver):
         """Return the reference bound to the memory of `workspace`."""
         latest = np.zeros(workspace.scene.rows)
 
+        @one_blas_thread
         @np.errstate(over="ignore", invalid="ignore")  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             a, latest[:] = self.solve(workspace.equations.terms(q, v), tau)

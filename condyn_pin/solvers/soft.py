@@ -10,6 +10,7 @@ import numpy as np
 from condyn_pin._pin import LOCAL, pin
 from condyn_pin.algebra.range_space import whiten
 from condyn_pin.arrays import Array, finite
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.knobs import Grid
 from condyn_pin.rows.bound import Coupled
@@ -103,6 +104,7 @@ class Soft(Solver):
         starts = [bound.rows.start for bound in workspace.bounds]
         latest, rows = np.zeros(workspace.scene.rows), np.arange(workspace.scene.rows)
 
+        @one_blas_thread
         @np.errstate(over="ignore", invalid="ignore")  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             equations = workspace.equations

@@ -29,6 +29,7 @@ from condyn_pin.algebra.minimum_norm import factorise
 from condyn_pin.algebra.numerical_rank import counted
 from condyn_pin.algebra.pivots import pivots
 from condyn_pin.arrays import Array
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.joints import Indices, indices
 from condyn_pin.rows.equations import Equations
 from condyn_pin.states.closing import Closer
@@ -96,6 +97,7 @@ class Chains:
         return float(kept[-1]) if kept.size else 0.0
 
 
+@one_blas_thread
 def chains(scene: Scene) -> Chains:
     """Find the closed chains of a scene, near its first posture."""
     robot = scene.robot

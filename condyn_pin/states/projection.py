@@ -17,6 +17,7 @@ from condyn_pin import tolerances
 from condyn_pin.algebra.minimum_norm import MinimumNorm, factorise
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, check_overflow, finite
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.rows.equations import Equations
 from condyn_pin.rows.terms import Terms
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 Metric = Literal["mass", "euclidean"]
 
 
+@one_blas_thread
 def project_velocity(scene: Scene, q: ArrayLike, v: ArrayLike, metric: Metric) -> Array:
     """Return the nearest velocity with J v = 0; see `Scene.project_velocity`."""
     nv = scene.robot.nv
@@ -39,6 +41,7 @@ def project_velocity(scene: Scene, q: ArrayLike, v: ArrayLike, metric: Metric) -
     return projected
 
 
+@one_blas_thread
 def project_acceleration(
     scene: Scene, q: ArrayLike, v: ArrayLike, a: ArrayLike, metric: Metric
 ) -> Array:

@@ -22,6 +22,7 @@ from condyn_pin import tolerances
 from condyn_pin.algebra.minimum_norm import MinimumNorm, factorise
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.rows.equations import Equations
 from condyn_pin.states.chains import redundant_rows
 from condyn_pin.states.gaps import Gap, closed, gaps, worst
@@ -167,6 +168,7 @@ class Rank:
             )
 
 
+@one_blas_thread
 def rank(scene: Scene, q: ArrayLike | None) -> Rank:
     """Return the rank of a scene at q; see `Scene.rank`."""
     robot, model = scene.robot, scene.robot.model
