@@ -54,6 +54,15 @@ class Status(Enum):
     def __str__(self) -> str:
         return f"{self.name.lower()}: {self.value}"
 
+    def text(self, rows: int) -> str:
+        """Return name and advice; a scene without rows has neither mu nor redundant ones."""
+        if rows or self.ok:
+            return str(self)
+        return (
+            f"{self.name.lower()}: there are no constraints, so that rounding or numbers that "
+            "overflow are to blame; look at masses, velocities and torques"
+        )
+
 
 class StateError(NamedTuple):
     """How far a state is from satisfying the constraints."""

@@ -321,7 +321,7 @@ class Workspace:
     def _failure(self, solution: Solution) -> SolveFailed:
         position, velocity = solution.state_error
         return SolveFailed(
-            f"{self.solver!r} on {self.scene.robot.name}: {solution.status} "
+            f"{self.solver!r} on {self.scene.robot.name}: {solution.status.text(self.scene.rows)} "
             f"(error bound {solution.error_bound:.1e}, state open by {position:.1e} and slipping "
             f"by {velocity:.1e})",
             solution,

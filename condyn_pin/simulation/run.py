@@ -179,8 +179,10 @@ def _run(
                 driver.leg.end(driver.t, driver.q, driver.v)
         if not any(recorder.count for recorder in driver.recorders):
             raise
-        status = RunStatus.DIVERGED if lost else RunStatus.FAILED
-        return status, f"after t = {driver.t:g} s: {_hint(driver, q0)}{error}"
+        hint = _hint(driver, q0)
+        # what no step can follow grows without bound, whatever it meets on the way
+        status = RunStatus.DIVERGED if lost or hint else RunStatus.FAILED
+        return status, f"after t = {driver.t:g} s: {hint}{error}"
     if _is_lost(driver.v):
         fastest = np.abs(driver.v).max()
         return RunStatus.DIVERGED, f"{_hint(driver, q0)}it moves at {fastest:.3g} rad/s or m/s"
