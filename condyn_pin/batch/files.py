@@ -108,7 +108,7 @@ def _check_samples(batch: BatchTrajectory, samples: Samples) -> None:
     kept = np.isfinite(samples.t)
     counts = np.count_nonzero(kept, axis=1)
     motions = np.flatnonzero(counts)
-    if (kept[:, 1:] & ~kept[:, :-1]).any() or (np.diff(samples.t) < 0).any():
+    if (kept[:, 1:] & ~kept[:, :-1]).any() or (np.diff(samples.t) <= 0).any():
         raise ValueError("samples_t goes back, or has a gap")
     if not counts[batch.statuses == 0].all():
         raise ValueError("samples_t has no sample of a motion that went to its end")

@@ -5,6 +5,7 @@ A disk that fills up, a bug or Ctrl-C in the middle of writing leaves the old fi
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
 import stat
@@ -33,7 +34,7 @@ def written_beside(path: str | PathLike[str]) -> Iterator[Path]:
         if target.exists() and not target.is_file() and not target.is_dir():
             yield target
             return
-        new = _new_file(target)
+        new = _new_file(target, Path(path).suffix)
         try:
             yield new
             new.replace(target)
@@ -57,20 +58,20 @@ def check_writable(path: str | PathLike[str]) -> None:
         if target.exists() and not target.is_file() and not target.is_dir():
             target.open("ab").close()
         else:
-            _new_file(target).unlink()
+            _new_file(target, "").unlink()
     except OSError as error:
         raise _not_written(path, error) from error
 
 
-def _new_file(target: Path) -> Path:
+def _new_file(target: Path, suffix: str) -> Path:
     """Return an empty file beside another one, with the permissions that this one has or gets."""
     if target.is_dir():
-        raise IsADirectoryError(0, "it is a folder")
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     mode = None
     if target.exists():
         target.open("ab").close()  # what nobody may write to is not replaced either
         mode = stat.S_IMODE(target.stat().st_mode)
-    new = target.with_name(f".{secrets.token_hex(8)}{target.suffix}")
+    new = target.parent / f".{secrets.token_hex(8)}{suffix}"
     os.close(os.open(new, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
     if mode is not None:
         new.chmod(mode)
@@ -78,7 +79,7 @@ def _new_file(target: Path) -> Path:
 
 
 def _not_written(path: str | PathLike[str], error: OSError) -> InvalidArgument:
-    folder = Path(path).absolute().parent
-    if not folder.is_dir():
-        return InvalidArgument(f"{path}: there is no folder {folder}; make it first")
-    return InvalidArgument(f"{path}: cannot be written: {error.strerror or error}")
+    why, folder = error.strerror or str(error), Path(path).parent
+    if not folder.absolute().is_dir():
+        why = f"there is no folder {folder}; make it first"
+    return InvalidArgument(f"{path}: cannot be written: {why}")

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Collection, Mapping
-from math import inf
 from os import PathLike
 from typing import Any, Final, TypeVar
 
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._pin import VERSION_TEXT
+from condyn_pin.arrays import finite
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.files.npz import read_npz, write_npz
 from condyn_pin.files.text import LARGEST, parse_json
@@ -130,5 +130,6 @@ def _robot(about: dict[str, Any], content: Content) -> Robot:
 def check_times(**times: Any) -> None:
     """Refuse times that are no numbers, or less than nothing, and a step of nothing."""
     for name, time in times.items():
-        if type(time) not in (int, float) or not 0 <= time < inf or (name == "dt" and not time):
+        number = finite(name, time, ())
+        if type(time) not in (int, float) or number < 0 or (name == "dt" and not number):
             raise ValueError(f"{name} = {time!r}")

@@ -95,9 +95,11 @@ def _check_arrays(content: Content, robot: Robot, phases: tuple[Phase, ...]) -> 
         ("v", "a", "tau"), (k, nv)
     )
     for name, shape in shapes.items():
-        finite(name, content[name], shape)
-    if (np.diff(content["t"]) < 0).any():
-        raise ValueError("t goes back")
+        if finite(name, content[name], shape).dtype != content[name].dtype:
+            raise ValueError(f"{name} is of {content[name].dtype}: float64 is needed")
+    times = [content["t"][phase.samples] for phase in phases]
+    if any((np.diff(t) <= 0).any() for t in times) or (np.diff(content["t"]) < 0).any():
+        raise ValueError("t goes back, or stands still")
     for i, q in enumerate(content["q"]):
         if not pin.isNormalized(robot.model, q, tolerances.QUATERNION):
             raise ValueError(f"q[{i}] has a quaternion that is not normalised")
