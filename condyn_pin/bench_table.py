@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.files.beside import write_text
+from condyn_pin.files.text import parse_json, read_text
 from condyn_pin.table_text import nulled, write_csv
 from condyn_pin.timing import Times
 
@@ -96,7 +98,7 @@ class BenchTable:
 
     def to_json(self, path: str | Path) -> None:
         """Write machine and rows; what was not measured is null."""
-        Path(path).write_text(json.dumps(self.as_dict(), indent=1) + "\n", encoding="utf-8")
+        write_text(path, json.dumps(self.as_dict(), indent=1) + "\n")
 
     def as_dict(self) -> dict[str, Any]:
         """Return machine and rows as plain values."""
@@ -105,7 +107,7 @@ class BenchTable:
     def with_native(self, path: str | Path) -> BenchTable:
         """Return the table with the rows that `benchmarks/native` wrote to a json file."""
         try:
-            native = json.loads(Path(path).read_text(encoding="utf-8"))
+            native = parse_json(read_text(path))
             sizes = {scene["scene"]: scene for scene in dict(native).get("scenes", ())}
             rows = tuple(_native_row(row, sizes.get(row["scene"], {})) for row in native["rows"])
         except (OSError, ValueError, KeyError, TypeError) as error:

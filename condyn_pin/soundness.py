@@ -74,11 +74,11 @@ def _check_forces(model: Any) -> None:
         )
     for what, unit in (("damping", "N s/m or N m s/rad"), ("armature", "kg or kg m^2")):
         values = getattr(model, what)
-        bad = np.flatnonzero(np.isinf(values) | (values < 0))
+        bad = np.flatnonzero((values > HUGE) | (values < 0))
         if bad.size:
             raise InvalidModel(
                 f"the {what} of joint {_joint_of(model, int(bad[0]))!r} is {values[bad[0]]:g} "
-                f"{unit}: a finite number from 0 is needed"
+                f"{unit}: a number from 0 to {HUGE:g} is needed"
             )
 
 

@@ -6,7 +6,7 @@ import ast
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
-from typing import Any
+from typing import Any, Final
 
 from condyn_pin.arrays import finite
 from condyn_pin.errors import CondynError, InvalidArgument, NotReached, unknown_name
@@ -23,6 +23,8 @@ from condyn_pin.trade.states import States
 
 # Several errors are asked of one table after the other: the states and the truth stay the same.
 _fresh_errors = lru_cache(maxsize=1)(FreshErrors)
+
+_LONGEST: Final = 1000  # characters of a tuple as text
 
 
 @dataclass(frozen=True)
@@ -140,6 +142,8 @@ def made(name: str, knobs: Mapping[str, Knob]) -> Solver:
 
 def _value(knob: Knob, usual: Any) -> Any:
     is_text = isinstance(knob, str) and not isinstance(usual, str)
+    if is_text and len(knob) > _LONGEST:  # type: ignore[arg-type]
+        raise ValueError("a text of this length")
     return ast.literal_eval(knob) if is_text else knob  # type: ignore[arg-type]
 
 

@@ -68,6 +68,8 @@ def tune(
     Takes from seconds to half a minute. Times are those of this moment: on a machine that is busy
     with other work another solver may seem the fastest.
     """
+    if save:
+        plans.check_folder()
     choice = choose(scene, error, measure=measure, solvers=solvers, progress=progress)
     if save:
         keep(scene, choice)

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.files.beside import check_writable, write_text
 from condyn_pin.viewing.chromium import screenshot
 from condyn_pin.viewing.drawing import Drawing
 from condyn_pin.viewing.part import Part
@@ -94,10 +95,7 @@ class Viewer:
 
     def save_html(self, path: str | Path) -> None:
         """Write the page to a file, which opens from disk without a network."""
-        try:
-            Path(path).write_text(self.html, encoding="utf-8")
-        except OSError as error:
-            raise InvalidArgument(f"{path}: cannot be written: {error.strerror}") from error
+        write_text(path, self.html)
 
     def save_png(self, path: str | Path) -> None:
         """Write the first moment to a picture, drawn by headless Chromium.
@@ -109,11 +107,9 @@ class Viewer:
         BrowserFailed
             If it made no picture.
         """
-        target = Path(path)
-        if not target.absolute().parent.is_dir():
-            raise InvalidArgument(f"{path}: there is no folder {target.parent}; make it first")
+        check_writable(path)  # a picture takes seconds
         still = self.drawing.first.html()
-        screenshot(still.replace("</style>", ".dg { display: none; }</style>", 1), target)
+        screenshot(still.replace("</style>", ".dg { display: none; }</style>", 1), Path(path))
 
     def serve(self, port: int) -> None:
         """Serve the page at a port; at a free one if it is 0."""
