@@ -20,7 +20,8 @@
    contains. `workspace.constraint_models` has Pinocchio's objects, of 3 and 6 rows only: a solver
    that uses them sets `takes_every_kind = False` and is never started on kinds without such an
    equivalent. Kinds that are imitated, such as a hinge by two points, bring a row too many: with
-   `takes_imitated = False` it is not started on those either.
+   `takes_imitated = False` it is not started on those either, and with `takes_world_first = False`
+   not on a planar pin whose first frame is the world's.
 7. A solver of another problem, such as soft constraints, sets `exact = False`: its answer is judged
    by the hard equations like all others, and is called inaccurate by what it differs.
 8. Sources: cite the paper in the docstring.
@@ -82,6 +83,7 @@ class Solver(ABC):
     takes_redundant: ClassVar[bool]  # whether redundant rows are no trouble
     takes_every_kind: ClassVar[bool] = True  # or only kinds that Pinocchio has, or can imitate
     takes_imitated: ClassVar[bool] = True  # or only kinds that Pinocchio has
+    takes_world_first: ClassVar[bool] = True  # or only a moving body as the first of the two
     exact: ClassVar[bool] = True  # whether it solves the two equations, or others near them
 
     sweeps: ClassVar[tuple[Grid, ...]] = ()  # values of knobs that are worth a look

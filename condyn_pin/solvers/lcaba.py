@@ -74,6 +74,7 @@ class LCABA(Solver):
     use: ClassVar[str] = "the fastest for contacts with the world; needs Pinocchio 4"
     takes_redundant: ClassVar[bool] = True
     takes_every_kind: ClassVar[bool] = False
+    takes_world_first: ClassVar[bool] = False
     sweeps: ClassVar[tuple[Grid, ...]] = (
         {"mu": WEIGHTS, "max_iterations": (1, 20)},
         {"max_iterations": ITERATIONS},
