@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from condyn_pin import tolerances
+from condyn_pin.applied_force import AppliedForce
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.force import ConstraintForce, Sites, pulling
@@ -75,7 +76,7 @@ class StateError(NamedTuple):
 class Solution:
     """Accelerations and constraint forces at one state, with three errors recomputed.
 
-    M a + h = tau + J^T lam,  J a + gamma = a_ref
+    M a + h = tau + J^T lam + sum J_f^T f,  J a + gamma = a_ref
 
     Attributes
     ----------
@@ -95,6 +96,8 @@ class Solution:
     scene : Scene
     q : (nq,) array
         What was solved, and where.
+    applied : tuple of AppliedForce
+        The forces from outside that were applied.
     """
 
     a: Array
@@ -105,6 +108,7 @@ class Solution:
     solve_time: float  # [s]
     scene: Scene
     q: Array
+    applied: tuple[AppliedForce, ...] = ()
 
     def __init__(
         self,
@@ -116,6 +120,7 @@ class Solution:
         solve_time: float,
         scene: Scene,
         q: Array,
+        applied: tuple[AppliedForce, ...] = (),
     ) -> None:
         # at once: the eight guarded assignments of a frozen dataclass take twice as long
         self.__dict__.update(
@@ -127,11 +132,12 @@ class Solution:
             solve_time=solve_time,
             scene=scene,
             q=q,
+            applied=applied,
         )
 
     @property
     def dynamics_error(self) -> float:
-        """|M a + h - tau - J^T lam|_inf [N, N m], by recursive Newton-Euler."""
+        """|M a + h - tau - J^T lam - sum J_f^T f|_inf [N, N m], by recursive Newton-Euler."""
         return self.proof.dynamics
 
     @property

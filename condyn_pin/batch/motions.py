@@ -12,8 +12,10 @@ from typing import Final
 import numpy as np
 
 from condyn_pin import tolerances
+from condyn_pin.applied_force import AppliedForce
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array
+from condyn_pin.batch.forces import RowForces
 from condyn_pin.batch.memory import Arrays, Kind
 from condyn_pin.batch.trajectory import RUN_STATUSES
 from condyn_pin.batch.ways import Words
@@ -53,6 +55,7 @@ class Motions:
     drift: Drift
     solver: Solver | None
     every: int
+    forces: RowForces
 
     def __call__(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> Words:
         """Simulate the rows; return why those ended early that did."""
@@ -63,7 +66,8 @@ class Motions:
         for i, (q, v) in enumerate(zip(inputs["q0"], inputs["v0"], strict=True)):
             begun = perf_counter()
             try:
-                trajectory = runner.run(q, v, tau if tau.ndim == 1 else tau[i])
+                torques = tau if tau.ndim == 1 else tau[i]
+                trajectory = runner.run(q, v, torques, self.forces.at(inputs, i))
             except _CANNOT_BEGIN as error:
                 words[i] = str(error)
                 _put_nothing(outputs, i, q, v)
@@ -88,7 +92,7 @@ class Runner:
         self._plan = plan(
             workspace.scene, motions.function or 0.0, duration=motions.duration, dt=motions.dt,
             integrator=motions.integrator, drift=motions.drift, solver=motions.solver,
-            record=motions.every,
+            record=motions.every, forces=motions.forces.forces,
         )  # fmt: skip
         self._leg: Leg | None = None
 
@@ -97,8 +101,10 @@ class Runner:
         same = self.motions == motions and self.motions.function is motions.function
         return same and self.workspace is workspace
 
-    def run(self, q: Array, v: Array, tau: Array) -> Trajectory:
-        """Return the motion from a state under torques of its own.
+    def run(
+        self, q: Array, v: Array, tau: Array, forces: tuple[AppliedForce, ...] = ()
+    ) -> Trajectory:
+        """Return the motion from a state under torques and forces of its own.
 
         Raises
         ------
@@ -107,8 +113,11 @@ class Runner:
         KeyboardInterrupt
             If it was interrupted, which is meant for all.
         """
-        if not self.motions.function:
-            self._plan.method.tau.hold(tau)
+        constant = None if self.motions.function else tau
+        if self._plan.pushed:
+            self._plan.pushed.hold(constant, forces)
+        elif constant is not None:
+            self._plan.method.tau.hold(constant)
         leg, self._leg = self._leg, None  # one that cannot begin leaves none
         state = _start(self.workspace, q, v)
         trajectory, leg = follow(self._plan, *state, leg=leg)

@@ -48,7 +48,8 @@ class Samples:
     lam : (N, k, m) array
         Constraint forces in the axes of each constraint [N, N m].
     tau : (N, k, nv) array
-        Torques applied, without springs and damping [N, N m].
+        Torques applied, those of forces from outside with them, without springs and damping
+        [N, N m].
     """
 
     t: Array

@@ -93,6 +93,7 @@ class _Writer:
         self._add_bodies(SubElement(self.root, "worldbody"))
         self._add_frames()
         self._add_loops(loops)
+        self._add_spring_dampers()
         self._add_motors()
         self._add_postures()
         ElementTree.indent(self.root)
@@ -163,6 +164,19 @@ class _Writer:
             _equate(equality, loop, loop.name, ends)
             if loop.kind == "hinge":
                 _equate(equality, loop, f"{loop.name}_axis", self._along_axis(loop))
+
+    def _add_spring_dampers(self) -> None:
+        """Make each spring-damper a tendon that is straight from site to site."""
+        if not self.robot.spring_dampers:
+            return
+        tendons = SubElement(self.root, "tendon")
+        for k, each in enumerate(self.robot.spring_dampers):
+            said = {"stiffness": each.stiffness, "damping": each.damping}
+            said["springlength"] = each.rest_length
+            words = {"name": f"spring_damper_{k}"} | {key: numbers([x]) for key, x in said.items()}
+            tendon = SubElement(tendons, "spatial", words)
+            for frame, end in ((each.frame_a, "a"), (each.frame_b, "b")):
+                SubElement(tendon, "site", site=self._site_of(frame, f"spring_damper_{k}_{end}"))
 
     def _site_of(self, frame: str, new: str) -> str:
         """Return the site of a frame; a body's or the world's own frame gets one."""

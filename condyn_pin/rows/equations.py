@@ -18,6 +18,7 @@ import numpy as np
 from condyn_pin._pin import LOCAL, pin
 from condyn_pin.arrays import Array
 from condyn_pin.drift import Baumgarte
+from condyn_pin.loads import Load
 from condyn_pin.rows.bound import FRAME, POINT, AnyBound, Bound, Coupled, Rolled
 from condyn_pin.rows.couplings import Couplings
 from condyn_pin.rows.cut_joints import CutJoints
@@ -162,19 +163,19 @@ class Equations:
         return [ends(b) for b in self.bounds]
 
     def errors(
-        self, q: Array, v: Array, tau: Array, a: Array, lam: Array
+        self, q: Array, v: Array, tau: Array, a: Array, lam: Array, load: Load | None = None
     ) -> tuple[Array, list[float]]:
-        """Return the residuals of an answer (a, lam) to (q, v, tau).
+        """Return the residuals of an answer (a, lam) to (q, v, tau), and to a load at q.
 
         Returns
         -------
         dynamics : (nv,) array
-            |M a + h - tau - J^T lam|, elementwise; overwritten by the next call.
+            |M a + h - tau - J^T lam - sum J_f^T f|, elementwise; overwritten by the next call.
         largest : list of float
             The largest of |M a + h - tau - J^T lam|, |a|, |c|, |J v|, |J a + gamma - a_ref| and
             |lam|.
         """
-        self._evaluate(q, v, tau, a, lam)
+        self._evaluate(q, v, tau, a, lam, load)
         self._a[:] = a
         self._lam[:] = lam
         everything = self._all
@@ -182,13 +183,18 @@ class Equations:
         return self._dynamics, _largest(everything, self._starts).tolist()
 
     def residuals(
-        self, q: Array, v: Array, tau: Array, a: Array, lam: Array
+        self, q: Array, v: Array, tau: Array, a: Array, lam: Array, load: Load | None = None
     ) -> tuple[Array, Array]:
-        """Return r = M a + h - tau - J^T lam (nv,) and s = J a + gamma - a_ref (m,)."""
-        self._evaluate(q, v, tau, a, lam)
+        """Return r = M a + h - tau - J^T lam (nv,) and s = J a + gamma - a_ref (m,).
+
+        A load at q counts beside tau.
+        """
+        self._evaluate(q, v, tau, a, lam, load)
         return self._dynamics.copy(), self._acceleration.copy()
 
-    def _evaluate(self, q: Array, v: Array, tau: Array, a: Array, lam: Array) -> None:
+    def _evaluate(
+        self, q: Array, v: Array, tau: Array, a: Array, lam: Array, load: Load | None = None
+    ) -> None:
         """Evaluate the residuals of an answer into the memory of this object."""
         self.motion(q, v, a)
         if self.drift:
@@ -203,6 +209,8 @@ class Equations:
         if self._rolling:
             self._rolling.stack(lam1, self._of_rolling)
         wrenches = self._wrenches.of(self._forces)
+        if load:
+            wrenches = load.on_top_of(wrenches)
         np.subtract(_rnea(self.model, self.data, q, v, a, wrenches), tau, out=self._dynamics)
         if self._couplings:
             self._dynamics -= self._couplings.torque(lam)

@@ -44,7 +44,7 @@ _WRITERS: Final = {
 }
 _TITLES: Final = {MOTION: "a trajectory", MOTIONS: "a batch of motions"}
 
-_LISTS = ("loops", "contacts", "springs")
+_LISTS = ("loops", "contacts", "springs", "spring_dampers")
 _WORDS = ("name", "actuated", "unused", "source", "licence", "description")
 _POSTURE = "posture "
 _MODEL = "model "

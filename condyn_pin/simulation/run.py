@@ -11,6 +11,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import ArrayLike
 
+from condyn_pin.applied_force import AppliedForce
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
 from condyn_pin.blas_threads import one_blas_thread
@@ -42,6 +43,7 @@ def simulate(
     v: ArrayLike,
     tau: float | ArrayLike | Torque = 0.0,
     *,
+    forces: Sequence[AppliedForce] = (),
     duration: float,
     dt: float = 1e-3,
     integrator: Integrator | None = None,
@@ -57,7 +59,8 @@ def simulate(
 ) -> Trajectory:
     """Return the motion of a scene from a state.
 
-    M(q) a + h(q, v) = tau - k (q - q0) - d v + J(q)^T lam,    J a + gamma = a_ref
+    M(q) a + h(q, v) = tau - k (q - q0) - d v + J(q)^T lam + sum J_f(q)^T f,
+    J a + gamma = a_ref
 
     Parameters
     ----------
@@ -68,6 +71,9 @@ def simulate(
     tau : 0, (nv,) array_like or callable, optional
         The torques applied [N, N m]: constant, or tau(t, q, v). A function is called at every stage
         of a step, with states that may be thrown away, and may not write to its arguments.
+    forces : sequence of AppliedForce, optional
+        Forces from outside, constant or functions of (t, q, v), called as tau is; none by default.
+        The `tau` of the trajectory, and its work, have J_f^T f in them.
     duration : float
         [s]
     dt : float
@@ -102,6 +108,8 @@ def simulate(
     ------
     InvalidArgument
         If an argument cannot be used, or gains of `drift` are beyond the wall of the integrator.
+    UnknownName
+        If a force is on a frame that does not exist.
     NotAssembled
         If a loop is open at q, or slips with v.
     SolveFailed
@@ -119,7 +127,7 @@ def simulate(
     state, happenings = start(scene, q, v), _events(scene, events)
     planned = plan(
         scene, tau, duration=duration, dt=dt, integrator=integrator, drift=drift, solver=solver,
-        record=record, effects=effects, events=happenings,
+        record=record, effects=effects, events=happenings, forces=forces,
     )  # fmt: skip
     return follow(planned, *state, happenings, progress)[0]
 
@@ -240,7 +248,8 @@ def _check_scene(event: str, its: Scene, simulated: Scene, scalar: dict[str, boo
         raise InvalidArgument(
             f"event {event!r}: its scene is of another model than the one simulated"
         )
-    if its.robot.springs != simulated.robot.springs:
+    one, other = its.robot, simulated.robot
+    if (one.springs, one.spring_dampers) != (other.springs, other.spring_dampers):
         raise InvalidArgument(
             f"event {event!r}: its scene has other springs than the one simulated; "
             "what changes on the way is a torque: tau(t, q, v)"
