@@ -51,14 +51,6 @@ def test_solids_have_their_volume_and_point_outward():
     assert whole.vertices[:, 2].max() == pytest.approx(2.5)
 
 
-def test_a_mesh_is_what_assimp_reads(cassie):
-    shape = next(s for s in shapes_of(cassie.description)[0] if s.file)
-    ours, theirs = meshes.read_mesh(shape.file), meshes._by_assimp(shape.file)
-    assert volume(ours) == pytest.approx(volume(theirs), rel=1e-6)
-    assert np.allclose(ours.vertices.min(axis=0), theirs.vertices.min(axis=0))
-    assert np.allclose(ours.vertices.max(axis=0), theirs.vertices.max(axis=0))
-
-
 def test_a_simplified_mesh_keeps_its_form_to_a_cell(cassie):
     shape = next(s for s in shapes_of(cassie.description)[0] if s.link == "pelvis")
     fine = meshes.read_mesh(shape.file)
