@@ -287,6 +287,31 @@ def test_files_are_included(read, tmp_path):
         read('<mujoco><include file="nowhere.xml"/></mujoco>')
 
 
+def test_a_keyframe_does_not_take_the_name_of_the_pose_that_is_drawn(read):
+    """What MuJoCo starts from is zero, or what each `ref` says; a keyframe is another thing."""
+    text = TWO_ARMS.replace("EQUALITY", "").replace("</mujoco>", "<keyframe>KEY</keyframe></mujoco>")
+    drawn = read(TWO_ARMS.replace("EQUALITY", "")).postures["qpos0"]
+    other = read(text.replace("KEY", '<key name="qpos0" qpos="0.6 1 0 0 0 -0.1"/>'))
+    assert np.array_equal(other.postures["qpos0"], drawn)
+    (said,) = (line for line in other.unused if "keyframe 'qpos0'" in line)
+    assert said.endswith("rename it")
+    same = read(text.replace("KEY", '<key name="qpos0" qpos="0.5 1 0 0 0 -0.1"/>'))
+    assert not [line for line in same.unused if "keyframe" in line]
+
+
+def test_what_is_written_is_drawn_where_it_was(read):
+    """With the `ref` of each joint, so that MuJoCo starts from the same pose; again and again."""
+    gear = '<joint name="gear" joint1="ja" joint2="jb" polycoef="0.2 3 0 0 0"/>'
+    robot = read(TWO_ARMS.replace("EQUALITY", gear))
+    text = robot.to_mjcf()
+    again = read(text)
+    assert 'ref="0.5"' in text
+    assert_same(robot, again)
+    assert np.allclose(again.postures["qpos0"], robot.postures["qpos0"], rtol=0, atol=1e-15)
+    assert again.loops[0].offset == pytest.approx(robot.loops[0].offset, abs=1e-15)
+    assert again.unused == read(again.to_mjcf()).unused
+
+
 CARD = """
 name = "two arms"
 source = "this test"
