@@ -49,7 +49,9 @@ def hidden(found: Mapping[str, Array], joints: Collection[Joint], qpos: Array | 
     apart = np.abs(_configuration(joints, DRAWN, qpos) - found[DRAWN]).max(initial=0.0)
     if apart <= tolerances.DRAWN:
         return ""
-    return f"keyframe {DRAWN!r}: the pose in which the file draws the model has this name; rename it"
+    return (
+        f"keyframe {DRAWN!r}: the pose in which the file draws the model has this name; rename it"
+    )
 
 
 def drawn(robot: Robot) -> Array:
