@@ -2,9 +2,9 @@
 
 A Pinocchio joint and what it carries become a body that stands where the joint does at q0: the
 posture ``qpos0``, which a robot has from an MJCF, else neutral; what is not zero there is the `ref`
-of its joint. A joint that carries nothing and has one child, as in a universal joint, moves the same body as its
-child: with B the pose of the body in the joint, its point is that of B⁻¹ and its axis s becomes
-B⁻¹ s.
+of its joint. A joint that carries nothing and has one child, as in a universal joint, moves the
+same body as its child: with B the pose of the body in the joint, its point is that of B⁻¹ and its
+axis s becomes B⁻¹ s.
 
 Coordinates mean the same in both, but for
 

@@ -57,7 +57,7 @@ def stiff_damping(system: System, integrator: Integrator, dt: float, q: Array) -
 
 def _fastest(system: System, q: Array) -> tuple[float, int]:
     """Return the largest eigenvalue of P D [1/s], and the velocity that takes most part in it."""
-    factors = factorise(system.mass(q), system.jacobian(q), tolerances.RANK)
+    factors = factorise(system.mass(q), system.jacobian(q), tolerances.RANK, at=(system.model, q))
     root = np.sqrt(system.passive.d)
     # those of D^1/2 P D^1/2, where P r is the a of M a - J^T lam = r, J a = 0
     P_root, _ = factors.solve(np.diag(root), np.zeros((system.m, len(root))))

@@ -15,6 +15,7 @@ from condyn_pin.io.mjcf_posture import drawn
 from condyn_pin.knobs import Grid
 from condyn_pin.rows.bound import Coupled
 from condyn_pin.solvers.base import Method, Singular, Solver, free_force
+from condyn_pin.soundness import massless_motion
 
 if TYPE_CHECKING:
     from condyn_pin.workspace import Workspace
@@ -55,7 +56,8 @@ class Soft(Solver):
     the dynamics hold to rounding, and the constraints do not. The status says inaccurate by as
     much, unless the `accuracy` asked for allows it, and derivatives are refused. Redundant rows
     share the load. Bodies that are fixed to one another weigh as the one that they are here and in
-    what `Robot.to_mjcf` writes; MuJoCo weighs each one of an MJCF by itself. gamma is part of it as in MuJoCo 4; MuJoCo 3.3 leaves it out.
+    what `Robot.to_mjcf` writes; MuJoCo weighs each one of an MJCF by itself. gamma is part of it as
+    in MuJoCo 4; MuJoCo 3.3 leaves it out.
 
     References
     ----------
@@ -161,7 +163,9 @@ def inverse_inertias(workspace: Workspace) -> Array:
     def gives(J: Array) -> Array:
         whitened = whiten(M, J)
         if whitened is None:
-            raise InvalidModel("Soft: the mass matrix is not positive definite where it is drawn")
+            raise InvalidModel(
+                f"Soft weighs its rows where MuJoCo starts: {massless_motion(model, q)}"
+            )
         return np.array(whitened[2].diagonal())
 
     def body(joint: int) -> Array:

@@ -78,9 +78,7 @@ def shown(trajectory: Trajectory, fps: float) -> NDArray[np.intp]:
     return np.unique(np.append(nearest, len(t) - 1))
 
 
-def moments_of(
-    trajectory: Trajectory, samples: Iterable[int], *, forces: bool
-) -> list[Moment]:
+def moments_of(trajectory: Trajectory, samples: Iterable[int], *, forces: bool) -> list[Moment]:
     """Return the moments of samples, each with its constraints and their forces."""
     found = []
     for k in samples:
