@@ -20,6 +20,7 @@ from condyn_pin.rows.natives import Natives
 from condyn_pin.rows.reach import ROUNDED, reach
 from condyn_pin.rows.terms import Terms
 from condyn_pin.solvers.reference import Reference
+from condyn_pin.soundness import massless_motion
 from condyn_pin.states.chains import redundant_rows
 
 if TYPE_CHECKING:
@@ -111,7 +112,7 @@ def audit(scene: Scene) -> Audit:
     q, closed = _nominal_configuration(scene)
     equations = Equations(robot.model, scene.bounds)
     terms = equations.terms(q, np.zeros(robot.nv))
-    factors = factorise(terms.M, terms.J, tolerances.RANK)
+    factors = factorise(terms.M, terms.J, tolerances.RANK, at=(robot.model, q))
     S, rank = factors.S, factors.rank
     gravity = float(np.linalg.norm(robot.model.gravity.linear))
     weight = robot.mass * (gravity or 1.0)
@@ -143,7 +144,8 @@ def whitened_rows(scene: Scene) -> Array:
     terms = Equations(robot.model, scene.bounds).terms(q, np.zeros(robot.nv))
     whitened = whiten(terms.M, terms.J)
     if whitened is None:
-        raise InvalidModel("the mass matrix is not positive definite at the nominal state")
+        said = massless_motion(robot.model, q)
+        raise InvalidModel(said or "the mass matrix is not positive definite at the nominal state")
     if not np.isfinite(whitened[1]).all():
         raise InvalidModel("the constraint Jacobian is not finite at the nominal state")
     return np.asarray(whitened[1].T)

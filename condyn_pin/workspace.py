@@ -35,6 +35,7 @@ from condyn_pin.rows.terms import Terms, finite_terms
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.solution import Solution, Status
 from condyn_pin.solvers.base import Singular, Solver
+from condyn_pin.soundness import massless_motion
 from condyn_pin.tolerances import SOLVED
 
 # No acceleration of a machine: what is larger is looked at entry by entry.
@@ -377,8 +378,11 @@ class Workspace(OneThread):
 
     def _failure(self, solution: Solution) -> SolveFailed:
         position, velocity = solution.state_error
+        reason = solution.status.text(self.scene.rows)
+        if not np.isfinite(solution.error_bound):
+            reason = massless_motion(self.model, solution.q) or reason
         return SolveFailed(
-            f"{self.solver!r} on {self.scene.robot.name}: {solution.status.text(self.scene.rows)} "
+            f"{self.solver!r} on {self.scene.robot.name}: {reason} "
             f"(error bound {solution.error_bound:.1e}, state open by {position:.1e} and slipping "
             f"by {velocity:.1e})",
             solution,

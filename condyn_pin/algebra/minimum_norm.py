@@ -14,11 +14,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import isfinite
+from typing import Any
 
 import numpy as np
 
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidModel
+from condyn_pin.soundness import massless_motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,15 +73,32 @@ class MinimumNorm:
         return projected
 
 
-def factorise(M: Array, J: Array, rank_tolerance: float) -> MinimumNorm:
-    """Factorise M and J; raises InvalidModel if M is not positive definite."""
+def factorise(
+    M: Array, J: Array, rank_tolerance: float, *, at: tuple[Any, Array] | None = None
+) -> MinimumNorm:
+    """Factorise M and J.
+
+    Parameters
+    ----------
+    M, J : (nv, nv), (m, nv) array
+    rank_tolerance : float
+        Of the largest singular value of J L^-T.
+    at : (pin.Model, (nq,) array), optional
+        Where M is from, so that an error names the joints.
+
+    Raises
+    ------
+    InvalidModel
+        If M is not positive definite, or J not finite.
+    """
     # imported here: scipy.linalg takes as long to import as Pinocchio. LAPACK's own routines take
     # half the time of numpy's at the size of robots.
     from scipy.linalg.lapack import dgesdd, dpotrf, dtrtrs
 
     upper, info = dpotrf(M.T)  # what is below the diagonal of M, as in np.linalg.cholesky
     if info:
-        raise InvalidModel("the mass matrix is not positive definite at this q")
+        said = "" if at is None else massless_motion(*at)
+        raise InvalidModel(said or "the mass matrix is not positive definite at this q")
     if not len(J):
         return MinimumNorm(upper.T, np.zeros((0, 0)), np.zeros(0), np.zeros((len(M), 0)), 0)
     Jw = dtrtrs(upper, J.T, trans=1)[0].T

@@ -142,7 +142,7 @@ class FactorisedGaps:
         n, m = system.model.nv, system.m
         J = system.jacobian(self._q)
         W = system.mass(self._q) if self._metric == "mass" else np.eye(n)
-        factors = factorise(W, J, tolerances.RANK)
+        factors = factorise(W, J, tolerances.RANK, at=(system.model, self._q))
         # open loops make redundant rows look independent: they are the smallest, and are left out
         rank = min(factors.rank, system.scene.chains.rank)
         factors = replace(factors, V=factors.V[:, :rank], rank=rank)

@@ -112,7 +112,7 @@ def chains(scene: Scene) -> Chains:
     found = []
     for q in tries:
         terms = equations.terms(q, np.zeros(robot.nv))
-        factors = factorise(terms.M, terms.J, tolerances.RANK)
+        factors = factorise(terms.M, terms.J, tolerances.RANK, at=(robot.model, q))
         dependent = independent_columns(terms.J[rows], passive_classes)
         found.append((factors, terms.J, dependent))
     jacobians = [each[1] for each in found]

@@ -71,7 +71,7 @@ def _factors(
     q_ = normalised(model, "q", q)
     terms = Equations(model, scene.bounds).terms(q_, v)
     W = terms.M if metric == "mass" else np.eye(model.nv)
-    factors = factorise(W, terms.J, tolerances.RANK)
+    factors = factorise(W, terms.J, tolerances.RANK, at=(model, q_))
     # open loops make redundant rows look independent: they are the smallest, and are left out
     rank = min(factors.rank, scene.chains.rank)
     return q_, terms, replace(factors, V=factors.V[:, :rank], rank=rank)

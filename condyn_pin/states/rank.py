@@ -177,7 +177,9 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
     equations = Equations(model, scene.bounds)
     terms = equations.terms(q_, np.zeros(model.nv))
     isolated = scene.chains.isolated
-    factors = factorise(terms.M, terms.J, tolerances.ISOLATED if isolated else tolerances.RANK)
+    factors = factorise(
+        terms.M, terms.J, tolerances.ISOLATED if isolated else tolerances.RANK, at=(model, q_)
+    )
     S, r = factors.S, factors.rank
     c = equations.violation(q_)
     return Rank(
