@@ -11,8 +11,8 @@ from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.algebra.minimum_norm import factorise
 from condyn_pin.arguments import normalised
-from condyn_pin.arrays import Array, finite
-from condyn_pin.errors import InvalidArgument, InvalidModel
+from condyn_pin.arrays import Array
+from condyn_pin.errors import InvalidModel
 from condyn_pin.proof import Proof, Yardstick
 from condyn_pin.rows.reach import reach
 from condyn_pin.solution import Solution, Status
@@ -103,11 +103,3 @@ class Judge:
         scale = max(largest[1], nominal.gravity)
         rounded = yardstick.rounding_of(np.abs(lam) @ P)
         return proof._replace(bound=proof.bound + (rounded / scale if scale else 0.0))
-
-
-def check_accuracy_of_a(accuracy: float) -> None:
-    """Refuse an accuracy that doubles cannot have."""
-    if finite("accuracy", accuracy, ()) < tolerances.FINEST:
-        raise InvalidArgument(
-            f"accuracy = {accuracy!r}: a number of at least {tolerances.FINEST:g} is needed"
-        )

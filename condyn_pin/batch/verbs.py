@@ -23,12 +23,11 @@ from condyn_pin.differentiation import METHODS
 from condyn_pin.differentiation.check import BLOCKS
 from condyn_pin.drift import Baumgarte
 from condyn_pin.errors import SolveFailed, unknown_name
-from condyn_pin.judge import check_accuracy_of_a
+from condyn_pin.knobs import check_accuracy_of_a
 from condyn_pin.knobs import check_count
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.base import Solver
-from condyn_pin.tolerances import SOLVED
 from condyn_pin.workspace import Workspace
 
 _CODES: Final = {status: code for code, status in enumerate(STATUSES)}
@@ -42,7 +41,7 @@ def solve_batch(
     *,
     solver: Solver | None = None,
     drift: Baumgarte | None = None,
-    accuracy: float = SOLVED,
+    accuracy: float | None = None,
     executor: Executor | None = None,
     chunk: int | None = None,
     progress: Progress = silent,
@@ -114,7 +113,7 @@ def derivatives_batch(
     solver: Solver | None = None,
     drift: Baumgarte | None = None,
     method: str = "kkt",
-    accuracy: float = SOLVED,
+    accuracy: float | None = None,
     executor: Executor | None = None,
     chunk: int | None = None,
     progress: Progress = silent,
@@ -159,10 +158,11 @@ def derivatives_batch(
 
 
 def _inputs(
-    scene: Scene, Q: ArrayLike, V: ArrayLike, TAU: ArrayLike, accuracy: float
+    scene: Scene, Q: ArrayLike, V: ArrayLike, TAU: ArrayLike, accuracy: float | None
 ) -> tuple[Arrays, int]:
     check_scene(scene)
-    check_accuracy_of_a(accuracy)
+    if accuracy is not None:
+        check_accuracy_of_a(accuracy)
     q, v, tau = check_states(scene.robot.model, Q, V, TAU)
     return {"q": q, "v": v, "tau": tau}, len(q)
 
@@ -191,7 +191,9 @@ def _of_derivatives(scene: Scene) -> dict[str, Kind]:
     return {name: Kind((n if name.startswith("da") else m, n)) for name in BLOCKS}
 
 
-def _solve_rows(accuracy: float, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> Words:
+def _solve_rows(
+    accuracy: float | None, workspace: Workspace, inputs: Arrays, outputs: Arrays
+) -> Words:
     """Solve some rows."""
     for i, state in enumerate(_states(inputs)):
         _put(outputs, i, workspace.solve(*state, accuracy=accuracy, throw=False))
@@ -199,7 +201,7 @@ def _solve_rows(accuracy: float, workspace: Workspace, inputs: Arrays, outputs: 
 
 
 def _derivatives_rows(
-    method: str, accuracy: float, workspace: Workspace, inputs: Arrays, outputs: Arrays
+    method: str, accuracy: float | None, workspace: Workspace, inputs: Arrays, outputs: Arrays
 ) -> Words:
     """Differentiate some rows."""
     for i, state in enumerate(_states(inputs)):

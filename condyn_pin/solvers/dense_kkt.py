@@ -68,6 +68,7 @@ class DenseKKT(Solver):
     refinements: int = 0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_damping(self.mu)
         check_refinements(self.refinements)
 
