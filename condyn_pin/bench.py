@@ -16,7 +16,7 @@ from condyn_pin import _pin
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.bench_table import BenchRow, BenchTable
-from condyn_pin.catalogue import motor_torque, standard_scenes
+from condyn_pin.catalogue import standard_scenes
 from condyn_pin.choice import untaken
 from condyn_pin.errors import Interrupted
 from condyn_pin.load import load_robot
@@ -29,6 +29,8 @@ from condyn_pin.solvers.proximal import Proximal
 from condyn_pin.solvers.reference import Reference
 from condyn_pin.timed_calls import bare, unthrown
 from condyn_pin.timing import Call, State, Times, interleaved
+from condyn_pin.trade.measures.base import relative
+from condyn_pin.trade.states import SampledStates
 from condyn_pin.workspace import Workspace
 
 ROBOTS = ("talos", "cassie", "solo12", "four_bar")
@@ -108,10 +110,7 @@ def bench_scene(
     progress: Progress = silent,
 ) -> list[BenchRow]:
     """Time some methods on one scene."""
-    rng = np.random.default_rng(0)
-    states: list[State] = [
-        (*scene.sample(rng), motor_torque(scene.robot, rng)) for _ in range(effort.states)
-    ]
+    states = SampledStates(effort.states).of(scene)
     reference = Workspace(scene, Reference())
     truth = [reference.solve(*state, throw=False).a for state in states]
     chosen = [s for s in solvers or _solvers(scene) if not untaken(scene, s)]
@@ -158,9 +157,7 @@ class _Candidate:
         self.workspace = Workspace(scene, solver)
         self.solutions = [self.workspace.solve(*state, throw=False) for state in states]
         self.error = max(
-            float(
-                np.abs(solution.a - a).max() / max(np.abs(a).max(), scene.audit.yardstick.gravity)
-            )
+            relative(solution.a, a, scene.audit.yardstick.gravity)
             for solution, a in zip(self.solutions, truth, strict=True)
         )
         self.timed = all(np.isfinite(solution.a).all() for solution in self.solutions)
