@@ -90,6 +90,7 @@ class DenseKKT(Solver):
         y, probed = sides[:size], sides[size:]
         y_n, y_m, d_n, d_m = y[:n], y[n:], d[:n], d[n:]
         columns, random = sides.reshape(-1, size).T, probing(size)
+        work, corrections = BLOCK * size, range(self.refinements)
 
         @np.errstate(over="ignore", invalid="ignore")  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
@@ -101,17 +102,17 @@ class DenseKKT(Solver):
             np.multiply(y, d, out=y)
             probed[:] = random
             factor, pivots, _, info = dsysv(
-                K, columns, lwork=BLOCK * size, lower=1, overwrite_a=1, overwrite_b=1
+                K, columns, lwork=work, lower=1, overwrite_a=1, overwrite_b=1
             )
             if info > 0 or not probed.dot(probed) < LARGEST:
                 raise Singular
-            for _ in range(self.refinements):
+            for _ in corrections:
                 left = workspace.equations.residuals(q, v, tau, d_n * y_n, -d_m * y_m)
                 rest = np.concatenate(left) * d
                 y[:] -= dsytrs(factor, pivots, rest, lower=1)[0].ravel()
             return d_n * y_n  # type: ignore[no-any-return]
 
-        return Method(acceleration, lambda: -d_m * y_m, lambda: 1 + self.refinements)
+        return Method(acceleration, lambda: -d_m * y_m, lambda: 1 + len(corrections))
 
 
 def probing(size: int) -> Array:
