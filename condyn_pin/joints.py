@@ -1,6 +1,6 @@
 """Joints: where q and v hold them, which coordinates are lengths, and whose axes turn.
 
-    v_J = S(q) v
+v_J = S(q) v
 """
 
 from __future__ import annotations

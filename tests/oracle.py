@@ -262,7 +262,9 @@ def _across(joint, base: Body, q, v, a) -> Body:
         return _on_ellipsoid(joint.extract(), base, q, v, a)
     if kind == "Composite":
         at = 0
-        for part, place in zip(joint.extract().joints, joint.extract().jointPlacements, strict=True):
+        for part, place in zip(
+            joint.extract().joints, joint.extract().jointPlacements, strict=True
+        ):
             base = base.carried(exact(place.rotation), exact(place.translation))
             base = _across(part, base, *(x[at : at + part.nv] for x in (q, v, a)))
             at += part.nv

@@ -192,9 +192,7 @@ def test_energy_of_turning_axes_is_kept_to_the_order_of_the_method(name):
     q, v = np.full(model.nq, 0.3), np.full(model.nv, 0.5)
     errors = []
     for dt in (4e-3, 2e-3):
-        found = cp.simulate(
-            scene, q, v, duration=1.0, dt=dt, integrator=cp.Rattle(), gravity=False
-        )
+        found = cp.simulate(scene, q, v, duration=1.0, dt=dt, integrator=cp.Rattle(), gravity=False)
         errors.append(np.abs(found.energy.error).max() / found.energy.kinetic[0])
     assert errors[0] < 1e-4
     assert 3.5 < errors[0] / errors[1] < 4.5

@@ -86,6 +86,7 @@ class LCABA(Solver):
     absolute_accuracy: float | None = None  # [m/s^2]
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_knobs(self.mu, self.max_iterations, smallest_mu=1e-300)
         if self.absolute_accuracy is not None:
             check_accuracy("absolute_accuracy", self.absolute_accuracy)

@@ -57,6 +57,7 @@ class NullSpace(Solver):
     rank_tolerance: float = tolerances.RANK
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_share("rank_tolerance", self.rank_tolerance)
 
     def start(self, workspace: Workspace) -> Method:

@@ -112,6 +112,7 @@ class Proximal(Solver):
     refinements: int | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.mu == "auto":
             object.__setattr__(self, "mu", None)
         if self.refinements is not None:

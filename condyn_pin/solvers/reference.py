@@ -64,6 +64,7 @@ class Reference(Solver):
     refinements: int = 3
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_share("rank_tolerance", self.rank_tolerance)
         check_count("refinements", self.refinements, least=0)
 

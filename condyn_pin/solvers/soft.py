@@ -78,6 +78,7 @@ class Soft(Solver):
     solimp: tuple[float, float, float, float, float] = (0.9, 0.95, 0.001, 0.5, 2.0)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         ref = finite("solref", self.solref, (2,))
         if not ((ref > 0).all() or (ref < 0).all()):
             raise InvalidArgument(

@@ -104,9 +104,10 @@ def short(row: Row) -> str:
 
 def _defaults(name: str) -> dict[str, Any]:
     from condyn_pin.solvers import SOLVERS
+    from condyn_pin.solvers.base import knob_fields
 
     kind = SOLVERS.get(name.lower())
-    return {} if kind is None else {f.name: f.default for f in fields(kind)}  # type: ignore[arg-type]
+    return {} if kind is None else {f.name: f.default for f in knob_fields(kind)}
 
 
 def words_of(knobs: dict[str, Any]) -> str:
