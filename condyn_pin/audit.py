@@ -112,7 +112,8 @@ def audit(scene: Scene) -> Audit:
     q, closed = _nominal_configuration(scene)
     equations = Equations(robot.model, scene.bounds)
     terms = equations.terms(q, np.zeros(robot.nv))
-    factors = factorise(terms.M, terms.J, tolerances.RANK, at=(robot.model, q))
+    P = reach(equations, q)
+    factors = factorise(terms.M, terms.J, tolerances.RANK, at=(robot.model, q)).above_rounding(P)
     S, rank = factors.S, factors.rank
     gravity = float(np.linalg.norm(robot.model.gravity.linear))
     weight = robot.mass * (gravity or 1.0)
@@ -131,8 +132,8 @@ def audit(scene: Scene) -> Audit:
         delassus_norm=norm,
         native_spectrum=_native_spectrum(scene.natives, factors) if rank else (norm, norm),
         weight=weight,
-        yardstick=Yardstick.of(factors, reach(equations, q), gravity, weight),
-        states=_nominal_states(equations, q, factors),
+        yardstick=Yardstick.of(factors, P, gravity, weight),
+        states=_nominal_states(equations, q, factors, P),
         terms=terms,
     )
 
@@ -188,7 +189,7 @@ def _lively_rows(equations: Equations, q: Array) -> tuple[int, bool]:
 
 
 def _nominal_states(
-    equations: Equations, q: Array, factors: MinimumNorm
+    equations: Equations, q: Array, factors: MinimumNorm, P: Array
 ) -> tuple[NominalState, ...]:
     """Return a state at rest, and one moving along the constraints under random torques."""
     rng = np.random.default_rng(0)
@@ -197,6 +198,6 @@ def _nominal_states(
     push = factors.L @ (factors.L.T @ rng.normal(size=nv))
     made = []
     for v, tau in ((np.zeros(nv), np.zeros(nv)), (factors.tangent(rng.normal(size=nv)), push)):
-        a, _ = Reference().solve(equations.terms(q, v), tau)
+        a, _ = Reference().solve(equations.terms(q, v), tau, P)
         made.append(NominalState(q, v, tau, a))
     return tuple(made)

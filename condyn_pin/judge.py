@@ -111,7 +111,7 @@ class Judge:
         q = normalised(equations.model, "q", q)
         terms = equations.terms(q, np.zeros(self._workspace.model.nv))
         P = reach(equations, q)
-        factors = factorise(terms.M, terms.J, tolerances.REFERENCE_RANK)
+        factors = factorise(terms.M, terms.J, tolerances.REFERENCE_RANK).above_rounding(P)
         yardstick = Yardstick.of(factors, P, nominal.gravity, nominal.weight)
         r, s = equations.residuals(q, v, tau, a, lam, load)
         dynamics, largest = equations.errors(q, v, tau, a, lam, load)

@@ -24,6 +24,7 @@ from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array
 from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.rows.equations import Equations
+from condyn_pin.rows.reach import reach
 from condyn_pin.states.chains import redundant_rows
 from condyn_pin.states.gaps import Gap, closed, gaps, worst
 
@@ -177,9 +178,9 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
     equations = Equations(model, scene.bounds)
     terms = equations.terms(q_, np.zeros(model.nv))
     isolated = scene.chains.isolated
-    factors = factorise(
-        terms.M, terms.J, tolerances.ISOLATED if isolated else tolerances.RANK, at=(model, q_)
-    )
+    share = tolerances.ISOLATED if isolated else tolerances.RANK
+    factors = factorise(terms.M, terms.J, share, at=(model, q_))
+    factors = factors.above_rounding(reach(equations, q_))
     S, r = factors.S, factors.rank
     c = equations.violation(q_)
     return Rank(
