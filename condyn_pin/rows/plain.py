@@ -78,7 +78,7 @@ class PlainRows:
 
 def _native(b: Bound) -> Native:
     ends = b.joint1, b.placement1, b.joint2, b.placement2
-    return Native(b.name, b.size, *ends, b.anchored, b.lever)
+    return Native(b.name, b.size, *ends, b.anchored, b.lever, imitates=False)
 
 
 def _gamma_of(model: Any, data: Any, b: Bound) -> Callable[[], Array]:
