@@ -49,7 +49,8 @@ def at_state(scene: Scene, q: ArrayLike, v: ArrayLike | None = None) -> State:
     still = np.zeros(scene.robot.nv)
     q_, v_, _ = Arguments(equations.model).check(q, still if v is None else v, still)
     terms = finite_terms(equations, q_, v_)
-    return State(q_.copy(), v_.copy(), terms, factorise(terms.M, terms.J, tolerances.RANK))
+    factors = factorise(terms.M, terms.J, tolerances.RANK, at=(equations.model, q_))
+    return State(q_.copy(), v_.copy(), terms, factors)
 
 
 def load_on(scene: Scene, q: Array, forces: Sequence[AppliedForce]) -> Load:

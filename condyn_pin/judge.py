@@ -11,8 +11,9 @@ from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.algebra.minimum_norm import factorise
 from condyn_pin.arguments import normalised
-from condyn_pin.arrays import Array, finite
-from condyn_pin.errors import InvalidArgument, InvalidModel
+from condyn_pin.arrays import Array
+from condyn_pin.blas_threads import one_blas_thread
+from condyn_pin.errors import InvalidModel
 from condyn_pin.loads import Load
 from condyn_pin.proof import Proof, Yardstick
 from condyn_pin.rows.reach import reach
@@ -98,6 +99,7 @@ class Judge:
             load.forces if load else (),
         )
 
+    @one_blas_thread
     def _careful_proof(
         self, q: Array, v: Array, tau: Array, a: Array, lam: Array, load: Load | None
     ) -> Proof:
@@ -109,7 +111,7 @@ class Judge:
         q = normalised(equations.model, "q", q)
         terms = equations.terms(q, np.zeros(self._workspace.model.nv))
         P = reach(equations, q)
-        factors = factorise(terms.M, terms.J, tolerances.REFERENCE_RANK)
+        factors = factorise(terms.M, terms.J, tolerances.REFERENCE_RANK).above_rounding(P)
         yardstick = Yardstick.of(factors, P, nominal.gravity, nominal.weight)
         r, s = equations.residuals(q, v, tau, a, lam, load)
         dynamics, largest = equations.errors(q, v, tau, a, lam, load)
@@ -123,11 +125,3 @@ class Judge:
 def _torques(tau: Array, load: Load | None) -> Array:
     """Return the torques of which rounding is a share (nv,), sizes where forces are among them."""
     return tau if load is None else np.abs(tau) + load.size
-
-
-def check_accuracy_of_a(accuracy: float) -> None:
-    """Refuse an accuracy that doubles cannot have."""
-    if finite("accuracy", accuracy, ()) < tolerances.FINEST:
-        raise InvalidArgument(
-            f"accuracy = {accuracy!r}: a number of at least {tolerances.FINEST:g} is needed"
-        )

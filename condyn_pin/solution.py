@@ -15,6 +15,7 @@ from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.force import ConstraintForce, Sites, pulling
 from condyn_pin.proof import Proof
+from condyn_pin.soundness import massless_motion
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
@@ -54,6 +55,15 @@ class Status(Enum):
 
     def __str__(self) -> str:
         return f"{self.name.lower()}: {self.value}"
+
+    def text(self, rows: int) -> str:
+        """Return name and advice; a scene without rows has neither mu nor redundant ones."""
+        if rows or self.ok:
+            return str(self)
+        return (
+            f"{self.name.lower()}: there are no constraints, so that rounding or numbers that "
+            "overflow are to blame; look at masses, velocities and torques"
+        )
 
 
 class StateError(NamedTuple):
@@ -185,10 +195,14 @@ class Solution:
         scale = max(float(np.abs(self.a).max()), audit.yardstick.gravity)
         # of contradicting rows the best a is still unique, and may be ok
         unmet = self.constraint_error > tolerances.SOLVED * scale
-        if not (self.scene.rows and (heavy or unmet or not self.status.ok)):
+        if not (heavy or unmet or not self.status.ok):
             return ()
+        if not self.status.ok:
+            share = tolerances.NEARLY_MASSLESS
+            if said := massless_motion(self.scene.robot.model, self.q, share=share):
+                return (said,)
         try:
-            return self.scene.rank(self.q).notes
+            return self.scene.rank(self.q).notes if self.scene.rows else ()
         except (InvalidModel, InvalidArgument):  # numbers that nothing can be said of
             return ()
 

@@ -13,7 +13,6 @@ from condyn_pin.drift import Baumgarte
 from condyn_pin.scene import Scene
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.base import Solver
-from condyn_pin.tolerances import SOLVED
 from condyn_pin.workspace import Workspace
 
 # The workspace of this thread's last call: a loop over `solve` with one scene builds only one.
@@ -29,7 +28,7 @@ def solve(
     forces: Sequence[AppliedForce] = (),
     solver: Solver | None = None,
     drift: Baumgarte | None = None,
-    accuracy: float = SOLVED,
+    accuracy: float | None = None,
     throw: bool = True,
 ) -> Solution:
     """Return accelerations and constraint forces at one state, with their errors.
@@ -52,9 +51,10 @@ def solve(
         `NullSpace()` if there are redundant rows besides.
     drift : Baumgarte, optional
         What a_ref is; zero by default.
-    accuracy : float
+    accuracy : float, optional
         Error of a that is good enough, relative to the larger of |a|_inf and gravity: what the
-        status is judged by. It changes no number of the answer.
+        status is judged by. That of the solver by default: 1e-8, or what `tune` was asked for. It
+        changes no number of the answer.
     throw : bool
         Raise if the status is not ok. With False the same Solution comes back, whatever its
         status.
@@ -103,7 +103,7 @@ def derivatives(
     drift: Baumgarte | None = None,
     method: str = "kkt",
     check: bool = False,
-    accuracy: float = SOLVED,
+    accuracy: float | None = None,
 ) -> Derivatives:
     """Return how accelerations and constraint forces change with the state and the torques.
 
@@ -126,7 +126,7 @@ def derivatives(
         where rows are redundant its columns by q are those along the constraints: zero across.
     check : bool
         Compare with central differences, and raise if they disagree.
-    accuracy : float
+    accuracy : float, optional
         As in `solve`.
 
     Returns

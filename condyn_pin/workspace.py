@@ -17,6 +17,7 @@ from condyn_pin._pin import pin
 from condyn_pin.applied_force import AppliedForce, applied_forces
 from condyn_pin.arguments import FLOAT, HIGH, LOW, Arguments, unpack_quaternion
 from condyn_pin.arrays import Array
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.choice import check_kinds, default_solver
 from condyn_pin.differentiation import METHODS, Derivatives
 from condyn_pin.differentiation.check import check_derivatives
@@ -24,7 +25,8 @@ from condyn_pin.differentiation.differences import DifferenceDerivatives
 from condyn_pin.differentiation.linearised import Linearisation
 from condyn_pin.drift import Baumgarte
 from condyn_pin.errors import InvalidArgument, SolveFailed, unknown_name
-from condyn_pin.judge import Judge, check_accuracy_of_a
+from condyn_pin.judge import Judge
+from condyn_pin.knobs import check_accuracy_of_a
 from condyn_pin.loads import Load, Loads
 from condyn_pin.one_thread import OneThread, alone, in_use
 from condyn_pin.raw import ConstraintDatas, ConstraintModels, raw_constraints
@@ -34,7 +36,7 @@ from condyn_pin.rows.terms import Terms, finite_terms
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.solution import Solution, Status
 from condyn_pin.solvers.base import Singular, Solver
-from condyn_pin.tolerances import SOLVED
+from condyn_pin.soundness import massless_motion
 
 # No acceleration of a machine: what is larger is looked at entry by entry.
 _LARGEST: Final = 1e100
@@ -281,7 +283,7 @@ class Workspace(OneThread):
         tau: ArrayLike,
         *,
         forces: Sequence[AppliedForce] = (),
-        accuracy: float = SOLVED,
+        accuracy: float | None = None,
         throw: bool = True,
     ) -> Solution:
         """Return a, lam and the proof of both.
@@ -291,9 +293,9 @@ class Workspace(OneThread):
         q, v, tau : (nq,), (nv,), (nv,) array_like
         forces : sequence of AppliedForce, optional
             Forces from outside; none by default.
-        accuracy : float
+        accuracy : float, optional
             Error of a that is good enough, relative to the larger of |a|_inf and gravity: what the
-            status is judged by. It changes no number of the answer.
+            status is judged by. That of the solver by default. It changes no number of the answer.
         throw : bool
             Raise if the status is not ok. With False the same Solution comes back, whatever its
             status.
@@ -307,7 +309,9 @@ class Workspace(OneThread):
         SharedWorkspace
             If another thread is at work in it.
         """
-        if accuracy != SOLVED:
+        if accuracy is None:
+            accuracy = self.solver.accuracy
+        else:
             check_accuracy_of_a(accuracy)
         q_, v_, tau_ = self._arguments.accept(q, v, tau)
         load: Load | None = None
@@ -335,6 +339,7 @@ class Workspace(OneThread):
         return solution
 
     @alone
+    @one_blas_thread
     def derivatives(
         self,
         q: ArrayLike,
@@ -344,7 +349,7 @@ class Workspace(OneThread):
         forces: Sequence[AppliedForce] = (),
         method: str = "kkt",
         check: bool = False,
-        accuracy: float = SOLVED,
+        accuracy: float | None = None,
     ) -> Derivatives:
         """Return how a and lam change with q, v and tau.
 
@@ -375,8 +380,11 @@ class Workspace(OneThread):
 
     def _failure(self, solution: Solution) -> SolveFailed:
         position, velocity = solution.state_error
+        reason = solution.status.text(self.scene.rows)
+        if not np.isfinite(solution.error_bound):
+            reason = massless_motion(self.model, solution.q) or reason
         return SolveFailed(
-            f"{self.solver!r} on {self.scene.robot.name}: {solution.status} "
+            f"{self.solver!r} on {self.scene.robot.name}: {reason} "
             f"(error bound {solution.error_bound:.1e}, state open by {position:.1e} and slipping "
             f"by {velocity:.1e})",
             solution,

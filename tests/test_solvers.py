@@ -212,7 +212,7 @@ def test_the_table_has_every_solver_and_every_knob():
     assert "mu=0.0" in rows["DelassusCholesky"].knobs
     assert rows["DelassusCholesky"].redundant == "mu > 0, else singular"
     assert rows["NullSpace"].redundant == "yes"
-    assert rows["Proximal"].kinds == "points, welds, hinges and edges"
+    assert rows["Proximal"].kinds.startswith("points, welds, hinges, edges and the planar pins")
     assert rows["SparseKKT"].kinds == "points and welds"
 
 

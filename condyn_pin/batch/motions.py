@@ -34,7 +34,8 @@ from condyn_pin.solvers.base import Solver
 from condyn_pin.workspace import Workspace
 
 _CODES: Final = {status: code for code, status in enumerate(RUN_STATUSES)}
-_SAMPLED: Final = ("t", "q", "v", "a", "lam", "tau")
+ENDS: Final = ("t", "q", "v", "violation", "slip", "energy_error", "run_times", "statuses")
+SAMPLED: Final = ("t", "q", "v", "a", "lam", "tau")
 
 # What `simulate` raises of a state that no motion begins at.
 _CANNOT_BEGIN: Final = (NotAssembled, SolveFailed, StepFailed)
@@ -150,7 +151,7 @@ def of_samples(scene: Scene, kept: int) -> dict[str, Kind]:
     """Return the same of its `Samples`, if so many of each motion are kept."""
     n, m = scene.robot.nv, scene.rows
     widths = {"q": (scene.robot.nq,), "v": (n,), "a": (n,), "lam": (m,), "tau": (n,), "t": ()}
-    return {f"samples_{name}": Kind((kept, *widths[name])) for name in _SAMPLED}
+    return {f"samples_{name}": Kind((kept, *widths[name])) for name in SAMPLED}
 
 
 def _put(outputs: Arrays, i: int, found: Trajectory) -> None:
@@ -182,4 +183,4 @@ def _put_nothing(outputs: Arrays, i: int, q: Array, v: Array) -> None:
 
 def samples_of(outputs: Arrays) -> Iterator[tuple[str, Array]]:
     """Return the arrays of the samples that are kept, by the names of `Samples`."""
-    return ((n, outputs[f"samples_{n}"]) for n in _SAMPLED if f"samples_{n}" in outputs)
+    return ((n, outputs[f"samples_{n}"]) for n in SAMPLED if f"samples_{n}" in outputs)

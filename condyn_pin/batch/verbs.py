@@ -26,12 +26,10 @@ from condyn_pin.differentiation import METHODS
 from condyn_pin.differentiation.check import BLOCKS
 from condyn_pin.drift import Baumgarte
 from condyn_pin.errors import SolveFailed, unknown_name
-from condyn_pin.judge import check_accuracy_of_a
-from condyn_pin.knobs import check_count
+from condyn_pin.knobs import check_accuracy_of_a, check_count
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.base import Solver
-from condyn_pin.tolerances import SOLVED
 from condyn_pin.workspace import Workspace
 
 _CODES: Final = {status: code for code, status in enumerate(STATUSES)}
@@ -46,7 +44,7 @@ def solve_batch(
     forces: Sequence[AppliedForce] = (),
     solver: Solver | None = None,
     drift: Baumgarte | None = None,
-    accuracy: float = SOLVED,
+    accuracy: float | None = None,
     executor: Executor | None = None,
     chunk: int | None = None,
     progress: Progress = silent,
@@ -125,7 +123,7 @@ def derivatives_batch(
     solver: Solver | None = None,
     drift: Baumgarte | None = None,
     method: str = "kkt",
-    accuracy: float = SOLVED,
+    accuracy: float | None = None,
     executor: Executor | None = None,
     chunk: int | None = None,
     progress: Progress = silent,
@@ -172,10 +170,11 @@ def derivatives_batch(
 
 
 def _inputs(
-    scene: Scene, Q: ArrayLike, V: ArrayLike, TAU: ArrayLike, accuracy: float
+    scene: Scene, Q: ArrayLike, V: ArrayLike, TAU: ArrayLike, accuracy: float | None
 ) -> tuple[Arrays, int]:
     check_scene(scene)
-    check_accuracy_of_a(accuracy)
+    if accuracy is not None:
+        check_accuracy_of_a(accuracy)
     q, v, tau = check_states(scene.robot.model, Q, V, TAU)
     return {"q": q, "v": v, "tau": tau}, len(q)
 
@@ -205,7 +204,7 @@ def _of_derivatives(scene: Scene) -> dict[str, Kind]:
 
 
 def _solve_rows(
-    accuracy: float, forces: RowForces, workspace: Workspace, inputs: Arrays, outputs: Arrays
+    accuracy: float | None, forces: RowForces, workspace: Workspace, inputs: Arrays, outputs: Arrays
 ) -> Words:
     """Solve some rows."""
     for i, state in enumerate(_states(inputs)):
@@ -216,7 +215,7 @@ def _solve_rows(
 
 def _derivatives_rows(
     method: str,
-    accuracy: float,
+    accuracy: float | None,
     forces: RowForces,
     workspace: Workspace,
     inputs: Arrays,

@@ -16,10 +16,10 @@ import numpy as np
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.base import Derivatives
-from condyn_pin.differentiation.in_series import TURNING
 from condyn_pin.differentiation.kkt import KktDerivatives
 from condyn_pin.differentiation.loads import load_partial
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
+from condyn_pin.joints import turning
 from condyn_pin.rows.bound import POINT, Bound
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.proximal import Proximal
@@ -82,12 +82,12 @@ def _check(workspace: Workspace) -> None:
             f"method = 'pinocchio': {name} is not a ball, a weld, a point or a surface; "
             "take method='kkt'"
         )
-    for name, joint in zip(workspace.model.names, workspace.model.joints, strict=True):
-        if joint.shortname() in TURNING:
-            raise UnsupportedConstraint(
-                f"method = 'pinocchio': its derivatives are wrong for joint {name!r}, a "
-                f"{joint.shortname()}; take method='kkt'"
-            )
+    model = workspace.model
+    for i in turning(model):
+        raise UnsupportedConstraint(
+            f"method = 'pinocchio': its derivatives are wrong for joint {model.names[i]!r}, a "
+            f"{model.joints[i].shortname()}, whose axes turn with its own q; take method='kkt'"
+        )
 
 
 def _first_column_is_wrong(workspace: Workspace) -> bool:

@@ -19,6 +19,7 @@ from condyn_pin import tolerances
 from condyn_pin.applied_force import AppliedForce, applied_forces
 from condyn_pin.arrays import Array, check_overflow, finite
 from condyn_pin.at_state import at_state, load_on
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.force import ConstraintForce, Sites, pulling
 from condyn_pin.motors.actuation import Actuation, motors_of
 from condyn_pin.motors.drive import Drive
@@ -139,6 +140,7 @@ class InverseDynamics:
         return "\n".join(lines)
 
 
+@one_blas_thread
 def inverse_dynamics(
     scene: Scene,
     q: ArrayLike,
@@ -223,6 +225,7 @@ def inverse_dynamics(
     )
 
 
+@one_blas_thread
 def gravity_compensation(
     scene: Scene,
     q: ArrayLike,

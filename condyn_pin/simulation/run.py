@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from condyn_pin.applied_force import AppliedForce
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.drift.base import Drift
 from condyn_pin.errors import CondynError, InvalidArgument
 from condyn_pin.rows.bound import is_scalar
@@ -131,6 +132,7 @@ def simulate(
     return follow(planned, *state, happenings, progress)[0]
 
 
+@one_blas_thread
 def follow(
     planned: Plan,
     q: Array,
@@ -185,8 +187,10 @@ def _run(
                 driver.leg.end(driver.t, driver.q, driver.v)
         if not any(recorder.count for recorder in driver.recorders):
             raise
-        status = RunStatus.DIVERGED if lost else RunStatus.FAILED
-        return status, f"after t = {driver.t:g} s: {_hint(driver, q0)}{error}"
+        hint = _hint(driver, q0)
+        # what no step can follow grows without bound, whatever it meets on the way
+        status = RunStatus.DIVERGED if lost or hint else RunStatus.FAILED
+        return status, f"after t = {driver.t:g} s: {hint}{error}"
     if _is_lost(driver.v):
         fastest = np.abs(driver.v).max()
         return RunStatus.DIVERGED, f"{_hint(driver, q0)}it moves at {fastest:.3g} rad/s or m/s"

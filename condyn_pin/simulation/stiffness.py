@@ -60,7 +60,7 @@ def _fastest(system: System, q: Array) -> tuple[float, int]:
 
     Dampers are counted joint coordinate by joint coordinate, and then from one frame to another.
     """
-    factors = factorise(system.mass(q), system.jacobian(q), tolerances.RANK)
+    factors = factorise(system.mass(q), system.jacobian(q), tolerances.RANK, at=(system.model, q))
     passive = system.passive
     root = np.diag(np.sqrt(passive.d))
     if passive.between:

@@ -154,8 +154,7 @@ class Trajectory:
     def save(self, path: str | PathLike[str]) -> None:
         """Write it to a file (npz): the samples, the robot's model, and how it was made.
 
-        Nothing in it is executed when it is read. The model can be read by the same Pinocchio only,
-        in its first two numbers.
+        Nothing in it is executed when it is read, and any Pinocchio that is supported reads it.
         """
         from condyn_pin.simulation.files import save
 

@@ -74,6 +74,7 @@ class LCABA(Solver):
     use: ClassVar[str] = "the fastest for contacts with the world; needs Pinocchio 4"
     takes_redundant: ClassVar[bool] = True
     takes_every_kind: ClassVar[bool] = False
+    takes_world_first: ClassVar[bool] = False
     sweeps: ClassVar[tuple[Grid, ...]] = (
         {"mu": WEIGHTS, "max_iterations": (1, 20)},
         {"max_iterations": ITERATIONS},
@@ -85,6 +86,7 @@ class LCABA(Solver):
     absolute_accuracy: float | None = None  # [m/s^2]
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_knobs(self.mu, self.max_iterations, smallest_mu=1e-300)
         if self.absolute_accuracy is not None:
             check_accuracy("absolute_accuracy", self.absolute_accuracy)
