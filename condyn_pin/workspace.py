@@ -225,8 +225,10 @@ class Workspace(OneThread):
                     raise ValueError
             if self._pairs:
                 self._arguments.check_pairs(q)
-            # Pinocchio ignores byte order: another dtype is another number
-            if not q.dtype == v.dtype == tau.dtype == FLOAT:
+            # Pinocchio ignores byte order: another dtype is another number. To ask whether it is
+            # the very same object is quicker, and an array that was pickled has another one.
+            same = q.dtype is v.dtype is tau.dtype is FLOAT
+            if not (same or q.dtype == v.dtype == tau.dtype == FLOAT):
                 raise ValueError
             a = self._run(q, v, tau)
             for i in self._roots:
