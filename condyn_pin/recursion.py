@@ -79,14 +79,15 @@ class Recursion:
                 place = q[:shifts]
                 if _NEAR < place.dot(place) < _FAR:  # what is not finite shows in the answer
                     q = np.concatenate((origin, q[shifts:]))
-            return solve(model, data, q, v, tau, models, datas, settings)  # type: ignore[no-any-return]
+            return solve(model, data, q, v, tau, models, datas, settings)
 
         return acceleration
 
     def lam(self) -> Array:
         """Return the forces of Pinocchio's rows; its own have the other sign."""
-        forces = np.concatenate(self._views)
-        return np.negative(forces, out=forces)
+        forces = np.asarray(np.concatenate(self._views))
+        np.negative(forces, out=forces)
+        return forces
 
 
 class Corrected:
