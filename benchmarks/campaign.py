@@ -10,10 +10,10 @@ Every exact solver answers it, and `derivatives` are taken by every method that 
 oracle (`campaign_oracle`) knows positions only, in 64 bits of mantissa; of the library's rows, and
 of Pinocchio's dynamics, nothing enters.
 
-An answer is wrong if it says ok and a is off by more than it promises, 1e-8 of the larger of |a| and
-gravity; derivatives, if they differ along the constraints by more than 1e-6 of the largest entry, or
-of |a|; forces, if what they do to the joints, each at its point and in its axes, is off by 1e-7 of
-what M does with that. Where `check=True` says that derivatives differ, by lam or off the
+An answer is wrong if it says ok and a is off by more than it promises, 1e-8 of the larger of |a|
+and gravity; derivatives, if they differ along the constraints by more than 1e-6 of the largest
+entry, or of |a|; forces, if what they do to the joints, each at its point and in its axes, is off
+by 1e-7 of what M does with that. Where `check=True` says that derivatives differ, by lam or off the
 constraints, where the oracle does not look, it is listed: by the differences' own noise, or not.
 
 A seed's line in `parts` depends on the seed, the Pinocchio and the processor's kernel alone; seeds
@@ -36,7 +36,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 import pinocchio as pin
-from campaign_oracle import Array, Oracle, Solved, Undecided, generalised, solve
+from campaign_jets import Array
+from campaign_oracle import Oracle, Solved, Undecided, generalised, solve
 from campaign_problems import Problem, problem
 from campaign_rows import rows
 
@@ -72,12 +73,12 @@ class Right:
         self.rounding = float(np.finfo(float).eps * (np.abs(inverse) @ torque).max())
 
     def error(self, a: Array) -> float:
-        """Of a, relative to the larger of |a| and gravity, but for rounding of torques."""
+        """Return that of a, relative to the larger of |a| and gravity, but for rounding."""
         off = float(np.abs(a - self.answer.a).max()) - self.rounding
         return max(off, 0.0) / self.scale
 
     def force_error(self, solution: cp.Solution) -> float:
-        """Of what the forces do to the joints, at their points and in their axes."""
+        """Return that of what the forces do to the joints, at their points and in their axes."""
         found = np.zeros(self.model.nv, dtype=np.longdouble)
         for name, force in solution.forces.items():
             constraint = self.p.scene.constraints[self.p.scene.names.index(name)]
@@ -91,7 +92,7 @@ class Right:
         return float(np.abs(found - self.answer.force).max(initial=0.0) / self.load)
 
     def derivative(self, dq: Array, dv: Array, dtau: Array) -> Array:
-        """The rate of a along a direction that stays on the constraints, by differences."""
+        """Return the rate of a along a direction of the constraints, by differences."""
 
         def a(h: float) -> Array:
             q, v = pin.integrate(self.model, self.p.q, h * dq), self.p.v + h * dv
@@ -104,7 +105,7 @@ class Right:
         return (8 * (a(STEP) - a(-STEP)) - (a(2 * STEP) - a(-2 * STEP))) / (12 * STEP)
 
     def directions(self, rng: np.random.Generator) -> Iterator[tuple[Array, Array, Array]]:
-        """Directions of (q, v, tau) along which c and J v stay zero to first order."""
+        """Yield directions of (q, v, tau) along which c and J v stay zero to first order."""
         n = self.model.nv
         nothing, free = np.zeros(n), np.asarray(self.answer.free, dtype=float)
         dq, dv = (free @ rng.normal(size=free.shape[1]) for _ in range(2))
@@ -173,7 +174,7 @@ def _solved(p: Problem, right: Right, solver: cp.Solver) -> Line:
         solution = cp.Workspace(p.scene, solver).solve(p.q, p.v, tau, throw=False, **forces)
     except (cp.UnsupportedConstraint, cp.UnsupportedBackend):
         return found | {"status": "untaken"}
-    except Exception as error:  # noqa: BLE001, what it is goes into the report
+    except Exception as error:  # what it is goes into the report
         return found | {"status": "raised", "said": f"{type(error).__name__}: {error}"[:200]}
     found["status"] = solution.status.name.lower()
     if solution.status.ok:
@@ -192,7 +193,7 @@ def _derived(p: Problem, right: Right, method: str, along: Iterable[tuple[Any, A
         return found | {"status": "untaken"}
     except cp.SolveFailed:
         return found | {"status": "no answer"}
-    except Exception as error:  # noqa: BLE001, what it is goes into the report
+    except Exception as error:  # what it is goes into the report
         return found | {"status": "raised", "said": f"{type(error).__name__}: {error}"[:200]}
     errors = []
     for (dq, dv, dtau), wanted in along:
@@ -218,6 +219,8 @@ def run(seeds: range, parts: Path, every: int) -> None:
     path = parts / f"{pin.__version__}-{KERNEL}.jsonl"
     done = {each["seed"] for each in _lines(path)}
     with path.open("a", encoding="utf-8") as out:
+        if path.stat().st_size and not path.read_bytes().endswith(b"\n"):
+            out.write("\n")  # after a line that was cut
         for seed in seeds:
             if seed not in done:
                 out.write(json.dumps(line(seed, every > 0 and seed % every == 0)) + "\n")
@@ -225,11 +228,13 @@ def run(seeds: range, parts: Path, every: int) -> None:
 
 
 def _lines(path: Path) -> Iterator[Line]:
-    """Yield the lines of a file; the last one may be cut."""
-    if path.exists():
-        for text in path.read_text(encoding="utf-8").splitlines():
-            if text.endswith("}"):
-                yield json.loads(text)
+    """Yield the lines of a file, but for those that were cut."""
+    texts = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    for text in texts:
+        try:
+            yield json.loads(text)
+        except json.JSONDecodeError:
+            continue
 
 
 def main() -> int:

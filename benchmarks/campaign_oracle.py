@@ -22,160 +22,39 @@ M = L L^T and L^-1 J^T P = Q R, pivots falling, the motion nearest to the free o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
-
-Array = np.ndarray
-REAL = np.longdouble
-ONE = np.eye(3, dtype=REAL)
+from campaign_jets import (
+    ONE,
+    REAL,
+    Array,
+    Jet,
+    Place,
+    apply,
+    body_motion,
+    constant,
+    exact,
+    fixed,
+    of_quaternion,
+    shift,
+    turn,
+    vee,
+)
 
 # Pivots of L^-1 J^T, relative to the largest, that are rounding, and that are none; between the two
 # nobody can say.
 NOTHING, SOMETHING = 1e-13, 1e-10
 
 
-def exact(x: Any) -> Array:
-    return np.asarray(x, dtype=REAL)
-
-
-def skew(w: Array) -> Array:
-    K = np.zeros((*w.shape[:-1], 3, 3), dtype=REAL)
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        K[..., j, i], K[..., i, j] = w[..., k], -w[..., k]
-    return K
-
-
-def vee(K: Array) -> Array:
-    """The vector of the skew part of matrices."""
-    D = (K - np.swapaxes(K, -1, -2)) / 2
-    return np.stack([D[..., 2, 1], D[..., 0, 2], D[..., 1, 0]], axis=-1)
-
-
-@dataclass(frozen=True)
-class Jet:
-    """A function of time along many directions: its value, its rate and the rate of that."""
-
-    x: Array
-    d: Array
-    dd: Array
-
-    def __add__(self, other: Jet) -> Jet:
-        return Jet(self.x + other.x, self.d + other.d, self.dd + other.dd)
-
-    def __sub__(self, other: Jet) -> Jet:
-        return Jet(self.x - other.x, self.d - other.d, self.dd - other.dd)
-
-    def map(self, linear: Callable[[Array], Array]) -> Jet:
-        return Jet(linear(self.x), linear(self.d), linear(self.dd))
-
-    def over(self, other: Jet) -> Jet:
-        """This divided by a scalar."""
-        x = self.x / other.x
-        d = (self.d - x * other.d) / other.x
-        return Jet(x, d, (self.dd - 2 * d * other.d - x * other.dd) / other.x)
-
-    def root(self) -> Jet:
-        x = np.sqrt(self.x)
-        d = self.d / (2 * x)
-        return Jet(x, d, (self.dd - 2 * d * d) / (2 * x))
-
-
-def product(f: Callable[[Array, Array], Array], a: Jet, b: Jet) -> Jet:
-    return Jet(
-        f(a.x, b.x), f(a.d, b.x) + f(a.x, b.d), f(a.dd, b.x) + 2 * f(a.d, b.d) + f(a.x, b.dd)
-    )
-
-
-def times(A: Jet, B: Jet) -> Jet:
-    return product(np.matmul, A, B)
-
-
-def apply(A: Jet, b: Jet) -> Jet:
-    return product(lambda R, p: (R @ p[..., None])[..., 0], A, b)
-
-
-def dot(a: Jet, b: Jet) -> Jet:
-    return product(lambda x, y: (x * y).sum(axis=-1, keepdims=True), a, b)
-
-
-def cross(a: Jet, b: Jet) -> Jet:
-    return product(lambda x, y: np.cross(*np.broadcast_arrays(x, y)), a, b)
-
-
-def unit(a: Jet) -> Jet:
-    return a.over(dot(a, a).root())
-
-
-def constant(x: Any) -> Jet:
-    x = exact(x)
-    return Jet(x, np.zeros_like(x), np.zeros_like(x))
-
-
-def transposed(A: Jet) -> Jet:
-    return A.map(lambda R: np.swapaxes(R, -1, -2))
-
-
-@dataclass(frozen=True)
-class Place:
-    """Axes and origin in the world, or in another place."""
-
-    R: Jet
-    p: Jet
-
-    def __mul__(self, other: Place) -> Place:
-        return Place(times(self.R, other.R), apply(self.R, other.p) + self.p)
-
-    @property
-    def w(self) -> tuple[Array, Array]:
-        """Angular velocity and acceleration."""
-        back = np.swapaxes(self.R.x, -1, -2)
-        return vee(self.R.d @ back), vee(self.R.dd @ back)
-
-
-def fixed(placement: Any) -> Place:
-    return Place(constant(placement.rotation), constant(placement.translation))
-
-
 # --- joints
 
 
-def turn(axis: Array, angle: Jet) -> Place:
-    """Rodrigues, with angle.x either an angle or (cos, sin)."""
-    K, x, w = skew(axis), angle.x, angle.d
-    c, s = (x[:1], x[1:]) if len(x) == 2 else (np.cos(x), np.sin(x))
-    zero = np.zeros(3, dtype=REAL)
-
-    def of(c: Array, s: Array) -> Array:
-        return s[:, None, None] * K - c[:, None, None] * (K @ K)
-
-    R = Jet(ONE + K @ K + of(c, s)[0], of(-s * w, c * w), of(-c * w * w, -s * w * w))
-    return Place(R, Jet(zero, np.zeros((len(w), 3), REAL), np.zeros((len(w), 3), REAL)))
-
-
-def shift(axis: Array, length: Jet) -> Place:
-    return Place(constant(ONE), length.map(lambda x: x[..., None] * axis))
-
-
-def body_motion(R: Array, p: Array, v: Array, w: Array) -> Place:
-    """What moves with a velocity that is constant in its own axes."""
-    K = skew(w)
-    along = (R @ v[..., None])[..., 0]
-    bent = (R @ K @ v[..., None])[..., 0]
-    return Place(Jet(R, R @ K, R @ K @ K), Jet(p, along, bent))
-
-
-def of_quaternion(quaternion: Array) -> Array:
-    x, y, z, w = quaternion / np.sqrt((quaternion**2).sum())
-    K = skew(np.array([x, y, z]))
-    return ONE + 2 * w * K + 2 * K @ K
-
-
 def across(joint: Any, q: Array, v: Array) -> Place:
-    """The placement that a joint makes, q (nq,), along directions v (D, nv)."""
+    """Return the placement that a joint makes, q (nq,), along directions v (D, nv)."""
     kind = joint.shortname().removeprefix("JointModel")
     if kind == "Composite":
         place, nq, nv = fixed(pin.SE3.Identity()), 0, 0
@@ -230,7 +109,7 @@ def _axis(joint: Any, kind: str) -> Array:
 
 
 def _ellipsoid(joint: Any, q: Sequence[Jet]) -> Place:
-    """A point on the surface, and the body turned to it."""
+    """Return a point on the surface, with the body turned to it."""
     turned = turn(ONE[0], q[0]) * turn(ONE[1], q[1]) * turn(ONE[2], q[2])
     radii = exact([joint.radius_x, joint.radius_y, joint.radius_z])
     normal = turned.R.map(lambda R: R[..., 2])  # (sin b, -sin a cos b, cos a cos b)
@@ -270,13 +149,14 @@ class Oracle:
         self.M, self.h = M, h
 
     def frame(self, name: str) -> Place:
+        """Return a frame of the model; the world is one."""
         if name in ("world", "universe"):
             return self.places[0]
         frame = self.model.frames[self.model.getFrameId(name)]
         return self.places[frame.parentJoint] * fixed(frame.placement)
 
     def pull(self, name: str, force: Array, of_body: bool) -> Array:
-        """The generalised force of a wrench at the origin of a frame."""
+        """Return what a force at the origin of a frame does to the joints."""
         place = self.frame(name)
         R = place.R.x.reshape(3, 3) if of_body else ONE
         parts = exact(force).reshape(-1, 3) @ R.T
@@ -284,7 +164,7 @@ class Oracle:
 
 
 def generalised(place: Place, at: Array, force: Array, n: int) -> Array:
-    """What a force, or a force with a moment, does to the joints: at a point, in the world."""
+    """Return what a force, or a force with a moment, at a point of the world does to the joints."""
     arm, force = exact(at) - place.p.x.reshape(3), exact(force)
     w, _ = place.w
     moment = np.cross(arm, force[:3]) + (force[3:] if len(force) > 3 else 0)

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from campaign_oracle import Array, Oracle, solve
+from campaign_jets import Array
+from campaign_oracle import Oracle, solve
 from campaign_rows import rows
 
 import condyn_pin as cp
@@ -63,7 +64,7 @@ def _axis(rng: Random) -> Array:
 
 
 def _simple(rng: Random) -> Any:
-    """A joint with one degree of freedom."""
+    """Return a joint with one degree of freedom."""
     kinds = [pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ, pin.JointModelPX,
              pin.JointModelPY, pin.JointModelPZ]  # fmt: skip
     unaligned = [pin.JointModelRevoluteUnaligned, pin.JointModelPrismaticUnaligned]
@@ -79,7 +80,7 @@ def _simple(rng: Random) -> Any:
 
 
 def _continuous(axis: Array) -> Any:
-    """A joint without bounds about any axis; Pinocchio's Python makes one from a file only."""
+    """Return a joint without bounds about any axis, which Python gets from a file only."""
     numbers = " ".join(repr(float(x)) for x in axis)
     text = (
         '<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/><inertia '
@@ -91,7 +92,7 @@ def _continuous(axis: Array) -> Any:
 
 
 def _joint(rng: Random, root: bool) -> Any:
-    """A joint of any type."""
+    """Return a joint of any type."""
     pick = int(rng.integers(14 if root else 13))
     unbounded = [pin.JointModelRUBX, pin.JointModelRUBY, pin.JointModelRUBZ]
     if pick == 0:
@@ -137,7 +138,7 @@ def _inertia(rng: Random, spread: float) -> Any:
 
 
 def _tree(rng: Random) -> Any:
-    """A tree whose joints come depth-first, with two frames on each body."""
+    """Return a tree whose joints come depth-first, with a frame on each body."""
     model = pin.Model()
     spread = float(rng.choice(SPREADS))
     count, path = int(rng.integers(2, 11)), [0]
@@ -175,13 +176,13 @@ class _Frames:
         self.model, self.data, self.rng, self.count = model, data, rng, 0
 
     def any(self, world: bool = True) -> int:
-        """A joint; the world now and then."""
+        """Return a joint; the world now and then."""
         if world and self.rng.random() < 0.25:
             return 0
         return int(self.rng.integers(1, self.model.njoints))
 
     def add(self, joint: int, place: Any) -> str:
-        """A frame on a body, at a place of the world."""
+        """Add a frame to a body, at a place of the world, and return its name."""
         name = f"frame{self.count}"
         self.count += 1
         here = self.data.oMi[joint].actInv(place)
@@ -190,7 +191,7 @@ class _Frames:
 
 
 def _constraints(model: Any, data: Any, q: Array, rng: Random) -> list[cp.Constraint]:
-    """Some constraints that hold at q; now and then one twice, or a ball beside a weld."""
+    """Return constraints that hold at q; now and then one twice, or a ball beside a weld."""
     frames = _Frames(model, data, rng)
     made: list[cp.Constraint] = []
     for _ in range(int(rng.integers(0, 5))):
@@ -287,7 +288,7 @@ def _coupling(model: Any, q: Array, name: str, rng: Random) -> list[cp.Constrain
 
 
 def _velocity(scene: cp.Scene, q: Array, rng: Random) -> Array:
-    """A velocity along the constraints, by the oracle's rows: rest now and then."""
+    """Return a velocity along the constraints, by the oracle's rows; rest now and then."""
     nv = scene.robot.nv
     speed = float(rng.choice([0.0, 1.0, 1.0, 10.0]))
     oracle = Oracle(scene.robot.model, q, np.zeros(nv))
@@ -300,7 +301,7 @@ def _velocity(scene: cp.Scene, q: Array, rng: Random) -> Array:
 
 
 def _torque(scene: cp.Scene, q: Array, v: Array, rng: Random) -> Array:
-    """No torque, one that balances, or one that would move every joint by about 1 rad/s^2."""
+    """Return no torque, one that balances, or one that moves every joint by about 1 rad/s^2."""
     nv, pick = scene.robot.nv, rng.random()
     if pick < 0.15:
         return np.zeros(nv)

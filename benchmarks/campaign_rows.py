@@ -7,12 +7,11 @@ no code of the library is called.
 from __future__ import annotations
 
 import numpy as np
-from campaign_oracle import (
+from campaign_jets import (
     ONE,
     REAL,
     Array,
     Jet,
-    Oracle,
     Place,
     apply,
     constant,
@@ -24,6 +23,7 @@ from campaign_oracle import (
     unit,
     vee,
 )
+from campaign_oracle import Oracle
 
 import condyn_pin as cp
 
@@ -74,7 +74,7 @@ def _point(place: Place, offset: tuple[float, float, float]) -> Jet:
 
 
 def _standing(place: Place) -> Place:
-    """The same place, held by the world."""
+    """Return the same place, held by the world."""
     return Place(constant(place.R.x.reshape(3, 3)), constant(place.p.x.reshape(3)))
 
 
@@ -87,7 +87,7 @@ def _shifted(a: Place, b: Place) -> Jet:
 
 
 def _together(a: Place, b: Place, axis: int | None) -> list[Jet]:
-    """The two frames, but for a turn about an axis."""
+    """Return what keeps two frames together, but for a turn about an axis."""
     if axis is None:
         # at a state where they are together, the skew part is the turn
         return [b.p - a.p, _turned(a, b).map(vee)]
@@ -113,7 +113,7 @@ def _loop(c: cp.Loop, a: Place, b: Place) -> list[Jet]:
 
 
 def _rates(x: Jet) -> Jet:
-    """The rate of a function, with its derivative; the third one is not known, and not used."""
+    """Return the rate of a function; its second derivative is not known, and not used."""
     return Jet(x.d, x.dd, np.zeros_like(x.dd))
 
 
