@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,9 +12,11 @@ from numpy.typing import ArrayLike
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.algebra.minimum_norm import MinimumNorm, factorise
+from condyn_pin.applied_force import AppliedForce
 from condyn_pin.arguments import Arguments
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.loads import Load, Loads
 from condyn_pin.rows.equations import Equations
 from condyn_pin.rows.terms import Terms, finite_terms
 from condyn_pin.scene import Scene, check_scene
@@ -46,7 +49,14 @@ def at_state(scene: Scene, q: ArrayLike, v: ArrayLike | None = None) -> State:
     still = np.zeros(scene.robot.nv)
     q_, v_, _ = Arguments(equations.model).check(q, still if v is None else v, still)
     terms = finite_terms(equations, q_, v_)
-    return State(q_.copy(), v_.copy(), terms, factorise(terms.M, terms.J, tolerances.RANK))
+    factors = factorise(terms.M, terms.J, tolerances.RANK, at=(equations.model, q_))
+    return State(q_.copy(), v_.copy(), terms, factors)
+
+
+def load_on(scene: Scene, q: Array, forces: Sequence[AppliedForce]) -> Load:
+    """Return what forces, all constant, are at a configuration that was checked."""
+    equations = equations_of(scene)
+    return Loads(scene.robot, equations.model, equations.data).at(q, forces)
 
 
 def frame_jacobian(scene: Scene, q: Array, frame: str) -> Array:

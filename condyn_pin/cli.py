@@ -6,9 +6,11 @@ import os
 import sys
 from typing import Annotated, NoReturn
 
-# Before numpy is imported: two threads of a BLAS on a 50 x 50 matrix only make it slower, and
-# times are compared on one core.
-os.environ.setdefault("OMP_NUM_THREADS", "1")
+from condyn_pin.blas_threads import decided
+
+# Before numpy is imported, for the processes of workers too: times are compared on one core.
+if not decided():
+    os.environ["OMP_NUM_THREADS"] = "1"
 
 import typer
 

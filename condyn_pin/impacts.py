@@ -21,6 +21,7 @@ from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array, finite
 from condyn_pin.at_state import at_state, equations_of
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.differentiation.kkt import turning_null_space
 from condyn_pin.differentiation.linearised import Linearisation
 from condyn_pin.errors import InvalidArgument, unknown_name
@@ -129,6 +130,7 @@ class Impact:
         return "\n".join(lines)
 
 
+@one_blas_thread
 def impact(scene: Scene, q: ArrayLike, v: ArrayLike, *, restitution: Restitution = 0.0) -> Impact:
     """Return velocity and impulses when the constraints of a scene are met at a velocity.
 
@@ -219,6 +221,7 @@ def _check(found: Impact, J: Array, wanted: Array) -> None:
         )
 
 
+@one_blas_thread
 def _derivatives(found: Impact) -> tuple[Array, Array]:
     """Return the derivatives of v+ (nv, 2 nv) and lam (m, 2 nv) by q and v-.
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from condyn_pin.arrays import finite
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.tolerances import FINEST
 
 _MOST_REFINEMENTS = 100
 # Values that are worth a look in a study: a solver declares which of its knobs take which.
@@ -68,6 +69,12 @@ def check_accuracy(name: str, value: float) -> None:
     """Refuse an accuracy that cannot be used."""
     if finite(name, value, ()) < 0:
         raise InvalidArgument(f"{name} = {value!r}: a number >= 0 is needed")
+
+
+def check_accuracy_of_a(accuracy: float) -> None:
+    """Refuse an accuracy that doubles cannot have."""
+    if finite("accuracy", accuracy, ()) < FINEST:
+        raise InvalidArgument(f"accuracy = {accuracy!r}: a number of at least {FINEST:g} is needed")
 
 
 def check_share(name: str, value: float) -> None:

@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from condyn_pin import tolerances
+from condyn_pin.applied_force import AppliedForce
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.force import ConstraintForce, Sites, pulling
 from condyn_pin.proof import Proof
+from condyn_pin.soundness import massless_motion
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
@@ -54,6 +56,15 @@ class Status(Enum):
     def __str__(self) -> str:
         return f"{self.name.lower()}: {self.value}"
 
+    def text(self, rows: int) -> str:
+        """Return name and advice; a scene without rows has neither mu nor redundant ones."""
+        if rows or self.ok:
+            return str(self)
+        return (
+            f"{self.name.lower()}: there are no constraints, so that rounding or numbers that "
+            "overflow are to blame; look at masses, velocities and torques"
+        )
+
 
 class StateError(NamedTuple):
     """How far a state is from satisfying the constraints."""
@@ -66,7 +77,7 @@ class StateError(NamedTuple):
 class Solution:
     """Accelerations and constraint forces at one state, with three errors recomputed.
 
-    M a + h = tau + J^T lam,  J a + gamma = a_ref
+    M a + h = tau + J^T lam + sum J_f^T f,  J a + gamma = a_ref
 
     Attributes
     ----------
@@ -86,6 +97,8 @@ class Solution:
     scene : Scene
     q : (nq,) array
         What was solved, and where.
+    applied : tuple of AppliedForce
+        The forces from outside that were applied.
     """
 
     a: Array
@@ -96,6 +109,7 @@ class Solution:
     solve_time: float  # [s]
     scene: Scene
     q: Array
+    applied: tuple[AppliedForce, ...] = ()
 
     def __init__(
         self,
@@ -107,6 +121,7 @@ class Solution:
         solve_time: float,
         scene: Scene,
         q: Array,
+        applied: tuple[AppliedForce, ...] = (),
     ) -> None:
         # at once: the eight guarded assignments of a frozen dataclass take twice as long
         self.__dict__.update(
@@ -118,11 +133,12 @@ class Solution:
             solve_time=solve_time,
             scene=scene,
             q=q,
+            applied=applied,
         )
 
     @property
     def dynamics_error(self) -> float:
-        """|M a + h - tau - J^T lam|_inf [N, N m], by recursive Newton-Euler."""
+        """|M a + h - tau - J^T lam - sum J_f^T f|_inf [N, N m], by recursive Newton-Euler."""
         return self.proof.dynamics
 
     @property
@@ -179,10 +195,14 @@ class Solution:
         scale = max(float(np.abs(self.a).max()), audit.yardstick.gravity)
         # of contradicting rows the best a is still unique, and may be ok
         unmet = self.constraint_error > tolerances.SOLVED * scale
-        if not (self.scene.rows and (heavy or unmet or not self.status.ok)):
+        if not (heavy or unmet or not self.status.ok):
             return ()
+        if not self.status.ok:
+            share = tolerances.NEARLY_MASSLESS
+            if said := massless_motion(self.scene.robot.model, self.q, share=share):
+                return (said,)
         try:
-            return self.scene.rank(self.q).notes
+            return self.scene.rank(self.q).notes if self.scene.rows else ()
         except (InvalidModel, InvalidArgument):  # numbers that nothing can be said of
             return ()
 

@@ -150,6 +150,9 @@ def _unused(scene: Scene) -> Iterator[str]:
     if robot.springs:
         joints = ", ".join(spring.joint for spring in robot.springs)
         yield f"springs ({joints}): add Robot.passive_torque to tau"
+    if robot.spring_dampers:
+        ends = ", ".join(f"{each.frame_a} - {each.frame_b}" for each in robot.spring_dampers)
+        yield f"spring-dampers ({ends}): add Robot.passive_torque to tau"
     left_out = [loop.name for loop in robot.loops if loop not in scene.constraints]
     if left_out:
         yield f"loops that are not in this scene ({', '.join(left_out)})"

@@ -110,6 +110,7 @@ def one_body(inertia: pin.Inertia) -> pin.Model:
     [
         (lambda m: m.damping.__setitem__(1, -0.5), r"damping of joint 'coupler' is -0\.5"),
         (lambda m: m.damping.__setitem__(0, np.inf), "damping of joint 'crank' is inf"),
+        (lambda m: m.armature.__setitem__(0, 1e300), r"armature of joint 'crank' is 1e\+300"),
         (lambda m: m.armature.__setitem__(0, -1e-4), "armature of joint 'crank' is -0.0001"),
         (lambda m: m.gravity.linear.__setitem__(0, np.inf), "gravity = .*inf"),
         (lambda m: m.gravity.angular.__setitem__(1, 3.0), "an angular part of"),

@@ -267,7 +267,7 @@ def test_a_browser_plays_the_motion_without_a_network(tmp_path, swinging):
     answer = asked(tmp_path, found.html().replace("</body>", question))
     assert answer["errors"] == []
     assert answer["duration"] == pytest.approx(0.5, abs=1e-6)
-    assert answer["actions"] == len(tracks(found.parts, found.moments))
+    assert answer["actions"] == len(tracks(found.parts, found.moments, found.frames))
     for part in found.parts:
         if part.path in paths:
             seen = np.array(answer[part.path]).reshape(4, 4).T

@@ -10,6 +10,7 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from threading import Thread
 from typing import Any, TypeVar
 
+from condyn_pin.blas_threads import keep_to_one_thread
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.knobs import check_count
 
@@ -77,6 +78,7 @@ class Processes(Executor):
 def _follow_the_parent() -> None:
     """Leave Ctrl-C, which a terminal sends to all, to the parent; end when the parent is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    keep_to_one_thread()  # other workers have the other cores
     Thread(target=_end_with_the_parent, daemon=True).start()
 
 

@@ -20,6 +20,7 @@ from condyn_pin._pin import pin
 from condyn_pin.algebra.numerical_rank import counted
 from condyn_pin.arguments import Arguments
 from condyn_pin.arrays import Array
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.bridge.causes import causes
 from condyn_pin.bridge.cross_check import CrossCheck, TermCheck
 from condyn_pin.bridge.mujoco_terms import LoopRows, MujocoTerms, equalities_of
@@ -40,6 +41,7 @@ _LEAST: Final = 1.0
 _OTHERS: Final = "loops of other names"
 
 
+@one_blas_thread
 def cross_check(
     bridge: MujocoBridge, q: ArrayLike, v: ArrayLike, tau: ArrayLike, tolerance: float
 ) -> CrossCheck:

@@ -16,6 +16,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Column, Table
 
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.files.beside import check_writable
 
 # As shells say that a program was interrupted.
 INTERRUPTED: Final = 130
@@ -58,15 +59,7 @@ def check_written(*paths: Path | None) -> None:
     for path in paths:
         if path is None or path == _STDOUT:
             continue
-        if not path.absolute().parent.is_dir():
-            raise InvalidArgument(f"{path}: there is no folder {path.parent}; make it first")
-        is_new = not path.exists()
-        try:
-            path.open("ab").close()
-        except OSError as error:
-            raise InvalidArgument(f"{path}: cannot be written: {error.strerror}") from error
-        if is_new:
-            path.unlink()
+        check_writable(path)
 
 
 def check_ending(path: Path | None, *endings: str) -> None:

@@ -85,6 +85,7 @@ def _show(
     table: Table, csv: Path | None, as_json: Path | None, markdown: Path | None, plot: Path | None
 ) -> None:
     """Print a table, and write it to the files that are wanted."""
+    from condyn_pin.files.beside import write_text
     from condyn_pin.trade.printing import print_table
 
     print_table(table, for_people(as_json))
@@ -93,7 +94,7 @@ def _show(
     if as_json:
         write_json(table, as_json)
     if markdown:
-        markdown.write_text(table.to_markdown() + "\n", encoding="utf-8")
+        write_text(markdown, table.to_markdown() + "\n")
     if plot and table.rows:
         from condyn_pin.plots_trade import save_trade
 

@@ -22,6 +22,7 @@ from condyn_pin._pin import pin
 from condyn_pin.algebra.numerical_rank import null_space
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.base import Derivatives
+from condyn_pin.one_thread import of_workspace
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.reference import Reference
 
@@ -58,6 +59,7 @@ class DifferenceDerivatives(Derivatives):
     def __init__(self, workspace: Workspace, solution: Solution, v: Array, tau: Array) -> None:
         super().__init__(solution)
         self._v, self._tau = v, tau
+        self._workspace, self._loads = workspace, workspace.loads
         self._model, self._equations = workspace.model, workspace.equations
         scene = solution.scene
         terms = self._equations.terms(solution.q, v)
@@ -65,6 +67,7 @@ class DifferenceDerivatives(Derivatives):
         self._heaviest = float(np.diag(terms.M).max(initial=0.0))
         self.step = 0.0
 
+    @of_workspace
     def _form(self) -> tuple[Array, Array, Array]:
         tables = [self._table(h) for h in STEPS]
         changes = [np.abs(a - b).max() for a, b in pairwise(tables)]
@@ -83,6 +86,8 @@ class DifferenceDerivatives(Derivatives):
         return np.hstack([by_q @ self.along, by_v, by_tau / self._heaviest])
 
     def _answer(self, q: Array, v: Array, tau: Array) -> Array:
+        if self.solution.applied:
+            tau = tau + self._loads.at(q, self.solution.applied).torque
         return np.concatenate(_PLAIN.solve(self._equations.terms(q, v), tau))
 
     def _moved(self, step: Array) -> Array:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from condyn_pin.extremes.base import EXTREMES
 from condyn_pin.extremes.verdict import Outcome, Verdict
+from condyn_pin.files.beside import written_beside
 
 # From bad to worse: a cell with several seeds is as bad as its worst.
 _ORDER = tuple(Verdict)
@@ -119,7 +120,7 @@ def write_csv(found: Sequence[Map], path: str | Path, pinocchio: str) -> None:
     ]
     rows = sorted(kept + rows, key=lambda row: row["pinocchio"])
     columns = dict.fromkeys(key for row in reversed(rows) for key in row)
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with written_beside(path) as new, new.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(columns), lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)

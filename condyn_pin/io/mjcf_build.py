@@ -24,7 +24,7 @@ from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.constraints import WORLD, Coupling, Loop
 from condyn_pin.errors import InvalidModel, unknown_name
-from condyn_pin.io.mjcf_posture import postures
+from condyn_pin.io.mjcf_posture import DRAWN, hidden, postures
 from condyn_pin.io.mjcf_types import (
     COORDINATES,
     Body,
@@ -57,6 +57,9 @@ def build(said: Description) -> MjcfRobot:
             )
     for name in said.actuated:
         grown.joint(name, "an actuator")
+    named = postures(grown.joints.values(), said.keyframes, grown.drawn_pose())
+    if other := hidden(named, grown.joints.values(), said.keyframes.get(DRAWN)):
+        unused.append(other)
     return MjcfRobot(
         model=grown.model,
         loops=tuple(loops),
@@ -66,7 +69,7 @@ def build(said: Description) -> MjcfRobot:
             for joint in grown.joints.values()
             if joint.stiffness and joint.kind in ("slide", "hinge")
         ),
-        postures=postures(grown.joints.values(), said.keyframes, grown.drawn_pose()),
+        postures=named,
         unused=tuple(unused),
     )
 

@@ -8,6 +8,7 @@ from typing import Final
 from xml.etree.ElementTree import Element
 
 from condyn_pin.io.inertia import Body, doubts, tensor
+from condyn_pin.io.urdf_check import without_bounds
 from condyn_pin.names import few
 
 _MOMENTS: Final = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
@@ -80,6 +81,12 @@ def doubtful(
         what = "couplings of Robot.loops, which hold in scenes that contain them"
         what = what if coupled else "these joints move on their own"
         yield f"mimic ({few(mimicking)}): {what}"
+    free = [j.get("name", "?") for j in robot.findall("joint") if without_bounds(j)]
+    if free:
+        yield (
+            f"<limit> without lower and upper ({few(free)}): without bounds here; the format has 0 "
+            "to 0, which locks them"
+        )
     if cuts:
         yield (
             f"the kind of the joints cut at {few(cuts)}: balls here, unless [[loops]] of a "

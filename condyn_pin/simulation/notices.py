@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from math import pi
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from condyn_pin import tolerances
+from condyn_pin.joints import lengths
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.pulls import pull_notices
 from condyn_pin.simulation.verify import solver_notices
@@ -23,6 +25,7 @@ def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
     if not trajectory.status.ok:
         said.append(f"{trajectory.status}; {trajectory.reason}")
     said += _open_constraints(trajectory)
+    said += _coarse_turns(trajectory)
     said += solver_notices(trajectory) + pull_notices(trajectory)
     energy = trajectory.energy
     error, scale = float(np.abs(energy.error).max()), energy.scale
@@ -46,6 +49,28 @@ def _open_constraints(trajectory: Trajectory) -> list[str]:
     if not run.solver.exact:
         remedy = f"{run.solver.title} lets them give way; use a stiffer solref"
     return [f"the constraints are open by {worst:.2g} m or rad at t = {when:.4g} s: {remedy}"]
+
+
+def _coarse_turns(trajectory: Trajectory) -> list[str]:
+    """Return a sentence on the joint that turns fastest, if by half a turn a step or more."""
+    run, model = trajectory.run, trajectory.scene.robot.model
+    if run.integrator.is_adaptive:
+        return []
+    speed = np.abs(trajectory.v).max(axis=0)
+    turns = {
+        model.names[i]: float(speed[joint.idx_v + k])
+        for i, joint in enumerate(list(model.joints)[1:], start=1)
+        for k, length in enumerate(lengths(joint))
+        if not length and speed[joint.idx_v + k] * run.dt > pi
+    }
+    if not turns or not trajectory.status.ok:
+        return []
+    joint = max(turns, key=turns.__getitem__)
+    return [
+        f"joint {joint!r} turns by {turns[joint] * run.dt:.3g} rad in a step of {run.dt:.3g} s, "
+        "and what its angle does to other joints is not seen: take dt below "
+        f"{pi / turns[joint]:.2g} s"
+    ]
 
 
 def _hardly_lifted(scene: Scene) -> float:

@@ -11,8 +11,10 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import ArrayLike
 
+from condyn_pin.applied_force import AppliedForce
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.drift.base import Drift
 from condyn_pin.errors import CondynError, InvalidArgument
 from condyn_pin.rows.bound import is_scalar
@@ -41,6 +43,7 @@ def simulate(
     v: ArrayLike,
     tau: float | ArrayLike | Torque = 0.0,
     *,
+    forces: Sequence[AppliedForce] = (),
     duration: float,
     dt: float = 1e-3,
     integrator: Integrator | None = None,
@@ -56,7 +59,8 @@ def simulate(
 ) -> Trajectory:
     """Return the motion of a scene from a state.
 
-    M(q) a + h(q, v) = tau - k (q - q0) - d v + J(q)^T lam,    J a + gamma = a_ref
+    M(q) a + h(q, v) = tau - k (q - q0) - d v + J(q)^T lam + sum J_f(q)^T f,
+    J a + gamma = a_ref
 
     Parameters
     ----------
@@ -67,6 +71,9 @@ def simulate(
     tau : 0, (nv,) array_like or callable, optional
         The torques applied [N, N m]: constant, or tau(t, q, v). A function is called at every stage
         of a step, with states that may be thrown away, and may not write to its arguments.
+    forces : sequence of AppliedForce, optional
+        Forces from outside, constant or functions of (t, q, v), called as tau is; none by default.
+        The `tau` of the trajectory, and its work, have J_f^T f in them.
     duration : float
         [s]
     dt : float
@@ -101,6 +108,8 @@ def simulate(
     ------
     InvalidArgument
         If an argument cannot be used, or gains of `drift` are beyond the wall of the integrator.
+    UnknownName
+        If a force is on a frame that does not exist.
     NotAssembled
         If a loop is open at q, or slips with v.
     SolveFailed
@@ -118,11 +127,12 @@ def simulate(
     state, happenings = start(scene, q, v), _events(scene, events)
     planned = plan(
         scene, tau, duration=duration, dt=dt, integrator=integrator, drift=drift, solver=solver,
-        record=record, effects=effects, events=happenings,
+        record=record, effects=effects, events=happenings, forces=forces,
     )  # fmt: skip
     return follow(planned, *state, happenings, progress)[0]
 
 
+@one_blas_thread
 def follow(
     planned: Plan,
     q: Array,
@@ -177,8 +187,10 @@ def _run(
                 driver.leg.end(driver.t, driver.q, driver.v)
         if not any(recorder.count for recorder in driver.recorders):
             raise
-        status = RunStatus.DIVERGED if lost else RunStatus.FAILED
-        return status, f"after t = {driver.t:g} s: {_hint(driver, q0)}{error}"
+        hint = _hint(driver, q0)
+        # what no step can follow grows without bound, whatever it meets on the way
+        status = RunStatus.DIVERGED if lost or hint else RunStatus.FAILED
+        return status, f"after t = {driver.t:g} s: {hint}{error}"
     if _is_lost(driver.v):
         fastest = np.abs(driver.v).max()
         return RunStatus.DIVERGED, f"{_hint(driver, q0)}it moves at {fastest:.3g} rad/s or m/s"
@@ -236,7 +248,8 @@ def _check_scene(event: str, its: Scene, simulated: Scene, scalar: dict[str, boo
         raise InvalidArgument(
             f"event {event!r}: its scene is of another model than the one simulated"
         )
-    if its.robot.springs != simulated.robot.springs:
+    one, other = its.robot, simulated.robot
+    if (one.springs, one.spring_dampers) != (other.springs, other.spring_dampers):
         raise InvalidArgument(
             f"event {event!r}: its scene has other springs than the one simulated; "
             "what changes on the way is a torque: tau(t, q, v)"

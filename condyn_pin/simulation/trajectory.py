@@ -35,7 +35,8 @@ class Trajectory:
         Constraint forces [N, N m], rows in the order of `row_names`; zero while a constraint is
         away.
     tau : (k, nv) array
-        Torques applied, without springs and damping [N, N m].
+        Torques applied, those of forces from outside J_f^T f with them, without springs and
+        damping [N, N m].
     run : Run
         How it was made, and how it ended.
     """
@@ -122,7 +123,7 @@ class Trajectory:
         parts = [
             (
                 work(self.t[s], np.sum(self.tau[s] * self.v[s], axis=1)),
-                work(self.t[s], -(self.v[s] ** 2) @ passive.d),
+                work(self.t[s], -passive.dissipation(self.q[s], self.v[s])),
             )
             for s in (phase.samples for phase in self.phases)
         ]
@@ -153,8 +154,7 @@ class Trajectory:
     def save(self, path: str | PathLike[str]) -> None:
         """Write it to a file (npz): the samples, the robot's model, and how it was made.
 
-        Nothing in it is executed when it is read. The model can be read by the same Pinocchio only,
-        in its first two numbers.
+        Nothing in it is executed when it is read, and any Pinocchio that is supported reads it.
         """
         from condyn_pin.simulation.files import save
 

@@ -78,6 +78,7 @@ class ConjugateGradient(Solver):
     mu: float = 0.0  # [1/kg]
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.tolerance is not None:
             check_accuracy("tolerance", self.tolerance)
         check_iterations(self.max_iterations)

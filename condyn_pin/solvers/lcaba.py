@@ -124,6 +124,7 @@ class LCABA(Solver):
     refinements: int | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_knobs(self.mu, self.max_iterations, smallest_mu=1e-300)
         if self.absolute_accuracy is not None:
             check_accuracy("absolute_accuracy", self.absolute_accuracy)

@@ -67,10 +67,10 @@ class Proximal(Solver):
         by the errors of the `Solution`, never by this.
     relative_accuracy : float, optional
         Iterate until |lam_k - lam_(k-1)|_inf is below this [N]: despite its name in Pinocchio, an
-        absolute number. By default 1e-9 of the robot's weight: above the noise of redundant rows,
-        where Pinocchio's 1e-12 never fires and doubles the time for nothing, and small enough,
-        since the next iterate is better by mu / sigma again; less where that could still move a
-        joint by 1e-9 of gravity.
+        absolute number. By default 1e-9 of the robot's weight, or 4e-9 where rows are redundant:
+        above the noise of such rows, where Pinocchio's 1e-12 never fires and doubles the time for
+        nothing, and small enough, since the next iterate is better by mu / sigma again; less where
+        that could still move a joint by 1e-9 of gravity.
     refinements : int, optional
         Corrections with residuals of our own and the same factor (`condyn_pin.refinement`). Each
         costs a look as in `solve`, and gains what rounding took where M or G is badly conditioned:
@@ -112,6 +112,7 @@ class Proximal(Solver):
     refinements: int | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.mu == "auto":
             object.__setattr__(self, "mu", None)
         if self.refinements is not None:

@@ -16,6 +16,7 @@ from condyn_pin import tolerances
 from condyn_pin.algebra.numerical_rank import rank_of
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.joints import Indices, indices
 from condyn_pin.names import checked
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from condyn_pin.states.chains import Chains
 
 
+@one_blas_thread
 def assemble(
     scene: Scene,
     q0: ArrayLike,
@@ -55,6 +57,7 @@ def assemble(
     return assembly
 
 
+@one_blas_thread
 def assemble_posture(scene: Scene, guess: Array) -> Assembly:
     """Close a posture: within the joint limits if it starts there and that can be, or without.
 

@@ -12,6 +12,8 @@ from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.joints import lengths
 from condyn_pin.rows.bound import AnyBound, Coupled
+from condyn_pin.rows.equations import Equations
+from condyn_pin.rows.reach import ROUNDED, reach
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
@@ -67,6 +69,15 @@ def gaps(scene: Scene, c: Array) -> dict[str, Gap]:
 def slips(scene: Scene, velocity: Array) -> dict[str, Gap]:
     """Return how fast the sides of each constraint move apart, from J v (m,)."""
     return {b.name: _gap(scene, b, velocity[b.rows]) for b in scene.bounds}
+
+
+def rounding(scene: Scene, q: Array, x: Array) -> dict[str, float]:
+    """Return what rounding of J x leaves of each constraint, where its two sides move together.
+
+    A slip is the difference of two velocities: 1e-13 of what the joints bring to either.
+    """
+    sides = ROUNDED * (reach(Equations(scene.robot.model, scene.bounds), q) @ np.abs(x))
+    return {b.name: float(sides[b.rows].max()) for b in scene.bounds}
 
 
 def _gap(scene: Scene, bound: AnyBound, rows: Array) -> Gap:

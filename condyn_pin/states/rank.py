@@ -22,7 +22,9 @@ from condyn_pin import tolerances
 from condyn_pin.algebra.minimum_norm import MinimumNorm, factorise
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.rows.equations import Equations
+from condyn_pin.rows.reach import reach
 from condyn_pin.states.chains import redundant_rows
 from condyn_pin.states.gaps import Gap, closed, gaps, worst
 
@@ -167,6 +169,7 @@ class Rank:
             )
 
 
+@one_blas_thread
 def rank(scene: Scene, q: ArrayLike | None) -> Rank:
     """Return the rank of a scene at q; see `Scene.rank`."""
     robot, model = scene.robot, scene.robot.model
@@ -175,7 +178,9 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
     equations = Equations(model, scene.bounds)
     terms = equations.terms(q_, np.zeros(model.nv))
     isolated = scene.chains.isolated
-    factors = factorise(terms.M, terms.J, tolerances.ISOLATED if isolated else tolerances.RANK)
+    share = tolerances.ISOLATED if isolated else tolerances.RANK
+    factors = factorise(terms.M, terms.J, share, at=(model, q_))
+    factors = factors.above_rounding(reach(equations, q_))
     S, r = factors.S, factors.rank
     c = equations.violation(q_)
     return Rank(

@@ -8,6 +8,7 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array, finite
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.states.assembly import assemble
 from condyn_pin.states.projection import project_velocity
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 _TRIES = 50
 
 
+@one_blas_thread
 def sample(
     scene: Scene, rng: np.random.Generator, spread: float, speed: float
 ) -> tuple[Array, Array]:

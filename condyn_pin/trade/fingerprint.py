@@ -19,6 +19,8 @@ def fingerprint(scene: Scene) -> str:
     robot.check_unedited()
     nominal = np.ascontiguousarray(scene.guess(), dtype="<f8")
     named = (scene.constraints, tuple(robot.actuated), robot.springs)
+    if robot.spring_dampers:  # those of robots without stay as they were
+        named += (robot.spring_dampers,)
     parts = (robot.model.saveToString(), *map(repr, named))
     digest = hashlib.sha256()
     for part in (*(text.encode() for text in parts), nominal.tobytes()):

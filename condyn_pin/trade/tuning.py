@@ -12,7 +12,7 @@ from condyn_pin.scene import Scene, check_scene
 from condyn_pin.solvers.base import Solver
 from condyn_pin.tolerances import SOLVED
 from condyn_pin.trade import plan as plans
-from condyn_pin.trade.cheapest import Choice, check_error, made, solver_of
+from condyn_pin.trade.cheapest import Choice, check_error, made, promising, solver_of
 from condyn_pin.trade.clocks import TimingEffort
 from condyn_pin.trade.fingerprint import fingerprint
 from condyn_pin.trade.front import answered, comparable, microseconds
@@ -55,6 +55,8 @@ def tune(
     Returns
     -------
     Solver
+        Its `accuracy` is the error that was asked for, so that `solve` says ok to it; 1e-8 where
+        that was less.
 
     Raises
     ------
@@ -68,6 +70,8 @@ def tune(
     Takes from seconds to half a minute. Times are those of this moment: on a machine that is busy
     with other work another solver may seem the fastest.
     """
+    if save:
+        plans.check_folder()
     choice = choose(scene, error, measure=measure, solvers=solvers, progress=progress)
     if save:
         keep(scene, choice)
@@ -139,7 +143,7 @@ def tuned(scene: Scene, error: float = SOLVED, *, measure: str = "acceleration")
         raise NotTuned(f"no plan for this scene to {error:g}{_others(found)}; {call} makes one")
     try:
         plan = plans.read(path)
-        return made(plan.solver, plan.knobs)
+        return promising(made(plan.solver, plan.knobs), error)
     except CondynError as reason:
         raise NotTuned(f"{reason}; {call} makes a new one") from reason
 

@@ -19,7 +19,7 @@ from condyn_pin.solution import Solution
 from condyn_pin.states.assembly_report import Assembly
 from condyn_pin.viewing.drawing import Drawing, draw
 from condyn_pin.viewing.moment import moment
-from condyn_pin.viewing.motion import moments_of
+from condyn_pin.viewing.motion import gaps_of, moments_of, shown
 from condyn_pin.viewing.page import require_meshcat
 from condyn_pin.viewing.viewer import Viewer
 
@@ -167,8 +167,14 @@ def _configuration(scene: Scene, wish: _Wish) -> tuple[Array, str]:
 
 def _motion(wish: _Wish, trajectory: Trajectory) -> Drawing:
     scenes = [phase.scene for phase in trajectory.phases]
-    moments = moments_of(trajectory, _FPS / wish.speed, forces=wish.forces)
+    fps = _FPS / wish.speed  # pictures for each second of the motion
+    samples = shown(trajectory, fps)
+    moments = moments_of(trajectory, samples, forces=wish.forces)
+    frames = fps * (trajectory.t[samples] - trajectory.t[0])
     duration = trajectory.t[-1] - trajectory.t[0]
     title = f"{scenes[0].robot.name}, {duration:.4g} s"
     title += f", {wish.speed:g} x speed" if wish.speed != 1.0 else ""
-    return draw(scenes, moments, title=title, fps=_FPS, light=wish.light)
+    return draw(
+        scenes, moments, title=title, frames=frames, gaps=gaps_of(trajectory), fps=_FPS,
+        light=wish.light,
+    )  # fmt: skip
