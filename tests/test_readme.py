@@ -44,7 +44,12 @@ def test_python_blocks_run_in_one_session(capsys, tmp_path, monkeypatch):
     assert session["sol"].status.ok
 
 
-@pytest.mark.parametrize("line", [line for line in commands() if line.startswith("condyn ")])
+def marked(line: str) -> object:
+    """A line of the README; one that draws a PNG needs a browser."""
+    return pytest.param(line, marks=pytest.mark.chromium if "--png" in line else (), id=line)
+
+
+@pytest.mark.parametrize("line", [marked(line) for line in commands() if line[:7] == "condyn "])
 def test_condyn_commands_run(line, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     if "tune" in line:
