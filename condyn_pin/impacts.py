@@ -26,6 +26,8 @@ from condyn_pin.differentiation.linearised import Linearisation
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.force import ConstraintForce, Sites, pulling
 from condyn_pin.scene import Scene
+from condyn_pin.states.check import check
+from condyn_pin.states.gaps import worst
 
 Restitution = float | Mapping[str, float]
 
@@ -78,7 +80,8 @@ class Impact:
         """What deserves attention, a sentence each."""
         said = pulling(self.impulses, self._sites, "N s")
         if self.violation > tolerances.CLOSED:
-            return (f"the constraints are open by {self.violation:.3g} m or rad at q", *said)
+            name, gap = worst(check(self.scene, self.q, None).gap)
+            return (f"{name} is open by {gap} at q", *said)
         return said
 
     @property

@@ -202,8 +202,8 @@ class Solution:
             f"{self.iterations} iterations",
             f"dynamics error    {self.dynamics_error:.1e} N, N m",
             f"constraint error  {self.constraint_error:.1e} m/s^2, rad/s^2",
-            f"state error       {self.state_error.position:.1e} m, "
-            f"{self.state_error.velocity:.1e} m/s",
+            f"state error       {self.state_error.position:.1e} m, rad; "
+            f"{self.state_error.velocity:.1e} m/s, rad/s",
             f"error bound of a  {self.error_bound:.1e} (relative)",
         ]
         if self.scene.rows:

@@ -347,3 +347,43 @@ def test_assemble_that_fails_prints_the_gap_and_exits_with_one(tmp_path):
     assert "unreachable: " in result.output
     assert run("assemble", str(tmp_path)).exit_code == 0
     assert isinstance(run("assemble", "cassie", "--fixed", "knee").exception, cp.UnknownName)
+
+
+def two_arms() -> cp.Robot:
+    """Two turning arms side by side, an end of each named."""
+    model = pin.Model()
+    for i, name in enumerate(("one", "two")):
+        place = pin.SE3(np.eye(3), np.array([0.0, float(i), 0.0]))
+        arm = model.addJoint(0, pin.JointModelRZ(), place, name)
+        model.appendBodyToJoint(arm, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+        model.addFrame(pin.Frame(f"{name} end", arm, 0, pin.SE3.Identity(), pin.OP_FRAME))
+    return cp.Robot("two arms", model)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.5, 2.0, 3.0])
+@pytest.mark.parametrize("flipped", [False, True])
+def test_a_weld_is_open_by_the_distance_of_its_frames_and_the_angle(angle, flipped):
+    """The length of log6 is a distance only along a screw: at 2 rad 1.28 m for 1.1 m."""
+    robot = two_arms().with_frame("fixed", "world", [1.0, 0.0, 0.0])
+    ends = ("fixed", "two end") if flipped else ("two end", "one end")
+    apart = math.sqrt(2.0) if flipped else 1.0
+    scene = cp.Scene(robot, [cp.Loop(*ends, "weld", name="weld")])
+    gap = scene.check([0.0, angle]).gap["weld"]
+    assert gap == pytest.approx((apart, angle), rel=1e-12, abs=1e-12)
+    contact = cp.SurfaceContact("two end", anchor=(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+    found = cp.Scene(robot, [contact]).check([0.0, angle]).gap["two end"]
+    assert found == pytest.approx((math.sqrt(2.0), angle), rel=1e-12, abs=1e-12)
+
+
+def test_every_text_on_an_open_weld_tells_distance_and_angle():
+    robot = two_arms()
+    weld = cp.Loop("two end", "one end", "weld", name="weld")
+    scene, q = cp.Scene(robot, [weld]), np.array([0.0, 2.0])
+    told = "1000 mm and 115 deg"
+    assert told in str(scene.check(q))
+    assert told in str(scene.rank(q).notes)
+    assert told in cp.impact(scene, q, np.zeros(2)).notices[0]
+    with pytest.raises(cp.NotAssembled, match="open by 1000 mm"):
+        scene.sample(np.random.default_rng(0))
+    with pytest.raises(cp.SolveFailed, match=told):
+        raise cp.Workspace(scene)._failure(cp.solve(scene, q, q, q, throw=False))
