@@ -20,11 +20,12 @@ from numpy.typing import ArrayLike
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array, finite
-from condyn_pin.at_state import at_state, equations_of
+from condyn_pin.at_state import at_state
 from condyn_pin.differentiation.kkt import turning_null_space
 from condyn_pin.differentiation.linearised import Linearisation
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.force import ConstraintForce, Sites, pulling
+from condyn_pin.rows.kept import equations_of
 from condyn_pin.scene import Scene
 from condyn_pin.states.check import check
 from condyn_pin.states.gaps import worst

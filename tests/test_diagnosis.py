@@ -383,7 +383,7 @@ def test_every_text_on_an_open_weld_tells_distance_and_angle():
     assert told in str(scene.check(q))
     assert told in str(scene.rank(q).notes)
     assert told in cp.impact(scene, q, np.zeros(2)).notices[0]
-    with pytest.raises(cp.NotAssembled, match="open by 1000 mm"):
+    with pytest.raises(cp.NotAssembled, match="open by 1000 mm after"):
         scene.sample(np.random.default_rng(0))
     with pytest.raises(cp.SolveFailed, match=told):
         raise cp.Workspace(scene)._failure(cp.solve(scene, q, q, q, throw=False))

@@ -77,7 +77,7 @@ class MinimumNorm:
 
     @cached_property
     def weights(self) -> Array:
-        """w (nv,): square roots of the diagonal of M^-1."""
+        """W (nv,): square roots of the diagonal of M^-1."""
         from scipy.linalg.lapack import dtrtri
 
         inverse = dtrtri(self.L, lower=1)[0]
@@ -94,7 +94,7 @@ class MinimumNorm:
 
     def above_rounding(self, P: Array) -> MinimumNorm:
         """Return the same without the singular values that rounding of J makes up."""
-        return self.at_most(len(self.S) - int(np.count_nonzero(self.S <= BLURRED * self.blur(P))))
+        return self.at_most(len(self.S) - int(np.count_nonzero(BLURRED * self.blur(P) >= self.S)))
 
     def tangent(self, v: Array) -> Array:
         """Return the nearest velocity, in the metric of M, with J v = 0."""

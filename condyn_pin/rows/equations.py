@@ -105,7 +105,7 @@ class Equations:
     def terms(self, q: Array, v: Array) -> Terms:
         """Return M, h, J, gamma and a_ref; they are owned by the caller."""
         model, data = self.model, self.data
-        M = np.array(pin.crba(model, data, q))
+        M = self.mass(q)
         h = np.array(pin.nonLinearEffects(model, data, q, v))
         self.motion(q, v, self._still)
         gamma, a_ref = self._acceleration.copy(), self._a_ref()
@@ -115,6 +115,10 @@ class Equations:
         """Return J (m, nv)."""
         self.motion(q, self._still, self._still)
         return self._jacobian(q)
+
+    def mass(self, q: Array) -> Array:
+        """Return M (nv, nv)."""
+        return np.array(pin.crba(self.model, self.data, q))
 
     def target(self, q: Array, v: Array) -> Array:
         """Return a_ref - gamma (m,): what J a has to be."""
@@ -243,8 +247,8 @@ class Equations:
         def of_frame(joint: int, placement: Any) -> Array:
             if joint == 0:
                 return nothing
-            # a single column comes as a vector
-            return np.reshape(pin.getFrameJacobian(model, data, joint, placement, LOCAL), (6, -1))
+            found: Array = pin.getFrameJacobian(model, data, joint, placement, LOCAL)
+            return found if found.ndim == 2 else found.reshape(6, 1)  # of a single column
 
         for group in (self._contacts, *self._loops, self._rods, self._cut, self._rolling):
             if group:

@@ -13,7 +13,7 @@ from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.joints import lengths
 from condyn_pin.rows.bound import FRAME, AnyBound, Bound, Coupled
-from condyn_pin.rows.equations import Equations
+from condyn_pin.rows.kept import equations_of
 from condyn_pin.rows.reach import ROUNDED, reach
 
 if TYPE_CHECKING:
@@ -35,11 +35,15 @@ class Gap(NamedTuple):
         return max(self.length, self.angle)
 
     def text(self, per: str = "") -> str:
-        """Return it in mm and degrees, `per` behind the units, such as "/s"."""
+        """Return it in mm and degrees, `per` behind the units, such as "/s".
+
+        A part that is rounding beside the other is left out.
+        """
+        least = tolerances.CLOSED if self.size > tolerances.CLOSED else 0.0
         parts = []
-        if self.length or not self.angle:
+        if self.length > least or not self.angle > least:
             parts.append(f"{_digits(1e3 * self.length)} mm{per}")
-        if self.angle:
+        if self.angle > least:
             parts.append(f"{_digits(math.degrees(self.angle))} deg{per}")
         return " and ".join(parts)
 
@@ -90,7 +94,7 @@ def rounding(scene: Scene, q: Array, x: Array) -> dict[str, float]:
 
     A slip is the difference of two velocities: 1e-13 of what the joints bring to either.
     """
-    sides = ROUNDED * (reach(Equations(scene.robot.model, scene.bounds), q) @ np.abs(x))
+    sides = ROUNDED * (reach(equations_of(scene), q) @ np.abs(x))
     return {b.name: float(sides[b.rows].max()) for b in scene.bounds}
 
 
