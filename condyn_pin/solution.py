@@ -14,6 +14,7 @@ from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.force import ConstraintForce, Sites, pulling
 from condyn_pin.proof import Proof
+from condyn_pin.states.rank import is_singular
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
@@ -165,24 +166,28 @@ class Solution:
     def notices(self) -> tuple[str, ...]:
         """What deserves attention, a sentence each.
 
-        Contacts that pull, as no ground does. Where the answer is not ok, rows are not met, or
-        forces are a thousand times the weight: rows that contradict each other, and those that have
-        lost their grip.
+        Contacts that pull, as no ground does. A singular configuration, where the equations ask for
+        less than the loops. Where the answer is not ok, rows are not met, or forces are a thousand
+        times the weight: rows that contradict each other, and those that have lost their grip.
+
+        The look at the singular values takes a few solves, when it is asked for first.
         """
         return pulling(self.forces, self._sites) + self._doubts
 
     @cached_property
     def _doubts(self) -> tuple[str, ...]:
-        """What `Scene.rank` says of a state whose answer is not as it should be."""
+        """What `Scene.rank` says of a singular state, or one whose answer is not as it should be."""
+        if not self.scene.rows:
+            return ()
         audit = self.scene.audit
         heavy = np.abs(self.lam).max(initial=0.0) > _HEAVY * audit.weight
         scale = max(float(np.abs(self.a).max()), audit.yardstick.gravity)
         # of contradicting rows the best a is still unique, and may be ok
         unmet = self.constraint_error > tolerances.SOLVED * scale
-        if not (self.scene.rows and (heavy or unmet or not self.status.ok)):
-            return ()
         try:
-            return self.scene.rank(self.q).notes
+            if heavy or unmet or not self.status.ok or is_singular(self.scene, self.q):
+                return self.scene.rank(self.q).notes
+            return ()
         except (InvalidModel, InvalidArgument):  # numbers that nothing can be said of
             return ()
 

@@ -25,8 +25,7 @@ def sample(
     scene: Scene, rng: np.random.Generator, spread: float, speed: float
 ) -> tuple[Array, Array]:
     """Return a random (q, v) on the constraints; see `Scene.sample`."""
-    if not isinstance(rng, np.random.Generator):
-        raise InvalidArgument(f"rng = {rng!r}: numpy.random.default_rng(seed) makes one")
+    check_generator(rng)
     for name, value in (("spread", spread), ("speed", speed)):
         if not finite(name, value, ()) >= 0:
             raise InvalidArgument(f"{name} = {value!r}: a number >= 0 is needed")
@@ -54,3 +53,9 @@ def sample(
         f"closed; use a smaller spread. The last one: {found.error()}",
         found,
     )
+
+
+def check_generator(rng: object) -> None:
+    """Refuse what is no generator of random numbers."""
+    if not isinstance(rng, np.random.Generator):
+        raise InvalidArgument(f"rng = {rng!r}: numpy.random.default_rng(seed) makes one")
