@@ -27,6 +27,7 @@ from condyn_pin.rows.binding import bind
 from condyn_pin.rows.equations import Equations
 from condyn_pin.smaller.lock import lock_joints
 from condyn_pin.spring import Spring
+from condyn_pin.states.gaps import gap_of
 from condyn_pin.states.limits import Limits
 
 _UNKNOWN = "unknown"
@@ -160,13 +161,11 @@ def _gaps(robot: Robot) -> Iterator[str]:
     name, q = next(iter(robot.postures.items()), ("", pin.neutral(robot.model)))
     where = f"at the posture {name!r}" if name else "where the file draws the model"
     bounds = bind(robot, robot.loops)
-    violation = np.abs(Equations(robot.model, bounds).violation(np.array(q)))
+    violation = Equations(robot.model, bounds).violation(np.array(q))
     for bound in bounds:
-        gap = violation[bound.rows].max()
-        if gap > tolerances.DRAWN:
-            yield (
-                f"loop {bound.name!r} is open by {gap:.3g} m or rad {where}: Scene.state closes it"
-            )
+        gap = gap_of(robot.model, bound, violation[bound.rows])
+        if gap.size > tolerances.DRAWN:
+            yield f"loop {bound.name!r} is open by {gap} {where}: Scene.state closes it"
 
 
 def _ends(loop: Loop | Coupling) -> frozenset[str]:

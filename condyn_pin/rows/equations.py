@@ -117,6 +117,10 @@ class Equations:
         self.motion(q, self._still, self._still)
         return self._jacobian(q)
 
+    def mass(self, q: Array) -> Array:
+        """Return M (nv, nv)."""
+        return np.array(pin.crba(self.model, self.data, q))
+
     def target(self, q: Array, v: Array) -> Array:
         """Return a_ref - gamma (m,): what J a has to be."""
         gamma = self._gamma(q, v)
@@ -268,8 +272,8 @@ class Equations:
         def of_frame(joint: int, placement: Any) -> Array:
             if joint == 0:
                 return nothing
-            # a single column comes as a vector
-            return np.reshape(pin.getFrameJacobian(model, data, joint, placement, LOCAL), (6, -1))
+            found: Array = pin.getFrameJacobian(model, data, joint, placement, LOCAL)
+            return found if found.ndim == 2 else found.reshape(6, 1)  # of a single column
 
         for group in (self._contacts, self._rods, self._cut, self._rolling):
             if group:

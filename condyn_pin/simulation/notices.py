@@ -12,7 +12,8 @@ from condyn_pin.joints import lengths
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.pulls import pull_notices
 from condyn_pin.simulation.verify import solver_notices
-from condyn_pin.states.gaps import Gap, beyond_text
+from condyn_pin.states.check import check
+from condyn_pin.states.gaps import Gap, beyond_text, worst
 from condyn_pin.states.limits import Limits
 
 if TYPE_CHECKING:
@@ -41,14 +42,16 @@ def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
 def _open_constraints(trajectory: Trajectory) -> list[str]:
     """Return a sentence on the largest gap, if it is larger than a closed state has."""
     violation, run = trajectory.violation, trajectory.run
-    worst = float(violation.max())
-    if not worst > tolerances.NEARLY_CLOSED:
+    if not violation.max() > tolerances.NEARLY_CLOSED:
         return []
-    when = float(trajectory.t[violation.argmax()])
+    when = int(violation.argmax())
+    scenes = [p.scene for p in trajectory.phases if when in range(*p.samples.indices(len(violation)))]
+    open_by = [worst(check(scene, trajectory.q[when], None).gap) for scene in scenes]
+    name, gap = max(open_by, key=lambda item: item[1].size)
     remedy = "use a smaller dt, a higher order, or another drift scheme"
     if not run.solver.exact:
         remedy = f"{run.solver.title} lets them give way; use a stiffer solref"
-    return [f"the constraints are open by {worst:.2g} m or rad at t = {when:.4g} s: {remedy}"]
+    return [f"{name} is open by {gap} at t = {trajectory.t[when]:.4g} s: {remedy}"]
 
 
 def _coarse_turns(trajectory: Trajectory) -> list[str]:
