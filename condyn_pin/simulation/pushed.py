@@ -15,6 +15,7 @@ from condyn_pin.arrays import Array
 from condyn_pin.differentiation.loads import load_partial
 from condyn_pin.loads import Loads
 from condyn_pin.robot import Robot
+from condyn_pin.simulation.slopes import TorqueJacobian
 from condyn_pin.simulation.torques import Applied, Torque
 
 
@@ -48,9 +49,18 @@ class Pushed:
         """Return the torques with what the forces do."""
         return self._tau(t, q, v) + self._loads.at(q, self._at(t, q, v)).torque
 
-    def partial(self, t: float, q: Array, v: Array) -> Array:
-        """Return the derivative (nv, nv) of sum_f J_f^T f by q, at forces with these numbers."""
-        return load_partial(self._loads, np.asarray(q), self._at(t, q, v))
+    def jacobian_with(self, jacobian: TorqueJacobian) -> TorqueJacobian:
+        """Return the derivatives of the torques with those of sum_f J_f^T f by q.
+
+        The numbers of a force that is a function of the state count as constant.
+        """
+
+        def whole(t: float, q: Array, v: Array) -> tuple[Array, Array]:
+            by_q, by_v = jacobian(t, q, v)
+            of_forces = load_partial(self._loads, np.asarray(q), self._at(t, q, v))
+            return np.asarray(by_q) + of_forces, np.asarray(by_v)
+
+        return whole
 
     def _at(self, t: float, q: Array, v: Array) -> list[AppliedForce]:
         return [force.at(t, q, v) for force in self._forces]
