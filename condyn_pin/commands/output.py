@@ -27,7 +27,7 @@ _PAPER: Final = 118  # columns of a file
 
 
 def printable(text: str) -> str:
-    """Return a text with everything but its letters and lines as ``\\x1b``.
+    r"""Return a text with everything but its letters and lines as ``\x1b``.
 
     Names come from files, and a terminal obeys what it is sent.
     """

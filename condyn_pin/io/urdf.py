@@ -25,6 +25,7 @@ from condyn_pin.constraints import Coupling, Loop
 from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.io.urdf_check import checked
 from condyn_pin.io.urdf_unused import doubtful, unused
+from condyn_pin.io.xml import parsed
 
 ROOT_JOINTS = ("fixed", "free_flyer")
 _CLOSING = re.compile(r"(closing_.+)_([12])")
@@ -65,8 +66,8 @@ def read_urdf(path: Path, root_joint: str = "fixed", *, mimic: bool = True) -> U
     if not path.is_file():
         raise InvalidModel(f"{path}: no such file")
     try:
-        robot = ET.parse(path).getroot()
-    except (ET.ParseError, OSError, ValueError, LookupError) as error:
+        robot = parsed(path)
+    except (OSError, ValueError) as error:
         raise InvalidModel(f"{path}: not well-formed XML: {error}") from error
     try:
         if robot.tag != "robot":

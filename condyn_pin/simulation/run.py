@@ -15,6 +15,7 @@ from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
 from condyn_pin.drift.base import Drift
 from condyn_pin.errors import CondynError, InvalidArgument
+from condyn_pin.knobs import check_called
 from condyn_pin.rows.bound import is_scalar
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.simulation.driver import Driver
@@ -114,6 +115,8 @@ def simulate(
     scene costs as much as about a hundred solves.
     """
     check_scene(scene)
+    if progress is not None:
+        check_called("progress", progress, "share")
     effects = Effects(gravity=gravity, springs=springs, damping=damping, armature=armature)
     state, happenings = start(scene, q, v), _events(scene, events)
     planned = plan(
