@@ -32,7 +32,8 @@ def evil(tmp_path) -> Path:
     folder.mkdir()
     (folder / "bar.xml").write_text(text, encoding="utf-8")
     (folder / "robot.toml").write_text(
-        f'name = {json.dumps(EVIL)}\nsource = {json.dumps(EVIL)}\n[description]\nfile = "bar.xml"\n',
+        f"name = {json.dumps(EVIL)}\nsource = {json.dumps(EVIL)}\n"
+        '[description]\nfile = "bar.xml"\n',
         encoding="utf-8",
     )
     return folder
@@ -44,7 +45,8 @@ def is_harmless(text: str) -> bool:
 
 COMMANDS = (["show"], ["assemble"], ["solve"], ["simulate", "--duration", "0.01"],
             ["bench", "--quick"], ["solve", "--json"], ["show", "--json"], ["view", "--html", EVIL],
-            ["export", "--mjcf", f"{EVIL}/x.xml"], ["solve", "--contacts", EVIL], ["compare", EVIL])  # fmt: skip
+            ["export", "--mjcf", f"{EVIL}/x.xml"], ["solve", "--contacts", EVIL],
+            ["compare", EVIL])  # fmt: skip
 
 
 @pytest.mark.parametrize("words", COMMANDS, ids=" ".join)

@@ -93,9 +93,14 @@ def test_folders_that_are_not_there_are_named(name, writers, tmp_path):
 def test_what_stops_in_the_middle_leaves_nothing(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text("old", encoding="utf-8")
-    with pytest.raises(KeyboardInterrupt), written_beside(path) as new:
-        new.write_text("half", encoding="utf-8")
-        raise KeyboardInterrupt
+
+    def stopped() -> None:
+        with written_beside(path) as new:
+            new.write_text("half", encoding="utf-8")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        stopped()
     assert path.read_text(encoding="utf-8") == "old"
     assert os.listdir(tmp_path) == ["a.txt"]
 
@@ -133,7 +138,7 @@ def test_looking_leaves_nothing(tmp_path):
 
 
 def test_nothing_is_written_in_another_way():
-    """Every file of the library that opens one for writing is `files/`; results grow line by line."""
+    """All of it opens files for writing in `files/`; results grow line by line."""
     words = ("write_text(encoding", ".write_bytes(", '.open("w', "np.save(", ".touch(")
     found = []
     for path in Path(cp.__file__).parent.rglob("*.py"):
@@ -153,7 +158,7 @@ def test_a_plan_without_a_place_is_refused_before_it_is_measured(tmp_path, monke
     monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
     monkeypatch.setattr("condyn_pin.trade.tuning.choose", lambda *a, **k: pytest.fail("measured"))
     scene = cp.Scene(robot("four_bar"), robot("four_bar").loops)
-    with pytest.raises(cp.InvalidArgument, match="the plan has no place.*XDG_CACHE_HOME"):
+    with pytest.raises(cp.InvalidArgument, match=r"the plan has no place.*XDG_CACHE_HOME"):
         cp.tune(scene)
     done = CliRunner().invoke(app, ["tune", "four_bar"])
     assert isinstance(done.exception, cp.InvalidArgument)
@@ -161,7 +166,7 @@ def test_a_plan_without_a_place_is_refused_before_it_is_measured(tmp_path, monke
 
 def test_results_that_no_longer_fit_are_named(table, tmp_path, monkeypatch):
     for path in (tmp_path, "/dev/zero"):
-        with pytest.raises(cp.InvalidArgument, match="results = .*not a file"):
+        with pytest.raises(cp.InvalidArgument, match=r"results = .*not a file"):
             Results(path)
     results = Results(tmp_path / "rows")
     results.keep("f", table.rows[0])

@@ -17,7 +17,7 @@ LARGEST: Final = 2**25  # [bytes]
 def read_bytes(path: str | PathLike[str]) -> bytes:
     """Return a file; OSError or ValueError if there is none, or it is no file of words."""
     path = Path(path)
-    if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe, or a device without an end
+    if path.exists() and not (path.is_file() or path.is_dir()):  # a device without an end
         raise ValueError("it is not a file")
     with path.open("rb") as file:
         content = file.read(LARGEST + 1)

@@ -68,7 +68,7 @@ def read_urdf(path: Path, root_joint: str = "fixed", *, mimic: bool = True) -> U
     try:
         robot = parsed(path)
     except (OSError, ValueError) as error:
-        raise InvalidModel(f"{path}: not well-formed XML: {error}") from error
+        raise InvalidModel(f"{path}: cannot be read as XML: {error}") from error
     try:
         if robot.tag != "robot":
             raise InvalidModel(f"its root element is <{robot.tag}>, a URDF has <robot>")
