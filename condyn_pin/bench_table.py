@@ -110,7 +110,14 @@ class BenchTable:
             native = parse_json(read_text(path))
             sizes = {scene["scene"]: scene for scene in dict(native).get("scenes", ())}
             rows = tuple(_native_row(row, sizes.get(row["scene"], {})) for row in native["rows"])
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except (
+            OSError,
+            ArithmeticError,
+            AttributeError,
+            LookupError,
+            TypeError,
+            ValueError,
+        ) as error:
             raise InvalidArgument(
                 f"{path}: not a result of benchmarks/native ({error}); `make native` writes one"
             ) from error

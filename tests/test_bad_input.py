@@ -649,7 +649,9 @@ def test_bytes_that_are_no_text_are_refused_with_the_path(tmp_path: Path):
     (tmp_path / "robot.toml").write_bytes(b"\xff\xfe\x00")
     assert_refused(lambda: cp.load_robot(tmp_path), r"robot\.toml: .*utf-8")
     (tmp_path / "arm.urdf").write_bytes(b"\xff\xfe\x00")
-    assert_refused(lambda: cp.load_robot(tmp_path / "arm.urdf"), r"arm\.urdf: cannot be read as XML")
+    assert_refused(
+        lambda: cp.load_robot(tmp_path / "arm.urdf"), r"arm\.urdf: cannot be read as XML"
+    )
 
 
 # --- scenes

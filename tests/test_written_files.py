@@ -63,6 +63,9 @@ WRITERS = ("motion.npz", "motion.csv", "batch.npz", "table.json", "table.csv", "
            "bench.csv", "maps.csv", "page.html")  # fmt: skip
 
 
+GOOD = "pinocchio,family,robot,severity\n3.9.0,a,b,1\n"  # which `stress` goes on with
+
+
 @pytest.fixture
 def full_disk(monkeypatch):
     """Files that take a few bytes, and no more."""
@@ -77,10 +80,10 @@ def full_disk(monkeypatch):
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_full_disk_leaves_the_old_file(name, writers, tmp_path, full_disk):
     path = tmp_path / name
-    path.write_text("pinocchio\nthe good one", encoding="utf-8")
+    path.write_text(GOOD, encoding="utf-8")
     with pytest.raises(cp.InvalidArgument, match=rf"{name}: cannot be written: No space left"):
         writers[name](path)
-    assert path.read_text(encoding="utf-8") == "pinocchio\nthe good one"
+    assert path.read_text(encoding="utf-8") == GOOD
     assert os.listdir(tmp_path) == [name]
 
 
@@ -196,3 +199,30 @@ def test_plans_that_say_something_else_are_none(key, value, tmp_path):
     path.write_text(json.dumps(plan | {key: value}), encoding="utf-8")
     with pytest.raises(cp.InvalidArgument, match=f"not a plan .{key} = "):
         plans.read(path)
+
+
+def test_a_table_of_something_else_is_not_lost(tmp_path):
+    """`condyn stress` keeps the lines of other Pinocchios: it looks at the file first."""
+    path = tmp_path / "mine.csv"
+    for text in ("a,b\n1,2\n", "pinocchio\n3.9\n", "\xff" * 200_000):
+        path.write_text(text, encoding="utf-16")
+        done = CliRunner().invoke(app, ["stress", "--csv", str(path)])
+        assert isinstance(done.exception, cp.InvalidArgument), done.exception
+        path.write_text(text, encoding="utf-8")
+        if len(text) < 100:
+            with pytest.raises(cp.InvalidArgument, match=r"mine\.csv: no table of `condyn stress`"):
+                write_maps([], path, "4.1.0")
+            assert path.read_text(encoding="utf-8") == text
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["[]", "{}", '{"rows": [1]}', "[" * 100_000,
+     '{"rows": [{}], "scenes": [1]}', '{"rows": 3, "scenes": {"a": 1}}',
+     '{"rows": [{"scene": "a", "method": "b", "mu": 1e999}]}'],
+)  # fmt: skip
+def test_native_times_that_are_none_are_refused(text, tmp_path):
+    path = tmp_path / "a.json"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(cp.InvalidArgument, match="not a result of benchmarks/native"):
+        bench([]).with_native(path)
