@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from condyn_pin.cards.postures import posture, srdf_postures
 from condyn_pin.cards.variants import chosen_card
 from condyn_pin.constraints import Constraint, Coupling, Loop
 from condyn_pin.errors import CondynError, InvalidModel
+from condyn_pin.files.text import parse_toml, read_text
 from condyn_pin.io.mjcf import read_mjcf
 from condyn_pin.io.sdf import read_sdf
 from condyn_pin.io.urdf import check_root_joint, read_urdf
@@ -36,8 +36,8 @@ _UNKNOWN = "unknown"
 def read_card(path: Path, variant: Mapping[str, str]) -> Robot:
     """Return the robot of a robot.toml."""
     try:
-        card = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        card = parse_toml(read_text(path))
+    except (OSError, ValueError) as error:
         raise InvalidModel(f"{path}: {error}") from error
     try:
         return _robot(chosen_card(card, variant), path.parent)

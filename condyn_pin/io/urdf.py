@@ -25,6 +25,7 @@ from condyn_pin.constraints import Coupling, Loop
 from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.io.urdf_check import checked
 from condyn_pin.io.urdf_unused import doubtful, unused
+from condyn_pin.io.xml import parsed
 
 ROOT_JOINTS = ("fixed", "free_flyer")
 _CLOSING = re.compile(r"(closing_.+)_([12])")
@@ -65,9 +66,9 @@ def read_urdf(path: Path, root_joint: str = "fixed", *, mimic: bool = True) -> U
     if not path.is_file():
         raise InvalidModel(f"{path}: no such file")
     try:
-        robot = ET.parse(path).getroot()
-    except (ET.ParseError, OSError, ValueError, LookupError) as error:
-        raise InvalidModel(f"{path}: not well-formed XML: {error}") from error
+        robot = parsed(path)
+    except (OSError, ValueError) as error:
+        raise InvalidModel(f"{path}: cannot be read as XML: {error}") from error
     try:
         if robot.tag != "robot":
             raise InvalidModel(f"its root element is <{robot.tag}>, a URDF has <robot>")
