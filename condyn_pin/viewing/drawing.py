@@ -159,7 +159,7 @@ def draw(
         parts += [part.ghost(before) for part in (*bodies, *opened)]
     unique = {part.path: part for part in parts}  # a contact of several phases is drawn once
     placed = spread(tuple(unique.values()), moments[0], _eye(middle, size))
-    when = np.arange(len(moments)) if frames is None else frames
+    when = np.arange(len(moments), dtype=float) if frames is None else frames
     return Drawing(title, tuple(placed), tuple(moments), fps, middle, size, notes, when)
 
 
