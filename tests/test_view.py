@@ -249,6 +249,20 @@ def test_what_nobody_drew_has_its_inertia():
     assert np.allclose(np.sort(half), (0.1, 0.2, 0.3), rtol=0.06)
 
 
+def test_an_inertia_that_would_hide_the_rods_is_clear():
+    """Andrews' squeezer is given in the plane: its inertias are those of large balls."""
+    found = parts(cp.load_robot("andrews"))
+    inertias = [part for path, part in found.items() if path.startswith("inertia/")]
+    assert len(inertias) == 7
+    assert all(part.opacity < 0.3 for part in inertias)
+    rods = [part for path, part in found.items() if path.startswith("robot/")]
+    assert all(part.opacity == 1.0 for part in rods)
+    assert {f"inertia/{path.split('/')[1]}" for path in found if path.startswith("robot/")} >= {
+        part.path for part in inertias
+    }
+    assert not [path for path in parts(cp.four_bar()) if path.startswith("inertia/")]
+
+
 @pytest.mark.parametrize(
     "names", [("arm", "arm/tip"), ("arm", "arm/0"), ("arm", "arm/"), ("a//b", "a/b")]
 )
