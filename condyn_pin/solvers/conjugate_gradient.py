@@ -92,7 +92,7 @@ class ConjugateGradient(Solver):
         """Return the iteration bound to the memory of `workspace`."""
         model, data = workspace.model, workspace.model.createData()
         audit, mu = workspace.scene.audit, self.mu
-        precondition = _inverse_delassus(audit)
+        precondition = inverse_delassus(audit)
         enough = audit.yardstick.enough / 10 if self.tolerance is None else self.tolerance
         # at rest and without gravity, all of tau accelerates: ABA is M^-1
         weightless = pin.Model(model)
@@ -157,7 +157,7 @@ def conjugate_gradients(
     return best, k
 
 
-def _inverse_delassus(audit: Audit) -> Array:
+def inverse_delassus(audit: Audit) -> Array:
     """Return the inverse of G at the nominal state, a multiple of I on what is redundant there."""
     factors = factorise(audit.terms.M, audit.terms.J, RANK)
     U, S = factors.U, factors.S
