@@ -218,7 +218,7 @@ def bent(scene: cp.Scene) -> Array:
 def markdown(rows: list[Row], about: dict[str, str]) -> str:
     """Return the table."""
     lines = [
-        "| scene | joints | rows | method | iterations | time [us] | to `ConjugateGradient` | error of a |",
+        "| scene | joints | rows | method | iterations | time [us] | to ours | error of a |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:

@@ -157,6 +157,17 @@ def test_extremes_are_those_of_the_committed_results(monkeypatch):
     assert_written(stress.pages(runs))
 
 
+def test_conjugate_gradients_are_those_of_the_committed_results(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    import conjugate_gradient
+
+    rows, about = conjugate_gradient.load()
+    assert_written(conjugate_gradient.pages(rows, about))
+    assert {row.joints for row in rows} >= {10, 400}
+    # what Reference itself knows of 400 links: eps times the condition of M, which is 1e10
+    assert all(row.error < 1e-6 for row in rows if row.method == "ConjugateGradient")
+
+
 def test_weights_are_those_of_the_committed_results(monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
     import auto_mu

@@ -209,7 +209,9 @@ def test_without_motors_nothing_is_compensated():
     assert not any(np.abs(tau).max() for _, _, tau in SampledStates(4).of(scene))
 
 
-@pytest.mark.parametrize(("loads", "text"), [("none", "load"), ([], "loads"), (["rest", 3], "load")])
+@pytest.mark.parametrize(
+    ("loads", "text"), [("none", "load"), ([], "loads"), (["rest", 3], "load")]
+)
 def test_loads_that_are_none(loads, text):
     with pytest.raises((cp.InvalidArgument, cp.UnknownName), match=text):
         SampledStates(3, loads=loads)

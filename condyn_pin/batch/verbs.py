@@ -23,8 +23,7 @@ from condyn_pin.differentiation import METHODS
 from condyn_pin.differentiation.check import BLOCKS
 from condyn_pin.drift import Baumgarte
 from condyn_pin.errors import SolveFailed, unknown_name
-from condyn_pin.knobs import check_accuracy_of_a
-from condyn_pin.knobs import check_count
+from condyn_pin.knobs import check_accuracy_of_a, check_count
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.base import Solver

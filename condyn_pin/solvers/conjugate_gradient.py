@@ -34,9 +34,9 @@ class ConjugateGradient(Solver):
 
     (G + mu I) lam = a_ref - gamma - J a_free,    G x = J ABA(J^T x),    a = ABA(tau + J^T lam)
 
-    J^T x are wrenches on the joints, ABA is the articulated body algorithm, and J a the acceleration
-    of the constraints by forward kinematics: at a state neither M nor J nor G is formed. The
-    iteration starts at lam = 0 and ends where |J a + gamma - a_ref| is small, or falls no more: the
+    J^T x are wrenches on the joints, ABA is the articulated body algorithm, and J a the
+    acceleration of the constraints by forward kinematics: at a state neither M nor J nor G is
+    formed. The iteration starts at lam = 0 and ends where |J a + gamma - a_ref| is small, or falls no more: the
     best lam on the way is the answer. One matrix there is, (m, m), made once for a scene: the
     preconditioner is the inverse of G at the nominal state.
 
@@ -55,10 +55,10 @@ class ConjugateGradient(Solver):
 
     Notes
     -----
-    Cost O(n + m) of sweeps and O(m^2) of the preconditioner an iteration. On chains it takes four
-    times as long as `Proximal` or less, and nothing is gained by it below some hundred joints
-    (`benchmarks/conjugate_gradient.py`). Of many lam that redundant rows allow, the smallest is found where
-    the same rows are redundant, in the same way, as at the nominal state; else one near it.
+    Cost O(n + m) of sweeps and O(m^2) of the preconditioner an iteration. Below a hundred joints
+    dense methods are as fast or faster (`benchmarks/conjugate_gradient.py`). Of many lam that
+    redundant rows allow, the smallest is found where the same rows are redundant, in the same way,
+    as at the nominal state; else one near it.
 
     References
     ----------

@@ -110,7 +110,7 @@ class DenseKKT(Solver):
                 left = workspace.equations.residuals(q, v, tau, d_n * y_n, -d_m * y_m)
                 rest = np.concatenate(left) * d
                 y[:] -= dsytrs(factor, pivots, rest, lower=1)[0].ravel()
-            return d_n * y_n  # type: ignore[no-any-return]
+            return d_n * y_n
 
         return Method(acceleration, lambda: -d_m * y_m, lambda: 1 + len(corrections))
 
