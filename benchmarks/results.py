@@ -81,7 +81,8 @@ def essence(table: BenchTable) -> str:
         lines.append("| " + " | ".join(cells) + " |")
     meaning = (
         "Median time of `Workspace.acceleration`; by hand: without guard or condition. Worst error "
-        "of a at 20 closed states against `Reference`, relative to the larger of abs(a) and gravity."
+        "of a at 20 closed states against `Reference`, relative to the larger of abs(a) and "
+        "gravity."
     )
     return "\n".join([*lines, "", _where(table), meaning])
 
