@@ -240,9 +240,7 @@ def _remedy(driver: Driver) -> str:
     return "; if tau(t, q, v) is stiff, jacobian=... hands over its derivatives"
 
 
-def start(
-    scene: Scene, q: ArrayLike, v: ArrayLike, *, closed: bool = True
-) -> tuple[Array, Array]:
+def start(scene: Scene, q: ArrayLike, v: ArrayLike, *, closed: bool = True) -> tuple[Array, Array]:
     """Return the first state, which has to satisfy the constraints if it is to be closed."""
     q_ = normalised(scene.robot.model, "q", q)
     v_ = np.array(finite("v", v, scene.robot.nv))
