@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -98,6 +99,14 @@ def factorise_constraints(
     cholesky = constraint_cholesky(data)
     cholesky.compute(model, data, models, datas, float(mu))
     return cholesky
+
+
+def placing(model: Any, data: Any, models: Any, datas: Any) -> list[Callable[[], None]]:
+    """Return what has to be called before `getConstraintsJacobian`, once for each constraint."""
+    if not _IS_4:
+        return []
+    pairs = zip(models, datas, strict=True)
+    return [partial(one.calc, model, data, its_data) for one, its_data in pairs]
 
 
 def proximal_settings(

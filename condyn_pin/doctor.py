@@ -126,9 +126,9 @@ def diagnose() -> Diagnosis:
     features: dict[str, str] = {}
     if probe.returncode == 0:
         try:
-            from condyn_pin import _pin
+            from condyn_pin import _pin, blas_threads
 
-            features = _pin.features()
+            features = _pin.features() | blas_threads.features()
         except ImportError as error:
             findings, remedy = (str(error), *findings), remedy or MEND_4
     else:

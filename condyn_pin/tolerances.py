@@ -57,6 +57,10 @@ DERIVATIVES: Final = 1e-6
 # kind, one that turns or one that shifts, feels.
 MASSLESS: Final = 1e-14
 
+# An answer that is not ok says so where joints together feel less than this share of the inertia
+# that each of them feels: the rounding of M alone, 1e-16, is then 1e-8 of a.
+NEARLY_MASSLESS: Final = 1e-8
+
 # The largest number in a model or a constraint: m L^2 is 1e150 then, and its square still a number.
 # No machine has a larger one, in any units. An inertia below HUGE^-3 has no inverse.
 HUGE: Final = 1e50
@@ -73,6 +77,11 @@ MOMENT: Final = 1e-6
 # largest, and columns of J that differ by less count as dependent. A gap of CLOSED shifts a joint
 # beside a dead point by its square root, 1e-5.
 DEAD_POINT: Final = 1e-6
+
+# Columns whose norms differ by less, relative, are equal, and their place decides which is taken.
+# Rounding changes a null space by eps / RANK = 2e-9 at most, nearly always by 1e-15; the two legs
+# of Cassie, by the digits of its file, differ by 2e-8.
+TIED: Final = 1e-6
 
 # Loops that close at one configuration only, such as bars that just reach, are found no nearer than
 # the square root of a gap: for one of CLOSED, 1e-5 [rad, m]. Joints that are this near to each

@@ -51,11 +51,13 @@ _MORE, _FEWER, _STEP, _STRONG = 18, 5, 0.01, 0.01
 # multiple of eps |G|: rows that depend on others may have a sigma of as much below zero.
 _LEFT, _NOISE = 1e-15, 4.0
 
-# The step of lam after which an iteration ends, as a share of the robot's weight; rounding of lam
-# along redundant rows is below the least.
-_USUAL, _FINEST = 1e-9, 1e-12
-
 _EPS = 2.0**-53
+
+# The step of lam after which an iteration ends, as a share of the robot's weight. Along redundant
+# rows rounding of G lam makes lam grow by a few eps |G| / mu of itself in every step, and |lam| is
+# a few weights: a step that has to be less ends by chance, on one processor and not on another.
+_USUAL, _FINEST = 1e-9, 1e-12
+_USUAL_REDUNDANT = 32.0 * _EPS / _LARGEST
 
 
 def default_mu(audit: Audit) -> float:
@@ -69,15 +71,17 @@ def default_mu(audit: Audit) -> float:
 def default_accuracy(audit: Audit, mu: float) -> float:
     """Return the step of lam after which an iteration may end [N].
 
-    1e-9 of the robot's weight. The next one is smaller by mu / (sigma + mu), and moves a joint by
-    up to max(w) sigma^1/2 of it, w the `Yardstick.weights`: where that is more than 1e-9 of
-    gravity, as along points that hold light bodies and weigh little in G, the step has to be less:
-    unless rounding of J^T lam moves that joint by more than this anyway.
+    1e-9 of the robot's weight, or 4e-9 where rows are redundant. The next one is smaller by
+    mu / (sigma + mu), and moves a joint by up to max(w) sigma^1/2 of it, w the `Yardstick.weights`:
+    where that is more than 1e-9 of gravity, as along points that hold light bodies and weigh little
+    in G, the step has to be less: unless rounding of J^T lam moves that joint by more than this
+    anyway.
     """
     yardstick, (_, smallest) = audit.yardstick, audit.native_spectrum
     moved = yardstick.largest_weight * smallest**0.5 * mu / (smallest + mu)
     enough = max(tolerances.SOLVED / 10.0, yardstick.shaking) * (yardstick.gravity or 1.0)
-    usual = _USUAL * audit.weight
+    free = audit.independent and not audit.rounded
+    usual = (_USUAL if free else _USUAL_REDUNDANT) * audit.weight
     return max(min(usual, enough / moved), _FINEST * audit.weight) if moved > 0.0 else usual
 
 

@@ -1344,21 +1344,6 @@ def test_every_kind_of_constraint_can_be_in_a_file():
     assert {k for k in kinds if k.__module__.startswith("condyn_pin")} <= set(KINDS.values())
 
 
-def test_a_file_of_another_pinocchio_is_not_tried(tmp_path):
-    """It would crash the process."""
-    scene, q, v = bar()
-    path = tmp_path / "run.npz"
-    cp.simulate(scene, q, v, duration=0.01).save(path)
-    with np.load(path) as file:
-        content = dict(file)
-    here = str(content["header"])
-    assert f'"pinocchio": "{pin.__version__}"' in here
-    content["header"] = np.array(here.replace(f'"{pin.__version__}"', '"2.7.1"'))
-    np.savez(path, **content)
-    with pytest.raises(cp.InvalidArgument, match=r"written by Pinocchio 2\.7\.1"):
-        cp.Trajectory.load(path)
-
-
 def test_csv(tmp_path):
     scene, q, v = bar()
     found = cp.simulate(scene, q, v, duration=0.01)

@@ -12,8 +12,10 @@ from typing import Final
 import numpy as np
 
 from condyn_pin import tolerances
+from condyn_pin.applied_force import AppliedForce
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array
+from condyn_pin.batch.forces import RowForces
 from condyn_pin.batch.memory import Arrays, Kind
 from condyn_pin.batch.trajectory import RUN_STATUSES
 from condyn_pin.batch.ways import Words
@@ -33,7 +35,8 @@ from condyn_pin.solvers.base import Solver
 from condyn_pin.workspace import Workspace
 
 _CODES: Final = {status: code for code, status in enumerate(RUN_STATUSES)}
-_SAMPLED: Final = ("t", "q", "v", "a", "lam", "tau")
+ENDS: Final = ("t", "q", "v", "violation", "slip", "energy_error", "run_times", "statuses")
+SAMPLED: Final = ("t", "q", "v", "a", "lam", "tau")
 
 # What `simulate` raises of a state that no motion begins at.
 _CANNOT_BEGIN: Final = (NotAssembled, SolveFailed, StepFailed)
@@ -54,6 +57,7 @@ class Motions:
     drift: Drift
     solver: Solver | None
     every: int
+    forces: RowForces
 
     def __call__(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> Words:
         """Simulate the rows; return why those ended early that did."""
@@ -64,7 +68,8 @@ class Motions:
         for i, (q, v) in enumerate(zip(inputs["q0"], inputs["v0"], strict=True)):
             begun = perf_counter()
             try:
-                trajectory = runner.run(q, v, tau if tau.ndim == 1 else tau[i])
+                torques = tau if tau.ndim == 1 else tau[i]
+                trajectory = runner.run(q, v, torques, self.forces.at(inputs, i))
             except _CANNOT_BEGIN as error:
                 words[i] = str(error)
                 _put_nothing(outputs, i, q, v)
@@ -89,7 +94,7 @@ class Runner:
         self._plan = plan(
             workspace.scene, motions.function or 0.0, duration=motions.duration, dt=motions.dt,
             integrator=motions.integrator, drift=motions.drift, solver=motions.solver,
-            record=motions.every, jacobian=motions.jacobian,
+            record=motions.every, forces=motions.forces.forces, jacobian=motions.jacobian,
         )  # fmt: skip
         self._leg: Leg | None = None
 
@@ -100,8 +105,10 @@ class Runner:
         same = same and mine.jacobian is motions.jacobian
         return same and self.workspace is workspace
 
-    def run(self, q: Array, v: Array, tau: Array) -> Trajectory:
-        """Return the motion from a state under torques of its own.
+    def run(
+        self, q: Array, v: Array, tau: Array, forces: tuple[AppliedForce, ...] = ()
+    ) -> Trajectory:
+        """Return the motion from a state under torques and forces of its own.
 
         Raises
         ------
@@ -110,8 +117,11 @@ class Runner:
         KeyboardInterrupt
             If it was interrupted, which is meant for all.
         """
-        if not self.motions.function:
-            self._plan.method.tau.hold(tau)
+        constant = None if self.motions.function else tau
+        if self._plan.pushed:
+            self._plan.pushed.hold(constant, forces)
+        elif constant is not None:
+            self._plan.method.tau.hold(constant)
         leg, self._leg = self._leg, None  # one that cannot begin leaves none
         state = _start(self.workspace, q, v)
         trajectory, leg = follow(self._plan, *state, leg=leg)
@@ -145,7 +155,7 @@ def of_samples(scene: Scene, kept: int) -> dict[str, Kind]:
     """Return the same of its `Samples`, if so many of each motion are kept."""
     n, m = scene.robot.nv, scene.rows
     widths = {"q": (scene.robot.nq,), "v": (n,), "a": (n,), "lam": (m,), "tau": (n,), "t": ()}
-    return {f"samples_{name}": Kind((kept, *widths[name])) for name in _SAMPLED}
+    return {f"samples_{name}": Kind((kept, *widths[name])) for name in SAMPLED}
 
 
 def _put(outputs: Arrays, i: int, found: Trajectory) -> None:
@@ -177,4 +187,4 @@ def _put_nothing(outputs: Arrays, i: int, q: Array, v: Array) -> None:
 
 def samples_of(outputs: Arrays) -> Iterator[tuple[str, Array]]:
     """Return the arrays of the samples that are kept, by the names of `Samples`."""
-    return ((n, outputs[f"samples_{n}"]) for n in _SAMPLED if f"samples_{n}" in outputs)
+    return ((n, outputs[f"samples_{n}"]) for n in SAMPLED if f"samples_{n}" in outputs)

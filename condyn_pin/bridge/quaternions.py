@@ -18,8 +18,10 @@ def reordered(x: Array, by: int) -> Array:
 
 def moved(M: Any, pose: Array) -> Array:
     """Return M times a pose (x y z, quaternion x y z w)."""
-    position = pose[..., :3] @ M.rotation.T + M.translation
-    return np.concatenate((position, product(quaternion(M.rotation), pose[..., 3:])), axis=-1)
+    by = quaternion(M.rotation)
+    # entry by entry, as all here: a product of matrices is rounded otherwise for many than for one
+    position = turned(by, pose[..., :3]) + M.translation
+    return np.concatenate((position, product(by, pose[..., 3:])), axis=-1)
 
 
 def quaternion(rotation: Array) -> Array:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin.arrays import Array, finite
+from condyn_pin.blas_threads import one_blas_thread
 
 if TYPE_CHECKING:
     from condyn_pin.solution import Solution
@@ -42,6 +43,7 @@ class Derivatives(ABC):
         """Return the derivatives of (a, lam) by q, v and tau, each (nv + m, nv)."""
 
     @cached_property
+    @one_blas_thread
     def _blocks(self) -> tuple[Array, Array, Array]:
         return self._form()
 
@@ -75,11 +77,13 @@ class Derivatives(ABC):
         """Constraint forces by the torques (m, nv)."""
         return self._blocks[2][self._n :]
 
+    @one_blas_thread
     def jvp(self, dq: ArrayLike, dv: ArrayLike, dtau: ArrayLike) -> tuple[Array, Array]:
         """Return (da, dlam) along dq, dv and dtau, each (nv,): a direction of state and torques."""
         steps = [finite(name, x, self._n) for name, x in (("dq", dq), ("dv", dv), ("dtau", dtau))]
         return self._forward(*steps)
 
+    @one_blas_thread
     def vjp(self, da: ArrayLike, dlam: ArrayLike) -> tuple[Array, Array, Array]:
         """Return the gradients by q, v and tau of da . a + dlam . lam, for da (nv,), dlam (m,)."""
         return self._backward(finite("da", da, self._n), finite("dlam", dlam, self._m))

@@ -30,11 +30,13 @@ from condyn_pin.algebra.minimum_norm import MinimumNorm, factorise
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.base import Derivatives
 from condyn_pin.differentiation.linearised import Linearisation
+from condyn_pin.differentiation.loads import load_partial
 from condyn_pin.differentiation.parameters import (
     gravity_regressor,
     inertia_regressor,
     placement_partials,
 )
+from condyn_pin.one_thread import of_workspace
 from condyn_pin.solution import Solution
 
 if TYPE_CHECKING:
@@ -67,6 +69,8 @@ class KktDerivatives(Derivatives):
         self._linearisation = linearisation = workspace.linearisation
         q = solution.q
         self._of = of = linearisation.at(q, v, solution.a, solution.lam)
+        if solution.applied:
+            of.rhs[: self._n, : self._n] += load_partial(workspace.loads, q, solution.applied)
         self._factors: MinimumNorm | None = None  # of redundant rows
         self._J = J = workspace.equations.grip(of.J)
         Y = of.M_inv.dot(J.T)
@@ -77,6 +81,7 @@ class KktDerivatives(Derivatives):
         self._inverse, self._workspace, self._v = _inverse(of.M_inv, Y, K), workspace, v
 
     @cached_property
+    @of_workspace
     def _null(self) -> Array | None:
         """What keeps lam the smallest as redundant rows turn (m, nv)."""
         if self._factors is None:
@@ -107,6 +112,7 @@ class KktDerivatives(Derivatives):
         model, of = self._workspace.model, self.solution
         return self._by(inertia_regressor(model, of.q, self._v, of.a))
 
+    @of_workspace
     def by_placement(self, name: str, frame: str = "first") -> tuple[Array, Array]:
         """Return the derivatives of a (nv, 6) and lam (m, 6) by where a constraint is on a body.
 
@@ -118,9 +124,11 @@ class KktDerivatives(Derivatives):
             The first-named frame moves on its body, or the other one, by a small twist in its own
             axes, linear part first. Where rows are redundant, only a and J^T lam are unique.
         """
-        of = self.solution
+        of, bounds = self.solution, self.solution.scene.bounds
         return self._by(
-            *placement_partials(self._workspace, name, frame, of.q, self._v, of.a, of.lam)
+            *placement_partials(
+                self._linearisation, bounds, name, frame, of.q, self._v, of.a, of.lam
+            )
         )
 
     def _by(self, r: Array, s: Array | None = None) -> tuple[Array, Array]:

@@ -17,6 +17,7 @@ from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.base import Derivatives
 from condyn_pin.differentiation.kkt import KktDerivatives
+from condyn_pin.differentiation.loads import load_partial
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
 from condyn_pin.joints import turning
 from condyn_pin.rows.bound import POINT, Bound
@@ -44,13 +45,18 @@ class PinocchioDerivatives(Derivatives):
         model, data = workspace.model, workspace.data
         models, datas = workspace.constraint_models, workspace.constraint_datas
         settings = workspace.proximal_settings
+        pushed = (
+            workspace.loads.at(solution.q, solution.applied).torque if solution.applied else 0.0
+        )
         # again, with nothing in between: the derivatives read what this leaves behind
-        pin.constraintDynamics(model, data, solution.q, v, tau, models, datas, settings)
+        pin.constraintDynamics(model, data, solution.q, v, tau + pushed, models, datas, settings)
         found = pin.computeConstraintDynamicsDerivatives(model, data, models, datas, settings)
         parts = [np.reshape(part, (-1, self._n)) for part in found]  # a column comes as a vector
         empty = [np.zeros((0, self._n))] * 3
         of_lam = [workspace.scene_forces(part) for part in parts[3:]] if self._m else empty
         by_q, by_v, by_tau = map(np.vstack, zip(parts[:3], of_lam, strict=True))
+        if solution.applied:  # they are torques that change with q
+            by_q += by_tau @ load_partial(workspace.loads, solution.q, solution.applied)
         if _first_column_is_wrong(workspace):
             first = np.eye(self._n)[0]
             still = np.zeros(self._n)

@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.at_state import at_state, frame_jacobian
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.scene import Scene
 
@@ -78,6 +79,7 @@ class OperationalSpace:
         )
 
 
+@one_blas_thread
 def operational_space(
     scene: Scene, q: ArrayLike, frame: str, *, task: Task = "pose"
 ) -> OperationalSpace:

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from condyn_pin import tolerances
 from condyn_pin.arrays import Array, finite
 from condyn_pin.at_state import at_state, frame_jacobian
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.joints import Indices, indices
 from condyn_pin.motors.actuation import Actuation, motors_of
@@ -116,6 +117,7 @@ class Transmission:
         )
 
 
+@one_blas_thread
 def transmission(scene: Scene, q: ArrayLike, *, actuation: Actuation | None = None) -> Transmission:
     """Return the map between joint torques and motor torques through the loops.
 

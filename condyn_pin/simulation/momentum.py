@@ -46,16 +46,11 @@ class Place(NamedTuple):
     G_inv: Array  # (m, m), of J M^-1 J^T, damped
     Md_inv: Array  # (nv, nv), of M + dt/2 D
     Gd_inv: Array  # (m, m), of J (M + dt/2 D)^-1 J^T, damped
+    D: Array  # (nv, nv), damping of the robot's joints and between its frames
 
 
 class Momentum:
-    """The terms of one system, and what half a step of size dt makes of them.
-
-    Attributes
-    ----------
-    d : (nv,) array
-        Damping of the robot's joints [N m s/rad, N s/m].
-    """
+    """The terms of one system, and what half a step of size dt makes of them."""
 
     def __init__(self, system: System, dt: float) -> None:
         self._system = system
@@ -68,8 +63,8 @@ class Momentum:
         # differences. Where a tree stands does not matter for C and g.
         self._model, self._places = _at_origin(model)
         self._data = self._model.createData()
-        self.d = system.passive.d
-        self._inertia = dt / 2 * self.d if self.d.any() else None
+        self._passive, self._half = system.passive, dt / 2
+        self._of_joints = np.diag(self._passive.d)
 
     def force(self, t: float, q: Array, v: Array) -> Array:
         """Return C^T v - g + tau (nv,)."""
@@ -101,10 +96,12 @@ class Momentum:
         M, J = self._system.mass(q), self._system.jacobian(q)
         M_inv = inverse(M)
         both = M_inv, between(J, M_inv, J)
-        if self._inertia is None:
-            return Place(M, J, *both, *both)
-        Md_inv = inverse(M + np.diag(self._inertia))
-        return Place(M, J, *both, Md_inv, between(J, Md_inv, J))
+        passive = self._passive
+        D = passive.damping_matrix(q) if passive.between else self._of_joints
+        if not D.any():
+            return Place(M, J, *both, *both, D)
+        Md_inv = inverse(M + self._half * D)
+        return Place(M, J, *both, Md_inv, between(J, Md_inv, J), D)
 
 
 def between(J1: Array, M_inv: Array, J: Array) -> Array:

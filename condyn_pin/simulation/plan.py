@@ -8,6 +8,7 @@ from math import ceil
 
 from numpy.typing import ArrayLike
 
+from condyn_pin.applied_force import AppliedForce, applied_forces
 from condyn_pin.arrays import finite
 from condyn_pin.drift.base import Drift
 from condyn_pin.errors import InvalidArgument
@@ -18,6 +19,7 @@ from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Event
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
 from condyn_pin.simulation.leg import Method
+from condyn_pin.simulation.pushed import Pushed
 from condyn_pin.simulation.slopes import TorqueJacobian
 from condyn_pin.simulation.torques import Applied, Torque
 from condyn_pin.simulation.walls import check_wall
@@ -42,6 +44,8 @@ class Plan:
         What was asked for [s].
     steps, every : int
         How many steps there are, and every which sample is kept.
+    pushed : Pushed or None
+        The torques with the forces from outside, where there are any: what `method` applies.
     """
 
     scene: Scene
@@ -49,12 +53,14 @@ class Plan:
     duration: float  # [s]
     steps: int
     every: int
+    pushed: Pushed | None = None
 
 
 def plan(
     scene: Scene, tau: float | ArrayLike | Torque, *, duration: float, dt: float,
     integrator: Integrator | None, drift: Drift | None, solver: Solver | None, record: int,
     effects: Effects | None = None, events: Sequence[Event] = (),
+    forces: Sequence[AppliedForce] = (),
     jacobian: TorqueJacobian | None = None,
 ) -> Plan:  # fmt: skip
     """Return the plan of a run; arguments and errors are those of `simulate`."""
@@ -72,8 +78,13 @@ def plan(
     _check_drift(integrator, drift, dt)
     check_count("record", record)
     _check_jacobian(tau, jacobian, integrator)
-    method = Method(Applied(scene.robot.nv, tau, jacobian), dt, integrator, drift, solver, effects)
-    return Plan(scene, method, duration, steps, record)
+    checked = applied_forces(forces, functions=True)
+    pushed = Pushed(scene.robot, tau, checked) if checked else None
+    if pushed and jacobian:
+        jacobian = pushed.jacobian_with(jacobian)
+    applied = Applied(scene.robot.nv, pushed or tau, jacobian)
+    method = Method(applied, dt, integrator, drift, solver, effects)
+    return Plan(scene, method, duration, steps, record, pushed)
 
 
 def _steps(duration: float, dt: float) -> tuple[int, float]:

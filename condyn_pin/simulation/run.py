@@ -11,10 +11,13 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import ArrayLike
 
+from condyn_pin.applied_force import AppliedForce
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.drift.base import Drift
 from condyn_pin.errors import CondynError, InvalidArgument
+from condyn_pin.knobs import check_called
 from condyn_pin.rows.bound import is_scalar
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.simulation.driver import Driver
@@ -42,6 +45,7 @@ def simulate(
     v: ArrayLike,
     tau: float | ArrayLike | Torque = 0.0,
     *,
+    forces: Sequence[AppliedForce] = (),
     jacobian: TorqueJacobian | None = None,
     duration: float,
     dt: float = 1e-3,
@@ -59,7 +63,8 @@ def simulate(
 ) -> Trajectory:
     """Return the motion of a scene from a state.
 
-    M(q) a + h(q, v) = tau - k (q - q0) - d v + J(q)^T lam,    J a + gamma = a_ref
+    M(q) a + h(q, v) = tau - k (q - q0) - d v + J(q)^T lam + sum J_f(q)^T f,
+    J a + gamma = a_ref
 
     Parameters
     ----------
@@ -70,6 +75,9 @@ def simulate(
     tau : 0, (nv,) array_like or callable, optional
         The torques applied [N, N m]: constant, or tau(t, q, v). A function is called at every stage
         of a step, with states that may be thrown away, and may not write to its arguments.
+    forces : sequence of AppliedForce, optional
+        Forces from outside, constant or functions of (t, q, v), called as tau is; none by default.
+        The `tau` of the trajectory, and its work, have J_f^T f in them.
     jacobian : callable, optional
         (t, q, v) -> the derivatives of the function tau by q and by v, (nv, nv) each, for the
         integrators that are implicit (`Integrator.takes_jacobian`): stiff springs and dampers in it
@@ -113,6 +121,8 @@ def simulate(
     InvalidArgument
         If an argument cannot be used, gains of `drift` are beyond the wall of the integrator, or
         `drift` cannot close the start.
+    UnknownName
+        If a force is on a frame that does not exist.
     NotAssembled
         If a loop is open at q, or slips with v.
     SolveFailed
@@ -126,19 +136,22 @@ def simulate(
     scene costs as much as about a hundred solves.
     """
     check_scene(scene)
+    if progress is not None:
+        check_called("progress", progress, "share")
     effects = Effects(gravity=gravity, springs=springs, damping=damping, armature=armature)
     if not isinstance(close_start, bool):
         raise InvalidArgument(f"close_start = {close_start!r}: True or False is needed")
     state, happenings = start(scene, q, v, closed=close_start), _events(scene, events)
     planned = plan(
         scene, tau, duration=duration, dt=dt, integrator=integrator, drift=drift, solver=solver,
-        record=record, effects=effects, events=happenings, jacobian=jacobian,
+        record=record, effects=effects, events=happenings, forces=forces, jacobian=jacobian,
     )  # fmt: skip
     if scene.rows and not close_start:
         check_closing(planned.method.integrator, planned.method.drift)
     return follow(planned, *state, happenings, progress)[0]
 
 
+@one_blas_thread
 def follow(
     planned: Plan,
     q: Array,
@@ -266,7 +279,8 @@ def _check_scene(event: str, its: Scene, simulated: Scene, scalar: dict[str, boo
         raise InvalidArgument(
             f"event {event!r}: its scene is of another model than the one simulated"
         )
-    if its.robot.springs != simulated.robot.springs:
+    one, other = its.robot, simulated.robot
+    if (one.springs, one.spring_dampers) != (other.springs, other.spring_dampers):
         raise InvalidArgument(
             f"event {event!r}: its scene has other springs than the one simulated; "
             "what changes on the way is a torque: tau(t, q, v)"

@@ -150,9 +150,7 @@ class System:
         if its_dt != dt:
             system = self
             if not self.passive.is_nothing:
-                drag = dt * self.passive.stiffness
-                torque = self.passive.with_torques(self.applied, drag=drag)
-                system = _Heavier(self, self.passive.inertia(dt), torque)
+                system = _Heavier(self, dt, self.passive.with_torques(self.applied, dt))
             if stiff:
                 system = AtTheEnd(system, self.slopes, dt)
             self._implicit = system, dt
@@ -172,12 +170,16 @@ class System:
 
         system = self
         if not self.passive.is_nothing:
-            inertia = self.passive.inertia(dt)
+            inertia, between = self.passive.inertia(dt), self.passive.between
 
             def torque(t: float, q: Array, v: Array) -> Array:
-                return self.torque(t, q, v) + inertia * last()
+                tau = self.torque(t, q, v) + inertia * last()
+                if between:
+                    rows, weights = between.inertia_rows(q, dt)
+                    tau += rows.T @ (weights * (rows @ last()))
+                return tau
 
-            system = _Heavier(self, inertia, torque)
+            system = _Heavier(self, dt, torque)
         if self.applied.constant is not None:
             return system
         return Iterated(system, self.slopes, dt, last)
@@ -235,16 +237,58 @@ class System:
 
 
 class _Heavier(System):
-    """A system with more inertia in its joints, and another torque."""
+    """A system with more inertia, dt D + dt^2 K, and another torque."""
 
-    def __init__(self, system: System, inertia: Array, torque: Torque) -> None:
+    def __init__(self, system: System, dt: float, torque: Torque) -> None:
         super().__init__(system.spare, system.applied)
         self.torque = torque
         armature = self.model.armature  # a view: Pinocchio reads it in every call
-        heavier, solve = np.array(system.model.armature) + inertia, self._solve
+        heavier = np.array(system.model.armature) + system.passive.inertia(dt)
+        solve, between = self._solve, system.passive.between
 
         def solve_heavier(q: Array, v: Array, tau: Array) -> Array:
             armature[:] = heavier  # the workspace is that of others, too
-            return solve(q, v, tau)
+            if between is None:
+                return solve(q, v, tau)
+            return with_rows(lambda tau: solve(q, v, tau), tau, *between.inertia_rows(q, dt))
 
-        self._solve = solve_heavier
+        self._solve, self._rows = solve_heavier, between and partial(between.inertia_rows, dt=dt)
+
+    def mass(self, q: Array) -> Array:
+        """Return M (nv, nv) with all that is added to it."""
+        M = super().mass(q)
+        if self._rows:
+            rows, weights = self._rows(q)
+            M += rows.T @ (weights[:, None] * rows)
+        return M
+
+
+def with_rows(solve: Callable[[Array], Array], tau: Array, rows: Array, weights: Array) -> Array:
+    """Return the a of (M + U^T w U) a + h = tau + J^T lam, by solves of M a + h = tau + J^T lam.
+
+    What the rows U (r, nv) take is U^T f with f = w U a, and a falls with f as the solves say:
+
+        U a = U a0 - G f,    G = U P U^T,    (1 / w + G) f = U a0,
+
+    with a0 that of f = 0, and P the inverse inertia that the constraints leave. A solve a row finds
+    G; the last one is that of the answer, and leaves its lam behind.
+
+    Parameters
+    ----------
+    solve : callable
+        Returns a (nv,) of tau (nv,).
+    tau : (nv,) array
+    rows : (r, nv) array
+        U.
+    weights : (r,) array
+        w, positive [kg, kg m^2].
+    """
+    a0 = solve(tau)
+    free = rows @ a0
+    scale = weights * np.abs(free).max(initial=0.0)  # forces as they come: G is known as well as a0
+    pushed = [(solve(tau + f * row) - a0) / f for f, row in zip(scale, rows, strict=True) if f]
+    if not pushed:
+        return a0
+    G = rows @ np.array(pushed).T
+    force = np.linalg.solve(np.diag(1 / weights) + G, free)
+    return solve(tau - rows.T @ force)

@@ -35,7 +35,8 @@ class Trajectory:
         Constraint forces [N, N m], rows in the order of `row_names`; zero while a constraint is
         away.
     tau : (k, nv) array
-        Torques applied, without springs and damping [N, N m].
+        Torques applied, those of forces from outside J_f^T f with them, without springs and
+        damping [N, N m].
     run : Run
         How it was made, and how it ended.
     """
@@ -121,7 +122,7 @@ class Trajectory:
         passive = Passive.of(self.scene.robot, springs=effects.springs, damping=effects.damping)
         with np.errstate(all="ignore"):  # a run that was lost ends with numbers that overflow
             applied = np.sum(self.tau * self.v, axis=1)
-            damped = -(self.v**2) @ passive.d
+            damped = -passive.dissipation(self.q, self.v)
             sprung = passive.energy(self.q)
         samples = [phase.samples for phase in self.phases]
         impacts = np.zeros(len(self.t))
@@ -151,8 +152,7 @@ class Trajectory:
     def save(self, path: str | PathLike[str]) -> None:
         """Write it to a file (npz): the samples, the robot's model, and how it was made.
 
-        Nothing in it is executed when it is read. The model can be read by the same Pinocchio only,
-        in its first two numbers.
+        Nothing in it is executed when it is read, and any Pinocchio that is supported reads it.
         """
         from condyn_pin.simulation.files import save
 

@@ -21,6 +21,7 @@ from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arguments import Arguments
 from condyn_pin.arrays import Array, finite
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.catalogue import motor_torque
 from condyn_pin.choice import default_solver
 from condyn_pin.errors import CondynError, InvalidArgument, NotAssembled
@@ -42,6 +43,7 @@ _ROUNDS = 100
 _NONE = Errors(0.0, 0.0, 0.0, 0.0)
 
 
+@one_blas_thread
 def minimal(
     scene: Scene,
     *,

@@ -19,6 +19,7 @@ from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.joints import Indices, indices
 from condyn_pin.robot import Robot
@@ -138,6 +139,7 @@ class ReducedScene(Scene):
         return partial(ReducedScene, **rest), (self.robot, self.constraints)
 
 
+@one_blas_thread
 def reduced(
     scene: Scene,
     robot: Robot,

@@ -19,6 +19,7 @@ import numpy as np
 from condyn_pin import tolerances
 from condyn_pin.algebra.minimum_norm import factorise
 from condyn_pin.arrays import Array
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.joints import Indices, indices
 from condyn_pin.rows.equations import Equations
 from condyn_pin.rows.terms import Terms
@@ -33,6 +34,7 @@ _SETTLED = 1e-12  # [rad]
 _LEVER = 0.1  # [m]; a force of 10 N is as dear as a torque of 1 N m
 
 
+@one_blas_thread
 def same_motion(source: Scene, target: Scene, state: State, joints: Sequence[str]) -> State:
     """Return the motion of `source` in `target`.
 
@@ -113,7 +115,7 @@ def _follow(equations: Equations, q: Array, wanted: Array, known: Indices, still
     v = wanted.copy()
     v[free] = -np.linalg.lstsq(terms.J[:, free], terms.J @ wanted, rcond=tolerances.RANK)[0]
     J = np.vstack([terms.J, np.eye(len(wanted))[still]])
-    return factorise(terms.M, J, tolerances.RANK).tangent(v)
+    return factorise(terms.M, J, tolerances.RANK, at=(equations.model, q)).tangent(v)
 
 
 def _hold(target: Scene, q: Array, joints: Sequence[str]) -> Array:

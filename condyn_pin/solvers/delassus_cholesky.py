@@ -9,6 +9,7 @@ import numpy as np
 
 from condyn_pin.algebra.range_space import range_space
 from condyn_pin.arrays import Array
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.knobs import WEIGHTS, Grid, check_damping
 from condyn_pin.solvers.base import Method, Singular, Solver, free_force
 
@@ -51,6 +52,7 @@ class DelassusCholesky(Solver):
     mu: float = 0.0  # [1/kg]
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_damping(self.mu)
 
     def start(self, workspace: Workspace) -> Method:
@@ -58,6 +60,7 @@ class DelassusCholesky(Solver):
         mu = self.mu
         latest = np.zeros(workspace.scene.rows)
 
+        @one_blas_thread
         @np.errstate(over="ignore", invalid="ignore")  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             terms = workspace.equations.terms(q, v)

@@ -10,6 +10,7 @@ import numpy as np
 from condyn_pin import _pin, tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
+from condyn_pin.imitation import exact_where_open
 from condyn_pin.knobs import (
     ACCURACIES,
     ITERATIONS,
@@ -66,10 +67,10 @@ class Proximal(Solver):
         by the errors of the `Solution`, never by this.
     relative_accuracy : float, optional
         Iterate until |lam_k - lam_(k-1)|_inf is below this [N]: despite its name in Pinocchio, an
-        absolute number. By default 1e-9 of the robot's weight: above the noise of redundant rows,
-        where Pinocchio's 1e-12 never fires and doubles the time for nothing, and small enough,
-        since the next iterate is better by mu / sigma again; less where that could still move a
-        joint by 1e-9 of gravity.
+        absolute number. By default 1e-9 of the robot's weight, or 4e-9 where rows are redundant:
+        above the noise of such rows, where Pinocchio's 1e-12 never fires and doubles the time for
+        nothing, and small enough, since the next iterate is better by mu / sigma again; less where
+        that could still move a joint by 1e-9 of gravity.
     refinements : int, optional
         Corrections with residuals of our own and the same factor (`condyn_pin.refinement`). Each
         costs a look as in `solve`, and gains what rounding took where M or G is badly conditioned:
@@ -82,6 +83,9 @@ class Proximal(Solver):
 
     Notes
     -----
+    A hinge, an edge and a planar pin are points to Pinocchio, which is exact on closed loops. Where
+    they are open by more than 1e-11 m, or slip by 1e-11 m/s, the answer is that of `NullSpace`.
+
     Cost O(n d^2 + m^2 d) with d the depth of the tree; `condyn bench` measures it.
 
     References
@@ -108,6 +112,7 @@ class Proximal(Solver):
     refinements: int | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.mu == "auto":
             object.__setattr__(self, "mu", None)
         if self.refinements is not None:
@@ -161,14 +166,15 @@ class Proximal(Solver):
             return int(settings.iter) + (0 if last is settings else int(last.iter))
 
         run = persistent if patient else acceleration
-        if not refinements:
-            return Method(run, lambda: workspace.scene_forces(lam()), iterations)
-        refinement = Refinement(workspace, refinements)
-        return Method(
-            lambda q, v, tau: refinement.correct(q, v, tau, run(q, v, tau), lam()),
-            lambda: workspace.scene_forces(refinement.lam),
-            lambda: iterations() + refinements,
-        )
+        method = Method(run, lambda: workspace.scene_forces(lam()), iterations)
+        if refinements:
+            refinement = Refinement(workspace, refinements)
+            method = Method(
+                lambda q, v, tau: refinement.correct(q, v, tau, run(q, v, tau), lam()),
+                lambda: workspace.scene_forces(refinement.lam),
+                lambda: iterations() + refinements,
+            )
+        return exact_where_open(workspace, method) if workspace.natives.imitated else method
 
 
 def _refinements(audit: Audit) -> int:

@@ -27,9 +27,12 @@ from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.algebra.minimum_norm import factorise
 from condyn_pin.algebra.numerical_rank import counted
+from condyn_pin.algebra.pivots import pivots
 from condyn_pin.arrays import Array
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.joints import Indices, indices
 from condyn_pin.rows.equations import Equations
+from condyn_pin.rows.reach import reach
 from condyn_pin.states.closing import Closer
 from condyn_pin.states.clusters import Cluster, clusters, isolated
 from condyn_pin.states.limits import NO_LIMITS, Limits
@@ -95,6 +98,7 @@ class Chains:
         return float(kept[-1]) if kept.size else 0.0
 
 
+@one_blas_thread
 def chains(scene: Scene) -> Chains:
     """Find the closed chains of a scene, near its first posture."""
     robot = scene.robot
@@ -109,7 +113,8 @@ def chains(scene: Scene) -> Chains:
     found = []
     for q in tries:
         terms = equations.terms(q, np.zeros(robot.nv))
-        factors = factorise(terms.M, terms.J, tolerances.RANK)
+        factors = factorise(terms.M, terms.J, tolerances.RANK, at=(robot.model, q))
+        factors = factors.above_rounding(reach(equations, q))
         dependent = independent_columns(terms.J[rows], passive_classes)
         found.append((factors, terms.J, dependent))
     jacobians = [each[1] for each in found]
@@ -163,18 +168,13 @@ def _nearby(
 
 def independent_columns(J: Array, classes: Sequence[Indices]) -> Indices:
     """Return as many independent columns of J as there are, those of the first classes first."""
-    from scipy.linalg import qr
-
     left = J.copy()
     least = tolerances.DEAD_POINT * np.linalg.norm(J)
     chosen: list[int] = []
     for columns in classes:
-        if not (columns.size and J.size):
-            continue
-        Q, R, order = qr(left[:, columns], mode="economic", pivoting=True)
-        count = int(np.count_nonzero(np.abs(R.diagonal()) > least))
-        chosen.extend(columns[order[:count]].tolist())
-        left -= Q[:, :count] @ (Q[:, :count].T @ left)
+        found, Q = pivots(left[:, columns], float(least))
+        chosen.extend(columns[found].tolist())
+        left -= Q @ (Q.T @ left)
     return np.array(sorted(chosen), dtype=np.int_)
 
 
@@ -184,14 +184,9 @@ def redundant_rows(
     """Return rows that can go without lowering the rank.
 
     A set of k rows can go if and only if its k x k block of the left null space N (m, k) is
-    regular: column-pivoted QR of N^T picks such a set, the best conditioned first; those named in
-    `first` before others, if they can go. Among equals the later rows go.
+    regular: pivots of N^T are such a set, the best conditioned first; those named in `first` before
+    others, if they can go. Among equals the later rows go.
     """
-    from scipy.linalg import qr
-
-    m, k = null_space.shape
-    if k == 0:
-        return ()
     weights = np.where(np.isin(names, first), _PREFERENCE, 1.0)[:, None]
-    _, _, order = qr((weights * null_space)[::-1].T, mode="economic", pivoting=True)
-    return tuple(names[i] for i in sorted(m - 1 - order[:k]))
+    order, _ = pivots((weights * null_space)[::-1].T, 0.0)
+    return tuple(names[i] for i in sorted(len(names) - 1 - np.array(order, dtype=np.int_)))

@@ -20,6 +20,7 @@ from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.errors import BranchChanged, InvalidArgument, NotAssembled
 from condyn_pin.states.assembly import assemble_from, check_held
 from condyn_pin.states.assembly_report import Assembly, AssemblyStatus
@@ -76,6 +77,7 @@ class CompleteState:
         return "\n".join(lines)
 
 
+@one_blas_thread
 def complete_state(
     scene: Scene,
     q_actuated: ArrayLike,

@@ -27,6 +27,7 @@ from condyn_pin._pin import pin
 from condyn_pin.algebra.numerical_rank import null_space
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array
+from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.differentiation.linearised import Linearisation
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.scene import Scene, check_scene
@@ -44,6 +45,7 @@ _TWISTS: Final[dict[str, tuple[int, ...]]] = {
 }
 
 
+@one_blas_thread
 def is_integrable(scene: Scene, q: ArrayLike | None = None) -> bool:
     """Return whether the rows of a scene restrict the position, and not the velocity alone.
 
