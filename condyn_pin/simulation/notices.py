@@ -18,6 +18,10 @@ from condyn_pin.states.limits import Limits
 if TYPE_CHECKING:
     from condyn_pin.simulation.trajectory import Trajectory
 
+# A gap that is larger than that of an open start by this factor has opened on the way: one that
+# closes at a critical rate grows first by what its velocity brings.
+_LARGER = 2.0
+
 
 def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
     """Return what there is to say: of its end, gaps, solver, pulls, energy and joint limits."""
@@ -25,7 +29,7 @@ def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
     if not trajectory.status.ok:
         said.append(f"{trajectory.status}; {trajectory.reason}")
     said += _open_constraints(trajectory)
-    said += _coarse_turns(trajectory)
+    said += _coarse_turns(trajectory) + _differenced(trajectory)
     said += solver_notices(trajectory) + pull_notices(trajectory)
     energy = trajectory.energy
     error, scale = float(np.abs(energy.error).max()), energy.scale
@@ -41,9 +45,15 @@ def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
 def _open_constraints(trajectory: Trajectory) -> list[str]:
     """Return a sentence on the largest gap, if it is larger than a closed state has."""
     violation, run = trajectory.violation, trajectory.run
-    worst = float(violation.max())
+    worst, first = float(violation.max()), float(violation[0])
     if not worst > tolerances.NEARLY_CLOSED:
         return []
+    if first > tolerances.NEARLY_CLOSED and worst < _LARGER * first:
+        left = float(violation[-1])
+        return [
+            f"the constraints were open by {first:.2g} m or rad at the start, as close_start=False "
+            f"allows, and are by {left:.2g} at the end"
+        ]
     when = float(trajectory.t[violation.argmax()])
     remedy = "use a smaller dt, a higher order, or another drift scheme"
     if not run.solver.exact:
@@ -70,6 +80,17 @@ def _coarse_turns(trajectory: Trajectory) -> list[str]:
         f"joint {joint!r} turns by {turns[joint] * run.dt:.3g} rad in a step of {run.dt:.3g} s, "
         "and what its angle does to other joints is not seen: take dt below "
         f"{pi / turns[joint]:.2g} s"
+    ]
+
+
+def _differenced(trajectory: Trajectory) -> list[str]:
+    """Return a sentence on torques that were stiff, and what their differences cost."""
+    calls, nv = trajectory.run.differenced, trajectory.scene.robot.nv
+    if not calls:
+        return []
+    return [
+        f"tau(t, q, v) is stiff, and was called {calls} times for its differences, {2 * nv + 1} "
+        "times a step: jacobian=... saves them"
     ]
 
 
