@@ -77,7 +77,7 @@ class Audit:
         At q: at rest, and moving along the constraints with random torques.
     terms : Terms
         M, h, J and gamma at q, at rest.
-    measured : dict of Solver to float
+    measured : dict of Solver to tuple
         What a solver has measured on the scene, so that its next workspace need not.
     """
 
@@ -96,7 +96,7 @@ class Audit:
     yardstick: Yardstick
     states: tuple[NominalState, ...]
     terms: Terms
-    measured: dict[Solver, float] = field(default_factory=dict)
+    measured: dict[Solver, tuple[float, int, int]] = field(default_factory=dict)
 
     @property
     def delassus_condition(self) -> float:
@@ -199,5 +199,23 @@ def _nominal_states(
     made = []
     for v, tau in ((np.zeros(nv), np.zeros(nv)), (factors.tangent(rng.normal(size=nv)), push)):
         a, _ = Reference().solve(equations.terms(q, v), tau, P)
+        made.append(NominalState(q, v, tau, a))
+    return tuple(made)
+
+
+def drawn_states(scene: Scene, count: int) -> tuple[NominalState, ...]:
+    """Return random states of a scene, moved as its nominal one is; none where none is closed."""
+    if not scene.audit.closed:
+        return ()
+    rng, equations = np.random.default_rng(1), Equations(scene.robot.model, scene.bounds)
+    made = []
+    for _ in range(count):
+        try:
+            q, v = scene.sample(rng)
+        except NotAssembled:
+            break
+        terms = equations.terms(q, v)
+        tau = terms.M @ rng.normal(size=len(v))
+        a, _ = Reference().solve(terms, tau)
         made.append(NominalState(q, v, tau, a))
     return tuple(made)

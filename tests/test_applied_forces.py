@@ -534,3 +534,20 @@ def test_forces_that_are_not_stiff_are_not_called_stiff():
         )  # fmt: skip
         assert run.run.differenced == 0
         assert not any("stiff" in notice for notice in run.notices)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (lambda t, q, v: np.zeros((5, 5)), "a pair is needed"),
+        (lambda t, q, v: (np.zeros(5), np.zeros((5, 5))), r"\[0\] has shape \(5,\)"),
+    ],
+)
+def test_derivatives_of_torques_are_looked_at_beside_forces_too(given, said):
+    made = chain_on("revolute")
+    q, v, _ = state_of(made)
+    with pytest.raises(cp.InvalidArgument, match=said):
+        cp.simulate(
+            cp.Scene(made), q, v, lambda t, q, v: -v, jacobian=given, duration=0.01,
+            forces=[cp.AppliedForce("tip", FORCE)], integrator=cp.RadauIIA(),
+        )  # fmt: skip

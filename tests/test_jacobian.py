@@ -130,12 +130,8 @@ def test_redundant_rows_do_not_matter(integrator):
     scene = slider()
     rails = [cp.Loop("world", "tip", "slider", axis="x", name=name) for name in ("rail", "again")]
     doubled, q, v = cp.Scene(scene.robot, rails), [0.0], [0.0]
-    found = cp.simulate(
-        doubled, q, v, held, jacobian=of_held, duration=0.02, integrator=integrator
-    )
-    wanted = cp.simulate(
-        scene, q, v, held, jacobian=of_held, duration=0.02, integrator=integrator
-    )
+    found = cp.simulate(doubled, q, v, held, jacobian=of_held, duration=0.02, integrator=integrator)
+    wanted = cp.simulate(scene, q, v, held, jacobian=of_held, duration=0.02, integrator=integrator)
     assert found.status.ok
     assert found.q[-1, 0] == pytest.approx(wanted.q[-1, 0], abs=1e-7)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
-from itertools import combinations, pairwise
+from itertools import combinations, pairwise, permutations
 
 import numpy as np
 import pinocchio as pin
@@ -247,6 +247,38 @@ def test_what_nobody_drew_has_its_inertia():
     (part,) = skeleton(robot, 0.1)
     half = 0.5 * np.ptp(part.meshes[-1][0].vertices, axis=0)
     assert np.allclose(np.sort(half), (0.1, 0.2, 0.3), rtol=0.06)
+
+
+def test_an_inertia_that_would_hide_the_rods_is_clear():
+    """Andrews' squeezer is given in the plane: its inertias are those of large balls."""
+    found = parts(cp.load_robot("andrews"))
+    inertias = [part for path, part in found.items() if path.startswith("inertia/")]
+    assert len(inertias) == 7
+    assert all(part.opacity < 0.3 for part in inertias)
+    rods = [part for path, part in found.items() if path.startswith("robot/")]
+    assert all(part.opacity == 1.0 for part in rods)
+    assert {f"inertia/{path.split('/')[1]}" for path in found if path.startswith("robot/")} >= {
+        part.path for part in inertias
+    }
+    assert not [path for path in parts(cp.four_bar()) if path.startswith("inertia/")]
+
+
+@pytest.mark.parametrize(
+    "names", [("arm", "arm/tip"), ("arm", "arm/0"), ("arm", "arm/"), ("a//b", "a/b")]
+)
+def test_a_name_with_a_slash_hangs_on_no_other_part(names):
+    """meshcat's tree is made of paths: what is below another part would move with it as well."""
+    model = pin.Model()
+    inertia = pin.Inertia.FromEllipsoid(2.0, 0.3, 0.2, 0.1)
+    i = 0
+    for name in names:
+        i = model.addJoint(i, pin.JointModelRX(), pin.SE3.Identity(), name)
+        model.appendBodyToJoint(i, inertia, pin.SE3.Identity())
+    found = drawing(cp.Robot("r", model))
+    nodes = [tuple(word for word in part.path.split("/") if word) for part in found.parts]
+    assert len([node for node in nodes if node[0] == "robot"]) == 2
+    for one, other in permutations(nodes, 2):
+        assert one != other[: len(one)]
 
 
 HANGING = """<robot name="arm"><link name="ground"/>

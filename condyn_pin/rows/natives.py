@@ -73,7 +73,7 @@ def natives(model: Any, bounds: Sequence[AnyBound], rows: Callable[[], Array]) -
     """
     made: list[Native] = []
     blocks: list[Array] = []
-    imitated: list[AnyBound] = []
+    imitated: list[tuple[str, int]] = []
     missing: list[str] = []
     for bound in bounds:
         points, block = _equivalent(model, bound)
@@ -82,7 +82,7 @@ def natives(model: Any, bounds: Sequence[AnyBound], rows: Callable[[], Array]) -
         if not points:
             missing.append(bound.name)
         elif points[0].imitates:
-            imitated.append(bound)
+            imitated.append((bound.name, points[0].joint1))
     blocked = _block_diagonal(blocks)
     constraints, W = spread(made, lambda: blocked.T @ rows())
     to_scene = blocked if W is None else blocked @ W.T
@@ -90,8 +90,8 @@ def natives(model: Any, bounds: Sequence[AnyBound], rows: Callable[[], Array]) -
     return Natives(
         constraints,
         None if same else to_scene,
-        tuple(bound.name for bound in imitated),
-        tuple(bound.name for bound in imitated if bound.joint1 == 0),
+        tuple(name for name, _ in imitated),
+        tuple(name for name, joint1 in imitated if joint1 == 0),
         tuple(missing),
     )
 

@@ -85,9 +85,9 @@ def _gamma_of(model: Any, data: Any, b: Bound) -> Callable[[], Array]:
     """Return what evaluates gamma of one constraint."""
     joint1, placement1, joint2, placement2 = b.joint1, b.placement1, b.joint2, b.placement2
     if joint2 == 0 and b.selection == POINT:
-        return lambda: _classical(model, data, joint1, placement1, LOCAL).linear  # type: ignore
+        return lambda: _classical(model, data, joint1, placement1, LOCAL).linear
     if joint2 == 0:
-        return lambda: _spatial(model, data, joint1, placement1, LOCAL).vector  # type: ignore
+        return lambda: _spatial(model, data, joint1, placement1, LOCAL).vector
     oMi1 = data.oMi[joint1]
 
     def gamma() -> Array:

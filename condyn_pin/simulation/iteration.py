@@ -53,7 +53,9 @@ def to_the_end(
     else:
         if before < small:
             return
-    left_over = f"{before:.1e} are left (m, rad)" if isfinite(before) else f"its numbers are lost{why}"
+    left_over = (
+        f"{before:.1e} are left (m, rad)" if isfinite(before) else f"its numbers are lost{why}"
+    )
     raise StepFailed(
         f"{title} at t = {t:g} s: after {count} iterations {left_over}; take a smaller dt than "
         f"{dt:g} s"

@@ -12,7 +12,8 @@ from condyn_pin.joints import lengths
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.pulls import pull_notices
 from condyn_pin.simulation.verify import solver_notices
-from condyn_pin.states.gaps import Gap, beyond_text
+from condyn_pin.states.check import check
+from condyn_pin.states.gaps import Gap, beyond_text, worst
 from condyn_pin.states.limits import Limits
 
 if TYPE_CHECKING:
@@ -45,20 +46,25 @@ def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
 def _open_constraints(trajectory: Trajectory) -> list[str]:
     """Return a sentence on the largest gap, if it is larger than a closed state has."""
     violation, run = trajectory.violation, trajectory.run
-    worst, first = float(violation.max()), float(violation[0])
-    if not worst > tolerances.NEARLY_CLOSED:
+    largest, first = float(violation.max()), float(violation[0])
+    if not largest > tolerances.NEARLY_CLOSED:
         return []
-    if first > tolerances.NEARLY_CLOSED and worst < _LARGER * first:
+    if first > tolerances.NEARLY_CLOSED and largest < _LARGER * first:
         left = float(violation[-1])
         return [
             f"the constraints were open by {first:.2g} m or rad at the start, as close_start=False "
             f"allows, and are by {left:.2g} at the end"
         ]
-    when = float(trajectory.t[violation.argmax()])
+    when = int(violation.argmax())
+    scenes = [
+        p.scene for p in trajectory.phases if when in range(*p.samples.indices(len(violation)))
+    ]
+    open_by = [worst(check(scene, trajectory.q[when], None).gap) for scene in scenes]
+    name, gap = max(open_by, key=lambda item: item[1].size)
     remedy = "use a smaller dt, a higher order, or another drift scheme"
     if not run.solver.exact:
         remedy = f"{run.solver.title} lets them give way; use a stiffer solref"
-    return [f"the constraints are open by {worst:.2g} m or rad at t = {when:.4g} s: {remedy}"]
+    return [f"{name} is open by {gap} at t = {trajectory.t[when]:.4g} s: {remedy}"]
 
 
 def _coarse_turns(trajectory: Trajectory) -> list[str]:

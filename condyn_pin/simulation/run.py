@@ -17,6 +17,7 @@ from condyn_pin.arrays import Array, finite
 from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.drift.base import Drift
 from condyn_pin.errors import CondynError, InvalidArgument
+from condyn_pin.knobs import check_called
 from condyn_pin.rows.bound import is_scalar
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.simulation.driver import Driver
@@ -135,6 +136,8 @@ def simulate(
     scene costs as much as about a hundred solves.
     """
     check_scene(scene)
+    if progress is not None:
+        check_called("progress", progress, "share")
     effects = Effects(gravity=gravity, springs=springs, damping=damping, armature=armature)
     if not isinstance(close_start, bool):
         raise InvalidArgument(f"close_start = {close_start!r}: True or False is needed")
@@ -237,9 +240,7 @@ def _remedy(driver: Driver) -> str:
     return "; if tau(t, q, v) is stiff, jacobian=... hands over its derivatives"
 
 
-def start(
-    scene: Scene, q: ArrayLike, v: ArrayLike, *, closed: bool = True
-) -> tuple[Array, Array]:
+def start(scene: Scene, q: ArrayLike, v: ArrayLike, *, closed: bool = True) -> tuple[Array, Array]:
     """Return the first state, which has to satisfy the constraints if it is to be closed."""
     q_ = normalised(scene.robot.model, "q", q)
     v_ = np.array(finite("v", v, scene.robot.nv))

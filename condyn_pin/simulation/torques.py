@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from condyn_pin.arguments import FLOAT
 from condyn_pin.arrays import Array, finite, locked
 from condyn_pin.joints import Indices, indices
+from condyn_pin.knobs import check_called
 from condyn_pin.robot import Robot
 from condyn_pin.spring_dampers import SpringDampers
 
@@ -54,7 +55,9 @@ class Applied:
         self.constant: Array | None = None
         self._first: Array | None = None
         self._state: tuple[Array, Array] | None = None  # q and v that the first were asked for
-        if not callable(tau):
+        if callable(tau):
+            check_called("tau", tau, "t, q, v")
+        else:
             self.hold(finite("tau", np.zeros(nv) if _is_zero(tau) else tau, nv))
 
     def hold(self, tau: Array) -> None:

@@ -28,6 +28,7 @@ from condyn_pin.viewing.springs import spring_parts
 
 _TINY = 0.05  # [m] a scene is drawn as if it were at least this large
 _FAR = 1.15  # of the size of a scene, from its middle to the camera
+_SLASH = "\N{DIVISION SLASH}"  # looks like one, and parts nothing
 _FROM = np.array([0.78, 0.55, 0.3])  # the direction from there to the camera
 
 
@@ -161,9 +162,35 @@ def draw(
         opened = list(closure_parts(scenes[0], before.gaps, size))
         parts += [part.ghost(before) for part in (*bodies, *opened)]
     unique = {part.path: part for part in parts}  # a contact of several phases is drawn once
-    placed = spread(tuple(unique.values()), moments[0], _eye(middle, size))
-    when = np.arange(len(moments)) if frames is None else frames
+    placed = spread(tuple(_apart(unique.values())), moments[0], _eye(middle, size))
+    when = np.arange(len(moments), dtype=float) if frames is None else frames
     return Drawing(title, tuple(placed), tuple(moments), fps, middle, size, notes, when)
+
+
+def _apart(parts: Iterable[Part]) -> Iterator[Part]:
+    """Yield parts of which none hangs on another one in meshcat's tree, and moves with it.
+
+    The names of two joints may be ``arm`` and ``arm/tip``; an empty name between slashes counts for
+    nothing there.
+    """
+    parts = list(parts)
+    taken = {_words(part.path) for part in parts}
+    seen: set[tuple[str, ...]] = set()
+    for part in parts:
+        words = _words(part.path)
+        above = [words[:k] for k in range(1, len(words)) if words[:k] in taken]
+        if above or words in seen:
+            kept = len(above[0]) - 1 if above else 1
+            yield replace(
+                part, path="/".join([*words[:kept], _SLASH.join(part.path.split("/")[kept:])])
+            )
+        else:
+            yield part
+        seen.add(words)
+
+
+def _words(path: str) -> tuple[str, ...]:
+    return tuple(word for word in path.split("/") if word)
 
 
 def _eye(middle: Array, size: float) -> Eye:
