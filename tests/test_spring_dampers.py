@@ -365,6 +365,8 @@ def test_mujoco_has_the_same_forces():
         wanted = bridge.torque_from_mujoco(q, data.qfrc_passive)
         found = made.passive_torque(q, v)
         assert np.abs(found - wanted).max() <= 1e-10 * np.abs(found).max()
+    check = bridge.compare(*state_of(made))
+    assert not any("tendons" in note for note in check.notes), check
 
 
 def test_they_are_seen():

@@ -191,7 +191,7 @@ def _beside(bridge: MujocoBridge) -> Iterator[str]:
         "a medium": mj.opt.density or mj.opt.viscosity,
         "springs or dampers that are polynomials": np.any(getattr(mj, "jnt_stiffnesspoly", 0))
         or np.any(getattr(mj, "dof_dampingpoly", 0)),
-        "tendons": mj.ntendon,
+        "tendons": mj.ntendon > len(bridge.robot.spring_dampers),  # which are tendons there
     }
     if any(forces.values()):
         there = listed([name for name, found in forces.items() if found])

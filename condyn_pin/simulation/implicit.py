@@ -126,3 +126,5 @@ class Iterated(_WithSlopes):
         rates = [np.abs(np.linalg.eigvals(each)).max(initial=0.0) for each in (P_q, P_v)]
         h = 2 * self._dt  # it is half a step
         self.slopes.differencing = bool(max(h**2 * rates[0], h * rates[1]) > _STIFF)
+        if not self.slopes.differencing:
+            self.applied.differenced = 0  # a look at what is not stiff is no cost of steps

@@ -78,12 +78,11 @@ def plan(
     _check_drift(integrator, drift, dt)
     check_count("record", record)
     _check_jacobian(tau, jacobian, integrator)
-    checked = applied_forces(forces, functions=True)
-    pushed = Pushed(scene.robot, tau, checked) if checked else None
-    if pushed and jacobian:
-        jacobian = pushed.jacobian_with(jacobian)
-    applied = Applied(scene.robot.nv, pushed or tau, jacobian)
-    method = Method(applied, dt, integrator, drift, solver, effects)
+    checked, torque = applied_forces(forces, functions=True), Applied(scene.robot.nv, tau, jacobian)
+    pushed = Pushed(scene.robot, torque, checked) if checked else None
+    if pushed:
+        torque = Applied(scene.robot.nv, pushed, pushed.jacobian)
+    method = Method(torque, dt, integrator, drift, solver, effects)
     return Plan(scene, method, duration, steps, record, pushed)
 
 

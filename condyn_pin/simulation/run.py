@@ -82,7 +82,7 @@ def simulate(
         (t, q, v) -> the derivatives of the function tau by q and by v, (nv, nv) each, for the
         integrators that are implicit (`Integrator.takes_jacobian`): stiff springs and dampers in it
         need no small dt then. Without it the fully implicit ones take differences where they need
-        them, for 2 nv + 1 calls of tau a step, and `notices` says so.
+        them, for 2 nv + 1 calls of tau a step, and `notices` says so. What `forces` do is added.
     duration : float
         [s]
     dt : float
