@@ -504,6 +504,29 @@ def test_a_label_says_the_largest_gap_of_the_run_and_not_of_what_is_shown(swingi
     assert gap.length > 1e-3
 
 
+def test_an_arrow_says_the_largest_force_of_the_run(swinging, monkeypatch):
+    from condyn_pin.viewing import arrows
+
+    lam = swinging.lam.copy()
+    lam[3] *= 50.0  # at 15 ms, between two pictures
+    run = replace(swinging, lam=lam)
+    said = []
+
+    def label(path, text, *rest, written=arrows.label):
+        said.append(text)
+        return written(path, text, *rest)
+
+    monkeypatch.setattr(arrows, "label", label)
+    drawing(run)
+    (force,) = run.forces.values()
+    largest = np.linalg.norm(force[:, :3], axis=1).max()
+    assert (
+        largest > 10.0 * np.linalg.norm(swinging.forces[next(iter(run.forces))][:, :3], axis=1)[0]
+    )
+    assert said
+    assert all(text.startswith(f"{largest:.3g} N on ") for text in said)
+
+
 def test_an_event_is_shown_before_and_after():
     """Two samples have one time; a sparse motion shows both, and never one out of order."""
     from condyn_pin.viewing.motion import shown

@@ -8,9 +8,8 @@ stood; axis, limits, damping and friction of the hinge are gone.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from copy import deepcopy
 from typing import Any, Final
-from xml.etree.ElementTree import Element, SubElement
+from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
 
 import numpy as np
 
@@ -35,7 +34,7 @@ def retyped(robot: Element, kinds: Mapping[str, str]) -> Element:
     """
     if not kinds:
         return robot
-    copy = deepcopy(robot)
+    copy = fromstring(tostring(robot, encoding="unicode"))
     joints = {joint.get("name", ""): joint for joint in copy.findall("joint")}
     for name, kind in kinds.items():
         if name not in joints:

@@ -12,7 +12,7 @@ from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.states.gaps import Gap
 from condyn_pin.viewing import palette, three
-from condyn_pin.viewing.arrows import arrow_parts
+from condyn_pin.viewing.arrows import Peak, arrow_parts
 from condyn_pin.viewing.bodies import body_parts, lighter, with_coarse
 from condyn_pin.viewing.closures import closure_parts
 from condyn_pin.viewing.floor import floor_part, spacing
@@ -121,6 +121,7 @@ def draw(
     before: Moment | None = None,
     frames: Array | None = None,
     gaps: Iterable[Mapping[str, Gap]] | None = None,
+    peaks: Mapping[str, Peak] | None = None,
     fps: float = 30.0,
     light: bool = False,
 ) -> Drawing:
@@ -139,6 +140,8 @@ def draw(
     gaps : iterable of mapping, optional
         Of a motion, how far constraints are open at all its samples: what labels say is the
         largest. That of the moments by default.
+    peaks : mapping of str to Peak, optional
+        Of a motion, the largest forces of all its samples, which arrows are labelled with.
     fps : float
         Pictures a second [1/s].
     light : bool
@@ -156,7 +159,7 @@ def draw(
     parts = [floor_part(middle, size), *bodies, *marks, *closures]
     for scene in scenes:
         parts += contact_parts(scene, size)
-        parts += arrow_parts(scene, moments, size)
+        parts += arrow_parts(scene, moments, size, peaks or {})
     parts += mass_parts(size)
     if before is not None:
         opened = list(closure_parts(scenes[0], before.gaps, size))

@@ -20,7 +20,7 @@ from condyn_pin.solution import Solution
 from condyn_pin.states.assembly_report import Assembly
 from condyn_pin.viewing.drawing import Drawing, draw
 from condyn_pin.viewing.moment import moment
-from condyn_pin.viewing.motion import gaps_of, moments_of, shown
+from condyn_pin.viewing.motion import gaps_of, moments_of, peaks_of, shown
 from condyn_pin.viewing.page import require_meshcat
 from condyn_pin.viewing.viewer import Viewer, check_port
 
@@ -180,6 +180,6 @@ def _motion(wish: _Wish, trajectory: Trajectory) -> Drawing:
     title = f"{scenes[0].robot.name}, {duration:.4g} s"
     title += f", {wish.speed:g} x speed" if wish.speed != 1.0 else ""
     return draw(
-        scenes, moments, title=title, frames=frames, gaps=gaps_of(trajectory), fps=_FPS,
-        light=wish.light,
+        scenes, moments, title=title, frames=frames, gaps=gaps_of(trajectory),
+        peaks=peaks_of(trajectory), fps=_FPS, light=wish.light,
     )  # fmt: skip
