@@ -12,7 +12,7 @@ of Pinocchio's dynamics, nothing enters.
 
 An answer is wrong if it says ok and a is off by more than it promises, 1e-8 of the larger of |a|
 and gravity; derivatives, if they differ along the constraints by more than 1e-6 of the largest
-entry, or of |a|; forces, if what they do to the joints, each at its point and in its axes, is off
+entry, or of |a| / 1000; forces, if what they do to the joints, each at its point and in its axes, is off
 by 1e-7 of what M does with that. Where `check=True` says that derivatives differ, by lam or off the
 constraints, where the oracle does not look, it is listed: by the differences' own noise, or not.
 
@@ -200,7 +200,7 @@ def _derived(p: Problem, right: Right, method: str, along: Iterable[tuple[Any, A
         had = d.da_dq @ dq + d.da_dv @ dv + d.da_dtau @ dtau
         parts = [np.abs(b @ np.diag(x)).max() for b, x in
                  ((d.da_dq, dq), (d.da_dv, dv), (d.da_dtau, dtau))]  # fmt: skip
-        size = max(float(np.abs(wanted).max()), *(float(x) for x in parts), right.scale)
+        size = max(float(np.abs(wanted).max()), *(float(x) for x in parts), right.scale / 1e3)
         errors.append(float(np.abs(had - wanted).max()) / size)
     found |= {"status": "ok", "error": max(errors)}
     try:

@@ -126,6 +126,27 @@ def test_derivatives_are_right_along_the_constraints():
     assert seen > 20
 
 
+@pytest.mark.parametrize("seed", [774, 10720])
+def test_derivatives_keep_what_cancels(seed):
+    """Masses over six decades: torques of tons by q, times the inverse inertia of grams."""
+    from campaign import Right
+
+    p = quiet(seed)
+    right, workspace = Right(p), cp.Workspace(p.scene)
+    d = workspace.derivatives(p.q, p.v, p.tau)
+    *_, (dq, dv, dtau) = right.directions(np.random.default_rng([1, seed]))
+    wanted = np.asarray(right.derivative(dq, dv, dtau), float)
+    size = max(np.abs(d.da_dq).max(), right.scale / 1e3)
+    for had in (
+        d.da_dq @ dq + d.da_dv @ dv,
+        workspace.derivatives(p.q, p.v, p.tau).jvp(dq, dv, dtau)[0],
+    ):
+        assert np.abs(had - wanted).max() < 1e-6 * size
+    weights = np.random.default_rng(0).normal(size=len(wanted))
+    by_q, by_v, _ = workspace.derivatives(p.q, p.v, p.tau).vjp(weights, np.zeros(p.scene.rows))
+    assert abs(by_q @ dq + by_v @ dv - weights @ wanted) < 1e-5 * size
+
+
 def test_the_report_counts_and_lists(tmp_path, capsys):
     from campaign_report import report
 
