@@ -115,7 +115,8 @@ def constraints_jacobian(
     def placed() -> NDArray[np.float64]:
         for place in placing:
             place()
-        return jacobian()
+        J: NDArray[np.float64] = jacobian()
+        return J
 
     return placed
 

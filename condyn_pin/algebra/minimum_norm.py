@@ -82,10 +82,10 @@ class MinimumNorm:
         from scipy.linalg.lapack import dtrtri
 
         inverse = dtrtri(self.L, lower=1)[0]
-        return np.sqrt(np.einsum("ij,ij->j", inverse, inverse))
+        return np.asarray(np.sqrt(np.einsum("ij,ij->j", inverse, inverse)))
 
     def blur(self, P: Array) -> float:
-        """Return what rounding of J does to Jw, eps |P w|, for what J is a difference of (m, nv)."""
+        """Return what rounding of J does to Jw, eps |P w|; J is a difference of sizes P (m, nv)."""
         return _EPS * float(np.linalg.norm(P * self.weights))
 
     def at_most(self, rank: int) -> MinimumNorm:
