@@ -8,12 +8,14 @@ import signal
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from threading import Thread
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.knobs import check_count
 
 Result = TypeVar("Result")
+
+_MOST: Final = 1000  # processes
 
 
 class Processes(Executor):
@@ -39,7 +41,7 @@ class Processes(Executor):
 
     def __init__(self, workers: int | None = None, *, start_method: str = "spawn") -> None:
         count = _cores() if workers is None else workers
-        check_count("workers", count)
+        check_count("workers", count, most=_MOST)
         known = multiprocessing.get_all_start_methods()
         if start_method not in known:
             raise InvalidArgument(
