@@ -15,6 +15,7 @@ import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin.algebra.minimum_norm import factorise
+from condyn_pin.algebra.pivots import first_of_largest
 from condyn_pin.arrays import Array
 from condyn_pin.simulation.walls import wall
 
@@ -56,10 +57,15 @@ def stiff_damping(system: System, integrator: Integrator, dt: float, q: Array) -
 
 
 def _fastest(system: System, q: Array) -> tuple[float, int]:
-    """Return the largest eigenvalue of P D [1/s], and the velocity that takes most part in it."""
+    """Return the largest eigenvalue of P D [1/s], and the velocity that takes most part in it.
+
+    Of several that do, the first.
+    """
     factors = factorise(system.mass(q), system.jacobian(q), tolerances.RANK)
     root = np.sqrt(system.passive.d)
     # those of D^1/2 P D^1/2, where P r is the a of M a - J^T lam = r, J a = 0
     P_root, _ = factors.solve(np.diag(root), np.zeros((system.m, len(root))))
     rates, modes = np.linalg.eigh(root[:, None] * P_root)
-    return float(rates[-1]), int(np.abs(modes[:, -1]).argmax())
+    # two legs have the same rate, and any mixture of their modes is one
+    fastest = modes[:, rates >= (1.0 - tolerances.TIED) * rates[-1]]
+    return float(rates[-1]), first_of_largest(np.linalg.norm(fastest, axis=1))
