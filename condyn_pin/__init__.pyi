@@ -1,5 +1,6 @@
 # Every public name, and the module that has it; `__init__.py` reads this file.
 
+from condyn_pin.applied_force import AppliedForce as AppliedForce
 from condyn_pin.audit import Audit as Audit
 from condyn_pin.batch.chunks import map_chunks as map_chunks
 from condyn_pin.batch.derivatives import BatchDerivatives as BatchDerivatives
@@ -46,6 +47,7 @@ from condyn_pin.errors import NotAssembled as NotAssembled
 from condyn_pin.errors import NotReached as NotReached
 from condyn_pin.errors import NotRecorded as NotRecorded
 from condyn_pin.errors import NotTuned as NotTuned
+from condyn_pin.errors import SharedWorkspace as SharedWorkspace
 from condyn_pin.errors import SolveFailed as SolveFailed
 from condyn_pin.errors import StaleModel as StaleModel
 from condyn_pin.errors import StepFailed as StepFailed
@@ -145,6 +147,7 @@ from condyn_pin.solvers.reference import Reference as Reference
 from condyn_pin.solvers.soft import Soft as Soft
 from condyn_pin.solvers.sparse_kkt import SparseKKT as SparseKKT
 from condyn_pin.spring import Spring as Spring
+from condyn_pin.spring import SpringDamper as SpringDamper
 from condyn_pin.states.assembly_report import Assembly as Assembly
 from condyn_pin.states.assembly_report import AssemblyStatus as AssemblyStatus
 from condyn_pin.states.check import Check as Check

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -98,6 +99,25 @@ def factorise_constraints(
     cholesky = constraint_cholesky(data)
     cholesky.compute(model, data, models, datas, float(mu))
     return cholesky
+
+
+def constraints_jacobian(
+    model: Any, data: Any, models: Any, datas: Any
+) -> Callable[[], NDArray[np.float64]]:
+    """Return what evaluates J of all constraints, from the Jacobians of the joints in `data`."""
+    jacobian = partial(pin.getConstraintsJacobian, model, data, models, datas)
+    if not _IS_4:
+        return jacobian
+    pairs = zip(models, datas, strict=True)
+    # without them Pinocchio 4 takes the placements of an earlier call
+    placing = [partial(one.calc, model, data, its_data) for one, its_data in pairs]
+
+    def placed() -> NDArray[np.float64]:
+        for place in placing:
+            place()
+        return jacobian()
+
+    return placed
 
 
 def proximal_settings(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import threading
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,15 +11,14 @@ from numpy.typing import ArrayLike
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.algebra.minimum_norm import MinimumNorm, factorise
+from condyn_pin.applied_force import AppliedForce
 from condyn_pin.arguments import Arguments
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.rows.equations import Equations
+from condyn_pin.loads import Load, Loads
+from condyn_pin.rows.kept import equations_of
 from condyn_pin.rows.terms import Terms, finite_terms
 from condyn_pin.scene import Scene, check_scene
-
-# The equations of this thread's last scene: their memory takes longer to make than to use.
-_last = threading.local()
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +41,19 @@ class State:
 
 def at_state(scene: Scene, q: ArrayLike, v: ArrayLike | None = None) -> State:
     """Return the terms of a scene at a state, at rest by default; O(n^3 + m^2 n)."""
+    check_scene(scene)
     equations = equations_of(scene)
     still = np.zeros(scene.robot.nv)
     q_, v_, _ = Arguments(equations.model).check(q, still if v is None else v, still)
     terms = finite_terms(equations, q_, v_)
-    return State(q_.copy(), v_.copy(), terms, factorise(terms.M, terms.J, tolerances.RANK))
+    factors = factorise(terms.M, terms.J, tolerances.RANK, at=(equations.model, q_))
+    return State(q_.copy(), v_.copy(), terms, factors)
+
+
+def load_on(scene: Scene, q: Array, forces: Sequence[AppliedForce]) -> Load:
+    """Return what forces, all constant, are at a configuration that was checked."""
+    equations = equations_of(scene)
+    return Loads(scene.robot, equations.model, equations.data).at(q, forces)
 
 
 def frame_jacobian(scene: Scene, q: Array, frame: str) -> Array:
@@ -60,14 +67,3 @@ def frame_jacobian(scene: Scene, q: Array, frame: str) -> Array:
     axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     J = np.array(pin.getFrameJacobian(model, data, joint, placement, axes))
     return J.reshape(6, model.nv)  # a single column comes as a vector
-
-
-def equations_of(scene: Scene) -> Equations:
-    """Return this thread's equations of a scene: the last ones, or new ones."""
-    check_scene(scene)
-    scene.robot.check_unedited()
-    equations: Equations | None = getattr(_last, "equations", None)
-    if equations is None or _last.scene is not scene:
-        equations = Equations(scene.robot.model, scene.bounds)
-        _last.equations, _last.scene = equations, scene
-    return equations

@@ -20,6 +20,7 @@ from condyn_pin.rows.natives import Natives
 from condyn_pin.rows.reach import ROUNDED, reach
 from condyn_pin.rows.terms import Terms
 from condyn_pin.solvers.reference import Reference
+from condyn_pin.soundness import massless_motion
 from condyn_pin.states.chains import redundant_rows
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ class Audit:
         At q: at rest, and moving along the constraints with random torques.
     terms : Terms
         M, h, J and gamma at q, at rest.
-    measured : dict of Solver to float
+    measured : dict of Solver to tuple
         What a solver has measured on the scene, so that its next workspace need not.
     """
 
@@ -95,7 +96,7 @@ class Audit:
     yardstick: Yardstick
     states: tuple[NominalState, ...]
     terms: Terms
-    measured: dict[Solver, float] = field(default_factory=dict)
+    measured: dict[Solver, tuple[float, int, int]] = field(default_factory=dict)
 
     @property
     def delassus_condition(self) -> float:
@@ -111,7 +112,8 @@ def audit(scene: Scene) -> Audit:
     q, closed = _nominal_configuration(scene)
     equations = Equations(robot.model, scene.bounds)
     terms = equations.terms(q, np.zeros(robot.nv))
-    factors = factorise(terms.M, terms.J, tolerances.RANK)
+    P = reach(equations, q)
+    factors = factorise(terms.M, terms.J, tolerances.RANK, at=(robot.model, q)).above_rounding(P)
     S, rank = factors.S, factors.rank
     gravity = float(np.linalg.norm(robot.model.gravity.linear))
     weight = robot.mass * (gravity or 1.0)
@@ -130,8 +132,8 @@ def audit(scene: Scene) -> Audit:
         delassus_norm=norm,
         native_spectrum=_native_spectrum(scene.natives, factors) if rank else (norm, norm),
         weight=weight,
-        yardstick=Yardstick.of(factors, reach(equations, q), gravity, weight),
-        states=_nominal_states(equations, q, factors),
+        yardstick=Yardstick.of(factors, P, gravity, weight),
+        states=_nominal_states(equations, q, factors, P),
         terms=terms,
     )
 
@@ -143,7 +145,8 @@ def whitened_rows(scene: Scene) -> Array:
     terms = Equations(robot.model, scene.bounds).terms(q, np.zeros(robot.nv))
     whitened = whiten(terms.M, terms.J)
     if whitened is None:
-        raise InvalidModel("the mass matrix is not positive definite at the nominal state")
+        said = massless_motion(robot.model, q)
+        raise InvalidModel(said or "the mass matrix is not positive definite at the nominal state")
     if not np.isfinite(whitened[1]).all():
         raise InvalidModel("the constraint Jacobian is not finite at the nominal state")
     return np.asarray(whitened[1].T)
@@ -186,7 +189,7 @@ def _lively_rows(equations: Equations, q: Array) -> tuple[int, bool]:
 
 
 def _nominal_states(
-    equations: Equations, q: Array, factors: MinimumNorm
+    equations: Equations, q: Array, factors: MinimumNorm, P: Array
 ) -> tuple[NominalState, ...]:
     """Return a state at rest, and one moving along the constraints under random torques."""
     rng = np.random.default_rng(0)
@@ -195,6 +198,24 @@ def _nominal_states(
     push = factors.L @ (factors.L.T @ rng.normal(size=nv))
     made = []
     for v, tau in ((np.zeros(nv), np.zeros(nv)), (factors.tangent(rng.normal(size=nv)), push)):
-        a, _ = Reference().solve(equations.terms(q, v), tau)
+        a, _ = Reference().solve(equations.terms(q, v), tau, P)
+        made.append(NominalState(q, v, tau, a))
+    return tuple(made)
+
+
+def drawn_states(scene: Scene, count: int) -> tuple[NominalState, ...]:
+    """Return random states of a scene, moved as its nominal one is; none where none is closed."""
+    if not scene.audit.closed:
+        return ()
+    rng, equations = np.random.default_rng(1), Equations(scene.robot.model, scene.bounds)
+    made = []
+    for _ in range(count):
+        try:
+            q, v = scene.sample(rng)
+        except NotAssembled:
+            break
+        terms = equations.terms(q, v)
+        tau = terms.M @ rng.normal(size=len(v))
+        a, _ = Reference().solve(terms, tau)
         made.append(NominalState(q, v, tau, a))
     return tuple(made)

@@ -1,14 +1,18 @@
 """The main job, timed: ABA, LCABA, proximal and dense KKT on the same states of the same scenes.
 
+Beside them stand the same equations written by hand, without a guard and without a proof: what is
+said to be faster than dense is faster than the fastest of these and of dense KKT.
+
 Error and time come from the same run. The error of a is taken against `Reference` at closed
 states, relative to the larger of |a| and gravity, the worst over the states.
 """
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,9 +20,11 @@ from condyn_pin import _pin
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.bench_table import BenchRow, BenchTable
-from condyn_pin.catalogue import motor_torque, standard_scenes
+from condyn_pin.by_hand import by_hand
+from condyn_pin.catalogue import standard_scenes
 from condyn_pin.choice import untaken
 from condyn_pin.errors import Interrupted
+from condyn_pin.knobs import check_called
 from condyn_pin.load import load_robot
 from condyn_pin.machine import machine
 from condyn_pin.scene import Scene
@@ -29,7 +35,11 @@ from condyn_pin.solvers.proximal import Proximal
 from condyn_pin.solvers.reference import Reference
 from condyn_pin.timed_calls import bare, unthrown
 from condyn_pin.timing import Call, State, Times, interleaved
+from condyn_pin.trade.measures.base import relative
+from condyn_pin.trade.states import SampledStates
 from condyn_pin.workspace import Workspace
+
+BY_HAND = "by hand"  # in place of a status
 
 ROBOTS = ("talos", "cassie", "solo12", "four_bar")
 
@@ -75,7 +85,8 @@ def bench(
     robots : sequence of str
         Names that `load_robot` takes.
     solvers : sequence of Solver
-        By default LCABA, proximal and dense KKT. On each scene those are timed that take it.
+        By default LCABA, proximal and dense KKT. On each scene those are timed that take it, and
+        the equations written by hand (`condyn_pin.by_hand`).
     effort : Effort
     progress : callable
         Called with (scene, round, rounds).
@@ -89,6 +100,7 @@ def bench(
     Interrupted
         With the scenes that were measured before Ctrl-C.
     """
+    check_called("progress", progress, "scene, round, rounds")
     rows: list[BenchRow] = []
     try:
         for name in robots:
@@ -108,10 +120,7 @@ def bench_scene(
     progress: Progress = silent,
 ) -> list[BenchRow]:
     """Time some methods on one scene."""
-    rng = np.random.default_rng(0)
-    states: list[State] = [
-        (*scene.sample(rng), motor_torque(scene.robot, rng)) for _ in range(effort.states)
-    ]
+    states = SampledStates(effort.states).of(scene)
     reference = Workspace(scene, Reference())
     truth = [reference.solve(*state, throw=False).a for state in states]
     chosen = [s for s in solvers or _solvers(scene) if not untaken(scene, s)]
@@ -120,6 +129,11 @@ def bench_scene(
     calls: dict[str, Call] = {"ABA": lambda q, v, tau: pin.aba(model, data, q, v, tau)}
     for candidate in candidates:
         calls |= candidate.calls()
+    others = [
+        _ByHand(_named(name, _damping(scene)), answer, scene, states, truth)
+        for name, answer in by_hand(scene, _damping(scene)).items()
+    ]
+    calls |= {one.method: one.answer for one in others if one.timed}
     done = iter(range(1, effort.rounds + 1))
     times = interleaved(
         calls,
@@ -128,7 +142,9 @@ def bench_scene(
         repeats=effort.repeats,
         tick=lambda: progress(label, next(done), effort.rounds),
     )
-    dense = next((c.times(times) for c in reversed(candidates) if c.is_dense and c.timed), None)
+    plain = [c.times(times) for c in candidates if c.is_dense and c.timed]
+    plain += [times[one.method] for one in others if one.timed]
+    dense = min(plain, key=lambda t: t.median, default=None)
     free = BenchRow(
         scene=label,
         method="ABA, unconstrained",
@@ -137,15 +153,70 @@ def bench_scene(
         bare_us=times["ABA"].median,
         bare_p95_us=times["ABA"].p95,
     )
-    return [free, *(candidate.row(label, times, dense) for candidate in candidates)]
+    rows = [free, *(candidate.row(label, times, dense) for candidate in candidates)]
+    return rows + [one.row(label, times, dense) for one in others]
 
 
 def _solvers(scene: Scene) -> list[Solver]:
     solvers: list[Solver] = [LCABA()] if _pin.HAS_LCABA else []
     solvers += [Proximal(), DenseKKT()]
-    if scene.audit.redundant:  # where the exact matrix is singular, a damped one is the yardstick
-        solvers.append(DenseKKT(mu=float(f"{1e-11 * scene.audit.delassus_norm:.1e}")))
+    if damping := _damping(scene):
+        solvers.append(DenseKKT(mu=damping))
     return solvers
+
+
+def _damping(scene: Scene) -> float:
+    """Return what a dense matrix needs where redundant rows make the exact one singular [1/kg]."""
+    return float(f"{1e-11 * scene.audit.delassus_norm:.1e}") if scene.audit.redundant else 0.0
+
+
+def _named(method: str, mu: float) -> str:
+    return f"{method}, mu {mu:.1e}" if mu else method
+
+
+def _worst(scene: Scene, answers: Sequence[Array], truth: Sequence[Array]) -> float:
+    gravity = scene.audit.yardstick.gravity
+    return max(relative(a, true, gravity) for a, true in zip(answers, truth, strict=True))
+
+
+class _ByHand:
+    """A method that is none of a solver: it has a time and an error, and says nothing of either."""
+
+    def __init__(
+        self,
+        method: str,
+        answer: Call,
+        scene: Scene,
+        states: Sequence[State],
+        truth: Sequence[Array],
+    ) -> None:
+        self.method, self.answer, self._scene = method, answer, scene
+        try:
+            answers = [np.asarray(answer(*state)) for state in states]
+        except np.linalg.LinAlgError:  # singular
+            answers = [np.full(scene.robot.nv, math.nan)] * len(states)
+        self._error = _worst(scene, answers, truth)
+        self.timed = math.isfinite(self._error)
+
+    def row(self, label: str, times: dict[str, Times], dense: Times | None) -> BenchRow:
+        """Return the row of this method."""
+        row = BenchRow(
+            scene=label,
+            method=self.method,
+            rows=self._scene.rows,
+            rank=self._scene.audit.rank,
+            error=self._error,
+            status=BY_HAND,
+        )
+        if not self.timed:
+            return row
+        hot = times[self.method]
+        return replace(
+            row,
+            acceleration_us=hot.median,
+            acceleration_p95_us=hot.p95,
+            to_dense=dense.ratio(hot) if dense else math.nan,
+        )
 
 
 class _Candidate:
@@ -157,18 +228,11 @@ class _Candidate:
         self.scene, self.solver = scene, solver
         self.workspace = Workspace(scene, solver)
         self.solutions = [self.workspace.solve(*state, throw=False) for state in states]
-        self.error = max(
-            float(
-                np.abs(solution.a - a).max() / max(np.abs(a).max(), scene.audit.yardstick.gravity)
-            )
-            for solution, a in zip(self.solutions, truth, strict=True)
-        )
+        self.error = _worst(scene, [solution.a for solution in self.solutions], truth)
         self.timed = all(np.isfinite(solution.a).all() for solution in self.solutions)
         self.all_ok = all(solution.status.ok for solution in self.solutions)
         self.is_dense = isinstance(solver, DenseKKT)
-        self.method = solver.title
-        if isinstance(solver, DenseKKT) and solver.mu:
-            self.method += f", mu {solver.mu:.1e}"
+        self.method = _named(solver.title, solver.mu if isinstance(solver, DenseKKT) else 0.0)
 
     def calls(self) -> dict[str, Call]:
         """Return the bare call, the hot loop and the full solve, by a name of their own."""

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.files.beside import write_text
+from condyn_pin.files.text import parse_json, read_text
 from condyn_pin.table_text import nulled, write_csv
 from condyn_pin.timing import Times
 
@@ -31,14 +33,16 @@ class BenchRow:
     to_bare, solve_to_bare : float
         `acceleration` and `solve` over the bare call, medians of ratios within one round.
     to_dense : float
-        Dense KKT's time over this method's: how many times faster it is.
+        The time of the fastest dense method over this method's: how many times faster it is. Dense
+        are `DenseKKT` and the equations by hand, solved by numpy, by LAPACK's sysv and by
+        Pinocchio's contact Cholesky; in C++ that program's own dense method.
     error : float
         Worst error of a against Reference, relative to the larger of |a| and gravity.
     dynamics_error, constraint_error : float
         Worst residuals [N, N m] and [m/s^2, rad/s^2].
     iterations : int
     status : str
-        How many states ended with which status.
+        How many states ended with which status; "by hand" where nothing says one.
     origin : str
         "python", or "C++" for rows of the native program.
     """
@@ -96,7 +100,7 @@ class BenchTable:
 
     def to_json(self, path: str | Path) -> None:
         """Write machine and rows; what was not measured is null."""
-        Path(path).write_text(json.dumps(self.as_dict(), indent=1) + "\n", encoding="utf-8")
+        write_text(path, json.dumps(self.as_dict(), indent=1) + "\n")
 
     def as_dict(self) -> dict[str, Any]:
         """Return machine and rows as plain values."""
@@ -105,10 +109,21 @@ class BenchTable:
     def with_native(self, path: str | Path) -> BenchTable:
         """Return the table with the rows that `benchmarks/native` wrote to a json file."""
         try:
-            native = json.loads(Path(path).read_text(encoding="utf-8"))
+            native = parse_json(read_text(path))
             sizes = {scene["scene"]: scene for scene in dict(native).get("scenes", ())}
-            rows = tuple(_native_row(row, sizes.get(row["scene"], {})) for row in native["rows"])
-        except (OSError, ValueError, KeyError, TypeError) as error:
+            dense = {r["scene"]: r["median_us"] for r in native["rows"] if r["method"] == "dense"}
+            rows = tuple(
+                _native_row(row, sizes.get(row["scene"], {}), dense.get(row["scene"]))
+                for row in native["rows"]
+            )
+        except (
+            OSError,
+            ArithmeticError,
+            AttributeError,
+            LookupError,
+            TypeError,
+            ValueError,
+        ) as error:
             raise InvalidArgument(
                 f"{path}: not a result of benchmarks/native ({error}); `make native` writes one"
             ) from error
@@ -118,8 +133,13 @@ class BenchTable:
         return BenchTable(self.rows + rows, self.machine | known)
 
 
-def _native_row(row: dict[str, Any], size: dict[str, Any]) -> BenchRow:
+# What the native program times beside constrained forward dynamics.
+_OTHER_QUESTIONS = ("aba", "computeConstraintDynamicsDerivatives")
+
+
+def _native_row(row: dict[str, Any], size: dict[str, Any], dense: float | None) -> BenchRow:
     number = {key: math.nan if value is None else value for key, value in row.items()}
+    is_compared = row["method"] not in _OTHER_QUESTIONS
     return BenchRow(
         scene=row["scene"],
         method=f"{row['method']}, mu {row['mu']:g}" if row["mu"] else row["method"],
@@ -127,6 +147,7 @@ def _native_row(row: dict[str, Any], size: dict[str, Any]) -> BenchRow:
         rank=int(size.get("rank", 0)),
         bare_us=float(number["median_us"]),
         bare_p95_us=float(number["p95_us"]),
+        to_dense=dense / number["median_us"] if dense and is_compared else math.nan,
         error=float(number["error"]),
         dynamics_error=float(number["dynamics_error"]),
         constraint_error=float(number["constraint_error"]),

@@ -26,26 +26,36 @@ def kinds_of(solver: type[Solver]) -> str:
     """Return in words which kinds of constraints a solver takes."""
     if solver.takes_every_kind:
         return "every kind"
-    return "points, welds, hinges and edges" if solver.takes_imitated else "points and welds"
+    if solver.takes_imitated:
+        return "points, welds, hinges, edges and the planar pins of linkages in a plane"
+    return "points and welds"
 
 
 def untaken(scene: Scene, solver: Solver) -> tuple[str, ...]:
-    """Return the names of the constraints whose kind a solver cannot take."""
+    """Return the names of the constraints that a solver cannot take."""
     natives = scene.natives
     if solver.takes_every_kind:
         return ()
-    return natives.missing if solver.takes_imitated else natives.imitated + natives.missing
+    if not solver.takes_imitated:
+        return natives.imitated + natives.missing
+    return natives.missing if solver.takes_world_first else natives.world_first + natives.missing
 
 
 def check_kinds(scene: Scene, solver: Solver) -> None:
-    """Raise `UnsupportedConstraint` if a solver cannot take a kind of constraint of the scene."""
+    """Raise `UnsupportedConstraint` if a solver cannot take a constraint of the scene."""
     names = untaken(scene, solver)
-    if names:
-        able = ["Proximal()"]
-        if scene.natives.missing:
-            able = [f"{k.__name__}()" for k in SOLVERS.values() if k.takes_every_kind and k.exact]
-        raise UnsupportedConstraint(
-            f"{type(solver).__name__} takes {kinds_of(type(solver))}: Pinocchio has constraints of "
-            f"3 and of 6 rows, and {', '.join(names)} cannot be made of those; "
-            f"use {' or '.join(able)}"
-        )
+    if not names:
+        return
+    able = ["Proximal()"]
+    why = (
+        f"Pinocchio has constraints of 3 and of 6 rows, and {', '.join(names)} cannot be made of "
+        "those"
+    )
+    if scene.natives.missing:
+        able = [f"{k.__name__}()" for k in SOLVERS.values() if k.takes_every_kind and k.exact]
+    elif set(names) <= set(scene.natives.world_first) and solver.takes_imitated:
+        why = f"pin.lcaba crashes where the world comes first, as in {', '.join(names)}"
+        able.append("exchange its frames")
+    raise UnsupportedConstraint(
+        f"{type(solver).__name__} takes {kinds_of(type(solver))}: {why}; use {' or '.join(able)}"
+    )

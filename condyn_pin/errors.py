@@ -67,6 +67,10 @@ class StaleModel(CondynError):
     """A model, or the raw objects of a workspace, were edited behind the library's back."""
 
 
+class SharedWorkspace(CondynError, RuntimeError):
+    """Two threads use one workspace; the text says what to do."""
+
+
 class NotAssembled(CondynError):
     """A loop is open, and it could not be closed, or was not meant to be.
 

@@ -1,4 +1,7 @@
-"""Joints: where q and v hold them, and which of their coordinates are lengths."""
+"""Joints: where q and v hold them, which coordinates are lengths, and whose axes turn.
+
+v_J = S(q) v
+"""
 
 from __future__ import annotations
 
@@ -8,12 +11,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from condyn_pin._pin import pin
+
 Indices = NDArray[np.int_]
 
 # Names of Pinocchio's joints whose coordinates are all lengths begin so.
 _SLIDERS = (
     "JointModelPX", "JointModelPY", "JointModelPZ", "JointModelPrismatic", "JointModelTranslation",
 )  # fmt: skip
+
+# Columns of S are unit axes, or lengths of levers: what changes them by less is rounding.
+_SAME = 1e-9
+
+# Configurations at which S is looked at: steps from the neutral one that repeat nowhere [rad, m].
+_LOOKS = ((0.7, 1.3), (0.4, 2.9), (0.9, 4.1))
 
 
 def indices(model: Any, joints: Sequence[str]) -> tuple[Indices, Indices]:
@@ -29,3 +40,22 @@ def lengths(joint: Any) -> tuple[bool, ...]:
     if joint.shortname() == "JointModelComposite":
         return tuple(length for part in joint.extract().joints for length in lengths(part))
     return (joint.shortname().startswith(_SLIDERS),) * int(joint.nv)
+
+
+def turning(model: Any) -> tuple[int, ...]:
+    """Return the joints whose axes turn with their own q: S(q) is no constant in the body's axes.
+
+    Pinocchio's derivatives, and its Coriolis matrix, take S for one. S is looked at itself, at a
+    few configurations, so that no list of kinds has to be complete.
+    """
+    data, still = model.createData(), pin.neutral(model)
+    axes: list[list[NDArray[np.float64]]] = []
+    for size, start in _LOOKS:
+        step = size * np.sin(start + 1.7 * np.arange(model.nv))
+        pin.forwardKinematics(model, data, pin.integrate(model, still, step))
+        axes.append([np.array(joint.S) for joint in list(data.joints)[1:]])
+    return tuple(
+        i
+        for i, (one, two, three) in enumerate(zip(*axes, strict=True), start=1)
+        if max(np.abs(one - two).max(), np.abs(one - three).max()) > _SAME * np.abs(one).max()
+    )

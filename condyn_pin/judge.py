@@ -11,9 +11,10 @@ from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.algebra.minimum_norm import factorise
 from condyn_pin.arguments import normalised
-from condyn_pin.arrays import Array, finite
+from condyn_pin.arrays import Array
 from condyn_pin.blas_threads import one_blas_thread
-from condyn_pin.errors import InvalidArgument, InvalidModel
+from condyn_pin.errors import InvalidModel
+from condyn_pin.loads import Load
 from condyn_pin.proof import Proof, Yardstick
 from condyn_pin.rows.reach import reach
 from condyn_pin.solution import Solution, Status
@@ -44,19 +45,26 @@ class Judge:
         self._yardstick = workspace.scene.audit.yardstick
 
     def answered(
-        self, q: Array, v: Array, tau: Array, a: Array, accuracy: float, solve_time: float
+        self,
+        q: Array,
+        v: Array,
+        tau: Array,
+        a: Array,
+        accuracy: float,
+        solve_time: float,
+        load: Load | None = None,
     ) -> Solution:
         """Return the solution of a method that returned `a` just now."""
         equations, yardstick = self._workspace.equations, self._yardstick
         lam = self._method.lam()
-        dynamics, largest = equations.errors(q, v, tau, a, lam)
-        proof, doubtful = yardstick.prove(dynamics, largest, tau)
+        dynamics, largest = equations.errors(q, v, tau, a, lam, load)
+        proof, doubtful = yardstick.prove(dynamics, largest, _torques(tau, load))
         singular = False
         # rotations by a loose quaternion are none: the residuals agree with an answer that is off
         loose = not pin.isNormalized(self._workspace.model, q, _LOOSE)
         if (doubtful or loose) and isfinite(proof.bound):
             try:
-                proof = self._careful_proof(q, v, tau, a, lam)
+                proof = self._careful_proof(q, v, tau, a, lam, load)
             except InvalidModel:  # M is not positive definite to working precision
                 singular, proof = True, proof._replace(bound=inf)
         if proof.bound <= accuracy:
@@ -66,9 +74,12 @@ class Judge:
         else:
             status = Status.INACCURATE if isfinite(proof.bound) else Status.NOT_FINITE
         iterations = self._method.iterations()
-        return Solution(a, lam, proof, status, iterations, solve_time, self._scene, q.copy())
+        applied = load.forces if load else ()
+        return Solution(
+            a, lam, proof, status, iterations, solve_time, self._scene, q.copy(), applied
+        )
 
-    def failed(self, q: Array, v: Array, solve_time: float) -> Solution:
+    def failed(self, q: Array, v: Array, solve_time: float, load: Load | None) -> Solution:
         """Return the solution of a method that met a singular matrix."""
         nothing = np.zeros(self._workspace.model.nv)
         lam = np.zeros(self._scene.rows)
@@ -85,10 +96,13 @@ class Judge:
             solve_time,
             self._scene,
             q.copy(),
+            load.forces if load else (),
         )
 
     @one_blas_thread
-    def _careful_proof(self, q: Array, v: Array, tau: Array, a: Array, lam: Array) -> Proof:
+    def _careful_proof(
+        self, q: Array, v: Array, tau: Array, a: Array, lam: Array, load: Load | None
+    ) -> Proof:
         """Return the proof by the factors of the state itself, and by the rounding of J^T lam.
 
         Quaternions are normalised, so that what is left of them in an answer is seen.
@@ -97,19 +111,17 @@ class Judge:
         q = normalised(equations.model, "q", q)
         terms = equations.terms(q, np.zeros(self._workspace.model.nv))
         P = reach(equations, q)
-        factors = factorise(terms.M, terms.J, tolerances.REFERENCE_RANK)
+        factors = factorise(terms.M, terms.J, tolerances.REFERENCE_RANK).above_rounding(P)
         yardstick = Yardstick.of(factors, P, nominal.gravity, nominal.weight)
-        r, s = equations.residuals(q, v, tau, a, lam)
-        dynamics, largest = equations.errors(q, v, tau, a, lam)
-        proof, _ = yardstick.prove(dynamics, largest, tau, yardstick.missing(factors, r, s, a, P))
+        r, s = equations.residuals(q, v, tau, a, lam, load)
+        dynamics, largest = equations.errors(q, v, tau, a, lam, load)
+        missing = yardstick.missing(factors, r, s, a, P)
+        proof, _ = yardstick.prove(dynamics, largest, _torques(tau, load), missing)
         scale = max(largest[1], nominal.gravity)
         rounded = yardstick.rounding_of(np.abs(lam) @ P)
         return proof._replace(bound=proof.bound + (rounded / scale if scale else 0.0))
 
 
-def check_accuracy_of_a(accuracy: float) -> None:
-    """Refuse an accuracy that doubles cannot have."""
-    if finite("accuracy", accuracy, ()) < tolerances.FINEST:
-        raise InvalidArgument(
-            f"accuracy = {accuracy!r}: a number of at least {tolerances.FINEST:g} is needed"
-        )
+def _torques(tau: Array, load: Load | None) -> Array:
+    """Return the torques of which rounding is a share (nv,), sizes where forces are among them."""
+    return tau if load is None else np.abs(tau) + load.size

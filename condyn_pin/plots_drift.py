@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from condyn_pin.files.beside import written_beside
 from condyn_pin.plot_style import COLOURS
 from condyn_pin.plots import axes, panels
 from condyn_pin.simulation.contest import Contest
@@ -123,4 +124,5 @@ def save_laboratory(
     for integrator, ax in zip(integrators, places[1:-1], strict=True):
         draw_stability(integrator, ax)
     draw_contest(found, places[-1])
-    figure.savefig(path, dpi=150)
+    with written_beside(path) as new:
+        figure.savefig(new, dpi=150)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.files.beside import written_beside
 from condyn_pin.plot_style import COLOURS
 from condyn_pin.plots import axes, panels
 from condyn_pin.solvers import SOLVERS
@@ -149,4 +150,5 @@ def save_trade(table: Table, path: str | Path) -> None:
         work_precision(table, scene, measure, ax)
     note = "{processor}, Pinocchio {pinocchio}; hollow: said to be inaccurate"
     figure.suptitle(note.format_map({"processor": "", "pinocchio": ""} | table.machine), fontsize=8)
-    figure.savefig(path, dpi=150)
+    with written_beside(path) as new:
+        figure.savefig(new, dpi=150)

@@ -85,6 +85,8 @@ class Yardstick:
         eps cond(D M D): what no answer can be better than.
     blur : float
         What rounding of J may do to sigma.
+    slipping : float
+        What rounding of J a is, relative to the largest of a.
     shaking : float
         What rounding of J^T lam does to a, relative to gravity, where a row carries the weight.
     """
@@ -96,14 +98,13 @@ class Yardstick:
     weight: float
     rounding: float = 0.0
     blur: float = 0.0
+    slipping: float = 0.0
     shaking: float = 0.0
 
     @classmethod
     def of(cls, factors: MinimumNorm, P: Array, gravity: float, weight: float) -> Yardstick:
         """Return the yardstick of a state, from the factors of its M and J, and `reach`."""
-        L = factors.L  # its rows have the norms M_jj^1/2
-        L_inverse = np.linalg.inv(L)
-        weights = np.sqrt(np.einsum("ij,ij->j", L_inverse, L_inverse))
+        L, weights = factors.L, factors.weights  # the rows of L have the norms M_jj^1/2
         return cls(
             weights=weights,
             sigma=float(factors.S[factors.rank - 1]) if factors.rank else inf,
@@ -111,7 +112,8 @@ class Yardstick:
             gravity=gravity,
             weight=weight,
             rounding=_EPS * float(np.linalg.cond(L / np.linalg.norm(L, axis=1)[:, None])) ** 2,
-            blur=_EPS * float(np.linalg.norm(P * weights)),
+            blur=factors.blur(P),
+            slipping=_EPS * float(P.sum(axis=1).max(initial=0.0)),
             shaking=_EPS
             * float(weights.max() * weights.dot(P.max(axis=0, initial=0.0)))
             * weight
@@ -124,9 +126,13 @@ class Yardstick:
             e, _ = factors.solve(r, s)
             e_M = float(np.linalg.norm(factors.L.T @ e))
             lost = self.rounding + (_EPS * float(factors.S[0]) / self.sigma if self.rows else 0.0)
-            rounded = _EPS * float((P @ np.abs(a)).max(initial=0.0))
-            open_by = (len(r) + self.rows) * lost * e_M + self.per_row * rounded
-            return float((np.abs(e) + self.weights * open_by).max())
+            rounded = self.per_row * _EPS * float((P @ np.abs(a)).max(initial=0.0))
+            open_by = (len(r) + self.rows) * lost * e_M + rounded
+            computed = float((np.abs(e) + self.weights * open_by).max())
+            # factors of a badly conditioned M may know less of e than the residuals do
+            sizes = float(self.weights.dot(np.abs(r)))
+            sizes += self.per_row * float(np.abs(s).max(initial=0.0)) + rounded
+            return min(computed, float(self.largest_weight) * sizes)
 
     def prove(
         self, dynamics: Array, largest: list[float], tau: Array, e: float | None = None
@@ -152,7 +158,7 @@ class Yardstick:
         error = float(self.largest_weight * e_M)
         scale = max_a if max_a > self.gravity else self.gravity
         if e is not None:  # relative to the exact a, which may be smaller by as much
-            error = min(error, e / (1 - min(e / scale, 0.5)) if scale else e)
+            error = e / (1 - min(e / scale, 0.5)) if scale else e
         if not error <= _NEAR_ROUNDING * scale:
             error -= self.rounding_of(np.abs(tau))
         bound = max(error, 0.0) / scale if scale else (0.0 if error <= 0.0 else inf)
@@ -184,9 +190,11 @@ class Yardstick:
     def no_force(self) -> float:
         """A force that only a row without grip explains, relative to the size of a [N s^2/m].
 
-        A million times what the robot weighs; a row that is rounding takes one of 1e17.
+        A million times what the robot weighs; a row that is rounding takes one of 1e17. Less where
+        light joints are shaken by rounding of less.
         """
-        return 1e6 * self.weight / (self.gravity or 1.0)
+        most = min(1e6, tolerances.SOLVED / self.shaking) if self.shaking else 1e6
+        return most * self.weight / (self.gravity or 1.0)
 
     @cached_property
     def unquestioned(self) -> float:
@@ -200,6 +208,8 @@ class Yardstick:
         if self.rows and not _BLURRED * self.blur < self.sigma < inf:
             return -1.0
         scale = self.largest_weight * self.per_row
+        if scale * self.slipping > tolerances.SOLVED / 10:  # a slip of nothing says nothing
+            return -1.0
         return tolerances.SOLVED / 1000 / scale if scale else inf
 
     @property

@@ -14,10 +14,11 @@ from condyn_pin._pin import pin
 from condyn_pin.arrays import Array, finite
 from condyn_pin.constraints import Constraint, Coupling, Loop
 from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
-from condyn_pin.robot_fields import MEMBERS, members, postures
+from condyn_pin.robot_fields import MEMBERS, check_ends, members, postures
 from condyn_pin.robot_frames import find_frame, model_with_frame
 from condyn_pin.soundness import check_model
-from condyn_pin.spring import Spring
+from condyn_pin.spring import Spring, SpringDamper
+from condyn_pin.spring_dampers import spring_dampers_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +48,15 @@ class Robot:
         Where the description comes from, and its licence.
     description : str, optional
         Path of the file that it was read from, where `view` finds its shapes.
+    spring_dampers : sequence of SpringDamper, optional
+        Springs and dampers between two frames. They act as `springs` do.
 
     Raises
     ------
     InvalidModel
         If Pinocchio's algorithms would be silently wrong on the model: joints not added
-        depth-first, mimic joints, a joint that moves no inertia.
+        depth-first, mimic joints, a joint that moves no inertia. Or if a spring-damper has both
+        its ends on one body.
     """
 
     name: str
@@ -66,6 +70,7 @@ class Robot:
     source: str = ""
     licence: str = ""
     description: str = ""
+    spring_dampers: Sequence[SpringDamper] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, pin.Model):
@@ -87,6 +92,7 @@ class Robot:
                 raise InvalidModel(
                     f"spring on {spring.joint!r}: a joint with one degree of freedom is needed"
                 )
+        check_ends(self)
         object.__setattr__(self, "postures", postures(self.model, self.postures))
         # A private copy: what the model was when it was checked.
         object.__setattr__(self, "_pristine", pin.Model(self.model))
@@ -164,9 +170,9 @@ class Robot:
         return replace(self, model=model)
 
     def passive_torque(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """Return the torque of springs and joint damping, to be added to tau.
+        """Return the torque of springs, joint damping and spring-dampers, to be added to tau.
 
-        tau_i = -k_i (q_i - q0_i) - d_i v_i
+        tau_i = -k_i (q_i - q0_i) - d_i v_i - sum_s (J_s^T n_s f_s)_i
 
         Pinocchio reads stiffness and damping from the file and leaves them out of its dynamics.
         """
@@ -175,14 +181,17 @@ class Robot:
         for spring in self.springs:
             joint = self._joint(spring.joint)
             tau[joint.idx_v] -= spring.stiffness * (q_[joint.idx_q] - spring.reference)
+        if self.spring_dampers:
+            tau += spring_dampers_of(self).torque(q_, v_)
         return tau
 
     def to_mjcf(self, *, without: Sequence[str] = ()) -> str:
         """Return the robot with its loops as MJCF, for MuJoCo.
 
         Joints with armature, damping, springs and limits, frames as sites, loops and couplings as
-        equalities, motors, and postures as keyframes. A hinge loop is two points of its axis, and
-        `load_robot` reads these as two balls. Contacts have no place in such a file.
+        equalities, spring-dampers as tendons, motors, and postures as keyframes. A hinge loop is
+        two points of its axis, and `load_robot` reads these as two balls. Contacts have no place
+        in such a file.
 
         Parameters
         ----------
@@ -219,7 +228,7 @@ class Robot:
             return NotImplemented
         if self is other:
             return True
-        plain = ("name", "loops", "contacts", "actuated", "springs", "unused", "source", "licence")
+        plain = ("name", *MEMBERS, "source", "licence")
         return (
             all(getattr(self, key) == getattr(other, key) for key in plain)
             and self.postures.keys() == other.postures.keys()
@@ -233,7 +242,8 @@ class Robot:
     def __reduce__(self) -> tuple[Any, ...]:
         state = (self.name, self.model, dict(self.postures), self.loops, self.contacts)
         origin = (self.source, self.licence, self.description)
-        return Robot, (*state, self.actuated, self.springs, self.unused, *origin)
+        rest = (*origin, self.spring_dampers)
+        return Robot, (*state, self.actuated, self.springs, self.unused, *rest)
 
     def __repr__(self) -> str:
         count = len(self.loops)

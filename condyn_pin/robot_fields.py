@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from numpy.typing import ArrayLike
 
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array
 from condyn_pin.constraints import Constraint, Coupling, Loop
-from condyn_pin.errors import InvalidArgument
-from condyn_pin.spring import Spring
+from condyn_pin.errors import InvalidArgument, InvalidModel
+from condyn_pin.spring import Spring, SpringDamper
+
+if TYPE_CHECKING:
+    from condyn_pin.robot import Robot
 
 # The fields that are lists, and what is in them.
 MEMBERS: Final[Mapping[str, tuple[type, ...]]] = {
@@ -20,6 +23,7 @@ MEMBERS: Final[Mapping[str, tuple[type, ...]]] = {
     "contacts": (Constraint,),
     "actuated": (str,),
     "springs": (Spring,),
+    "spring_dampers": (SpringDamper,),
     "unused": (str,),
 }
 
@@ -34,6 +38,16 @@ def members(argument: str, value: Any, kinds: tuple[type, ...]) -> tuple[Any, ..
         if not isinstance(member, kinds):
             raise InvalidArgument(f"{argument}: {member!r} is not a {wanted}")
     return found
+
+
+def check_ends(robot: Robot) -> None:
+    """Raise UnknownName or InvalidModel unless spring-dampers are between frames of two bodies."""
+    for each in robot.spring_dampers:
+        if robot.frame(each.frame_a)[0] == robot.frame(each.frame_b)[0]:
+            raise InvalidModel(
+                f"spring-damper between {each.frame_a!r} and {each.frame_b!r}: both are on one "
+                "body, where it does nothing; frames of two bodies are needed"
+            )
 
 
 def postures(model: Any, value: Any) -> Mapping[str, Array]:

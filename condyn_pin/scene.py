@@ -90,7 +90,7 @@ class Scene(States, Smaller):
     @cached_property
     def natives(self) -> Natives:
         """The constraints as Pinocchio's own methods take them."""
-        return natives(self.bounds, lambda: whitened_rows(self))
+        return natives(self.robot.model, self.bounds, lambda: whitened_rows(self))
 
     @cached_property
     def audit(self) -> Audit:

@@ -10,10 +10,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from condyn_pin import tolerances
+from condyn_pin.applied_force import AppliedForce
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.force import ConstraintForce, Sites, pulling
 from condyn_pin.proof import Proof
+from condyn_pin.soundness import massless_motion
+from condyn_pin.states.rank import is_singular
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
@@ -54,6 +57,15 @@ class Status(Enum):
     def __str__(self) -> str:
         return f"{self.name.lower()}: {self.value}"
 
+    def text(self, rows: int) -> str:
+        """Return name and advice; a scene without rows has neither mu nor redundant ones."""
+        if rows or self.ok:
+            return str(self)
+        return (
+            f"{self.name.lower()}: there are no constraints, so that rounding or numbers that "
+            "overflow are to blame; look at masses, velocities and torques"
+        )
+
 
 class StateError(NamedTuple):
     """How far a state is from satisfying the constraints."""
@@ -66,7 +78,7 @@ class StateError(NamedTuple):
 class Solution:
     """Accelerations and constraint forces at one state, with three errors recomputed.
 
-    M a + h = tau + J^T lam,  J a + gamma = a_ref
+    M a + h = tau + J^T lam + sum J_f^T f,  J a + gamma = a_ref
 
     Attributes
     ----------
@@ -86,6 +98,8 @@ class Solution:
     scene : Scene
     q : (nq,) array
         What was solved, and where.
+    applied : tuple of AppliedForce
+        The forces from outside that were applied.
     """
 
     a: Array
@@ -96,6 +110,7 @@ class Solution:
     solve_time: float  # [s]
     scene: Scene
     q: Array
+    applied: tuple[AppliedForce, ...] = ()
 
     def __init__(
         self,
@@ -107,6 +122,7 @@ class Solution:
         solve_time: float,
         scene: Scene,
         q: Array,
+        applied: tuple[AppliedForce, ...] = (),
     ) -> None:
         # at once: the eight guarded assignments of a frozen dataclass take twice as long
         self.__dict__.update(
@@ -118,11 +134,12 @@ class Solution:
             solve_time=solve_time,
             scene=scene,
             q=q,
+            applied=applied,
         )
 
     @property
     def dynamics_error(self) -> float:
-        """|M a + h - tau - J^T lam|_inf [N, N m], by recursive Newton-Euler."""
+        """|M a + h - tau - J^T lam - sum J_f^T f|_inf [N, N m], by recursive Newton-Euler."""
         return self.proof.dynamics
 
     @property
@@ -165,24 +182,32 @@ class Solution:
     def notices(self) -> tuple[str, ...]:
         """What deserves attention, a sentence each.
 
-        Contacts that pull, as no ground does. Where the answer is not ok, rows are not met, or
-        forces are a thousand times the weight: rows that contradict each other, and those that have
-        lost their grip.
+        Contacts that pull, as no ground does. A singular configuration, where the equations ask for
+        less than the loops. Where the answer is not ok, rows are not met, or forces are a thousand
+        times the weight: rows that contradict each other, and those that have lost their grip.
+
+        The look at the singular values takes a few solves, when it is asked for first.
         """
         return pulling(self.forces, self._sites) + self._doubts
 
     @cached_property
     def _doubts(self) -> tuple[str, ...]:
-        """What `Scene.rank` says of a state whose answer is not as it should be."""
+        """What `Scene.rank` says of a singular state, or one whose answer is not as it should be."""
+        if not self.status.ok:
+            share = tolerances.NEARLY_MASSLESS
+            if said := massless_motion(self.scene.robot.model, self.q, share=share):
+                return (said,)
+        if not self.scene.rows:
+            return ()
         audit = self.scene.audit
         heavy = np.abs(self.lam).max(initial=0.0) > _HEAVY * audit.weight
         scale = max(float(np.abs(self.a).max()), audit.yardstick.gravity)
         # of contradicting rows the best a is still unique, and may be ok
         unmet = self.constraint_error > tolerances.SOLVED * scale
-        if not (self.scene.rows and (heavy or unmet or not self.status.ok)):
-            return ()
         try:
-            return self.scene.rank(self.q).notes
+            if heavy or unmet or not self.status.ok or is_singular(self.scene, self.q):
+                return self.scene.rank(self.q).notes
+            return ()
         except (InvalidModel, InvalidArgument):  # numbers that nothing can be said of
             return ()
 
@@ -202,8 +227,8 @@ class Solution:
             f"{self.iterations} iterations",
             f"dynamics error    {self.dynamics_error:.1e} N, N m",
             f"constraint error  {self.constraint_error:.1e} m/s^2, rad/s^2",
-            f"state error       {self.state_error.position:.1e} m, "
-            f"{self.state_error.velocity:.1e} m/s",
+            f"state error       {self.state_error.position:.1e} m, rad; "
+            f"{self.state_error.velocity:.1e} m/s, rad/s",
             f"error bound of a  {self.error_bound:.1e} (relative)",
         ]
         if self.scene.rows:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 from condyn_pin.choice import kinds_of
 from condyn_pin.solvers import SOLVERS, Solver
+from condyn_pin.solvers.base import knob_fields
 
 
 @dataclass(frozen=True)
@@ -51,4 +52,4 @@ def _redundant(kind: type[Solver]) -> str:
 
 def _knobs(kind: type[Solver]) -> str:
     default = kind()
-    return "\n".join(f"{f.name}={getattr(default, f.name)!r}" for f in fields(kind))  # type: ignore[arg-type]
+    return "\n".join(f"{f.name}={getattr(default, f.name)!r}" for f in knob_fields(kind))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -74,23 +76,34 @@ def _check_forces(model: Any) -> None:
         )
     for what, unit in (("damping", "N s/m or N m s/rad"), ("armature", "kg or kg m^2")):
         values = getattr(model, what)
-        bad = np.flatnonzero(np.isinf(values) | (values < 0))
+        bad = np.flatnonzero((values > HUGE) | (values < 0))
         if bad.size:
             raise InvalidModel(
                 f"the {what} of joint {_joint_of(model, int(bad[0]))!r} is {values[bad[0]]:g} "
-                f"{unit}: a finite number from 0 is needed"
+                f"{unit}: a number from 0 to {HUGE:g} is needed"
             )
 
 
 def _data(model: Any) -> Any:
     """Return the Data of a model; its tensors for second derivatives are 4 x nv x nv x nv."""
+    needed = 4 * 8 * model.nv**3  # [bytes]
     try:
+        if needed > _memory():
+            raise MemoryError
         return model.createData()
     except MemoryError as error:
         raise InvalidModel(
             f"the model has {model.nv} degrees of freedom, and Pinocchio's Data of it would take "
-            f"{4 * 8 * model.nv**3 / 1e9:.0f} GB, more than this machine has; fix or lock joints"
+            f"{needed / 1e9:.0f} GB, more than this machine has; fix or lock joints"
         ) from error
+
+
+def _memory() -> float:
+    """Return the memory of this machine [bytes]: to ask for more may end the process."""
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):  # Windows, where such a request fails
+        return inf
 
 
 def _check_bodies(model: Any) -> None:
@@ -158,16 +171,52 @@ def _check_combinations(model: Any, data: Any) -> None:
     singular at every configuration, also at this one, which has nothing special.
     """
     q = pin.integrate(model, pin.neutral(model), np.linspace(0.3, 0.7, model.nv))
-    M = np.array(pin.crba(model, data, q))
-    scale = 1 / np.sqrt(M.diagonal())
-    values, vectors = np.linalg.eigh(M * scale * scale[:, None])  # scale^2 may overflow
-    if values[0] <= tolerances.MASSLESS:
-        moved = np.flatnonzero(np.abs(vectors[:, 0]) > 0.1)
-        names = dict.fromkeys(_joint_of(model, int(i)) for i in moved)
+    least, names = _least_moved(model, np.array(pin.crba(model, data, q)))
+    if least <= tolerances.MASSLESS:
         raise InvalidModel(
-            f"{', '.join(names)} can move together without moving inertia: M is singular or "
-            "indefinite; look for a body between them without mass, or an inertia below zero"
+            f"{names} can move together without moving inertia: M is singular or indefinite; look "
+            "for a body between them without mass, or an inertia below zero"
         )
+
+
+def massless_motion(model: Any, q: Array, *, share: float = tolerances.MASSLESS) -> str:
+    """Return which joints can move at q without moving inertia; nothing if M is definite.
+
+    Parameters
+    ----------
+    model : pin.Model
+    q : (nq,) array
+    share : float
+        The least inertia that counts, relative to those that each joint alone moves.
+
+    Notes
+    -----
+    Hinges with massless links between them stand in for a ball until two of their axes fall
+    together: there they can turn against each other, and M is singular.
+    """
+    M = np.array(pin.crba(model, model.createData(), q))
+    if not np.isfinite(M).all():
+        return ""
+    least, names = _least_moved(model, M)
+    if least > share:
+        return ""
+    what = "not positive definite" if least <= tolerances.MASSLESS else "nearly singular"
+    values = np.array2string(q, precision=4, separator=", ", max_line_width=10**6)
+    return (
+        f"the mass matrix is {what} at q = {values}: {names} can move there without "
+        "moving inertia, as hinges in the place of a ball where two of their axes fall together; "
+        "give the links between them an inertia or the joints an armature, make them a ball, or "
+        "stay away from that q"
+    )
+
+
+def _least_moved(model: Any, M: Array) -> tuple[float, str]:
+    """Return the least eigenvalue of M with a unit diagonal, and the joints that it is of."""
+    scale = 1 / np.sqrt(np.maximum(M.diagonal(), HUGE**-3))
+    values, vectors = np.linalg.eigh(M * scale * scale[:, None])  # scale^2 may overflow
+    moved = np.flatnonzero(np.abs(vectors[:, 0]) > 0.1)
+    names = dict.fromkeys(_joint_of(model, int(i)) for i in moved)
+    return float(values[0]), ", ".join(names)
 
 
 def _joint_of(model: Any, velocity_index: int) -> str:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from condyn_pin.arrays import Array
 from condyn_pin.names import few
 from condyn_pin.nonholonomic import Nonholonomic
+from condyn_pin.states.freedom import base_freedom
 from condyn_pin.states.rank import Rank
 
 if TYPE_CHECKING:
@@ -150,6 +151,9 @@ def _unused(scene: Scene) -> Iterator[str]:
     if robot.springs:
         joints = ", ".join(spring.joint for spring in robot.springs)
         yield f"springs ({joints}): add Robot.passive_torque to tau"
+    if robot.spring_dampers:
+        ends = ", ".join(f"{each.frame_a} - {each.frame_b}" for each in robot.spring_dampers)
+        yield f"spring-dampers ({ends}): add Robot.passive_torque to tau"
     left_out = [loop.name for loop in robot.loops if loop not in scene.constraints]
     if left_out:
         yield f"loops that are not in this scene ({', '.join(left_out)})"
@@ -179,6 +183,7 @@ def _notes(scene: Scene, at: Rank) -> Iterator[str]:
         )
     if at.mobility == 0:
         yield "mobility 0: nothing can move; a weld in place of a hinge does this"
+    yield from base_freedom(scene, at.q)
     if at.redundant and not at.singular:
         yield (
             f"{len(at.redundant)} redundant rows: a is unique, lam is the smallest of many; "

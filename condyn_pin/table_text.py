@@ -8,6 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from condyn_pin.files.beside import written_beside
+
 
 def write_csv(
     path: str | Path,
@@ -16,7 +18,7 @@ def write_csv(
     rows: Iterable[Mapping[str, Any]],
 ) -> None:
     """Write rows, after comment lines with the machine."""
-    with Path(path).open("w", newline="", encoding="utf-8") as file:
+    with written_beside(path) as new, new.open("w", newline="", encoding="utf-8") as file:
         for key, value in machine.items():
             file.write(f"# {key}: {value}\n")
         writer = csv.DictWriter(file, columns)

@@ -17,6 +17,7 @@ from typing import TypeVar
 import numpy as np
 
 from condyn_pin.arrays import Array
+from condyn_pin.choice import untaken
 from condyn_pin.errors import UnsupportedConstraint
 from condyn_pin.scene import Scene
 from condyn_pin.solvers.base import Solver
@@ -135,7 +136,7 @@ def trial(scene: Scene, solver: Solver, states: Sequence[State]) -> Trial:
     try:
         workspace = Workspace(scene, solver)
     except UnsupportedConstraint:
-        missing = [c for c in scene.constraints if c.name in scene.natives.missing]
+        missing = [c for c in scene.constraints if c.name in untaken(scene, solver)]
         kinds = dict.fromkeys(str(getattr(c, "kind", type(c).__name__)) for c in missing)
         return Trial(None, f"takes no {' and no '.join(kinds)}")
     for state in states:

@@ -57,6 +57,10 @@ DERIVATIVES: Final = 1e-6
 # kind, one that turns or one that shifts, feels.
 MASSLESS: Final = 1e-14
 
+# An answer that is not ok says so where joints together feel less than this share of the inertia
+# that each of them feels: the rounding of M alone, 1e-16, is then 1e-8 of a.
+NEARLY_MASSLESS: Final = 1e-8
+
 # The largest number in a model or a constraint: m L^2 is 1e150 then, and its square still a number.
 # No machine has a larger one, in any units. An inertia below HUGE^-3 has no inverse.
 HUGE: Final = 1e50

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 
 from numpy.typing import ArrayLike
 
+from condyn_pin.applied_force import AppliedForce
 from condyn_pin.differentiation import Derivatives
 from condyn_pin.drift import Baumgarte
 from condyn_pin.scene import Scene
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.base import Solver
-from condyn_pin.tolerances import SOLVED
 from condyn_pin.workspace import Workspace
 
 # The workspace of this thread's last call: a loop over `solve` with one scene builds only one.
@@ -24,14 +25,15 @@ def solve(
     v: ArrayLike,
     tau: ArrayLike,
     *,
+    forces: Sequence[AppliedForce] = (),
     solver: Solver | None = None,
     drift: Baumgarte | None = None,
-    accuracy: float = SOLVED,
+    accuracy: float | None = None,
     throw: bool = True,
 ) -> Solution:
     """Return accelerations and constraint forces at one state, with their errors.
 
-    M(q) a + h(q, v) = tau + J(q)^T lam,    J a + gamma = a_ref
+    M(q) a + h(q, v) = tau + J(q)^T lam + sum J_f(q)^T f,    J a + gamma = a_ref
 
     Parameters
     ----------
@@ -42,14 +44,17 @@ def solve(
         Velocity; the free-flyer's in its body frame, linear first.
     tau : (nv,) array_like
         Joint torques [N, N m]; zero in the rows of a free-flyer.
+    forces : sequence of AppliedForce, optional
+        Forces from outside, at frames of the robot; none by default.
     solver : Solver, optional
         `Proximal()` by default; for kinds of constraints that it cannot take, `DenseKKT()`, and
         `NullSpace()` if there are redundant rows besides.
     drift : Baumgarte, optional
         What a_ref is; zero by default.
-    accuracy : float
+    accuracy : float, optional
         Error of a that is good enough, relative to the larger of |a|_inf and gravity: what the
-        status is judged by. It changes no number of the answer.
+        status is judged by. That of the solver by default: 1e-8, or what `tune` was asked for. It
+        changes no number of the answer.
     throw : bool
         Raise if the status is not ok. With False the same Solution comes back, whatever its
         status.
@@ -66,6 +71,8 @@ def solve(
         If the status is not ok; its `solution` has everything that was computed.
     StaleModel
         If the robot's model was edited since it was loaded.
+    UnknownName
+        If a force is on a frame that does not exist.
     UnsupportedConstraint
         If the solver cannot take a kind of constraint of the scene.
 
@@ -81,7 +88,8 @@ def solve(
     Carpentier, Budhiraja, Mansard. Proximal and sparse resolution of constrained dynamic equations.
     RSS, 2021; each solver names its own.
     """
-    return workspace_for(scene, solver, drift).solve(q, v, tau, accuracy=accuracy, throw=throw)
+    workspace = workspace_for(scene, solver, drift)
+    return workspace.solve(q, v, tau, forces=forces, accuracy=accuracy, throw=throw)
 
 
 def derivatives(
@@ -90,11 +98,12 @@ def derivatives(
     v: ArrayLike,
     tau: ArrayLike,
     *,
+    forces: Sequence[AppliedForce] = (),
     solver: Solver | None = None,
     drift: Baumgarte | None = None,
     method: str = "kkt",
     check: bool = False,
-    accuracy: float = SOLVED,
+    accuracy: float | None = None,
 ) -> Derivatives:
     """Return how accelerations and constraint forces change with the state and the torques.
 
@@ -104,6 +113,8 @@ def derivatives(
     ----------
     scene : Scene
     q, v, tau : (nq,), (nv,), (nv,) array_like
+    forces : sequence of AppliedForce, optional
+        As in `solve`. Their numbers stay, and J_f^T f changes with q: r_q has that too.
     solver : Solver, optional
         Of the answer that is differentiated; as in `solve`.
     drift : Baumgarte, optional
@@ -115,7 +126,7 @@ def derivatives(
         where rows are redundant its columns by q are those along the constraints: zero across.
     check : bool
         Compare with central differences, and raise if they disagree.
-    accuracy : float
+    accuracy : float, optional
         As in `solve`.
 
     Returns
@@ -142,7 +153,9 @@ def derivatives(
     Carpentier, Mansard. Analytical derivatives of rigid body dynamics algorithms. RSS, 2018.
     """
     workspace = workspace_for(scene, solver, drift)
-    return workspace.derivatives(q, v, tau, method=method, check=check, accuracy=accuracy)
+    return workspace.derivatives(
+        q, v, tau, forces=forces, method=method, check=check, accuracy=accuracy
+    )
 
 
 def workspace_for(scene: Scene, solver: Solver | None, drift: Baumgarte | None) -> Workspace:

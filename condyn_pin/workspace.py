@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from functools import cached_property, partial
+from threading import get_ident
 from time import perf_counter
 from typing import Any, Final
 
@@ -12,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin import _pin
 from condyn_pin._pin import pin
+from condyn_pin.applied_force import AppliedForce, applied_forces
 from condyn_pin.arguments import FLOAT, HIGH, LOW, Arguments, unpack_quaternion
 from condyn_pin.arrays import Array
 from condyn_pin.blas_threads import one_blas_thread
@@ -22,7 +25,10 @@ from condyn_pin.differentiation.differences import DifferenceDerivatives
 from condyn_pin.differentiation.linearised import Linearisation
 from condyn_pin.drift import Baumgarte
 from condyn_pin.errors import InvalidArgument, SolveFailed, unknown_name
-from condyn_pin.judge import Judge, check_accuracy_of_a
+from condyn_pin.judge import Judge
+from condyn_pin.knobs import check_accuracy_of_a
+from condyn_pin.loads import Load, Loads
+from condyn_pin.one_thread import OneThread, alone, in_use
 from condyn_pin.raw import ConstraintDatas, ConstraintModels, raw_constraints
 from condyn_pin.rows.bound import AnyBound
 from condyn_pin.rows.equations import Equations
@@ -30,7 +36,8 @@ from condyn_pin.rows.terms import Terms, finite_terms
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.solution import Solution, Status
 from condyn_pin.solvers.base import Singular, Solver
-from condyn_pin.tolerances import SOLVED
+from condyn_pin.soundness import massless_motion
+from condyn_pin.states.gaps import Gap, gaps, worst
 
 # No acceleration of a machine: what is larger is looked at entry by entry.
 _LARGEST: Final = 1e100
@@ -39,7 +46,7 @@ _SMALLEST: Final = -1e100
 _OK = Status.OK
 
 
-class Workspace:
+class Workspace(OneThread):
     """Memory for one scene and one solver; use one per thread.
 
     Parameters
@@ -67,8 +74,10 @@ class Workspace:
     -----
     Building one takes as long as dozens of solves (`benchmarks/startup.py`), most of it
     Pinocchio's `createData`. Pinocchio does not release the GIL: threads do not solve in parallel,
-    processes do.
+    processes do. A call that finds another thread at work raises `SharedWorkspace`.
     """
+
+    _solved_by = 0  # the thread that has called `acceleration` last
 
     def __init__(
         self, scene: Scene, solver: Solver | None = None, *, drift: Baumgarte | None = None
@@ -93,6 +102,7 @@ class Workspace:
         )
         self.use(scene)
 
+    @alone
     def use(self, scene: Scene) -> None:
         """Switch to another scene of the same robot: other contacts, the same memory.
 
@@ -108,7 +118,7 @@ class Workspace:
         self.bounds: tuple[AnyBound, ...] = scene.bounds
         self.natives = scene.natives
         self.proximal_settings: Any = None
-        for made_on_demand in ("_raw", "equations", "linearisation"):
+        for made_on_demand in ("_made", "equations", "linearisation", "loads"):
             self.__dict__.pop(made_on_demand, None)
         method = self.solver.start(self)
         self._run, self._lam = method.acceleration, method.lam
@@ -134,8 +144,13 @@ class Workspace:
         """Pinocchio's memory of each constraint."""
         return self._raw[2]
 
-    @cached_property
+    @property
     def _raw(self) -> tuple[Any, ConstraintModels, ConstraintDatas]:
+        self.check_alone()
+        return self._made
+
+    @cached_property
+    def _made(self) -> tuple[Any, ConstraintModels, ConstraintDatas]:
         # on demand: dense methods do without, and in long chains it takes all the memory there is
         models, datas = raw_constraints(self.model, self.natives.constraints, self.drift)
         _pin.init_constraint_dynamics(self.model, self._data, models, datas)
@@ -160,7 +175,14 @@ class Workspace:
         """The equations of the scene, in memory of their own that no solver writes to."""
         return Equations(self.model, self.bounds, self.drift)
 
-    def acceleration(self, q: Array, v: Array, tau: Array) -> Array:
+    @cached_property
+    def loads(self) -> Loads:
+        """Forces on frames, evaluated in the memory of the equations."""
+        return Loads(self.scene.robot, self.model, self.equations.data)
+
+    def acceleration(
+        self, q: Array, v: Array, tau: Array, *, forces: Sequence[AppliedForce] = ()
+    ) -> Array:
         """Return a, nothing else: the hot loop.
 
         Sizes, finiteness and quaternions are checked; the errors of the answer are not. `solve`
@@ -169,6 +191,8 @@ class Workspace:
         Parameters
         ----------
         q, v, tau : (nq,), (nv,), (nv,) array
+        forces : sequence of AppliedForce, optional
+            Forces from outside; none by default.
 
         Returns
         -------
@@ -181,12 +205,20 @@ class Workspace:
             If an argument has a wrong size, is not finite, or has an unnormalised quaternion.
         SolveFailed
             If the answer is not finite, or the method's matrix is singular.
+        SharedWorkspace
+            If another thread is at work in it.
 
         Notes
         -----
         The answer is looked at where the tree begins: what is not finite in the input always shows
         there. Finite input beyond 1e100 may overflow elsewhere, and come back as inf.
         """
+        if forces:
+            return self._pushed_acceleration(q, v, tau, forces)
+        me, user = get_ident(), self._user  # `alone` and `next_acceleration`, without their calls
+        if user and user != me:
+            raise in_use()
+        self._user = self._solved_by = me
         try:
             for offset in self._quaternions:
                 x, y, z, w = unpack_quaternion(q, offset)
@@ -194,12 +226,27 @@ class Workspace:
                     raise ValueError
             if self._pairs:
                 self._arguments.check_pairs(q)
-            # Pinocchio ignores byte order: another dtype is another number
-            if not q.dtype == v.dtype == tau.dtype == FLOAT:
+            # Pinocchio ignores byte order: another dtype is another number. To ask whether it is
+            # the very same object is quicker, and an array that was pickled has another one.
+            same = q.dtype is v.dtype is tau.dtype is FLOAT
+            if not (same or q.dtype == v.dtype == tau.dtype == FLOAT):
                 raise ValueError
-        except (ValueError, TypeError, AttributeError, struct.error):
+            a = self._run(q, v, tau)
+            for i in self._roots:
+                if not _SMALLEST < a.item(i) < _LARGEST:
+                    raise ValueError
+            return a
+        except (ValueError, TypeError, AttributeError, struct.error, Singular):
             return self._careful_acceleration(q, v, tau)
-        return self.next_acceleration(q, v, tau)
+        finally:
+            self._user = user
+
+    @alone
+    def _pushed_acceleration(
+        self, q: Array, v: Array, tau: Array, forces: Sequence[AppliedForce]
+    ) -> Array:
+        q, v, tau = self._arguments.check(q, v, tau)
+        return self.acceleration(q, v, tau + self.loads.at(q, applied_forces(forces)).torque)
 
     def next_acceleration(self, q: Array, v: Array, tau: Array) -> Array:
         """Return `acceleration` of a state that a step has made of one that was checked.
@@ -219,6 +266,8 @@ class Workspace:
 
     def lam(self) -> Array:
         """Return the constraint forces (m,) of the last `acceleration`; owned by the caller."""
+        if self._solved_by and self._solved_by != get_ident():
+            raise in_use("the last `acceleration` of this Workspace was another thread's")
         return self._lam()
 
     def _careful_acceleration(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> Array:
@@ -229,13 +278,15 @@ class Workspace:
             raise self._failure(solution)
         return solution.a
 
+    @alone
     def solve(
         self,
         q: ArrayLike,
         v: ArrayLike,
         tau: ArrayLike,
         *,
-        accuracy: float = SOLVED,
+        forces: Sequence[AppliedForce] = (),
+        accuracy: float | None = None,
         throw: bool = True,
     ) -> Solution:
         """Return a, lam and the proof of both.
@@ -243,9 +294,11 @@ class Workspace:
         Parameters
         ----------
         q, v, tau : (nq,), (nv,), (nv,) array_like
-        accuracy : float
+        forces : sequence of AppliedForce, optional
+            Forces from outside; none by default.
+        accuracy : float, optional
             Error of a that is good enough, relative to the larger of |a|_inf and gravity: what the
-            status is judged by. It changes no number of the answer.
+            status is judged by. That of the solver by default. It changes no number of the answer.
         throw : bool
             Raise if the status is not ok. With False the same Solution comes back, whatever its
             status.
@@ -256,30 +309,39 @@ class Workspace:
             As in `acceleration`.
         SolveFailed
             If the status is not ok; its `solution` has everything that was computed.
+        SharedWorkspace
+            If another thread is at work in it.
         """
-        if accuracy != SOLVED:
+        if accuracy is None:
+            accuracy = self.solver.accuracy
+        else:
             check_accuracy_of_a(accuracy)
         q_, v_, tau_ = self._arguments.accept(q, v, tau)
+        load: Load | None = None
+        self._solved_by = get_ident()
         start = perf_counter()
+        if forces:
+            load = self.loads.at(q_, applied_forces(forces))
         try:
-            a = self._run(q_, v_, tau_)
+            a = self._run(q_, v_, tau_ + load.torque if load else tau_)
         except Singular:
-            solution = self._judge.failed(q_, v_, perf_counter() - start)
+            solution = self._judge.failed(q_, v_, perf_counter() - start, load)
         else:
             solve_time = perf_counter() - start
             for i in self._roots:
                 if not _SMALLEST < a.item(i) < _LARGEST:  # the status says it, so numpy need not
                     with np.errstate(all="ignore"):
-                        solution = self._judge.answered(q_, v_, tau_, a, accuracy, solve_time)
+                        solution = self._judge.answered(q_, v_, tau_, a, accuracy, solve_time, load)
                     break
             else:
-                solution = self._judge.answered(q_, v_, tau_, a, accuracy, solve_time)
+                solution = self._judge.answered(q_, v_, tau_, a, accuracy, solve_time, load)
         if solution.status is not _OK:
             self._arguments.check(q_, v_, tau_)  # what is not finite may be the input's fault
             if throw:
                 raise self._failure(solution)
         return solution
 
+    @alone
     @one_blas_thread
     def derivatives(
         self,
@@ -287,13 +349,14 @@ class Workspace:
         v: ArrayLike,
         tau: ArrayLike,
         *,
+        forces: Sequence[AppliedForce] = (),
         method: str = "kkt",
         check: bool = False,
-        accuracy: float = SOLVED,
+        accuracy: float | None = None,
     ) -> Derivatives:
         """Return how a and lam change with q, v and tau.
 
-        `method`, `check` and `accuracy` are those of `condyn_pin.derivatives`.
+        `forces`, `method`, `check` and `accuracy` are those of `condyn_pin.derivatives`.
         """
         if not isinstance(method, str) or method not in METHODS:
             raise unknown_name("method", str(method), METHODS)
@@ -303,7 +366,7 @@ class Workspace:
                 "solves others; use Proximal()"
             )
         q_, v_, tau_ = self._arguments.accept(q, v, tau)
-        solution = self.solve(q_, v_, tau_, accuracy=accuracy)
+        solution = self.solve(q_, v_, tau_, forces=forces, accuracy=accuracy)
         found = METHODS[method](self, solution, v_, tau_)
         if check:
             check_derivatives(found, DifferenceDerivatives(self, solution, v_, tau_))
@@ -319,23 +382,31 @@ class Workspace:
         return partial(Workspace, drift=self.drift), (self.scene, self.solver)
 
     def _failure(self, solution: Solution) -> SolveFailed:
-        position, velocity = solution.state_error
+        found = gaps(self.scene, self.equations.violation(solution.q))
+        gap = worst(found)[1] if found else Gap(0.0, 0.0)
+        slip = solution.state_error.velocity
+        reason = solution.status.text(self.scene.rows)
+        if not np.isfinite(solution.error_bound):
+            reason = massless_motion(self.model, solution.q) or reason
         return SolveFailed(
-            f"{self.solver!r} on {self.scene.robot.name}: {solution.status} "
-            f"(error bound {solution.error_bound:.1e}, state open by {position:.1e} and slipping "
-            f"by {velocity:.1e})",
+            f"{self.solver!r} on {self.scene.robot.name}: {reason} "
+            f"(error bound {solution.error_bound:.1e}, state open by {gap} and slipping "
+            f"by {slip:.1e} m/s or rad/s)",
             solution,
         )
 
+    @alone
     def terms(self, q: ArrayLike, v: ArrayLike) -> Terms:
         """Return M, h, J, gamma and a_ref at a state."""
         q_, v_, _ = self._arguments.check(q, v, np.zeros(self.model.nv))
         return finite_terms(self.equations, q_, v_)
 
+    @alone
     def jacobian(self, q: ArrayLike) -> Array:
         """Return the constraint Jacobian J (m, nv)."""
         return self.equations.jacobian(self._configuration(q))
 
+    @alone
     def violation(self, q: ArrayLike) -> Array:
         """Return c(q) (m,) [m, rad]."""
         return self.equations.violation(self._configuration(q))

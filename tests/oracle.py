@@ -8,6 +8,11 @@ origin of each body, where Pinocchio carries spatial vectors in the axes of the 
     shift along z      0                        z q'
     ball               R_i w                    0
     free-flyer         R_i w                    R_i v
+    plane              z q3'                    R_i (v1, v2, 0)
+    screw              z q'                     z pitch q'
+    ellipsoid          turns about x, y, z      s',  s = radii * (third axis)
+
+and a composite joint is its parts, one after the other.
 
 Newton and Euler give the torques, from the tips to the root,
 
@@ -160,11 +165,7 @@ class Oracle:
         at = Body(parent.R, bodies[i].p, ZERO, ZERO, ZERO, ZERO)
         base = at.carried(exact(place.rotation), ZERO)
         q = exact(self._q[joint.idx_q : joint.idx_q + joint.nq])
-        if joint.shortname() in (
-            "JointModelFreeFlyer",
-            "JointModelSpherical",
-            "JointModelSphericalZYX",
-        ):
+        if joint.nv > 1:
             nothing = vector(*[0] * joint.nv)
             for unit in exact(np.eye(joint.nv)):
                 moved = _across(joint, base, q, unit, nothing)
@@ -247,6 +248,35 @@ def _across(joint, base: Body, q, v, a) -> Body:
         for axis, *one in zip("ZYX", q, v, a, strict=True):
             base = _revolve(base, AXES[axis], mp.cos(one[0]), mp.sin(one[0]), *one[1:])
         return base
+    if kind == "Planar":
+        R = base.R @ turn(AXES["Z"], q[2] / mp.hypot(*q[2:]), q[3] / mp.hypot(*q[2:]))
+        shift, w = vector(q[0], q[1], 0), base.R @ vector(0, 0, v[2])
+        speed, rate = R @ vector(v[0], v[1], 0), R @ vector(a[0], a[1], 0)
+        moved = base.shifted(base.R @ shift, speed, rate + cross(w, speed))
+        return moved.turned(base.R @ AXES["Z"], R, v[2], a[2])
+    if kind == "Translation":
+        return base.shifted(*(base.R @ x for x in (q, v, a)))
+    if kind == "Universal":
+        for axis, *one in zip((joint.extract().axis1, joint.extract().axis2), q, v, a, strict=True):
+            base = _revolve(base, exact(np.array(axis)), mp.cos(one[0]), mp.sin(one[0]), *one[1:])
+        return base
+    if kind == "Ellipsoid":
+        return _on_ellipsoid(joint.extract(), base, q, v, a)
+    if kind == "Composite":
+        at = 0
+        for part, place in zip(
+            joint.extract().joints, joint.extract().jointPlacements, strict=True
+        ):
+            base = base.carried(exact(place.rotation), exact(place.translation))
+            base = _across(part, base, *(x[at : at + part.nv] for x in (q, v, a)))
+            at += part.nv
+        return base
+    if kind in ("HX", "HY", "HZ", "HelicalUnaligned"):
+        axis = AXES.get(kind[1:])
+        axis = exact(np.array(joint.extract().axis)) if axis is None else axis
+        pitch, z = mp.mpf(joint.extract().pitch), base.R @ axis
+        base = base.shifted(*(z * (pitch * x) for x in (q[0], v[0], a[0])))
+        return _revolve(base, axis, mp.cos(q[0]), mp.sin(q[0]), v[0], a[0])
     if kind.startswith("P"):
         axis = AXES.get(kind[1:])
         z = base.R @ (exact(np.array(joint.extract().axis)) if axis is None else axis)
@@ -256,11 +286,40 @@ def _across(joint, base: Body, q, v, a) -> Body:
     else:
         c, s = mp.cos(q[0]), mp.sin(q[0])
     if kind in ("RevoluteUnaligned", "RevoluteUnboundedUnaligned"):
-        axis = exact(np.array(joint.extract().axis))
+        axis = exact(_axis(joint))
         axis = axis / mp.sqrt(sum(axis**2))
     else:
         axis = AXES[kind[-1]]
     return _revolve(base, axis, c, s, v[0], a[0])
+
+
+def _axis(joint) -> np.ndarray:
+    """The axis of a hinge; that of an unbounded one is only in its S."""
+    if hasattr(joint.extract(), "axis"):
+        return np.array(joint.extract().axis)
+    data, q = joint.createData(), np.zeros(joint.idx_q + joint.nq)
+    q[joint.idx_q] = 1.0
+    joint.calc(data, q)
+    return np.array(data.S).ravel()[3:]
+
+
+def _on_ellipsoid(joint, base: Body, q, v, a) -> Body:
+    """Where the third axis after turns about x, y and z is the normal of the unit sphere."""
+    (sx, cx), (sy, cy) = ((mp.sin(x), mp.cos(x)) for x in q[:2])
+    (vx, vy), (ax, ay) = v[:2], a[:2]
+    normal = vector(sy, -sx * cy, cx * cy)
+    first = vector(cy * vy, -cx * cy * vx + sx * sy * vy, -sx * cy * vx - cx * sy * vy)
+    mixed, both = 2 * vx * vy * sy, vx**2 + vy**2
+    second = vector(
+        cy * ay - sy * vy**2,
+        -cx * cy * ax + sx * sy * ay + sx * cy * both + cx * mixed,
+        -sx * cy * ax - cx * sy * ay - cx * cy * both + sx * mixed,
+    )
+    radii = exact(np.array([joint.radius_x, joint.radius_y, joint.radius_z]))
+    base = base.shifted(*(base.R @ (radii * x) for x in (normal, first, second)))
+    for axis, *one in zip("XYZ", q, v, a, strict=True):
+        base = _revolve(base, AXES[axis], mp.cos(one[0]), mp.sin(one[0]), *one[1:])
+    return base
 
 
 def _revolve(base: Body, axis, c, s, v, a) -> Body:

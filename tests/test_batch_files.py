@@ -221,7 +221,7 @@ def test_files_that_are_cut_short_or_of_something_else(tmp_path):
         cp.BatchTrajectory.load(bad)
     np.savez(bad, header=np.array([{"format": "x"}], object))  # a pickle, which nobody opens
     with pytest.raises(
-        cp.InvalidArgument, match=r"ValueError on reading it.*BatchTrajectory\.save"
+        cp.InvalidArgument, match=r"ValueError on reading it: header is no array.*Batch.*\.save"
     ):
         cp.BatchTrajectory.load(bad)
     with pytest.raises(cp.InvalidArgument, match=r"no\.npz: .*No such file"):
@@ -232,14 +232,6 @@ def test_files_that_are_cut_short_or_of_something_else(tmp_path):
         cp.BatchTrajectory.load(bad)
     with pytest.raises(cp.InvalidArgument, match=r"BatchTrajectory\.load reads it"):
         cp.Trajectory.load(batch)
-
-
-def test_a_batch_of_another_pinocchio_is_not_tried(tmp_path):
-    path = tmp_path / "batch.npz"
-    small().save(path)
-    edit(path, lambda header, content: header.update(pinocchio="2.7.1"))
-    with pytest.raises(cp.InvalidArgument, match=r"written by Pinocchio 2\.7\.1"):
-        cp.BatchTrajectory.load(path)
 
 
 def test_a_file_that_is_compressed_is_read(tmp_path):

@@ -13,8 +13,9 @@ from shared import all_scenes, robot
 import condyn_pin as cp
 from condyn_pin import timing
 from condyn_pin._pin import HAS_LCABA
-from condyn_pin.bench import Effort, bench_scene
+from condyn_pin.bench import BY_HAND, Effort, bench_scene
 from condyn_pin.bench_table import BenchRow, BenchTable
+from condyn_pin.by_hand import METHODS, by_hand
 from condyn_pin.catalogue import motor_torque, standard_scenes
 from condyn_pin.machine import machine
 from condyn_pin.timing import Times, interleaved
@@ -73,11 +74,38 @@ def test_rows_of_a_scene(label):
             assert row.method == "Dense KKT"
             assert math.isnan(row.acceleration_us)
             continue
-        assert row.status == "2 ok"
+        assert row.status in ("2 ok", BY_HAND)
         assert row.error < 1e-8
         assert row.acceleration_us > 0
-        assert row.solve_us > 0
+        assert row.solve_us > 0 or row.status == BY_HAND
         assert row.to_dense > 0
+
+
+def test_dense_is_the_fastest_of_the_dense(monkeypatch):
+    """Invented times: every method is faster than the one before it."""
+    from condyn_pin import bench
+
+    def timed(calls, *_, **__) -> dict:
+        return {key: Times((100.0 - i,)) for i, key in enumerate(calls)}
+
+    monkeypatch.setattr(bench, "interleaved", timed)
+    rows = bench_scene("talos contacts", all_scenes()["talos contacts"], effort=TINY)
+    by_hand = [row for row in rows if row.status == BY_HAND]
+    assert [row.method for row in by_hand] == list(METHODS)
+    assert by_hand[-1].to_dense == 1.0
+    assert all(row.to_dense < 1.0 for row in rows[1:-1])
+
+
+@pytest.mark.parametrize("label", sorted(all_scenes()))
+def test_by_hand_is_right_or_not_there(label):
+    scene = all_scenes()[label]
+    damping = 1e-11 * scene.audit.delassus_norm if scene.audit.redundant else 0.0
+    state = (*scene.sample(np.random.default_rng(1)), np.zeros(scene.robot.nv))
+    truth = cp.solve(scene, *state, solver=cp.Reference()).a
+    answers = by_hand(scene, damping)
+    assert set(answers) in (set(), set(METHODS))
+    for answer in answers.values():
+        assert np.abs(answer(*state) - truth).max() < 1e-6 * max(np.abs(truth).max(), 9.81)
 
 
 def test_redundant_rows_get_a_damped_yardstick():
@@ -108,6 +136,18 @@ def test_json_has_no_nan_and_keeps_every_field(tmp_path):
     saved = json.loads(text)
     assert set(saved["rows"][0]) == {field.name for field in fields(BenchRow)}
     assert saved["machine"]["processor"]
+
+
+def test_native_rows_are_compared_with_the_native_dense_method(tmp_path):
+    row = {"scene": "s", "mu": 0.0, "iterations": None, "p95_us": 9.0, "error": 1e-9,
+           "dynamics_error": 1e-12, "constraint_error": 1e-12}  # fmt: skip
+    us = {"aba": 2.0, "dense": 10.0, "constrainedABA": 5.0}
+    rows = [row | {"method": method, "median_us": x} for method, x in us.items()]
+    path = tmp_path / "native.json"
+    path.write_text(json.dumps({"rows": rows}))
+    found = {r.method: r.to_dense for r in table().with_native(path).rows[-3:]}
+    assert math.isnan(found["aba"])
+    assert (found["dense"], found["constrainedABA"]) == (1.0, 2.0)
 
 
 def test_native_rows_are_merged(tmp_path):

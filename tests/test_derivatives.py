@@ -457,7 +457,7 @@ def turning(name: str):
     ],
     ids=lambda constraint: f"{type(constraint).__name__} {getattr(constraint, 'kind', '')}".strip(),
 )  # fmt: skip
-@pytest.mark.parametrize("name", ["SphericalZYX", "Universal", "Composite"])
+@pytest.mark.parametrize("name", ["SphericalZYX", "Universal", "Composite", "Ellipsoid", "nested"])
 def test_joints_whose_axes_turn_with_their_own_q(name, constraint):
     """Pinocchio's own derivatives are wrong for them, those of Newton-Euler too."""
     model, rng, parent = pin.Model(), np.random.default_rng(3), 0

@@ -21,12 +21,13 @@ from condyn_pin._pin import VERSION_TEXT, pin
 from condyn_pin.cli import app
 from condyn_pin.errors import CondynError
 from condyn_pin.extremes import EXTREMES
+from condyn_pin.extremes.flight_verdict import judge_flight
 from condyn_pin.extremes.planar_chain import accelerations
 from condyn_pin.extremes.run_verdict import gap_error, gap_map, judge_run
 from condyn_pin.extremes.stress import ROBOTS, methods, mixed, stress, tasks
 from condyn_pin.extremes.stress_table import counts, maps, read_csv, short
 from condyn_pin.extremes.units import Units, shifts
-from condyn_pin.extremes.verdict import Outcome, Task, Verdict, error_of, right_answers
+from condyn_pin.extremes.verdict import Outcome, Task, Verdict, error_of, judge, right_answers
 from condyn_pin.extremes.worker import Memory, answers
 from condyn_pin.rows.equations import Equations
 
@@ -456,6 +457,29 @@ def test_verdicts_are_the_expected_ones(name):
             if not isinstance(answer, str):
                 wanted = expected[repr(severity), answer.method].split("/")
                 assert answer.verdict.name.lower() in wanted, answer
+
+
+def test_a_flight_is_judged_by_its_end():
+    case = EXTREMES["fast_spins"].case(1.0, 0)
+    flight = case.flight
+    assert judge_flight(case, flight, cp.Proximal())[0] is Verdict.OK
+    elsewhere = pin.integrate(case.scene.robot.model, flight.end, np.array([0, 0, 0, 1e-5, 0, 0]))
+    missed = replace(flight, end=elsewhere)
+    verdict, error, said = judge_flight(case, missed, cp.Proximal())
+    assert (verdict, said) == (Verdict.WRONG, "finished")
+    assert abs(error - 1e-5) < 1e-8
+    hopeless = EXTREMES["fast_spins"].case(1e9, 0)
+    assert judge_flight(hopeless, hopeless.flight, cp.Proximal())[0] is Verdict.SAID_SO
+
+
+def test_wide_masses_are_known_to_fifty_digits():
+    """Up to six decades every method that takes redundant rows is right."""
+    for seed in range(5):
+        case = EXTREMES["wide_masses"].case(6.0, seed)
+        assert case.scene.audit.rank == 3
+        assert case.scene.rows == 16
+        for solver in (cp.Reference(), cp.NullSpace(), cp.GaussPrinciple()):
+            assert judge(case, solver, case.right)[0] is Verdict.OK
 
 
 def test_maps_count_and_advise():

@@ -111,10 +111,14 @@ def test_of_equally_damped_joints_the_first_is_named():
     rng = np.random.default_rng(0)
     for _ in range(20):
         M = np.diag([1.0, 1.0, 1.0, 5.0]) + 1e-15 * np.ones((4, 4))
-        passive = SimpleNamespace(d=2.0 + 1e-15 * rng.normal(size=4))
+        passive = SimpleNamespace(d=2.0 + 1e-15 * rng.normal(size=4), between=None)
         system = SimpleNamespace(
-            mass=lambda q, M=M: M, jacobian=lambda q: np.zeros((0, 4)), m=0, passive=passive
-        )
+            model=None,
+            mass=lambda q, M=M: M,
+            jacobian=lambda q: np.zeros((0, 4)),
+            m=0,
+            passive=passive,
+        )  # fmt: skip
         rate, joint = _fastest(system, np.zeros(4))
         assert joint == 0
         assert abs(rate - 2.0) < 1e-12

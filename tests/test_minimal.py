@@ -147,7 +147,7 @@ def test_no_error_at_all_leaves_what_is_exact():
     assert "1e-09 allowed" in str(found)
 
 
-@pytest.mark.parametrize("label", ["four_bar planar", "four_bar geared", "four_bar rod"])
+@pytest.mark.parametrize("label", ["four_bar geared", "four_bar rod"])
 def test_kinds_that_proximal_does_not_take_are_taken_by_default(label):
     found = all_scenes()[label].minimal(error=0.1)
     assert found.solver in (cp.DenseKKT(), cp.Reference())

@@ -7,6 +7,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from fuzz import assert_survived
@@ -287,6 +288,47 @@ def test_files_are_included(read, tmp_path):
         read('<mujoco><include file="nowhere.xml"/></mujoco>')
 
 
+@pytest.mark.parametrize(
+    ("range_", "limited"), [("0 0", ""), ("1 1", ""), ("0 0", 'limited="auto"'), ("-1 1", "")]
+)
+def test_a_range_without_width_is_no_limit_as_in_mujoco(read, tmp_path, range_, limited):
+    robot = read(
+        f"""<mujoco><worldbody><body name="b"><joint name="j" range="{range_}" {limited}/>
+        {INERTIAL}</body></worldbody></mujoco>"""
+    )
+    there = mujoco.MjModel.from_xml_path(str(tmp_path / "robot.xml"))
+    assert (robot.model.upperPositionLimit[0] < 10.0) == bool(there.jnt_limited[0])
+    said = any("without width" in text for text in robot.unused)
+    assert said != bool(there.jnt_limited[0])
+
+
+def test_a_keyframe_does_not_take_the_name_of_the_pose_that_is_drawn(read):
+    """What MuJoCo starts from is zero, or what each `ref` says; a keyframe is another thing."""
+    text = TWO_ARMS.replace("EQUALITY", "").replace(
+        "</mujoco>", "<keyframe>KEY</keyframe></mujoco>"
+    )
+    drawn = read(TWO_ARMS.replace("EQUALITY", "")).postures["qpos0"]
+    other = read(text.replace("KEY", '<key name="qpos0" qpos="0.6 1 0 0 0 -0.1"/>'))
+    assert np.array_equal(other.postures["qpos0"], drawn)
+    (said,) = (line for line in other.unused if "keyframe 'qpos0'" in line)
+    assert said.endswith("rename it")
+    same = read(text.replace("KEY", '<key name="qpos0" qpos="0.5 1 0 0 0 -0.1"/>'))
+    assert not [line for line in same.unused if "keyframe" in line]
+
+
+def test_what_is_written_is_drawn_where_it_was(read):
+    """With the `ref` of each joint, so that MuJoCo starts from the same pose; again and again."""
+    gear = '<joint name="gear" joint1="ja" joint2="jb" polycoef="0.2 3 0 0 0"/>'
+    robot = read(TWO_ARMS.replace("EQUALITY", gear))
+    text = robot.to_mjcf()
+    again = read(text)
+    assert 'ref="0.5"' in text
+    assert_same(robot, again)
+    assert np.allclose(again.postures["qpos0"], robot.postures["qpos0"], rtol=0, atol=1e-15)
+    assert again.loops[0].offset == pytest.approx(robot.loops[0].offset, abs=1e-15)
+    assert again.unused == read(again.to_mjcf()).unused
+
+
 CARD = """
 name = "two arms"
 source = "this test"
@@ -484,6 +526,7 @@ WRONG = {
     "axis is '0 1'; 3 number(s)": body(INERTIAL, '<joint axis="0 1"/>'),
     "range is '1 -1'; exchange": body(INERTIAL, '<joint range="1 -1"/>'),
     "no range": body(INERTIAL, '<joint limited="true"/>'),
+    "it has no width": body(INERTIAL, '<joint limited="true" range="0 0"/>'),
     "armature is '-1'": body(INERTIAL, '<joint armature="-1"/>'),
     "a free joint has to be the only one": body(INERTIAL, '<joint/><freejoint name="f"/>'),
     "two joints are named 'j'": body(INERTIAL, '<joint name="j"/><joint name="j" axis="0 1 0"/>'),

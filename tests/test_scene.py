@@ -83,7 +83,7 @@ def test_a_weld_in_place_of_a_hinge_locks_it_and_is_still_solved():
 
 def test_a_kind_that_costs_the_fast_solvers_is_told():
     bar = robot("four_bar")
-    for kind, slow in (("planar", True), ("ball", False)):
+    for kind, slow in (("slider", True), ("planar", False), ("ball", False)):
         pin_ = cp.Loop("coupler_tip", "rocker_tip", kind, axis="y", name="pin")
         notes = cp.Scene(bar, [pin_]).summary().notes
         assert any(note.startswith("pin: Pinocchio has no such rows") for note in notes) == slow

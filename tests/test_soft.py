@@ -96,6 +96,65 @@ def test_a_coupling_gives_way_as_in_mujoco(soft):
         assert relative(found.a, data.qacc) < AGREES
 
 
+_FILE = """<mujoco><compiler angle="{unit}"/><worldbody>
+<body name="base" pos="0 0 1">{root}
+ <inertial pos="0.05 0.02 -0.1" mass="3" diaginertia="0.02 0.03 0.04"/>
+ <body name="a" pos="0.3 0 0" quat="0.9 0.1 0.2 0.05">{one}
+  <inertial pos="0.05 0.02 -0.1" mass="1" diaginertia="0.02 0.03 0.04"/>
+  <body name="b" pos="0 0.1 -0.4">{two}
+   <inertial pos="0.05 0.02 -0.1" mass="0.7" diaginertia="0.02 0.03 0.04"/>
+   <site name="s1" pos="0 0 -0.3"/></body></body>
+ <body name="c" pos="-0.2 0 0">
+  <joint name="three" axis="0 1 0.3" ref="0.1" pos="0.1 0 0.1"/>
+  <inertial pos="0.05 0.02 -0.1" mass="1.3" diaginertia="0.02 0.03 0.04"/>
+  <site name="s2" pos="0 0.1 -0.5"/></body>
+</body></worldbody><equality>{equality}</equality>{keyframe}</mujoco>"""
+_CONNECT = '<connect name="loop" site1="s1" site2="s2"/>'
+_DRAWN = {
+    "hinges": {"one": '<joint name="one" axis="0 1 0" ref="0.7"/>'},
+    "degrees": {"one": '<joint name="one" axis="0 1 0" ref="40"/>', "unit": "degree"},
+    "slide": {"two": '<joint name="two" type="slide" axis="1 0 0" ref="-0.6"/>'},
+    "springs": {
+        "one": '<joint name="one" axis="0 1 0" springref="0.7" stiffness="3" ref="-0.3"/>',
+        "two": '<joint name="two" type="slide" axis="1 0 0" springref="-0.6" stiffness="7"/>',
+    },
+    "free": {"root": '<freejoint name="root"/>'},
+    "ball": {"root": '<freejoint name="root"/>', "one": '<joint name="one" type="ball"/>'},
+    "gear": {"equality": '<joint name="gear" joint1="one" joint2="three" polycoef="0.1 2 0 0 0"/>'},
+    "keyframe": {"keyframe": '<keyframe><key name="qpos0" qpos="0 .1 .2 .1"/></keyframe>'},
+}
+
+
+@pytest.mark.parametrize("exported", [False, True], ids=["the file", "exported"])
+@pytest.mark.parametrize("drawn", _DRAWN.values(), ids=_DRAWN)
+def test_weights_are_those_of_the_pose_in_which_the_file_is_drawn(drawn, exported, tmp_path):
+    """A `ref` draws a model away from zero, and there MuJoCo takes its inverse inertias."""
+    plain = {
+        "unit": "radian", "root": '<joint name="root" axis="0 1 0"/>', "keyframe": "",
+        "one": '<joint name="one" axis="0 1 0" ref="0.7"/>', "equality": _CONNECT,
+        "two": '<joint name="two" axis="1 0 0" ref="-1.1" pos="0 0.1 0"/>',
+    }  # fmt: skip
+    file = tmp_path / "drawn.xml"
+    file.write_text(_FILE.format(**plain | drawn))
+    robot = cp.load_robot(file)
+    text = robot.to_mjcf() if exported else file.read_text()
+    model = mujoco.MjModel.from_xml_string(text)
+    bridge = cp.MujocoBridge(robot, model)
+    expected, _ = bridge.from_mujoco(model.qpos0, np.zeros(model.nv))
+    assert np.allclose(robot.postures["qpos0"], expected, atol=1e-12)
+    soft, data, rng = cp.Soft(), mujoco.MjData(model), np.random.default_rng(0)
+    ask_as(model, soft)
+    for _ in range(3):
+        q = pin.integrate(robot.model, expected, 0.5 * rng.normal(size=robot.nv))
+        v, tau = MOVING[-1] * rng.normal(size=robot.nv), rng.normal(size=robot.nv)
+        data.qpos[:], data.qvel[:] = bridge.to_mujoco(q, v)
+        data.qfrc_applied[:] = bridge.torque_to_mujoco(q, tau)
+        mujoco.mj_forward(model, data)
+        a = bridge.acceleration_from_mujoco(q, v, data.qacc)
+        found = cp.solve(cp.Scene(robot, robot.loops), q, v, tau, solver=soft, throw=False)
+        assert relative(found.a, a) < AGREES
+
+
 def test_impedance_rises_from_one_end_to_the_other():
     soft = cp.Soft(solimp=(0.2, 0.9, 0.01, 0.4, 3.0))
     gaps = np.linspace(0.0, 0.02, 401)

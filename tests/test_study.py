@@ -116,7 +116,8 @@ def test_rows_say_what_was_measured():
     assert [row.solver for row in table.rows] == [repr(solver) for solver in FEW]
     good, dense, _, coarse = table.rows
     assert (good.scene, good.rows, good.nv) == ("four_bar, 3 rows", BAR.rows, BAR.robot.nv)
-    assert (good.measure, good.states, good.n) == ("acceleration", "3 sampled, seed 0", 3)
+    assert (good.measure, good.n) == ("acceleration", 3)
+    assert good.states == "3 sampled under all loads, seed 0"
     assert good.knobs["max_iterations"] == 20
     assert good.ok
     assert good.error_median <= good.error_worst < 1e-12
@@ -203,7 +204,8 @@ def test_a_solver_that_does_not_take_a_scene_is_in_the_table_with_the_reason():
     ],
 )
 def test_a_broken_solver_is_reported_broken_and_ends_no_study(kind, status):
-    broken, good = brief(solvers=[kind(), cp.Proximal()]).run().rows
+    moving = cp.SampledStates(3, loads="random")  # at rest a thousandth of nothing is right
+    broken, good = brief(solvers=[kind(), cp.Proximal()], states=moving).run().rows
     assert broken.statuses == {status: 3}
     assert not broken.ok
     assert broken.error_worst > 1e-4
@@ -541,7 +543,7 @@ def test_the_error_of_one_iteration_goes_with_mu():
 
     mus = [10.0**-k for k in range(2, 11)]
     shares = [row.error_worst / row.knobs["mu"] for row in one_iteration(mus).rows]
-    assert 0.1 < min(shares) < max(shares) < 0.15
+    assert 600 < min(shares) < max(shares) < 900  # where the legs carry the robot; 0.1 in swings
     assert max(shares[1:]) < 1.05 * min(shares[1:])  # at 1e-2 it begins to bend
 
 
@@ -561,4 +563,4 @@ def test_derivatives_without_the_protocol_are_off_by_mu():
     rows = protocols(mus).rows
     for mu, kept, not_kept in zip(mus, rows[:3], rows[3:], strict=True):
         assert kept.error_worst < 1e-11
-        assert not_kept.error_worst == pytest.approx(21 * mu, rel=0.02)
+        assert not_kept.error_worst == pytest.approx(38.4 * mu, rel=0.02)

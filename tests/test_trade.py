@@ -21,9 +21,9 @@ from condyn_pin.cli import app
 from condyn_pin.trade.case import knobs_of
 from condyn_pin.trade.cheapest import measure_of, solver_of
 from condyn_pin.trade.exports import short
-from condyn_pin.trade.fresh import Fresh
+from condyn_pin.trade.fresh import Fresh, FreshErrors
 from condyn_pin.trade.row import ALONE, Row
-from condyn_pin.trade.states import NominalStates, SampledStates
+from condyn_pin.trade.states import LOADS, NominalStates, SampledStates
 from condyn_pin.trade.table import Table
 
 
@@ -37,7 +37,7 @@ def row(solver: cp.Solver, us: float | None, error: float, scene: str = "s", **o
         "solver": repr(solver),
         "knobs": knobs_of(solver),
         "measure": "acceleration",
-        "states": "20 sampled, seed 0",
+        "states": "20 sampled under all loads, seed 0",
         "n": 20,
         "error_median": error / 10,
         "error_worst": error,
@@ -186,15 +186,58 @@ def test_fresh_states_are_the_same_for_one_seed_and_others_for_another():
 @pytest.mark.parametrize("count", [20, 21, 200])
 def test_the_states_of_the_study_are_not_fresh(count):
     """Two sets of one seed begin with the same states."""
-    text = f"{count} sampled, seed 0 are not fresh, the study looked at 20 sampled, seed 0"
+    text = f"{count} sampled under all loads, seed 0 are not fresh, the study looked at 20 sampled"
     with pytest.raises(cp.InvalidArgument, match=text):
         measured(FINE).cheapest(1e-8, states=SampledStates(count, seed=0))
+
+
+def test_states_are_sampled_under_every_load():
+    scene = all_scenes()["four_bar loops"]
+    states = SampledStates(8).of(scene)
+    alone = [SampledStates(8, loads=load).of(scene) for load in LOADS]
+    for i, (q, v, tau) in enumerate(states):
+        assert all(map(np.array_equal, (q, v, tau), alone[i % 4][i]))
+        assert (np.abs(v).max() > 0) == (i % 4 < 2)
+        assert (np.abs(tau).max() > 0) == (i % 4 in (0, 2))
+    q, v, tau = states[2]
+    assert np.abs(cp.solve(scene, q, v, tau).a).max() < 1e-10  # the crank's motor carries it
+
+
+def test_without_motors_nothing_is_compensated():
+    sleigh = cp.load_robot("sleigh")
+    scene = cp.Scene(sleigh, sleigh.contacts)
+    assert not any(np.abs(tau).max() for _, _, tau in SampledStates(4).of(scene))
+
+
+@pytest.mark.parametrize(
+    ("loads", "text"), [("none", "load"), ([], "loads"), (["rest", 3], "load")]
+)
+def test_loads_that_are_none(loads, text):
+    with pytest.raises((cp.InvalidArgument, cp.UnknownName), match=text):
+        SampledStates(3, loads=loads)
+
+
+def test_what_random_torques_hide_is_not_chosen():
+    """A damped answer is a thousand times less accurate where Talos carries its weight."""
+    damped, good = cp.DenseKKT(mu=1e-7), cp.Proximal()
+    scene = all_scenes()["talos contacts"]
+    errors = {
+        load: FreshErrors(scene, cp.AccelerationMeasure(), SampledStates(20, 5, loads=load))(damped)
+        for load in LOADS
+    }
+    assert errors["random"].error < 1e-7 < 1e-5 < errors["compensated"].error
+    table = cp.Study({"talos": scene}, [damped, good]).run(timed=False)
+    us = {damped: 1.0, good: 2.0}
+    rows = tuple(dataclasses.replace(row, median_us=us[solver_of(row)]) for row in table.rows)
+    assert dataclasses.replace(table, rows=rows).cheapest(1e-6).solver.mu == good.mu
+    assert table.rows[0].error_worst > 1e-5
 
 
 @pytest.mark.parametrize(
     ("other", "shared"),
     [
         ({"count": 3}, True),
+        ({"loads": "random"}, True),
         ({"seed": 1}, False),
         ({"spread": 0.3}, False),
         ({"speed": 0.5}, False),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
+import pickle
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -196,6 +197,43 @@ def test_tune_measures_keeps_and_tuned_finds(scene, monkeypatch):
     assert any("times" in what for what in seen)
 
 
+def test_what_is_chosen_carries_the_accuracy_it_was_chosen_for(scene):
+    rough = cp.Proximal(mu=1e-3, max_iterations=1)
+    chosen = cp.tune(scene, 1e-1, solvers=[rough])
+    assert chosen == dataclasses.replace(rough, accuracy=1e-1)
+    assert repr(chosen).endswith("refinements=None, accuracy=0.1)")
+    found = cp.tuned(scene, 1e-1)
+    table = cp.Study(scene, [rough], effort=cp.TimingEffort(rounds=2, repeats=1)).run()
+    assert found == chosen == table.cheapest(1e-1).solver
+    state = (*scene.sample(np.random.default_rng(0)), np.zeros(3))
+    with pytest.raises(cp.SolveFailed):
+        cp.solve(scene, *state, solver=rough)
+    assert cp.solve(scene, *state, solver=found).status.ok
+    assert cp.derivatives(scene, *state, solver=found).da_dq.shape == (3, 3)
+    assert cp.solve_batch(scene, *(x[None] for x in state), solver=found).counts == {"ok": 1}
+    with pytest.raises(cp.SolveFailed):  # what is said wins
+        cp.solve(scene, *state, solver=found, accuracy=1e-8)
+    assert pickle.loads(pickle.dumps(found)) == found
+
+
+def test_less_than_what_ok_promises_by_default_is_not_carried(scene):
+    assert cp.tune(scene, 1e-10, solvers=[cp.NullSpace()], save=False) == cp.NullSpace()
+
+
+def test_a_solver_with_an_accuracy_goes_through_a_study(scene):
+    loose = cp.Proximal(mu=1e-3, max_iterations=1, accuracy=1e-1)
+    table = cp.Study(scene, [loose], effort=cp.TimingEffort(rounds=2, repeats=1)).run()
+    assert table.rows[0].solver == repr(loose)
+    assert table.cheapest(1e-1).solver == loose
+
+
+@pytest.mark.parametrize("accuracy", [-1.0, 0.0, np.nan, "rough", None])
+@pytest.mark.parametrize("kind", [cp.Proximal, cp.Reference, cp.NullSpace])
+def test_an_accuracy_that_no_answer_can_have(kind, accuracy):
+    with pytest.raises(cp.InvalidArgument, match="accuracy"):
+        kind(accuracy=accuracy)
+
+
 def test_tune_may_keep_nothing(scene, cache):
     cp.tune(scene, 1e-8, solvers=CANDIDATES[2:], save=False)
     assert not cache.exists()
@@ -209,7 +247,8 @@ def test_tune_that_finds_nothing_says_the_best_and_keeps_nothing(scene, cache):
 
 def test_tune_by_another_measure_is_a_plan_of_its_own(scene):
     cp.tune(scene, 1e-6, measure="forces", solvers=CANDIDATES[1:2])
-    assert cp.tuned(scene, 1e-6, measure="forces") == CANDIDATES[1]
+    chosen = dataclasses.replace(CANDIDATES[1], accuracy=1e-6)
+    assert cp.tuned(scene, 1e-6, measure="forces") == chosen
     with pytest.raises(cp.NotTuned, match="there is one for forces to 1e-06"):
         cp.tuned(scene, 1e-6)
 

@@ -5,38 +5,19 @@ from __future__ import annotations
 import re
 from pathlib import Path
 from textwrap import dedent
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from fuzz import assert_survived
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from urdf_texts import INERTIA, SWING, joint, link, tip
 
 import condyn_pin as cp
 from condyn_pin._pin import pin
 from condyn_pin.io.urdf import read_urdf
 from condyn_pin.load import example_robot_data
-
-INERTIA = '<inertia ixx="0.02" iyy="0.02" izz="0.001" ixy="0" ixz="0" iyz="0"/>'
-
-
-def link(name: str, inside: str | None = None) -> str:
-    inertial = f'<inertial><origin xyz="0 0 -0.25"/><mass value="1"/>{INERTIA}</inertial>'
-    return f'<link name="{name}">{inertial if inside is None else inside}</link>'
-
-
-def joint(name: str, parent: str, child: str, inside: str = "", kind: str = "continuous") -> str:
-    inside = inside if "<axis" in inside else f'{inside}<axis xyz="0 1 0"/>'
-    ends = f'<parent link="{parent}"/><child link="{child}"/>'
-    return f'<joint name="{name}" type="{kind}">{ends}{inside}</joint>'
-
-
-def tip(name: str, parent: str, xyz: str) -> str:
-    """Return a link fixed to another one, as onshape-to-robot writes a frame."""
-    moments = " ".join(f'{key}="0"' for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
-    empty = f'<inertial><mass value="1e-9"/><inertia {moments}/></inertial>'
-    at = f'<origin xyz="{xyz}"/>'
-    return link(name, empty) + joint(f"{name}_frame", parent, name, at, "fixed")
 
 
 @pytest.fixture
@@ -47,17 +28,6 @@ def read(tmp_path: Path):
         return cp.load_robot(path)
 
     return read_text
-
-
-SWING = (
-    link("beam", ""),
-    *(link(name) for name in "abc"),
-    joint("left", "beam", "a"),
-    joint("right", "beam", "b", '<origin xyz="0.5 0 0"/>'),
-    joint("bottom", "a", "c", '<origin xyz="0 0 -0.5"/>'),
-    tip("closing_bar_1", "c", "0.5 0 0"),
-    tip("closing_bar_2", "b", "0 0 -0.5"),
-)
 
 
 # Loops --------------------------------------------------------------------------------------------
@@ -71,6 +41,44 @@ def test_closing_links_are_a_ball(read):
     assert (scene.rows, scene.audit.rank, scene.audit.mobility) == (3, 2, 1)
     q, v = scene.sample(np.random.default_rng(0))
     assert cp.solve(scene, q, v, np.zeros(3)).status.ok
+
+
+def leg(limit: str, kind: str = "revolute"):
+    """The four-bar of SWING, two of its joints with a <limit>."""
+    right = joint("right", "beam", "b", f'<origin xyz="0.5 0 0"/>{limit}', kind)
+    return (*SWING[:4], joint("left", "beam", "a", limit, kind), right, *SWING[6:])
+
+
+def test_limits_without_bounds_are_none_and_said(read):
+    """By the format they are 0 to 0: the joint is locked, and nothing assembles."""
+    swing = read(*leg('<limit effort="100" velocity="20"/>'))
+    (said,) = (text for text in swing.unused if "<limit>" in text)
+    assert "left, right" in said
+    assert "without bounds" in said
+    iq = swing.model.joints[swing.model.getJointId("left")].idx_q
+    assert swing.model.upperPositionLimit[iq] == np.finfo(float).max
+    assert swing.model.lowerPositionLimit[iq] == -np.finfo(float).max
+    assert swing.nq == 3 + 1  # only the continuous one is (cos, sin)
+    scene = cp.Scene(swing, swing.loops)
+    q, v = scene.sample(np.random.default_rng(0))
+    assert abs(q[iq]) > 1e-3
+    assert cp.solve(scene, q, v, np.zeros(3)).status.ok
+
+
+@pytest.mark.parametrize("limit", ['lower="-1"', 'upper="1"', 'lower="-1" upper="1"'])
+def test_one_bound_leaves_the_other_at_zero(read, limit):
+    swing = read(*leg(f'<limit {limit} effort="100" velocity="20"/>'))
+    iq = swing.model.joints[swing.model.getJointId("left")].idx_q
+    lower, upper = swing.model.lowerPositionLimit[iq], swing.model.upperPositionLimit[iq]
+    assert (lower, upper) == (-1.0 if "lower" in limit else 0.0, 1.0 if "upper" in limit else 0.0)
+    assert not [text for text in swing.unused if "<limit>" in text or "lower limit" in text]
+
+
+def test_limits_without_width_are_said(read):
+    swing = read(*leg('<limit lower="0" upper="0" effort="0" velocity="0"/>'))
+    (said,) = (text for text in swing.unused if "lower limit" in text)
+    assert "left, right" in said
+    assert "within_limits=False" in said
 
 
 def test_a_half_that_is_alone_closes_nothing(read):
@@ -148,11 +156,28 @@ def test_the_gripper_of_talos_is_coupled():
 OTHERS = {"alex_psyonic_hands.urdf", "ur3.urdf"}  # an unknown joint is mimicked; no name
 
 
+def without_bounds(path):
+    """The wheels of Centauro, for one."""
+    for element in ElementTree.parse(path).getroot().findall("joint"):
+        limit = element.find("limit")
+        if element.get("type") in ("revolute", "prismatic") and not {"lower", "upper"} & set(
+            limit.attrib
+        ):
+            yield element.get("name")
+
+
 def test_every_urdf_of_example_robot_data_is_read_as_pinocchio_reads_it():
     paths = [p for p in example_robot_data().rglob("*.urdf") if p.name not in OTHERS]
     assert len(paths) > 60
     for path in paths:
-        assert read_urdf(path).model == pin.buildModelFromUrdf(str(path)), path
+        expected = pin.buildModelFromUrdf(str(path))
+        for name in without_bounds(path):  # Pinocchio locks them
+            iq = expected.joints[expected.getJointId(name)].idx_q
+            assert expected.upperPositionLimit[iq] == 0.0
+            lower, upper = expected.lowerPositionLimit.copy(), expected.upperPositionLimit.copy()
+            lower[iq], upper[iq] = -np.finfo(float).max, np.finfo(float).max
+            expected.lowerPositionLimit, expected.upperPositionLimit = lower, upper
+        assert read_urdf(path).model == expected, path
 
 
 def test_what_is_not_read_does_no_harm(read):
@@ -190,6 +215,10 @@ WRONG = {
     "<axis xyz> is '0 1'": (*SWING, link("d"), joint("new", "a", "d", '<axis xyz="0 1"/>')),
     "<axis xyz> is None": (*SWING, link("d"), joint("new", "a", "d", "<axis/>")),
     "needs <limit": (*SWING, link("d"), joint("new", "a", "d", kind="revolute")),
+    "limits 1 to 0; the upper one is not there": (
+        *SWING, link("d"),
+        joint("new", "a", "d", '<limit lower="1" effort="1" velocity="1"/>', "revolute"),
+    ),
     "limits 1 to -1; exchange": (*SWING, link("d"), joint("new", "a", "d", LIMIT, "prismatic")),
     "<dynamics damping> is 'much'": (
         *SWING, link("d"), joint("new", "a", "d", '<dynamics damping="much"/>'),

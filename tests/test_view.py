@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from itertools import combinations, pairwise
+from dataclasses import replace
+from itertools import combinations, pairwise, permutations
 
 import numpy as np
 import pinocchio as pin
@@ -49,14 +50,6 @@ def test_solids_have_their_volume_and_point_outward():
     assert volume(whole) == pytest.approx(0.5 * np.pi + np.pi / 6.0, rel=0.06)
     assert whole.vertices[:, 2].min() == pytest.approx(-0.5)
     assert whole.vertices[:, 2].max() == pytest.approx(2.5)
-
-
-def test_a_mesh_is_what_assimp_reads(cassie):
-    shape = next(s for s in shapes_of(cassie.description)[0] if s.file)
-    ours, theirs = meshes.read_mesh(shape.file), meshes._by_assimp(shape.file)
-    assert volume(ours) == pytest.approx(volume(theirs), rel=1e-6)
-    assert np.allclose(ours.vertices.min(axis=0), theirs.vertices.min(axis=0))
-    assert np.allclose(ours.vertices.max(axis=0), theirs.vertices.max(axis=0))
 
 
 def test_a_simplified_mesh_keeps_its_form_to_a_cell(cassie):
@@ -256,6 +249,38 @@ def test_what_nobody_drew_has_its_inertia():
     assert np.allclose(np.sort(half), (0.1, 0.2, 0.3), rtol=0.06)
 
 
+def test_an_inertia_that_would_hide_the_rods_is_clear():
+    """Andrews' squeezer is given in the plane: its inertias are those of large balls."""
+    found = parts(cp.load_robot("andrews"))
+    inertias = [part for path, part in found.items() if path.startswith("inertia/")]
+    assert len(inertias) == 7
+    assert all(part.opacity < 0.3 for part in inertias)
+    rods = [part for path, part in found.items() if path.startswith("robot/")]
+    assert all(part.opacity == 1.0 for part in rods)
+    assert {f"inertia/{path.split('/')[1]}" for path in found if path.startswith("robot/")} >= {
+        part.path for part in inertias
+    }
+    assert not [path for path in parts(cp.four_bar()) if path.startswith("inertia/")]
+
+
+@pytest.mark.parametrize(
+    "names", [("arm", "arm/tip"), ("arm", "arm/0"), ("arm", "arm/"), ("a//b", "a/b")]
+)
+def test_a_name_with_a_slash_hangs_on_no_other_part(names):
+    """meshcat's tree is made of paths: what is below another part would move with it as well."""
+    model = pin.Model()
+    inertia = pin.Inertia.FromEllipsoid(2.0, 0.3, 0.2, 0.1)
+    i = 0
+    for name in names:
+        i = model.addJoint(i, pin.JointModelRX(), pin.SE3.Identity(), name)
+        model.appendBodyToJoint(i, inertia, pin.SE3.Identity())
+    found = drawing(cp.Robot("r", model))
+    nodes = [tuple(word for word in part.path.split("/") if word) for part in found.parts]
+    assert len([node for node in nodes if node[0] == "robot"]) == 2
+    for one, other in permutations(nodes, 2):
+        assert one != other[: len(one)]
+
+
 HANGING = """<robot name="arm"><link name="ground"/>
 <link name="upper"><inertial><origin xyz="0 0 -0.2"/><mass value="1"/>
 <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
@@ -436,9 +461,86 @@ def test_a_motion_is_played_thirty_times_a_second(swinging):
     assert np.allclose(found.moments[9].joints[-1].homogeneous, data.oMi[-1].homogeneous)
 
 
+@pytest.mark.parametrize("speed", [1.0, 0.37])
+def test_a_motion_is_shown_as_closed_as_it_was_computed(speed):
+    """Between samples nothing was computed: halfway between closed configurations is open."""
+    bar = cp.four_bar()
+    scene = cp.Scene(bar, bar.loops)
+    run = cp.simulate(scene, *scene.state(), duration=0.5, dt=0.007)
+    assert run.violation.max() < 1e-12
+    found = drawing(run, speed=speed)
+    (loop,) = bar.loops
+    for at in found.moments:
+        assert at.gaps[loop.name].length < 1e-12
+    times = found.frames / 30.0 * speed
+    assert times[0] == 0.0
+    assert times[-1] == pytest.approx(run.t[-1])
+    data = bar.model.createData()
+    for at, time in zip(found.moments, times, strict=True):
+        k = int(np.abs(run.t - time).argmin())
+        assert run.t[k] == pytest.approx(time, abs=1e-12)
+        pin.forwardKinematics(bar.model, data, run.q[k])
+        assert np.allclose(at.joints[-1].homogeneous, data.oMi[-1].homogeneous, atol=1e-14)
+
+
+def test_a_label_says_the_largest_gap_of_the_run_and_not_of_what_is_shown(swinging, monkeypatch):
+    from condyn_pin.viewing import closures
+
+    q = swinging.q.copy()
+    q[3, 0] += 0.01  # [rad], at 15 ms, between two pictures
+    run = replace(swinging, q=q)
+    labels = []
+
+    def label(path, name, gap, height, written=closures._label):
+        labels.append(gap)
+        return written(path, name, gap, height)
+
+    monkeypatch.setattr(closures, "_label", label)
+    found = drawing(run)
+    (loop,) = run.scene.robot.loops
+    assert max(at.gaps[loop.name].length for at in found.moments) < 1e-9
+    (gap,) = labels
+    assert gap.length == pytest.approx(run.violation.max(), rel=0.5)  # a norm, and an entry
+    assert gap.length > 1e-3
+
+
+def test_an_arrow_says_the_largest_force_of_the_run(swinging, monkeypatch):
+    from condyn_pin.viewing import arrows
+
+    lam = swinging.lam.copy()
+    lam[3] *= 50.0  # at 15 ms, between two pictures
+    run = replace(swinging, lam=lam)
+    said = []
+
+    def label(path, text, *rest, written=arrows.label):
+        said.append(text)
+        return written(path, text, *rest)
+
+    monkeypatch.setattr(arrows, "label", label)
+    drawing(run)
+    (force,) = run.forces.values()
+    largest = np.linalg.norm(force[:, :3], axis=1).max()
+    assert (
+        largest > 10.0 * np.linalg.norm(swinging.forces[next(iter(run.forces))][:, :3], axis=1)[0]
+    )
+    assert said
+    assert all(text.startswith(f"{largest:.3g} N on ") for text in said)
+
+
+def test_an_event_is_shown_before_and_after():
+    """Two samples have one time; a sparse motion shows both, and never one out of order."""
+    from condyn_pin.viewing.motion import shown
+
+    class Two:
+        t = np.array([0.0, 0.1, 0.1, 0.2])
+
+    assert shown(Two, 30.0).tolist() == [0, 1, 2, 3]
+    assert shown(Two, 1.0).tolist() == [0, 3]
+
+
 def test_what_moves_has_tracks_and_what_rests_has_none(swinging):
     found = drawing(swinging)
-    moving = tracks(found.parts, found.moments)
+    moving = tracks(found.parts, found.moments, found.frames)
     assert "floor" not in moving
     bodies = [path for path in moving if path.startswith("robot/")]
     assert len(bodies) == 3

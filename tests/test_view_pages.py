@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import colorsys
 import contextlib
+import html as markup
 import json
 import os
 import re
@@ -16,6 +17,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from shared import calls, robot
 from typer.testing import CliRunner
@@ -255,7 +257,8 @@ def asked(folder, html):
         words = chromium.command(chromium.find_chromium(), str(folder / start)) + options
         with contextlib.suppress(subprocess.TimeoutExpired):
             done = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE / 3)
-            return json.loads(re.search(r'<pre id="answer">(.*?)</pre>', done.stdout)[1])
+            found = re.search(r'<pre id="answer">(.*?)</pre>', done.stdout)[1]
+            return json.loads(markup.unescape(found))
     raise AssertionError("Chromium hung twice")
 
 
@@ -289,7 +292,7 @@ def test_a_browser_plays_the_motion_without_a_network(tmp_path, swinging):
     answer = asked(tmp_path, found.html().replace("</body>", question))
     assert answer["errors"] == []
     assert answer["duration"] == pytest.approx(0.5, abs=1e-6)
-    assert answer["actions"] == len(tracks(found.parts, found.moments))
+    assert answer["actions"] == len(tracks(found.parts, found.moments, found.frames))
     for part in found.parts:
         if part.path in paths:
             seen = np.array(answer[part.path]).reshape(4, 4).T
@@ -485,3 +488,36 @@ def test_a_browser_draws_robot_arrows_and_closures(tmp_path, standing):
     for name in ("ACTUATED", "FORCE", "OPEN", "CLOSED"):
         assert seen(getattr(palette, name)) > 60, name
     assert seen((0.6, 0.0, 1.0)) < 20  # violet is nowhere
+
+
+_STRANGE = "</script><img src=x onerror='window.strange = 1'><script>window.strange = 2</script>"
+_ASK_NAMES = """<script>
+window.addEventListener("load", () => setTimeout(() => {
+  let answer = document.createElement("pre");
+  answer.id = "answer";
+  answer.textContent = JSON.stringify({
+    ran: window.strange || 0, scripts: document.scripts.length, images: document.images.length,
+    legend: document.getElementById("legend").textContent, title: document.title,
+  });
+  document.body.appendChild(answer);
+}, 50));
+</script></body>"""
+
+
+def test_names_are_words_on_a_page_and_nothing_else(tmp_path):
+    """A description is a stranger's: a name may be markup."""
+    model = pin.Model()
+    inertia = pin.Inertia.FromEllipsoid(1.0, 0.3, 0.2, 0.1)
+    joint = model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), f"j{_STRANGE}")
+    model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+    tip = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.5]))
+    model.addFrame(pin.Frame(f"f{_STRANGE}", joint, 0, tip, pin.FrameType.OP_FRAME))
+    strange = cp.Robot(f"r{_STRANGE}", model, actuated=[f"j{_STRANGE}"])
+    scene = cp.Scene(strange, [cp.PointContact(f"f{_STRANGE}", name=f"c{_STRANGE}")])
+    cp.simulate(scene, [0.3], [0.0], duration=0.02, dt=0.01).save(tmp_path / "run.npz")
+    page = drawing(cp.Trajectory.load(tmp_path / "run.npz")).html()
+    answer = asked(tmp_path, page.replace("</body>", _ASK_NAMES))
+    assert answer["ran"] == answer["images"] == 0
+    assert answer["scripts"] == page.count("<script>") + 1 == 3
+    assert f"r{_STRANGE}" in answer["legend"]
+    assert answer["title"].startswith("r</script><img")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin.arrays import Array, finite, read_only
-from condyn_pin.batch.motions import of_ends, of_samples, samples_of
+from condyn_pin.batch.motions import ENDS, SAMPLED, of_ends, of_samples, samples_of
 from condyn_pin.batch.rows import MISSING
 from condyn_pin.batch.states import loose
 from condyn_pin.batch.trajectory import RUN_STATUSES, BatchTrajectory, Samples
@@ -16,13 +16,14 @@ from condyn_pin.drift import Drift
 from condyn_pin.knobs import check_count
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
-from condyn_pin.simulation.archive import MOTIONS, Content, Header, Path_, read, write
+from condyn_pin.simulation.archive import MOTIONS, Content, Header, Path_, check_times, read, write
 from condyn_pin.simulation.coding import decode, encode
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.outcome import RunStatus
 from condyn_pin.solvers import Solver
 
 _PLAIN = ("duration", "dt", "steps", "seconds")
+_NAMES = (*ENDS, *(f"samples_{name}" for name in SAMPLED))
 _CHOICES = {"integrator": Integrator, "drift": Drift, "solver": Solver}
 
 
@@ -43,7 +44,7 @@ def save(batch: BatchTrajectory, path: Path_) -> None:
 
 def load(path: Path_) -> BatchTrajectory:
     """Return a batch from a file; see `BatchTrajectory.load`."""
-    return read(path, MOTIONS, _batch)
+    return read(path, MOTIONS, _NAMES, _batch)
 
 
 def _batch(robot: Robot, header: Header, content: Content) -> BatchTrajectory:
@@ -92,8 +93,7 @@ def _check(batch: BatchTrajectory) -> None:
         if not isinstance(getattr(batch, name), kind):
             raise TypeError(f"{name} = {getattr(batch, name)!r}")
     check_count("steps", batch.steps)
-    for name in ("duration", "dt", "seconds"):
-        finite(name, getattr(batch, name), ())
+    check_times(duration=batch.duration, dt=batch.dt, seconds=batch.seconds)
     done = np.flatnonzero(batch.statuses != MISSING)
     for name in ("t", "q", "v"):
         ends = getattr(batch, name)[done]
@@ -108,7 +108,7 @@ def _check_samples(batch: BatchTrajectory, samples: Samples) -> None:
     kept = np.isfinite(samples.t)
     counts = np.count_nonzero(kept, axis=1)
     motions = np.flatnonzero(counts)
-    if (kept[:, 1:] & ~kept[:, :-1]).any() or (np.diff(samples.t) < 0).any():
+    if (kept[:, 1:] & ~kept[:, :-1]).any() or (np.diff(samples.t) <= 0).any():
         raise ValueError("samples_t goes back, or has a gap")
     if not counts[batch.statuses == 0].all():
         raise ValueError("samples_t has no sample of a motion that went to its end")

@@ -12,8 +12,10 @@ from typing import Final
 import numpy as np
 
 from condyn_pin import tolerances
+from condyn_pin.applied_force import AppliedForce
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array
+from condyn_pin.batch.forces import RowForces
 from condyn_pin.batch.memory import Arrays, Kind
 from condyn_pin.batch.trajectory import RUN_STATUSES
 from condyn_pin.batch.ways import Words
@@ -25,6 +27,7 @@ from condyn_pin.simulation.leg import Leg
 from condyn_pin.simulation.outcome import RunStatus
 from condyn_pin.simulation.plan import plan
 from condyn_pin.simulation.run import follow, start
+from condyn_pin.simulation.slopes import TorqueJacobian
 from condyn_pin.simulation.torques import Torque
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.simulation.uninterrupted import uninterrupted
@@ -32,7 +35,8 @@ from condyn_pin.solvers.base import Solver
 from condyn_pin.workspace import Workspace
 
 _CODES: Final = {status: code for code, status in enumerate(RUN_STATUSES)}
-_SAMPLED: Final = ("t", "q", "v", "a", "lam", "tau")
+ENDS: Final = ("t", "q", "v", "violation", "slip", "energy_error", "run_times", "statuses")
+SAMPLED: Final = ("t", "q", "v", "a", "lam", "tau")
 
 # What `simulate` raises of a state that no motion begins at.
 _CANNOT_BEGIN: Final = (NotAssembled, SolveFailed, StepFailed)
@@ -46,12 +50,14 @@ class Motions:
     """The kernel: some rows of states in, their motions out."""
 
     function: Torque | None = field(compare=False)  # its == may be that of arrays
+    jacobian: TorqueJacobian | None = field(compare=False)
     duration: float  # [s]
     dt: float  # [s]
     integrator: Integrator
     drift: Drift
     solver: Solver | None
     every: int
+    forces: RowForces
 
     def __call__(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> Words:
         """Simulate the rows; return why those ended early that did."""
@@ -62,7 +68,8 @@ class Motions:
         for i, (q, v) in enumerate(zip(inputs["q0"], inputs["v0"], strict=True)):
             begun = perf_counter()
             try:
-                trajectory = runner.run(q, v, tau if tau.ndim == 1 else tau[i])
+                torques = tau if tau.ndim == 1 else tau[i]
+                trajectory = runner.run(q, v, torques, self.forces.at(inputs, i))
             except _CANNOT_BEGIN as error:
                 words[i] = str(error)
                 _put_nothing(outputs, i, q, v)
@@ -87,17 +94,21 @@ class Runner:
         self._plan = plan(
             workspace.scene, motions.function or 0.0, duration=motions.duration, dt=motions.dt,
             integrator=motions.integrator, drift=motions.drift, solver=motions.solver,
-            record=motions.every,
+            record=motions.every, forces=motions.forces.forces, jacobian=motions.jacobian,
         )  # fmt: skip
         self._leg: Leg | None = None
 
     def fits(self, motions: Motions, workspace: Workspace) -> bool:
         """Return whether these motions can be run here too."""
-        same = self.motions == motions and self.motions.function is motions.function
+        mine = self.motions
+        same = mine == motions and mine.function is motions.function
+        same = same and mine.jacobian is motions.jacobian
         return same and self.workspace is workspace
 
-    def run(self, q: Array, v: Array, tau: Array) -> Trajectory:
-        """Return the motion from a state under torques of its own.
+    def run(
+        self, q: Array, v: Array, tau: Array, forces: tuple[AppliedForce, ...] = ()
+    ) -> Trajectory:
+        """Return the motion from a state under torques and forces of its own.
 
         Raises
         ------
@@ -106,8 +117,11 @@ class Runner:
         KeyboardInterrupt
             If it was interrupted, which is meant for all.
         """
-        if not self.motions.function:
-            self._plan.method.tau.hold(tau)
+        constant = None if self.motions.function else tau
+        if self._plan.pushed:
+            self._plan.pushed.hold(constant, forces)
+        elif constant is not None:
+            self._plan.method.tau.hold(constant)
         leg, self._leg = self._leg, None  # one that cannot begin leaves none
         state = _start(self.workspace, q, v)
         trajectory, leg = follow(self._plan, *state, leg=leg)
@@ -141,7 +155,7 @@ def of_samples(scene: Scene, kept: int) -> dict[str, Kind]:
     """Return the same of its `Samples`, if so many of each motion are kept."""
     n, m = scene.robot.nv, scene.rows
     widths = {"q": (scene.robot.nq,), "v": (n,), "a": (n,), "lam": (m,), "tau": (n,), "t": ()}
-    return {f"samples_{name}": Kind((kept, *widths[name])) for name in _SAMPLED}
+    return {f"samples_{name}": Kind((kept, *widths[name])) for name in SAMPLED}
 
 
 def _put(outputs: Arrays, i: int, found: Trajectory) -> None:
@@ -173,4 +187,4 @@ def _put_nothing(outputs: Arrays, i: int, q: Array, v: Array) -> None:
 
 def samples_of(outputs: Arrays) -> Iterator[tuple[str, Array]]:
     """Return the arrays of the samples that are kept, by the names of `Samples`."""
-    return ((n, outputs[f"samples_{n}"]) for n in _SAMPLED if f"samples_{n}" in outputs)
+    return ((n, outputs[f"samples_{n}"]) for n in SAMPLED if f"samples_{n}" in outputs)

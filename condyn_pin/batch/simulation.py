@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from functools import partial
 from time import perf_counter
@@ -10,7 +11,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from condyn_pin.applied_force import AppliedForce
 from condyn_pin.batch.chunks import Progress, silent
+from condyn_pin.batch.forces import split
 from condyn_pin.batch.memory import Arrays
 from condyn_pin.batch.motions import Motions, of_ends, of_samples, samples_of
 from condyn_pin.batch.rows import Rows
@@ -22,6 +25,7 @@ from condyn_pin.scene import Scene
 from condyn_pin.simulation.defaults import default_solver
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.plan import Plan, plan
+from condyn_pin.simulation.slopes import TorqueJacobian
 from condyn_pin.simulation.torques import Torque
 from condyn_pin.solvers.base import Solver
 
@@ -40,6 +44,8 @@ def simulate_batch(
     V0: ArrayLike,
     TAU: float | ArrayLike | Torque = 0.0,
     *,
+    forces: Sequence[AppliedForce] = (),
+    jacobian: TorqueJacobian | None = None,
     duration: float,
     dt: float = 1e-3,
     integrator: Integrator | None = None,
@@ -52,7 +58,8 @@ def simulate_batch(
 ) -> BatchTrajectory:
     """Return the motions of a scene from many states.
 
-    M(q) a + h(q, v) = tau - k (q - q0) - d v + J(q)^T lam,    J a + gamma = a_ref,    row by row
+    M(q) a + h(q, v) = tau - k (q - q0) - d v + J(q)^T lam + sum J_f(q)^T f,
+    J a + gamma = a_ref,    row by row
 
     Parameters
     ----------
@@ -64,7 +71,9 @@ def simulate_batch(
     TAU : 0, (nv,) or (N, nv) array_like, or callable, optional
         The torques applied [N, N m]: the same for all, constant for each, or tau(t, q, v), a
         function of a module, or an object of its class, if there are processes.
-    duration, dt, integrator, drift, solver
+    forces : sequence of AppliedForce, optional
+        Forces from outside, as in `simulate`; with two axes a row a motion. None by default.
+    jacobian, duration, dt, integrator, drift, solver
         As in `simulate`.
     record : int, optional
         Every which sample is kept, in 8 (1 + nq + 3 nv + m) bytes each: 1.2 kB of Cassie on its
@@ -86,7 +95,7 @@ def simulate_batch(
         As in `solve_batch`; its ``done`` is the BatchTrajectory of what was simulated.
     Interrupted
         After Ctrl-C; its ``table`` is the same.
-    UnsupportedConstraint, StaleModel
+    UnknownName, UnsupportedConstraint, StaleModel
         As in `solve_batch`.
 
     Notes
@@ -100,6 +109,7 @@ def simulate_batch(
     planned = plan(
         scene, 0.0 if function is None else function, duration=duration, dt=dt,
         integrator=integrator, drift=drift, solver=solver, record=every,
+        jacobian=jacobian,
     )  # fmt: skip
     every = max(planned.steps // _LOOKS, _APART) if record is None else record
     nv = scene.robot.nv
@@ -107,12 +117,15 @@ def simulate_batch(
     given: ArrayLike = np.zeros(nv) if zero else TAU  # type: ignore[assignment]
     q, v, tau = check_states(scene.robot.model, Q0, V0, given, suffix="0")
     method = planned.method
-    kernel = Motions(function, duration, dt, method.integrator, method.drift, solver, every)
+    _, of_rows, more = split(scene.robot, forces, len(q), functions=True)
+    kernel = Motions(
+        function, jacobian, duration, dt, method.integrator, method.drift, solver, every, of_rows
+    )
     most = max(1, int(_SOLVES / planned.steps / max(method.integrator.solves_per_step, 1)))
     rows = Rows(kernel, scene, solver, None, executor, check_chunk(chunk), most, progress)
     kept = len(range(0, planned.steps, every)) + 1 if record is not None else 0
     kinds = of_ends(scene) | (of_samples(scene, kept) if kept else {})
-    inputs = {"q0": q, "v0": v, "tau0": tau}
+    inputs = {"q0": q, "v0": v, "tau0": tau} | more
     return rows.fill(len(q), inputs, kinds, partial(_batch, planned, begun))
 
 

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Final, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from condyn_pin.applied_force import AppliedForce
 from condyn_pin.arrays import Array, read_only
 from condyn_pin.batch.outcome import Outcome
 from condyn_pin.batch.rows import MISSING
@@ -31,7 +32,7 @@ Some = slice | list[int] | NDArray[Any]  # of the rows, as NumPy takes them
 class BatchSolution(Outcome):
     """Accelerations and constraint forces at N states, with the errors of each recomputed.
 
-    M a + h = tau + J^T lam,  J a + gamma = a_ref,  in every row
+    M a + h = tau + J^T lam + sum J_f^T f,  J a + gamma = a_ref,  in every row
 
     Attributes
     ----------
@@ -52,6 +53,8 @@ class BatchSolution(Outcome):
         Of each solve without its proof [s], while other processes used the machine too.
     seconds : float
         Wall time of the whole batch [s].
+    applied : tuple of AppliedForce
+        The forces from outside that were applied.
 
     Notes
     -----
@@ -69,12 +72,13 @@ class BatchSolution(Outcome):
     iterations: NDArray[np.int32]
     solve_times: Array  # [s]
     seconds: float  # [s]
+    applied: tuple[AppliedForce, ...] = ()
 
     _endings: ClassVar[Sequence[Enum]] = STATUSES
 
     @property
     def dynamics_error(self) -> Array:
-        """|M a + h - tau - J^T lam|_inf [N, N m], (N,)."""
+        """|M a + h - tau - J^T lam - sum J_f^T f|_inf [N, N m], (N,)."""
         return self.proofs[:, 0]
 
     @property
@@ -117,7 +121,8 @@ class BatchSolution(Outcome):
 
     def __getitem__(self, i: int | np.integer[Any] | Some) -> Solution | BatchSolution:
         if isinstance(i, slice | list | np.ndarray):
-            return replace(self, **{name: read_only(getattr(self, name)[i]) for name in _ROWS})
+            some = {name: read_only(getattr(self, name)[i]) for name in _ROWS}
+            return replace(self, **some, applied=self._applied(i))
         status = int(self.statuses[i])
         if status == MISSING:
             raise WorkersLost(f"no worker got to state {i}; `missing` has all of them", self)
@@ -131,7 +136,11 @@ class BatchSolution(Outcome):
             float(self.solve_times[i]),
             self.scene,
             self.q[i],
+            self._applied(int(i)),
         )
+
+    def _applied(self, i: int | Some) -> tuple[AppliedForce, ...]:
+        return tuple(force.row(i) for force in self.applied)
 
     def __iter__(self) -> Iterator[Solution]:
         return (self[i] for i in range(len(self)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from math import nan
 from os import PathLike
 from typing import Any, ClassVar, Final, overload
 
@@ -47,7 +48,8 @@ class Samples:
     lam : (N, k, m) array
         Constraint forces in the axes of each constraint [N, N m].
     tau : (N, k, nv) array
-        Torques applied, without springs and damping [N, N m].
+        Torques applied, those of forces from outside with them, without springs and damping
+        [N, N m].
     """
 
     t: Array
@@ -189,11 +191,11 @@ class BatchTrajectory(Outcome):
 
     def __str__(self) -> str:
         steps = float(self.t.sum()) / self.dt
+        speed = steps / self.seconds if self.seconds else nan
         return "\n".join(
             (
                 f"{repr(self)[len('BatchTrajectory(') : -1]}, {self.steps} steps of "
-                f"{1e3 * self.dt:.4g} ms, in {self.seconds:.3g} s: {steps / self.seconds:.4g} "
-                "steps/s",
+                f"{1e3 * self.dt:.4g} ms, in {self.seconds:.3g} s: {speed:.4g} steps/s",
                 f"violation   {self._worst(self.violation)} m, rad at most; "
                 f"{self._worst(self.slip)} m/s, rad/s",
                 f"unexplained {self._worst(self.energy_error)} J at most",

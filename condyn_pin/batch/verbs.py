@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from functools import partial
 from math import nan
@@ -11,9 +12,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from condyn_pin.applied_force import AppliedForce
 from condyn_pin.arrays import Array, read_only
 from condyn_pin.batch.chunks import Progress, silent
 from condyn_pin.batch.derivatives import BatchDerivatives
+from condyn_pin.batch.forces import RowForces, split
 from condyn_pin.batch.memory import Arrays, Kind
 from condyn_pin.batch.rows import Rows
 from condyn_pin.batch.solution import STATUSES, BatchSolution
@@ -23,12 +26,10 @@ from condyn_pin.differentiation import METHODS
 from condyn_pin.differentiation.check import BLOCKS
 from condyn_pin.drift import Baumgarte
 from condyn_pin.errors import SolveFailed, unknown_name
-from condyn_pin.judge import check_accuracy_of_a
-from condyn_pin.knobs import check_count
+from condyn_pin.knobs import check_accuracy_of_a, check_count
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.base import Solver
-from condyn_pin.tolerances import SOLVED
 from condyn_pin.workspace import Workspace
 
 _CODES: Final = {status: code for code, status in enumerate(STATUSES)}
@@ -40,16 +41,17 @@ def solve_batch(
     V: ArrayLike,
     TAU: ArrayLike,
     *,
+    forces: Sequence[AppliedForce] = (),
     solver: Solver | None = None,
     drift: Baumgarte | None = None,
-    accuracy: float = SOLVED,
+    accuracy: float | None = None,
     executor: Executor | None = None,
     chunk: int | None = None,
     progress: Progress = silent,
 ) -> BatchSolution:
     """Return accelerations and constraint forces at many states, with the errors of each.
 
-    M(q) a + h(q, v) = tau + J(q)^T lam,    J a + gamma = a_ref,    row by row
+    M(q) a + h(q, v) = tau + J(q)^T lam + sum J_f(q)^T f,    J a + gamma = a_ref,    row by row
 
     Parameters
     ----------
@@ -61,6 +63,8 @@ def solve_batch(
         Velocities.
     TAU : (N, nv) or (nv,) array_like, or 0
         Joint torques [N, N m]; with one axis the same for all states.
+    forces : sequence of AppliedForce, optional
+        Forces from outside; with two axes a row a state, else the same for all. None by default.
     solver, drift, accuracy
         As in `solve`.
     executor : Executor, optional
@@ -84,6 +88,8 @@ def solve_batch(
     InvalidArgument
         If an argument has a wrong shape, is not finite, or has an unnormalised quaternion; the
         text names the row.
+    UnknownName
+        If a force is on a frame that does not exist.
     WorkersLost
         If workers were lost and the executor cannot go on, or it is shut down; its ``done`` is the
         BatchSolution of what was solved (`map_chunks` says when).
@@ -100,9 +106,11 @@ def solve_batch(
     """
     start = perf_counter()
     inputs, count = _inputs(scene, Q, V, TAU, accuracy)
-    kernel = partial(_solve_rows, accuracy)
+    applied, of_rows, more = split(scene.robot, forces, count)
+    kernel = partial(_solve_rows, accuracy, of_rows)
     rows = Rows(kernel, scene, solver, drift, executor, check_chunk(chunk), 1000, progress)
-    return rows.fill(count, inputs, _of_solution(scene), partial(_batch, scene, inputs["q"], start))
+    batch = partial(_batch, scene, inputs["q"], applied, start)
+    return rows.fill(count, inputs | more, _of_solution(scene), batch)
 
 
 def derivatives_batch(
@@ -111,10 +119,11 @@ def derivatives_batch(
     V: ArrayLike,
     TAU: ArrayLike,
     *,
+    forces: Sequence[AppliedForce] = (),
     solver: Solver | None = None,
     drift: Baumgarte | None = None,
     method: str = "kkt",
-    accuracy: float = SOLVED,
+    accuracy: float | None = None,
     executor: Executor | None = None,
     chunk: int | None = None,
     progress: Progress = silent,
@@ -125,7 +134,7 @@ def derivatives_batch(
 
     Parameters
     ----------
-    scene, Q, V, TAU, executor, progress
+    scene, Q, V, TAU, forces, executor, progress
         As in `solve_batch`.
     solver, drift, method, accuracy
         As in `derivatives`.
@@ -152,17 +161,20 @@ def derivatives_batch(
     if method not in METHODS:
         raise unknown_name("method", str(method), METHODS)
     inputs, count = _inputs(scene, Q, V, TAU, accuracy)
-    kernel = partial(_derivatives_rows, method, accuracy)
+    applied, of_rows, more = split(scene.robot, forces, count)
+    kernel = partial(_derivatives_rows, method, accuracy, of_rows)
     rows = Rows(kernel, scene, solver, drift, executor, check_chunk(chunk), 100, progress)
     kinds = _of_solution(scene) | _of_derivatives(scene)
-    return rows.fill(count, inputs, kinds, partial(_derivatives, scene, inputs["q"], start))
+    batch = partial(_derivatives, scene, inputs["q"], applied, start)
+    return rows.fill(count, inputs | more, kinds, batch)
 
 
 def _inputs(
-    scene: Scene, Q: ArrayLike, V: ArrayLike, TAU: ArrayLike, accuracy: float
+    scene: Scene, Q: ArrayLike, V: ArrayLike, TAU: ArrayLike, accuracy: float | None
 ) -> tuple[Arrays, int]:
     check_scene(scene)
-    check_accuracy_of_a(accuracy)
+    if accuracy is not None:
+        check_accuracy_of_a(accuracy)
     q, v, tau = check_states(scene.robot.model, Q, V, TAU)
     return {"q": q, "v": v, "tau": tau}, len(q)
 
@@ -191,20 +203,29 @@ def _of_derivatives(scene: Scene) -> dict[str, Kind]:
     return {name: Kind((n if name.startswith("da") else m, n)) for name in BLOCKS}
 
 
-def _solve_rows(accuracy: float, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> Words:
+def _solve_rows(
+    accuracy: float | None, forces: RowForces, workspace: Workspace, inputs: Arrays, outputs: Arrays
+) -> Words:
     """Solve some rows."""
     for i, state in enumerate(_states(inputs)):
-        _put(outputs, i, workspace.solve(*state, accuracy=accuracy, throw=False))
+        applied = forces.at(inputs, i)
+        _put(outputs, i, workspace.solve(*state, forces=applied, accuracy=accuracy, throw=False))
     return {}
 
 
 def _derivatives_rows(
-    method: str, accuracy: float, workspace: Workspace, inputs: Arrays, outputs: Arrays
+    method: str,
+    accuracy: float | None,
+    forces: RowForces,
+    workspace: Workspace,
+    inputs: Arrays,
+    outputs: Arrays,
 ) -> Words:
     """Differentiate some rows."""
     for i, state in enumerate(_states(inputs)):
+        applied = forces.at(inputs, i)
         try:
-            found = workspace.derivatives(*state, method=method, accuracy=accuracy)
+            found = workspace.derivatives(*state, forces=applied, method=method, accuracy=accuracy)
         except SolveFailed as failed:
             _put(outputs, i, failed.solution)
             for name in BLOCKS:
@@ -230,13 +251,19 @@ def _put(outputs: Arrays, i: int, solution: Solution) -> None:
     outputs["solve_times"][i] = solution.solve_time
 
 
-def _batch(scene: Scene, q: Array, start: float, outputs: Arrays) -> BatchSolution:
+def _batch(
+    scene: Scene, q: Array, applied: tuple[AppliedForce, ...], start: float, outputs: Arrays
+) -> BatchSolution:
     """Return the outputs as a value."""
     parts = {name: outputs[name] for name in _of_solution(scene)}
-    return BatchSolution(scene, read_only(q.copy()), **parts, seconds=perf_counter() - start)
+    return BatchSolution(
+        scene, read_only(q.copy()), **parts, seconds=perf_counter() - start, applied=applied
+    )
 
 
-def _derivatives(scene: Scene, q: Array, start: float, outputs: Arrays) -> BatchDerivatives:
-    solution = _batch(scene, q, start, outputs)
+def _derivatives(
+    scene: Scene, q: Array, applied: tuple[AppliedForce, ...], start: float, outputs: Arrays
+) -> BatchDerivatives:
+    solution = _batch(scene, q, applied, start, outputs)
     blocks = {name: outputs[name] for name in BLOCKS}
     return BatchDerivatives(solution, **blocks, seconds=solution.seconds)

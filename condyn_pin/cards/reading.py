@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,14 +17,18 @@ from condyn_pin.cards.postures import posture, srdf_postures
 from condyn_pin.cards.variants import chosen_card
 from condyn_pin.constraints import Constraint, Coupling, Loop
 from condyn_pin.errors import CondynError, InvalidModel
+from condyn_pin.files.text import parse_toml, read_text
 from condyn_pin.io.mjcf import read_mjcf
 from condyn_pin.io.sdf import read_sdf
 from condyn_pin.io.urdf import check_root_joint, read_urdf
+from condyn_pin.names import few
 from condyn_pin.robot import Robot
 from condyn_pin.rows.binding import bind
 from condyn_pin.rows.equations import Equations
 from condyn_pin.smaller.lock import lock_joints
 from condyn_pin.spring import Spring
+from condyn_pin.states.gaps import gap_of
+from condyn_pin.states.limits import Limits
 
 _UNKNOWN = "unknown"
 
@@ -33,8 +36,8 @@ _UNKNOWN = "unknown"
 def read_card(path: Path, variant: Mapping[str, str]) -> Robot:
     """Return the robot of a robot.toml."""
     try:
-        card = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        card = parse_toml(read_text(path))
+    except (OSError, ValueError) as error:
         raise InvalidModel(f"{path}: {error}") from error
     try:
         return _robot(chosen_card(card, variant), path.parent)
@@ -49,7 +52,7 @@ def read_alone(path: Path, root_joint: str) -> Robot:
         robot = Robot(path.stem, source=str(path), description=str(path), **fields)
         for loop in robot.loops:
             bind(robot, [loop])
-        return _with_gaps(robot, path)
+        return _with_notices(robot, path)
     except CondynError as error:
         raise said(str(path), error) from error
 
@@ -85,7 +88,7 @@ def _robot(card: Mapping[str, Any], folder: Path) -> Robot:
         except CondynError as error:
             raise said(f"frames[{i}]", error) from error
     _check_constraints(robot, own)
-    return _with_gaps(lock_joints(robot, description.get("lock", ())), file)
+    return _with_notices(lock_joints(robot, description.get("lock", ())), file)
 
 
 def _read(
@@ -128,12 +131,27 @@ def _check_constraints(robot: Robot, own: Sequence[Loop | Coupling]) -> None:
             raise said(where, error) from error
 
 
-def _with_gaps(robot: Robot, file: Path) -> Robot:
-    """Return the robot, its open loops among what it says of itself."""
-    if file.suffix == ".xml":  # whose reader says it, at the pose that the file draws
-        return robot
-    gaps = tuple(_gaps(robot))
-    return replace(robot, unused=(*robot.unused, *gaps)) if gaps else robot
+def _with_notices(robot: Robot, file: Path) -> Robot:
+    """Return the robot, its open loops and its locked joints among what it says of itself."""
+    said = [*_locked(robot)]
+    if file.suffix != ".xml":  # whose reader says it, at the pose that the file draws
+        said += _gaps(robot)
+    return replace(robot, unused=(*robot.unused, *said)) if said else robot
+
+
+def _locked(robot: Robot) -> Iterator[str]:
+    """Say which joints have limits without width."""
+    limits = Limits.of(robot.model)
+    names = [
+        name
+        for name, lower, upper in zip(limits.joints, limits.lower, limits.upper, strict=True)
+        if lower == upper
+    ]
+    if names:
+        yield (
+            f"the lower limit is the upper one ({few(names)}): loops are closed without moving "
+            "them, unless within_limits=False; fix them, or give them a range"
+        )
 
 
 def _gaps(robot: Robot) -> Iterator[str]:
@@ -143,13 +161,11 @@ def _gaps(robot: Robot) -> Iterator[str]:
     name, q = next(iter(robot.postures.items()), ("", pin.neutral(robot.model)))
     where = f"at the posture {name!r}" if name else "where the file draws the model"
     bounds = bind(robot, robot.loops)
-    violation = np.abs(Equations(robot.model, bounds).violation(np.array(q)))
+    violation = Equations(robot.model, bounds).violation(np.array(q))
     for bound in bounds:
-        gap = violation[bound.rows].max()
-        if gap > tolerances.DRAWN:
-            yield (
-                f"loop {bound.name!r} is open by {gap:.3g} m or rad {where}: Scene.state closes it"
-            )
+        gap = gap_of(robot.model, bound, violation[bound.rows])
+        if gap.size > tolerances.DRAWN:
+            yield f"loop {bound.name!r} is open by {gap} {where}: Scene.state closes it"
 
 
 def _ends(loop: Loop | Coupling) -> frozenset[str]:

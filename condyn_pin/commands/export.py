@@ -21,8 +21,9 @@ def export(
 ) -> None:
     """Write a robot in another format."""
     from condyn_pin.commands.words import names_in, robot_of
+    from condyn_pin.files.beside import write_text
 
     check_written(mjcf)
     text = robot_of(robot, variant).to_mjcf(without=names_in(without))
-    mjcf.write_text(text, encoding="utf-8")
+    write_text(mjcf, text)
     say(f"written: {mjcf}")

@@ -22,6 +22,7 @@ from condyn_pin.commands.output import (
     check_written,
     for_people,
     progress_bar,
+    warn,
     write_json,
 )
 
@@ -74,7 +75,7 @@ def trade(
         table = _run(study, jobs, results)
     except Interrupted as stop:
         _show(stop.table, csv, as_json, markdown, plot)
-        typer.echo(f"stopped: {len(stop.table.rows)} rows were measured", err=True)
+        warn(f"stopped: {len(stop.table.rows)} rows were measured")
         raise typer.Exit(INTERRUPTED) from stop
     _show(table, csv, as_json, markdown, plot)
     if error is not None and not _choose(table, error, for_people(as_json)):
@@ -85,6 +86,7 @@ def _show(
     table: Table, csv: Path | None, as_json: Path | None, markdown: Path | None, plot: Path | None
 ) -> None:
     """Print a table, and write it to the files that are wanted."""
+    from condyn_pin.files.beside import write_text
     from condyn_pin.trade.printing import print_table
 
     print_table(table, for_people(as_json))
@@ -93,7 +95,7 @@ def _show(
     if as_json:
         write_json(table, as_json)
     if markdown:
-        markdown.write_text(table.to_markdown() + "\n", encoding="utf-8")
+        write_text(markdown, table.to_markdown() + "\n")
     if plot and table.rows:
         from condyn_pin.plots_trade import save_trade
 

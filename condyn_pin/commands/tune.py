@@ -15,7 +15,7 @@ from condyn_pin.commands.arguments import (
     SolversToSweep,
     Variant,
 )
-from condyn_pin.commands.output import print_json, progress_bar, say
+from condyn_pin.commands.output import print_json, progress_bar, say, warn
 from condyn_pin.tolerances import SOLVED
 
 PANEL = "Measure"
@@ -35,9 +35,11 @@ def tune(
     """Choose the fastest solver that meets an error; exits with 1 if there is none."""
     from condyn_pin.commands.words import scene_of, swept_solvers_of
     from condyn_pin.errors import NotReached
-    from condyn_pin.trade.plan import path_of
+    from condyn_pin.trade.plan import check_folder, path_of
     from condyn_pin.trade.tuning import choose, keep, plan_for
 
+    if save:
+        check_folder()
     scene = scene_of(robot, contacts, loops, variant)
     chosen = swept_solvers_of(solvers)
     try:
@@ -46,7 +48,7 @@ def tune(
     except NotReached as reason:
         if as_json:
             print_json({"measure": measure, "error": error, "solver": None, "reason": str(reason)})
-        typer.echo(f"condyn: {reason}", err=True)
+        warn(f"condyn: {reason}")
         raise typer.Exit(1) from reason
     plan = keep(scene, choice) if save else plan_for(scene, choice)
     if as_json:

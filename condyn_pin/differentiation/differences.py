@@ -22,6 +22,7 @@ from condyn_pin._pin import pin
 from condyn_pin.algebra.numerical_rank import null_space
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.base import Derivatives
+from condyn_pin.one_thread import of_workspace
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.reference import Reference
 
@@ -58,6 +59,7 @@ class DifferenceDerivatives(Derivatives):
     def __init__(self, workspace: Workspace, solution: Solution, v: Array, tau: Array) -> None:
         super().__init__(solution)
         self._v, self._tau = v, tau
+        self._workspace, self._loads = workspace, workspace.loads
         self._model, self._equations = workspace.model, workspace.equations
         scene = solution.scene
         terms = self._equations.terms(solution.q, v)
@@ -65,6 +67,7 @@ class DifferenceDerivatives(Derivatives):
         self._heaviest = float(np.diag(terms.M).max(initial=0.0))
         self.step = 0.0
 
+    @of_workspace
     def _form(self) -> tuple[Array, Array, Array]:
         tables = [self._table(h) for h in STEPS]
         changes = [np.abs(a - b).max() for a, b in pairwise(tables)]
@@ -77,13 +80,26 @@ class DifferenceDerivatives(Derivatives):
         """Return the derivatives of (a, lam) by (q, v, tau) with one step."""
         q, v, tau = self.solution.q, self._v, self._tau
         answer, unit, size = self._answer, np.eye(self._n), self._n + self._m
-        by_q = _central(lambda step: answer(self._moved(step), v, tau), self.along, h, size)
-        by_v = _central(lambda step: answer(q, v + step, tau), unit, h, size)
-        by_tau = _central(lambda step: answer(q, v, tau + self._heaviest * step), unit, h, size)
+        still = np.zeros_like(tau)
+
+        def moved(step: Array) -> Array:
+            there = self._moved(step)
+            return answer(there, v, self._pushed(there, tau))
+
+        by_q = _central(moved, self.along, h, size)
+        # (a, lam) is linear in the torques, and how it changes with v does not depend on them:
+        # without them there is less to lose in the differences
+        by_v = _central(lambda step: answer(q, v + step, still), unit, h, size)
+        by_tau = _central(lambda step: answer(q, v, self._heaviest * step), unit, h, size)
         return np.hstack([by_q @ self.along, by_v, by_tau / self._heaviest])
 
     def _answer(self, q: Array, v: Array, tau: Array) -> Array:
         return np.concatenate(_PLAIN.solve(self._equations.terms(q, v), tau))
+
+    def _pushed(self, q: Array, tau: Array) -> Array:
+        """Return the torques together with those of the forces from outside."""
+        applied = self.solution.applied
+        return tau + self._loads.at(q, applied).torque if applied else tau
 
     def _moved(self, step: Array) -> Array:
         q = np.array(pin.integrate(self._model, self.solution.q, step))

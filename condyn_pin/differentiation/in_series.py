@@ -2,27 +2,27 @@
 
     v_J = S(q) v
 
-Pinocchio's derivatives of velocities, accelerations and torques take S for constant in the axes of
-the body. That of a SphericalZYX, a Universal or a Composite joint is not. The same joint as its
-parts in series, with nothing between them, has the same q, v, M and h, and every S is constant.
+Pinocchio's derivatives of velocities, accelerations and torques, and its Coriolis matrix, take S
+for constant in the axes of the body. Where it is not, and the joint is made of others
+(SphericalZYX, Universal, Composite), the same joint as its parts in series, with nothing between
+them, has the same q, v, M and h, and every S is constant. What turns still is not made of other
+joints: `condyn_pin.differentiation.carried`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any
 
 from condyn_pin._pin import pin
+from condyn_pin.joints import turning
 from condyn_pin.rows.bound import AnyBound, Coupled
-
-# Joints for which Pinocchio's derivatives are wrong, by as much as they are.
-TURNING: Final = ("JointModelSphericalZYX", "JointModelUniversal", "JointModelComposite")
 
 
 def in_series(model: Any, bounds: Sequence[AnyBound]) -> tuple[Any, tuple[AnyBound, ...]]:
     """Return model and constraints with such joints in series; the same ones if there are none."""
-    if not any(joint.shortname() in TURNING for joint in model.joints):
+    if not turning(model):
         return model, tuple(bounds)
     series, last = pin.Model(), [0]
     for i in range(1, model.njoints):

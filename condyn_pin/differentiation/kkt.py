@@ -16,6 +16,9 @@ takes the place of U^-1. The other columns N span the left null space of J, and 
 N^T lam = 0: with lam = J w
 
     N^T dlam = N^T (dJ w).
+
+A product with an inverse loses what cancels in it: torques of tons by q, times the M^-1 of grams.
+Where M is badly conditioned each is corrected once by what it leaves in the equations.
 """
 
 from __future__ import annotations
@@ -30,11 +33,13 @@ from condyn_pin.algebra.minimum_norm import MinimumNorm, factorise
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.base import Derivatives
 from condyn_pin.differentiation.linearised import Linearisation
+from condyn_pin.differentiation.loads import load_partial
 from condyn_pin.differentiation.parameters import (
     gravity_regressor,
     inertia_regressor,
     placement_partials,
 )
+from condyn_pin.one_thread import of_workspace
 from condyn_pin.solution import Solution
 
 if TYPE_CHECKING:
@@ -45,6 +50,10 @@ if TYPE_CHECKING:
 _NOISE: Final = 1e3
 
 _EPS: Final = float(np.finfo(float).eps)
+
+# eps cond(M) from which on products with the inverse are corrected: what cancels costs up to a
+# thousand times as much, and derivatives are promised to DERIVATIVES.
+_ILL: Final = tolerances.DERIVATIVES / 1e4
 
 
 class KktDerivatives(Derivatives):
@@ -67,6 +76,8 @@ class KktDerivatives(Derivatives):
         self._linearisation = linearisation = workspace.linearisation
         q = solution.q
         self._of = of = linearisation.at(q, v, solution.a, solution.lam)
+        if solution.applied:
+            of.rhs[: self._n, : self._n] += load_partial(workspace.loads, q, solution.applied)
         self._factors: MinimumNorm | None = None  # of redundant rows
         self._J = J = workspace.equations.grip(of.J)
         Y = of.M_inv.dot(J.T)
@@ -75,8 +86,13 @@ class KktDerivatives(Derivatives):
             self._factors = factorise(linearisation.mass_matrix(q), J, tolerances.RANK)
             K = self._factors.U[:, : self._factors.rank] / self._factors.S[: self._factors.rank]
         self._inverse, self._workspace, self._v = _inverse(of.M_inv, Y, K), workspace, v
+        self._matrix: Array | None = None
+        if workspace.scene.audit.condition * _EPS > _ILL:
+            m = np.zeros((self._m, self._m))
+            self._matrix = np.block([[linearisation.mass_matrix(q), -J.T], [J, m]])
 
     @cached_property
+    @of_workspace
     def _null(self) -> Array | None:
         """What keeps lam the smallest as redundant rows turn (m, nv)."""
         if self._factors is None:
@@ -107,6 +123,7 @@ class KktDerivatives(Derivatives):
         model, of = self._workspace.model, self.solution
         return self._by(inertia_regressor(model, of.q, self._v, of.a))
 
+    @of_workspace
     def by_placement(self, name: str, frame: str = "first") -> tuple[Array, Array]:
         """Return the derivatives of a (nv, 6) and lam (m, 6) by where a constraint is on a body.
 
@@ -118,36 +135,48 @@ class KktDerivatives(Derivatives):
             The first-named frame moves on its body, or the other one, by a small twist in its own
             axes, linear part first. Where rows are redundant, only a and J^T lam are unique.
         """
-        of = self.solution
+        of, bounds = self.solution, self.solution.scene.bounds
         return self._by(
-            *placement_partials(self._workspace, name, frame, of.q, self._v, of.a, of.lam)
+            *placement_partials(
+                self._linearisation, bounds, name, frame, of.q, self._v, of.a, of.lam
+            )
         )
 
     def _by(self, r: Array, s: Array | None = None) -> tuple[Array, Array]:
         """Return the derivatives by a parameter, from the partials of the two residuals."""
         n = self._n
-        answer = -(self._inverse[:, :n] @ r)
-        if s is not None:
-            answer -= self._inverse[:, n:] @ s
+        answer = self._solve(-np.vstack([r, np.zeros((self._m, r.shape[1])) if s is None else s]))
         return answer[:n], answer[n:]
+
+    def _solve(self, x: Array) -> Array:
+        """Return the inverse times x, corrected where M is badly conditioned."""
+        answer: Array = self._inverse.dot(x)
+        if self._matrix is not None:
+            answer += self._inverse.dot(x - self._matrix.dot(answer))
+        return answer
 
     def _form(self) -> tuple[Array, Array, Array]:
         n = self._n
-        by_state = self._inverse.dot(self._of.rhs)
-        return by_state[:, :n], by_state[:, n:], self._inverse[:, :n].copy()
+        by_state = self._solve(self._of.rhs)
+        if self._matrix is None:
+            return by_state[:, :n], by_state[:, n:], self._inverse[:, :n].copy()
+        return by_state[:, :n], by_state[:, n:], self._solve(np.eye(n + self._m, n))
 
     def _forward(self, dq: Array, dv: Array, dtau: Array) -> tuple[Array, Array]:
         n = self._n
         x = self._of.rhs.dot(np.concatenate([dq, dv]))
         x[:n] += dtau
-        answer = self._inverse @ x
+        answer = self._solve(x)
         if self._null is not None:
             answer[n:] += self._null @ dq
         return answer[:n], answer[n:]
 
     def _backward(self, da: Array, dlam: Array) -> tuple[Array, Array, Array]:
         n = self._n
-        x = np.concatenate([da, dlam]) @ self._inverse
+        y = np.concatenate([da, dlam])
+        x = y @ self._inverse
+        if self._matrix is not None:
+            x += (y - x @ self._matrix) @ self._inverse
         by_state = x.dot(self._of.rhs)
         if self._null is not None:
             by_state[:n] += dlam @ self._null

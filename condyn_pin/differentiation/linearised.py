@@ -5,7 +5,7 @@
 Newton-Euler's derivatives give those of r with the constraint forces fixed in the axes of their
 bodies. What turns, and those of s, come from the constraints: `condyn_pin.differentiation.pairs`,
 `balls` and `rolling`. A joint whose axes turn with its own q is taken apart (`in_series`, beside
-them).
+them), or carried by a free body (`carried`).
 
 References
 ----------
@@ -22,11 +22,13 @@ import numpy as np
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.balls import BallPartials
+from condyn_pin.differentiation.carried import Carried
 from condyn_pin.differentiation.frames import Frames
 from condyn_pin.differentiation.in_series import in_series
 from condyn_pin.differentiation.pairs import PairPartials
 from condyn_pin.differentiation.rolling import RollingPartials
 from condyn_pin.drift import Baumgarte
+from condyn_pin.joints import turning
 from condyn_pin.rows.bound import AnyBound, Coupled, Rolled
 
 Part = PairPartials | RollingPartials | BallPartials
@@ -65,8 +67,16 @@ class Linearisation:
     def __init__(
         self, model: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None = None
     ) -> None:
+        given = model
         model, bounds = in_series(model, bounds)
-        self._model, self._data = model, model.createData()
+        # the model whose q, v and a are asked for, and that in which no axes turn: most often one
+        self._whole, self._whole_data = model, model.createData()
+        self._model, self._data = model, self._whole_data
+        self._carried: Carried | None = None
+        if model is not given and turning(model):
+            self._carried = Carried(model)
+            self._model = model = self._carried.model
+            self._data = model.createData()
         self._bounds = {b.name: b for b in bounds}
         frames = Frames(model, self._data)
         self._pairs = PairPartials(frames, bounds, drift)
@@ -86,6 +96,20 @@ class Linearisation:
 
     def at(self, q: Array, v: Array, a: Array, lam: Array) -> Linearised:
         """Return the partial derivatives at a state and an answer."""
+        if self._carried is None:
+            rhs, J = self._of_bodies(q, v, a, lam)
+        else:
+            free_q, nu, rate, chain = self._carried.state(q, v, a)
+            rhs, J = self._of_bodies(free_q, nu, rate, lam)
+            r = np.array(self._data.tau)  # as Newton-Euler's derivatives left it
+            by_a = np.vstack([pin.crba(self._model, self._data, free_q), J])
+            rhs, J = self._carried.back(chain, rhs, -by_a, -r), J @ chain.Phi
+        self._write_couplings(rhs, J)
+        M_inv = np.array(pin.computeMinverse(self._whole, self._whole_data, q))
+        return Linearised(M_inv, J, rhs)
+
+    def _of_bodies(self, q: Array, v: Array, a: Array, lam: Array) -> tuple[Array, Array]:
+        """Return -[[r_q, r_v], [s_q, s_v]] and J, but for couplings, where no axes turn."""
         model, data, n = self._model, self._data, self._model.nv
         self._apply(q, lam)
         # it leaves behind all that the derivatives of frames read
@@ -97,10 +121,9 @@ class Linearisation:
         np.negative(rhs, out=rhs)
         for part in self._others:
             part.write(lam, rhs, J)
-        self._write_couplings(rhs, J)
         if self._drift:
             rhs[n:, n:] -= self._drift.Kd * J
-        return Linearised(np.array(pin.computeMinverse(model, data, q)), J, rhs)
+        return rhs, J
 
     def _apply(self, q: Array, lam: Array) -> None:
         """Put the constraint forces on the bodies."""
@@ -113,14 +136,23 @@ class Linearisation:
 
     def _write_couplings(self, rhs: Array, J: Array) -> None:
         """Write the rows of couplings, whose accelerations change with neither q nor v."""
-        n = self._model.nv
+        n = self._whole.nv
         for coupled in self._couplings:
             J[coupled.rows, list(coupled.velocity)] = 1.0, -coupled.ratio
             if self._drift:
                 rhs[n:, :n][coupled.rows] = -self._drift.Kp * J[coupled.rows]
+                rhs[n:, n:][coupled.rows] = -self._drift.Kd * J[coupled.rows]
 
     def turning(self, q: Array, w: Array) -> Array:
         """Return how J w changes with q (m, nv) while w (nv,) stays: as the slip does at v = w."""
+        if self._carried is None:
+            return self._slip_by_q(q, w)
+        q, w, still, chain = self._carried.state(q, w, np.zeros_like(w))
+        _, J = self._of_bodies(q, w, still, np.zeros(self._m))
+        return self._slip_by_q(q, w) @ chain.Phi + J @ chain.v_q
+
+    def _slip_by_q(self, q: Array, w: Array) -> Array:
+        """Return the partials of J w by q, where no axes turn."""
         model, data = self._model, self._data
         pin.computeRNEADerivatives(model, data, q, w, np.zeros_like(w))
         of_rows = np.zeros((self._m, model.nv))
@@ -130,7 +162,7 @@ class Linearisation:
 
     def mass_matrix(self, q: Array) -> Array:
         """Return M (nv, nv)."""
-        return np.array(pin.crba(self._model, self._data, q))
+        return np.array(pin.crba(self._whole, self._whole_data, q))
 
     def by_frame(
         self, q: Array, v: Array, a: Array, lam: Array, name: str, end: int
@@ -140,9 +172,14 @@ class Linearisation:
         The frame moves as if a joint held it: its velocity turns by -x x v, and its wrench goes
         along. The end that stays has no part in it.
         """
+        chain = None
+        if self._carried:
+            q, v, a, chain = self._carried.state(q, v, a)
         pin.computeForwardKinematicsDerivatives(self._model, self._data, q, v, a)
         b = self._bounds[name]
         assert not isinstance(b, Coupled)  # it has no frames
         if isinstance(b, Rolled):
-            return self._rolling.by_frame(b, lam[b.rows])
-        return self._pairs.by_frame(b, lam[b.rows], end)
+            r, s = self._rolling.by_frame(b, lam[b.rows])
+        else:
+            r, s = self._pairs.by_frame(b, lam[b.rows], end)
+        return (chain.Phi.T @ r if chain else r), s

@@ -9,6 +9,7 @@ Gravity and inertial parameters enter r linearly: r = Y(q, v, a) pi + ..., the r
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,10 +17,10 @@ import numpy as np
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument, unknown_name
-from condyn_pin.rows.bound import Coupled, Rolled
+from condyn_pin.rows.bound import AnyBound, Coupled, Rolled
 
 if TYPE_CHECKING:
-    from condyn_pin.workspace import Workspace
+    from condyn_pin.differentiation.linearised import Linearisation
 
 ENDS = ("first", "second")
 
@@ -40,10 +41,11 @@ def inertia_regressor(model: Any, q: Array, v: Array, a: Array) -> Array:
 
 
 def placement_partials(
-    workspace: Workspace, name: str, frame: str, q: Array, v: Array, a: Array, lam: Array
-) -> tuple[Array, Array]:
+    linearisation: Linearisation, bounds: Sequence[AnyBound],
+    name: str, frame: str, q: Array, v: Array, a: Array, lam: Array,
+) -> tuple[Array, Array]:  # fmt: skip
     """Return r_x (nv, 6) and s_x (m, 6) for a twist x of one frame of a constraint."""
-    found = {bound.name: bound for bound in workspace.bounds}
+    found = {bound.name: bound for bound in bounds}
     if name not in found:
         raise unknown_name("constraint", name, found)
     if frame not in ENDS:
@@ -58,7 +60,7 @@ def placement_partials(
         raise InvalidArgument(
             f"{name!r} belongs where it is: without an anchor it has no frame in the world"
         )
-    r, rows = workspace.linearisation.by_frame(q, v, a, lam, name, end)
+    r, rows = linearisation.by_frame(q, v, a, lam, name, end)
     s = np.zeros((len(lam), 6))
     s[bound.rows] = rows
     return r, s

@@ -16,9 +16,10 @@ import numpy as np
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.base import Derivatives
-from condyn_pin.differentiation.in_series import TURNING
 from condyn_pin.differentiation.kkt import KktDerivatives
+from condyn_pin.differentiation.loads import load_partial
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
+from condyn_pin.joints import turning
 from condyn_pin.rows.bound import POINT, Bound
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.proximal import Proximal
@@ -44,13 +45,18 @@ class PinocchioDerivatives(Derivatives):
         model, data = workspace.model, workspace.data
         models, datas = workspace.constraint_models, workspace.constraint_datas
         settings = workspace.proximal_settings
+        pushed = (
+            workspace.loads.at(solution.q, solution.applied).torque if solution.applied else 0.0
+        )
         # again, with nothing in between: the derivatives read what this leaves behind
-        pin.constraintDynamics(model, data, solution.q, v, tau, models, datas, settings)
+        pin.constraintDynamics(model, data, solution.q, v, tau + pushed, models, datas, settings)
         found = pin.computeConstraintDynamicsDerivatives(model, data, models, datas, settings)
         parts = [np.reshape(part, (-1, self._n)) for part in found]  # a column comes as a vector
         empty = [np.zeros((0, self._n))] * 3
         of_lam = [workspace.scene_forces(part) for part in parts[3:]] if self._m else empty
         by_q, by_v, by_tau = map(np.vstack, zip(parts[:3], of_lam, strict=True))
+        if solution.applied:  # they are torques that change with q
+            by_q += by_tau @ load_partial(workspace.loads, solution.q, solution.applied)
         if _first_column_is_wrong(workspace):
             first = np.eye(self._n)[0]
             still = np.zeros(self._n)
@@ -76,12 +82,12 @@ def _check(workspace: Workspace) -> None:
             f"method = 'pinocchio': {name} is not a ball, a weld, a point or a surface; "
             "take method='kkt'"
         )
-    for name, joint in zip(workspace.model.names, workspace.model.joints, strict=True):
-        if joint.shortname() in TURNING:
-            raise UnsupportedConstraint(
-                f"method = 'pinocchio': its derivatives are wrong for joint {name!r}, a "
-                f"{joint.shortname()}; take method='kkt'"
-            )
+    model = workspace.model
+    for i in turning(model):
+        raise UnsupportedConstraint(
+            f"method = 'pinocchio': its derivatives are wrong for joint {model.names[i]!r}, a "
+            f"{model.joints[i].shortname()}, whose axes turn with its own q; take method='kkt'"
+        )
 
 
 def _first_column_is_wrong(workspace: Workspace) -> bool:

@@ -8,7 +8,8 @@
    third argument.
 4. The truth goes into `Case.right`, if there is a closed form. Without one it is what `Reference`
    says; the tests hold that against an implementation in 50 digits.
-5. A case with a `Motion` asks for a short run in place of one solve (`run_verdict.py`).
+5. A case with a `Motion` asks for a short run in place of one solve (`run_verdict.py`), and one
+   with a `Flight` for a run whose end is known (`flight_verdict.py`).
 6. A case that cannot be made may raise a `CondynError`: then every method has refused it.
 """
 
@@ -16,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,6 +29,10 @@ from condyn_pin.registry import enter
 from condyn_pin.scene import Scene
 from condyn_pin.solvers.reference import Reference
 from condyn_pin.workspace import Workspace
+
+if TYPE_CHECKING:
+    from condyn_pin.simulation.integrators.base import Integrator
+    from condyn_pin.simulation.torques import Torque
 
 EXTREMES: dict[str, Extreme] = {}
 
@@ -48,6 +53,31 @@ class Motion:
 
 
 @dataclass(frozen=True, eq=False)
+class Flight:
+    """A run whose end is known.
+
+    Attributes
+    ----------
+    duration, dt : float
+        [s]
+    integrator : Integrator
+    end : (nq,) array
+        The configuration that is right.
+    within : float
+        What the run may miss it by [rad, m].
+    tau : callable, optional
+        Torques as `simulate` takes them; those of the case by default.
+    """
+
+    duration: float  # [s]
+    dt: float  # [s]
+    integrator: Integrator
+    end: Array
+    within: float
+    tau: Torque | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Case:
     """One question, and its answer where that is known.
 
@@ -62,6 +92,8 @@ class Case:
     drift : Baumgarte, optional
     motion : Motion, optional
         Where the question is one of many steps.
+    flight : Flight, optional
+        Where it is where a motion ends.
     """
 
     scene: Scene
@@ -72,6 +104,7 @@ class Case:
     knobs: Mapping[str, float | int] = field(default_factory=dict)
     drift: Baumgarte | None = None
     motion: Motion | None = None
+    flight: Flight | None = None
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from multiprocessing.connection import Connection
 from condyn_pin.errors import CondynError
 from condyn_pin.extremes import EXTREMES
 from condyn_pin.extremes.base import Case
+from condyn_pin.extremes.flight_verdict import judge_flight
 from condyn_pin.extremes.run_verdict import judge_run
 from condyn_pin.extremes.verdict import Outcome, Task, Verdict, judge, right_answers, turned
 from condyn_pin.scene import Scene
@@ -85,6 +86,8 @@ def answers(task: Task, methods: list[str], memory: Memory) -> Iterator[str | Ou
                 solver = turned(SOLVERS[method], case.knobs)
                 if case.motion:
                     verdict, error, said = judge_run(case, case.motion, solver)
+                elif case.flight:
+                    verdict, error, said = judge_flight(case, case.flight, solver)
                 else:
                     verdict, error, said = judge(case, solver, right)
             except CondynError as refusal:

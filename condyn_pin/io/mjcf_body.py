@@ -138,6 +138,11 @@ class _Reader:
         if kind in ("free", "ball"):
             self.source.unread["range of <joint> that is a ball"] += 1
             return -inf, inf
+        if lower == upper and limited == "true":
+            said.refuse("range", "it has no width: fix the joint, or give it limits")
+        if lower == upper:  # MuJoCo's own default, and its word for no limit
+            self.source.unread["range of <joint> without width, which is no limit"] += 1
+            return -inf, inf
         unit = self.source.settings.angle if kind == "hinge" else 1.0
         return lower * unit, upper * unit
 

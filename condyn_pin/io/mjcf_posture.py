@@ -1,15 +1,24 @@
-"""Keyframes of MJCF as configurations of Pinocchio: quaternions w x y z become x y z w."""
+"""Configurations of MJCF in Pinocchio's order: quaternions w x y z become x y z w.
+
+MuJoCo calls the configuration in which a file draws the model qpos0. It is zero only where no joint
+has a `ref`: MuJoCo takes it for where each joint starts, and for what its soft constraints weigh.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from condyn_pin import tolerances
+from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidModel
 from condyn_pin.io.mjcf_types import COORDINATES, Joint
+
+if TYPE_CHECKING:
+    from condyn_pin.robot import Robot
 
 DRAWN: Final = "qpos0"
 
@@ -29,8 +38,35 @@ def postures(
         The configuration in which the file draws the model.
     """
     found = {name: _configuration(joints, name, qpos) for name, qpos in keyframes.items()}
-    found.setdefault(DRAWN, drawn)
-    return found
+    found.pop(DRAWN, None)  # the name is taken
+    return found | {DRAWN: drawn}
+
+
+def hidden(found: Mapping[str, Array], joints: Collection[Joint], qpos: Array | None) -> str:
+    """Say that a keyframe of the name ``qpos0`` is another pose than the one that is drawn."""
+    if qpos is None:
+        return ""
+    apart = np.abs(_configuration(joints, DRAWN, qpos) - found[DRAWN]).max(initial=0.0)
+    if apart <= tolerances.DRAWN:
+        return ""
+    return (
+        f"keyframe {DRAWN!r}: the pose in which the file draws the model has this name; rename it"
+    )
+
+
+def drawn(robot: Robot) -> Array:
+    """Return the configuration (nq,) in which an MJCF of the robot draws it.
+
+    That of its posture ``qpos0``, which comes with every MJCF, else neutral. A ball has no `ref`:
+    in MuJoCo it is drawn at 1 0 0 0.
+    """
+    neutral = np.array(pin.neutral(robot.model))
+    q = np.array(robot.postures.get(DRAWN, neutral))
+    for joint in robot.model.joints[1:]:
+        if joint.nq == 4 and joint.nv == 3:
+            turned = slice(joint.idx_q, joint.idx_q + 4)
+            q[turned] = neutral[turned]
+    return q
 
 
 def _configuration(joints: Collection[Joint], name: str, qpos: Array) -> Array:

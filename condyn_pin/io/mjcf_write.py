@@ -1,9 +1,10 @@
 """Write a robot with its loops as MJCF.
 
-A Pinocchio joint and what it carries become a body that stands where the joint does at q = 0. A
-joint that carries nothing and has one child, as in a universal joint, moves the same body as its
-child: with B the pose of the body in the joint, its point is that of B⁻¹ and its axis s becomes
-B⁻¹ s.
+A Pinocchio joint and what it carries become a body that stands where the joint does at q0: the
+posture ``qpos0``, which a robot has from an MJCF, else neutral; what is not zero there is the `ref`
+of its joint. A joint that carries nothing and has one child, as in a universal joint, moves the
+same body as its child: with B the pose of the body in the joint, its point is that of B⁻¹ and its
+axis s becomes B⁻¹ s.
 
 Coordinates mean the same in both, but for
 
@@ -28,9 +29,11 @@ import numpy as np
 from condyn_pin._pin import pin
 from condyn_pin.constraints import WORLD, Coupling, Loop
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
+from condyn_pin.io.mjcf_posture import drawn
 from condyn_pin.io.mjcf_write_joint import (
     chains_of,
     numbers,
+    reference,
     write_configuration,
     write_inertia,
     write_joint,
@@ -81,6 +84,7 @@ class _Writer:
     def __init__(self, robot: Robot) -> None:
         self.robot, self.model = robot, robot.model
         self.root = Element("mujoco", model=robot.name)
+        self.drawn = drawn(robot)
         self.on: dict[int, tuple[Element, Any]] = {}  # by joint: its body, and B⁻¹
         self.bodies: set[str] = set()
         self.sites: set[str] = set()
@@ -93,13 +97,16 @@ class _Writer:
         self._add_bodies(SubElement(self.root, "worldbody"))
         self._add_frames()
         self._add_loops(loops)
+        self._add_spring_dampers()
         self._add_motors()
         self._add_postures()
         ElementTree.indent(self.root)
         return ElementTree.tostring(self.root, encoding="unicode") + "\n"
 
     def _add_bodies(self, world: Element) -> None:
-        placements = self.model.jointPlacements
+        data = self.model.createData()
+        pin.forwardKinematics(self.model, data, self.drawn)
+        placements = data.liMi  # of each joint in the one before, as drawn
         self.on[0] = world, pin.SE3.Identity()
         for chain in chains_of(self.model):
             parent, to_parent = self.on[self.model.parents[chain[0]]]
@@ -111,7 +118,7 @@ class _Writer:
             body = SubElement(parent, "body", {"name": name} | write_pose(pose))
             SubElement(body, "inertial", write_inertia(self.model, chain[-1]))
             for i, B in zip(chain, to_body, strict=True):
-                SubElement(body, "joint", write_joint(self.robot, i, B))
+                SubElement(body, "joint", write_joint(self.robot, i, B, self.drawn))
                 self.on[i] = body, B.inverse()
 
     def _body_name(self, i: int) -> str:
@@ -151,7 +158,9 @@ class _Writer:
         equality = SubElement(self.root, "equality")
         for loop in loops:
             if isinstance(loop, Coupling):
-                polynomial = numbers([loop.offset, loop.ratio, 0.0, 0.0, 0.0])
+                a, b = (self._reference(joint) for joint in (loop.joint_a, loop.joint_b))
+                shift = loop.offset - a + loop.ratio * b  # MuJoCo counts both from where drawn
+                polynomial = numbers([shift, loop.ratio, 0.0, 0.0, 0.0])
                 joints = {"joint1": loop.joint_a, "joint2": loop.joint_b}
                 said = {"name": loop.name, **joints, "polycoef": polynomial}
                 SubElement(equality, "joint", said)
@@ -163,6 +172,23 @@ class _Writer:
             _equate(equality, loop, loop.name, ends)
             if loop.kind == "hinge":
                 _equate(equality, loop, f"{loop.name}_axis", self._along_axis(loop))
+
+    def _add_spring_dampers(self) -> None:
+        """Make each spring-damper a tendon that is straight from site to site."""
+        if not self.robot.spring_dampers:
+            return
+        tendons = SubElement(self.root, "tendon")
+        for k, each in enumerate(self.robot.spring_dampers):
+            said = {"stiffness": each.stiffness, "damping": each.damping}
+            said["springlength"] = each.rest_length
+            words = {"name": f"spring_damper_{k}"} | {key: numbers([x]) for key, x in said.items()}
+            tendon = SubElement(tendons, "spatial", words)
+            for frame, end in ((each.frame_a, "a"), (each.frame_b, "b")):
+                SubElement(tendon, "site", site=self._site_of(frame, f"spring_damper_{k}_{end}"))
+
+    def _reference(self, joint: str) -> float:
+        """Return the coordinate of a joint where the file draws the model [rad or m]."""
+        return reference(self.model, self.model.getJointId(joint), self.drawn)
 
     def _site_of(self, frame: str, new: str) -> str:
         """Return the site of a frame; a body's or the world's own frame gets one."""

@@ -58,13 +58,13 @@ def write_inertia(model: Any, i: int) -> dict[str, str]:
     return {"mass": numbers(inertia.mass), "diaginertia": numbers(moments)} | write_pose(placed)
 
 
-def write_joint(robot: Robot, i: int, B: Any) -> dict[str, str]:
-    """Return the attributes of joint i; B is the pose of its body in it."""
+def write_joint(robot: Robot, i: int, B: Any, drawn: Array) -> dict[str, str]:
+    """Return the attributes of joint i; B is the pose of its body in it, at the q that is drawn."""
     model = robot.model
     name, joint = model.names[i], model.joints[i]
     kind, here = joint.shortname(), B.isIdentity(0.0)
     if joint.nv == 1:
-        said = _scalar(model, i, B)
+        said = _scalar(model, i, B, drawn)
     elif kind == "JointModelSpherical" and here:
         said = {"type": "ball"}
     elif kind == "JointModelFreeFlyer" and here and model.parents[i] == 0:
@@ -101,7 +101,14 @@ def scalar_axis(model: Any, i: int) -> tuple[str, Array]:
     return ("slide", slide) if slide.any() else ("hinge", hinge)
 
 
-def _scalar(model: Any, i: int, B: Any) -> dict[str, str]:
+def reference(model: Any, i: int, q: Array) -> float:
+    """Return the coordinate of joint i of one coordinate, as MuJoCo counts it [rad or m]."""
+    joint = model.joints[i]
+    x = q[joint.idx_q : joint.idx_q + joint.nq]
+    return float(np.arctan2(x[1], x[0]) if joint.nq == 2 else x[0])
+
+
+def _scalar(model: Any, i: int, B: Any, drawn: Array) -> dict[str, str]:
     """Return the attributes of a joint of one coordinate."""
     joint = model.joints[i]
     kind, axis = scalar_axis(model, i)
@@ -110,6 +117,8 @@ def _scalar(model: Any, i: int, B: Any) -> dict[str, str]:
     said = {"type": kind, "axis": numbers(B.rotation.T @ axis)}
     if not B.isIdentity(0.0):
         said["pos"] = numbers(B.inverse().translation)
+    if ref := reference(model, i, drawn):
+        said["ref"] = numbers(ref)
     limits = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
     # MuJoCo refuses a range without width
     if joint.nq == 1 and limits[0] < limits[1] and (limits[0] > -_FAR or limits[1] < _FAR):
@@ -138,7 +147,7 @@ def write_configuration(model: Any, q: Array) -> str:
         elif joint.nq == 4:
             positions.append(np.roll(x, 1))
         else:
-            positions.append([np.arctan2(x[1], x[0])] if joint.nq == 2 else x)
+            positions.append([reference(model, i, q)])
     return numbers(np.concatenate(positions))
 
 

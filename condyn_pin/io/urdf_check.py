@@ -16,7 +16,7 @@ from condyn_pin.arrays import Array
 from condyn_pin.constraints import WORLD
 from condyn_pin.errors import InvalidModel, unknown_name
 from condyn_pin.io.tree import NO_LIMIT
-from condyn_pin.io.xml import find, floats, label
+from condyn_pin.io.xml import check_counts, find, floats, label
 
 _TYPES: Final = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 _WITH_AXIS: Final = ("revolute", "continuous", "prismatic", "planar")
@@ -46,6 +46,7 @@ def checked(robot: Element, *, floating: bool, mimic: bool) -> Element:
     links, joints = _named(robot, "link"), _named(robot, "joint")
     if not links:
         raise InvalidModel("<robot> has no <link>; at least one is needed")
+    check_counts(len(links), sum(joint.get("type") != "fixed" for joint in joints.values()))
     root = _root(links, joints)
     for name in (*links, *joints):
         if name in WORLD and (name != root or floating):
@@ -215,15 +216,32 @@ def _copy_limit(made: Element, joint: Element, kind: str, *, unbounded: bool) ->
     limit = Element("limit") if limit is None else limit
     free = repr(NO_LIMIT)
     given = {"lower": "0", "upper": "0", "effort": free, "velocity": free} | limit.attrib
-    if unbounded:
+    if unbounded or without_bounds(joint):
         given |= {"lower": f"-{free}", "upper": free}
     said = {}
     for key in ("lower", "upper", "effort", "velocity"):
         value = floats(given[key], 1, f"{where}: <limit {key}>", infinite=True)
         said[key] = float(np.clip(value, -NO_LIMIT, NO_LIMIT)[0])
     if said["lower"] > said["upper"]:
-        raise InvalidModel(f"{where}: limits {said['lower']:g} to {said['upper']:g}; exchange them")
+        missing = [key for key in ("lower", "upper") if key not in limit.attrib]
+        advice = (
+            f"the {missing[0]} one is not there, which is 0; give it"
+            if missing
+            else "exchange them"
+        )
+        raise InvalidModel(f"{where}: limits {said['lower']:g} to {said['upper']:g}; {advice}")
     SubElement(made, "limit", {key: repr(value) for key, value in said.items()})
+
+
+def without_bounds(joint: Element) -> bool:
+    """Whether a joint that needs limits has some of effort and velocity only.
+
+    By the format both bounds are then 0, which locks it. Exporters mean that there are none.
+    """
+    limit = find(joint, "limit")
+    if joint.get("type") not in ("revolute", "prismatic") or limit is None:
+        return False
+    return not {"lower", "upper"} & limit.attrib.keys()
 
 
 def _copy_origin(made: Element, element: Element, where: str) -> None:

@@ -1,6 +1,6 @@
 """Inverse dynamics: the motor torques of a motion.
 
-    B u + J^T lam = M a + h - passive,      J a + gamma = 0
+    B u + J^T lam = M a + h - passive - sum J_f^T f,      J a + gamma = 0
 
 Where motors work against each other there are many u, and of them the smallest is taken; where they
 are too few, what comes nearest (`condyn_pin.motors.drive`).
@@ -8,6 +8,7 @@ are too few, what comes nearest (`condyn_pin.motors.drive`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,8 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin import tolerances
+from condyn_pin.applied_force import AppliedForce, applied_forces
 from condyn_pin.arrays import Array, check_overflow, finite
-from condyn_pin.at_state import at_state
+from condyn_pin.at_state import at_state, load_on
 from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.force import ConstraintForce, Sites, pulling
 from condyn_pin.motors.actuation import Actuation, motors_of
@@ -41,8 +43,8 @@ class InverseDynamics:
         What comes out: the acceleration asked for if the constraints allow it and the motors can
         make it, else the nearest one in the metric of M.
     residual : (nv,) array
-        Generalised force that is missing for the motion [N m, N], M a_wanted + h - passive - B u -
-        J^T lam with a_wanted the nearest that the constraints allow.
+        Generalised force that is missing for the motion [N m, N], M a_wanted + h - passive -
+        sum J_f^T f - B u - J^T lam with a_wanted the nearest that the constraints allow.
     projected : float
         max abs(J a + gamma) of the acceleration asked for [m/s^2, rad/s^2]: how far it is from
         what the constraints allow.
@@ -60,6 +62,8 @@ class InverseDynamics:
     actuation : Actuation
     scene : Scene
     q : (nq,) array
+    applied : tuple of AppliedForce
+        The forces from outside that were applied.
     """
 
     u: Array
@@ -74,6 +78,7 @@ class InverseDynamics:
     actuation: Actuation
     scene: Scene
     q: Array
+    applied: tuple[AppliedForce, ...] = ()
 
     @property
     def tau(self) -> Array:
@@ -144,10 +149,11 @@ def inverse_dynamics(
     *,
     actuation: Actuation | None = None,
     passive: ArrayLike | None = None,
+    forces: Sequence[AppliedForce] = (),
 ) -> InverseDynamics:
     """Return the motor torques and constraint forces of a motion.
 
-    B u + J^T lam = M a + h - passive,    J a + gamma = 0
+    B u + J^T lam = M a + h - passive - sum J_f^T f,    J a + gamma = 0
 
     Parameters
     ----------
@@ -160,17 +166,21 @@ def inverse_dynamics(
         The motors; those of the robot by default.
     passive : (nv,) array_like, optional
         Torques that act anyway [N m, N], such as ``robot.passive_torque(q, v)``; none by default.
+    forces : sequence of AppliedForce, optional
+        Forces from outside that act anyway; none by default.
 
     Returns
     -------
     InverseDynamics
-        ``solve(scene, q, v, answer.tau + passive)`` gives ``answer.a``, which is `a` wherever
-        `a` keeps the constraints and the motors suffice.
+        ``solve(scene, q, v, answer.tau + passive, forces=forces)`` gives ``answer.a``, which is
+        `a` wherever `a` keeps the constraints and the motors suffice.
 
     Raises
     ------
     InvalidArgument
         If an argument has a wrong size or is not finite, or the robot has no motors.
+    UnknownName
+        If a force is on a frame that does not exist.
 
     Notes
     -----
@@ -188,6 +198,9 @@ def inverse_dynamics(
     terms, factors, n = state.terms, state.factors, scene.robot.nv
     asked = finite("a", a, n)
     extra = np.zeros(n) if passive is None else finite("passive", passive, n)
+    applied = applied_forces(forces)
+    if applied:
+        extra = extra + load_on(scene, state.q, applied).torque
     with np.errstate(all="ignore"):  # what overflows is refused
         wanted, _ = factors.solve(terms.M @ asked, -terms.gamma)
         missing = terms.M @ wanted + terms.h - extra
@@ -208,6 +221,7 @@ def inverse_dynamics(
         actuation=actuation,
         scene=scene,
         q=state.q,
+        applied=applied,
     )
 
 
@@ -218,10 +232,11 @@ def gravity_compensation(
     *,
     actuation: Actuation | None = None,
     passive: ArrayLike | None = None,
+    forces: Sequence[AppliedForce] = (),
 ) -> InverseDynamics:
     """Return the motor torques and constraint forces that hold a robot still.
 
-    B u + J^T lam = g(q) - passive
+    B u + J^T lam = g(q) - passive - sum J_f^T f
 
     The inverse dynamics at v = 0 and a = 0.
 
@@ -233,6 +248,8 @@ def gravity_compensation(
         The motors; those of the robot by default.
     passive : (nv,) array_like, optional
         Torques that act anyway [N m, N], such as springs; none by default.
+    forces : sequence of AppliedForce, optional
+        Forces from outside that act anyway, such as a load in the hand; none by default.
 
     Returns
     -------
@@ -250,4 +267,6 @@ def gravity_compensation(
     """
     actuation = motors_of(scene, actuation)  # which looks at the scene too
     still = np.zeros(scene.robot.nv)
-    return inverse_dynamics(scene, q, still, still, actuation=actuation, passive=passive)
+    return inverse_dynamics(
+        scene, q, still, still, actuation=actuation, passive=passive, forces=forces
+    )

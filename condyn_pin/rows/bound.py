@@ -80,6 +80,11 @@ class Bound:
         return self.size == 5 and self.selection[:3] == POINT
 
     @property
+    def is_planar(self) -> bool:
+        """Whether its rows are all shifts but one."""
+        return self.size == 2
+
+    @property
     def is_plain(self) -> bool:
         """Whether Pinocchio has a constraint of these very rows."""
         return self.selection in (POINT, FRAME)

@@ -18,12 +18,14 @@ import numpy as np
 from condyn_pin._pin import LOCAL, pin
 from condyn_pin.arrays import Array
 from condyn_pin.drift import Baumgarte
+from condyn_pin.loads import Load
 from condyn_pin.rows.bound import FRAME, POINT, AnyBound, Bound, Coupled, Rolled
 from condyn_pin.rows.couplings import Couplings
 from condyn_pin.rows.cut_joints import CutJoints
 from condyn_pin.rows.ends import Ends
 from condyn_pin.rows.frames import WorldContacts, Wrenches
 from condyn_pin.rows.loops import Balls, Weld
+from condyn_pin.rows.plain import PlainRows
 from condyn_pin.rows.reach import ROUNDED, reach
 from condyn_pin.rows.rods import Rods
 from condyn_pin.rows.rolling import Rolling, touching
@@ -76,6 +78,7 @@ class Equations:
         """Sort the constraints by the way in which their rows are evaluated."""
         held, balls, welds, cut, rods, rolled, coupled = sorted_by_rows(self.bounds)
         data = self.data
+        self._plain = PlainRows(self.model, data, self.bounds)
         self._contacts = WorldContacts(data, held, self.m + 1) if held else None
         self._loops: list[Balls | Weld] = [Balls(Ends(data, balls), balls)] if balls else []
         self._loops += [Weld(data, b) for b in welds]
@@ -105,21 +108,23 @@ class Equations:
     def terms(self, q: Array, v: Array) -> Terms:
         """Return M, h, J, gamma and a_ref; they are owned by the caller."""
         model, data = self.model, self.data
-        M = np.array(pin.crba(model, data, q))
-        h = np.array(pin.nonLinearEffects(model, data, q, v))
-        self.motion(q, v, self._still)
-        gamma, a_ref = self._acceleration.copy(), self._a_ref()
-        return Terms(M, h, self._jacobian(q), gamma, a_ref)
+        M, h = pin.crba(model, data, q), pin.nonLinearEffects(model, data, q, v)
+        gamma = self._gamma(q, v)
+        return Terms(M, h, self._jacobian(q), gamma, self._a_ref())
 
     def jacobian(self, q: Array) -> Array:
         """Return J (m, nv)."""
         self.motion(q, self._still, self._still)
         return self._jacobian(q)
 
+    def mass(self, q: Array) -> Array:
+        """Return M (nv, nv)."""
+        return np.array(pin.crba(self.model, self.data, q))
+
     def target(self, q: Array, v: Array) -> Array:
         """Return a_ref - gamma (m,): what J a has to be."""
-        self.motion(q, v, self._still)
-        return self._a_ref() - self._acceleration
+        gamma = self._gamma(q, v)
+        return self._a_ref() - gamma
 
     def violation(self, q: Array) -> Array:
         """Return c(q) (m,)."""
@@ -162,19 +167,19 @@ class Equations:
         return [ends(b) for b in self.bounds]
 
     def errors(
-        self, q: Array, v: Array, tau: Array, a: Array, lam: Array
+        self, q: Array, v: Array, tau: Array, a: Array, lam: Array, load: Load | None = None
     ) -> tuple[Array, list[float]]:
-        """Return the residuals of an answer (a, lam) to (q, v, tau).
+        """Return the residuals of an answer (a, lam) to (q, v, tau), and to a load at q.
 
         Returns
         -------
         dynamics : (nv,) array
-            |M a + h - tau - J^T lam|, elementwise; overwritten by the next call.
+            |M a + h - tau - J^T lam - sum J_f^T f|, elementwise; overwritten by the next call.
         largest : list of float
             The largest of |M a + h - tau - J^T lam|, |a|, |c|, |J v|, |J a + gamma - a_ref| and
             |lam|.
         """
-        self._evaluate(q, v, tau, a, lam)
+        self._evaluate(q, v, tau, a, lam, load)
         self._a[:] = a
         self._lam[:] = lam
         everything = self._all
@@ -182,17 +187,43 @@ class Equations:
         return self._dynamics, _largest(everything, self._starts).tolist()
 
     def residuals(
-        self, q: Array, v: Array, tau: Array, a: Array, lam: Array
+        self, q: Array, v: Array, tau: Array, a: Array, lam: Array, load: Load | None = None
     ) -> tuple[Array, Array]:
-        """Return r = M a + h - tau - J^T lam (nv,) and s = J a + gamma - a_ref (m,)."""
-        self._evaluate(q, v, tau, a, lam)
+        """Return r = M a + h - tau - J^T lam (nv,) and s = J a + gamma - a_ref (m,).
+
+        A load at q counts beside tau.
+        """
+        self._evaluate(q, v, tau, a, lam, load)
         return self._dynamics.copy(), self._acceleration.copy()
 
-    def _evaluate(self, q: Array, v: Array, tau: Array, a: Array, lam: Array) -> None:
+    def _evaluate(
+        self, q: Array, v: Array, tau: Array, a: Array, lam: Array, load: Load | None = None
+    ) -> None:
         """Evaluate the residuals of an answer into the memory of this object."""
         self.motion(q, v, a)
         if self.drift:
             self._acceleration += self.drift.Kd * self._velocity + self.drift.Kp * self._c
+        wrenches = self.wrenches(lam)
+        if load:
+            wrenches = load.on_top_of(wrenches)
+        np.subtract(_rnea(self.model, self.data, q, v, a, wrenches), tau, out=self._dynamics)
+        if self._couplings:
+            self._dynamics -= self._couplings.torque(lam)
+
+    def slips(self, q: Array, a: Array) -> Array:
+        """Return J a (m,): the acceleration of the constraints, from rest."""
+        self.motion(q, self._still, a)
+        return self._acceleration.copy()
+
+    def torque(self, lam: Array) -> Array:
+        """Return J^T lam of couplings (nv,): what is no wrench on a joint."""
+        return self._couplings.torque(lam) if self._couplings else self._still
+
+    def wrenches(self, lam: Array) -> Any:
+        """Return lam as a wrench on each joint, in its axes, right after `motion` at the same q.
+
+        They stay in the memory of this object.
+        """
         self._f1[:] = lam1 = lam * self.sign if self._flipped else lam
         for loops in self._loops:
             loops.turn(lam1, self._f2)
@@ -202,10 +233,7 @@ class Equations:
             self._cut.stack(lam1, *self._of_cut)
         if self._rolling:
             self._rolling.stack(lam1, self._of_rolling)
-        wrenches = self._wrenches.of(self._forces)
-        np.subtract(_rnea(self.model, self.data, q, v, a, wrenches), tau, out=self._dynamics)
-        if self._couplings:
-            self._dynamics -= self._couplings.torque(lam)
+        return self._wrenches.of(self._forces)
 
     def motion(self, q: Array, v: Array, a: Array) -> None:
         """Evaluate c(q), J v and J a + gamma into the memory of this object."""
@@ -227,8 +255,18 @@ class Equations:
             for part in rows:
                 part *= self.sign
 
+    def _gamma(self, q: Array, v: Array) -> Array:
+        """Return gamma (m,); with drift control c and J v are left behind."""
+        if self.drift or not self._plain.have_gamma:
+            self.motion(q, v, self._still)
+            return self._acceleration.copy()
+        _forward_kinematics(self.model, self.data, q, v, self._still)
+        gamma = np.zeros(self.m)
+        self._plain.gamma(gamma)
+        return gamma * self.sign if self._flipped else gamma
+
     def _a_ref(self) -> Array:
-        """Return a_ref, right after `motion` at the same q and v."""
+        """Return a_ref, right after `_gamma` at the same q and v."""
         if self.drift is None:
             return np.zeros(self.m)
         return -self.drift.Kd * self._velocity - self.drift.Kp * self._c
@@ -237,21 +275,28 @@ class Equations:
         """Return J, right after `motion` at the same q."""
         model, data = self.model, self.data
         pin.computeJointJacobians(model, data, q)
+        J = self._plain.jacobian() if self._plain.are_all else self._mixed_jacobian()
+        return self.grip(self.sign[:, None] * J if self._flipped else J)
+
+    def _mixed_jacobian(self) -> Array:
+        """Return J (m, nv) without signs: rows that Pinocchio has, and others."""
+        model, data = self.model, self.data
         J = np.zeros((self.m, model.nv))
+        J[self._plain.rows] = self._plain.jacobian()
         nothing = np.zeros((6, model.nv))
 
         def of_frame(joint: int, placement: Any) -> Array:
             if joint == 0:
                 return nothing
-            # a single column comes as a vector
-            return np.reshape(pin.getFrameJacobian(model, data, joint, placement, LOCAL), (6, -1))
+            found: Array = pin.getFrameJacobian(model, data, joint, placement, LOCAL)
+            return found if found.ndim == 2 else found.reshape(6, 1)  # of a single column
 
-        for group in (self._contacts, *self._loops, self._rods, self._cut, self._rolling):
+        for group in (self._contacts, self._rods, self._cut, self._rolling):
             if group:
                 group.jacobian(J, of_frame)
         if self._couplings:
             self._couplings.jacobian(J)
-        return self.grip(self.sign[:, None] * J if self._flipped else J)
+        return J
 
     def grip(self, J: Array) -> Array:
         """Return J (m, nv), or zeros where all of it is rounding, as of a second hinge of a door.

@@ -121,7 +121,7 @@ class WorldContacts:
             *self._joints.maps([(b.joint1, b.placement1) for b in points])
         )
         self._points, self._has_points = rows_of(points), bool(points)
-        self._bounds = tuple(bounds)
+        self._others = [b for b in bounds if not b.is_plain]
         anchored = [
             (b, data.oMi[b.joint1], b.placement1, b.placement2) for b in bounds if b.anchored
         ]
@@ -147,8 +147,8 @@ class WorldContacts:
             c[rows] = _log6(two.actInv(oMi * one)).vector
 
     def jacobian(self, J: Array, of_frame: FrameJacobian) -> None:
-        """Write the rows of these contacts into J (m, nv)."""
-        for b in self._bounds:
+        """Write the rows into J (m, nv) that Pinocchio does not have."""
+        for b in self._others:
             J[b.rows] = of_frame(b.joint1, b.placement1)[list(b.selection)]
 
 

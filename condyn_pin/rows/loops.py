@@ -21,7 +21,7 @@ from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.rows.bound import Bound
 from condyn_pin.rows.ends import Ends
-from condyn_pin.rows.frames import FrameJacobian, rows_of
+from condyn_pin.rows.frames import rows_of
 
 
 class Balls:
@@ -32,11 +32,10 @@ class Balls:
     ends : Ends
         Of these loops.
     bounds : sequence of Bound
-
     """
 
     def __init__(self, ends: Ends, bounds: Sequence[Bound]) -> None:
-        self._bounds, self._ends = tuple(bounds), ends
+        self._ends = ends
         self._rows = rows_of(bounds)
         k = len(bounds)
         self._axes1, self._axes2 = np.zeros((2, k, 3, 3))  # in the world, one a row
@@ -58,12 +57,6 @@ class Balls:
         """Write R^T lam, the forces in the axes of c2, for the rows of these loops."""
         forces = lam[self._rows].reshape(-1, 1, 3) @ self._axes1
         out[self._rows] = (forces @ self._axes2.swapaxes(1, 2)).reshape(-1)
-
-    def jacobian(self, J: Array, of_frame: FrameJacobian) -> None:
-        """Write the rows of these loops into J (m, nv), at the last evaluation."""
-        for b, R in zip(self._bounds, self._axes1 @ self._axes2.swapaxes(1, 2), strict=True):
-            J1, J2 = of_frame(b.joint1, b.placement1), of_frame(b.joint2, b.placement2)
-            J[b.rows] = J1[:3] - R @ J2[:3]
 
 
 class Weld:
@@ -90,9 +83,3 @@ class Weld:
         """Write X^T lam, the wrench in the axes and at the origin of c2."""
         rows = self._bound.rows
         out[rows] = self._c1Mc2.toActionMatrix().T @ lam[rows]
-
-    def jacobian(self, J: Array, of_frame: FrameJacobian) -> None:
-        """Write the rows of this loop into J (m, nv), at the last evaluation."""
-        b = self._bound
-        J2 = of_frame(b.joint2, b.placement2)
-        J[b.rows] = of_frame(b.joint1, b.placement1) - self._c1Mc2.toActionMatrix() @ J2

@@ -19,6 +19,8 @@ class Native:
         3 or 6.
     joint1, placement1, joint2, placement2, anchored, lever
         As in `Bound`.
+    imitates : bool
+        Whether it stands for rows of another kind.
     """
 
     name: str
@@ -29,6 +31,7 @@ class Native:
     placement2: Any
     anchored: bool
     lever: float  # [m]
+    imitates: bool
 
     def to_pinocchio(self, model: Any) -> Any:
         """Return the RigidConstraintModel."""

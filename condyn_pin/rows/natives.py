@@ -6,22 +6,35 @@ hinge by
 
     s(d) = s_xyz + s_rxryrz x d = E s,      and so      lam = E^T lam_native.
 
-The equivalent has 6 rows of rank 5. A slider, a planar pin, a rod, a plane, a coupling, a blade and
-what rolls have none.
+The equivalent has 6 rows of rank 5. A planar pin about e is a ball without the row along e. In a
+linkage in a plane, where its bodies are always as far apart along e as they are now
+(`condyn_pin.rows.flat`), that row is zero, and a ball at c1 + (e . r) e and c2 is the pin:
+
+    s_ball = E s,     E = columns of 1 but for that of e.
+
+Both are exact where the loop is closed (`condyn_pin.imitation` has the others).
+
+A planar pin in space, a slider, a rod, a plane, a coupling, a blade and what rolls have no
+equivalent: three rows of a point, or six of a frame, hold more than they do. A rod is one of them:
+the two rows across it could only be given back by joints of bodies without mass, which have no M.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.rows.bound import AnyBound, Bound
+from condyn_pin.rows.flat import height_of
 from condyn_pin.rows.native import Native
 from condyn_pin.rows.spread import spread
+
+_HERE = np.zeros(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +47,9 @@ class Natives:
     to_scene : (m, m_native) array or None
         E^T with the signs of the scene: lam from Pinocchio's; None where they are the same.
     imitated : tuple of str
-        Names of constraints that take several of Pinocchio's, with a row too many.
+        Names of constraints that take rows of Pinocchio's with one too many.
+    world_first : tuple of str
+        Those of them whose first frame is the world's, which `pin.lcaba` must not see.
     missing : tuple of str
         Names of constraints without an equivalent.
     """
@@ -42,54 +57,75 @@ class Natives:
     constraints: tuple[Native, ...]
     to_scene: Array | None
     imitated: tuple[str, ...]
+    world_first: tuple[str, ...]
     missing: tuple[str, ...]
 
 
-def natives(bounds: Sequence[AnyBound], rows: Callable[[], Array]) -> Natives:
+def natives(model: Any, bounds: Sequence[AnyBound], rows: Callable[[], Array]) -> Natives:
     """Return the constraints of a scene as Pinocchio takes them.
 
     Parameters
     ----------
+    model : pin.Model
     bounds : sequence of AnyBound
     rows : callable
         Returns the Jacobian of the scene at its nominal state in the metric of M, J L^-T (m, nv).
     """
     made: list[Native] = []
     blocks: list[Array] = []
-    imitated: list[str] = []
+    imitated: list[tuple[str, int]] = []
     missing: list[str] = []
     for bound in bounds:
-        if isinstance(bound, Bound) and bound.is_plain:
-            made.append(_native(bound, bound.size, np.zeros(3)))
-            blocks.append(bound.sign * np.eye(bound.size))
-        elif isinstance(bound, Bound) and bound.is_hinge:
-            ends = bound.lever * np.array([1.0, -1.0])[:, None] * np.eye(3)[bound.axis]
-            made.extend(_native(bound, 3, d) for d in ends)
-            E = np.vstack([np.hstack([np.eye(3), -pin.skew(d)]) for d in ends])
-            blocks.append(bound.sign * E[:, list(bound.selection)].T)
-            imitated.append(bound.name)
-        else:
+        points, block = _equivalent(model, bound)
+        made += points
+        blocks.append(block)
+        if not points:
             missing.append(bound.name)
-            blocks.append(np.zeros((bound.size, 0)))
+        elif points[0].imitates:
+            imitated.append((bound.name, points[0].joint1))
     blocked = _block_diagonal(blocks)
     constraints, W = spread(made, lambda: blocked.T @ rows())
     to_scene = blocked if W is None else blocked @ W.T
     same = to_scene.shape[0] == to_scene.shape[1] and (to_scene == np.eye(len(to_scene))).all()
-    return Natives(constraints, None if same else to_scene, tuple(imitated), tuple(missing))
+    return Natives(
+        constraints,
+        None if same else to_scene,
+        tuple(name for name, _ in imitated),
+        tuple(name for name, joint1 in imitated if joint1 == 0),
+        tuple(missing),
+    )
 
 
-def _native(bound: Bound, size: int, d: Array) -> Native:
-    shift = pin.SE3(np.eye(3), d)
+def _equivalent(model: Any, bound: AnyBound) -> tuple[list[Native], Array]:
+    """Return what Pinocchio has in place of a constraint, and E^T; nothing where it has nothing."""
+    if isinstance(bound, Bound) and bound.is_plain:
+        return [_native(bound, bound.size)], bound.sign * np.eye(bound.size)
+    if isinstance(bound, Bound) and bound.is_hinge:
+        ends = bound.lever * np.array([1.0, -1.0])[:, None] * np.eye(3)[bound.axis]
+        E = np.vstack([np.hstack([np.eye(3), -pin.skew(d)]) for d in ends])
+        points = [_native(bound, 3, d, d) for d in ends]
+        return points, bound.sign * E[:, list(bound.selection)].T
+    if isinstance(bound, Bound) and bound.is_planar:
+        height = height_of(model, bound)
+        if height is not None:
+            point = _native(bound, 3, height * np.eye(3)[bound.axis])
+            return [point], bound.sign * np.eye(3)[list(bound.selection)]
+    return [], np.zeros((bound.size, 0))
+
+
+def _native(bound: Bound, size: int, d1: Array = _HERE, d2: Array = _HERE) -> Native:
+    """Return a point or a frame at d1 in the axes of c1, and at d2 in those of c2."""
     # where a contact is unanchored, c2 is not looked at
     return Native(
-        bound.name if size == bound.size else f"{bound.name}{'+' if d.sum() > 0 else '-'}",
+        bound.name if size == bound.size else f"{bound.name}{'-' if d2.sum() < 0 else '+'}",
         size,
         bound.joint1,
-        bound.placement1 * shift,
+        bound.placement1 * pin.SE3(np.eye(3), d1),
         bound.joint2,
-        bound.placement2 * shift,
+        bound.placement2 * pin.SE3(np.eye(3), d2),
         bound.anchored,
         bound.lever,
+        imitates=size != bound.size,
     )
 
 

@@ -1,18 +1,24 @@
-"""Archives: npz files with a header in JSON, and a robot. Nothing in them is executed."""
+"""Archives: npz files with a header in JSON, and a robot as words and arrays.
+
+Nothing in them is executed, and nothing in them is believed: a file may come from a stranger.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from os import PathLike
-from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin._pin import VERSION_TEXT, pin
+from condyn_pin._pin import VERSION_TEXT
+from condyn_pin.arrays import finite
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.files.npz import read_npz, write_npz
+from condyn_pin.files.text import LARGEST, parse_json
+from condyn_pin.io.model_words import model_of, model_words
 from condyn_pin.robot import Robot
 from condyn_pin.simulation.coding import decode, encode, plain
 
@@ -21,8 +27,11 @@ Header = dict[str, Any]
 Content = dict[str, NDArray[Any]]
 Result = TypeVar("Result")
 
-MOTION: Final = "condyn_pin trajectory 1"
-MOTIONS: Final = "condyn_pin batch trajectory 1"
+MOTION: Final = "condyn_pin trajectory 2"
+MOTIONS: Final = "condyn_pin batch trajectory 2"
+
+# Their models were in a form of Pinocchio's that it cannot check: one damaged digit of it crashes.
+_BEFORE: Final = ("condyn_pin trajectory 1", "condyn_pin batch trajectory 1")
 
 # What reads and what writes each.
 _READERS: Final = {
@@ -35,9 +44,10 @@ _WRITERS: Final = {
 }
 _TITLES: Final = {MOTION: "a trajectory", MOTIONS: "a batch of motions"}
 
-_LISTS = ("loops", "contacts", "springs")
+_LISTS = ("loops", "contacts", "springs", "spring_dampers")
 _WORDS = ("name", "actuated", "unused", "source", "licence", "description")
 _POSTURE = "posture "
+_MODEL = "model "
 
 
 def write(
@@ -46,63 +56,80 @@ def write(
     """Write a file of a kind: what is no array, in words and numbers, and arrays."""
     about = {key: getattr(robot, key) for key in _WORDS}
     about |= {key: [encode(c) for c in getattr(robot, key)] for key in _LISTS}
+    about["model"], numbers = model_words(robot.model)
     header = {"format": kind, "pinocchio": VERSION_TEXT, "robot": about, **header}
+    text = json.dumps(header, default=plain)
+    if len(text) > LARGEST:
+        raise InvalidArgument(
+            f"{path}: {len(text) / 1e6:.0f} MB of words, such as events and reasons, are more than "
+            "can be read again; save a part of it"
+        )
     content = {
-        "header": np.array(json.dumps(header, default=plain)),
-        "model": np.array(robot.model.saveToString()),
+        "header": np.array(text),
+        **{f"{_MODEL}{name}": array for name, array in numbers.items()},
         **arrays,
         **{f"{_POSTURE}{name}": q for name, q in robot.postures.items()},
     }
-    with Path(path).open("wb") as file:  # a name without .npz stays as it is
-        # compressed, Cassie's motions take three quarters of the space and forty times the time
-        np.savez(file, allow_pickle=False, **content)
+    write_npz(path, content)
 
 
-def read(path: Path_, kind: str, make: Callable[[Robot, Header, Content], Result]) -> Result:
-    """Return what is made of a file of a kind.
+def read(
+    path: Path_,
+    kind: str,
+    names: Collection[str],
+    make: Callable[[Robot, Header, Content], Result],
+) -> Result:
+    """Return what is made of a file of a kind that has arrays of these names.
 
     Raises
     ------
     InvalidArgument
-        If the file is missing, is of another kind or Pinocchio, or nothing can be made of it.
+        If the file is missing, is of another kind, or nothing can be made of it.
     """
     no_file = f"{path}: no file of {_TITLES[kind]}"
+    wanted = {"header", *names}
     try:
-        # numpy leaves a file open that is no archive
-        with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            content = {name: file[name] for name in file.files}
+        content = read_npz(path, lambda n: n in wanted or n.startswith((_MODEL, _POSTURE)))
     except OSError as error:
         raise InvalidArgument(f"{no_file} ({error.strerror})") from error
-    except Exception as error:  # numpy and zipfile raise whatever a damaged byte makes them
+    except Exception as error:  # zipfile raises whatever a damaged byte makes it
         raise InvalidArgument(
-            f"{no_file} ({type(error).__name__} on reading it); {_WRITERS[kind]}"
+            f"{no_file} ({type(error).__name__} on reading it: {error}); {_WRITERS[kind]}"
         ) from error
     try:
-        header = json.loads(str(content["header"]))
-        written_by = header["pinocchio"]
-        if header["format"] != kind:
-            reader = _READERS.get(header["format"], "nothing here reads it")
-            raise ValueError(f"{header['format']}: {reader}")
-        if _series(written_by) == _series(VERSION_TEXT):
-            return make(_robot(header["robot"], content), header, content)
-    except (LookupError, AttributeError, TypeError, ValueError, RuntimeError) as error:
+        header = parse_json(str(content["header"]))
+        _check_format(header["format"], kind)
+        return make(_robot(header["robot"], content), header, content)
+    except Exception as error:  # whatever a number or a word makes of what it is not meant for
         raise InvalidArgument(f"{no_file} ({error!r})") from error
-    # not tried: Pinocchio 4.1 crashes on a model that 3.9 wrote
-    raise InvalidArgument(
-        f"{path}: its model was written by Pinocchio {written_by}, and {VERSION_TEXT} is "
-        "installed; use the same one, or Trajectory.to_csv"
-    )
 
 
-def _series(version: str) -> list[str]:
-    """Return major and minor number of a version."""
-    return version.split(".")[:2]
+def _check_format(found: object, kind: str) -> None:
+    if found in _BEFORE:
+        raise ValueError(
+            f"{found}: written by an older condyn_pin, with a model that cannot be checked; "
+            "simulate again, or take its arrays with numpy.load"
+        )
+    if found != kind:
+        raise ValueError(f"{found}: {_READERS.get(str(found), 'nothing here reads it')}")
 
 
 def _robot(about: dict[str, Any], content: Content) -> Robot:
-    model = pin.Model()
-    model.loadFromString(str(content["model"]))
+    numbers = {k.removeprefix(_MODEL): x for k, x in content.items() if k.startswith(_MODEL)}
+    postures = {k.removeprefix(_POSTURE): q for k, q in content.items() if k.startswith(_POSTURE)}
+    model, lost = model_of(about["model"], numbers)
     lists: dict[str, Any] = {key: [decode(c) for c in about[key]] for key in _LISTS}
     words: dict[str, Any] = {key: about[key] for key in _WORDS}
-    postures = {k.removeprefix(_POSTURE): q for k, q in content.items() if k.startswith(_POSTURE)}
+    for key in ("source", "licence", "description"):
+        if not isinstance(words[key], str):
+            raise TypeError(f"{key} = {words[key]!r}")
+    words["unused"] = (*words["unused"], *lost)
     return Robot(model=model, postures=postures, **lists, **words)
+
+
+def check_times(**times: Any) -> None:
+    """Refuse times that are no numbers, or less than nothing, and a step of nothing."""
+    for name, time in times.items():
+        number = finite(name, time, ())
+        if type(time) not in (int, float) or number < 0 or (name == "dt" and not number):
+            raise ValueError(f"{name} = {time!r}")

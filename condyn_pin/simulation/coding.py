@@ -15,7 +15,7 @@ from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Happened
 from condyn_pin.simulation.integrators import INTEGRATORS
 from condyn_pin.solvers import SOLVERS
-from condyn_pin.spring import Spring
+from condyn_pin.spring import Spring, SpringDamper
 
 # What a value in a file may be, by the name of its class.
 KINDS: dict[str, type] = {
@@ -23,7 +23,7 @@ KINDS: dict[str, type] = {
     for kind in (
         *(PointContact, SurfaceContact, LineContact, PlanarContact, Loop, Coupling),
         *(Knife, RollingBall, RollingWheel),
-        *(Effects, Happened, Spring),
+        *(Effects, Happened, Spring, SpringDamper),
         *(INTEGRATORS | DRIFTS | SOLVERS).values(),
     )
 }

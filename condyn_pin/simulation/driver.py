@@ -10,7 +10,7 @@ from condyn_pin.constraints import Constraint
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.anchoring import anchored
 from condyn_pin.simulation.events import Ended, Event, Happened, Moment, PiledUp
-from condyn_pin.simulation.fit import check_fit
+from condyn_pin.simulation.fit import check_fit, check_slip
 from condyn_pin.simulation.leg import Leg, Method
 from condyn_pin.simulation.watch import Watch
 from condyn_pin.switching import Switch, switch
@@ -111,11 +111,11 @@ class Driver:
 
     def missed(self) -> tuple[str, ...]:
         """Return what there is to say of the events that did not happen."""
-        names = {event.name for event in self.happened}
+        names, values = {event.name for event in self.happened}, self._watch.values
         return tuple(
-            f"{event.name} did not happen: {event.missed(self._watch.values[event.name])}"
+            f"{event.name} did not happen: {event.missed(values[event.name], self._asked)}"
             for event in self._watch.events
-            if event.name not in names and event.scene is not self._asked
+            if event.name not in names
         )
 
     def _through_events(self, t1: float, q1: Array, v1: Array, keep: bool) -> tuple[Array, Array]:
@@ -199,8 +199,11 @@ class Driver:
         met = event.met or event.scene
         assert met is not None
         change = switch(before, self._placed(met), self.q, self.v, restitution=event.restitution)
-        self.v = change.v
-        if event.scene is not None:
+        jump, self.v = change.v - self.v, change.v
+        if event.scene is None or event.scene is left:
+            what = f"event {event.name!r}: its impact tears apart what goes on: let met hold that: "
+            check_slip(before, self.q, jump, what=what)
+        else:
             after = self._placed(event.scene)
             what = f"event {event.name!r}: its scene does not fit the state: "
             check_fit(after, self.q, self.v, what=what)

@@ -19,7 +19,8 @@ class Effects:
     gravity : bool
         Otherwise nothing has weight.
     springs, damping : bool
-        Those of the joints. Pinocchio leaves them out of its dynamics; a simulation adds them.
+        Those of the joints and between frames. Pinocchio leaves them out of its dynamics; a
+        simulation adds them.
     armature : bool
         The inertia of the rotors. Otherwise M is that of the links alone.
     """
@@ -50,11 +51,13 @@ class Effects:
     def text(self, robot: Robot) -> str:
         """Return in words what is on, what is off, and what the robot does not have."""
         model = robot.model
+        between = robot.spring_dampers
         springs = sum(spring.stiffness != 0 for spring in robot.springs)
+        springs += sum(spring.stiffness != 0 for spring in between)
         has = {
             "gravity": bool(model.gravity.linear.any()) or not self.gravity,
             "springs": springs > 0,
-            "damping": bool(model.damping.any()),
+            "damping": bool(model.damping.any()) or any(each.damping for each in between),
             "armature": bool(model.armature.any()) or not self.armature,
         }
         on = [name for name in has if getattr(self, name) and has[name]]

@@ -14,6 +14,7 @@ from condyn_pin.arrays import Array, finite, locked
 from condyn_pin.errors import InvalidArgument, UnknownName
 from condyn_pin.force import ConstraintForce, Sites
 from condyn_pin.impacts import Restitution, restitutions
+from condyn_pin.knobs import check_called
 from condyn_pin.scene import Scene
 
 if TYPE_CHECKING:
@@ -90,16 +91,18 @@ class Event:
         The time [s].
     when : callable, optional
         A function of a `Moment`; the event is where it falls from above zero to zero or below,
-        such as a height or a normal force. It is looked at after every step, unless its scene goes
-        on already: what falls and rises again within one is not seen. It happens as often as it
-        falls, by more than 1e-9; what is not above zero has nothing to fall from.
+        such as a height or a normal force. It is looked at after every step, unless it would
+        change nothing because its scene goes on already: what falls and rises again within one is
+        not seen. It happens as often as it falls, by more than 1e-9; what is not above zero has
+        nothing to fall from.
     scene : Scene, optional
         What goes on, a scene of the same robot; contacts without an anchor are anchored where they
         are then, and those that are in the scene before keep their anchor. Without a scene and
         without `met` the run ends here.
     met : Scene, optional
         What is met in the instant, and left again: with `restitution`, a rebound. By default
-        `scene`.
+        `scene`. It has to hold what goes on after it too: an impact that it takes part in alone
+        would tear that apart.
     restitution : float or mapping of str to float
         As in `switch`.
     """
@@ -118,10 +121,8 @@ class Event:
             raise InvalidArgument(f"event {self.name!r}: give either at=... [s] or when=...")
         if self.at is not None:
             object.__setattr__(self, "at", float(finite("at", self.at, ())))
-        elif not callable(self.when):
-            raise InvalidArgument(
-                f"event {self.name!r}: when = {self.when!r}: a function of a Moment is needed"
-            )
+        else:
+            check_called(f"event {self.name!r}: when", self.when, "moment")
         for argument in ("scene", "met"):
             if not isinstance(getattr(self, argument), Scene | None):
                 raise InvalidArgument(
@@ -137,8 +138,16 @@ class Event:
         """Whether the run ends with it."""
         return self.scene is None and self.met is None
 
-    def missed(self, value: float) -> str:
-        """Return why it did not happen, from its value at the end."""
+    def changes(self, scene: Scene) -> bool:
+        """Whether it does anything while a scene goes on: brings another one, or an impact."""
+        if self.ends or (self.scene or scene).constraints != scene.constraints:
+            return True
+        return self.met is not None and not set(self.met.constraints) <= set(scene.constraints)
+
+    def missed(self, value: float, scene: Scene) -> str:
+        """Return why it did not happen, from its value and the scene at the end."""
+        if not self.changes(scene):
+            return "its scene is on already, and it brings no impact"
         if self.at is not None:
             if value > 0:
                 return f"the run ends before t = {self.at:g} s"

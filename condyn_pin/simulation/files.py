@@ -11,9 +11,10 @@ from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arrays import finite
 from condyn_pin.drift import Drift
+from condyn_pin.files.beside import written_beside
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
-from condyn_pin.simulation.archive import MOTION, Content, Header, Path_, read, write
+from condyn_pin.simulation.archive import MOTION, Content, Header, Path_, check_times, read, write
 from condyn_pin.simulation.coding import decode, encode
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Happened
@@ -52,13 +53,14 @@ def _header(trajectory: Trajectory) -> Header:
             "status": run.status.name,
             "happened": [encode(event) for event in run.happened],
             "missed": run.missed,
+            "differenced": run.differenced,
         },
     }
 
 
 def load(path: Path_) -> Trajectory:
     """Return a trajectory from a file; see `Trajectory.load`."""
-    return read(path, MOTION, _trajectory)
+    return read(path, MOTION, _ARRAYS, _trajectory)
 
 
 def _trajectory(robot: Robot, header: Header, content: Content) -> Trajectory:
@@ -83,6 +85,7 @@ def _run(run: dict[str, Any]) -> Run:
         status=RunStatus[run["status"]],
         happened=tuple(decode(event) for event in run["happened"]),
         missed=tuple(run.get("missed", ())),  # files of before have none
+        differenced=int(run.get("differenced", 0)),
     )
 
 
@@ -94,9 +97,11 @@ def _check_arrays(content: Content, robot: Robot, phases: tuple[Phase, ...]) -> 
         ("v", "a", "tau"), (k, nv)
     )
     for name, shape in shapes.items():
-        finite(name, content[name], shape)
-    if (np.diff(content["t"]) < 0).any():
-        raise ValueError("t goes back")
+        if finite(name, content[name], shape).dtype != content[name].dtype:
+            raise ValueError(f"{name} is of {content[name].dtype}: float64 is needed")
+    times = [content["t"][phase.samples] for phase in phases]
+    if any((np.diff(t) <= 0).any() for t in times) or (np.diff(content["t"]) < 0).any():
+        raise ValueError("t goes back, or stands still")
     for i, q in enumerate(content["q"]):
         if not pin.isNormalized(robot.model, q, tolerances.QUATERNION):
             raise ValueError(f"q[{i}] has a quaternion that is not normalised")
@@ -107,13 +112,14 @@ def _count(phases: tuple[Phase, ...]) -> int:
     count = 0
     for phase in phases:
         start, stop = phase.samples.start, phase.samples.stop
-        if start != count or not stop > start:
+        if type(start) is not int or type(stop) is not int or start != count or stop <= start:
             raise ValueError(f"samples {start} to {stop} of a phase do not follow {count}")
-        if len(set(phase.columns)) != phase.scene.rows or min(phase.columns, default=0) < 0:
-            raise ValueError(
-                f"columns {phase.columns}: {phase.scene.rows} different ones are needed"
-            )
-        count = int(stop)
+        columns = phase.columns
+        if not all(type(column) is int and column >= 0 for column in columns) or not (
+            len(columns) == len(set(columns)) == phase.scene.rows
+        ):
+            raise ValueError(f"columns {columns}: {phase.scene.rows} different ones are needed")
+        count = stop
     return count
 
 
@@ -122,11 +128,21 @@ def _check_run(run: Run, count: int) -> None:
     for name, kind in {**_CHOICES, "reason": str}.items():
         if not isinstance(getattr(run, name), kind):
             raise TypeError(f"{name} = {getattr(run, name)!r}")
-    for name in ("duration", "dt", "wall_time"):
-        finite(name, getattr(run, name), ())
+    check_times(duration=run.duration, dt=run.dt, wall_time=run.wall_time)
+    if not all(isinstance(why, str) for why in run.missed):
+        raise TypeError(f"missed = {run.missed!r}")
     for event in run.happened:
-        if not isinstance(event, Happened) or event.sample not in range(count):
+        if not isinstance(event, Happened) or not _fits(event, count):
             raise ValueError(f"event {event!r} of {count} samples")
+
+
+def _fits(event: Happened, count: int) -> bool:
+    """Return whether an event is one of a run of so many samples."""
+    words = (event.name, *event.added, *event.dropped)
+    finite("t", event.t, ())
+    finite("energy_lost", event.energy_lost, ())
+    known = type(event.sample) is int and event.sample in range(count)
+    return known and all(isinstance(word, str) for word in words)
 
 
 def to_csv(trajectory: Trajectory, path: Path_) -> None:
@@ -143,4 +159,5 @@ def to_csv(trajectory: Trajectory, path: Path_) -> None:
             *(getattr(energy, f.name) for f in fields(energy)),
         ]
     )
-    np.savetxt(path, table, fmt="%.17g", delimiter=",", header=",".join(names), comments="")
+    with written_beside(path) as new:
+        np.savetxt(new, table, fmt="%.17g", delimiter=",", header=",".join(names), comments="")

@@ -23,9 +23,16 @@ def check_fit(scene: Scene, q: Array, v: Array, *, what: str = "") -> None:
     what : str
         What the text begins with.
     """
-    equations = gauge_of(scene).equations
-    c = equations.violation(q)
-    velocity = equations.jacobian(q) @ v
+    _raise(scene, gauge_of(scene).equations.violation(q), q, v, what)
+
+
+def check_slip(scene: Scene, q: Array, v: Array, *, what: str = "") -> None:
+    """Raise NotAssembled if constraints slip with v, however open they are at q."""
+    _raise(scene, np.zeros(scene.rows), q, v, what)
+
+
+def _raise(scene: Scene, c: Array, q: Array, v: Array, what: str) -> None:
+    velocity = gauge_of(scene).equations.jacobian(q) @ v
     speed = max(1.0, float(np.abs(v).max(initial=0.0)))
     fit = Check(gaps(scene, c), slips(scene, velocity), speed, {})
     limit = tolerances.NEARLY_CLOSED

@@ -11,7 +11,6 @@ microsecond, and the acceleration is the one that the next step begins with.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -142,8 +141,7 @@ class FactorisedGaps:
         n, m = system.model.nv, system.m
         J = system.jacobian(self._q)
         W = system.mass(self._q) if self._metric == "mass" else np.eye(n)
-        factors = factorise(W, J, tolerances.RANK)
+        factors = factorise(W, J, tolerances.RANK, at=(system.model, self._q))
         # open loops make redundant rows look independent: they are the smallest, and are left out
-        rank = min(factors.rank, system.scene.chains.rank)
-        factors = replace(factors, V=factors.V[:, :rank], rank=rank)
+        factors = factors.at_most(system.scene.chains.rank)
         return factors.solve(np.zeros((n, m)), np.eye(m))[0]

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import pi
 from typing import NamedTuple
 
 from condyn_pin.arrays import Array
 from condyn_pin.drift.base import Correction, Drift
-from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
+from condyn_pin.errors import InvalidArgument, StepFailed, UnsupportedConstraint
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.defaults import default_solver
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.integrators.base import Integrator, Stepper
+from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.recorder import Recorder
 from condyn_pin.simulation.system import System
 from condyn_pin.simulation.torques import Applied
@@ -102,6 +104,7 @@ class Leg:
     def begin(self, t: float, q: Array, v: Array) -> Recorder:
         """Begin to keep samples, with another stepper; return what they go to."""
         self.recorder = Recorder(self.scene)
+        self.system.slopes.begin(t, q, v)
         self._mover = self._mover_of(self.method.dt)
         self.move = _composed(*self._mover)
         if not self._at_start:  # else the first step keeps it
@@ -132,9 +135,35 @@ class Leg:
     def _mover_of(self, dt: float) -> Mover:
         """Return a stepper of a size, and the correction behind it."""
         stepper = self.method.integrator.start(self.system, dt)
+        if not (self.method.integrator.is_adaptive or self.system.manifold.is_flat):
+            stepper = replace(stepper, step=_within_chart(stepper.step, self.system.manifold, dt))
         # a correction reads what the solve of the next step leaves behind
         correct = self.method.drift.start(stepper.system or self.system, dt)
         return Mover(stepper, correct, dt)
+
+
+def _within_chart(step: Move, manifold: Manifold, dt: float) -> Move:
+    """Return a step of one size that fails where a body turns by more than its chart has."""
+    slow = (pi / dt) ** 2
+
+    def check(v: Array) -> None:
+        if not v.dot(v) > slow:  # all velocities together: most often that is enough
+            return
+        joint, speed = manifold.largest_turn(v)
+        if speed * dt > pi:
+            raise StepFailed(
+                f"joint {joint!r} turns by {speed * dt:.3g} rad in a step of {dt:.3g} s, and the "
+                f"coordinates of a step end at pi: take dt below {pi / speed:.2g} s, better a "
+                "tenth of that, or DormandPrince(), which takes smaller steps where it must"
+            )
+
+    def checked(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
+        check(v)
+        q1, v1, a = step(t, q, v)
+        check(v1)
+        return q1, v1, a
+
+    return checked
 
 
 def _composed(stepper: Stepper, correct: Correction | None, dt: float) -> Move:

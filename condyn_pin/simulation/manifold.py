@@ -7,6 +7,9 @@ During a step q = integrate(q0, theta), with theta in the tangent space at q0. T
 where Jr is the right Jacobian of the exponential map: the identity for revolute and prismatic
 joints, and near it for free-flyers, balls and planes. Methods of an order above 2 need it.
 
+Coordinates are those of one chart, which ends where a free-flyer, a ball or a plane has turned by
+pi: the same rotation has other coordinates then.
+
 References
 ----------
 Munthe-Kaas. High order Runge-Kutta methods on manifolds. Applied Numerical Mathematics 29, 1999.
@@ -21,8 +24,12 @@ import numpy as np
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 
-# Joints whose velocities do not commute.
-_CURVED = ("JointModelFreeFlyer", "JointModelSpherical", "JointModelPlanar")
+# Joints whose velocities do not commute, and which of their coordinates turn.
+_CURVED = {
+    "JointModelFreeFlyer": (3, 4, 5),
+    "JointModelSpherical": (0, 1, 2),
+    "JointModelPlanar": (2,),
+}
 
 
 class Manifold:
@@ -40,7 +47,25 @@ class Manifold:
 
     def __init__(self, model: Any) -> None:
         self._model, self._origin = model, pin.neutral(model)
-        self.is_flat = all(joint.shortname() not in _CURVED for joint in model.joints)
+        self._turns = {
+            model.names[i]: [joint.idx_v + k for k in _CURVED[joint.shortname()]]
+            for i, joint in enumerate(model.joints)
+            if joint.shortname() in _CURVED
+        }
+        self.is_flat = not self._turns
+
+    def turn(self, theta: Array) -> float:
+        """Return the angle of the largest rotation in theta [rad], of those that make it curved."""
+        return self.largest_turn(theta)[1]
+
+    def largest_turn(self, theta: Array) -> tuple[str, float]:
+        """Return which joint that is, and its angle [rad]."""
+        largest = "", 0.0
+        for name, at in self._turns.items():
+            angle = float(np.linalg.norm(theta[at]))
+            if angle > largest[1]:
+                largest = name, angle
+        return largest
 
     def rate(self, theta: Array, v: Array) -> Array:
         """Return theta' = Jr(theta)^-1 v (nv,)."""

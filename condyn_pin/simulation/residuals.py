@@ -11,8 +11,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 
@@ -53,8 +51,6 @@ class Residuals:
     def __init__(self, system: System) -> None:
         self._system, self._model = system, system.model
         self._data = system.model.createData()
-        passive = system.passive
-        self._stiffness, self._damping = np.diag(passive.stiffness), np.diag(passive.d)
         self.damping = _DAMPING * system.scene.audit.delassus_norm
 
     def at(self, t: float, q: Array, v: Array, a: Array, lam: Array) -> Residual:
@@ -64,12 +60,13 @@ class Residuals:
         bodies = pin.rnea(self._model, self._data, q, v, a)
         return Residual(bodies - system.torque(t, q, v) - J.T.dot(lam), c, J)
 
-    def partials(self, q: Array, v: Array, a: Array, lam: Array) -> Partials:
-        """Return the partial derivatives; torques applied count as constant."""
+    def partials(self, t: float, q: Array, v: Array, a: Array, lam: Array) -> Partials:
+        """Return the partial derivatives; torques applied count as constant without slopes."""
         of, n = self._system.workspace.linearisation.at(q, v, a, lam), len(v)
-        return Partials(
-            self._system.mass(q),
-            of.J,
-            of.r_q + self._stiffness,
-            self._damping - of.rhs[:n, n:],
-        )
+        passive = self._system.passive
+        r_q = of.r_q + passive.stiffness_matrix(q)
+        r_v = passive.damping_matrix(q) - of.rhs[:n, n:]
+        if self._system.slopes.are_known:
+            by_q, by_v = self._system.slopes.at(t, q, v)
+            r_q, r_v = r_q - by_q, r_v - by_v
+        return Partials(self._system.mass(q), of.J, r_q, r_v)

@@ -41,31 +41,46 @@ def stiff_damping(system: System, integrator: Integrator, dt: float, q: Array) -
     str
         Empty if there is none.
     """
-    if integrator.takes_stiff_damping or not system.passive.d.any():
+    between = system.passive.between
+    damped = system.passive.d.any() or (between is not None and between.c.any())
+    if integrator.takes_stiff_damping or not damped:
         return ""
     rate, i = _fastest(system, q)
     limit = 2 * wall(integrator, beta_per_alpha=0.0)  # c'' + 2 alpha c' = 0
     if rate * dt < limit:
         return ""
-    joint = next(k for k, each in enumerate(system.model.joints) if 0 <= i - each.idx_v < each.nv)
     return (
-        f"the damping of joint {system.model.names[joint]!r} ({system.passive.d[i]:.3g} N m s/rad "
-        f"or N s/m) has a rate of {rate:.3g} / s, and {integrator.title} follows no more than "
-        f"{limit:.3g} / dt: use SemiImplicitEuler(), LinearlyImplicitMidpoint(), or dt below "
-        f"{limit / rate:.2g} s"
+        f"the damping {_damper(system, i)} has a rate of {rate:.3g} / s, and "
+        f"{integrator.title} follows no more than {limit:.3g} / dt: use SemiImplicitEuler(), "
+        f"LinearlyImplicitMidpoint(), or dt below {limit / rate:.2g} s"
     )
 
 
 def _fastest(system: System, q: Array) -> tuple[float, int]:
-    """Return the largest eigenvalue of P D [1/s], and the velocity that takes most part in it.
+    """Return the largest eigenvalue of P D [1/s], and which damper takes most part in it.
 
-    Of several that do, the first.
+    Dampers are counted joint coordinate by joint coordinate, and then from one frame to another. Of
+    several that take the same part, the first.
     """
-    factors = factorise(system.mass(q), system.jacobian(q), tolerances.RANK)
-    root = np.sqrt(system.passive.d)
-    # those of D^1/2 P D^1/2, where P r is the a of M a - J^T lam = r, J a = 0
-    P_root, _ = factors.solve(np.diag(root), np.zeros((system.m, len(root))))
-    rates, modes = np.linalg.eigh(root[:, None] * P_root)
+    factors = factorise(system.mass(q), system.jacobian(q), tolerances.RANK, at=(system.model, q))
+    passive = system.passive
+    root = np.diag(np.sqrt(passive.d))
+    if passive.between:
+        root = np.hstack([root, passive.between.damping_rows(q).T])
+    # with D = R R^T, those of R^T P R, where P r is the a of M a - J^T lam = r, J a = 0
+    P_root, _ = factors.solve(root, np.zeros((system.m, root.shape[1])))
+    rates, modes = np.linalg.eigh(root.T @ P_root)
     # two legs have the same rate, and any mixture of their modes is one
     fastest = modes[:, rates >= (1.0 - tolerances.TIED) * rates[-1]]
     return float(rates[-1]), first_of_largest(np.linalg.norm(fastest, axis=1))
+
+
+def _damper(system: System, i: int) -> str:
+    """Return which damper is the one of this number."""
+    model, passive = system.model, system.passive
+    if i >= model.nv:
+        assert passive.between is not None
+        k = i - model.nv
+        return f"between {passive.between.names[k]} ({passive.between.c[k]:.3g} N s/m)"
+    joint = next(k for k, each in enumerate(model.joints) if 0 <= i - each.idx_v < each.nv)
+    return f"of joint {model.names[joint]!r} ({passive.d[i]:.3g} N m s/rad or N s/m)"

@@ -35,7 +35,8 @@ class Trajectory:
         Constraint forces [N, N m], rows in the order of `row_names`; zero while a constraint is
         away.
     tau : (k, nv) array
-        Torques applied, without springs and damping [N, N m].
+        Torques applied, those of forces from outside J_f^T f with them, without springs and
+        damping [N, N m].
     run : Run
         How it was made, and how it ended.
     """
@@ -119,22 +120,20 @@ class Trajectory:
         """
         effects = self.run.effects
         passive = Passive.of(self.scene.robot, springs=effects.springs, damping=effects.damping)
-        parts = [
-            (
-                work(self.t[s], np.sum(self.tau[s] * self.v[s], axis=1)),
-                work(self.t[s], -(self.v[s] ** 2) @ passive.d),
-            )
-            for s in (phase.samples for phase in self.phases)
-        ]
+        with np.errstate(all="ignore"):  # a run that was lost ends with numbers that overflow
+            applied = np.sum(self.tau * self.v, axis=1)
+            damped = -passive.dissipation(self.q, self.v)
+            sprung = passive.energy(self.q)
+        samples = [phase.samples for phase in self.phases]
         impacts = np.zeros(len(self.t))
         for event in self.run.happened:
             impacts[event.sample :] -= event.energy_lost
         return Energy(
             self._kinematics.kinetic,
             self._kinematics.potential,
-            passive.energy(self.q),
-            _chained([applied for applied, _ in parts]),
-            _chained([damped for _, damped in parts]),
+            sprung,
+            _chained([work(self.t[s], applied[s]) for s in samples]),
+            _chained([work(self.t[s], damped[s]) for s in samples]),
             impacts,
         )
 
@@ -153,8 +152,7 @@ class Trajectory:
     def save(self, path: str | PathLike[str]) -> None:
         """Write it to a file (npz): the samples, the robot's model, and how it was made.
 
-        Nothing in it is executed when it is read. The model can be read by the same Pinocchio only,
-        in its first two numbers.
+        Nothing in it is executed when it is read, and any Pinocchio that is supported reads it.
         """
         from condyn_pin.simulation.files import save
 

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from condyn_pin import tolerances
 from condyn_pin.simulation.defaults import default_solver
 from condyn_pin.simulation.torques import Passive
 from condyn_pin.workspace import Workspace
@@ -26,7 +25,7 @@ _LOOKS = 20
 
 
 def solver_notices(trajectory: Trajectory) -> list[str]:
-    """Return a sentence on the error of the accelerations, if it is larger than `SOLVED`.
+    """Return a sentence on the error of the accelerations, if it is larger than its solver's.
 
     Nothing is said of a run that broke down, nor of a solver that answers another question.
     """
@@ -39,7 +38,7 @@ def solver_notices(trajectory: Trajectory) -> list[str]:
         _bound(trajectory, phase, default_solver(phase.scene) if by_default else run.solver)
         for phase in trajectory.phases
     )
-    if worst <= tolerances.SOLVED:
+    if worst <= run.solver.accuracy:
         return []
     return [
         f"the accelerations may be off by {worst:.2g}, relative, at t = {when:.4g} s: give "

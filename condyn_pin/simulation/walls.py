@@ -8,7 +8,8 @@ circle. For alpha = beta that is
     semi-implicit Euler   alpha dt < 2 sqrt(2) - 2 = 0.828
     Runge-Kutta 4         alpha dt < 2.785
 
-and for any other integrator and gains the map is measured, by letting it step.
+and for any other integrator and gains the map is measured, by letting it step. At the wall itself
+no gap shrinks, so that gains have to be below it by more than rounding.
 
 References
 ----------
@@ -27,6 +28,8 @@ import numpy as np
 from condyn_pin.arrays import Array
 from condyn_pin.drift.baumgarte import Baumgarte
 from condyn_pin.errors import InvalidArgument, StepFailed
+from condyn_pin.simulation.slopes import Slopes
+from condyn_pin.simulation.torques import Applied
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.integrators.base import Integrator
@@ -34,6 +37,9 @@ if TYPE_CHECKING:
 
 # A gap that grows by less a step is one that does not move: alpha = 0 or beta = 0.
 _GROWS = 1e-9
+
+# How far a step has to be below the wall, as a share of it: dt is a quotient, and gains are typed.
+_MARGIN = 1e-6
 
 # Steps that a map of two states is told from, and the share of |A|^2 up to which a second step is
 # that of an integrator that remembers nothing.
@@ -46,6 +52,7 @@ class _Gap:
 
     def __init__(self, drift: Baumgarte, dt: float) -> None:
         self._Kp, self._Kd = drift.Kp * dt * dt, drift.Kd * dt
+        self.slopes = Slopes(Applied(1, 0.0), self.integrate)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return c''."""
@@ -62,6 +69,9 @@ class _Gap:
     def iterated(self, dt: float, last: Callable[[], Array]) -> _Gap:
         """Return the same."""
         return self
+
+    def difference_if_stiff(self, t: float, q: Array, v: Array) -> None:
+        """Do nothing: no torque acts."""
 
     def size(self, q: Array) -> float:
         """Return how large its numbers are."""
@@ -132,7 +142,7 @@ def wall(integrator: Integrator, *, beta_per_alpha: float = 1.0) -> float:
         return inf
     stable = 0.0
     for alpha in np.arange(1, 400) * 0.05:
-        if growth(integrator, Baumgarte(alpha, beta_per_alpha * alpha), 1.0) > 1 + _GROWS:
+        if is_beyond(integrator, Baumgarte(alpha, beta_per_alpha * alpha), 1.0):
             break
         stable = float(alpha)
     else:
@@ -140,18 +150,24 @@ def wall(integrator: Integrator, *, beta_per_alpha: float = 1.0) -> float:
     unstable = stable + 0.05
     while unstable - stable > 1e-4:
         middle = (stable + unstable) / 2
-        grows = growth(integrator, Baumgarte(middle, beta_per_alpha * middle), 1.0) > 1 + _GROWS
-        stable, unstable = (stable, middle) if grows else (middle, unstable)
+        beyond = is_beyond(integrator, Baumgarte(middle, beta_per_alpha * middle), 1.0)
+        stable, unstable = (stable, middle) if beyond else (middle, unstable)
     return stable
 
 
+def is_beyond(integrator: Integrator, drift: Baumgarte, dt: float) -> bool:
+    """Whether gains are at the wall of an integrator or beyond it."""
+    return growth(integrator, drift, dt * (1 + _MARGIN)) > 1 + _GROWS
+
+
 def check_wall(integrator: Integrator, drift: Baumgarte, dt: float) -> None:
-    """Refuse gains that are beyond the wall of an integrator at dt."""
-    if integrator.is_adaptive or not (grows := growth(integrator, drift, dt)) > 1 + _GROWS:
+    """Refuse gains that are not below the wall of an integrator at dt."""
+    if integrator.is_adaptive or not is_beyond(integrator, drift, dt):
         return
-    limit = wall(integrator, beta_per_alpha=1.0)
+    grows, limit = growth(integrator, drift, dt), wall(integrator, beta_per_alpha=1.0)
+    what = f"every gap grows {grows:.3g} times a step" if grows > 1.001 else "no gap shrinks"
     raise InvalidArgument(
-        f"drift = {drift!r}: with {integrator.title} and dt = {dt:g} s every gap grows {grows:.3g} "
-        f"times a step; alpha = beta is stable below {limit / dt:.4g} / s "
+        f"drift = {drift!r}: with {integrator.title} and dt = {dt:g} s {what}; "
+        f"alpha = beta is stable below {limit / dt:.4g} / s "
         f"(alpha dt < {limit:.4g}), and good at a tenth of that"
     )

@@ -34,8 +34,8 @@ class Watch:
     def look(self, moment: Moment, scene: Scene) -> dict[str, float]:
         """Return the value of every event at a moment of a scene."""
         return {
-            # an event has nothing to say while its scene goes on
-            event.name: 0.0 if event.scene is scene else event.value(moment)
+            # an event that would change nothing has nothing to say
+            event.name: event.value(moment) if event.changes(scene) else 0.0
             for event in self.events
         }
 
@@ -69,13 +69,16 @@ class Watch:
         Those that fell to zero with it are still to happen, and those that brought the scene may
         happen again: what lets go of the ground is above it, whatever rounding says.
         """
-        if event.scene is None and event.at is None:  # a time does not come again
+        stays = event.scene is None or event.scene is left
+        if stays and event.at is None:  # a time does not come again
             self._rebounding.add(event.name)
         for other in self.events:
             name, before = other.name, self.values[other.name]
-            waits = other is not event and other.scene is not scene
+            waits = other is not event and other.changes(scene)
             if waits and before > 0 >= values[name]:
                 values[name] = before
+            elif stays:
+                continue
             elif other.at is None and other.scene is left and abs(values[name]) <= _NOISE:
                 values[name] = _NOISE
         self.values = values

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from condyn_pin import tolerances
+from condyn_pin.files.beside import write_text
 from condyn_pin.table_text import markdown, nulled, write_csv
 
 
@@ -87,7 +88,7 @@ class LadderTable:
 
     def to_json(self, path: str | Path) -> None:
         """Write name, machine and rows; what was not measured is null."""
-        Path(path).write_text(json.dumps(self.as_dict(), indent=1) + "\n", encoding="utf-8")
+        write_text(path, json.dumps(self.as_dict(), indent=1) + "\n")
 
     def as_dict(self) -> dict[str, Any]:
         """Return the table as plain values."""

@@ -115,7 +115,7 @@ def _follow(equations: Equations, q: Array, wanted: Array, known: Indices, still
     v = wanted.copy()
     v[free] = -np.linalg.lstsq(terms.J[:, free], terms.J @ wanted, rcond=tolerances.RANK)[0]
     J = np.vstack([terms.J, np.eye(len(wanted))[still]])
-    return factorise(terms.M, J, tolerances.RANK).tangent(v)
+    return factorise(terms.M, J, tolerances.RANK, at=(equations.model, q)).tangent(v)
 
 
 def _hold(target: Scene, q: Array, joints: Sequence[str]) -> Array:

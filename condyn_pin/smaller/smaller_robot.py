@@ -12,6 +12,7 @@ from condyn_pin.errors import UnknownName, unknown_name
 from condyn_pin.joints import indices
 from condyn_pin.robot import Robot
 from condyn_pin.smaller.smaller_tree import smaller_tree
+from condyn_pin.spring import SpringDamper
 
 _AnyConstraint = TypeVar("_AnyConstraint", bound=Constraint)
 
@@ -45,11 +46,13 @@ def smaller_robot(
         contacts=(),
         actuated=tuple(name for name in robot.actuated if name not in joints),
         springs=tuple(spring for spring in robot.springs if spring.joint not in joints),
+        spring_dampers=(),
         unused=(*robot.unused, remark),
     )
     loops, _ = sifted(bare, robot.loops)
     contacts, _ = sifted(bare, robot.contacts)
-    return replace(bare, loops=loops, contacts=contacts)
+    dampers = tuple(each for each in robot.spring_dampers if _pulls(bare, each))
+    return replace(bare, loops=loops, contacts=contacts, spring_dampers=dampers)
 
 
 def sifted(
@@ -72,6 +75,14 @@ def _constrains(robot: Robot, constraint: Constraint) -> bool:
     except UnknownName:
         return False
     return first != second
+
+
+def _pulls(robot: Robot, each: SpringDamper) -> bool:
+    """Whether a spring-damper has its ends on two bodies of this robot."""
+    try:
+        return robot.frame(each.frame_a)[0] != robot.frame(each.frame_b)[0]
+    except UnknownName:
+        return False
 
 
 def sides(robot: Robot, constraint: Constraint) -> tuple[int, int]:

@@ -20,22 +20,26 @@
    contains. `workspace.constraint_models` has Pinocchio's objects, of 3 and 6 rows only: a solver
    that uses them sets `takes_every_kind = False` and is never started on kinds without such an
    equivalent. Kinds that are imitated, such as a hinge by two points, bring a row too many: with
-   `takes_imitated = False` it is not started on those either.
-7. A solver of another problem, such as soft constraints, sets `exact = False`: its answer is judged
+   `takes_imitated = False` it is not started on those either, and with `takes_world_first = False`
+   not on a planar pin whose first frame is the world's.
+7. `accuracy` is of every solver, and no knob: what a status of ok promises where nothing else is
+   said. `tune` and `Table.cheapest` return solvers with the one that they were chosen for.
+8. A solver of another problem, such as soft constraints, sets `exact = False`: its answer is judged
    by the hard equations like all others, and is called inaccurate by what it differs.
-8. Sources: cite the paper in the docstring.
+9. Sources: cite the paper in the docstring.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from dataclasses import Field, dataclass, field, fields
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from condyn_pin.arrays import Array
-from condyn_pin.knobs import Grid
+from condyn_pin.knobs import Grid, check_accuracy_of_a
 from condyn_pin.registry import enter
+from condyn_pin.tolerances import SOLVED
 
 if TYPE_CHECKING:
     from condyn_pin.workspace import Workspace
@@ -73,8 +77,16 @@ def free_force(tau: Array, h: Array) -> Array:
     return tau - h
 
 
+@dataclass(frozen=True)
 class Solver(ABC):
-    """A way to solve the two equations; a frozen value."""
+    """A way to solve the two equations; a frozen value.
+
+    Attributes
+    ----------
+    accuracy : float
+        Error of a that is good enough, relative to the larger of |a|_inf and gravity, unless
+        `solve` is told another: what the status is judged by. It changes no number of the answer.
+    """
 
     title: ClassVar[str]
     cost: ClassVar[str]
@@ -82,12 +94,26 @@ class Solver(ABC):
     takes_redundant: ClassVar[bool]  # whether redundant rows are no trouble
     takes_every_kind: ClassVar[bool] = True  # or only kinds that Pinocchio has, or can imitate
     takes_imitated: ClassVar[bool] = True  # or only kinds that Pinocchio has
+    takes_world_first: ClassVar[bool] = True  # or only a moving body as the first of the two
     exact: ClassVar[bool] = True  # whether it solves the two equations, or others near them
 
     sweeps: ClassVar[tuple[Grid, ...]] = ()  # values of knobs that are worth a look
 
+    accuracy: float = field(default=SOLVED, kw_only=True)
+
+    def __post_init__(self) -> None:
+        check_accuracy_of_a(self.accuracy)
+
+    def __repr__(self) -> str:
+        shown = [knob.name for knob in knob_fields(type(self))]
+        shown += ["accuracy"] if self.accuracy != SOLVED else []
+        knobs = ", ".join(f"{name}={getattr(self, name)!r}" for name in shown)
+        return f"{type(self).__qualname__}({knobs})"
+
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
+        # a dataclass that finds one in its own namespace does not write another
+        cls.__repr__ = cls.__repr__  # type: ignore[method-assign]
         if getattr(cls.start, "__isabstractmethod__", False):
             return
         name = cls.__name__.lower()
@@ -96,3 +122,8 @@ class Solver(ABC):
     @abstractmethod
     def start(self, workspace: Workspace) -> Method:
         """Return this solver at work in `workspace`."""
+
+
+def knob_fields(kind: type[Solver]) -> tuple[Field[Any], ...]:
+    """Return the knobs of a solver: its fields without the accuracy, which all solvers have."""
+    return tuple(knob for knob in fields(kind) if knob.name != "accuracy")

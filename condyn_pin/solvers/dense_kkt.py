@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
@@ -11,11 +11,20 @@ from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.knobs import WEIGHTS, Grid, check_damping, check_refinements
-from condyn_pin.solvers.base import Method, Singular, Solver
+from condyn_pin.solvers.base import Method, Singular, Solver, free_force
 
 if TYPE_CHECKING:
     from condyn_pin.rows.terms import Terms
     from condyn_pin.workspace import Workspace
+
+# Random right-hand sides. Near a singularity each K^-1 x is |K^-1| times a normal number: that two
+# are both below 1e-3, a tenth of what lies between a redundant row and what is called one, is one
+# in a million.
+PROBES: Final = 2
+# The matrix is scaled to entries of size one, so 1 stands for its norm.
+LARGEST: Final = PROBES / tolerances.SINGULAR**2
+# Columns that LAPACK factorises at once: what it asks for itself.
+BLOCK: Final = 64
 
 
 @dataclass(frozen=True)
@@ -37,10 +46,12 @@ class DenseKKT(Solver):
 
     Notes
     -----
-    Cost O((n + m)^3); the yardstick that sparse methods are compared with. Bunch-Kaufman pivoting
-    and a condition estimate: LAPACK's dsytrf, dsycon, dsytrs. The matrix is scaled first, by the
-    diagonal of M and the rows of J at the nominal state, so that neither units nor light bodies
-    look like a singularity.
+    Cost O((n + m)^3); Bunch-Kaufman pivoting, one call of LAPACK's dsysv. The matrix is scaled
+    first, by the diagonal of M and the rows of J at the nominal state, so that neither units nor
+    light bodies look like a singularity. How close it is to one is seen by random right-hand sides
+    that are solved beside the one that is asked for: with x of unit variance,
+
+        E |K^-1 x|^2 = |K^-1|_F^2.
 
     References
     ----------
@@ -58,48 +69,63 @@ class DenseKKT(Solver):
     refinements: int = 0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_damping(self.mu)
         check_refinements(self.refinements)
 
     def start(self, workspace: Workspace) -> Method:
         """Return the assembled solve bound to the memory of `workspace`."""
         # imported here: scipy.linalg takes as long to import as Pinocchio
-        from scipy.linalg.lapack import dsycon, dsytrf, dsytrs
+        from scipy.linalg.lapack import dsysv, dsytrs
 
         n, d = workspace.model.nv, scaling(workspace.scene.audit.terms)
         size = len(d)
         scale = np.asfortranarray(np.outer(d, d))
-        empty = np.zeros((size, size), order="F")
-        empty[range(n, size), range(n, size)] = -self.mu
-        answer = np.zeros(size)
+        # the lower triangle of D K D; LAPACK writes its factor over it
+        K = np.zeros((size, size), order="F")
+        M, J, corner = K[:n, :n], K[n:, :n], K[n:, n:]
+        damping = -self.mu * np.eye(size - n)
+        # one after the other: D times the right side, and the random ones; the answers take their
+        # places
+        sides = np.zeros((1 + PROBES) * size)
+        y, probed = sides[:size], sides[size:]
+        y_n, y_m, d_n, d_m = y[:n], y[n:], d[:n], d[n:]
+        columns, random = sides.reshape(-1, size).T, probing(size)
+        work, corrections = BLOCK * size, range(self.refinements)
 
         @one_blas_thread
         @np.errstate(over="ignore", invalid="ignore")  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             terms = workspace.equations.terms(q, v)
-            K = empty.copy(order="F")
-            K[:n, :n] = terms.M
-            K[n:, :n] = terms.J  # the lower triangle is enough
-            K *= scale
-            factor, pivots, info = dsytrf(K, lower=1, overwrite_a=1)
-            # D K D has entries of size one, so 1 stands for its norm
-            if info > 0 or not dsycon(factor, pivots, 1.0, lower=1)[0] > tolerances.SINGULAR:
+            M[:], J[:], corner[:] = terms.M, terms.J, damping
+            np.multiply(K, scale, out=K)
+            y_n[:] = free_force(tau, terms.h)
+            np.subtract(terms.a_ref, terms.gamma, out=y_m)
+            np.multiply(y, d, out=y)
+            probed[:] = random
+            factor, pivots, _, info = dsysv(
+                K, columns, lwork=work, lower=1, overwrite_a=1, overwrite_b=1
+            )
+            if info > 0 or not probed.dot(probed) < LARGEST:
                 raise Singular
-            # concatenated first, so that a tau of another size is refused, not broadcast
-            rhs = np.concatenate([tau, terms.a_ref]) - np.concatenate([terms.h, terms.gamma])
-            rhs *= d
-            np.multiply(d, dsytrs(factor, pivots, rhs, lower=1)[0].ravel(), out=answer)
-            for _ in range(self.refinements):
-                left = workspace.equations.residuals(q, v, tau, answer[:n], -answer[n:])
-                rhs = d * np.concatenate(left)
-                answer[:] -= d * dsytrs(factor, pivots, rhs, lower=1)[0].ravel()
-            return answer[:n].copy()
+            for _ in corrections:
+                left = workspace.equations.residuals(q, v, tau, d_n * y_n, -d_m * y_m)
+                rest = np.concatenate(left) * d
+                y[:] -= dsytrs(factor, pivots, rest, lower=1)[0].ravel()
+            return d_n * y_n
 
-        return Method(acceleration, lambda: -answer[n:], lambda: 1 + self.refinements)
+        return Method(acceleration, lambda: -d_m * y_m, lambda: 1 + len(corrections))
+
+
+def probing(size: int) -> Array:
+    """Return the random right-hand sides, one after the other; the same in every process."""
+    return np.random.default_rng(0).standard_normal(PROBES * size)
 
 
 def scaling(terms: Terms) -> Array:
     """Return d such that diag(d) K diag(d) has ones on M's diagonal and unit rows of J."""
     of_M = 1 / np.sqrt(terms.M.diagonal())
     norms = np.linalg.norm(terms.J * of_M, axis=1)
-    return np.concatenate([of_M, 1 / np.where(norms > 0, norms, 1.0)])
+    # a row that is nothing at that state is scaled like the largest, not blown up
+    largest = norms.max(initial=0.0) or 1.0
+    return np.concatenate([of_M, 1 / np.where(norms > tolerances.RANK * largest, norms, largest)])

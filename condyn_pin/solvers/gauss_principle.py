@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from condyn_pin import tolerances
-from condyn_pin.algebra.minimum_norm import factorise
+from condyn_pin.algebra.minimum_norm import BLURRED, factorise
 from condyn_pin.arrays import Array
 from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.errors import InvalidModel
@@ -34,7 +34,8 @@ class GaussPrinciple(Solver):
     Parameters
     ----------
     rank_tolerance : float
-        Singular values of J L^-T below this share of the largest belong to redundant rows.
+        Singular values of J L^-T below this share of the largest belong to redundant rows, and so do
+        those that rounding of J can make up, as measured at the nominal state.
 
     Notes
     -----
@@ -54,11 +55,13 @@ class GaussPrinciple(Solver):
     rank_tolerance: float = tolerances.RANK
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_share("rank_tolerance", self.rank_tolerance)
 
     def start(self, workspace: Workspace) -> Method:
         """Return the formula bound to the equations of `workspace`."""
         rank_tolerance = self.rank_tolerance
+        least = BLURRED * workspace.scene.audit.yardstick.blur
         latest = np.zeros(workspace.scene.rows)
 
         @one_blas_thread
@@ -66,7 +69,7 @@ class GaussPrinciple(Solver):
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             terms = workspace.equations.terms(q, v)
             try:
-                factors = factorise(terms.M, terms.J, rank_tolerance)
+                factors = factorise(terms.M, terms.J, rank_tolerance, least)
             except InvalidModel as error:
                 raise Singular from error
             a, latest[:] = factors.solve(free_force(tau, terms.h), terms.a_ref - terms.gamma)

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from condyn_pin import tolerances
+from condyn_pin.algebra.minimum_norm import BLURRED
 from condyn_pin.arrays import Array
 from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.knobs import check_share
+from condyn_pin.rows.reach import reach
 from condyn_pin.solvers.base import Method, Singular, Solver, free_force
 
 if TYPE_CHECKING:
@@ -35,7 +37,8 @@ class NullSpace(Solver):
     Parameters
     ----------
     rank_tolerance : float
-        Rows of R whose pivot is below this share of the largest belong to redundant rows.
+        Rows of R whose pivot is below this share of the largest belong to redundant rows, and so do
+        those that rounding of J can make up, as measured at the nominal state.
 
     Notes
     -----
@@ -57,18 +60,21 @@ class NullSpace(Solver):
     rank_tolerance: float = tolerances.RANK
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_share("rank_tolerance", self.rank_tolerance)
 
     def start(self, workspace: Workspace) -> Method:
         """Return the factorisation bound to the equations of `workspace`."""
-        rank_tolerance = self.rank_tolerance
+        rank_tolerance, audit = self.rank_tolerance, workspace.scene.audit
+        reached = reach(workspace.equations, audit.q) / np.sqrt(audit.terms.M.diagonal())
+        least = BLURRED * float(np.finfo(float).eps * np.linalg.norm(reached))
         latest: list[tuple[_Split, Array]] = []
 
         @one_blas_thread
         @np.errstate(over="ignore", invalid="ignore")  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             terms = workspace.equations.terms(q, v)
-            split = _Split(terms, rank_tolerance)
+            split = _Split(terms, rank_tolerance, least)
             x = free_force(tau, terms.h)
             a = split.acceleration(x, terms.a_ref - terms.gamma)
             latest[:] = [(split, terms.M @ a - x)]
@@ -85,7 +91,7 @@ class NullSpace(Solver):
 class _Split:
     """The two spaces of one M and J."""
 
-    def __init__(self, terms: Terms, rank_tolerance: float) -> None:
+    def __init__(self, terms: Terms, rank_tolerance: float, least: float) -> None:
         # imported here: scipy.linalg takes as long to import as Pinocchio
         from scipy.linalg.lapack import dgeqp3, dormqr
 
@@ -101,7 +107,7 @@ class _Split:
             self.R, order, reflectors, _, _ = dgeqp3((terms.J * self.D).T)
             self.order = order - 1  # LAPACK counts from one
             pivots = np.abs(self.R.diagonal())
-            self.rank = int(np.count_nonzero(pivots > rank_tolerance * pivots[0]))
+            self.rank = int(np.count_nonzero(pivots > max(rank_tolerance * pivots[0], least)))
             columns = self.R[:, : len(reflectors)]
             Q = dormqr("L", "N", columns, reflectors, Q, 64 * n, overwrite_c=1)[0]
         self.Y, self.Z = Q[:, : self.rank], Q[:, self.rank :]

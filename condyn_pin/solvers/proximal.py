@@ -10,6 +10,7 @@ import numpy as np
 from condyn_pin import _pin, tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
+from condyn_pin.imitation import exact_where_open
 from condyn_pin.knobs import (
     ACCURACIES,
     ITERATIONS,
@@ -82,6 +83,9 @@ class Proximal(Solver):
 
     Notes
     -----
+    A hinge, an edge and a planar pin are points to Pinocchio, which is exact on closed loops. Where
+    they are open by more than 1e-11 m, or slip by 1e-11 m/s, the answer is that of `NullSpace`.
+
     Cost O(n d^2 + m^2 d) with d the depth of the tree; `condyn bench` measures it.
 
     References
@@ -108,6 +112,7 @@ class Proximal(Solver):
     refinements: int | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.mu == "auto":
             object.__setattr__(self, "mu", None)
         if self.refinements is not None:
@@ -161,14 +166,15 @@ class Proximal(Solver):
             return int(settings.iter) + (0 if last is settings else int(last.iter))
 
         run = persistent if patient else acceleration
-        if not refinements:
-            return Method(run, lambda: workspace.scene_forces(lam()), iterations)
-        refinement = Refinement(workspace, refinements)
-        return Method(
-            lambda q, v, tau: refinement.correct(q, v, tau, run(q, v, tau), lam()),
-            lambda: workspace.scene_forces(refinement.lam),
-            lambda: iterations() + refinements,
-        )
+        method = Method(run, lambda: workspace.scene_forces(lam()), iterations)
+        if refinements:
+            refinement = Refinement(workspace, refinements)
+            method = Method(
+                lambda q, v, tau: refinement.correct(q, v, tau, run(q, v, tau), lam()),
+                lambda: workspace.scene_forces(refinement.lam),
+                lambda: iterations() + refinements,
+            )
+        return exact_where_open(workspace, method) if workspace.natives.imitated else method
 
 
 def _refinements(audit: Audit) -> int:

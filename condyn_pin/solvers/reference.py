@@ -15,6 +15,7 @@ from condyn_pin.arrays import Array
 from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.errors import InvalidModel
 from condyn_pin.knobs import check_count, check_share
+from condyn_pin.rows.reach import reach
 from condyn_pin.solvers.base import Method, Singular, Solver
 
 if TYPE_CHECKING:
@@ -38,7 +39,8 @@ class Reference(Solver):
     Parameters
     ----------
     rank_tolerance : float
-        Singular values of Jw below this share of the largest belong to redundant rows.
+        Singular values of Jw below this share of the largest belong to redundant rows, and so do
+        those that rounding of J can make up, where bodies are light or far away.
     refinements : int
         Corrections. Each gains the digits that the factors have left over conditioning; two reach
         the rounding of the answer for every scene in the tests.
@@ -64,6 +66,7 @@ class Reference(Solver):
     refinements: int = 3
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_share("rank_tolerance", self.rank_tolerance)
         check_count("refinements", self.refinements, least=0)
 
@@ -74,18 +77,24 @@ class Reference(Solver):
         @one_blas_thread
         @np.errstate(over="ignore", invalid="ignore")  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
-            a, latest[:] = self.solve(workspace.equations.terms(q, v), tau)
+            equations = workspace.equations
+            a, latest[:] = self.solve(equations.terms(q, v), tau, reach(equations, q))
             return a
 
         return Method(acceleration, latest.copy, lambda: 1 + self.refinements)
 
-    def solve(self, terms: Terms, tau: Array) -> tuple[Array, Array]:
-        """Return a and the minimum-norm lam of the given terms."""
+    def solve(self, terms: Terms, tau: Array, P: Array | None = None) -> tuple[Array, Array]:
+        """Return a and the minimum-norm lam of the given terms.
+
+        With P, what J is a difference of, singular values that rounding of J makes up do not count.
+        """
         m, n = terms.J.shape
         try:
             factors = factorise(terms.M, terms.J, self.rank_tolerance)
         except InvalidModel as error:
             raise Singular from error
+        if P is not None:
+            factors = factors.above_rounding(P)
         K = np.block([[terms.M, -terms.J.T], [terms.J, np.zeros((m, m))]])
         b = (np.concatenate([tau, terms.a_ref]), -np.concatenate([terms.h, terms.gamma]))
         unit = _power_of_two(*b)  # splitting a huge number overflows

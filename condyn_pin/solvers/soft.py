@@ -12,9 +12,11 @@ from condyn_pin.algebra.range_space import whiten
 from condyn_pin.arrays import Array, finite
 from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.errors import InvalidArgument, InvalidModel
+from condyn_pin.io.mjcf_posture import drawn
 from condyn_pin.knobs import Grid
 from condyn_pin.rows.bound import Coupled
 from condyn_pin.solvers.base import Method, Singular, Solver, free_force
+from condyn_pin.soundness import massless_motion
 
 if TYPE_CHECKING:
     from condyn_pin.workspace import Workspace
@@ -33,7 +35,8 @@ class Soft(Solver):
     a_ref = -b J v - k c,    R = (1 - d) / d * diag(w),
 
     with c the gap of a constraint, d its impedance at |c|, and w the mean inverse inertia of its
-    two bodies at the neutral configuration, which MuJoCo takes for the diagonal of G.
+    two bodies where MuJoCo draws the model, which it takes for the diagonal of G: at the posture
+    ``qpos0``, which comes with an MJCF, else at neutral.
 
     Parameters
     ----------
@@ -53,7 +56,9 @@ class Soft(Solver):
     Cost as `DelassusCholesky`. It solves other equations than the other solvers: lam belongs to a,
     the dynamics hold to rounding, and the constraints do not. The status says inaccurate by as
     much, unless the `accuracy` asked for allows it, and derivatives are refused. Redundant rows
-    share the load. gamma is part of it as in MuJoCo 4; MuJoCo 3.3 leaves it out.
+    share the load. Bodies that are fixed to one another weigh as the one that they are here and in
+    what `Robot.to_mjcf` writes; MuJoCo weighs each one of an MJCF by itself. gamma is part of it as
+    in MuJoCo 4; MuJoCo 3.3 leaves it out.
 
     References
     ----------
@@ -73,6 +78,7 @@ class Soft(Solver):
     solimp: tuple[float, float, float, float, float] = (0.9, 0.95, 0.001, 0.5, 2.0)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         ref = finite("solref", self.solref, (2,))
         if not ((ref > 0).all() or (ref < 0).all()):
             raise InvalidArgument(
@@ -153,14 +159,16 @@ def inverse_inertias(workspace: Workspace) -> Array:
     or to a moment, the mean over three axes; for a coupling, of what each joint does.
     """
     model = workspace.model
-    data, q = model.createData(), pin.neutral(model)
+    data, q = model.createData(), drawn(workspace.scene.robot)
     M = np.array(pin.crba(model, data, q))
     pin.computeJointJacobians(model, data, q)
 
     def gives(J: Array) -> Array:
         whitened = whiten(M, J)
         if whitened is None:
-            raise InvalidModel("Soft: the mass matrix is not positive definite at neutral")
+            raise InvalidModel(
+                f"Soft weighs its rows where MuJoCo starts: {massless_motion(model, q)}"
+            )
         return np.array(whitened[2].diagonal())
 
     def body(joint: int) -> Array:

@@ -63,6 +63,7 @@ class SparseKKT(Solver):
     mu: float = 0.0  # [1/kg]
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_damping(self.mu)
 
     def start(self, workspace: Workspace) -> Method:

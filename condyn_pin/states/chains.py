@@ -32,6 +32,7 @@ from condyn_pin.arrays import Array
 from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.joints import Indices, indices
 from condyn_pin.rows.equations import Equations
+from condyn_pin.rows.reach import reach
 from condyn_pin.states.closing import Closer
 from condyn_pin.states.clusters import Cluster, clusters, isolated
 from condyn_pin.states.limits import NO_LIMITS, Limits
@@ -112,7 +113,8 @@ def chains(scene: Scene) -> Chains:
     found = []
     for q in tries:
         terms = equations.terms(q, np.zeros(robot.nv))
-        factors = factorise(terms.M, terms.J, tolerances.RANK)
+        factors = factorise(terms.M, terms.J, tolerances.RANK, at=(robot.model, q))
+        factors = factors.above_rounding(reach(equations, q))
         dependent = independent_columns(terms.J[rows], passive_classes)
         found.append((factors, terms.J, dependent))
     jacobians = [each[1] for each in found]

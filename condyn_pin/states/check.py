@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,8 +13,8 @@ from condyn_pin import tolerances
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import finite
 from condyn_pin.errors import NotAssembled
-from condyn_pin.rows.equations import Equations
-from condyn_pin.states.gaps import Gap, beyond_text, closed, gaps, slips
+from condyn_pin.rows.kept import equations_of
+from condyn_pin.states.gaps import Gap, beyond_text, closed, gaps, rounding, slips
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
@@ -34,12 +34,16 @@ class Check:
         max abs(v), or 1, whichever is larger: what a slip is small in comparison to.
     beyond_limits : dict of str to Gap
         Joints outside their limits, and how far [rad, m]. The dynamics know no limits.
+    rounding : dict of str to float
+        What rounding alone may leave of a slip: 1e-13 of the velocities that it is the difference
+        of [m/s, rad/s]. Looked at where a slip is more than 1e-10 of `speed`.
     """
 
     gap: Mapping[str, Gap]
     slip: Mapping[str, Gap]
     speed: float  # [rad/s, m/s]
     beyond_limits: Mapping[str, Gap]  # [rad, m]
+    rounding: Mapping[str, float] = field(default_factory=dict)  # [m/s, rad/s]
 
     @property
     def closed(self) -> bool:
@@ -48,7 +52,7 @@ class Check:
 
     @property
     def consistent(self) -> bool:
-        """Whether J v = 0 to 1e-10, relative to `speed`."""
+        """Whether J v = 0 to 1e-10, relative to `speed`, or to `rounding`."""
         return not self._slipping(tolerances.CONSISTENT)
 
     @property
@@ -94,20 +98,20 @@ class Check:
         return [
             f"{name} slips at {slip.text('/s')}"
             for name, slip in self.slip.items()
-            if slip.size > most * self.speed
+            if not slip.size <= max(most * self.speed, self.rounding.get(name, 0.0))
         ]
 
 
 def check(scene: Scene, q: ArrayLike, v: ArrayLike | None) -> Check:
     """Return what a state leaves open; see `Scene.check`."""
-    scene.robot.check_unedited()
-    model = scene.robot.model
-    equations = Equations(model, scene.bounds)
+    model, equations = scene.robot.model, equations_of(scene)
     q_ = normalised(model, "q", q)
-    slip, speed = {}, 1.0
+    slip, speed, excused = {}, 1.0, {}
     if v is not None:
         v_ = finite("v", v, model.nv)
         slip = slips(scene, equations.jacobian(q_) @ v_)
         speed = max(1.0, float(np.abs(v_).max(initial=0.0)))
+        if any(each.size > tolerances.CONSISTENT * speed for each in slip.values()):
+            excused = rounding(scene, q_, v_)
     c = equations.violation(q_)
-    return Check(gaps(scene, c), slip, speed, scene.chains.limits.beyond(q_))
+    return Check(gaps(scene, c), slip, speed, scene.chains.limits.beyond(q_), excused)

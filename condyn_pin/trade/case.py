@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from math import inf
 from typing import Any
@@ -16,8 +16,9 @@ from condyn_pin.arrays import Array
 from condyn_pin.errors import CondynError
 from condyn_pin.machine import machine
 from condyn_pin.scene import Scene
-from condyn_pin.solvers.base import Solver
+from condyn_pin.solvers.base import Solver, knob_fields
 from condyn_pin.timing import State
+from condyn_pin.tolerances import SOLVED
 from condyn_pin.trade.measures.base import Answer, Measure
 from condyn_pin.trade.row import Key, Knob, Row, key
 from condyn_pin.trade.states import States
@@ -133,9 +134,13 @@ def _answers(case: Case, solver: Solver) -> tuple[list[Answer], Counter[str], li
 
 
 def knobs_of(solver: Solver) -> dict[str, Knob]:
-    """Return the knobs of a solver by name; one that is no plain value as text."""
-    values = {f.name: getattr(solver, f.name) for f in fields(solver)}  # type: ignore[arg-type]
-    return {name: _plain(value) for name, value in values.items()}
+    """Return the knobs of a solver by name; one that is no plain value as text.
+
+    Its accuracy is among them where it is not the usual one.
+    """
+    names = [knob.name for knob in knob_fields(type(solver))]
+    names += ["accuracy"] if solver.accuracy != SOLVED else []
+    return {name: _plain(getattr(solver, name)) for name in names}
 
 
 def _plain(value: Any) -> Knob:

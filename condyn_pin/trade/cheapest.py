@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, Final
 
 from condyn_pin.arrays import finite
 from condyn_pin.errors import CondynError, InvalidArgument, NotReached, unknown_name
@@ -14,6 +14,7 @@ from condyn_pin.knobs import read_call
 from condyn_pin.scene import Scene
 from condyn_pin.solvers import SOLVERS
 from condyn_pin.solvers.base import Solver
+from condyn_pin.tolerances import SOLVED
 from condyn_pin.trade.exports import short
 from condyn_pin.trade.fresh import Fresh, FreshErrors, as_fresh
 from condyn_pin.trade.front import answered, comparable, microseconds
@@ -24,6 +25,8 @@ from condyn_pin.trade.states import States
 # Several errors are asked of one table after the other: the states and the truth stay the same.
 _fresh_errors = lru_cache(maxsize=1)(FreshErrors)
 
+_LONGEST: Final = 1000  # characters of a tuple as text
+
 
 @dataclass(frozen=True)
 class Choice:
@@ -32,6 +35,7 @@ class Choice:
     Attributes
     ----------
     solver : Solver
+        Its `accuracy` is what was asked for, or 1e-8 where that was less.
     error : float
         What was asked for, relative.
     row : Row
@@ -111,9 +115,14 @@ def _first_that_holds(
         solver = solver_of(row)
         fresh = judge(solver, measured_as(row))
         if fresh.expected <= error:
-            return Choice(solver, error, row, fresh, tuple(rejected))
+            return Choice(promising(solver, error), error, row, fresh, tuple(rejected))
         rejected.append((row, fresh))
     raise _not_reached(asked, error, rejected)
+
+
+def promising(solver: Solver, error: float) -> Solver:
+    """Return a solver that says ok to an error that it was chosen for."""
+    return replace(solver, accuracy=max(error, SOLVED))
 
 
 def solver_of(row: Row) -> Solver:
@@ -129,7 +138,7 @@ def made(name: str, knobs: Mapping[str, Knob]) -> Solver:
     if name.lower() not in SOLVERS:
         raise unknown_name("solver", name, [kind.__name__ for kind in SOLVERS.values()])
     kind = SOLVERS[name.lower()]
-    usual = {f.name: f.default for f in fields(kind)}  # type: ignore[arg-type]
+    usual = {f.name: f.default for f in fields(kind)}
     try:
         return kind(**{key: _value(knob, usual[key]) for key, knob in knobs.items()})
     except (KeyError, TypeError, SyntaxError, ValueError) as error:
@@ -140,6 +149,8 @@ def made(name: str, knobs: Mapping[str, Knob]) -> Solver:
 
 def _value(knob: Knob, usual: Any) -> Any:
     is_text = isinstance(knob, str) and not isinstance(usual, str)
+    if is_text and len(knob) > _LONGEST:  # type: ignore[arg-type]
+        raise ValueError("a text of this length")
     return ast.literal_eval(knob) if is_text else knob  # type: ignore[arg-type]
 
 

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from condyn_pin import table_text
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.files.beside import write_text
+from condyn_pin.files.text import parse_json, read_text
 from condyn_pin.trade.row import Row
 
 if TYPE_CHECKING:
@@ -44,18 +46,18 @@ def write_json(table: Table, path: str | Path) -> None:
     parts = as_dict(table)
     rows = ",\n".join(json.dumps(row, allow_nan=False) for row in parts.pop("rows"))
     head = json.dumps(parts, indent=1, allow_nan=False).removesuffix("\n}")
-    Path(path).write_text(f'{head},\n "rows": [\n{rows}\n]}}\n', encoding="utf-8")
+    write_text(path, f'{head},\n "rows": [\n{rows}\n]}}\n')
 
 
 def read_json(path: str | Path) -> tuple[tuple[Row, ...], dict[str, str], dict[str, float]]:
     """Return rows, machine and floors of a file that `write_json` wrote."""
     try:
-        saved = json.loads(Path(path).read_text(encoding="utf-8"))
+        saved = parse_json(read_text(path))
         if saved["format"] != FORMAT:
             raise ValueError(f"its format is {saved['format']!r}, and {FORMAT} is known here")
         rows = tuple(Row.from_dict(row) for row in saved["rows"])
         return rows, dict(saved["machine"]), dict(saved["floors"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, LookupError, TypeError, ValueError) as error:
         raise InvalidArgument(
             f"{path}: not a table that Table.to_json wrote ({error}); run the study again"
         ) from error
@@ -102,9 +104,10 @@ def short(row: Row) -> str:
 
 def _defaults(name: str) -> dict[str, Any]:
     from condyn_pin.solvers import SOLVERS
+    from condyn_pin.solvers.base import knob_fields
 
     kind = SOLVERS.get(name.lower())
-    return {} if kind is None else {f.name: f.default for f in fields(kind)}  # type: ignore[arg-type]
+    return {} if kind is None else {f.name: f.default for f in knob_fields(kind)}
 
 
 def words_of(knobs: dict[str, Any]) -> str:

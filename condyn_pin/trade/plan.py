@@ -11,12 +11,14 @@ import hashlib
 import json
 import os
 import sys
-import tempfile
 from dataclasses import asdict, dataclass, fields
+from math import inf
 from pathlib import Path
 from typing import Any, Final
 
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.files.beside import check_writable, write_text
+from condyn_pin.files.text import parse_json, read_text
 from condyn_pin.machine import machine
 
 FORMAT: Final = 1
@@ -93,17 +95,34 @@ def keep(plan: Plan) -> Path:
     path = path_of(plan.fingerprint, plan.measure, plan.error)
     text = json.dumps({"format": FORMAT} | asdict(plan), indent=1, allow_nan=False)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text + "\n")
-        os.replace(temporary, path)
-    except OSError as error:
-        raise InvalidArgument(
-            f"{path}: the plan cannot be written ({error.strerror}); "
-            "set XDG_CACHE_HOME to a folder that can, or pass save=False"
-        ) from error
+        _make(path.parent)
+        write_text(path, text + "\n")
+    except InvalidArgument as error:
+        raise _no_place(error) from error
     return path
+
+
+def check_folder() -> None:
+    """Raise InvalidArgument if no plan could be kept; what takes half a minute asks first."""
+    try:
+        _make(folder())
+        check_writable(folder() / "plan.json")
+    except InvalidArgument as error:
+        raise _no_place(error) from error
+
+
+def _make(path: Path) -> None:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InvalidArgument(f"{path}: cannot be made: {error.strerror}") from error
+
+
+def _no_place(error: InvalidArgument) -> InvalidArgument:
+    return InvalidArgument(
+        f"the plan has no place: {error}; set XDG_CACHE_HOME to a folder that can be written to, "
+        "or pass save=False"
+    )
 
 
 def read(path: Path) -> Plan:
@@ -115,14 +134,23 @@ def read(path: Path) -> Plan:
         If it is not one: cut off, edited, or of another format.
     """
     try:
-        saved = json.loads(path.read_text(encoding="utf-8"))
+        saved = parse_json(read_text(path))
         if saved.pop("format") != FORMAT:
             raise ValueError("another format")
         if set(saved) != {field.name for field in fields(Plan)}:
             raise ValueError("fields are missing, or unknown")
+        for field in fields(Plan):
+            _check_kind(field.name, str(field.type), saved[field.name])
         return Plan(**saved)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InvalidArgument(f"{path}: not a plan ({error})") from error
+
+
+def _check_kind(name: str, kind: str, value: Any) -> None:
+    """Refuse what is no text, number or table where a plan has one."""
+    kinds: Any = {"str": str, "int": int, "float": (int, float)}.get(kind, dict)
+    if not isinstance(value, kinds) or (kind == "float" and not 0 <= value < inf):
+        raise ValueError(f"{name} = {value!r}")
 
 
 def plans_of(fingerprint: str) -> tuple[Plan, ...]:

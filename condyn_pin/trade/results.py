@@ -11,6 +11,7 @@ import json
 from pathlib import Path
 
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.files.text import parse_json
 from condyn_pin.trade.row import Key, Row
 
 _START = b'{"fingerprint": '
@@ -45,19 +46,27 @@ class Results:
         self._rows[fingerprint, row.key] = row
         if self._path is not None:
             line = json.dumps({"fingerprint": fingerprint, "row": row.as_dict()}, allow_nan=False)
-            with self._path.open("a", encoding="utf-8") as file:
-                file.write(line + "\n")
+            try:
+                with self._path.open("a", encoding="utf-8") as file:
+                    file.write(line + "\n")
+            except OSError as error:
+                raise InvalidArgument(
+                    f"results = {str(self._path)!r}: {error.strerror}; what is in it stays, and "
+                    "the next run goes on from there"
+                ) from error
 
     def _read(self, path: Path) -> None:
+        if path.exists() and not path.is_file():  # a pipe, or a device without an end
+            raise InvalidArgument(f"results = {str(path)!r}: it is not a file")
         try:
-            path.touch()
+            path.open("ab").close()  # what cannot be written to is refused now
             text = path.read_bytes()
         except OSError as error:
             raise InvalidArgument(f"results = {str(path)!r}: {error.strerror}") from error
         whole = text[: text.rfind(b"\n") + 1]
         for number, line in enumerate(whole.splitlines(), 1):
             try:
-                entry = json.loads(line)
+                entry = parse_json(line)
                 row = Row.from_dict(entry["row"])
                 self._rows[str(entry["fingerprint"]), row.key] = row
             except (ValueError, KeyError, TypeError) as error:

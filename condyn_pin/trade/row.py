@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import MISSING, asdict, dataclass, field, fields
 from math import inf, isfinite
-from typing import Any
+from typing import Any, Final
 
 from condyn_pin.errors import InvalidArgument
 
@@ -121,9 +121,25 @@ class Row:
             raise InvalidArgument(f"row: missing, or not a field of a row: {', '.join(odd)}")
         for name in (*_ERRORS, *_TIMES):
             _check_number(name, row.get(name))
-        if not isinstance(row["statuses"], Mapping):
-            raise InvalidArgument(f"row: statuses = {row['statuses']!r}: counts by name are needed")
+        kinds = {f.name: kind for f in fields(cls) if (kind := _KINDS.get(str(f.type)))}
+        for name in kinds.keys() & row.keys():
+            if type(row[name]) is not kinds[name]:
+                raise InvalidArgument(
+                    f"row: {name} = {row[name]!r}: {kinds[name].__name__} is needed"
+                )
+        _check_table("statuses", row["statuses"], (int,))
+        for name in ("knobs", "how"):
+            _check_table(name, row.get(name, {}), (float, int, str, bool, type(None)))
         return cls(**{**row, **{name: inf if row[name] is None else row[name] for name in _ERRORS}})
+
+
+_KINDS: Final = {"str": str, "int": int}  # of fields
+
+
+def _check_table(name: str, value: Any, kinds: tuple[type, ...]) -> None:
+    """Refuse what is no table of words and values of some kinds."""
+    if not isinstance(value, Mapping) or not all(isinstance(x, kinds) for x in value.values()):
+        raise InvalidArgument(f"row: {name} = {value!r}: values by name are needed")
 
 
 def _check_number(name: str, value: Any) -> None:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import cycle
+from typing import Final
 
 import numpy as np
 
-from condyn_pin.arrays import finite
+from condyn_pin.arrays import Array, finite
 from condyn_pin.catalogue import motor_torque
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.knobs import check_count, is_whole
+from condyn_pin.motors.inverse import gravity_compensation
 from condyn_pin.scene import Scene
 from condyn_pin.timing import State
 
@@ -33,9 +37,33 @@ class States(ABC):
         return name == self.name
 
 
+def _random(scene: Scene, q: Array, v: Array, tau: Array) -> State:
+    return q, v, tau
+
+
+def _zero(scene: Scene, q: Array, v: Array, tau: Array) -> State:
+    return q, v, 0 * tau
+
+
+def _compensated(scene: Scene, q: Array, v: Array, tau: Array) -> State:
+    has_motors = bool(scene.robot.actuated)
+    return q, 0 * v, gravity_compensation(scene, q).tau if has_motors else 0 * tau
+
+
+def _rest(scene: Scene, q: Array, v: Array, tau: Array) -> State:
+    return q, 0 * v, 0 * tau
+
+
+# What is done with a random closed q, v and motor torque.
+LOADS: Final = {"random": _random, "zero": _zero, "compensated": _compensated, "rest": _rest}
+
+
 @dataclass(frozen=True)
 class SampledStates(States):
-    """Random states of `Scene.sample`, under random torques in the motors.
+    """Random states of `Scene.sample`, under one load after the other.
+
+    A method is not as accurate under all of them: what is small of a is relative to gravity, and
+    what large random torques hide is seen where none acts.
 
     Parameters
     ----------
@@ -44,38 +72,52 @@ class SampledStates(States):
         The same seed gives the same states.
     spread, speed : float
         As in `Scene.sample`.
+    loads : sequence of str
+        In turn: in motion under ``random`` torques in the motors, and under ``zero`` torques; at
+        rest under torques that are ``compensated`` for gravity, as far as the motors can, and at
+        ``rest`` without any.
     """
 
     count: int = 20
     seed: int = 0
     spread: float = 0.2  # [rad, m]
     speed: float = 1.0  # [rad/s, m/s]
+    loads: Sequence[str] = tuple(LOADS)
 
     def __post_init__(self) -> None:
         check_count("count", self.count)
+        loads = (self.loads,) if isinstance(self.loads, str) else tuple(self.loads)
+        if not loads:
+            raise InvalidArgument(f"loads = {self.loads!r}: some of {', '.join(LOADS)} are needed")
+        for load in loads:
+            if load not in LOADS:
+                raise unknown_name("load", str(load), LOADS)
+        object.__setattr__(self, "loads", loads)
         check_count("seed", self.seed, least=0)
 
     @property
     def name(self) -> str:
-        """Count and seed, and what is not as usual."""
+        """Count, loads and seed, and what is not as usual."""
         usual = (self.spread, self.speed) == (0.2, 1.0)
         other = "" if usual else f", spread {self.spread:g}, speed {self.speed:g}"
-        return f"{self.count} sampled, seed {self.seed}{other}"
+        loads = "all loads" if self.loads == tuple(LOADS) else ", ".join(self.loads)
+        return f"{self.count} sampled under {loads}, seed {self.seed}{other}"
 
     def overlaps(self, name: str) -> bool:
-        """Whether the set of that name was drawn alike: the larger one begins as the other."""
-        return name.partition(" ")[2] == self.name.partition(" ")[2]
+        """Whether the set of that name was drawn alike: the larger one begins as the other.
+
+        Other loads are put on the same q and v.
+        """
+        return _drawn(name) == _drawn(self.name)
 
     def of(self, scene: Scene) -> tuple[State, ...]:
         """Return the states of a scene."""
         rng = np.random.default_rng(self.seed)
-        return tuple(
-            (
-                *scene.sample(rng, spread=self.spread, speed=self.speed),
-                motor_torque(scene.robot, rng),
-            )
-            for _ in range(self.count)
-        )
+        made = []
+        for _, load in zip(range(self.count), cycle(self.loads), strict=False):
+            q, v = scene.sample(rng, spread=self.spread, speed=self.speed)
+            made.append(LOADS[load](scene, q, v, motor_torque(scene.robot, rng)))
+        return tuple(made)
 
 
 @dataclass(frozen=True)
@@ -161,6 +203,12 @@ class GivenStates(States):
             (np.array(q, dtype=np.float64), np.array(v, dtype=np.float64), finite("tau", tau, nv))
             for q, v, tau in self.states
         )
+
+
+def _drawn(name: str) -> str:
+    """Return the seed, and what is not as usual, of the name of a sampled set; else the name."""
+    found = re.fullmatch(r"\d+ sampled.*?(, seed .*)", name)
+    return found[1] if found else name
 
 
 def as_states(states: States | int) -> States:

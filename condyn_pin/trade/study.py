@@ -9,7 +9,7 @@ from pathlib import Path
 
 from condyn_pin.bench import Progress, silent
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.judge import check_accuracy_of_a
+from condyn_pin.knobs import check_accuracy_of_a
 from condyn_pin.scene import Scene
 from condyn_pin.solvers.base import Solver
 from condyn_pin.tolerances import SOLVED

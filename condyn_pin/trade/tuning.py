@@ -7,12 +7,13 @@ from typing import Final
 
 from condyn_pin.bench import Progress, silent
 from condyn_pin.errors import CondynError, NotReached, NotTuned
+from condyn_pin.knobs import check_called
 from condyn_pin.machine import machine
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.solvers.base import Solver
 from condyn_pin.tolerances import SOLVED
 from condyn_pin.trade import plan as plans
-from condyn_pin.trade.cheapest import Choice, check_error, made, solver_of
+from condyn_pin.trade.cheapest import Choice, check_error, made, promising, solver_of
 from condyn_pin.trade.clocks import TimingEffort
 from condyn_pin.trade.fingerprint import fingerprint
 from condyn_pin.trade.front import answered, comparable, microseconds
@@ -55,6 +56,8 @@ def tune(
     Returns
     -------
     Solver
+        Its `accuracy` is the error that was asked for, so that `solve` says ok to it; 1e-8 where
+        that was less.
 
     Raises
     ------
@@ -68,6 +71,8 @@ def tune(
     Takes from seconds to half a minute. Times are those of this moment: on a machine that is busy
     with other work another solver may seem the fastest.
     """
+    if save:
+        plans.check_folder()
     choice = choose(scene, error, measure=measure, solvers=solvers, progress=progress)
     if save:
         keep(scene, choice)
@@ -84,6 +89,7 @@ def choose(
 ) -> Choice:
     """Return what `tune` chooses, with all that was found of it; nothing is kept."""
     _check(scene, error)
+    check_called("progress", progress, "what, done, total")
     seen = Study(scene, solvers, measure=measure).run(timed=False, progress=progress)
     label, asked = seen.rows[0].scene, seen.rows[0].measure
     meeting = [row for row in seen.rows if answered(row) and row.error_worst <= error]
@@ -139,7 +145,7 @@ def tuned(scene: Scene, error: float = SOLVED, *, measure: str = "acceleration")
         raise NotTuned(f"no plan for this scene to {error:g}{_others(found)}; {call} makes one")
     try:
         plan = plans.read(path)
-        return made(plan.solver, plan.knobs)
+        return promising(made(plan.solver, plan.knobs), error)
     except CondynError as reason:
         raise NotTuned(f"{reason}; {call} makes a new one") from reason
 

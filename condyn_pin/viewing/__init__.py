@@ -10,5 +10,5 @@ an arrow as long as its force. One moment makes a still picture, many make an an
     labels, placing                words, and where they do not cover one another
     part, moment, drawing          parts, moments, and all parts of a scene
     three, page                    the words of meshcat's viewer, and a page that holds them
-    viewer, chromium               who looks: a browser, or a headless one for a file
+    viewer, server, chromium       who looks: a browser, or a headless one for a file
 """

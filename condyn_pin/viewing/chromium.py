@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from condyn_pin.errors import BrowserFailed, MissingExtra
+from condyn_pin.files.beside import written_beside
 
 _NAMES: Final = (
     "chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome",
@@ -68,7 +69,8 @@ def screenshot(html: str, png: Path) -> None:
         with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
             picture, said, hung = _start(chromium, html, Path(folder))
             if picture.is_file():
-                shutil.copyfile(picture, png)
+                with written_beside(png) as new:
+                    shutil.copyfile(picture, new)
                 return
         if not hung:
             break

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.states.gaps import Gap
 from condyn_pin.viewing import palette, three
-from condyn_pin.viewing.arrows import arrow_parts
+from condyn_pin.viewing.arrows import Peak, arrow_parts
 from condyn_pin.viewing.bodies import body_parts, lighter, with_coarse
 from condyn_pin.viewing.closures import closure_parts
 from condyn_pin.viewing.floor import floor_part, spacing
@@ -24,9 +24,11 @@ from condyn_pin.viewing.motion import tracks
 from condyn_pin.viewing.page import page
 from condyn_pin.viewing.part import Part
 from condyn_pin.viewing.placing import Eye, spread
+from condyn_pin.viewing.springs import spring_parts
 
 _TINY = 0.05  # [m] a scene is drawn as if it were at least this large
 _FAR = 1.15  # of the size of a scene, from its middle to the camera
+_SLASH = "\N{DIVISION SLASH}"  # looks like one, and parts nothing
 _FROM = np.array([0.78, 0.55, 0.3])  # the direction from there to the camera
 
 
@@ -41,13 +43,15 @@ class Drawing:
     moments : tuple of Moment
         One for a still picture.
     fps : float
-        Moments a second, as they are played [1/s].
+        Pictures a second, as they are played [1/s].
     middle : (3,) array
         Of what is seen [m].
     size : float
         [m]
     notes : tuple of str
         What could not be drawn, a sentence each.
+    frames : (k,) array
+        When each moment is shown, in pictures since the start.
     """
 
     title: str
@@ -57,6 +61,7 @@ class Drawing:
     middle: Array
     size: float
     notes: tuple[str, ...] = ()
+    frames: Array = field(default_factory=lambda: np.zeros(1))
 
     def commands(self) -> Iterator[three.Command]:
         """Return the commands that draw it, in meshcat's viewer."""
@@ -64,7 +69,7 @@ class Drawing:
         for part in self.parts:
             yield from part.commands(self.moments[0])
         if len(self.moments) > 1:
-            yield three.animation(tracks(self.parts, self.moments), self.fps)
+            yield three.animation(tracks(self.parts, self.moments, self.frames), self.fps)
 
     @property
     def eye(self) -> Eye:
@@ -91,6 +96,8 @@ class Drawing:
             yield _css(palette.ACTUATED), "joint with a motor"
         if "joints/passive" in kinds:
             yield _css(palette.PASSIVE), "passive joint"
+        if "springs" in seen:
+            yield _css(palette.SPRING), "spring-damper"
         if "closures" in seen:
             yield _css(palette.CLOSED), "closed"
             yield _css(palette.OPEN), "open by 1 cm or more (yellow: by less)"
@@ -112,6 +119,9 @@ def draw(
     *,
     title: str,
     before: Moment | None = None,
+    frames: Array | None = None,
+    gaps: Iterable[Mapping[str, Gap]] | None = None,
+    peaks: Mapping[str, Peak] | None = None,
     fps: float = 30.0,
     light: bool = False,
 ) -> Drawing:
@@ -125,8 +135,15 @@ def draw(
     title : str
     before : Moment, optional
         What is drawn beside them as a ghost.
+    frames : (k,) array, optional
+        When each moment of a motion is shown, in pictures since the start.
+    gaps : iterable of mapping, optional
+        Of a motion, how far constraints are open at all its samples: what labels say is the
+        largest. That of the moments by default.
+    peaks : mapping of str to Peak, optional
+        Of a motion, the largest forces of all its samples, which arrows are labelled with.
     fps : float
-        Moments a second [1/s].
+        Pictures a second [1/s].
     light : bool
         Draw the robot with 30 000 triangles at most.
     """
@@ -136,20 +153,47 @@ def draw(
     if light:
         bodies = lighter(bodies, size)
     bodies = tuple(with_coarse(bodies, size))
-    marks = [*joint_parts(robot, size)]
-    worst = _worst([*moments])
+    marks = [*joint_parts(robot, size), *spring_parts(robot, size)]
+    worst = _worst((at.gaps for at in moments) if gaps is None else gaps)
     closures = [part for scene in scenes for part in closure_parts(scene, worst, size)]
     parts = [floor_part(middle, size), *bodies, *marks, *closures]
     for scene in scenes:
         parts += contact_parts(scene, size)
-        parts += arrow_parts(scene, moments, size)
+        parts += arrow_parts(scene, moments, size, peaks or {})
     parts += mass_parts(size)
     if before is not None:
         opened = list(closure_parts(scenes[0], before.gaps, size))
         parts += [part.ghost(before) for part in (*bodies, *opened)]
     unique = {part.path: part for part in parts}  # a contact of several phases is drawn once
-    placed = spread(tuple(unique.values()), moments[0], _eye(middle, size))
-    return Drawing(title, tuple(placed), tuple(moments), fps, middle, size, notes)
+    placed = spread(tuple(_apart(unique.values())), moments[0], _eye(middle, size))
+    when = np.arange(len(moments), dtype=float) if frames is None else frames
+    return Drawing(title, tuple(placed), tuple(moments), fps, middle, size, notes, when)
+
+
+def _apart(parts: Iterable[Part]) -> Iterator[Part]:
+    """Yield parts of which none hangs on another one in meshcat's tree, and moves with it.
+
+    The names of two joints may be ``arm`` and ``arm/tip``; an empty name between slashes counts for
+    nothing there.
+    """
+    parts = list(parts)
+    taken = {_words(part.path) for part in parts}
+    seen: set[tuple[str, ...]] = set()
+    for part in parts:
+        words = _words(part.path)
+        above = [words[:k] for k in range(1, len(words)) if words[:k] in taken]
+        if above or words in seen:
+            kept = len(above[0]) - 1 if above else 1
+            yield replace(
+                part, path="/".join([*words[:kept], _SLASH.join(part.path.split("/")[kept:])])
+            )
+        else:
+            yield part
+        seen.add(words)
+
+
+def _words(path: str) -> tuple[str, ...]:
+    return tuple(word for word in path.split("/") if word)
 
 
 def _eye(middle: Array, size: float) -> Eye:
@@ -178,12 +222,12 @@ def extent(robot: Robot, moments: Sequence[Moment]) -> tuple[Array, float]:
     return 0.5 * (low + high), max(float(np.linalg.norm(high - low)), _TINY)
 
 
-def _worst(moments: Sequence[Moment]) -> dict[str, Gap]:
+def _worst(gaps: Iterable[Mapping[str, Gap]]) -> dict[str, Gap]:
     """Return the largest gap of each constraint."""
     worst: dict[str, Gap] = {}
-    for at in moments:
-        for name, gap in at.gaps.items():
-            worst[name] = max(worst.get(name, gap), gap, key=lambda each: each.size)
+    for each in gaps:
+        for name, gap in each.items():
+            worst[name] = max(worst.get(name, gap), gap, key=lambda of: of.size)
     return worst
 
 

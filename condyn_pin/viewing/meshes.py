@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -80,10 +81,11 @@ def _used(vertices: Array, corners: NDArray[Any]) -> Mesh:
 
 @lru_cache(maxsize=64)
 def read_mesh(path: Path) -> Mesh:
-    """Return the triangles of a file, in its own units.
+    """Return the triangles of a file, in metres where it names its unit, else in its own units.
 
-    A binary STL is read here, ten times as fast as by Assimp; all else (DAE, OBJ, text STL) by
-    the Assimp that comes with Pinocchio.
+    A binary STL is read here, at once; all else (DAE, OBJ, PLY, text STL) by trimesh, all of its
+    materials and each under the transform of its node. As in ROS and Gazebo, the axis that a
+    COLLADA file calls up does not turn it.
 
     Raises
     ------
@@ -97,27 +99,40 @@ def read_mesh(path: Path) -> Mesh:
     if path.suffix.lower() == ".stl" and len(content) >= _HEADER:
         count = int.from_bytes(content[80:_HEADER], "little")
         if len(content) == _HEADER + count * _FACET.itemsize:
-            return _binary_stl(content, count)
-    return _by_assimp(path)
+            return _from_corners(_binary_stl(content, count), path)
+    return _from_corners(_by_trimesh(content, path), path)
 
 
-def _binary_stl(content: bytes, count: int) -> Mesh:
-    corners = np.frombuffer(content, _FACET, count, _HEADER)["corners"].reshape(-1, 3)
+def _binary_stl(content: bytes, count: int) -> Array:
+    corners: Array = np.frombuffer(content, _FACET, count, _HEADER)["corners"]
+    return corners.reshape(-1, 3)
+
+
+def _by_trimesh(content: bytes, path: Path) -> Array:
+    """Return the corners (3 n, 3) of the triangles of a file; textures are not looked for."""
+    import trimesh
+
+    kind = path.suffix[1:].lower()
+    try:
+        scene = trimesh.load_scene(BytesIO(content), file_type=kind, process=False, resolver=None)
+        shape = scene.to_mesh()
+        unit = scene.units or "meters"  # STL and OBJ name none
+        metres = trimesh.units.unit_conversion(unit, "meters")
+        corners: Array = np.asarray(shape.vertices)[np.asarray(shape.faces)]
+        return metres * corners.reshape(-1, 3)
+    except Exception as error:  # a stranger's file: whatever its reader stumbles over
+        raise InvalidModel(f"{path}: trimesh cannot read it ({error})") from error
+
+
+def _from_corners(corners: Array, path: Path) -> Mesh:
+    """Return the mesh of corners (3 n, 3), three for each triangle, equal ones made one."""
+    if not len(corners) or not np.isfinite(corners).all():
+        what = "a corner is not finite" if len(corners) else "it has no triangle"
+        raise InvalidModel(f"{path}: {what}")
     corners = np.ascontiguousarray(corners)  # unique by bytes is much faster than by rows
     rows = corners.view(np.dtype((np.void, corners.dtype.itemsize * 3))).ravel()
     _, first, cluster = np.unique(rows, return_index=True, return_inverse=True)
     return _used(corners[first].astype(float), cluster.reshape(-1, 3))
-
-
-def _by_assimp(path: Path) -> Mesh:
-    import coal
-
-    try:
-        model = coal.MeshLoader().load(str(path), np.ones(3))
-    except (RuntimeError, ValueError) as error:
-        raise InvalidModel(f"{path}: Assimp cannot read it ({error})") from error
-    faces = [(t[0], t[1], t[2]) for t in map(model.tri_indices, range(model.num_tris))]
-    return _used(np.array(model.vertices()), np.array(faces, dtype=np.int64).reshape(-1, 3))
 
 
 def turned(profile: ArrayLike, sides: int = 20) -> Mesh:

@@ -2,38 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.force import Sites
+from condyn_pin.rows.equations import Equations
+from condyn_pin.simulation.recorder import Phase
 from condyn_pin.simulation.trajectory import Trajectory
+from condyn_pin.states.gaps import Gap, gaps
 from condyn_pin.viewing import three
+from condyn_pin.viewing.arrows import Peak
 from condyn_pin.viewing.moment import Moment, moment
 from condyn_pin.viewing.part import Part
 
 
-def tracks(parts: Sequence[Part], moments: Sequence[Moment]) -> dict[str, list[dict[str, Any]]]:
-    """Return what changes of each part, by path; what rests has no track."""
+def tracks(
+    parts: Sequence[Part], moments: Sequence[Moment], frames: Array
+) -> dict[str, list[dict[str, Any]]]:
+    """Return what changes of each part, by path; what rests has no track.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+    moments : sequence of Moment
+    frames : (k,) array
+        When each moment is shown, in pictures since the start.
+    """
     found: dict[str, list[dict[str, Any]]] = {}
     for part in parts:
         T = np.array([part.place(at) for at in moments])
         if not (T[:1] == T).all():
-            found[part.path] = _moving(T)
+            found[part.path] = _moving(T, frames)
         if part.tint is not None:
             colours = np.array([part.tint(at) for at in moments])
             if not (colours[:1] == colours).all():
                 for i in range(len(part.meshes)):
                     path = f"{part.path}/{i}/<object>"
-                    found[path] = [three.track("material.color", "color", colours)]
+                    found[path] = [three.track("material.color", "color", colours, frames)]
     return found
 
 
-def _moving(T: Array) -> list[dict[str, Any]]:
+def _moving(T: Array, frames: Array) -> list[dict[str, Any]]:
     """Return position, rotation and scale of matrices (k, 4, 4)."""
     scale = np.linalg.norm(T[:, :3, :3], axis=1)
     rotations = T[:, :3, :3] / scale[:, None, :]
@@ -42,31 +57,54 @@ def _moving(T: Array) -> list[dict[str, Any]]:
         if one @ following < 0.0:  # the other sign is the same rotation, and nearer
             following *= -1.0
     moving = [
-        three.track("position", "vector3", T[:, :3, 3]),
-        three.track("quaternion", "quaternion", quaternions),
+        three.track("position", "vector3", T[:, :3, 3], frames),
+        three.track("quaternion", "quaternion", quaternions, frames),
     ]
     if not np.allclose(scale, scale[0], rtol=1e-6):
-        moving.append(three.track("scale", "vector3", scale))
+        moving.append(three.track("scale", "vector3", scale, frames))
     return moving
 
 
-def moments_of(trajectory: Trajectory, fps: float, *, forces: bool) -> list[Moment]:
-    """Return moments of a trajectory, `fps` of them for each second of the motion.
+def shown(trajectory: Trajectory, fps: float) -> NDArray[np.intp]:
+    """Return which samples are drawn: for each of `fps` times a second the nearest one.
 
-    Between two samples q is interpolated along the group; constraints and forces are those of the
-    sample before.
+    What lies between two samples was never computed: a configuration halfway between two closed
+    ones is open. So samples are drawn, each at its own time, the last one among them.
     """
     t = trajectory.t
-    model = trajectory.scene.robot.model
-    times = t[0] + np.arange(round((t[-1] - t[0]) * fps) + 1) / fps
+    times = np.minimum(t[0] + np.arange(round((t[-1] - t[0]) * fps) + 1) / fps, t[-1])
+    after = np.searchsorted(t, times, side="right").clip(max=len(t) - 1)
+    before = np.maximum(after - 1, 0)
+    nearest = np.where(times - t[before] <= t[after] - times, before, after)
+    return np.unique(np.append(nearest, len(t) - 1))
+
+
+def moments_of(trajectory: Trajectory, samples: Iterable[int], *, forces: bool) -> list[Moment]:
+    """Return the moments of samples, each with its constraints and their forces."""
     found = []
-    for time in np.minimum(times, t[-1]):
-        k = min(int(np.searchsorted(t, time, side="right")) - 1, len(t) - 2) if len(t) > 1 else 0
-        q = trajectory.q[k]
-        if len(t) > 1 and t[k + 1] > t[k]:
-            q = pin.interpolate(model, q, trajectory.q[k + 1], (time - t[k]) / (t[k + 1] - t[k]))
-        phase = next(p for p in trajectory.phases if p.samples.start <= k < p.samples.stop)
+    for k in samples:
+        q, phase = trajectory.q[k], _phase(trajectory, k)
         lam = trajectory.lam[k, list(phase.columns)]
         acting = Sites(phase.scene, q).forces(lam) if forces else {}
         found.append(moment(phase.scene, q, acting))
     return found
+
+
+def gaps_of(trajectory: Trajectory) -> Iterator[dict[str, Gap]]:
+    """Yield how far every constraint is open at each sample, drawn or not."""
+    for phase in trajectory.phases:
+        equations = Equations(phase.scene.robot.model, phase.scene.bounds)
+        for q in trajectory.q[phase.samples]:
+            yield gaps(phase.scene, equations.violation(q))
+
+
+def peaks_of(trajectory: Trajectory) -> dict[str, Peak]:
+    """Return the largest force and moment of every constraint at all samples, drawn or not."""
+    return {
+        name: Peak(*(float(np.linalg.norm(part, axis=1).max()) for part in (f[:, :3], f[:, 3:])))
+        for name, f in trajectory.forces.items()
+    }
+
+
+def _phase(trajectory: Trajectory, k: int) -> Phase:
+    return next(p for p in trajectory.phases if p.samples.start <= k < p.samples.stop)

@@ -83,7 +83,9 @@ var viewer = new MeshCat.Viewer(pane, false, renderer);
 """
 _PACE = Path(__file__).with_name("pace.js")
 
-_MISSING = 'pictures in a browser need meshcat: python -m pip install "condyn_pin[view]"'
+_MISSING = (
+    'pictures in a browser need meshcat and trimesh: python -m pip install "condyn_pin[view]"'
+)
 
 
 def page(
@@ -134,7 +136,7 @@ def require_meshcat() -> Path:
     found = importlib.util.find_spec("meshcat")
     if found is None or not found.submodule_search_locations:
         raise MissingExtra(_MISSING)
-    for module in ("umsgpack", "PIL"):
+    for module in ("umsgpack", "PIL", "trimesh", "collada"):
         if importlib.util.find_spec(module) is None:
             raise MissingExtra(_MISSING)
     return Path(found.submodule_search_locations[0])

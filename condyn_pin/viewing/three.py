@@ -108,13 +108,12 @@ def delete(path: str) -> Command:
     return {"type": "delete", "path": path}
 
 
-def track(name: str, kind: str, values: Array) -> dict[str, Any]:
-    """Return how a property goes through values (k, n), one a frame."""
-    frames = np.arange(len(values), dtype=np.float32)
+def track(name: str, kind: str, values: Array, frames: Array) -> dict[str, Any]:
+    """Return how a property goes through values (k, n), each at its frame (k,)."""
     return {
         "name": f".{name}",
         "type": kind,
-        "times": _packed(frames),
+        "times": _packed(frames.astype(np.float32)),
         "values": _packed(values.astype(np.float32)),
     }
 

@@ -8,47 +8,20 @@ import os
 import subprocess
 import sys
 import threading
-from contextlib import suppress
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
+from condyn_pin.arrays import shown
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.files.beside import check_writable, write_text
+from condyn_pin.knobs import is_whole
 from condyn_pin.viewing.chromium import screenshot
 from condyn_pin.viewing.drawing import Drawing
 from condyn_pin.viewing.part import Part
+from condyn_pin.viewing.server import HOST, Server
 
+_PORTS: Final = 2**16
 _PATIENCE: Final = 10.0  # [s] in which a browser that was opened fetches the page
-
-
-class _Server(ThreadingHTTPServer):
-    """Serves one page, to this machine only."""
-
-    daemon_threads = True
-
-    def __init__(self, page: bytes, port: int) -> None:
-        self.page, self.fetched = page, threading.Event()
-        super().__init__(("127.0.0.1", port), _Handler)
-
-
-class _Handler(BaseHTTPRequestHandler):
-    server: _Server
-
-    def do_GET(self) -> None:
-        """Send the page."""
-        if self.path != "/":
-            self.send_error(404)
-            return
-        self.send_response(200)
-        self.send_header("Content-Type", "text/html; charset=utf-8")
-        self.send_header("Content-Length", str(len(self.server.page)))
-        self.end_headers()
-        with suppress(ConnectionError):  # who reads no further has seen enough
-            self.wfile.write(self.server.page)
-            self.server.fetched.set()
-
-    def log_message(self, format: str, *args: Any) -> None:
-        """Say nothing."""
 
 
 class Viewer:
@@ -66,7 +39,7 @@ class Viewer:
     def __init__(self, drawing: Drawing) -> None:
         self.drawing = drawing
         self._html: str | None = None
-        self._server: _Server | None = None
+        self._server: Server | None = None
         self._thread: threading.Thread | None = None
         self._opened = False
 
@@ -90,14 +63,11 @@ class Viewer:
     @property
     def url(self) -> str:
         """Where a browser of this machine finds the page; empty if it is not served."""
-        return f"http://127.0.0.1:{self._server.server_port}/" if self._server else ""
+        return f"http://{HOST}:{self._server.server_port}/" if self._server else ""
 
     def save_html(self, path: str | Path) -> None:
         """Write the page to a file, which opens from disk without a network."""
-        try:
-            Path(path).write_text(self.html, encoding="utf-8")
-        except OSError as error:
-            raise InvalidArgument(f"{path}: cannot be written: {error.strerror}") from error
+        write_text(path, self.html)
 
     def save_png(self, path: str | Path) -> None:
         """Write the first moment to a picture, drawn by headless Chromium.
@@ -109,18 +79,17 @@ class Viewer:
         BrowserFailed
             If it made no picture.
         """
-        target = Path(path)
-        if not target.absolute().parent.is_dir():
-            raise InvalidArgument(f"{path}: there is no folder {target.parent}; make it first")
+        check_writable(path)  # a picture takes seconds
         still = self.drawing.first.html()
-        screenshot(still.replace("</style>", ".dg { display: none; }</style>", 1), target)
+        screenshot(still.replace("</style>", ".dg { display: none; }</style>", 1), Path(path))
 
     def serve(self, port: int) -> None:
         """Serve the page at a port; at a free one if it is 0."""
         if self._server is not None:
             return
+        check_port(port)
         try:
-            self._server = _Server(self.html.encode(), port)
+            self._server = Server(self.html.encode(), port)
         except OSError as error:
             raise InvalidArgument(
                 f"port = {port}: {error.strerror}; leave it out, and a free one is taken"
@@ -174,6 +143,15 @@ class Viewer:
 
 
 _open: set[Viewer] = set()  # a viewer that nobody holds is still looked at
+
+
+def check_port(port: object) -> None:
+    """Refuse what is no port of a server."""
+    if not is_whole(port) or port not in range(_PORTS):
+        raise InvalidArgument(
+            f"port = {shown(port)}: a whole number from 1 to {_PORTS - 1} is needed, or 0 for a "
+            "free one"
+        )
 
 
 def _has_screen() -> bool:

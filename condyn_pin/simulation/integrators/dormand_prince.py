@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import nan, pi
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from condyn_pin.arrays import Array
-from condyn_pin.errors import InvalidArgument, StepFailed
+from condyn_pin.errors import InvalidArgument, SolveFailed, StepFailed
 from condyn_pin.knobs import check_share
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
 
@@ -22,14 +23,20 @@ _SMALLEST = 1e-9
 # Substeps of one dt, at most: more are those of a stiff motion, which no smooth one asks for.
 _MOST = 10_000
 
+# How far bodies may have turned in the chart of a step before the next substep begins another
+# [rad]: theta' is smooth there, and far from the end of the chart.
+_FAR = 1.0
+
 
 @dataclass(frozen=True)
 class DormandPrince(Integrator):
     """Steps as small as the tolerances ask for; dt is only how often the state is handed out.
 
-    Within dt the state is (theta, v), q = integrate(q0, theta), as in `RungeKutta4`. The size of a
-    substep is remembered from one dt to the next. With drift control by `Baumgarte` its gains count
-    as fast motion once the tolerances are finer than the drift.
+    Within dt the state is (theta, v), q = integrate(q0, theta), as in `RungeKutta4`, from another
+    q0 once a body has turned by a radian. The size of a substep is remembered from one dt to the
+    next; one that leads to where nothing can be evaluated is refused like one that is too wrong.
+    With drift control by `Baumgarte` its gains count as fast motion once the tolerances are finer
+    than the drift.
 
     A substep ends at every dt, where drift schemes and events look at the state: samples are states
     of the method, not interpolated ones. So a dt shorter than the substeps that the tolerances ask
@@ -71,51 +78,104 @@ class DormandPrince(Integrator):
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
-        from scipy.integrate import DOP853, RK45
-
-        kind: Any = DOP853 if self.method == 8 else RK45
-        tolerances = {"rtol": max(self.relative_tolerance, 3e-14), "atol": self.absolute_tolerance}
-        size = [dt]
-        acceleration, integrate, rate = system.acceleration, system.integrate, system.rate
+        size = [dt]  # of the largest substep in the last step; what is too large is refused
 
         def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
-            n = len(v)
-            a = acceleration(t, q, v)
-
-            def slope(s: float, y: Array) -> Array:
-                theta, w = y[:n], y[n:]
-                if s == 0.0:  # where theta is zero
-                    return np.concatenate([w, a])
-                return np.concatenate(
-                    [rate(theta, w), acceleration(t + s, integrate(q, theta), w.copy())]
-                )
-
-            y0 = np.concatenate([np.zeros(n), v])
-            method = kind(slope, 0.0, y0, dt, first_step=min(size[0], dt), **tolerances)
-            size[0] = self._solve(method, t, dt)
-            return integrate(q, method.y[:n]), method.y[n:].copy(), a
+            a = system.acceleration(t, q, v)
+            q1, v1, size[0] = self._solve(_Slope(system, t, q, v, a), dt, size[0])
+            return q1, v1, a
 
         return Stepper(step)
 
-    def _solve(self, method: Any, t: float, dt: float) -> float:
-        """Take the substeps of a step from t; return the largest one [s]."""
-        largest = 0.0
+    def _solve(self, slope: _Slope, dt: float, size: float) -> tuple[Array, Array, float]:
+        """Take the substeps of a step; return its end, and the largest of them [s]."""
+        method, largest = self._begin(slope, dt, size), 0.0
         for _ in range(_MOST):
-            largest = max(
-                largest, float(method.h_abs)
-            )  # the last substep is cut off, and says less
+            # before the substep: the last one is cut off, and says less
+            largest = max(largest, float(method.h_abs))
             method.step()
             too_small = method.step_size and method.step_size < _SMALLEST * dt
-            if method.status != "running" or too_small:
-                break
-        else:
-            raise StepFailed(
-                f"{self!r}: more than {_MOST} substeps from t = {t:g} s: the motion is stiff; use "
-                "SemiImplicitEuler() or GeneralisedAlpha(), or a smaller dt"
-            )
-        if method.status != "finished":
-            raise StepFailed(
-                f"{self!r}: no step from t = {t:g} s is small enough; the motion is too fast or "
-                "not smooth there: use larger tolerances, or a tau without jumps"
-            )
-        return largest
+            if method.status == "failed" or (too_small and method.status == "running"):
+                raise StepFailed(
+                    f"{self!r}: no step from t = {slope.t:g} s is small enough: {slope.trouble()}"
+                )
+            if method.status == "finished":
+                return *slope.state(method.y), largest
+            if slope.leaves_chart(method.y):
+                slope = slope.after(float(method.t), method.y, method.f)
+                method = self._begin(slope, dt, float(method.h_abs))
+        raise StepFailed(
+            f"{self!r}: more than {_MOST} substeps from t = {slope.t:g} s: the motion is stiff; "
+            "use SemiImplicitEuler() or GeneralisedAlpha(), or a smaller dt"
+        )
+
+    def _begin(self, slope: _Slope, dt: float, size: float) -> Any:
+        """Return SciPy's solver from where a slope begins to the end of the step."""
+        from scipy.integrate import DOP853, RK45
+
+        kind: Any = DOP853 if self.method == 8 else RK45
+        left = dt - slope.start
+        return kind(
+            slope, slope.start, slope.y0, dt, first_step=min(size, left),
+            rtol=max(self.relative_tolerance, 3e-14), atol=self.absolute_tolerance,
+        )  # fmt: skip
+
+
+class _Slope:
+    """y' of y = (theta, v) in the coordinates of one chart, q = integrate(q0, theta).
+
+    What cannot be evaluated is not a number: such a substep is refused, and a smaller one tried.
+
+    Parameters
+    ----------
+    system : System
+    t : float
+        Where the step begins [s].
+    q, v, a : (nq,), (nv,), (nv,) array
+        Where the chart begins.
+    start : float
+        When that is, since t [s].
+    """
+
+    def __init__(
+        self, system: System, t: float, q: Array, v: Array, a: Array, start: float = 0.0
+    ) -> None:
+        self.t, self.start = t, start
+        self._system, self._q, self._n = system, q, len(v)
+        self.y0 = np.concatenate([np.zeros(len(v)), v])
+        self._first = np.concatenate([v, a])
+        self._error = ""  # of the last evaluation that failed
+
+    def __call__(self, s: float, y: Array) -> Array:
+        """Return y' at t + s."""
+        if s == self.start:  # where theta is zero
+            return self._first.copy()
+        system, theta, v = self._system, y[: self._n], y[self._n :].copy()
+        if not np.isfinite(y).all() or system.manifold.turn(theta) > pi:  # where charts end
+            return np.full_like(y, nan)
+        try:
+            a = system.acceleration(self.t + s, system.integrate(self._q, theta), v)
+        except (SolveFailed, InvalidArgument) as error:
+            self._error = f"at t = {self.t + s:.9g} s: {error}"
+            return np.full_like(y, nan)
+        return np.concatenate([system.rate(theta, v), a])
+
+    def state(self, y: Array) -> tuple[Array, Array]:
+        """Return q and v."""
+        return self._system.integrate(self._q, y[: self._n]), y[self._n :].copy()
+
+    def leaves_chart(self, y: Array) -> bool:
+        """Whether it is time for another chart."""
+        return self._system.manifold.turn(y[: self._n]) > _FAR
+
+    def after(self, s: float, y: Array, slope: Array) -> _Slope:
+        """Return the slope in a chart that begins at y, where y' is known."""
+        a = slope[self._n :].copy()
+        return _Slope(self._system, self.t, *self.state(y), a, s)
+
+    def trouble(self) -> str:
+        """Return what keeps a step from being taken."""
+        return self._error or (
+            "the motion is too fast or not smooth there: use larger tolerances, or a tau without "
+            "jumps"
+        )

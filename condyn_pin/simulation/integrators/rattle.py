@@ -117,7 +117,7 @@ def _first_half(
     title: str,
 ) -> tuple[Array, Array, Array, Array]:
     """Return q1, p_h, M1^-1 p_h and lam with c(q1) = 0."""
-    half, d, p0 = dt / 2, momentum.d, place.M.dot(v)
+    half, D, p0 = dt / 2, place.D, place.M.dot(v)
     towards = place.Gd_inv / (half * dt)  # from a gap to lam
     left_to_do = iter(range(_SECOND, -1, -1))
     v_start = v_end = v + half * a
@@ -127,9 +127,9 @@ def _first_half(
         nonlocal p, v_start, v_end, q1, lam, towards
         if next(left_to_do, None) == 0:  # q1 is nearly known, and with it how lam moves it
             towards = between(system.jacobian(q1), place.Md_inv, place.J) / (half * dt)
-        p = p0 + half * (momentum.force(t, q, v_start) + d * v_start + place.J.T.dot(lam))
+        p = p0 + half * (momentum.force(t, q, v_start) + D.dot(v_start) + place.J.T.dot(lam))
         v_start = place.Md_inv.dot(p)
-        p = p - half * d * v_start
+        p = p - half * D.dot(v_start)
         v_end = momentum.velocity(system.integrate(q, half * (v_start + v_end)), p)
         before, q1 = q1, system.integrate(q, half * (v_start + v_end))
         c = system.violation(q1)

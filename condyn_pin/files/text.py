@@ -1,0 +1,70 @@
+"""Texts of json and toml that may come from strangers: their size, their depth, their numbers."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Callable
+from os import PathLike
+from pathlib import Path
+from typing import Any, Final
+
+# A text takes up to thirty times its size when it is parsed: a gigabyte. The largest robots and
+# tables have a tenth of this.
+LARGEST: Final = 2**25  # [bytes]
+
+
+def read_bytes(path: str | PathLike[str]) -> bytes:
+    """Return a file; OSError or ValueError if there is none, or it is no file of words."""
+    path = Path(path)
+    if path.exists() and not (path.is_file() or path.is_dir()):  # a device without an end
+        raise ValueError("it is not a file")
+    with path.open("rb") as file:
+        content = file.read(LARGEST + 1)
+    check_size(len(content))
+    return content
+
+
+def check_size(size: int) -> None:
+    """Raise ValueError if a text is larger than any that is read here."""
+    if size > LARGEST:
+        raise ValueError(f"it is larger than {LARGEST / 1e6:.0f} MB")
+
+
+def read_text(path: str | PathLike[str]) -> str:
+    """Return a text in UTF-8, with or without a byte order mark."""
+    return read_bytes(path).decode("utf-8-sig")
+
+
+def parse_json(text: str | bytes) -> Any:
+    """Return what a json says, or raise ValueError."""
+    return _parsed(json.loads, text, json.JSONDecodeError)
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Return what a toml says, or raise ValueError."""
+    card: dict[str, Any] = _parsed(tomllib.loads, text, tomllib.TOMLDecodeError)
+    _check_depth(card)
+    return card
+
+
+def _parsed(parse: Callable[[Any], Any], text: Any, known: type[ValueError]) -> Any:
+    check_size(len(text))
+    try:
+        return parse(text)
+    except (known, UnicodeDecodeError):
+        raise
+    except ValueError as error:  # Python's own limit, against numbers that take minutes to read
+        raise ValueError("a number in it has thousands of digits") from error
+    except RecursionError as error:
+        raise ValueError("it is nested too deep") from error
+
+
+def _check_depth(value: Any, most: int = 32) -> None:
+    """Refuse tables of tables of tables: keys with dots in them make some without brackets."""
+    level = [value]
+    for _ in range(most):
+        inner = (x.values() if isinstance(x, dict) else x for x in level)
+        level = [y for x in inner for y in x if isinstance(y, (dict, list))]
+    if level:
+        raise ValueError(f"it is nested more than {most} deep")

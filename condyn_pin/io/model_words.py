@@ -1,0 +1,185 @@
+"""A Pinocchio model as words and arrays, and back, the same to the bit and with either Pinocchio.
+
+    words    its name; each joint's name, parent, type; each frame's name, type, joint, parent
+    arrays   placements [R | p], inertias, gravity, limits and what else it knows of each joint
+
+What is read may come from a stranger: every index and every size is checked before Pinocchio, which
+checks none, sees it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._pin import pin
+from condyn_pin.arrays import Array
+from condyn_pin.errors import InvalidModel
+from condyn_pin.io.joint_words import joint_of, joint_words
+from condyn_pin.io.tree import NO_LIMIT
+
+Words = dict[str, Any]
+Arrays = dict[str, NDArray[Any]]
+
+_MOST_BODIES: Final = 100_000
+_TRIANGLE: Final = np.tril_indices(3)
+# What one Pinocchio knows of a joint and another does not, and what it is where nothing is said.
+_BOTH_WAYS: Final = {
+    "lowerDryFrictionLimit": "friction",
+    "lowerEffortLimit": "effortLimit",
+    "lowerVelocityLimit": "velocityLimit",
+}
+_MARGIN: Final = "positionLimitMargin"
+_OF_Q: Final = ("lowerPositionLimit", "upperPositionLimit", _MARGIN)
+_OF_V: Final = (
+    "armature", "rotorInertia", "rotorGearRatio", "damping", *_BOTH_WAYS.values(), *_BOTH_WAYS,
+)  # fmt: skip
+_ALWAYS: Final = ("lowerPositionLimit", "upperPositionLimit", *_OF_V[:7])  # of every Pinocchio
+
+
+def model_words(model: Any) -> tuple[Words, Arrays]:
+    """Return a model as words and arrays.
+
+    Raises
+    ------
+    InvalidModel
+        If the model would not come back as it is.
+    """
+    joints, frames = range(1, model.njoints), list(model.frames)
+    references = {entry.key(): np.array(entry.data()) for entry in model.referenceConfigurations}
+    try:
+        words = {
+            "name": model.name,
+            "bodies": model.nbodies,
+            "joints": [
+                {"name": model.names[i], "parent": model.parents[i], **joint_words(model.joints[i])}
+                for i in joints
+            ],
+            "frames": [
+                {"name": f.name, "type": str(f.type), "joint": f.parentJoint, "in": f.parentFrame}
+                for f in frames[1:]
+            ],
+            "references": list(references),
+        }
+        arrays = {
+            "placements": _placements([model.jointPlacements[i] for i in joints]),
+            "inertias": _inertias(model.inertias),
+            "frame_placements": _placements([frame.placement for frame in frames[1:]]),
+            "frame_inertias": _inertias([frame.inertia for frame in frames[1:]]),
+            "gravity": np.array(model.gravity.vector),
+            "references": np.array([*references.values()]).reshape(len(references), model.nq),
+            **{n: np.array(getattr(model, n)) for n in (*_OF_Q, *_OF_V) if hasattr(model, n)},
+        }
+        again, _ = model_of(words, arrays)
+    except (LookupError, TypeError, ValueError, RuntimeError) as error:
+        raise InvalidModel(f"the model of {model.name!r} cannot be saved: {error}") from error
+    if again.saveToString() != model.saveToString():  # == forgets the radii of an ellipsoid
+        raise InvalidModel(
+            f"the model of {model.name!r} cannot be saved: it would come back changed, for its "
+            "frames or joints were edited by hand; add them by addFrame and addJoint"
+        )
+    return words, arrays
+
+
+def model_of(words: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> tuple[Any, list[str]]:
+    """Return the model of words and arrays that may come from a stranger, and what it lost.
+
+    Raises
+    ------
+    LookupError, TypeError, ValueError, RuntimeError
+        If they are of no model.
+    """
+    joints, frames = _list(words["joints"]), _list(words["frames"])
+    n, f = len(joints), len(frames)
+    model = pin.Model()
+    model.name = _text(words["name"])
+    model.gravity = pin.Motion(_array(arrays, "gravity", (6,)))
+    placements = _array(arrays, "placements", (n, 3, 4))
+    for i, (joint, R_p) in enumerate(zip(joints, placements, strict=True), 1):
+        parent = _index(joint["parent"], i)
+        model.addJoint(parent, joint_of(joint), _se3(R_p), _text(joint["name"]))
+    for _ in range(_index(words["bodies"], _MOST_BODIES) - 1):  # Pinocchio counts them, no more
+        model.appendBodyToJoint(0, pin.Inertia.Zero(), pin.SE3.Identity())
+    for i, numbers in enumerate(_array(arrays, "inertias", (n + 1, 10))):
+        model.inertias[i] = _inertia(numbers)
+    placements = _array(arrays, "frame_placements", (f, 3, 4))
+    inertias = _array(arrays, "frame_inertias", (f, 10))
+    for frame, R_p, numbers in zip(frames, placements, inertias, strict=True):
+        kind = pin.FrameType.names[_text(frame["type"])]
+        parents = _index(frame["joint"], n + 1), _index(frame["in"], f + 1)
+        made = pin.Frame(_text(frame["name"]), *parents, _se3(R_p), kind, _inertia(numbers))
+        model.addFrame(made, False)  # its inertia is on the joint already
+    if model.nframes != f + 1:
+        raise ValueError("two frames of one type have the same name")
+    names = [_text(name) for name in _list(words["references"])]
+    for name, q in zip(names, _array(arrays, "references", (len(names), model.nq)), strict=True):
+        model.referenceConfigurations[name] = q.copy()
+    return model, _set_numbers(model, arrays)
+
+
+def _set_numbers(model: Any, arrays: Mapping[str, NDArray[Any]]) -> list[str]:
+    """Set what is known of each joint; return what this Pinocchio has no place for."""
+    sizes = dict.fromkeys(_OF_Q, (model.nq,)) | dict.fromkeys(_OF_V, (model.nv,))
+    read = {
+        name: _array(arrays, name, size)
+        for name, size in sizes.items()
+        if name in arrays or name in _ALWAYS
+    }
+    usual = {_MARGIN: np.zeros(model.nq)}
+    usual |= {lower: -read[upper] for lower, upper in _BOTH_WAYS.items()}
+    lost = []
+    for name, values in (usual | read).items():
+        if hasattr(model, name):
+            setattr(model, name, values.copy())
+        elif ((values != usual[name]) & (np.abs(values) < NO_LIMIT)).any():
+            lost.append(f"{name} of the joints, for which Pinocchio {pin.__version__} has no place")
+    return lost
+
+
+def _placements(placements: Sequence[Any]) -> Array:
+    return np.array([M.homogeneous[:3] for M in placements]).reshape(len(placements), 3, 4)
+
+
+def _inertias(inertias: Any) -> Array:
+    rows = [[Y.mass, *Y.lever, *Y.inertia[_TRIANGLE]] for Y in inertias]
+    return np.array(rows).reshape(len(rows), 10)
+
+
+def _se3(R_p: Array) -> Any:
+    return pin.SE3(R_p[:, :3].copy(), R_p[:, 3].copy())
+
+
+def _inertia(numbers: Array) -> Any:
+    """Return an inertia as it is: the constructor refuses what rounding has made of a rod."""
+    inertia, matrix = pin.Inertia.Zero(), np.zeros((3, 3))
+    matrix[_TRIANGLE] = matrix.T[_TRIANGLE] = numbers[4:]
+    inertia.mass, inertia.lever, inertia.inertia = float(numbers[0]), numbers[1:4], matrix
+    return inertia
+
+
+def _array(arrays: Mapping[str, NDArray[Any]], name: str, shape: tuple[int, ...]) -> Array:
+    array = arrays[name]
+    if array.shape != shape or array.dtype != np.float64:
+        raise ValueError(f"{name} has shape {array.shape} of {array.dtype}: {shape} is needed")
+    return array
+
+
+def _list(value: Any) -> list[Any]:
+    if not isinstance(value, list):
+        raise TypeError(f"{value!r}: a list is needed")
+    return value
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError(f"{value!r}: a text is needed")
+    return value
+
+
+def _index(value: Any, count: int) -> int:
+    if type(value) is not int or value not in range(count):
+        raise ValueError(f"{value!r}: a number from 0 to {count - 1} is needed")
+    return value

@@ -1,0 +1,119 @@
+"""Bodies that turn far within one step: another chart, a smaller step, or a status that says so."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import condyn_pin as cp
+from condyn_pin._pin import pin
+
+DT = 0.4  # [s]
+
+# joints whose coordinates of a step end at pi, with velocities that turn by 4 rad in it
+CURVED = {
+    "FreeFlyer": [0.2, 0.1, 0.3, 0.5, 10.0, 0.3],
+    "Spherical": [0.5, 10.0, 0.3],
+    "Planar": [0.2, 0.1, 10.0],
+}
+FIXED = sorted(name for name in cp.INTEGRATORS if not cp.INTEGRATORS[name].is_adaptive)
+
+
+def spinning(kind: str) -> tuple[cp.Scene, np.ndarray, np.ndarray]:
+    """A body on a joint of one kind, with an arm, so that its rotation matters."""
+    model = pin.Model()
+    joint = model.addJoint(0, getattr(pin, f"JointModel{kind}")(), pin.SE3.Identity(), "body")
+    off = pin.SE3(np.eye(3), np.array([0.1, 0.0, 0.05]))
+    model.appendBodyToJoint(joint, pin.Inertia.FromBox(1.0, 0.2, 0.3, 0.5), off)
+    arm = model.addJoint(joint, pin.JointModelRX(), off, "arm")
+    model.appendBodyToJoint(arm, pin.Inertia.FromBox(0.3, 0.2, 0.1, 0.1), off)
+    scene = cp.Scene(cp.Robot("spinning", model))
+    return scene, pin.neutral(model), np.array([*CURVED[kind], 0.4])
+
+
+@pytest.mark.parametrize("method", [5, 8])
+@pytest.mark.parametrize("kind", list(CURVED))
+def test_adaptive_steps_change_charts(kind, method):
+    """As right in one step of 4 rad as in forty."""
+    scene, q, v = spinning(kind)
+    tight = cp.DormandPrince(1e-11, 1e-12, method)
+    one, many = (
+        cp.simulate(scene, q, v, duration=2 * DT, dt=dt, integrator=tight) for dt in (DT, DT / 40)
+    )
+    assert one.status is many.status is cp.RunStatus.FINISHED
+    assert np.abs(pin.difference(scene.robot.model, one.q[-1], many.q[-1])).max() < 1e-8
+    assert np.abs(one.v[-1] - many.v[-1]).max() < 1e-8
+
+
+@pytest.mark.parametrize("kind", list(CURVED))
+@pytest.mark.parametrize("name", FIXED)
+def test_fixed_steps_say_where_they_end(name, kind):
+    scene, q, v = spinning(kind)
+    found = cp.simulate(scene, q, v, duration=2 * DT, dt=DT, integrator=cp.INTEGRATORS[name]())
+    assert found.status is cp.RunStatus.FAILED
+    assert "joint 'body' turns by 4" in found.reason
+    assert "take dt below 0.3" in found.reason
+    assert found.t[-1] == 0.0
+
+
+def test_a_body_that_comes_to_turn_too_fast_ends_the_run_there():
+    scene, q, v = spinning("Spherical")
+    spun_up = np.array([0.0, 0.0, 4.0, 0.0])
+    found = cp.simulate(scene, q, 0.0 * v, spun_up, duration=2.0, dt=0.05, gravity=False)
+    assert found.status is cp.RunStatus.FAILED
+    assert "joint 'body' turns by" in found.reason
+    assert 0.0 < found.t[-1] < 2.0
+    assert np.linalg.norm(found.v[-1][:3]) * 0.05 < np.pi
+
+
+@pytest.mark.parametrize("kind", ["RY", "RUBY"])
+def test_a_hinge_that_turns_far_in_a_step_is_told(kind):
+    """Its angle has no chart to leave, but what it does to others is not resolved."""
+    model = pin.Model()
+    joint = model.addJoint(0, getattr(pin, f"JointModel{kind}")(), pin.SE3.Identity(), "wheel")
+    model.appendBodyToJoint(joint, pin.Inertia.FromBox(1.0, 0.2, 0.3, 0.5), pin.SE3.Identity())
+    scene, q = cp.Scene(cp.Robot("wheel", model)), pin.neutral(model)
+    fast = cp.simulate(scene, q, [40.0], duration=1.0, dt=0.1)
+    assert "joint 'wheel' turns by 4 rad in a step of 0.1 s" in "".join(fast.notices)
+    assert not cp.simulate(scene, q, [40.0], duration=1.0, dt=0.05).notices
+    adaptive = cp.simulate(scene, q, [40.0], duration=1.0, dt=0.1, integrator=cp.DormandPrince())
+    assert not adaptive.notices
+
+
+def slider(mass: float = 1.0) -> cp.Scene:
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "slider")
+    model.appendBodyToJoint(joint, pin.Inertia(mass, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    return cp.Scene(cp.Robot("slider", model))
+
+
+@pytest.mark.parametrize("method", [5, 8])
+def test_a_substep_that_leads_to_no_number_is_tried_smaller(method):
+    """Beyond a centimetre the torque is no number; the motion never goes there."""
+
+    def guarded(t, q, v):
+        return np.array([-1e4 * q[0] if abs(q[0]) < 0.01 else np.nan])
+
+    found = cp.simulate(
+        slider(), [0.0], [0.9], guarded, duration=1.0, dt=1.0,
+        integrator=cp.DormandPrince(method=method),
+    )  # fmt: skip
+    assert found.status is cp.RunStatus.FINISHED
+    assert found.q[-1, 0] == pytest.approx(9e-3 * np.sin(100.0), abs=1e-7)
+
+
+def test_where_no_substep_is_small_enough_the_text_says_what_it_met():
+    def ends(t, q, v):
+        return np.array([1.0 if t < 0.5 else np.inf])
+
+    found = cp.simulate(slider(), [0.0], [0.0], ends, duration=1.0, integrator=cp.DormandPrince())
+    assert found.status is cp.RunStatus.FAILED
+    assert found.t[-1] == pytest.approx(0.5, abs=2e-3)
+    assert "no step from t = 0.49" in found.reason or "no step from t = 0.5" in found.reason
+    assert "at t = 0.5 s: tau[0] = inf" in found.reason
+
+
+def test_advice_fits_a_scene_without_rows():
+    with pytest.raises(cp.SolveFailed, match="there are no constraints") as caught:
+        cp.solve(slider(1e-10), [0.0], [0.0], [1e300])
+    assert "mu" not in str(caught.value).split(")", 1)[1]

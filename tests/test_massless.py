@@ -1,0 +1,99 @@
+"""Hinges with massless links between them, in the place of a ball: where two of their axes meet."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from shared import SOLVERS
+
+import condyn_pin as cp
+from condyn_pin._pin import pin
+
+AXES = {
+    "yaw": pin.JointModelRZ, "pitch": pin.JointModelRY, "roll": pin.JointModelRX,
+    "again": pin.JointModelRZ,
+}  # fmt: skip
+LOCKED = np.array([0.2, 0.5 * np.pi, 0.3, 0.4])
+NAMED = re.escape("at q = [0.2") + ".*yaw, roll can move there without moving inertia"
+
+
+def arm(*names: str) -> cp.Scene:
+    """A leg on hinges of these axes at one point, its foot on the ground."""
+    model = pin.Model()
+    inertia = pin.Inertia(1.0, np.array([0.0, 0.0, -0.3]), np.diag([0.02, 0.03, 0.01]))
+    down = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.5]))
+    i = 0
+    for name in names:
+        i = model.addJoint(i, AXES[name](), pin.SE3.Identity(), name)
+    model.appendBodyToJoint(i, inertia, pin.SE3.Identity())
+    i = model.addJoint(i, pin.JointModelRY(), down, "knee")
+    model.appendBodyToJoint(i, inertia, pin.SE3.Identity())
+    model.addFrame(pin.Frame("foot", i, 0, down, pin.FrameType.OP_FRAME))
+    return cp.Scene(cp.Robot("leg", model), [cp.PointContact("foot")])
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return arm("yaw", "pitch", "roll")
+
+
+METHODS = [made() for made in SOLVERS.values()]
+
+
+@pytest.mark.parametrize("solver", METHODS, ids=lambda solver: type(solver).__name__)
+def test_a_solve_names_the_joints_and_the_configuration(scene, solver):
+    still = np.zeros(4)
+    with pytest.raises(cp.SolveFailed, match=NAMED) as failed:
+        cp.solve(scene, LOCKED, still, still, solver=solver)
+    assert "mu is too small" not in str(failed.value)
+    assert "redundant" not in str(failed.value)
+    found = cp.solve(scene, LOCKED, still, still, solver=solver, throw=False)
+    assert not found.status.ok
+    (notice,) = found.notices
+    assert re.search(NAMED, notice)
+
+
+def test_without_constraints_too(scene):
+    with pytest.raises(cp.SolveFailed, match=NAMED):
+        cp.solve(cp.Scene(scene.robot), LOCKED, np.zeros(4), np.zeros(4))
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda scene, still: scene.rank(LOCKED),
+        lambda scene, still: scene.project_velocity(LOCKED, still + 1.0, metric="mass"),
+        lambda scene, still: cp.derivatives(scene, LOCKED, still, still),
+        lambda scene, still: cp.simulate(scene, LOCKED, still, duration=0.01, dt=0.001),
+        lambda scene, still: cp.operational_space(scene, LOCKED, "foot"),
+    ],
+    ids=["rank", "project_velocity", "derivatives", "simulate", "operational_space"],
+)
+def test_whatever_is_asked_names_them(scene, ask):
+    with pytest.raises((cp.InvalidModel, cp.SolveFailed), match=NAMED):
+        ask(scene, np.zeros(4))
+
+
+def test_a_scene_whose_nominal_state_is_there():
+    """Two yaw hinges with a pitch between them, and that at zero: the robot is sound elsewhere."""
+    with pytest.raises(cp.InvalidModel, match="yaw, again can move there without moving inertia"):
+        arm("yaw", "pitch", "again").rank()
+
+
+@pytest.mark.parametrize("off", [1e-5, 1e-7])
+@pytest.mark.parametrize("solver", METHODS, ids=lambda solver: type(solver).__name__)
+def test_nearby_an_answer_that_is_not_ok_says_why(scene, solver, off):
+    q, still = LOCKED - [0.0, off, 0.0, 0.0], np.zeros(4)
+    found = cp.solve(scene, q, still, still + 1.0, solver=solver, throw=False)
+    assert not found.status.ok
+    (said,) = (text for text in found.notices if "mass matrix" in text)
+    assert re.search("(nearly singular|not positive definite) at q.* yaw, roll can move", said)
+
+
+def test_elsewhere_nothing_is_said(scene):
+    q = LOCKED - [0.0, 0.3, 0.0, 0.0]
+    found = cp.solve(scene, q, np.zeros(4), np.zeros(4))
+    assert found.status.ok
+    assert not [text for text in found.notices if "inertia" in text]
