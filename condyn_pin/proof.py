@@ -26,7 +26,7 @@ in the metric of M,
     |e_i| <= |e_i computed| + w_i (eps (nv + m) kappa |e|_M + |ds| / sigma),
 
 with kappa = cond(D M D) + sigma_1 / sigma of the factors that it comes from, and ds what rounding
-of J a does to s.
+of J a and of gamma does to s, eps P (|a| + |v| |v|_inf).
 Rows whose singular value is below REFERENCE_RANK count as redundant there, and rounding of J^T lam
 is added: eps max(w) sum_j w_j (|lam| P)_j, with P what the two bodies of a row bring to J before
 they cancel. A row of which rounding is all that is left takes a lam of 1e17, and is found by that.
@@ -53,6 +53,11 @@ _NEAR_ROUNDING = tolerances.SOLVED
 
 # A sigma that is no more than so many times the rounding of J says nothing about a row.
 _BLURRED = 100.0
+
+
+# Forces, as a multiple of the weight where a is of the size of gravity, that machines do not have
+# away from singular configurations.
+_HEAVY = 100.0
 
 
 class Proof(NamedTuple):
@@ -120,19 +125,23 @@ class Yardstick:
             / (gravity or 1.0),
         )
 
-    def missing(self, factors: MinimumNorm, r: Array, s: Array, a: Array, P: Array) -> float:
+    def missing(
+        self, factors: MinimumNorm, r: Array, s: Array, P: Array, v: Array, a: Array
+    ) -> float:
         """Return a bound on |e|_inf at the state of the factors, for the residuals of a there."""
         with np.errstate(all="ignore"):  # what overflows is no bound, and says so
             e, _ = factors.solve(r, s)
             e_M = float(np.linalg.norm(factors.L.T @ e))
             lost = self.rounding + (_EPS * float(factors.S[0]) / self.sigma if self.rows else 0.0)
-            rounded = self.per_row * _EPS * float((P @ np.abs(a)).max(initial=0.0))
+            # J a, and gamma, which grows with the square of v
+            sizes = P @ (np.abs(a) + np.abs(v) * np.abs(v).max())
+            rounded = self.per_row * _EPS * float(sizes.max(initial=0.0))
             open_by = (len(r) + self.rows) * lost * e_M + rounded
             computed = float((np.abs(e) + self.weights * open_by).max())
             # factors of a badly conditioned M may know less of e than the residuals do
-            sizes = float(self.weights.dot(np.abs(r)))
-            sizes += self.per_row * float(np.abs(s).max(initial=0.0)) + rounded
-            return min(computed, float(self.largest_weight) * sizes)
+            whole = float(self.weights.dot(np.abs(r))) + rounded
+            whole += self.per_row * float(np.abs(s).max(initial=0.0))
+            return min(computed, float(self.largest_weight) * whole)
 
     def prove(
         self, dynamics: Array, largest: list[float], tau: Array, e: float | None = None
@@ -190,10 +199,10 @@ class Yardstick:
     def no_force(self) -> float:
         """A force that only a row without grip explains, relative to the size of a [N s^2/m].
 
-        A million times what the robot weighs; a row that is rounding takes one of 1e17. Less where
-        light joints are shaken by rounding of less.
+        A hundred times what the robot weighs: near a singular configuration lam grows like 1 / sigma,
+        and a row that is rounding takes 1e17. Less where light joints are shaken by less.
         """
-        most = min(1e6, tolerances.SOLVED / self.shaking) if self.shaking else 1e6
+        most = min(_HEAVY, tolerances.SOLVED / self.shaking) if self.shaking else _HEAVY
         return most * self.weight / (self.gravity or 1.0)
 
     @cached_property

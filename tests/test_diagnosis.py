@@ -413,7 +413,9 @@ def test_a_humanoid_on_two_points_can_turn_about_the_line_through_them():
 
 def test_a_foot_that_glides_shifts_and_turns():
     left, right = (contact.frame for contact in robot("talos").contacts)
-    three = [cp.PlanarContact(left, at, name=f"p{at}") for at in ((0, 0, 0), (0.1, 0, 0), (0, 0.1, 0))]
+    three = [
+        cp.PlanarContact(left, at, name=f"p{at}") for at in ((0, 0, 0), (0.1, 0, 0), (0, 0.1, 0))
+    ]
     assert told(*three) == "shift in the plane across the world's z and turn about the world's z"
     across = told(cp.LineContact(left, "x"))
     assert across.startswith("turn about an axis along ")

@@ -81,10 +81,10 @@ class MinimumNorm:
         from scipy.linalg.lapack import dtrtri
 
         inverse = dtrtri(self.L, lower=1)[0]
-        return np.sqrt(np.einsum("ij,ij->j", inverse, inverse))
+        return np.asarray(np.sqrt(np.einsum("ij,ij->j", inverse, inverse)))
 
     def blur(self, P: Array) -> float:
-        """Return what rounding of J does to Jw, eps |P w|, for what J is a difference of (m, nv)."""
+        """Return eps |P w|, what rounding of J does to Jw, for P what J is a difference of."""
         return _EPS * float(np.linalg.norm(P * self.weights))
 
     def at_most(self, rank: int) -> MinimumNorm:

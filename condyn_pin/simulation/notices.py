@@ -42,7 +42,9 @@ def _open_constraints(trajectory: Trajectory) -> list[str]:
     if not violation.max() > tolerances.NEARLY_CLOSED:
         return []
     when = int(violation.argmax())
-    scenes = [p.scene for p in trajectory.phases if when in range(*p.samples.indices(len(violation)))]
+    scenes = [
+        p.scene for p in trajectory.phases if when in range(*p.samples.indices(len(violation)))
+    ]
     open_by = [worst(check(scene, trajectory.q[when], None).gap) for scene in scenes]
     name, gap = max(open_by, key=lambda item: item[1].size)
     remedy = "use a smaller dt, a higher order, or another drift scheme"

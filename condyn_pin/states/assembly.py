@@ -122,7 +122,12 @@ def best_end(
             best = end
     assert best is not None
     if best.size <= tolerances.CLOSED:
-        return best, iterations, AssemblyStatus.BRANCH_CHANGED, _across(wanted, chains.branch(best.J))
+        return (
+            best,
+            iterations,
+            AssemblyStatus.BRANCH_CHANGED,
+            _across(wanted, chains.branch(best.J)),
+        )
     status = AssemblyStatus.UNREACHABLE if best.stationary else AssemblyStatus.STALLED
     return best, iterations, status, ()
 

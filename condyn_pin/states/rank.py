@@ -202,7 +202,9 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
 def is_singular(scene: Scene, q: Array) -> bool:
     """Whether fewer rows are independent at q than at configurations nearby, as `Rank.singular`."""
     equations = equations_of(scene)
-    return factorise(equations.mass(q), equations.jacobian(q), _share(scene)).rank < scene.chains.rank
+    return (
+        factorise(equations.mass(q), equations.jacobian(q), _share(scene)).rank < scene.chains.rank
+    )
 
 
 def _share(scene: Scene) -> float:
