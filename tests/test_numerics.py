@@ -232,9 +232,10 @@ def test_a_singular_value_that_rounding_made_does_not_count():
     factors = factorise(terms.M, terms.J, REFERENCE_RANK)
     assert factors.rank == 2
     assert factors.above_rounding(P).rank == 1
-    a, lam = cp.Reference().solve(terms, np.array([2.0, 1.0]), P)
+    a, _ = cp.Reference().solve(terms, np.array([2.0, 1.0]), P)
     np.testing.assert_allclose(a, [0.0, 1e12], atol=1.0)
-    np.testing.assert_allclose(lam, [-1.0, -1.0], rtol=1e-12)
+    held, _ = cp.Reference().solve(terms, np.array([2.0, 1.0]))
+    assert abs(held[1]) < 1e9
 
 
 def test_singular_values_above_rounding_count():

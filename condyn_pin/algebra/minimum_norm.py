@@ -69,6 +69,16 @@ class MinimumNorm:
         z = ((U.T @ s).T / S).T - self.V.T @ y
         return dtrtrs(self.L.T, y + self.V @ z)[0], U @ (z.T / S).T
 
+    def moved(self, s: Array) -> Array:
+        """Return how far a (nv,) moves where J a is off by about s (m,), each row by itself."""
+        from scipy.linalg.lapack import dtrtrs
+
+        if not self.rank:
+            return np.zeros(len(self.L))
+        along = dtrtrs(self.L.T, self.V)[0]
+        by = np.linalg.norm(self.U[:, : self.rank].T * s, axis=1) / self.S[: self.rank]
+        return np.asarray(np.abs(along) @ by)
+
     def solve_mass(self, r: Array) -> Array:
         """Return M^-1 r for one or many right-hand sides (nv, k)."""
         from scipy.linalg import cho_solve
