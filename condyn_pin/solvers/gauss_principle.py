@@ -34,8 +34,8 @@ class GaussPrinciple(Solver):
     Parameters
     ----------
     rank_tolerance : float
-        Singular values of J L^-T below this share of the largest belong to redundant rows, and so do
-        those that rounding of J can make up, as measured at the nominal state.
+        Singular values of J L^-T below this share of the largest belong to redundant rows, and so
+        do those that rounding of J can make up, as measured at the nominal state.
 
     Notes
     -----

@@ -18,6 +18,7 @@ import numpy as np
 from condyn_pin.algebra.numerical_rank import null_space, rank_of
 from condyn_pin.arrays import Array
 from condyn_pin.names import listed
+from condyn_pin.rows.bound import Coupled
 from condyn_pin.rows.kept import equations_of
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ def _points(scene: Scene, ends: Sequence[Any], sizes: Array) -> Points:
     """Return names of the constraints that hold the base, and where in the world."""
     found = []
     for bound, pair in zip(scene.bounds, ends, strict=True):
-        if pair is not None and sizes[bound.rows].any():
+        if pair is not None and not isinstance(bound, Coupled) and sizes[bound.rows].any():
             found.append((bound.name, np.array(pair[0 if bound.joint1 else 1].translation)))
     return found
 
