@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ContextDecorator
 from functools import cache
 from itertools import product
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 VARIABLES: Final = (
     "OMP_NUM_THREADS",
@@ -27,9 +27,17 @@ VARIABLES: Final = (
     "VECLIB_MAXIMUM_THREADS",
 )
 
+_BY_US = "one inside condyn_pin, one for each core elsewhere"
+
 # How many threads a library has, and to set it.
 _Get = Callable[[], int]
 _Set = Callable[[int], object]
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+
+def _set_to() -> str:
+    return next((f"{name}={value}" for name in VARIABLES if (value := os.environ.get(name))), "")
 
 
 class _OneThread(threading.local, ContextDecorator):
@@ -54,6 +62,10 @@ class _OneThread(threading.local, ContextDecorator):
                 before.append((put, n))
         self._before = before
 
+    def __call__(self, function: _Function) -> _Function:
+        # nothing is to be changed: a call more would only take time
+        return function if _set_to() else super().__call__(function)
+
     def __exit__(self, *_: object) -> None:
         self._depth -= 1
         if not self._depth:
@@ -66,8 +78,11 @@ one_blas_thread = _OneThread()
 
 @cache
 def decided() -> str:
-    """Return how the user has set the number of threads, ``OMP_NUM_THREADS=4``, or nothing."""
-    return next((f"{name}={value}" for name in VARIABLES if (value := os.environ.get(name))), "")
+    """Return how the user has set the number of threads, ``OMP_NUM_THREADS=4``, or nothing.
+
+    The command line asks first, and sets it then.
+    """
+    return _set_to()
 
 
 def loaded() -> tuple[Any, ...]:
@@ -82,11 +97,7 @@ def loaded() -> tuple[Any, ...]:
 def features() -> dict[str, str]:
     """Return what is loaded and how many threads it uses, for `condyn doctor`."""
     found = {f"{each.internal_api} {each.version} for {each.architecture}" for each in loaded()}
-    set_to = (
-        f"as you set it, {decided()}"
-        if decided()
-        else ("one inside condyn_pin, one for each core elsewhere")
-    )
+    set_to = f"as you set it, {decided()}" if decided() else _BY_US
     return {"BLAS": ", ".join(sorted(found)), "BLAS threads": set_to}
 
 

@@ -91,6 +91,7 @@ def main() -> None:
     words = [word for word in sys.argv[1:] if word != "--debug"]
     try:
         code = app(words or ["--help"], prog_name="condyn", standalone_mode=False)
+        sys.stdout.flush()  # a full disk, while it can still be told
     except KeyboardInterrupt:
         code = INTERRUPTED
     except Exception as error:
@@ -115,4 +116,8 @@ def main() -> None:
 def _end(text: str, code: int) -> NoReturn:
     """Leave with one line on stderr."""
     warn(f"condyn: {' '.join(text.split())}")
+    try:
+        sys.stdout.flush()
+    except OSError:  # Python would try again at its end, and leave with a code of its own
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.exit(code)

@@ -60,7 +60,7 @@ def unit(vector: Sequence[float], fault: str) -> tuple[float, ...]:
 def text(argument: str, value: Any, what: str = "frame") -> str:
     """Return the name of something, or raise InvalidArgument."""
     if not isinstance(value, str) or not value:
-        raise InvalidArgument(f"{argument} = {value!r}: the name of a {what} is needed")
+        raise InvalidArgument(f"{argument} = {shown(value)}: the name of a {what} is needed")
     return value
 
 
@@ -73,7 +73,7 @@ def check_positive(kind: str = "number", /, **values: float) -> None:
         except OverflowError:  # a whole number beyond a double
             size = math.inf
         if not 0.0 < size < math.inf:
-            raise InvalidArgument(f"{name} = {value!r}: a positive {kind} is needed")
+            raise InvalidArgument(f"{name} = {shown(value)}: a positive {kind} is needed")
         check_size(name, size)
 
 
@@ -86,7 +86,7 @@ def check_lengths(**lengths: float | None) -> None:
 def check_axis(axis: Any) -> None:
     """Refuse what is not the name of an axis."""
     if axis not in get_args(Axis):
-        raise InvalidArgument(f"axis = {axis!r}: one of {', '.join(get_args(Axis))} is needed")
+        raise InvalidArgument(f"axis = {shown(axis)}: one of {', '.join(get_args(Axis))} is needed")
 
 
 def placement(argument: str, value: object) -> Placement | None:

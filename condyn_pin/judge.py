@@ -115,10 +115,10 @@ class Judge:
         yardstick = Yardstick.of(factors, P, nominal.gravity, nominal.weight)
         r, s = equations.residuals(q, v, tau, a, lam, load)
         dynamics, largest = equations.errors(q, v, tau, a, lam, load)
-        missing = yardstick.missing(factors, r, s, a, P)
+        missing = yardstick.missing(factors, r, s, P, v, a)
         proof, _ = yardstick.prove(dynamics, largest, _torques(tau, load), missing)
         scale = max(largest[1], nominal.gravity)
-        rounded = yardstick.rounding_of(np.abs(lam) @ P)
+        rounded = yardstick.rounding_of_forces(lam, P)
         return proof._replace(bound=proof.bound + (rounded / scale if scale else 0.0))
 
 

@@ -26,14 +26,14 @@ _MOST_ITERATIONS = 2**31 - 1  # Pinocchio counts in a C int
 def check_damping(mu: float) -> None:
     """Refuse a damping that cannot be used."""
     if finite("mu", mu, ()) < 0:
-        raise InvalidArgument(f"mu = {mu!r}: a number >= 0 [1/kg] is needed")
+        raise InvalidArgument(f"mu = {shown(mu)}: a number >= 0 [1/kg] is needed")
 
 
 def check_knobs(mu: float | str | None, max_iterations: int, *, smallest_mu: float) -> None:
     """Refuse a proximal weight or an iteration limit that cannot be used."""
     if mu is not None and not finite("mu", mu, ()) >= smallest_mu:
         limit = ">= 0" if smallest_mu == 0 else f">= {smallest_mu:g}"
-        raise InvalidArgument(f"mu = {mu!r}: a finite number {limit} [1/kg] is needed")
+        raise InvalidArgument(f"mu = {shown(mu)}: a finite number {limit} [1/kg] is needed")
     check_iterations(max_iterations)
 
 
@@ -41,9 +41,8 @@ def check_iterations(max_iterations: int) -> None:
     """Refuse an iteration limit that cannot be used."""
     if not is_whole(max_iterations) or not 1 <= max_iterations <= _MOST_ITERATIONS:
         raise InvalidArgument(
-            f"max_iterations = {max_iterations!r}: a whole number from 1 to {_MOST_ITERATIONS} "
-            "is needed "
-            "(with 0 Pinocchio returns a wrong answer without a word)"
+            f"max_iterations = {shown(max_iterations)}: a whole number from 1 to "
+            f"{_MOST_ITERATIONS} is needed (with 0 Pinocchio returns a wrong answer without a word)"
         )
 
 
@@ -51,8 +50,8 @@ def check_refinements(refinements: int) -> None:
     """Refuse a number of corrections that is none."""
     if not is_whole(refinements) or not 0 <= refinements <= _MOST_REFINEMENTS:
         raise InvalidArgument(
-            f"refinements = {refinements!r}: a whole number from 0 to {_MOST_REFINEMENTS}; two "
-            "reach what doubles can"
+            f"refinements = {shown(refinements)}: a whole number from 0 to {_MOST_REFINEMENTS}; "
+            "two reach what doubles can"
         )
 
 
@@ -61,16 +60,20 @@ def is_whole(value: object) -> bool:
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
-def check_count(name: str, value: int, *, least: int = 1) -> None:
-    """Refuse what is not a whole number that is large enough."""
+def check_count(name: str, value: int, *, least: int = 1, most: int | None = None) -> None:
+    """Refuse what is not a whole number that is large enough, and not too large."""
+    if most is not None and is_whole(value) and value > most:
+        raise InvalidArgument(f"{name} = {shown(value)}: {most} is the largest")
     if not is_whole(value) or value < least:
-        raise InvalidArgument(f"{name} = {value!r}: a whole number of at least {least} is needed")
+        raise InvalidArgument(
+            f"{name} = {shown(value)}: a whole number of at least {least} is needed"
+        )
 
 
 def check_accuracy(name: str, value: float) -> None:
     """Refuse an accuracy that cannot be used."""
     if finite(name, value, ()) < 0:
-        raise InvalidArgument(f"{name} = {value!r}: a number >= 0 is needed")
+        raise InvalidArgument(f"{name} = {shown(value)}: a number >= 0 is needed")
 
 
 def check_accuracy_of_a(accuracy: float) -> None:
@@ -82,7 +85,7 @@ def check_accuracy_of_a(accuracy: float) -> None:
 def check_share(name: str, value: float) -> None:
     """Refuse what is not between 0 and 1, both excluded."""
     if not 0 < finite(name, value, ()) < 1:
-        raise InvalidArgument(f"{name} = {value!r}: between 0 and 1")
+        raise InvalidArgument(f"{name} = {shown(value)}: between 0 and 1")
 
 
 def check_called(name: str, function: object, words: str) -> None:

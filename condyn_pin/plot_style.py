@@ -6,7 +6,10 @@ where there is no colour.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, Final
+
+from condyn_pin.files.beside import written_beside
 
 COLOURS: Final = (
     "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#7F7F7F",
@@ -39,3 +42,10 @@ def finished(ax: Any, *, title: str, x: str, y: str) -> Any:
     if ax.get_legend_handles_labels()[1]:
         ax.legend(fontsize=7, frameon=False)
     return ax
+
+
+def write_figure(figure: Any, path: str | Path, *, dpi: int = 150) -> None:
+    """Write a figure of matplotlib; the ending of `path` says which format, PNG if it has none."""
+    path = Path(path)
+    with written_beside(path if path.suffix else path.with_name(f"{path.name}.png")) as new:
+        figure.savefig(new, dpi=dpi)

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from condyn_pin.bench_table import BenchRow, BenchTable
-from condyn_pin.files.beside import written_beside
-from condyn_pin.plot_style import METHODS, OTHER
+from condyn_pin.plot_style import METHODS, OTHER, write_figure
 from condyn_pin.plots import axes, panels
 from condyn_pin.tolerances import SOLVED
 
@@ -64,8 +63,7 @@ def save_bench(table: BenchTable, path: str | Path) -> None:
         bench(table, scene, ax)
     note = "{processor}, Pinocchio {pinocchio}; dashed: what status ok promises"
     figure.suptitle(note.format(**table.machine), fontsize=8)
-    with written_beside(path) as new:
-        figure.savefig(new, dpi=150)
+    write_figure(figure, path)
 
 
 def _title(rows: list[BenchRow], scene: str) -> str:

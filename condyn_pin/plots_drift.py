@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin.files.beside import written_beside
-from condyn_pin.plot_style import COLOURS
+from condyn_pin.plot_style import COLOURS, write_figure
 from condyn_pin.plots import axes, panels
 from condyn_pin.simulation.contest import Contest
 from condyn_pin.simulation.integrators import Integrator
@@ -124,5 +123,4 @@ def save_laboratory(
     for integrator, ax in zip(integrators, places[1:-1], strict=True):
         draw_stability(integrator, ax)
     draw_contest(found, places[-1])
-    with written_beside(path) as new:
-        figure.savefig(new, dpi=150)
+    write_figure(figure, path)

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.files.beside import written_beside
-from condyn_pin.plot_style import COLOURS
+from condyn_pin.plot_style import COLOURS, write_figure
 from condyn_pin.plots import axes, panels
 from condyn_pin.solvers import SOLVERS
 from condyn_pin.tolerances import SOLVED
@@ -150,5 +149,4 @@ def save_trade(table: Table, path: str | Path) -> None:
         work_precision(table, scene, measure, ax)
     note = "{processor}, Pinocchio {pinocchio}; hollow: said to be inaccurate"
     figure.suptitle(note.format_map({"processor": "", "pinocchio": ""} | table.machine), fontsize=8)
-    with written_beside(path) as new:
-        figure.savefig(new, dpi=150)
+    write_figure(figure, path)

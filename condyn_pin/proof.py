@@ -23,13 +23,15 @@ and a and lam are of a size that the robot can have, both are computed anew at t
 them e itself, the solution of the two equations above. What rounding leaves open of it is bounded
 in the metric of M,
 
-    |e_i| <= |e_i computed| + w_i (eps (nv + m) kappa |e|_M + |ds| / sigma),
+    |e_i| <= (e_i computed^2 + (|L^-T V| S^-1 |U^T ds|)_i^2)^1/2 + w_i eps (nv + m) kappa |e|_M,
 
-with kappa = cond(D M D) + sigma_1 / sigma of the factors that it comes from, and ds what rounding
-of J a does to s.
+with kappa = cond(D M D) + sigma_1 / sigma of the factors J L^-T = U S V^T that it comes from, and
+ds what rounding of J a and of gamma does to s. Their terms are of the sizes P_ij a_j and P_ij v_j
+|v|_inf, each is rounded by eps / 2, and independently of the others.
 Rows whose singular value is below REFERENCE_RANK count as redundant there, and rounding of J^T lam
-is added: eps max(w) sum_j w_j (|lam| P)_j, with P what the two bodies of a row bring to J before
-they cancel. A row of which rounding is all that is left takes a lam of 1e17, and is found by that.
+is added: eps / 2 max(w) of the norm of w_j lam_i P_ij, with P what the two bodies of a row bring to
+J before they cancel. A row of which rounding is all that is left takes a lam of 1e17, and is found
+by that.
 """
 
 from __future__ import annotations
@@ -46,6 +48,7 @@ from condyn_pin.algebra.minimum_norm import MinimumNorm
 from condyn_pin.arrays import Array
 
 _EPS = float(np.finfo(np.float64).eps)
+_UNIT = _EPS / 2  # of one rounding
 
 # Relative errors below this are not worth a look at what rounding of tau does.
 _NEAR_ROUNDING = tolerances.SOLVED
@@ -53,6 +56,11 @@ _NEAR_ROUNDING = tolerances.SOLVED
 
 # A sigma that is no more than so many times the rounding of J says nothing about a row.
 _BLURRED = 100.0
+
+
+# Forces, as a multiple of the weight where a is of the size of gravity, that machines do not have
+# away from singular configurations.
+_HEAVY = 100.0
 
 
 class Proof(NamedTuple):
@@ -120,19 +128,22 @@ class Yardstick:
             / (gravity or 1.0),
         )
 
-    def missing(self, factors: MinimumNorm, r: Array, s: Array, a: Array, P: Array) -> float:
+    def missing(
+        self, factors: MinimumNorm, r: Array, s: Array, P: Array, v: Array, a: Array
+    ) -> float:
         """Return a bound on |e|_inf at the state of the factors, for the residuals of a there."""
         with np.errstate(all="ignore"):  # what overflows is no bound, and says so
             e, _ = factors.solve(r, s)
             e_M = float(np.linalg.norm(factors.L.T @ e))
             lost = self.rounding + (_EPS * float(factors.S[0]) / self.sigma if self.rows else 0.0)
-            rounded = self.per_row * _EPS * float((P @ np.abs(a)).max(initial=0.0))
-            open_by = (len(r) + self.rows) * lost * e_M + rounded
-            computed = float((np.abs(e) + self.weights * open_by).max())
+            # of J a, and of gamma, which grows with the square of v
+            sizes = np.hypot(a, v * np.abs(v).max())
+            rounded = factors.moved(_UNIT * np.linalg.norm(P * sizes, axis=1))
+            open_by = (len(r) + self.rows) * lost * e_M
+            computed = float((np.hypot(e, rounded) + self.weights * open_by).max())
             # factors of a badly conditioned M may know less of e than the residuals do
-            sizes = float(self.weights.dot(np.abs(r)))
-            sizes += self.per_row * float(np.abs(s).max(initial=0.0)) + rounded
-            return min(computed, float(self.largest_weight) * sizes)
+            whole = self.weights.dot(np.abs(r)) + self.per_row * np.abs(s).max(initial=0.0)
+            return min(computed, float(np.hypot(self.weights * whole, rounded).max()))
 
     def prove(
         self, dynamics: Array, largest: list[float], tau: Array, e: float | None = None
@@ -178,6 +189,10 @@ class Yardstick:
         """
         return self.largest_weight * float(self.weights.dot(torques)) * _EPS
 
+    def rounding_of_forces(self, lam: Array, P: Array) -> float:
+        """Return what rounding of J^T lam does to a."""
+        return self.largest_weight * _UNIT * float(np.linalg.norm(lam[:, None] * P * self.weights))
+
     @cached_property
     def no_machine(self) -> float:
         """An acceleration that only a nearly singular M explains [m/s^2, rad/s^2].
@@ -190,10 +205,10 @@ class Yardstick:
     def no_force(self) -> float:
         """A force that only a row without grip explains, relative to the size of a [N s^2/m].
 
-        A million times what the robot weighs; a row that is rounding takes one of 1e17. Less where
-        light joints are shaken by rounding of less.
+        A hundred times what the robot weighs: near a singular configuration lam grows like 1 / sigma,
+        and a row that is rounding takes 1e17. Less where light joints are shaken by less.
         """
-        most = min(1e6, tolerances.SOLVED / self.shaking) if self.shaking else 1e6
+        most = min(_HEAVY, tolerances.SOLVED / self.shaking) if self.shaking else _HEAVY
         return most * self.weight / (self.gravity or 1.0)
 
     @cached_property

@@ -192,7 +192,7 @@ class Solution:
 
     @cached_property
     def _doubts(self) -> tuple[str, ...]:
-        """What `Scene.rank` says of a singular state, or of one whose answer is not ok."""
+        """What `Scene.rank` says where it is singular, or the answer is not as it should be."""
         if not self.status.ok:
             share = tolerances.NEARLY_MASSLESS
             if said := massless_motion(self.scene.robot.model, self.q, share=share):

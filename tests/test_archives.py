@@ -113,6 +113,7 @@ def test_a_model_of_the_other_pinocchio_is_read():
     del (old | {"positionLimitMargin": 0})["positionLimitMargin"]
     model, lost = model_of(words, old)
     assert not lost
+    assert model.saveToString() == robot("cassie").model.saveToString()
     for name in ("friction", "effortLimit", "velocityLimit", "armature", "upperPositionLimit"):
         np.testing.assert_array_equal(getattr(model, name), arrays[name])
     new = dict(arrays)

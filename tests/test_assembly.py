@@ -15,6 +15,7 @@ from shared import all_scenes, each_scene, robot
 
 import condyn_pin as cp
 from condyn_pin._pin import pin
+from condyn_pin.extremes.base import with_inertias
 from condyn_pin.rows.equations import Equations
 from condyn_pin.tolerances import CLOSED
 
@@ -488,6 +489,48 @@ def test_projections_are_on_the_constraints_and_nearest(label, metric):
         size = np.linalg.norm(W @ tangent)
         assert abs(tangent @ W @ (x - nearest)) < 1e-9 * size * np.linalg.norm(x)
         assert abs(tangent @ W @ (x - a)) < 1e-9 * size * max(1.0, np.linalg.norm(a))
+
+
+@pytest.mark.parametrize("angle", [1e-1, 1e-4, 1e-6, 3e-7, 1e-7, 3e-8, 1e-8])
+@pytest.mark.parametrize(("lightest", "heaviest"), [(0, 0), (-1, 1), (-6, 2), (-12, 0), (-6, 6)])
+def test_closed_states_near_a_singular_one_are_projected(angle, lightest, heaviest):
+    """What has less than 1e-7 of the largest singular value was left out, and then refused."""
+    rng = np.random.default_rng(0)
+    for cells in (1, 2, 3):
+        linkage = cp.n_four_bar(cells)
+        shares = 10.0 ** rng.uniform(lightest, heaviest, size=linkage.model.njoints)
+        bodies = [
+            pin.Inertia(share * bar.mass, bar.lever, share * bar.inertia)
+            for share, bar in zip(shares, linkage.model.inertias, strict=True)
+        ]
+        linkage = dataclasses.replace(linkage, model=with_inertias(linkage.model, bodies))
+        scene, nv = cp.Scene(linkage, linkage.loops), linkage.nv
+        along = np.ones(nv)
+        along[1::2] = -1.0
+        q, x = angle * along, rng.normal(size=nv)
+        for metric in ("mass", "euclidean"):
+            v = scene.project_velocity(q, x, metric=metric)
+            assert scene.check(q, v).consistent
+            again = scene.project_velocity(q, v, metric=metric)
+            np.testing.assert_allclose(again, v, atol=1e-8 * np.abs(v).max())
+            a = scene.project_acceleration(q, v, x, metric=metric)
+            terms = cp.Workspace(scene).terms(q, v)
+            left = np.abs(terms.J @ a + terms.gamma).max()
+            assert left <= 1e-10 * max(1.0, np.abs(a).max(), np.abs(terms.gamma).max())
+
+
+def test_rounding_is_relative_to_the_velocities_that_a_slip_is_the_difference_of():
+    """A gear of a million: 1e-10 m/s is less than one rounding of its two sides."""
+    model = pin.Model()
+    for name in ("fast", "slow"):
+        joint = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), name)
+        model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+    scene = cp.Scene(cp.Robot("gears", model), [cp.Coupling("fast", "slow", 1.3e7)])
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        v = scene.project_velocity(np.zeros(2), rng.normal(size=2) * [1.3e7, 1.0])
+        assert scene.check(np.zeros(2), v).consistent
+    assert not scene.check(np.zeros(2), [1.3e7, 1.0 + 1e-9]).consistent
 
 
 def test_gauss_principle():

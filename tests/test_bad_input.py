@@ -1041,6 +1041,25 @@ def test_what_is_no_number_is_not_taken_for_one(call, text):
     assert_refused(call, text)
 
 
+WITHOUT_END = 10**5000  # Python refuses to write it out
+
+
+@refused(
+    {
+        "mu": (lambda: cp.Proximal(mu=WITHOUT_END), "^mu = "),
+        "iterations": (lambda: cp.Proximal(max_iterations=WITHOUT_END), "^max_iterations = "),
+        "offset": (lambda: cp.PointContact("a", offset=[WITHOUT_END, 0, 0]), "^offset = "),
+        "length": (lambda: cp.SurfaceContact("a", half_length=WITHOUT_END), "^half_length = "),
+        "name": (lambda: cp.PointContact(WITHOUT_END), "^frame = a int that cannot be shown"),
+        "links": (lambda: cp.chain(WITHOUT_END), "^n = a int .*1000 is the largest"),
+        "bars": (lambda: cp.n_four_bar(WITHOUT_END), "^n = a int .*1000 is the largest"),
+        "workers": (lambda: cp.Processes(WITHOUT_END), "^workers = a int .*1000 is the largest"),
+    }
+)
+def test_numbers_of_thousands_of_digits_are_refused(call, text):
+    assert_refused(call, text)
+
+
 def test_an_array_without_anything_masked_is_an_array():
     assert cp.solve(BAR, np.ma.array(Q), V, np.zeros(N)).status.ok
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import subprocess
 import sys
 from contextlib import contextmanager
@@ -366,11 +367,15 @@ def test_a_file_that_was_there_is_kept_by_the_check(tmp_path):
     assert not new.exists()
 
 
-def test_a_full_disk_is_one_line():
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.parametrize("asked", [("solvers", "--json"), ("robots",), ("--help",)])
+def test_a_full_disk_is_one_line(asked, unbuffered):
     code = "from condyn_pin.cli import main; main()"
     with open("/dev/full", "w") as full:
-        words = [sys.executable, "-c", code, "solvers", "--json"]
-        result = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True)
+        result = subprocess.run(
+            [sys.executable, "-c", code, *asked], env=os.environ | {"PYTHONUNBUFFERED": unbuffered},
+            stdout=full, stderr=subprocess.PIPE, text=True, check=False,
+        )  # fmt: skip
     assert result.returncode == 2
     assert result.stderr.startswith("condyn: ")
     assert len(result.stderr.splitlines()) == 1

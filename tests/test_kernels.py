@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import kernels
 import numpy as np
@@ -15,6 +16,8 @@ from shared import all_scenes, states
 
 import condyn_pin as cp
 from condyn_pin.algebra.pivots import pivots
+from condyn_pin.simulation.stiffness import _fastest
+from condyn_pin.smaller.planar import _axes
 from condyn_pin.states.chains import independent_columns, redundant_rows
 
 HELD_TWICE = tuple(f"again.{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz"))
@@ -90,6 +93,35 @@ def test_rounding_chooses_no_row_and_no_joint():
         noisy = J + 1e-14 * rng.normal(size=J.shape)
         assert independent_columns(noisy, (np.arange(6),)).tolist() == [0, 1, 2]
         assert independent_columns(noisy, (np.arange(3, 6), np.arange(3))).tolist() == [3, 4, 5]
+
+
+def test_axes_of_a_plane_are_the_same_whatever_rounding_says():
+    """The singular vector across a plane has either sign, and its zeros are any rounding."""
+    rng = np.random.default_rng(0)
+    for normal in ([0, 0, 1], [0, 1, 0], [0.6, 0, -0.8], np.full(3, 1 / np.sqrt(3))):
+        wanted = _axes(np.array(normal, float))
+        for sign in (1, -1):
+            for _ in range(10):
+                found = _axes(sign * (np.array(normal) + 1e-15 * rng.normal(size=3)))
+                assert np.abs(found - wanted).max() < 1e-12
+
+
+def test_of_equally_damped_joints_the_first_is_named():
+    """Any mixture of their modes is one: of two legs, rounding would choose."""
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        M = np.diag([1.0, 1.0, 1.0, 5.0]) + 1e-15 * np.ones((4, 4))
+        passive = SimpleNamespace(d=2.0 + 1e-15 * rng.normal(size=4), between=None)
+        system = SimpleNamespace(
+            model=None,
+            mass=lambda q, M=M: M,
+            jacobian=lambda q: np.zeros((0, 4)),
+            m=0,
+            passive=passive,
+        )  # fmt: skip
+        rate, joint = _fastest(system, np.zeros(4))
+        assert joint == 0
+        assert abs(rate - 2.0) < 1e-12
 
 
 def test_pivots_are_independent_and_no_more_than_there_are():

@@ -15,7 +15,10 @@ import condyn_pin as cp
 from condyn_pin._pin import pin
 from condyn_pin.algebra.extended import add, exact_product, exact_residual, split
 from condyn_pin.algebra.minimum_norm import factorise
+from condyn_pin.proof import Yardstick
 from condyn_pin.rows.equations import Equations
+from condyn_pin.rows.terms import Terms
+from condyn_pin.tolerances import REFERENCE_RANK
 
 numbers = st.floats(-1e100, 1e100).filter(lambda x: x == 0 or abs(x) > 1e-100)
 vectors = arrays(float, 5, elements=numbers)
@@ -210,3 +213,53 @@ def test_ok_is_no_lie_where_the_mass_matrix_is_nearly_singular(solver, distance,
     elif solution.status.ok:
         right = cp.solve(scene, *state, solver=cp.Reference())
         assert np.abs(solution.a - right.a).max() < 1e-8 * np.abs(right.a).max()
+
+
+# --- rounding of J
+
+
+def terms_of_a_light_joint() -> tuple[Terms, np.ndarray]:
+    """Two equal rows on a joint of 1 kg; on one of 1e-12 kg they cancel but for rounding."""
+    J = np.array([[1.0, 0.0], [1.0, 2.0**-53]])
+    nothing = np.zeros(2)
+    terms = Terms(np.diag([1.0, 1e-12]), nothing, J, nothing, nothing)
+    return terms, np.ones((2, 2))
+
+
+def test_a_singular_value_that_rounding_made_does_not_count():
+    """1e6 times larger in the metric of M, it was 5e-11 of the largest, and held the light joint."""
+    terms, P = terms_of_a_light_joint()
+    factors = factorise(terms.M, terms.J, REFERENCE_RANK)
+    assert factors.rank == 2
+    assert factors.above_rounding(P).rank == 1
+    a, _ = cp.Reference().solve(terms, np.array([2.0, 1.0]), P)
+    np.testing.assert_allclose(a, [0.0, 1e12], atol=1.0)
+    held, _ = cp.Reference().solve(terms, np.array([2.0, 1.0]))
+    assert abs(held[1]) < 1e9
+
+
+def test_singular_values_above_rounding_count():
+    terms, P = terms_of_a_light_joint()
+    J = np.array([[1.0, 0.0], [1.0, 1e-6]])
+    assert factorise(terms.M, J, REFERENCE_RANK).above_rounding(P).rank == 2
+
+
+def test_a_slip_of_nothing_is_no_proof_where_j_is_rounding():
+    """|e| <= |s| / sigma is no bound where J a itself is only known to eps P |a|."""
+    terms, P = terms_of_a_light_joint()
+    factors = factorise(terms.M, np.array([[1.0, 0.0], [1.0, 1e-12]]), 0.0)
+    yardstick = Yardstick.of(factors, P, gravity=9.81, weight=9.81)
+    a, nothing = np.array([10.0, 10.0]), np.zeros(2)
+    assert yardstick.unquestioned < 0.0
+    bound = yardstick.missing(factors, nothing, nothing, P, nothing, a)
+    assert bound > 2.0**-52 * 10.0 / 1e-12
+    proof, _ = yardstick.prove(nothing, [0.0, 10.0, 0.0, 0.0, 0.0, 0.0], nothing, bound)
+    assert proof.bound > bound / 10.0
+
+
+@pytest.mark.parametrize("label", ["cassie loops", "talos contacts", "talos_full corners"])
+def test_machines_stay_above_their_rounding(label):
+    """What rounding of J could make of singular values is far from those of machines."""
+    audit = all_scenes()[label].audit
+    assert 16 * audit.yardstick.blur < 1e-9 * audit.singular_values[audit.rank - 1]
+    assert audit.yardstick.unquestioned > 0.0

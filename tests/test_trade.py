@@ -580,7 +580,7 @@ def test_the_bar_knows_how_much_time_is_left(monkeypatch):
 
     screen, now = StringIO(), [0.0]
     console = Console(file=screen, force_terminal=True, width=80, get_time=lambda: now[0])
-    monkeypatch.setattr(output, "Console", lambda **_: console)
+    monkeypatch.setattr(output, "_Screen", lambda **_: console)
     monkeypatch.setattr(output, "monotonic", lambda: now[0])
     with output.progress_bar() as progress:
         for done in range(3):

@@ -20,6 +20,7 @@ from condyn_pin.cli import app
 from condyn_pin.extremes.stress_table import write_csv as write_maps
 from condyn_pin.files import beside
 from condyn_pin.files.beside import check_writable, write_text, written_beside
+from condyn_pin.plot_style import write_figure
 from condyn_pin.trade import plan as plans
 from condyn_pin.trade.results import Results
 
@@ -91,6 +92,16 @@ def test_a_full_disk_leaves_the_old_file(name, writers, tmp_path, full_disk):
 def test_folders_that_are_not_there_are_named(name, writers, tmp_path):
     with pytest.raises(cp.InvalidArgument, match=r"cannot be written: there is no folder .*no;"):
         writers[name](tmp_path / "no" / name)
+
+
+def test_a_picture_without_an_ending_is_a_png(tmp_path):
+    matplotlib = pytest.importorskip("matplotlib")
+    from matplotlib.figure import Figure
+
+    write_figure(Figure(figsize=(1, 1)), tmp_path / "a")
+    write_figure(Figure(figsize=(1, 1)), tmp_path / "b.svg")
+    assert sorted(os.listdir(tmp_path)) == ["a.png", "b.svg"]
+    assert (tmp_path / "a.png").stat().st_size > 100, matplotlib.__version__
 
 
 def test_what_stops_in_the_middle_leaves_nothing(tmp_path):

@@ -70,6 +70,16 @@ class MinimumNorm:
         z = ((U.T @ s).T / S).T - self.V.T @ y
         return dtrtrs(self.L.T, y + self.V @ z)[0], U @ (z.T / S).T
 
+    def moved(self, s: Array) -> Array:
+        """Return how far a (nv,) moves where J a is off by about s (m,), each row by itself."""
+        from scipy.linalg.lapack import dtrtrs
+
+        if not self.rank:
+            return np.zeros(len(self.L))
+        along = dtrtrs(self.L.T, self.V)[0]
+        by = np.linalg.norm(self.U[:, : self.rank].T * s, axis=1) / self.S[: self.rank]
+        return np.asarray(np.abs(along) @ by)
+
     def solve_mass(self, r: Array) -> Array:
         """Return M^-1 r for one or many right-hand sides (nv, k)."""
         from scipy.linalg import cho_solve
@@ -85,7 +95,7 @@ class MinimumNorm:
         return np.asarray(np.sqrt(np.einsum("ij,ij->j", inverse, inverse)))
 
     def blur(self, P: Array) -> float:
-        """Return what rounding of J does to Jw, eps |P w|; J is a difference of sizes P (m, nv)."""
+        """Return eps |P w|, what rounding of J does to Jw, for P what J is a difference of."""
         return _EPS * float(np.linalg.norm(P * self.weights))
 
     def at_most(self, rank: int) -> MinimumNorm:

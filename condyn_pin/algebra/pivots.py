@@ -29,10 +29,9 @@ def pivots(A: Array, least: float) -> tuple[list[int], Array]:
     left, basis = A.copy(), np.zeros((len(A), 0))
     while len(chosen) < min(A.shape):
         sizes = np.linalg.norm(left, axis=0)
-        largest = sizes.max()
-        if not largest > least:
+        p = first_of_largest(sizes)
+        if not sizes[p] > least:
             break
-        p = int(np.argmax(sizes > (1.0 - tolerances.TIED) * largest))
         u = left[:, p] / sizes[p]
         u -= basis @ (basis.T @ u)  # once more: what cancelled left rounding behind
         u /= np.linalg.norm(u)
@@ -41,3 +40,8 @@ def pivots(A: Array, least: float) -> tuple[list[int], Array]:
         basis = np.column_stack((basis, u))
         chosen.append(p)
     return chosen, basis
+
+
+def first_of_largest(sizes: Array) -> int:
+    """Return where the first entry stands that is as large as the largest, but for rounding."""
+    return int(np.argmax(sizes >= (1.0 - tolerances.TIED) * sizes.max()))

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from multiprocessing.synchronize import Event
 from threading import Thread
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from condyn_pin.blas_threads import keep_to_one_thread
 from condyn_pin.errors import InvalidArgument, WorkersLost
@@ -21,6 +21,7 @@ GUARD = (
     "every worker imports the main script, and may not do its work again: put what it does into "
     'main(), and call that inside `if __name__ == "__main__":`'
 )
+_MOST: Final = 1000  # processes
 
 
 class Processes(Executor):
@@ -56,7 +57,7 @@ class Processes(Executor):
         if getattr(multiprocessing.current_process(), "_inheriting", False):
             raise WorkersLost(f"a worker would start workers of its own; {GUARD}")
         count = _cores() if workers is None else workers
-        check_count("workers", count)
+        check_count("workers", count, most=_MOST)
         known = multiprocessing.get_all_start_methods()
         if start_method not in known:
             raise InvalidArgument(

@@ -11,6 +11,7 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array, finite
+from condyn_pin.cards.srdf import read_srdf
 from condyn_pin.errors import InvalidModel, UnknownName, unknown_name
 
 
@@ -58,15 +59,12 @@ def srdf_postures(
     """
     if not srdf.is_file():
         raise InvalidModel(f"{srdf}: no such file")
-    try:
-        pin.loadReferenceConfigurations(model, str(srdf), False)
-    except (ValueError, RuntimeError) as error:
-        raise InvalidModel(f"{srdf}: Pinocchio cannot read it: {error}") from error
+    postures = read_srdf(model, srdf, rotors=rotors)
+    for name, q in postures.items():
+        model.referenceConfigurations[name] = q.copy()
     if rotors:
         # reflected inertia of a geared rotor: n^2 I
-        pin.loadRotorParameters(model, str(srdf), False)
         model.armature = np.array(model.rotorInertia) * np.array(model.rotorGearRatio) ** 2
-    postures = {entry.key(): np.array(entry.data()) for entry in model.referenceConfigurations}
     for name in inverted:
         joint = model.joints[model.getJointId(name)] if model.existJointName(name) else None
         if joint is not None and joint.nq == 4:  # the quaternion of a ball, x y z w

@@ -13,7 +13,7 @@ import numpy as np
 from condyn_pin.extremes.base import EXTREMES
 from condyn_pin.extremes.stress_table import Map, short
 from condyn_pin.extremes.verdict import Verdict
-from condyn_pin.files.beside import written_beside
+from condyn_pin.plot_style import write_figure
 from condyn_pin.plots import axes, panels
 from condyn_pin.tolerances import SOLVED
 
@@ -79,5 +79,4 @@ def save_maps(found: Sequence[Map], path: str | Path, note: str) -> None:
     colours.set_label("error of a, relative; ok promises 1e-8")
     colours.ax.axvline(math.log10(SOLVED), color="w")
     figure.suptitle(fill(f"{note}{_LEGEND}", int(13 * 4.6 * columns)), fontsize=10)
-    with written_beside(path) as new:
-        figure.savefig(new, dpi=120)
+    write_figure(figure, path, dpi=120)

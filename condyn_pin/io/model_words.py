@@ -27,15 +27,17 @@ Arrays = dict[str, NDArray[Any]]
 _MOST_BODIES: Final = 100_000
 _TRIANGLE: Final = np.tril_indices(3)
 # What one Pinocchio knows of a joint and another does not, and what it is where nothing is said.
+# Pinocchio 4.1 gives the lower limit of a velocity the sign of the upper one.
 _BOTH_WAYS: Final = {
-    "lowerDryFrictionLimit": "friction",
-    "lowerEffortLimit": "effortLimit",
-    "lowerVelocityLimit": "velocityLimit",
+    "lowerDryFrictionLimit": ("friction", -1.0),
+    "lowerEffortLimit": ("effortLimit", -1.0),
+    "lowerVelocityLimit": ("velocityLimit", 1.0),
 }
 _MARGIN: Final = "positionLimitMargin"
 _OF_Q: Final = ("lowerPositionLimit", "upperPositionLimit", _MARGIN)
 _OF_V: Final = (
-    "armature", "rotorInertia", "rotorGearRatio", "damping", *_BOTH_WAYS.values(), *_BOTH_WAYS,
+    "armature", "rotorInertia", "rotorGearRatio", "damping",
+    "friction", "effortLimit", "velocityLimit", *_BOTH_WAYS,
 )  # fmt: skip
 _ALWAYS: Final = ("lowerPositionLimit", "upperPositionLimit", *_OF_V[:7])  # of every Pinocchio
 
@@ -129,12 +131,12 @@ def _set_numbers(model: Any, arrays: Mapping[str, NDArray[Any]]) -> list[str]:
         if name in arrays or name in _ALWAYS
     }
     usual = {_MARGIN: np.zeros(model.nq)}
-    usual |= {lower: -read[upper] for lower, upper in _BOTH_WAYS.items()}
+    usual |= {lower: sign * read[upper] for lower, (upper, sign) in _BOTH_WAYS.items()}
     lost = []
     for name, values in (usual | read).items():
         if hasattr(model, name):
             setattr(model, name, values.copy())
-        elif ((values != usual[name]) & (np.abs(values) < NO_LIMIT)).any():
+        elif ((np.abs(values) != np.abs(usual[name])) & (np.abs(values) < NO_LIMIT)).any():
             lost.append(f"{name} of the joints, for which Pinocchio {pin.__version__} has no place")
     return lost
 

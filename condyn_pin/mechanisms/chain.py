@@ -8,6 +8,7 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.constraint_fields import check_positive
+from condyn_pin.io.xml import MOST_JOINTS
 from condyn_pin.knobs import check_count
 from condyn_pin.mechanisms.base import (
     LICENCE,
@@ -47,7 +48,7 @@ def chain(n: int = 10, *, length: float = 1.0, mass: float = 1.0) -> Robot:
     InvalidArgument
         If a size is not a positive number.
     """
-    check_count("n", n)
+    check_count("n", n, most=MOST_JOINTS)
     check_positive(length=length, mass=mass)
     model = pin.Model()
     model.name = "chain"

@@ -10,6 +10,7 @@ from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.constraint_fields import check_positive
 from condyn_pin.constraints import Loop
+from condyn_pin.io.xml import MOST_JOINTS
 from condyn_pin.knobs import check_count
 from condyn_pin.mechanisms.base import (
     LICENCE,
@@ -58,7 +59,7 @@ def n_four_bar(n: int = 2, *, length: float = 1.0, mass: float = 1.0) -> Robot:
 
     Source: problem A02 of the IFToMM library of computational benchmark problems.
     """
-    check_count("n", n)
+    check_count("n", n, most=MOST_JOINTS)
     check_positive(length=length, mass=mass)
     model = pin.Model()
     model.name = "n_four_bar"

@@ -12,6 +12,7 @@ from scipy.special import ellipj, ellipkm1
 
 from condyn_pin.arrays import Array
 from condyn_pin.drift import Baumgarte
+from condyn_pin.io.xml import MOST_JOINTS
 from condyn_pin.knobs import check_count
 from condyn_pin.mechanisms.n_four_bar import n_four_bar
 from condyn_pin.problems.base import Limit, Problem, Published, Setting
@@ -65,7 +66,7 @@ class NFourBar(Problem):
     n: int = 2
 
     def __post_init__(self) -> None:
-        check_count("n", self.n)
+        check_count("n", self.n, most=MOST_JOINTS)
 
     @property
     def duration(self) -> float:

@@ -15,6 +15,7 @@ import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin.algebra.minimum_norm import factorise
+from condyn_pin.algebra.pivots import first_of_largest
 from condyn_pin.arrays import Array
 from condyn_pin.simulation.walls import wall
 
@@ -58,7 +59,8 @@ def stiff_damping(system: System, integrator: Integrator, dt: float, q: Array) -
 def _fastest(system: System, q: Array) -> tuple[float, int]:
     """Return the largest eigenvalue of P D [1/s], and which damper takes most part in it.
 
-    Dampers are counted joint coordinate by joint coordinate, and then from one frame to another.
+    Dampers are counted joint coordinate by joint coordinate, and then from one frame to another. Of
+    several that take the same part, the first.
     """
     factors = factorise(system.mass(q), system.jacobian(q), tolerances.RANK, at=(system.model, q))
     passive = system.passive
@@ -68,7 +70,9 @@ def _fastest(system: System, q: Array) -> tuple[float, int]:
     # with D = R R^T, those of R^T P R, where P r is the a of M a - J^T lam = r, J a = 0
     P_root, _ = factors.solve(root, np.zeros((system.m, root.shape[1])))
     rates, modes = np.linalg.eigh(root.T @ P_root)
-    return float(rates[-1]), int(np.abs(modes[:, -1]).argmax())
+    # two legs have the same rate, and any mixture of their modes is one
+    fastest = modes[:, rates >= (1.0 - tolerances.TIED) * rates[-1]]
+    return float(rates[-1]), first_of_largest(np.linalg.norm(fastest, axis=1))
 
 
 def _damper(system: System, i: int) -> str:

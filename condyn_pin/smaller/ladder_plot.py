@@ -6,8 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from condyn_pin.files.beside import written_beside
-from condyn_pin.plot_style import METHODS, OTHER
+from condyn_pin.plot_style import METHODS, OTHER, write_figure
 from condyn_pin.plots import axes, panels
 from condyn_pin.smaller.ladder_table import LadderTable
 
@@ -52,5 +51,4 @@ def save_ladders(tables: list[LadderTable], path: str | Path) -> None:
         draw_ladder(table, ax)
     note = "{processor}, Pinocchio {pinocchio}"
     figure.suptitle(note.format(**tables[0].machine), fontsize=8)
-    with written_beside(path) as new:
-        figure.savefig(new, dpi=150)
+    write_figure(figure, path)

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from condyn_pin import tolerances
+from condyn_pin.algebra.pivots import first_of_largest
 from condyn_pin.arrays import Array
 from condyn_pin.constraints import Loop
 from condyn_pin.errors import InvalidConstraint
@@ -65,7 +66,9 @@ def _in_axes_of_first(scene: Scene, bound: Bound, direction: Array) -> Array:
 
 
 def _axes(normal: Array) -> Array:
-    """Return axes with z along the normal."""
-    x = np.cross(np.eye(3)[int(np.argmin(np.abs(normal)))], normal)
+    """Return axes with z along the normal, the way that its largest component is positive."""
+    normal = normal * np.sign(normal[first_of_largest(np.abs(normal))])
+    least_along = first_of_largest(1.0 - np.abs(normal))
+    x = np.cross(np.eye(3)[least_along], normal)
     x /= np.linalg.norm(x)
     return np.column_stack([x, np.cross(normal, x), normal])

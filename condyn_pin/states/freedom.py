@@ -56,8 +56,7 @@ def _points(scene: Scene, ends: Sequence[Any], sizes: Array) -> Points:
     """Return names of the constraints that hold the base, and where in the world."""
     found = []
     for bound, pair in zip(scene.bounds, ends, strict=True):
-        # a coupling is of joints, and has no ends
-        if not (pair is None or isinstance(bound, Coupled)) and sizes[bound.rows].any():
+        if pair is not None and not isinstance(bound, Coupled) and sizes[bound.rows].any():
             found.append((bound.name, np.array(pair[0 if bound.joint1 else 1].translation)))
     return found
 

@@ -104,9 +104,9 @@ def keep(plan: Plan) -> Path:
 
 def check_folder() -> None:
     """Raise InvalidArgument if no plan could be kept; what takes half a minute asks first."""
+    there = next(path for path in (folder(), *folder().parents) if path.exists())
     try:
-        _make(folder())
-        check_writable(folder() / "plan.json")
+        check_writable(there / "plan.json")
     except InvalidArgument as error:
         raise _no_place(error) from error
 
