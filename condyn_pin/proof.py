@@ -205,8 +205,9 @@ class Yardstick:
     def no_force(self) -> float:
         """A force that only a row without grip explains, relative to the size of a [N s^2/m].
 
-        A hundred times what the robot weighs: near a singular configuration lam grows like 1 / sigma,
-        and a row that is rounding takes 1e17. Less where light joints are shaken by less.
+        A hundred times what the robot weighs: near a singular configuration lam grows like
+        1 / sigma, and a row that is rounding takes 1e17. Less where light joints are shaken by
+        less.
         """
         most = min(_HEAVY, tolerances.SOLVED / self.shaking) if self.shaking else _HEAVY
         return most * self.weight / (self.gravity or 1.0)
