@@ -115,7 +115,7 @@ def constraints_jacobian(
     def placed() -> NDArray[np.float64]:
         for place in placing:
             place()
-        return jacobian()
+        return jacobian()  # type: ignore[no-any-return]
 
     return placed
 
