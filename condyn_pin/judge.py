@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf, isfinite, nan
+from math import hypot, inf, isfinite, nan
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -103,8 +103,8 @@ class Judge:
             dynamics, largest, tau, yardstick.missing(factors, r, s, P, v, a)
         )
         scale = max(largest[1], nominal.gravity)
-        rounded = yardstick.rounding_of_forces(lam, P)
-        return proof._replace(bound=proof.bound + (rounded / scale if scale else 0.0))
+        rounded = yardstick.rounding_of(np.abs(lam) @ P)
+        return proof._replace(bound=hypot(proof.bound, rounded / scale if scale else 0.0))
 
 
 def check_accuracy_of_a(accuracy: float) -> None:
