@@ -1,5 +1,8 @@
 # make test      set up a virtual environment, check style and types, run every test
 # make test3     the same tests on Pinocchio 3.9, in an environment of its own
+# make test-kernels   both, as other processors would round: all kernels of OpenBLAS that this one
+#                     runs, numpy without AVX, 1, 4 and all threads (hours); TESTS="tests/test_x.py"
+# make test-numerics  the numerical tests with two kernels that are not this processor's own (minutes)
 # make docs      build the documentation, run its notebook, check that it needs no network
 # make demo      set up, run `condyn bench talos cassie`, write demo/bench.{csv,json,png}
 # make wheel     build the wheel and prove it in a clean environment, outside the checkout
@@ -14,6 +17,7 @@ VENV3  := .venv3
 VENVW  := .venv-wheel
 PEERS  ?= build/peers
 BIN    := $(VENV)/bin
+NUMERICS := $(patsubst %,tests/test_%.py,contract weights extremes nonholonomic bridge derivatives batch)
 PIP    := -m pip install --quiet --disable-pip-version-check
 
 export OMP_NUM_THREADS := 1
@@ -21,7 +25,7 @@ export OMP_NUM_THREADS := 1
 export PIP_RETRIES ?= 10
 export PIP_DEFAULT_TIMEOUT ?= 120
 
-.PHONY: test test3 docs demo wheel native peers stress stress-slice style clean
+.PHONY: test test3 test-kernels test-numerics docs demo wheel native peers stress stress-slice style clean
 
 test: style
 	$(BIN)/python -m pytest -n 2
@@ -33,6 +37,13 @@ style: $(VENV)/ready
 
 test3: $(VENV3)/ready
 	$(VENV3)/bin/python -m pytest -n 2
+
+test-kernels: $(VENV)/ready $(VENV3)/ready
+	$(BIN)/python tests/kernels.py -- -n 2 $(TESTS)
+	$(VENV3)/bin/python tests/kernels.py -- -n 2 $(TESTS)
+
+test-numerics: $(VENV)/ready
+	$(BIN)/python tests/kernels.py --others 2 -- -n 2 $(NUMERICS)
 
 docs: $(VENV)/docs
 	rm -rf docs/_build

@@ -59,10 +59,15 @@ def where(table: cp.Table) -> str:
         "`python benchmarks/trade.py` on {processor} ({cores} cores, one thread), {system}, "
         "Python {python}, Pinocchio {pinocchio}, {date}."
     ).format(**table.machine)
-    n = table.rows[0].n
+    n, states = table.rows[0].n, table.rows[0].states
+    loads = "" if "under" in states else (
+        " All of these were in motion under random torques of the motors: at rest, or where the "
+        "motors carry the weight, the error of an early stop may be a thousand times larger, and "
+        "`tune` would choose otherwise."
+    )  # fmt: skip
     return (
         f"{machine} Median time of `Workspace.acceleration`; worst error at 1000 states that "
-        f"neither the study ({n} states) nor the choice (200) had seen. {timed(table)}"
+        f"neither the study ({n} states) nor the choice (200) had seen.{loads} {timed(table)}"
     )
 
 

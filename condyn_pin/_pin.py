@@ -101,12 +101,23 @@ def factorise_constraints(
     return cholesky
 
 
-def placing(model: Any, data: Any, models: Any, datas: Any) -> list[Callable[[], None]]:
-    """Return what has to be called before `getConstraintsJacobian`, once for each constraint."""
+def constraints_jacobian(
+    model: Any, data: Any, models: Any, datas: Any
+) -> Callable[[], NDArray[np.float64]]:
+    """Return what evaluates J of all constraints, from the Jacobians of the joints in `data`."""
+    jacobian = partial(pin.getConstraintsJacobian, model, data, models, datas)
     if not _IS_4:
-        return []
+        return jacobian
     pairs = zip(models, datas, strict=True)
-    return [partial(one.calc, model, data, its_data) for one, its_data in pairs]
+    # without them Pinocchio 4 takes the placements of an earlier call
+    placing = [partial(one.calc, model, data, its_data) for one, its_data in pairs]
+
+    def placed() -> NDArray[np.float64]:
+        for place in placing:
+            place()
+        return jacobian()
+
+    return placed
 
 
 def proximal_settings(

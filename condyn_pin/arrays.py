@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import is_dataclass
-from typing import TypeVar
+from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +12,8 @@ from condyn_pin.errors import InvalidArgument
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
+
+_SHOWN: Final = 200  # characters of a value in an error
 
 
 def read_only(value: T) -> T:
@@ -49,9 +51,13 @@ def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Array:
     """
     wanted = (shape,) if isinstance(shape, int) else shape
     needed = f"an array of shape {wanted}" if wanted else "one finite number"
-    found = name if wanted else f"{name} = {value!r}"
+    found = name if wanted else f"{name} = {shown(value)}"
     try:
         array = np.asarray(value)
+        if array.dtype.kind == "b" or _has_flags(value):
+            raise TypeError("numbers, not True or False")
+        if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+            raise TypeError("some of them are masked; .filled(...) says what they are")
         if array.dtype.kind == "c":
             raise TypeError("they are complex")
         is_text = array.dtype.kind in "SU"
@@ -67,6 +73,20 @@ def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Array:
         entry = str(list(bad)) if bad else ""
         raise InvalidArgument(f"{name}{entry} = {array[bad]}: finite numbers are needed")
     return array
+
+
+def shown(value: object) -> str:
+    """Return a value as errors show it: not too long, whatever it is."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # an int of thousands of digits; lists without an end
+        return f"a {type(value).__name__} that cannot be shown"
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
+
+
+def _has_flags(value: object) -> bool:
+    """Return whether a list of numbers has True or False in it, which numpy makes 1 and 0."""
+    return isinstance(value, (list, tuple)) and any(isinstance(x, (bool, np.bool_)) for x in value)
 
 
 def finite_rows(name: str, value: ArrayLike, size: int) -> Array:

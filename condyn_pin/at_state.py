@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,12 +16,9 @@ from condyn_pin.arguments import Arguments
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.loads import Load, Loads
-from condyn_pin.rows.equations import Equations
+from condyn_pin.rows.kept import equations_of
 from condyn_pin.rows.terms import Terms, finite_terms
 from condyn_pin.scene import Scene, check_scene
-
-# The equations of this thread's last scene: their memory takes longer to make than to use.
-_last = threading.local()
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +41,7 @@ class State:
 
 def at_state(scene: Scene, q: ArrayLike, v: ArrayLike | None = None) -> State:
     """Return the terms of a scene at a state, at rest by default; O(n^3 + m^2 n)."""
+    check_scene(scene)
     equations = equations_of(scene)
     still = np.zeros(scene.robot.nv)
     q_, v_, _ = Arguments(equations.model).check(q, still if v is None else v, still)
@@ -70,14 +67,3 @@ def frame_jacobian(scene: Scene, q: Array, frame: str) -> Array:
     axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     J = np.array(pin.getFrameJacobian(model, data, joint, placement, axes))
     return J.reshape(6, model.nv)  # a single column comes as a vector
-
-
-def equations_of(scene: Scene) -> Equations:
-    """Return this thread's equations of a scene: the last ones, or new ones."""
-    check_scene(scene)
-    scene.robot.check_unedited()
-    equations: Equations | None = getattr(_last, "equations", None)
-    if equations is None or _last.scene is not scene:
-        equations = Equations(scene.robot.model, scene.bounds)
-        _last.equations, _last.scene = equations, scene
-    return equations

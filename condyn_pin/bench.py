@@ -24,6 +24,7 @@ from condyn_pin.by_hand import by_hand
 from condyn_pin.catalogue import standard_scenes
 from condyn_pin.choice import untaken
 from condyn_pin.errors import Interrupted
+from condyn_pin.knobs import check_called
 from condyn_pin.load import load_robot
 from condyn_pin.machine import machine
 from condyn_pin.scene import Scene
@@ -99,6 +100,7 @@ def bench(
     Interrupted
         With the scenes that were measured before Ctrl-C.
     """
+    check_called("progress", progress, "scene, round, rounds")
     rows: list[BenchRow] = []
     try:
         for name in robots:

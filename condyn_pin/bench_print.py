@@ -27,9 +27,9 @@ def print_bench(table: BenchTable, console: Console) -> None:
     machine = table.machine
     console.print(
         "bare: Pinocchio's call; a: Workspace.acceleration, median and p95; solve: with its errors "
-        "[us].\nx dense: times faster than the fastest of dense KKT and what is by hand; by hand: Pinocchio, "
-        "and another's solver, without guard or proof. error of a: worst over the states, against "
-        "Reference, relative to the larger of |a| and gravity.\n"
+        "[us].\nx dense: times faster than the fastest of dense KKT and what is by hand; by hand: "
+        "Pinocchio and another's solver, without guard or proof. error of a: worst over the "
+        "states, against Reference, relative to the larger of |a| and gravity.\n"
         f"{machine['processor']}, Pinocchio {machine['pinocchio']}, one thread.",
         highlight=False,
         markup=False,

@@ -116,7 +116,14 @@ class BenchTable:
                 _native_row(row, sizes.get(row["scene"], {}), dense.get(row["scene"]))
                 for row in native["rows"]
             )
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except (
+            OSError,
+            ArithmeticError,
+            AttributeError,
+            LookupError,
+            TypeError,
+            ValueError,
+        ) as error:
             raise InvalidArgument(
                 f"{path}: not a result of benchmarks/native ({error}); `make native` writes one"
             ) from error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import traceback
 from typing import Annotated, NoReturn
 
 from condyn_pin.blas_threads import decided
@@ -16,7 +17,7 @@ import typer
 
 from condyn_pin import __version__
 from condyn_pin.commands import commands
-from condyn_pin.commands.output import INTERRUPTED
+from condyn_pin.commands.output import INTERRUPTED, warn
 from condyn_pin.errors import CondynError
 
 # Exit codes; 0 and 1 are given by the commands themselves.
@@ -97,7 +98,8 @@ def main() -> None:
             command = " ".join(["condyn", *(word for word in words[:1] if word in commands())])
             _end(f"{say().rstrip('.')}; `{command} --help` says what there is", _CANNOT)
         if len(words) < len(sys.argv) - 1:
-            raise
+            warn(traceback.format_exc())
+            sys.exit(1)
         if isinstance(error, (CondynError, OSError)):  # the second: a disk that is full
             _end(str(error), _CANNOT)
         _end(
@@ -112,5 +114,5 @@ def main() -> None:
 
 def _end(text: str, code: int) -> NoReturn:
     """Leave with one line on stderr."""
-    typer.echo(f"condyn: {' '.join(text.split())}", err=True)
+    warn(f"condyn: {' '.join(text.split())}")
     sys.exit(code)

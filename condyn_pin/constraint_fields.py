@@ -11,6 +11,7 @@ import numpy as np
 
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
+from condyn_pin.arrays import finite, shown
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.soundness import rotation_fault
 
@@ -22,11 +23,11 @@ Placement = tuple[float, float, float, float, float, float, float]
 def floats(argument: str, value: Any, size: int) -> tuple[float, ...]:
     """Return a sequence of numbers as a tuple, or raise InvalidArgument."""
     try:
-        array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        array = np.empty(0)
-    if array.shape != (size,) or not np.isfinite(array).all():
-        raise InvalidArgument(f"{argument} = {value!r}: {size} finite numbers are needed")
+        array = finite(argument, value, size)
+    except InvalidArgument as error:
+        raise InvalidArgument(
+            f"{argument} = {shown(value)}: {size} finite numbers are needed"
+        ) from error
     check_size(argument, *array)
     return tuple(float(x) for x in array)
 

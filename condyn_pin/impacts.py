@@ -20,13 +20,16 @@ from numpy.typing import ArrayLike
 from condyn_pin import tolerances
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array, finite
-from condyn_pin.at_state import at_state, equations_of
+from condyn_pin.at_state import at_state
 from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.differentiation.kkt import turning_null_space
 from condyn_pin.differentiation.linearised import Linearisation
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.force import ConstraintForce, Sites, pulling
+from condyn_pin.rows.kept import equations_of
 from condyn_pin.scene import Scene
+from condyn_pin.states.check import check
+from condyn_pin.states.gaps import worst
 
 Restitution = float | Mapping[str, float]
 
@@ -79,7 +82,8 @@ class Impact:
         """What deserves attention, a sentence each."""
         said = pulling(self.impulses, self._sites, "N s")
         if self.violation > tolerances.CLOSED:
-            return (f"the constraints are open by {self.violation:.3g} m or rad at q", *said)
+            name, gap = worst(check(self.scene, self.q, None).gap)
+            return (f"{name} is open by {gap} at q", *said)
         return said
 
     @property

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import ast
+import inspect
 from typing import Any, Final
 
 import numpy as np
 
-from condyn_pin.arrays import finite
+from condyn_pin.arrays import finite, shown
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.tolerances import FINEST
 
@@ -18,6 +19,7 @@ ITERATIONS: Final = (1, 2, 3, 5, 10, 20, 50, 100)
 ACCURACIES: Final = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 Grid = dict[str, tuple[Any, ...]]
 
+_LONGEST_CALL = 1000  # characters
 _MOST_ITERATIONS = 2**31 - 1  # Pinocchio counts in a C int
 
 
@@ -83,6 +85,31 @@ def check_share(name: str, value: float) -> None:
         raise InvalidArgument(f"{name} = {value!r}: between 0 and 1")
 
 
+def check_called(name: str, function: object, words: str) -> None:
+    """Refuse what cannot be called with these arguments.
+
+    Parameters
+    ----------
+    name : str
+        What errors call it.
+    function : callable
+    words : str
+        The arguments as one would write them: ``t, q, v``.
+    """
+    if not callable(function):
+        raise InvalidArgument(f"{name} = {shown(function)}: a function of ({words}) is needed")
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):  # some functions of C do not tell
+        return
+    try:
+        signature.bind(*words.split(", "))
+    except TypeError as error:
+        raise InvalidArgument(
+            f"{name} takes {signature}: it is called with ({words}), so {error}"
+        ) from error
+
+
 def read_call(text: str) -> tuple[str, dict[str, Any]]:
     """Return the name and the knobs in ``Name(knob=value)``, the repr of a choice; or a bare name.
 
@@ -91,6 +118,8 @@ def read_call(text: str) -> tuple[str, dict[str, Any]]:
     ValueError
         If it is none.
     """
+    if len(text) > _LONGEST_CALL:
+        raise ValueError("a text of this length")
     try:
         call = ast.parse(text, mode="eval").body
         name, words = (call.func, call.keywords) if isinstance(call, ast.Call) else (call, [])

@@ -11,8 +11,9 @@ leave out: loops, contacts, motors, postures, the licence.
                    for SDF also root, kinds, drop, cut, as_file: see `io.sdf.read_sdf`
     [[frames]]     name, parent, translation, rotation: more frames, see `Robot.with_frame`
     [[loops]]      kind and the fields of `Loop`; or kind = "coupling" and those of `Coupling`
-                   (an SDF and an MJCF bring their own, a URDF mimic joints and links named
-                   closing_X_1, closing_X_2; an entry with the same two ends replaces theirs)
+                   (an SDF and an MJCF bring their own, a URDF mimic joints, links named as
+                   halves of a loop and a YAML beside it, see `io.urdf`; an entry with the same
+                   two ends replaces theirs)
     [[contacts]]   kind = "point", "surface", "line" or "planar", and the fields of that class
     [postures.X]   joint = value or list of values; joints left out stay at neutral; of a joint
                    without limits, which is (cos, sin), also its angle [rad]

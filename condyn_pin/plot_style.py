@@ -19,6 +19,9 @@ METHODS: Final = {
     "LCABA": ("#D55E00", "o"),
     "Proximal": ("#0072B2", "s"),
     "Dense KKT": ("#009E73", "^"),
+    "numpy": ("#E69F00", "v"),
+    "LAPACK": ("#56B4E9", "<"),
+    "Contact Cholesky": ("#7F7F7F", "D"),
 }
 OTHER: Final = ("#CC79A7", "d")
 

@@ -16,6 +16,7 @@ from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.force import ConstraintForce, Sites, pulling
 from condyn_pin.proof import Proof
 from condyn_pin.soundness import massless_motion
+from condyn_pin.states.rank import is_singular
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
@@ -181,28 +182,32 @@ class Solution:
     def notices(self) -> tuple[str, ...]:
         """What deserves attention, a sentence each.
 
-        Contacts that pull, as no ground does. Where the answer is not ok, rows are not met, or
-        forces are a thousand times the weight: rows that contradict each other, and those that have
-        lost their grip.
+        Contacts that pull, as no ground does. A singular configuration, where the equations ask for
+        less than the loops. Where the answer is not ok, rows are not met, or forces are a thousand
+        times the weight: rows that contradict each other, and those that have lost their grip.
+
+        The look at the singular values takes a few solves, when it is asked for first.
         """
         return pulling(self.forces, self._sites) + self._doubts
 
     @cached_property
     def _doubts(self) -> tuple[str, ...]:
-        """What `Scene.rank` says of a state whose answer is not as it should be."""
+        """What `Scene.rank` says of a singular state, or one whose answer is not as it should be."""
+        if not self.status.ok:
+            share = tolerances.NEARLY_MASSLESS
+            if said := massless_motion(self.scene.robot.model, self.q, share=share):
+                return (said,)
+        if not self.scene.rows:
+            return ()
         audit = self.scene.audit
         heavy = np.abs(self.lam).max(initial=0.0) > _HEAVY * audit.weight
         scale = max(float(np.abs(self.a).max()), audit.yardstick.gravity)
         # of contradicting rows the best a is still unique, and may be ok
         unmet = self.constraint_error > tolerances.SOLVED * scale
-        if not (heavy or unmet or not self.status.ok):
-            return ()
-        if not self.status.ok:
-            share = tolerances.NEARLY_MASSLESS
-            if said := massless_motion(self.scene.robot.model, self.q, share=share):
-                return (said,)
         try:
-            return self.scene.rank(self.q).notes if self.scene.rows else ()
+            if heavy or unmet or not self.status.ok or is_singular(self.scene, self.q):
+                return self.scene.rank(self.q).notes
+            return ()
         except (InvalidModel, InvalidArgument):  # numbers that nothing can be said of
             return ()
 
@@ -222,8 +227,8 @@ class Solution:
             f"{self.iterations} iterations",
             f"dynamics error    {self.dynamics_error:.1e} N, N m",
             f"constraint error  {self.constraint_error:.1e} m/s^2, rad/s^2",
-            f"state error       {self.state_error.position:.1e} m, "
-            f"{self.state_error.velocity:.1e} m/s",
+            f"state error       {self.state_error.position:.1e} m, rad; "
+            f"{self.state_error.velocity:.1e} m/s, rad/s",
             f"error bound of a  {self.error_bound:.1e} (relative)",
         ]
         if self.scene.rows:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -84,13 +86,24 @@ def _check_forces(model: Any) -> None:
 
 def _data(model: Any) -> Any:
     """Return the Data of a model; its tensors for second derivatives are 4 x nv x nv x nv."""
+    needed = 4 * 8 * model.nv**3  # [bytes]
     try:
+        if needed > _memory():
+            raise MemoryError
         return model.createData()
     except MemoryError as error:
         raise InvalidModel(
             f"the model has {model.nv} degrees of freedom, and Pinocchio's Data of it would take "
-            f"{4 * 8 * model.nv**3 / 1e9:.0f} GB, more than this machine has; fix or lock joints"
+            f"{needed / 1e9:.0f} GB, more than this machine has; fix or lock joints"
         ) from error
+
+
+def _memory() -> float:
+    """Return the memory of this machine [bytes]: to ask for more may end the process."""
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):  # Windows, where such a request fails
+        return inf
 
 
 def _check_bodies(model: Any) -> None:

@@ -96,7 +96,7 @@ class SpringDampers:
         force = (self.k * (at.length - self.rest) + self.c * along)[:, None] * at.n
         if dt:
             force = force + dt * np.einsum("sij,sj->si", self._stiffness(at), rate)
-        return -np.einsum("sin,si->n", at.J, force)
+        return np.asarray(-np.einsum("sin,si->n", at.J, force))
 
     def energy(self, q: Array) -> Array:
         """Return the energy of the springs at configurations q (..., nq) [J]."""
@@ -115,7 +115,8 @@ class SpringDampers:
     def stiffness(self, q: Array) -> Array:
         """Return K (nv, nv), symmetric and not negative."""
         at = self.stretch(q)
-        return np.einsum("sin,sij,sjm->nm", at.J, self._stiffness(at), at.J, optimize=True)
+        K3 = self._stiffness(at)
+        return np.asarray(np.einsum("sin,sij,sjm->nm", at.J, K3, at.J, optimize=True))
 
     def damping(self, q: Array) -> Array:
         """Return D (nv, nv), symmetric and not negative."""
@@ -125,7 +126,7 @@ class SpringDampers:
     def damping_rows(self, q: Array) -> Array:
         """Return sqrt(c) n^T J (s, nv): D is the product of their transpose with them."""
         at = self.stretch(q)
-        return np.sqrt(self.c)[:, None] * np.einsum("si,sin->sn", at.n, at.J)
+        return np.asarray(np.sqrt(self.c)[:, None] * np.einsum("si,sin->sn", at.n, at.J))
 
     def inertia_rows(self, q: Array, dt: float) -> tuple[Array, Array]:
         """Return rows U (r, nv) and weights w (r,) with dt D + dt^2 K = U^T w U."""
@@ -141,7 +142,7 @@ class SpringDampers:
         along = np.einsum("si,sj->sij", at.n, at.n)
         share = 1 - self.rest / np.maximum(at.length, _COINCIDE)
         across = (self.k * np.maximum(share, 0.0))[:, None, None] * (np.eye(3) - along)
-        return self.k[:, None, None] * along + across
+        return np.asarray(self.k[:, None, None] * along + across)
 
 
 # Those of this thread's last robot: their memory takes longer to make than to use.

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from condyn_pin.arrays import Array
 from condyn_pin.names import few
 from condyn_pin.nonholonomic import Nonholonomic
+from condyn_pin.states.freedom import base_freedom
 from condyn_pin.states.rank import Rank
 
 if TYPE_CHECKING:
@@ -182,6 +183,7 @@ def _notes(scene: Scene, at: Rank) -> Iterator[str]:
         )
     if at.mobility == 0:
         yield "mobility 0: nothing can move; a weld in place of a hinge does this"
+    yield from base_freedom(scene, at.q)
     if at.redundant and not at.singular:
         yield (
             f"{len(at.redundant)} redundant rows: a is unique, lam is the smallest of many; "

@@ -37,6 +37,7 @@ from condyn_pin.scene import Scene, check_scene
 from condyn_pin.solution import Solution, Status
 from condyn_pin.solvers.base import Singular, Solver
 from condyn_pin.soundness import massless_motion
+from condyn_pin.states.gaps import Gap, gaps, worst
 
 # No acceleration of a machine: what is larger is looked at entry by entry.
 _LARGEST: Final = 1e100
@@ -225,8 +226,10 @@ class Workspace(OneThread):
                     raise ValueError
             if self._pairs:
                 self._arguments.check_pairs(q)
-            # Pinocchio ignores byte order: another dtype is another number
-            if not q.dtype == v.dtype == tau.dtype == FLOAT:
+            # Pinocchio ignores byte order: another dtype is another number. To ask whether it is
+            # the very same object is quicker, and an array that was pickled has another one.
+            same = q.dtype is v.dtype is tau.dtype is FLOAT
+            if not (same or q.dtype == v.dtype == tau.dtype == FLOAT):
                 raise ValueError
             a = self._run(q, v, tau)
             for i in self._roots:
@@ -379,14 +382,16 @@ class Workspace(OneThread):
         return partial(Workspace, drift=self.drift), (self.scene, self.solver)
 
     def _failure(self, solution: Solution) -> SolveFailed:
-        position, velocity = solution.state_error
+        found = gaps(self.scene, self.equations.violation(solution.q))
+        gap = worst(found)[1] if found else Gap(0.0, 0.0)
+        slip = solution.state_error.velocity
         reason = solution.status.text(self.scene.rows)
         if not np.isfinite(solution.error_bound):
             reason = massless_motion(self.model, solution.q) or reason
         return SolveFailed(
             f"{self.solver!r} on {self.scene.robot.name}: {reason} "
-            f"(error bound {solution.error_bound:.1e}, state open by {position:.1e} and slipping "
-            f"by {velocity:.1e})",
+            f"(error bound {solution.error_bound:.1e}, state open by {gap} and slipping "
+            f"by {slip:.1e} m/s or rad/s)",
             solution,
         )
 

@@ -18,7 +18,7 @@ _AREAS = {
     "Constraints": ("constraints", "contacts", "nonholonomic"),
     "Scenes and states": ("scene", "summary", "audit", "states", "rows"),
     "Smaller scenes": ("smaller", "ladders"),
-    "Answers": ("verbs", "workspace", "solution", "proof", "force"),
+    "Answers": ("verbs", "workspace", "solution", "proof", "force", "applied_force"),
     "Friction cones": ("cones",),
     "Solvers": ("solvers",),
     "Derivatives": ("differentiation",),

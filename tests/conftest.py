@@ -1,8 +1,14 @@
-"""The same everywhere: one thread for the linear algebra, a plain terminal, the same examples."""
+"""The same everywhere: one thread for the linear algebra, a plain terminal, the same examples.
+
+Tests marked `chromium` look at what a browser draws. Without one they are left out, and the end of
+the run says so; where CI=true they fail.
+"""
 
 import os
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: answers to the bit need it
+# Before numpy: what tests compute themselves waits for no other core. kernels.py leaves it out.
+if os.environ.get("TEST_THREADS") != "unset":
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -19,6 +25,37 @@ _slow = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 settings.register_profile("same", derandomize=True, **_slow)
 settings.register_profile("search", max_examples=1000, **_slow)
 settings.load_profile("same")
+
+
+_NO_CHROMIUM = "there is no Chromium"
+
+
+def pytest_configure(config):
+    config.addinivalue_line("markers", "chromium: looks at what a browser draws")
+
+
+def pytest_collection_modifyitems(items):
+    from condyn_pin.errors import MissingExtra
+    from condyn_pin.viewing.chromium import find_chromium
+
+    try:
+        find_chromium()
+    except MissingExtra:
+        if os.environ.get("CI") == "true":  # they fail, each with the remedy
+            return
+        for item in items:
+            if item.get_closest_marker("chromium"):
+                item.add_marker(pytest.mark.skip(reason=_NO_CHROMIUM))
+
+
+def pytest_terminal_summary(terminalreporter):
+    skipped = terminalreporter.stats.get("skipped", [])
+    count = sum(_NO_CHROMIUM in str(report.longrepr) for report in skipped)
+    if count:
+        terminalreporter.write_line(
+            f"{count} tests that look into a browser were left out, since {_NO_CHROMIUM}: "
+            "apt-get install chromium, or brew install --cask chromium"
+        )
 
 
 @pytest.fixture(autouse=True)

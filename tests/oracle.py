@@ -12,7 +12,9 @@ origin of each body, where Pinocchio carries spatial vectors in the axes of the 
     screw              z q'                     z pitch q'
     ellipsoid          turns about x, y, z      s',  s = radii * (third axis)
 
-and a composite joint is its parts, one after the other. Newton and Euler give the torques, from the tips to the root,
+and a composite joint is its parts, one after the other.
+
+Newton and Euler give the torques, from the tips to the root,
 
     f = m (a_com - g),   n = I alpha + omega x I omega,
 

@@ -77,10 +77,11 @@ def _below(node, T, by_id):
             assert np.allclose(numbers, {"scale": 1.0}.get(child.tag, 0.0)) or (
                 child.tag == "rotate" and numbers[3] == 0.0
             )
-    found = []
-    for instance in node.findall("instance_geometry"):
-        for corners in _geometry(by_id[instance.get("url")], by_id):
-            found.append(corners @ T[:3, :3].T + T[:3, 3])
+    found = [
+        corners @ T[:3, :3].T + T[:3, 3]
+        for instance in node.findall("instance_geometry")
+        for corners in _geometry(by_id[instance.get("url")], by_id)
+    ]
     for child in node.findall("node"):
         found += _below(child, T, by_id)
     return found

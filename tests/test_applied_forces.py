@@ -470,3 +470,84 @@ def test_forces_of_a_run_are_checked_before_it():
         run(cp.AppliedForce("rocker_tip", lambda t, q, v: (1.0, 2.0)))
     with pytest.raises(cp.InvalidArgument, match=r"\(0, q, v\) has shape \(1, 3\)"):
         run(cp.AppliedForce("rocker_tip", lambda t, q, v: [FORCE]))
+
+
+def test_a_check_is_not_blinded_by_large_torques():
+    """How a changes with v depends on no torque: differences have none to lose digits to."""
+    model, rng, parent = pin.Model(), np.random.default_rng(0), 0
+    for i, joint in enumerate((pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ) * 2):
+        placed = pin.SE3(np.eye(3), np.array([0.1, 0.2, 0.3]))
+        parent = model.addJoint(parent, joint(), placed, f"j{i}")
+        model.appendBodyToJoint(parent, pin.Inertia.FromBox(2.0, 0.3, 0.4, 0.2), placed)
+    model.addFrame(pin.Frame("tip", parent, 0, placed, pin.FrameType.OP_FRAME))
+    scene = cp.Scene(cp.Robot("arm", model))
+    q, v, tau = rng.uniform(-1, 1, (3, 6))
+    cp.derivatives(scene, q, v, 1e7 * tau, check=True)
+    push = cp.AppliedForce("tip", 1e7 * np.array(FORCE))
+    by_v = cp.derivatives(scene, q, v, tau, forces=[push], method="differences").da_dv
+    assert np.abs(by_v - cp.derivatives(scene, q, v, tau).da_dv).max() < 1e-8
+
+
+@pytest.mark.parametrize("kind", list(joints()))
+def test_derivatives_of_every_kind_of_joint(kind):
+    made = chain_on(kind)
+    q, v, tau = state_of(made, 4)
+    found = cp.derivatives(cp.Scene(made), q, v, tau, forces=PUSHED, check=True)
+    plain = cp.derivatives(cp.Scene(made), q, v, tau)
+    assert np.abs(found.da_dq - plain.da_dq).max() > 1e-3
+
+
+IMPLICIT = ("SemiImplicitEuler", "ImplicitMidpoint", "LinearlyImplicitMidpoint",
+            "GeneralisedAlpha", "RadauIIA", "GearGuptaLeimkuhler")  # fmt: skip
+
+
+@pytest.mark.parametrize("name", IMPLICIT)
+def test_forces_go_with_a_stiff_torque_and_its_derivatives(name):
+    """A joint spring of 8e5 N m/rad as a torque, its jacobian, and a force on the tip."""
+    made, k, c = chain_on("universal"), 8e5, 4e4
+    q, _, _ = state_of(made)
+    pull = cp.AppliedForce("tip", lambda t, q, v: (30.0 * np.cos(20 * t), 0.0, -20.0))
+
+    def tau(t, there, v):
+        return -k * (there - q) - c * v
+
+    def jacobian(t, there, v):
+        return -k * np.eye(made.nv), -c * np.eye(made.nv)
+
+    run = cp.simulate(
+        cp.Scene(made), q, np.zeros(made.nv), tau, forces=[pull], jacobian=jacobian,
+        duration=0.05, dt=1e-3, integrator=getattr(cp, name)(),
+    )  # fmt: skip
+    assert run.status.ok
+    # so stiff a joint creeps: c q' + k (q - q0) = what the forces do, the rest is nothing beside it
+    assert np.abs(run.q[-1] - q).max() < 5e-4
+    assert np.abs(run.q[-1] - q).max() > 1e-6
+
+
+def test_forces_that_are_not_stiff_are_not_called_stiff():
+    scene, q, v, _, _ = batch_of(1)
+    force = cp.AppliedForce("coupler_tip", FORCE)
+    for torque in (0.0, lambda t, q, v: -0.1 * v):
+        run = cp.simulate(
+            scene, q[0], v[0], torque, forces=[force], duration=0.02,
+            integrator=cp.LinearlyImplicitMidpoint(),
+        )  # fmt: skip
+        assert run.run.differenced == 0
+        assert not any("stiff" in notice for notice in run.notices)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (lambda t, q, v: np.zeros((5, 5)), "a pair is needed"),
+        (lambda t, q, v: (np.zeros(5), np.zeros((5, 5))), r"\[0\] has shape \(5,\)"),
+    ],
+)
+def test_derivatives_of_torques_are_looked_at_beside_forces_too(given, said):
+    made = chain_on("revolute")
+    q, v, _ = state_of(made)
+    with pytest.raises(cp.InvalidArgument, match=said):
+        cp.simulate(
+            cp.Scene(made), q, v, lambda t, q, v: -v, jacobian=given, duration=0.01,
+            forces=[cp.AppliedForce("tip", FORCE)], integrator=cp.RadauIIA(),
+        )  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import socket
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -648,7 +649,9 @@ def test_bytes_that_are_no_text_are_refused_with_the_path(tmp_path: Path):
     (tmp_path / "robot.toml").write_bytes(b"\xff\xfe\x00")
     assert_refused(lambda: cp.load_robot(tmp_path), r"robot\.toml: .*utf-8")
     (tmp_path / "arm.urdf").write_bytes(b"\xff\xfe\x00")
-    assert_refused(lambda: cp.load_robot(tmp_path / "arm.urdf"), r"arm\.urdf: not well-formed")
+    assert_refused(
+        lambda: cp.load_robot(tmp_path / "arm.urdf"), r"arm\.urdf: cannot be read as XML"
+    )
 
 
 # --- scenes
@@ -990,3 +993,119 @@ def test_a_count_is_a_whole_number_of_python_or_numpy(name):
     for bad in (True, -1, 2.0, "2"):
         with pytest.raises(cp.InvalidArgument, match=rf"^{name} = {bad!r}: "):
             COUNTS[name](bad)
+
+
+# --- numbers that are none
+
+BAR = cp.Scene(cp.four_bar(), cp.four_bar().loops)
+Q, V = BAR.state()
+N = BAR.robot.nv
+FLAGS = "numbers, not True or False"
+MASKED = np.ma.array(np.zeros(N), mask=[False, True, False])
+
+
+@refused(
+    {
+        "flags": (lambda: cp.solve(BAR, Q, np.zeros(N, bool), V), f"^v: .*{FLAGS}"),
+        "a list of flags": (lambda: cp.solve(BAR, Q, V, [True, 0.0, 0.0]), f"^tau: .*{FLAGS}"),
+        "a flag": (lambda: cp.simulate(BAR, Q, V, duration=True), f"^duration = True: .*{FLAGS}"),
+        "flags of a batch": (
+            lambda: cp.solve_batch(BAR, [Q], [V], np.zeros((1, N), bool)), f"^TAU: .*{FLAGS}"
+        ),
+        "flags of a function": (
+            lambda: cp.simulate(BAR, Q, V, lambda t, q, v: v == 0, duration=0.01),
+            rf"^tau\(0, q, v\): .*{FLAGS}",
+        ),
+        "flags of a posture": (
+            lambda: cp.Robot("a", BAR.robot.model, postures={"b": [True, False, True]}), FLAGS
+        ),
+        "flags of an offset": (lambda: cp.PointContact("a", offset=[True, 0, 0]), "offset"),
+        "masked": (lambda: cp.solve(BAR, Q, V, MASKED), r"^tau: .*masked; .filled"),
+        "masked batch": (lambda: cp.solve_batch(BAR, [Q], [V], MASKED[None]), "^TAU: .*masked"),
+        "a column": (lambda: cp.solve(BAR, Q, V, np.zeros((N, 1))), r"^tau has shape \(3, 1\)"),
+        "columns": (
+            lambda: cp.solve_batch(BAR, [Q], [V], np.zeros((1, N, 1))),
+            r"^TAU has shape \(1, 3, 1\)",
+        ),
+        "a column of a function": (
+            lambda: cp.simulate(BAR, Q, V, lambda t, q, v: np.zeros((N, 1)), duration=0.01),
+            r"^tau\(0, q, v\) has shape \(3, 1\)",
+        ),
+        "a number without an end": (
+            lambda: cp.simulate(BAR, Q, V, duration=10**5000),
+            "^duration = a int that cannot be shown",
+        ),
+    }
+)  # fmt: skip
+def test_what_is_no_number_is_not_taken_for_one(call, text):
+    assert_refused(call, text)
+
+
+def test_an_array_without_anything_masked_is_an_array():
+    assert cp.solve(BAR, np.ma.array(Q), V, np.zeros(N)).status.ok
+
+
+# --- functions
+
+
+def study(progress: Any) -> Any:
+    return cp.Study([BAR], [cp.DenseKKT()], states=1).run(timed=False, progress=progress)
+
+
+def moved(**options: Any) -> Any:
+    return cp.simulate(BAR, Q, V, **{"duration": 0.01} | options)
+
+
+@refused(
+    {
+        "torques": (lambda: moved(tau=lambda t, q: q), r"^tau takes \(t, q\): it is called with"),
+        "torques of a batch": (
+            lambda: cp.simulate_batch(BAR, [Q], [V], lambda q, v: q, duration=0.01),
+            r"^tau takes \(q, v\): it is called with \(t, q, v\)",
+        ),
+        "condition": (
+            lambda: cp.Event(name="e", when=lambda: 1.0),
+            r"^event 'e': when takes \(\): it is called",
+        ),
+        "no condition": (lambda: cp.Event(name="e", when=3), "^event 'e': when = 3: a function"),
+        "progress of a run": (lambda: moved(progress=3), r"^progress = 3: a function of \(share\)"),
+        "progress of a study": (lambda: study(3), r"^progress = 3: a function of \(what, done"),
+        "progress of one argument": (lambda: study(lambda x: None), r"^progress takes \(x\)"),
+        "progress of a choice": (
+            lambda: cp.tune(BAR, progress="x", save=False), "^progress = 'x': a function"
+        ),
+        "progress of a batch": (
+            lambda: cp.solve_batch(BAR, [Q], [V], [V], progress=lambda x: None), "^progress takes"
+        ),
+    }
+)  # fmt: skip
+def test_functions_that_cannot_be_called_are_refused_before_the_run(call, text):
+    assert_refused(call, text)
+
+
+# --- files and ports
+
+
+@pytest.mark.parametrize("port", [-1, 65536, "x", True, 80.5, None])
+def test_ports_that_are_none_are_refused(port):
+    pytest.importorskip("meshcat")
+    with pytest.raises(cp.InvalidArgument, match=r"^port = .*from 1 to 65535 is needed, or 0"):
+        cp.view(cp.pendulum(), port=port, browser=False)
+
+
+def test_a_port_that_is_taken_is_named():
+    pytest.importorskip("meshcat")
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(cp.InvalidArgument, match=f"^port = {port}: .*in use"):
+            cp.view(cp.pendulum(), port=port, browser=False)
+
+
+@pytest.mark.parametrize("path", [3, None, "a\0b"])
+def test_names_of_files_that_are_none_are_refused(path):
+    with pytest.raises(cp.InvalidArgument, match="the name of a file is needed"):
+        moved().save(path)
+    with pytest.raises(cp.InvalidArgument, match="no file of a trajectory"):
+        cp.Trajectory.load(path)

@@ -504,3 +504,41 @@ def test_a_script_ends_without_a_word(start_method, tmp_path):
         [sys.executable, "-W", "error", str(path)], capture_output=True, text=True, check=False
     )
     assert (result.returncode, result.stdout, result.stderr) == (0, "{'ok': 50}\n", "")
+
+
+# --- samples
+
+
+@pytest.mark.parametrize("label", ["cassie loops", "four_bar loops", "talos contacts"])
+def test_many_samples_are_one_after_the_other_whoever_draws_them(label, executor):
+    scene, n = all_scenes()[label], 70  # two chunks
+    Q, V = scene.sample_batch(n, np.random.default_rng(7), spread=0.1, speed=0.5)
+    children = np.random.default_rng(7).spawn(n)
+    single = [scene.sample(child, spread=0.1, speed=0.5) for child in children]
+    assert np.array_equal(Q, [q for q, _ in single])
+    assert np.array_equal(V, [v for _, v in single])
+    with ThreadPoolExecutor(2) as threads:
+        for by in (executor, threads):
+            rng = np.random.default_rng(7)
+            found = scene.sample_batch(n, rng, spread=0.1, speed=0.5, executor=by)
+            assert np.array_equal(found[0], Q)
+            assert np.array_equal(found[1], V)
+
+
+def test_samples_of_a_second_call_are_others():
+    scene, rng = all_scenes()["four_bar loops"], np.random.default_rng(7)
+    first, second = (scene.sample_batch(3, rng)[0] for _ in range(2))
+    assert not np.isin(first, second).any()
+    assert [x.shape for x in scene.sample_batch(0, rng)] == [(0, 3), (0, 3)]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ((-1, np.random.default_rng(0)), "n = -1: a whole number"),
+        ((3, 0), "rng = 0: numpy.random.default_rng"),
+    ],
+)
+def test_bad_arguments_of_many_samples_are_refused(arguments, text):
+    with pytest.raises(cp.InvalidArgument, match=text):
+        all_scenes()["four_bar loops"].sample_batch(*arguments)

@@ -188,3 +188,49 @@ def test_workers_end_with_their_parent(start_method, tmp_path):
     )
     assert result.returncode == -signal.SIGKILL
     assert result.stdout.split()
+
+
+UNGUARDED = """
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+import condyn_pin as cp
+
+print("imported", flush=True)
+with {pool} as executor:
+    dict(cp.map_chunks(abs, range(4), executor=executor))
+"""
+
+
+@pytest.mark.parametrize(
+    "pool",
+    [
+        "cp.Processes(2)", "cp.Processes(1, start_method='forkserver')",
+        "ProcessPoolExecutor(2, get_context('spawn'))",
+    ],
+)  # fmt: skip
+def test_a_script_without_a_guard_is_told_so_at_once(pool, tmp_path):
+    """No worker is started a second time: each would do the work of the script again."""
+    path = tmp_path / "script.py"
+    path.write_text(UNGUARDED.format(pool=pool))
+    done = subprocess.run(
+        [sys.executable, str(path)], capture_output=True, text=True, check=False, timeout=300
+    )
+    last = done.stderr.splitlines()[-1]
+    assert done.returncode == 1
+    assert last.startswith("condyn_pin.errors.WorkersLost: ")
+    assert 'inside `if __name__ == "__main__":`' in last
+    assert "kills them" not in last
+    assert done.stdout.count("imported") <= 3  # the script itself, and each worker
+
+
+def test_a_script_that_workers_cannot_import_does_not_blame_the_work(tmp_path):
+    path = tmp_path / "script.py"
+    path.write_text(
+        "import condyn_pin as cp\nif __name__ == '__main__':\n"
+        "    dict(cp.map_chunks(abs, range(4), executor=cp.Processes(1)))\n"
+        "else:\n    raise SystemExit('no licence')\n"
+    )
+    done = subprocess.run([sys.executable, str(path)], capture_output=True, text=True, check=False)
+    assert "no licence" in done.stderr
+    assert "could begin, and printed why" in done.stderr.splitlines()[-1]

@@ -347,3 +347,104 @@ def test_assemble_that_fails_prints_the_gap_and_exits_with_one(tmp_path):
     assert "unreachable: " in result.output
     assert run("assemble", str(tmp_path)).exit_code == 0
     assert isinstance(run("assemble", "cassie", "--fixed", "knee").exception, cp.UnknownName)
+
+
+def two_arms() -> cp.Robot:
+    """Two turning arms side by side, an end of each named."""
+    model = pin.Model()
+    for i, name in enumerate(("one", "two")):
+        place = pin.SE3(np.eye(3), np.array([0.0, float(i), 0.0]))
+        arm = model.addJoint(0, pin.JointModelRZ(), place, name)
+        model.appendBodyToJoint(arm, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+        model.addFrame(pin.Frame(f"{name} end", arm, 0, pin.SE3.Identity(), pin.OP_FRAME))
+    return cp.Robot("two arms", model)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.5, 2.0, 3.0])
+@pytest.mark.parametrize("flipped", [False, True])
+def test_a_weld_is_open_by_the_distance_of_its_frames_and_the_angle(angle, flipped):
+    """The length of log6 is a distance only along a screw: at 2 rad 1.28 m for 1.1 m."""
+    robot = two_arms().with_frame("fixed", "world", [1.0, 0.0, 0.0])
+    ends = ("fixed", "two end") if flipped else ("two end", "one end")
+    apart = math.sqrt(2.0) if flipped else 1.0
+    scene = cp.Scene(robot, [cp.Loop(*ends, "weld", name="weld")])
+    gap = scene.check([0.0, angle]).gap["weld"]
+    assert gap == pytest.approx((apart, angle), rel=1e-12, abs=1e-12)
+    contact = cp.SurfaceContact("two end", anchor=(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+    found = cp.Scene(robot, [contact]).check([0.0, angle]).gap["two end"]
+    assert found == pytest.approx((math.sqrt(2.0), angle), rel=1e-12, abs=1e-12)
+
+
+def test_every_text_on_an_open_weld_tells_distance_and_angle():
+    robot = two_arms()
+    weld = cp.Loop("two end", "one end", "weld", name="weld")
+    scene, q = cp.Scene(robot, [weld]), np.array([0.0, 2.0])
+    told = "1000 mm and 115 deg"
+    assert told in str(scene.check(q))
+    assert told in str(scene.rank(q).notes)
+    assert told in cp.impact(scene, q, np.zeros(2)).notices[0]
+    with pytest.raises(cp.NotAssembled, match="open by 1000 mm after"):
+        scene.sample(np.random.default_rng(0))
+    with pytest.raises(cp.SolveFailed, match=told):
+        raise cp.Workspace(scene)._failure(cp.solve(scene, q, q, q, throw=False))
+
+
+# --- what is left free
+
+
+def told(*constraints: cp.Constraint) -> str:
+    """What the summary of Talos says of its base, in the part that counts."""
+    notes = cp.Scene(robot("talos"), constraints).summary().notes
+    (note,) = [note for note in notes if "can still" in note]
+    assert note.endswith(", as one body with its joints held")
+    return note.partition("can still ")[2].partition(", as one body")[0]
+
+
+def test_a_humanoid_on_two_points_can_turn_about_the_line_through_them():
+    left, right = (contact.frame for contact in robot("talos").contacts)
+    two = cp.PointContact(left), cp.PointContact(right)
+    assert told(*two) == f"turn about the line through {left}, {right}"
+    assert told(two[0]) == f"turn any way about {left}"
+    hand = cp.PointContact("gripper_left_base_link")
+    for enough in ((*two, hand), robot("talos").contacts, ()):
+        notes = cp.Scene(robot("talos"), enough).summary().notes
+        assert not any("can still" in note for note in notes)
+
+
+def test_a_foot_that_glides_shifts_and_turns():
+    left, right = (contact.frame for contact in robot("talos").contacts)
+    three = [
+        cp.PlanarContact(left, at, name=f"p{at}") for at in ((0, 0, 0), (0.1, 0, 0), (0, 0.1, 0))
+    ]
+    assert told(*three) == "shift in the plane across the world's z and turn about the world's z"
+    across = told(cp.LineContact(left, "x"))
+    assert across.startswith("turn about an axis along ")
+    assert across.endswith(f"through {left}")
+    assert told(cp.PointContact(left), cp.PlanarContact(right)) == (
+        f"turn about two axes about {left}"
+    )
+
+
+def test_what_is_told_to_be_free_is_free():
+    """The twist of the line through two points, as a velocity of the base alone."""
+    talos = robot("talos")
+    scene = cp.Scene(talos, [cp.PointContact(c.frame) for c in talos.contacts])
+    q, v = scene.state()
+    data = talos.model.createData()
+    pin.framesForwardKinematics(talos.model, data, q)
+    one, two = (data.oMf[talos.model.getFrameId(c.frame)].translation for c in talos.contacts)
+    omega = (two - one) / np.linalg.norm(two - one)
+    v[:6] = data.oMi[1].actInv(pin.Motion(-np.cross(omega, one), omega)).vector
+    assert scene.check(q, v).consistent
+
+
+def test_a_singular_configuration_is_told_by_the_solution():
+    """Every status is ok there, and yet the equations ask for less than the loop."""
+    cell = cp.n_four_bar(1)
+    scene = cp.Scene(cell, cell.loops)
+    flat = cp.solve(scene, np.zeros(3), np.zeros(3), np.ones(3))
+    assert flat.status.ok
+    assert any(note.startswith("singular configuration: rank 1 here") for note in flat.notices)
+    assert "singular configuration" in str(flat)
+    raised = cp.solve(scene, [0.3, -0.3, 0.3], np.zeros(3), np.ones(3))
+    assert raised.notices == ()

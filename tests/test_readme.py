@@ -44,7 +44,12 @@ def test_python_blocks_run_in_one_session(capsys, tmp_path, monkeypatch):
     assert session["sol"].status.ok
 
 
-@pytest.mark.parametrize("line", [line for line in commands() if line.startswith("condyn ")])
+def marked(line: str) -> object:
+    """A line of the README; one that draws a PNG needs a browser."""
+    return pytest.param(line, marks=pytest.mark.chromium if "--png" in line else (), id=line)
+
+
+@pytest.mark.parametrize("line", [marked(line) for line in commands() if line[:7] == "condyn "])
 def test_condyn_commands_run(line, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     if "tune" in line:
@@ -108,6 +113,24 @@ def test_table_is_the_one_of_the_committed_results(monkeypatch):
     assert_written(results.pages(table))
 
 
+def test_x_dense_is_against_the_fastest_of_the_dense():
+    """Of the committed results; and DenseKKT is no straw man beside what is by hand."""
+    saved = json.loads((ROOT / "benchmarks" / "results" / "bench.json").read_text())["rows"]
+    rows = [row for row in saved if row["origin"] == "python" and row["to_dense"]]
+    for scene in {row["scene"] for row in rows}:
+        here = [row for row in rows if row["scene"] == scene]
+        by_hand = [row for row in here if row["status"] == "by hand"]
+        ours = [row for row in here if row["method"].startswith("Dense KKT")]
+        assert len(by_hand) == 3
+        assert max(row["to_dense"] for row in by_hand + ours) == pytest.approx(1.0, abs=0.02)
+        # its guard, scaling and condition cost 4 us, which is much beside the 9 of a four-bar
+        least = min(row["acceleration_us"] for row in by_hand)
+        assert all(row["acceleration_us"] < 1.15 * least + 4.0 for row in ours)
+    native = [row for row in saved if row["origin"] == "C++"]
+    assert {row["to_dense"] for row in native if row["method"].startswith("dense")} == {1.0}
+    assert any(row["to_dense"] > 1.5 for row in native if "constrainedABA" in row["method"])
+
+
 def test_ladders_are_those_of_the_committed_results(monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
     import ladder
@@ -163,6 +186,17 @@ def test_the_campaign_is_that_of_the_committed_results(monkeypatch):
 
     found = campaign_report.load(ROOT / "benchmarks" / "results" / "campaign.json")
     assert_written(campaign_report.pages(found))
+
+
+def test_conjugate_gradients_are_those_of_the_committed_results(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    import conjugate_gradient
+
+    rows, about = conjugate_gradient.load()
+    assert_written(conjugate_gradient.pages(rows, about))
+    assert {row.joints for row in rows} >= {10, 400}
+    # what Reference itself knows of 400 links: eps times the condition of M, which is 1e10
+    assert all(row.error < 1e-6 for row in rows if row.method == "ConjugateGradient")
 
 
 def test_weights_are_those_of_the_committed_results(monkeypatch):

@@ -469,7 +469,7 @@ def test_gains_at_the_wall_are_refused(integrator, alpha, beta):
     scene, q, v = rod_pendulum()
     dt = 1e-3
     options = {"duration": 0.01, "dt": dt, "integrator": integrator}
-    with pytest.raises(cp.InvalidArgument, match="no gap shrinks; .* is stable below"):
+    with pytest.raises(cp.InvalidArgument, match=r"no gap shrinks; .* is stable below"):
         cp.simulate(scene, q, v, drift=cp.Baumgarte(alpha / dt, beta / dt), **options)
     below = cp.Baumgarte(0.99 * alpha / dt, 0.99 * beta / dt)
     assert cp.simulate(scene, q, v, drift=below, **options).status.ok
@@ -1463,3 +1463,55 @@ def test_an_impact_that_tears_apart_what_goes_on_is_refused():
     whole = cp.Scene(scene.robot, (*scene.constraints, cp.PointContact("crank_tip")))
     found = cp.simulate(scene, q, v, duration=0.1, events=[replace(event, met=whole)])
     assert found.status is cp.RunStatus.FINISHED
+
+
+def open_bar(gap: float) -> tuple[cp.Scene, np.ndarray, np.ndarray]:
+    """A four-bar whose loop is open."""
+    scene, q, v = bar()
+    return scene, q + np.array([gap, 0.0, 0.0]), v
+
+
+def test_baumgarte_closes_an_open_start_at_its_rate():
+    """c'' + 2 alpha c' + alpha^2 c = 0 along the motion, whatever the mechanism does."""
+    scene, q, v = open_bar(0.02)
+    with pytest.raises(cp.NotAssembled):
+        cp.simulate(scene, q, v, duration=0.1, drift=cp.Baumgarte.critical(50.0))
+    found = cp.simulate(
+        scene, q, v, duration=0.5, drift=cp.Baumgarte.critical(50.0), close_start=False
+    )
+    assert found.status is cp.RunStatus.FINISHED
+    assert found.violation[0] > 1e-3
+    x = 50.0 * found.t
+    rate = (1 + x) * np.exp(-x) * found.violation[0]
+    # lam turns with its loop: the gap is measured in axes that move
+    assert np.abs(found.violation - rate).max() < 0.02 * found.violation[0]
+    assert found.violation[-1] < 1e-8
+    assert f"open by {found.violation[0]:.2g} m or rad at the start" in "".join(found.notices)
+
+
+@pytest.mark.parametrize("drift", [None, cp.PostStabilization(), cp.Projection()], ids=repr)
+def test_schemes_that_correct_close_an_open_start_too(drift):
+    scene, q, v = open_bar(1e-3)
+    found = cp.simulate(scene, q, v, duration=0.02, drift=drift, close_start=False)
+    assert found.status is cp.RunStatus.FINISHED
+    assert found.violation[-1] < 1e-8
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"drift": cp.NoDrift()}, r"drift = NoDrift\(\) closes no gap"),
+        ({"drift": cp.Baumgarte(30.0, 0.0)}, r"drift = Baumgarte\(.*\) closes no gap"),
+        ({"drift": cp.Baumgarte(0.0, 30.0)}, r"drift = Baumgarte\(.*\) closes no gap"),
+        ({"drift": cp.Projection(position=False)}, r"closes no gap"),
+        ({"integrator": cp.Rattle()}, "RATTLE would close the start within one step"),
+        ({"solver": cp.Soft()}, r"drift = NoDrift\(\) closes no gap"),
+    ],
+    ids=["nothing", "no beta", "no alpha", "velocities", "RATTLE", "soft"],
+)
+def test_an_open_start_that_nothing_closes_is_refused(options, match):
+    scene, q, v = open_bar(1e-3)
+    with pytest.raises(cp.InvalidArgument, match=match):
+        cp.simulate(scene, q, v, duration=0.02, close_start=False, **options)
+    with pytest.raises(cp.InvalidArgument, match="close_start = 1: True or False"):
+        cp.simulate(scene, q, v, duration=0.02, close_start=1)

@@ -15,8 +15,10 @@ from shared import SOLVERS, all_scenes, relative, states, truth
 import condyn_pin as cp
 from condyn_pin._pin import HAS_LCABA
 from condyn_pin.algebra.range_space import range_space
+from condyn_pin.rows.equations import Equations
 from condyn_pin.solver_table import solver_rows
 from condyn_pin.solvers.conjugate_gradient import conjugate_gradients
+from condyn_pin.solvers.dense_kkt import PROBES, probing, scaling
 from condyn_pin.tolerances import SOLVED
 
 ROOT = Path(__file__).parent.parent
@@ -117,7 +119,53 @@ def test_a_mass_matrix_that_is_none_is_no_answer():
     assert range_space(-np.eye(3), np.ones((1, 3))) is None
 
 
+# --- Dense KKT
+
+
+@pytest.mark.parametrize("label", sorted(all_scenes()))
+def test_dense_kkt_says_singular_where_rows_are_redundant_and_only_there(label):
+    """Its two random right-hand sides miss no singularity at any of a hundred states."""
+    scene = all_scenes()[label]
+    workspace = cp.Workspace(scene, cp.DenseKKT())
+    said = {
+        workspace.solve(*state, throw=False).status
+        for state in cp.SampledStates(100, seed=7).of(scene)
+    }
+    assert said == {cp.Status.SINGULAR if scene.audit.redundant else cp.Status.OK}
+
+
+@settings(max_examples=200)
+@given(st.integers(0, 10**6), st.integers(2, 60), st.floats(1.0, 16.0))
+def test_random_right_hand_sides_see_how_large_an_inverse_is(seed, size, digits):
+    """To within a factor of a hundred, where four digits lie between what is told apart."""
+    U, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(size, size)))
+    inverse = np.ones(size)
+    inverse[0] = 10.0**digits
+    found = (U * inverse) @ (U.T @ probing(size).reshape(-1, size).T)
+    seen = np.sqrt(np.vdot(found, found) / PROBES)
+    assert 1e-2 < seen / np.linalg.norm(inverse) < 1e2
+
+
+def test_a_row_that_is_nothing_at_the_nominal_state_is_not_blown_up():
+    chain = cp.chain(4)  # it hangs straight: no joint moves the tip up
+    scene = cp.Scene(chain, [cp.PointContact(chain.model.frames[-1].name)])
+    assert scaling(scene.audit.terms)[4:].max() < 1e3
+
+
 # --- Conjugate gradients
+
+
+def test_conjugate_gradients_form_no_jacobian(monkeypatch):
+    def formed(*_):
+        raise AssertionError("J was formed")
+
+    for label in ("talos corners", "cassie loops", "four_bar geared", "talos hands on a rod"):
+        scene, state = all_scenes()[label], states(label)[0]
+        right = truth(label)[0].a
+        workspace = cp.Workspace(scene, cp.ConjugateGradient())
+        with monkeypatch.context() as patch:
+            patch.setattr(Equations, "_jacobian", formed)
+            assert relative(workspace.acceleration(*state), right) < SOLVED
 
 
 def test_an_iteration_for_every_independent_row_is_enough():

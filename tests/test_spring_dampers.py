@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from shared import robot
 from test_applied_forces import chain_on, joints, state_of
+from viewed import drawing
 
 import condyn_pin as cp
 from condyn_pin._pin import pin
@@ -240,6 +241,7 @@ def test_the_implicit_system_solves_its_equations(label):
     assert np.abs(K - K.T).max() <= 1e-12 * np.abs(K).max()
     assert np.linalg.eigvalsh(K).min() > -1e-9 * np.abs(K).max()
     heavy = terms.M + dt * D + dt**2 * K
+    assert np.abs(system.implicit(dt).mass(q) - heavy).max() <= 1e-12 * np.abs(heavy).max()
     rhs = tau + passive.torque(q, v) - dt * K @ v - terms.h
     m = len(terms.J)
     whole = np.block([[heavy, -terms.J.T], [terms.J, np.zeros((m, m))]])
@@ -363,3 +365,18 @@ def test_mujoco_has_the_same_forces():
         wanted = bridge.torque_from_mujoco(q, data.qfrc_passive)
         found = made.passive_torque(q, v)
         assert np.abs(found - wanted).max() <= 1e-10 * np.abs(found).max()
+    check = bridge.compare(*state_of(made))
+    assert not any("tendons" in note for note in check.notes), check
+
+
+def test_they_are_seen():
+    made = sprung("revolute")
+    q, _, _ = state_of(made)
+    found = drawing(cp.Scene(made), q)
+    seen = {part.path: part for part in found.parts if part.path.startswith("springs/")}
+    assert len(seen) == len(SPRINGS)
+    at = Passive.of(made).between.stretch(q)
+    for part, length in zip(seen.values(), at.length, strict=True):
+        T = part.place(found.moments[0])
+        assert np.linalg.norm(T[:3, 2]) == pytest.approx(length)
+    assert "spring-damper" in found.html()

@@ -337,7 +337,7 @@ def test_a_loop_of_locked_joints_is_gone_if_closed_and_refused_if_open(read):
     assert (locked.joints, locked.loops) == (("cd",), ())
     assert lock_joints(whole, ["ab"]).loops == whole.loops
     bent = dataclasses.replace(whole, springs=[cp.Spring("ab", 1.0, 0.1)])
-    with pytest.raises(cp.InvalidModel, match=r"'ac' would be held open by 0\.0998 m"):
+    with pytest.raises(cp.InvalidModel, match=r"'ac' would be held open by .* mm"):
         lock_joints(bent, ["ab", "bc"])
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
-from itertools import combinations, pairwise
+from itertools import combinations, pairwise, permutations
 
 import numpy as np
 import pinocchio as pin
@@ -249,6 +249,38 @@ def test_what_nobody_drew_has_its_inertia():
     assert np.allclose(np.sort(half), (0.1, 0.2, 0.3), rtol=0.06)
 
 
+def test_an_inertia_that_would_hide_the_rods_is_clear():
+    """Andrews' squeezer is given in the plane: its inertias are those of large balls."""
+    found = parts(cp.load_robot("andrews"))
+    inertias = [part for path, part in found.items() if path.startswith("inertia/")]
+    assert len(inertias) == 7
+    assert all(part.opacity < 0.3 for part in inertias)
+    rods = [part for path, part in found.items() if path.startswith("robot/")]
+    assert all(part.opacity == 1.0 for part in rods)
+    assert {f"inertia/{path.split('/')[1]}" for path in found if path.startswith("robot/")} >= {
+        part.path for part in inertias
+    }
+    assert not [path for path in parts(cp.four_bar()) if path.startswith("inertia/")]
+
+
+@pytest.mark.parametrize(
+    "names", [("arm", "arm/tip"), ("arm", "arm/0"), ("arm", "arm/"), ("a//b", "a/b")]
+)
+def test_a_name_with_a_slash_hangs_on_no_other_part(names):
+    """meshcat's tree is made of paths: what is below another part would move with it as well."""
+    model = pin.Model()
+    inertia = pin.Inertia.FromEllipsoid(2.0, 0.3, 0.2, 0.1)
+    i = 0
+    for name in names:
+        i = model.addJoint(i, pin.JointModelRX(), pin.SE3.Identity(), name)
+        model.appendBodyToJoint(i, inertia, pin.SE3.Identity())
+    found = drawing(cp.Robot("r", model))
+    nodes = [tuple(word for word in part.path.split("/") if word) for part in found.parts]
+    assert len([node for node in nodes if node[0] == "robot"]) == 2
+    for one, other in permutations(nodes, 2):
+        assert one != other[: len(one)]
+
+
 HANGING = """<robot name="arm"><link name="ground"/>
 <link name="upper"><inertial><origin xyz="0 0 -0.2"/><mass value="1"/>
 <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
@@ -470,6 +502,29 @@ def test_a_label_says_the_largest_gap_of_the_run_and_not_of_what_is_shown(swingi
     (gap,) = labels
     assert gap.length == pytest.approx(run.violation.max(), rel=0.5)  # a norm, and an entry
     assert gap.length > 1e-3
+
+
+def test_an_arrow_says_the_largest_force_of_the_run(swinging, monkeypatch):
+    from condyn_pin.viewing import arrows
+
+    lam = swinging.lam.copy()
+    lam[3] *= 50.0  # at 15 ms, between two pictures
+    run = replace(swinging, lam=lam)
+    said = []
+
+    def label(path, text, *rest, written=arrows.label):
+        said.append(text)
+        return written(path, text, *rest)
+
+    monkeypatch.setattr(arrows, "label", label)
+    drawing(run)
+    (force,) = run.forces.values()
+    largest = np.linalg.norm(force[:, :3], axis=1).max()
+    assert (
+        largest > 10.0 * np.linalg.norm(swinging.forces[next(iter(run.forces))][:, :3], axis=1)[0]
+    )
+    assert said
+    assert all(text.startswith(f"{largest:.3g} N on ") for text in said)
 
 
 def test_an_event_is_shown_before_and_after():

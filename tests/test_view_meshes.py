@@ -1,4 +1,4 @@
-"""Meshes of files: every shape that a robot's description draws has the area and the bounds of its file."""
+"""Meshes of files: what is drawn has the area and the bounds of a plain reading of each file."""
 
 from __future__ import annotations
 
@@ -87,7 +87,17 @@ def test_the_axis_that_a_collada_file_calls_up_does_not_turn_it(tmp_path):
     assert np.allclose(upright.vertices, lying.vertices)
 
 
-_OBJ = "mtllib nowhere.mtl\nv 0 0 0\nv 1 0 0\nv 1 2 0\nv 0 2 0\nv 0 0 3\nusemtl a\nf 1 2 3 4\nusemtl b\nf -5/1/1 2/2/2 5/3/3\n"
+_OBJ = """mtllib nowhere.mtl
+v 0 0 0
+v 1 0 0
+v 1 2 0
+v 0 2 0
+v 0 0 3
+usemtl a
+f 1 2 3 4
+usemtl b
+f -5/1/1 2/2/2 5/3/3
+"""
 _TEXT_STL = """solid thing
 facet normal 0 0 1
  outer loop

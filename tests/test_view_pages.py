@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import colorsys
 import contextlib
+import html as markup
 import json
 import os
 import re
@@ -16,6 +17,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from shared import calls, robot
 from typer.testing import CliRunner
@@ -136,6 +138,27 @@ def test_without_chromium_the_remedy_is_named(monkeypatch, tmp_path):
         cp.view(cp.pendulum(), png=tmp_path / "p.png")
 
 
+@pytest.mark.parametrize(("variables", "code"), [({}, 0), ({"CI": "true"}, 1)])
+def test_tests_without_a_browser_are_left_out_aloud_and_fail_in_ci(tmp_path, variables, code):
+    test = tmp_path / "test_it.py"
+    test.write_text(
+        "import pytest\nfrom condyn_pin.viewing.chromium import find_chromium\n"
+        "@pytest.mark.chromium\n@pytest.mark.parametrize('k', range(2))\n"
+        "def test_it(k): find_chromium()\ndef test_else(): pass\n"
+    )
+    here = str(Path(__file__).parent)
+    kept = {name: value for name, value in os.environ.items() if name != "CI"}
+    paths = {"PATH": str(tmp_path), "PYTHONPATH": os.pathsep.join([here, *sys.path])}
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "conftest", "--strict-markers", str(test)],
+        cwd=tmp_path, env=kept | paths | variables, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == code, done.stdout + done.stderr
+    told = "2 tests that look into a browser were left out, since there is no Chromium: apt-get in"
+    assert (told in done.stdout) == (code == 0)
+    assert ("2 failed, 1 passed" if code else "1 passed, 2 skipped") in done.stdout
+
+
 def test_a_browser_that_fails_is_quoted(monkeypatch, tmp_path):
     broken = tmp_path / "chromium"
     broken.write_text("#!/bin/sh\necho no such screen >&2\nexit 1\n")
@@ -234,7 +257,8 @@ def asked(folder, html):
         words = chromium.command(chromium.find_chromium(), str(folder / start)) + options
         with contextlib.suppress(subprocess.TimeoutExpired):
             done = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE / 3)
-            return json.loads(re.search(r'<pre id="answer">(.*?)</pre>', done.stdout)[1])
+            found = re.search(r'<pre id="answer">(.*?)</pre>', done.stdout)[1]
+            return json.loads(markup.unescape(found))
     raise AssertionError("Chromium hung twice")
 
 
@@ -260,6 +284,7 @@ window.addEventListener("load", () => setTimeout(() => {
 </script></body>"""
 
 
+@pytest.mark.chromium
 def test_a_browser_plays_the_motion_without_a_network(tmp_path, swinging):
     found = drawing(swinging)
     paths = [p.path for p in found.parts if p.path.startswith(("robot/", "forces/"))]
@@ -274,6 +299,7 @@ def test_a_browser_plays_the_motion_without_a_network(tmp_path, swinging):
             assert np.allclose(seen, part.place(found.moments[9]), atol=1e-5), part.path
 
 
+@pytest.mark.chromium
 def test_a_browser_plays_by_itself(monkeypatch, swinging):
     monkeypatch.syspath_prepend(str(BENCHMARKS))
     import viewing
@@ -301,6 +327,7 @@ document.body.appendChild(answer);
 </script></body>"""
 
 
+@pytest.mark.chromium
 def test_a_slow_browser_leaves_pictures_out_and_keeps_the_speed(tmp_path, swinging):
     found = asked(tmp_path, drawing(swinging).html().replace("</body>", _SLOW))
     assert found["seen"] == pytest.approx([0.2, 0.4, 0.1])  # of half a second, again and again
@@ -356,12 +383,14 @@ def pace(tmp_path_factory, standing):
     return asked(tmp_path_factory.mktemp("pace"), found.html().replace("</body>", _PACE))
 
 
+@pytest.mark.chromium
 def test_what_rests_is_whole_and_sharp(pace):
     assert pace["first"] == pace["rest"] == pace["paused"]
     assert pace["first"][0] == 2  # four pixels for each one: how a processor smooths edges
     assert pace["first"][1] > 20_000
 
 
+@pytest.mark.chromium
 def test_what_moves_has_few_triangles(pace):
     few = {pace[when][1] for when in ("turned", "fast", "slow", "slower", "again", "faster")}
     assert len(few) == 1
@@ -369,6 +398,7 @@ def test_what_moves_has_few_triangles(pace):
     assert pace["turned"][0] == 0.5
 
 
+@pytest.mark.chromium
 def test_a_slow_motion_has_fewer_pixels_until_it_is_fast_again(pace):
     pixels = {when: pace[when][0] for when in ("fast", "slow", "slower", "again", "faster")}
     assert pixels["slower"] < pixels["slow"] < pixels["fast"] == pixels["faster"] == 1
@@ -378,6 +408,7 @@ def test_a_slow_motion_has_fewer_pixels_until_it_is_fast_again(pace):
     assert low < 1
 
 
+@pytest.mark.chromium
 def test_the_slider_follows_the_motion(tmp_path, swinging):
     look = """<script>
     let answer = document.createElement("pre"), clock = performance.now(), {animator} = viewer;
@@ -410,6 +441,7 @@ moved -= 250;  // [ms] for which what moved is still drawn with fewer pixels
 </script></body>"""
 
 
+@pytest.mark.chromium
 def test_a_rest_is_as_smooth_as_a_graphics_card_draws_it(tmp_path, swinging, monkeypatch):
     from PIL import Image
 
@@ -433,6 +465,7 @@ def test_a_rest_is_as_smooth_as_a_graphics_card_draws_it(tmp_path, swinging, mon
     assert max(off["still"], off["paused"]) < 0.75 * off["rough"]
 
 
+@pytest.mark.chromium
 def test_a_browser_draws_robot_arrows_and_closures(tmp_path, standing):
     from PIL import Image
 
@@ -455,3 +488,36 @@ def test_a_browser_draws_robot_arrows_and_closures(tmp_path, standing):
     for name in ("ACTUATED", "FORCE", "OPEN", "CLOSED"):
         assert seen(getattr(palette, name)) > 60, name
     assert seen((0.6, 0.0, 1.0)) < 20  # violet is nowhere
+
+
+_STRANGE = "</script><img src=x onerror='window.strange = 1'><script>window.strange = 2</script>"
+_ASK_NAMES = """<script>
+window.addEventListener("load", () => setTimeout(() => {
+  let answer = document.createElement("pre");
+  answer.id = "answer";
+  answer.textContent = JSON.stringify({
+    ran: window.strange || 0, scripts: document.scripts.length, images: document.images.length,
+    legend: document.getElementById("legend").textContent, title: document.title,
+  });
+  document.body.appendChild(answer);
+}, 50));
+</script></body>"""
+
+
+def test_names_are_words_on_a_page_and_nothing_else(tmp_path):
+    """A description is a stranger's: a name may be markup."""
+    model = pin.Model()
+    inertia = pin.Inertia.FromEllipsoid(1.0, 0.3, 0.2, 0.1)
+    joint = model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), f"j{_STRANGE}")
+    model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+    tip = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.5]))
+    model.addFrame(pin.Frame(f"f{_STRANGE}", joint, 0, tip, pin.FrameType.OP_FRAME))
+    strange = cp.Robot(f"r{_STRANGE}", model, actuated=[f"j{_STRANGE}"])
+    scene = cp.Scene(strange, [cp.PointContact(f"f{_STRANGE}", name=f"c{_STRANGE}")])
+    cp.simulate(scene, [0.3], [0.0], duration=0.02, dt=0.01).save(tmp_path / "run.npz")
+    page = drawing(cp.Trajectory.load(tmp_path / "run.npz")).html()
+    answer = asked(tmp_path, page.replace("</body>", _ASK_NAMES))
+    assert answer["ran"] == answer["images"] == 0
+    assert answer["scripts"] == page.count("<script>") + 1 == 3
+    assert f"r{_STRANGE}" in answer["legend"]
+    assert answer["title"].startswith("r</script><img")

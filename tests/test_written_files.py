@@ -63,6 +63,9 @@ WRITERS = ("motion.npz", "motion.csv", "batch.npz", "table.json", "table.csv", "
            "bench.csv", "maps.csv", "page.html")  # fmt: skip
 
 
+GOOD = "pinocchio,family,robot,severity\n3.9.0,a,b,1\n"  # which `stress` goes on with
+
+
 @pytest.fixture
 def full_disk(monkeypatch):
     """Files that take a few bytes, and no more."""
@@ -77,10 +80,10 @@ def full_disk(monkeypatch):
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_full_disk_leaves_the_old_file(name, writers, tmp_path, full_disk):
     path = tmp_path / name
-    path.write_text("pinocchio\nthe good one", encoding="utf-8")
+    path.write_text(GOOD, encoding="utf-8")
     with pytest.raises(cp.InvalidArgument, match=rf"{name}: cannot be written: No space left"):
         writers[name](path)
-    assert path.read_text(encoding="utf-8") == "pinocchio\nthe good one"
+    assert path.read_text(encoding="utf-8") == GOOD
     assert os.listdir(tmp_path) == [name]
 
 
@@ -93,9 +96,14 @@ def test_folders_that_are_not_there_are_named(name, writers, tmp_path):
 def test_what_stops_in_the_middle_leaves_nothing(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text("old", encoding="utf-8")
-    with pytest.raises(KeyboardInterrupt), written_beside(path) as new:
-        new.write_text("half", encoding="utf-8")
-        raise KeyboardInterrupt
+
+    def stopped() -> None:
+        with written_beside(path) as new:
+            new.write_text("half", encoding="utf-8")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        stopped()
     assert path.read_text(encoding="utf-8") == "old"
     assert os.listdir(tmp_path) == ["a.txt"]
 
@@ -133,7 +141,7 @@ def test_looking_leaves_nothing(tmp_path):
 
 
 def test_nothing_is_written_in_another_way():
-    """Every file of the library that opens one for writing is `files/`; results grow line by line."""
+    """All of it opens files for writing in `files/`; results grow line by line."""
     words = ("write_text(encoding", ".write_bytes(", '.open("w', "np.save(", ".touch(")
     found = []
     for path in Path(cp.__file__).parent.rglob("*.py"):
@@ -153,7 +161,7 @@ def test_a_plan_without_a_place_is_refused_before_it_is_measured(tmp_path, monke
     monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
     monkeypatch.setattr("condyn_pin.trade.tuning.choose", lambda *a, **k: pytest.fail("measured"))
     scene = cp.Scene(robot("four_bar"), robot("four_bar").loops)
-    with pytest.raises(cp.InvalidArgument, match="the plan has no place.*XDG_CACHE_HOME"):
+    with pytest.raises(cp.InvalidArgument, match=r"the plan has no place.*XDG_CACHE_HOME"):
         cp.tune(scene)
     done = CliRunner().invoke(app, ["tune", "four_bar"])
     assert isinstance(done.exception, cp.InvalidArgument)
@@ -161,7 +169,7 @@ def test_a_plan_without_a_place_is_refused_before_it_is_measured(tmp_path, monke
 
 def test_results_that_no_longer_fit_are_named(table, tmp_path, monkeypatch):
     for path in (tmp_path, "/dev/zero"):
-        with pytest.raises(cp.InvalidArgument, match="results = .*not a file"):
+        with pytest.raises(cp.InvalidArgument, match=r"results = .*not a file"):
             Results(path)
     results = Results(tmp_path / "rows")
     results.keep("f", table.rows[0])
@@ -191,3 +199,30 @@ def test_plans_that_say_something_else_are_none(key, value, tmp_path):
     path.write_text(json.dumps(plan | {key: value}), encoding="utf-8")
     with pytest.raises(cp.InvalidArgument, match=f"not a plan .{key} = "):
         plans.read(path)
+
+
+def test_a_table_of_something_else_is_not_lost(tmp_path):
+    """`condyn stress` keeps the lines of other Pinocchios: it looks at the file first."""
+    path = tmp_path / "mine.csv"
+    for text in ("a,b\n1,2\n", "pinocchio\n3.9\n", "\xff" * 200_000):
+        path.write_text(text, encoding="utf-16")
+        done = CliRunner().invoke(app, ["stress", "--csv", str(path)])
+        assert isinstance(done.exception, cp.InvalidArgument), done.exception
+        path.write_text(text, encoding="utf-8")
+        if len(text) < 100:
+            with pytest.raises(cp.InvalidArgument, match=r"mine\.csv: no table of `condyn stress`"):
+                write_maps([], path, "4.1.0")
+            assert path.read_text(encoding="utf-8") == text
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["[]", "{}", '{"rows": [1]}', "[" * 100_000,
+     '{"rows": [{}], "scenes": [1]}', '{"rows": 3, "scenes": {"a": 1}}',
+     '{"rows": [{"scene": "a", "method": "b", "mu": 1e999}]}'],
+)  # fmt: skip
+def test_native_times_that_are_none_are_refused(text, tmp_path):
+    path = tmp_path / "a.json"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(cp.InvalidArgument, match="not a result of benchmarks/native"):
+        bench([]).with_native(path)

@@ -9,7 +9,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from typing import Any, Final, Generic, TypeVar
 
-from condyn_pin.batch.processes import Processes
+from condyn_pin.batch.processes import GUARD, Processes
 from condyn_pin.errors import InvalidArgument, WorkersLost
 
 Chunk = TypeVar("Chunk")
@@ -197,11 +197,16 @@ class _Run(Generic[Chunk, Result]):
 
     def _renew(self, error: BrokenExecutor) -> None:
         self._breakages += 1
+        if isinstance(self._executor, Processes) and not self._executor.began:
+            raise WorkersLost(
+                f"no worker of {self._executor!r} could begin, and printed why; "
+                f"{self._unfinished}. In a script, {GUARD}"
+            ) from error
         if not isinstance(self._executor, Processes):
             raise WorkersLost(
                 f"a worker of the executor was lost, and a {type(self._executor).__name__} is of "
                 f"no use after that; {self._unfinished}. condyn_pin.Processes(2) starts new "
-                "workers by itself"
+                f"workers by itself. In a script, {GUARD}"
             ) from error
         if self._breakages == _LOSSES:
             raise WorkersLost(

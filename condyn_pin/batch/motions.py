@@ -27,6 +27,7 @@ from condyn_pin.simulation.leg import Leg
 from condyn_pin.simulation.outcome import RunStatus
 from condyn_pin.simulation.plan import plan
 from condyn_pin.simulation.run import follow, start
+from condyn_pin.simulation.slopes import TorqueJacobian
 from condyn_pin.simulation.torques import Torque
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.simulation.uninterrupted import uninterrupted
@@ -49,6 +50,7 @@ class Motions:
     """The kernel: some rows of states in, their motions out."""
 
     function: Torque | None = field(compare=False)  # its == may be that of arrays
+    jacobian: TorqueJacobian | None = field(compare=False)
     duration: float  # [s]
     dt: float  # [s]
     integrator: Integrator
@@ -92,13 +94,15 @@ class Runner:
         self._plan = plan(
             workspace.scene, motions.function or 0.0, duration=motions.duration, dt=motions.dt,
             integrator=motions.integrator, drift=motions.drift, solver=motions.solver,
-            record=motions.every, forces=motions.forces.forces,
+            record=motions.every, forces=motions.forces.forces, jacobian=motions.jacobian,
         )  # fmt: skip
         self._leg: Leg | None = None
 
     def fits(self, motions: Motions, workspace: Workspace) -> bool:
         """Return whether these motions can be run here too."""
-        same = self.motions == motions and self.motions.function is motions.function
+        mine = self.motions
+        same = mine == motions and mine.function is motions.function
+        same = same and mine.jacobian is motions.jacobian
         return same and self.workspace is workspace
 
     def run(

@@ -7,14 +7,20 @@ import os
 import signal
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from multiprocessing.synchronize import Event
 from threading import Thread
 from typing import Any, TypeVar
 
 from condyn_pin.blas_threads import keep_to_one_thread
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.errors import InvalidArgument, WorkersLost
 from condyn_pin.knobs import check_count
 
 Result = TypeVar("Result")
+
+GUARD = (
+    "every worker imports the main script, and may not do its work again: put what it does into "
+    'main(), and call that inside `if __name__ == "__main__":`'
+)
 
 
 class Processes(Executor):
@@ -33,12 +39,22 @@ class Processes(Executor):
     Notes
     -----
     Use it as a context, or call `shutdown`. With ``spawn`` and ``forkserver`` a script needs
-    ``if __name__ == "__main__":`` around what it does, since every worker imports it. Set
-    ``OMP_NUM_THREADS=1`` before Python starts: workers that each use all cores are in each other's
-    way. A `ProcessPoolExecutor` can do nothing more once a worker was killed; this makes another.
+    ``if __name__ == "__main__":`` around what it does, since every worker imports it. Each worker
+    keeps to one BLAS thread, unless the environment says otherwise: workers that each use all cores
+    are in each other's way. A `ProcessPoolExecutor` can do nothing more once a worker was killed;
+    this makes another.
+
+    Raises
+    ------
+    InvalidArgument
+        If a number of workers or a way to start them is none.
+    WorkersLost
+        If a worker gets here while it imports the main script: it has no such guard.
     """
 
     def __init__(self, workers: int | None = None, *, start_method: str = "spawn") -> None:
+        if getattr(multiprocessing.current_process(), "_inheriting", False):
+            raise WorkersLost(f"a worker would start workers of its own; {GUARD}")
         count = _cores() if workers is None else workers
         check_count("workers", count)
         known = multiprocessing.get_all_start_methods()
@@ -47,12 +63,19 @@ class Processes(Executor):
                 f"start_method = {start_method!r}: one of {', '.join(known)} is needed"
             )
         self.workers, self.start_method = count, start_method
+        self._context = multiprocessing.get_context(start_method)
+        self._began = self._context.Event()
         self._pool = self._new()
 
     @property
     def pids(self) -> tuple[int, ...]:
         """Process ids of the workers; there are none before the first call."""
         return tuple(self._pool._processes or ())
+
+    @property
+    def began(self) -> bool:
+        """Whether any worker has ever come so far that it could work."""
+        return self._began.is_set()
 
     def submit(self, fn: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
         """Hand out a call, as `concurrent.futures.Executor.submit`."""
@@ -68,15 +91,15 @@ class Processes(Executor):
         self._pool = self._new()
 
     def _new(self) -> ProcessPoolExecutor:
-        context = multiprocessing.get_context(self.start_method)
-        return ProcessPoolExecutor(self.workers, context, _follow_the_parent)
+        return ProcessPoolExecutor(self.workers, self._context, _begin, (self._began,))
 
     def __repr__(self) -> str:
         return f"Processes({self.workers}, start_method={self.start_method!r})"
 
 
-def _follow_the_parent() -> None:
+def _begin(began: Event) -> None:
     """Leave Ctrl-C, which a terminal sends to all, to the parent; end when the parent is killed."""
+    began.set()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     keep_to_one_thread()  # other workers have the other cores
     Thread(target=_end_with_the_parent, daemon=True).start()

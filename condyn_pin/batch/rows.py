@@ -21,6 +21,7 @@ from condyn_pin.batch.recipe import Recipe
 from condyn_pin.batch.ways import ByCopies, ByMemory, InPlace, Kernel, Way
 from condyn_pin.drift import Baumgarte
 from condyn_pin.errors import Interrupted, InvalidArgument, WorkersLost
+from condyn_pin.knobs import check_called
 from condyn_pin.scene import Scene
 from condyn_pin.solvers.base import Solver
 from condyn_pin.verbs import workspace_for
@@ -63,6 +64,9 @@ class Rows:
     chunk: int | None = None
     most: int = 1000
     progress: Progress = silent
+
+    def __post_init__(self) -> None:
+        check_called("progress", self.progress, "done, total")
 
     def fill(
         self, count: int, inputs: Arrays, kinds: Kinds, batch: Callable[[Arrays], Batch]

@@ -25,6 +25,7 @@ from condyn_pin.scene import Scene
 from condyn_pin.simulation.defaults import default_solver
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.plan import Plan, plan
+from condyn_pin.simulation.slopes import TorqueJacobian
 from condyn_pin.simulation.torques import Torque
 from condyn_pin.solvers.base import Solver
 
@@ -44,6 +45,7 @@ def simulate_batch(
     TAU: float | ArrayLike | Torque = 0.0,
     *,
     forces: Sequence[AppliedForce] = (),
+    jacobian: TorqueJacobian | None = None,
     duration: float,
     dt: float = 1e-3,
     integrator: Integrator | None = None,
@@ -71,7 +73,7 @@ def simulate_batch(
         function of a module, or an object of its class, if there are processes.
     forces : sequence of AppliedForce, optional
         Forces from outside, as in `simulate`; with two axes a row a motion. None by default.
-    duration, dt, integrator, drift, solver
+    jacobian, duration, dt, integrator, drift, solver
         As in `simulate`.
     record : int, optional
         Every which sample is kept, in 8 (1 + nq + 3 nv + m) bytes each: 1.2 kB of Cassie on its
@@ -107,6 +109,7 @@ def simulate_batch(
     planned = plan(
         scene, 0.0 if function is None else function, duration=duration, dt=dt,
         integrator=integrator, drift=drift, solver=solver, record=every,
+        jacobian=jacobian,
     )  # fmt: skip
     every = max(planned.steps // _LOOKS, _APART) if record is None else record
     nv = scene.robot.nv
@@ -116,7 +119,7 @@ def simulate_batch(
     method = planned.method
     _, of_rows, more = split(scene.robot, forces, len(q), functions=True)
     kernel = Motions(
-        function, duration, dt, method.integrator, method.drift, solver, every, of_rows
+        function, jacobian, duration, dt, method.integrator, method.drift, solver, every, of_rows
     )
     most = max(1, int(_SOLVES / planned.steps / max(method.integrator.solves_per_step, 1)))
     rows = Rows(kernel, scene, solver, None, executor, check_chunk(chunk), most, progress)

@@ -105,10 +105,10 @@ def _of_loops(
     whitened = np.linalg.inv(np.linalg.cholesky(terms.M)).T
     for name, ours, others in groups:
         # of a gear, one row, J does not depend on q
-        sizes = (rows.gap.size for rows in (*ours, *others) if len(rows.J) > 1)
-        open_by = max(sizes, default=0.0)
-        if open_by > tolerances.CLOSED:
-            notes.append(f"J of {name} was not compared: it is open by {open_by:.2g} m or rad")
+        found_gaps = (rows.gap for rows in (*ours, *others) if len(rows.J) > 1)
+        open_by = max(found_gaps, key=lambda gap: gap.size, default=Gap(0.0, 0.0))
+        if open_by.size > tolerances.CLOSED:
+            notes.append(f"J of {name} was not compared: it is open by {open_by}")
         else:
             found.append(_of_rows(name, _stacked(ours, whitened), _stacked(others, whitened)))
     return found, notes
@@ -150,9 +150,7 @@ def _our_loops(workspace: Workspace, q: Array, J: Array) -> dict[str, LoopRows]:
     opened = gaps(workspace.scene, c)
     for bound in workspace.scene.bounds:
         gap = opened[bound.name]
-        if bound.size == 6:  # between the ends of a weld, not along its twist
-            gap = Gap(float(np.linalg.norm(pin.exp6(-c[bound.rows]).translation)), gap.angle)
-        elif bound.size == 1:
+        if bound.size == 1:
             gap = Gap(gap.size, 0.0)
         found[bound.name] = LoopRows(J[bound.rows], gap)
     return found
@@ -193,7 +191,7 @@ def _beside(bridge: MujocoBridge) -> Iterator[str]:
         "a medium": mj.opt.density or mj.opt.viscosity,
         "springs or dampers that are polynomials": np.any(getattr(mj, "jnt_stiffnesspoly", 0))
         or np.any(getattr(mj, "dof_dampingpoly", 0)),
-        "tendons": mj.ntendon,
+        "tendons": mj.ntendon > len(bridge.robot.spring_dampers),  # which are tendons there
     }
     if any(forces.values()):
         there = listed([name for name, found in forces.items() if found])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from condyn_pin.cards.postures import posture, srdf_postures
 from condyn_pin.cards.variants import chosen_card
 from condyn_pin.constraints import Constraint, Coupling, Loop
 from condyn_pin.errors import CondynError, InvalidModel
+from condyn_pin.files.text import parse_toml, read_text
 from condyn_pin.io.mjcf import read_mjcf
 from condyn_pin.io.sdf import read_sdf
 from condyn_pin.io.urdf import check_root_joint, read_urdf
@@ -27,6 +27,7 @@ from condyn_pin.rows.binding import bind
 from condyn_pin.rows.equations import Equations
 from condyn_pin.smaller.lock import lock_joints
 from condyn_pin.spring import Spring
+from condyn_pin.states.gaps import gap_of
 from condyn_pin.states.limits import Limits
 
 _UNKNOWN = "unknown"
@@ -35,8 +36,8 @@ _UNKNOWN = "unknown"
 def read_card(path: Path, variant: Mapping[str, str]) -> Robot:
     """Return the robot of a robot.toml."""
     try:
-        card = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        card = parse_toml(read_text(path))
+    except (OSError, ValueError) as error:
         raise InvalidModel(f"{path}: {error}") from error
     try:
         return _robot(chosen_card(card, variant), path.parent)
@@ -160,13 +161,11 @@ def _gaps(robot: Robot) -> Iterator[str]:
     name, q = next(iter(robot.postures.items()), ("", pin.neutral(robot.model)))
     where = f"at the posture {name!r}" if name else "where the file draws the model"
     bounds = bind(robot, robot.loops)
-    violation = np.abs(Equations(robot.model, bounds).violation(np.array(q)))
+    violation = Equations(robot.model, bounds).violation(np.array(q))
     for bound in bounds:
-        gap = violation[bound.rows].max()
-        if gap > tolerances.DRAWN:
-            yield (
-                f"loop {bound.name!r} is open by {gap:.3g} m or rad {where}: Scene.state closes it"
-            )
+        gap = gap_of(robot.model, bound, violation[bound.rows])
+        if gap.size > tolerances.DRAWN:
+            yield f"loop {bound.name!r} is open by {gap} {where}: Scene.state closes it"
 
 
 def _ends(loop: Loop | Coupling) -> frozenset[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import typer
 
 from condyn_pin.commands.arguments import AsJson
-from condyn_pin.commands.output import console, print_json, words
+from condyn_pin.commands.output import console, print_json, say, words
 
 PANEL = "Look"
 
@@ -27,7 +27,6 @@ def doctor(as_json: AsJson = False) -> None:
     for finding in found.findings:
         console.print(f"wrong: {finding}", style="bold red")
     if found.remedy:
-        typer.echo("This repairs it:")
-        typer.echo(f"  {found.remedy}")
+        say(f"This repairs it:\n  {found.remedy}")
         raise typer.Exit(1)
     console.print("Everything fits together.")

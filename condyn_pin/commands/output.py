@@ -13,7 +13,9 @@ from typing import Any, Final
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.segment import Segment
 from rich.table import Column, Table
+from rich.text import Text
 
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.files.beside import check_writable
@@ -24,10 +26,39 @@ INTERRUPTED: Final = 130
 _PAPER: Final = 118  # columns of a file
 
 
+def printable(text: str) -> str:
+    r"""Return a text with everything but its letters and lines as ``\x1b``.
+
+    Names come from files, and a terminal obeys what it is sent.
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        each if each.isprintable() or each == "\n" else each.encode("unicode_escape").decode()
+        for each in text
+    )
+
+
+class _Screen(Console):
+    """Where people read: what is not printable is written out."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Return a text of ours to be rendered, as wide as it will be."""
+        return super().render_str(printable(text), **options)
+
+    def render(self, renderable: Any, options: Any = None) -> Iterator[Segment]:
+        """Yield what is sent to the terminal, piece by piece."""
+        for segment in super().render(renderable, options):
+            if segment.control or segment.text.isprintable():
+                yield segment
+            else:
+                yield Segment(printable(segment.text), segment.style)
+
+
 def _wide(*, stderr: bool = False) -> Console:
     """Return where tables of words are folded: to the width of a terminal, or to that of paper."""
-    screen = Console(markup=False, stderr=stderr)
-    return screen if screen.is_terminal else Console(width=_PAPER, markup=False, stderr=stderr)
+    screen = _Screen(markup=False, stderr=stderr)
+    return screen if screen.is_terminal else _Screen(width=_PAPER, markup=False, stderr=stderr)
 
 
 console, _beside = _wide(), _wide(stderr=True)
@@ -39,6 +70,11 @@ _STDOUT: Final = Path("-")
 def say(text: str) -> None:
     """Print a text with its own lines: none is broken."""
     console.print(text, soft_wrap=True)
+
+
+def warn(text: str) -> None:
+    """Print a line to stderr."""
+    typer.echo(printable(text), err=True)
 
 
 def words(*headings: str | Column) -> Table:
@@ -115,8 +151,9 @@ def progress_bar() -> Iterator[Callable[[str, int, int], None]]:
     Drawn when it is called, five times a second at most, and never in between: a thread that draws
     would take the interpreter from what is timed. Nothing is drawn into a file.
     """
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
-    screen = Console(stderr=True)
+    what = TextColumn("{task.description}", markup=False)  # has names of robots
+    columns = (what, BarColumn(), TimeRemainingColumn())
+    screen = _Screen(stderr=True)
     with Progress(
         *columns, console=screen, transient=True, auto_refresh=False, disable=not screen.is_terminal
     ) as bar:

@@ -15,7 +15,7 @@ from condyn_pin.commands.arguments import (
     SolverName,
     Variant,
 )
-from condyn_pin.commands.output import print_json, say
+from condyn_pin.commands.output import print_json, say, warn
 from condyn_pin.tolerances import SOLVED
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def solve(
         for note in scene.rank(q).notes:
             say(f"note: {note}")
     if not solution.status.ok:
-        typer.echo(str(solution.status), err=True)
+        warn(str(solution.status))
         raise typer.Exit(1)
 
 

@@ -53,11 +53,13 @@ def stress(
     from condyn_pin.commands.words import names_in
     from condyn_pin.errors import Interrupted, InvalidArgument
     from condyn_pin.extremes.stress import stress as run
-    from condyn_pin.extremes.stress_table import maps, write_csv
+    from condyn_pin.extremes.stress_table import maps, read_csv, write_csv
 
     if not seconds > 0:
         raise InvalidArgument(f"--seconds {seconds}: a number > 0 is needed")
     check_written(csv)
+    if csv and csv.exists():
+        read_csv(csv)  # whose other lines are kept
     check_picture(plot)
     todo = _tasks(robots, names_in(families), seeds, seconds)
     methods = [] if solver.lower() == "all" else [name.lower() for name in names_in(solver)]

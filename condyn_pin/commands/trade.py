@@ -22,6 +22,7 @@ from condyn_pin.commands.output import (
     check_written,
     for_people,
     progress_bar,
+    warn,
     write_json,
 )
 
@@ -74,7 +75,7 @@ def trade(
         table = _run(study, jobs, results)
     except Interrupted as stop:
         _show(stop.table, csv, as_json, markdown, plot)
-        typer.echo(f"stopped: {len(stop.table.rows)} rows were measured", err=True)
+        warn(f"stopped: {len(stop.table.rows)} rows were measured")
         raise typer.Exit(INTERRUPTED) from stop
     _show(table, csv, as_json, markdown, plot)
     if error is not None and not _choose(table, error, for_people(as_json)):

@@ -15,7 +15,7 @@ from condyn_pin.commands.arguments import (
     SolversToSweep,
     Variant,
 )
-from condyn_pin.commands.output import print_json, progress_bar, say
+from condyn_pin.commands.output import print_json, progress_bar, say, warn
 from condyn_pin.tolerances import SOLVED
 
 PANEL = "Measure"
@@ -48,7 +48,7 @@ def tune(
     except NotReached as reason:
         if as_json:
             print_json({"measure": measure, "error": error, "solver": None, "reason": str(reason)})
-        typer.echo(f"condyn: {reason}", err=True)
+        warn(f"condyn: {reason}")
         raise typer.Exit(1) from reason
     plan = keep(scene, choice) if save else plan_for(scene, choice)
     if as_json:

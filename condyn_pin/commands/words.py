@@ -67,7 +67,7 @@ def solver_of(name: str, knobs: Mapping[str, Any] | None = None) -> Solver:
         raise unknown_name("solver", name, SOLVERS)
     chosen = SOLVERS[name.lower()]
     given = {key: value for key, value in (knobs or {}).items() if value is not None}
-    known = {field.name for field in fields(chosen)}  # type: ignore[arg-type]
+    known = {field.name for field in fields(chosen)}
     for key in given.keys() - known:
         raise InvalidArgument(f"{key}: {chosen.__name__} has no such knob; it has {sorted(known)}")
     return chosen(**given)

@@ -80,15 +80,26 @@ class DifferenceDerivatives(Derivatives):
         """Return the derivatives of (a, lam) by (q, v, tau) with one step."""
         q, v, tau = self.solution.q, self._v, self._tau
         answer, unit, size = self._answer, np.eye(self._n), self._n + self._m
-        by_q = _central(lambda step: answer(self._moved(step), v, tau), self.along, h, size)
-        by_v = _central(lambda step: answer(q, v + step, tau), unit, h, size)
-        by_tau = _central(lambda step: answer(q, v, tau + self._heaviest * step), unit, h, size)
+        still = np.zeros_like(tau)
+
+        def moved(step: Array) -> Array:
+            there = self._moved(step)
+            return answer(there, v, self._pushed(there, tau))
+
+        by_q = _central(moved, self.along, h, size)
+        # (a, lam) is linear in the torques, and how it changes with v does not depend on them:
+        # without them there is less to lose in the differences
+        by_v = _central(lambda step: answer(q, v + step, still), unit, h, size)
+        by_tau = _central(lambda step: answer(q, v, self._heaviest * step), unit, h, size)
         return np.hstack([by_q @ self.along, by_v, by_tau / self._heaviest])
 
     def _answer(self, q: Array, v: Array, tau: Array) -> Array:
-        if self.solution.applied:
-            tau = tau + self._loads.at(q, self.solution.applied).torque
         return np.concatenate(_PLAIN.solve(self._equations.terms(q, v), tau))
+
+    def _pushed(self, q: Array, tau: Array) -> Array:
+        """Return the torques together with those of the forces from outside."""
+        applied = self.solution.applied
+        return tau + self._loads.at(q, applied).torque if applied else tau
 
     def _moved(self, step: Array) -> Array:
         q = np.array(pin.integrate(self._model, self.solution.q, step))

@@ -2,11 +2,11 @@
 
     v_J = S(q) v
 
-Pinocchio's derivatives of velocities, accelerations and torques, and its Coriolis matrix, take S for
-constant in the axes of the body. Where it is not, and the joint is made of others (SphericalZYX,
-Universal, Composite), the same joint as its parts in series, with nothing between them, has the
-same q, v, M and h, and every S is constant. What turns still is not made of other joints:
-`condyn_pin.differentiation.carried`.
+Pinocchio's derivatives of velocities, accelerations and torques, and its Coriolis matrix, take S
+for constant in the axes of the body. Where it is not, and the joint is made of others
+(SphericalZYX, Universal, Composite), the same joint as its parts in series, with nothing between
+them, has the same q, v, M and h, and every S is constant. What turns still is not made of other
+joints: `condyn_pin.differentiation.carried`.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ after a step.
 3. A scheme of the second kind returns a `Correction` from `start(system, dt)`. It runs after every
    step, takes (t, q, v) at its end, returns (q, v) and writes to neither of its arguments. What it
    remembers from step to step it keeps in its closure; after an event it is started again. It
-   sets `corrects`.
+   sets `corrects`. One that leaves gaps of configurations alone overrides `closes`.
 4. The equations import this folder: import nothing of `rows`, `states`, `scene` or `simulation` at
    the top of a file. `system` brings what a correction needs.
 5. A correction that cannot reach the constraints returns the best state that it found; it raises
@@ -56,6 +56,11 @@ class Drift(ABC):
     def rows(self) -> Baumgarte | None:
         """What is asked of the rows; None for J a + gamma = 0."""
         return None
+
+    @property
+    def closes(self) -> bool:
+        """Whether it closes a gap that a motion begins with."""
+        return self.corrects
 
     def start(self, system: System, dt: float) -> Correction | None:
         """Return what corrects the state after each step of size dt; None for nothing."""

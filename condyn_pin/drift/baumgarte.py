@@ -144,6 +144,11 @@ class Baumgarte(Drift):
         return self.beta**2
 
     @property
+    def closes(self) -> bool:
+        """Whether both gains are positive: else a gap stays, or swings."""
+        return self.alpha > 0 and self.beta > 0
+
+    @property
     def rows(self) -> Baumgarte:
         """What is asked of the rows: itself."""
         return self

@@ -72,6 +72,11 @@ class Projection(Drift):
         if finite("tolerance", self.tolerance, ()) < 0:
             raise InvalidArgument(f"tolerance = {self.tolerance!r}: a number >= 0 is needed")
 
+    @property
+    def closes(self) -> bool:
+        """Whether it keeps c(q) = 0."""
+        return self.position
+
     def start(self, system: System, dt: float) -> Correction:
         """Return what projects the state after a step."""
         # it needs the rows of the scene, which need this folder

@@ -14,6 +14,7 @@ from condyn_pin._pin import HAS_LCABA
 from condyn_pin.errors import Interrupted, WorkersLost, unknown_name
 from condyn_pin.extremes.base import EXTREMES
 from condyn_pin.extremes.verdict import Outcome, Task, Verdict
+from condyn_pin.knobs import check_called
 from condyn_pin.load import load_robot
 from condyn_pin.scene import Scene
 
@@ -127,6 +128,8 @@ def stress(
     The cases run in a process of their own, which imports the main script again: guard it with
     ``if __name__ == "__main__"``.
     """
+    if progress is not None:
+        check_called("progress", progress, "done, total")
     names, start = list(solvers) if imports else methods(solvers), monotonic()
     scenes = scenes or {}
     for robot in dict.fromkeys(task.robot for task in todo):

@@ -9,10 +9,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
+from typing import Final
 
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.extremes.base import EXTREMES
 from condyn_pin.extremes.verdict import Outcome, Verdict
 from condyn_pin.files.beside import written_beside
+from condyn_pin.files.text import read_text
 
 # From bad to worse: a cell with several seeds is as bad as its worst.
 _ORDER = tuple(Verdict)
@@ -108,6 +111,9 @@ def counts(outcomes: Iterable[Outcome]) -> dict[str, int]:
     return {verdict.name.lower(): counted[verdict] for verdict in Verdict}
 
 
+_NEEDED: Final = {"pinocchio", "family", "robot", "severity"}  # of each line
+
+
 def write_csv(found: Sequence[Map], path: str | Path, pinocchio: str) -> None:
     """Write one line a severity and one column a method; lines of other Pinocchios are kept."""
     path = Path(path)
@@ -127,9 +133,15 @@ def write_csv(found: Sequence[Map], path: str | Path, pinocchio: str) -> None:
 
 
 def read_csv(path: str | Path) -> list[dict[str, str]]:
-    """Return the lines of a file that `write_csv` wrote."""
-    with Path(path).open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
+    """Return the lines of a file that `write_csv` wrote; InvalidArgument if it is another."""
+    try:
+        rows = list(csv.DictReader(read_text(path).splitlines()))
+    except (OSError, ValueError, csv.Error) as error:
+        raise InvalidArgument(f"{path}: no table of `condyn stress` ({error})") from error
+    for row in rows:
+        if not {key for key, value in row.items() if isinstance(value, str)} >= _NEEDED:
+            raise InvalidArgument(f"{path}: no table of `condyn stress`; choose another file")
+    return rows
 
 
 def short(number: float, digits: int = 6) -> str:

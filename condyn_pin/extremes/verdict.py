@@ -84,8 +84,8 @@ class Outcome:
 
 def turned(kind: type[Solver], knobs: Mapping[str, float | int]) -> Solver:
     """Return a solver with those of the knobs that it has."""
-    own = {field.name for field in fields(kind)}  # type: ignore[arg-type]
-    return replace(kind(), **{name: value for name, value in knobs.items() if name in own})  # type: ignore[type-var]
+    own = {field.name for field in fields(kind)}
+    return replace(kind(), **{name: value for name, value in knobs.items() if name in own})
 
 
 def judge(case: Case, solver: Solver, right: tuple[Array, ...]) -> tuple[Verdict, float, str]:

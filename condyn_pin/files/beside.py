@@ -29,7 +29,7 @@ def written_beside(path: str | PathLike[str]) -> Iterator[Path]:
     InvalidArgument
         If it cannot be written; then what was there is as it was.
     """
-    target = Path(os.path.realpath(path))
+    target = _target(path)
     try:
         if target.exists() and not target.is_file() and not target.is_dir():
             yield target
@@ -53,7 +53,7 @@ def write_text(path: str | PathLike[str], text: str) -> None:
 
 def check_writable(path: str | PathLike[str]) -> None:
     """Raise InvalidArgument if a file could not be written; nothing is left behind."""
-    target = Path(os.path.realpath(path))
+    target = _target(path)
     try:
         if target.exists() and not target.is_file() and not target.is_dir():
             target.open("ab").close()
@@ -61,6 +61,14 @@ def check_writable(path: str | PathLike[str]) -> None:
             _new_file(target, "").unlink()
     except OSError as error:
         raise _not_written(path, error) from error
+
+
+def _target(path: str | PathLike[str]) -> Path:
+    """Return the file that a path means, behind its links."""
+    try:
+        return Path(os.path.realpath(path))
+    except (TypeError, ValueError) as error:
+        raise InvalidArgument(f"path = {path!r}: the name of a file is needed ({error})") from error
 
 
 def _new_file(target: Path, suffix: str) -> Path:

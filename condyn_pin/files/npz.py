@@ -51,7 +51,7 @@ def read_npz(path: str | PathLike[str], wanted: Callable[[str], bool]) -> Arrays
         format of zip has beside this is raised as zipfile raises it.
     """
     path = Path(path)
-    if path.exists() and not path.is_file():
+    if path.exists() and not (path.is_file() or path.is_dir()):
         raise ValueError("it is not a file")
     with path.open("rb") as stream, ZipFile(stream) as archive:
         members = {

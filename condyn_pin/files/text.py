@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Callable
+from os import PathLike
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,10 +14,10 @@ from typing import Any, Final
 LARGEST: Final = 2**25  # [bytes]
 
 
-def read_bytes(path: str | Path) -> bytes:
+def read_bytes(path: str | PathLike[str]) -> bytes:
     """Return a file; OSError or ValueError if there is none, or it is no file of words."""
     path = Path(path)
-    if path.exists() and not path.is_file():  # a pipe, or a device without an end
+    if path.exists() and not (path.is_file() or path.is_dir()):  # a device without an end
         raise ValueError("it is not a file")
     with path.open("rb") as file:
         content = file.read(LARGEST + 1)
@@ -30,7 +31,7 @@ def check_size(size: int) -> None:
         raise ValueError(f"it is larger than {LARGEST / 1e6:.0f} MB")
 
 
-def read_text(path: str | Path) -> str:
+def read_text(path: str | PathLike[str]) -> str:
     """Return a text in UTF-8, with or without a byte order mark."""
     return read_bytes(path).decode("utf-8-sig")
 

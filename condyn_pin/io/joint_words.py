@@ -25,8 +25,8 @@ _PLAIN: Final = (
 # What a type is made of, and how many numbers each has; () is one number.
 _AXIS: Final[dict[str, tuple[int, ...]]] = {"axis": (3,)}
 _MADE_OF: Final[dict[str, dict[str, tuple[int, ...]]]] = {
-    **dict.fromkeys(_PLAIN, {}),
-    **dict.fromkeys(("HX", "HY", "HZ"), {"pitch": ()}),
+    **{kind: {} for kind in _PLAIN},
+    **{kind: {"pitch": ()} for kind in ("HX", "HY", "HZ")},
     "HelicalUnaligned": _AXIS | {"pitch": ()},
     "RevoluteUnaligned": _AXIS,
     "RevoluteUnboundedUnaligned": _AXIS,

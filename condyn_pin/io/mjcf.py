@@ -24,6 +24,7 @@ from condyn_pin.io.mjcf_include import insert_includes, parse
 from condyn_pin.io.mjcf_plain import read_plain
 from condyn_pin.io.mjcf_types import MjcfRobot
 from condyn_pin.io.mjcf_xml import NotPlain
+from condyn_pin.io.xml import check_counts
 
 __all__ = ["MjcfRobot", "read_mjcf"]
 
@@ -60,6 +61,7 @@ def read_mjcf(path: str | PathLike[str]) -> MjcfRobot:
         if root.tag != "mujoco":
             raise InvalidModel(f"its root element is <{root.tag}>, an MJCF has <mujoco>")
         insert_includes(root, path.parent)
+        check_counts(sum(1 for _ in root.iter("body")), 0)
         try:
             said = read_plain(root)
         except NotPlain as reason:

@@ -38,6 +38,7 @@ from condyn_pin.io.mjcf_types import (
 from condyn_pin.io.tree import NO_LIMIT, one_coordinate, orthonormal
 from condyn_pin.names import few
 from condyn_pin.spring import Spring
+from condyn_pin.states.gaps import Gap
 
 
 def build(said: Description) -> MjcfRobot:
@@ -50,9 +51,9 @@ def build(said: Description) -> MjcfRobot:
             raise InvalidModel(f"two equalities are named {equality.name!r}; rename one")
         loop, gap = grown.couple(equality) if isinstance(equality, Gear) else grown.close(equality)
         loops.append(loop)
-        if gap > tolerances.DRAWN:
+        if gap.size > tolerances.DRAWN:
             unused.append(
-                f"loop {loop.name!r} is open by {gap:.3g} m or rad where the file draws the model: "
+                f"loop {loop.name!r} is open by {gap} where the file draws the model: "
                 "Scene.state closes it"
             )
     for name in said.actuated:
@@ -174,8 +175,8 @@ class _Tree:
         self._taken.add(name)
         self.model.addFrame(pin.Frame(name, i, 0, orthonormal(iMf), kind, inertia))
 
-    def close(self, closure: Closure) -> tuple[Loop, float]:
-        """Return the loop of a closure, and how far it is open as drawn [m, rad]."""
+    def close(self, closure: Closure) -> tuple[Loop, Gap]:
+        """Return the loop of a closure, and how far it is open as drawn."""
         ends = closure.ends
         given = [self._pose(closure, end) for end in ends]
         oMa, oMb = (given[1 - k] if given[k] is None else given[k] for k in range(2))
@@ -188,9 +189,10 @@ class _Tree:
                     bMx.rotation = np.eye(3)
                 self._mark(frames[-1], end.body, bMx)
         aMb = oMa.actInv(oMb)
-        apart = aMb.translation if closure.kind == "ball" else np.array(pin.log6(aMb))
+        turn = np.zeros(3) if closure.kind == "ball" else pin.log3(aMb.rotation)
+        apart, turned = (float(np.linalg.norm(part)) for part in (aMb.translation, turn))
         loop = Loop(frames[0], frames[1], closure.kind, name=closure.name)  # type: ignore[arg-type]
-        return loop, float(np.abs(apart).max())
+        return loop, Gap(apart, turned)
 
     def _pose(self, closure: Closure, end: End) -> Any:
         """Return oMend as drawn; None if it is where the other end is."""
@@ -199,7 +201,7 @@ class _Tree:
             raise InvalidModel(f"equality {closure.name!r}: {known}")
         return None if end.pose is None else self.drawn[end.body] * end.pose
 
-    def couple(self, gear: Gear) -> tuple[Coupling, float]:
+    def couple(self, gear: Gear) -> tuple[Coupling, Gap]:
         """Return a coupling, and how far it is open as drawn."""
         a, b = (self.joint(n, f"equality {gear.name!r}") for n in (gear.joint_a, gear.joint_b))
         for joint in (a, b):
@@ -209,7 +211,9 @@ class _Tree:
                     "a hinge or a slide is needed"
                 )
         offset = a.reference + gear.shift - gear.ratio * b.reference
-        return Coupling(a.name, b.name, gear.ratio, offset, name=gear.name), abs(gear.shift)
+        shift = abs(gear.shift)
+        gap = Gap(shift, 0.0) if a.kind == "slide" else Gap(0.0, shift)
+        return Coupling(a.name, b.name, gear.ratio, offset, name=gear.name), gap
 
     def joint(self, name: str, who: str) -> Joint:
         """Return the joint that somebody names."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import inf
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,8 @@ from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidModel, MissingExtra
 from condyn_pin.io.mjcf_equality import read_polynomial
+from condyn_pin.io.mjcf_include import insert_includes, parse
+from condyn_pin.io.mjcf_size import check_size
 from condyn_pin.io.mjcf_types import Body, Closure, Description, End, Gear, Joint
 
 KINDS = ("free", "ball", "slide", "hinge")  # in the order of MuJoCo's mjtJoint
@@ -66,13 +69,17 @@ def compiled(path: str | PathLike[str]) -> Any:
     InvalidModel
         If MuJoCo refuses the file, or a number in it is NaN.
     """
-    mujoco = require_mujoco("only MuJoCo compiles an MJCF")
+    mujoco, path = require_mujoco("only MuJoCo compiles an MJCF"), Path(path)
+    if path.suffix == ".xml" and path.is_file():
+        root = parse(path)
+        insert_includes(root, path.parent)
+        check_size(root, path.parent)
     warnings: list[str] = []
     handler = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(warnings.append)  # by itself it writes a file MUJOCO_LOG.TXT
     try:
         mj = mujoco.MjModel.from_xml_path(str(path))
-    except (ValueError, mujoco.FatalError) as error:
+    except (ValueError, RuntimeError, MemoryError, mujoco.FatalError) as error:
         raise InvalidModel(f"MuJoCo refuses: {' '.join(str(error).split())}") from error
     finally:
         mujoco.set_mju_user_warning(handler)

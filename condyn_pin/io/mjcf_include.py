@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from condyn_pin.errors import InvalidModel
+from condyn_pin.io.xml import parsed
 
 
 def parse(path: Path) -> Element:
     """Return the root of an XML file."""
     try:
-        return ElementTree.parse(path).getroot()
-    except (ElementTree.ParseError, OSError, ValueError, LookupError) as error:
+        return parsed(path)
+    except (OSError, ValueError) as error:
         raise InvalidModel(f"{path}: cannot be read as XML: {error}") from error
 
 

@@ -23,7 +23,6 @@ from collections.abc import Mapping, Sequence
 from os import PathLike
 from types import MappingProxyType
 from typing import Any
-from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -36,7 +35,7 @@ from condyn_pin.io.sdf_graph import links_of, model_poses, parts_of, pose_in, po
 from condyn_pin.io.sdf_joint import joint_of
 from condyn_pin.io.sdf_types import WORLD, Closure, Description, Link, SdfRobot
 from condyn_pin.io.sdf_xml import number, unread
-from condyn_pin.io.xml import find, label
+from condyn_pin.io.xml import check_counts, find, label, parsed
 
 __all__ = ["Closure", "SdfRobot", "read_sdf"]
 
@@ -126,13 +125,15 @@ def read_sdf(
 
 def _parse(path: str | PathLike[str]) -> Description:
     try:
-        sdf = ElementTree.parse(path).getroot()
+        sdf = parsed(path)
     except OSError as error:
         reason = error.strerror or str(error)
         raise InvalidModel(f"cannot be opened: {reason}; give the path of an SDF file") from error
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
+    except ValueError as error:
         raise InvalidModel(f"cannot be read as XML: {error}") from error
     model = _only_model(sdf)
+    joints = [joint for joint in model.findall("joint") if joint.get("type") != "fixed"]
+    check_counts(len(model.findall("link")), len(joints))
     parts = parts_of(model)
     wMo, base = pose_in(model)
     if base not in ("", WORLD):

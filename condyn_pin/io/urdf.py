@@ -1,19 +1,17 @@
 """URDF: checked here, read by Pinocchio, closed by what authors write beside the tree.
 
 Pinocchio gets a copy of the file with what was checked and nothing else: no meshes, no extensions,
-numbers in one spelling. A URDF is a tree; two conventions close its loops:
+numbers in one spelling. A URDF is a tree of hinges and sliders; conventions add what is missing:
 
-    <mimic>                              q = multiplier q_other + offset, a `Coupling`
-    links closing_NAME_1, closing_NAME_2 the two halves of a cut joint, as onshape-to-robot
-                                         exports them and placo closes them: a ball `Loop`
+    <mimic>              q = multiplier q_other + offset, a `Coupling`
+    names of links       the two halves of a cut joint, see `urdf_closures`
+    a YAML or a TOML     loops, motors, balls and universal joints, see `urdf_beside`
 
-The kind of the cut joint is not in the file. A ball is what placo's task for them holds, and it
-never locks a joint that could turn, as a weld would; `robot.toml` can say another kind.
+The kind of a cut joint is not in its name for certain; `robot.toml` can say another kind.
 """
 
 from __future__ import annotations
 
-import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -23,11 +21,14 @@ from typing import Any
 from condyn_pin._pin import pin
 from condyn_pin.constraints import Coupling, Loop
 from condyn_pin.errors import InvalidArgument, InvalidModel
+from condyn_pin.io.urdf_beside import Beside, read_beside
 from condyn_pin.io.urdf_check import checked
+from condyn_pin.io.urdf_closures import closings
+from condyn_pin.io.urdf_retyped import retyped, with_balls
 from condyn_pin.io.urdf_unused import doubtful, unused
+from condyn_pin.io.xml import parsed
 
 ROOT_JOINTS = ("fixed", "free_flyer")
-_CLOSING = re.compile(r"(closing_.+)_([12])")
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,7 @@ class UrdfRobot:
     model: Any
     loops: tuple[Loop | Coupling, ...]
     unused: tuple[str, ...]
+    actuated: tuple[str, ...] = ()
 
 
 def read_urdf(path: Path, root_joint: str = "fixed", *, mimic: bool = True) -> UrdfRobot:
@@ -65,27 +67,39 @@ def read_urdf(path: Path, root_joint: str = "fixed", *, mimic: bool = True) -> U
     if not path.is_file():
         raise InvalidModel(f"{path}: no such file")
     try:
-        robot = ET.parse(path).getroot()
-    except (ET.ParseError, OSError, ValueError, LookupError) as error:
-        raise InvalidModel(f"{path}: not well-formed XML: {error}") from error
+        robot = parsed(path)
+    except (OSError, ValueError) as error:
+        raise InvalidModel(f"{path}: cannot be read as XML: {error}") from error
     try:
         if robot.tag != "robot":
             raise InvalidModel(f"its root element is <{robot.tag}>, a URDF has <robot>")
-        copy = checked(robot, floating=root_joint == "free_flyer", mimic=mimic)
-        cuts = tuple(_closings(robot))
-        loops: tuple[Loop | Coupling, ...] = (*(_couplings(robot) if mimic else ()), *cuts)
-        model = _model(ET.tostring(copy, encoding="unicode"), root_joint)
-        open_questions = doubtful(
-            robot,
-            copy,
-            mimicking=[joint.attrib["name"] for joint in _mimicking(robot)],
-            coupled=mimic,
-            cuts=[loop.name for loop in cuts],
-        )
-        return UrdfRobot(model, loops, (*unused(robot), *open_questions))
+        beside = read_beside(path)
+        return _robot(robot, beside, root_joint, mimic)
     except InvalidModel as error:
         error.args = (f"{path}: {error}",)
         raise
+
+
+def _robot(robot: ET.Element, beside: Beside, root_joint: str, mimic: bool) -> UrdfRobot:
+    tree = retyped(robot, beside.joints)
+    copy = checked(tree, floating=root_joint == "free_flyer", mimic=mimic)
+    links, joints = ([e.attrib["name"] for e in tree.findall(tag)] for tag in ("link", "joint"))
+    named = () if beside.loops is not None else tuple(closings(links, joints))
+    couplings = _couplings(tree) if mimic else ()
+    balls = [name for name, kind in beside.joints.items() if kind == "SPHERICAL"]
+    open_questions = doubtful(
+        tree,
+        copy,
+        mimicking=[joint.attrib["name"] for joint in _mimicking(tree)],
+        coupled=mimic,
+        cuts=named,
+    )
+    return UrdfRobot(
+        with_balls(_model(ET.tostring(copy, encoding="unicode"), root_joint), balls),
+        loops=(*couplings, *(beside.loops or named)),
+        unused=(*unused(tree), *open_questions, *beside.unused()),
+        actuated=beside.motors,
+    )
 
 
 def check_root_joint(root_joint: str) -> None:
@@ -115,14 +129,6 @@ def _couplings(robot: ET.Element) -> Iterator[Coupling]:
             ratio=float(mimic.get("multiplier", 1.0)),
             offset=float(mimic.get("offset", 0.0)),
         )
-
-
-def _closings(robot: ET.Element) -> Iterator[Loop]:
-    names = {link.get("name", "") for link in robot.findall("link")}
-    for name in sorted(names):
-        found = _CLOSING.fullmatch(name)
-        if found and found[2] == "1" and f"{found[1]}_2" in names:
-            yield Loop(name, f"{found[1]}_2", "ball", name=found[1])
 
 
 def _mimicking(robot: ET.Element) -> list[ET.Element]:

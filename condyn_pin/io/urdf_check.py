@@ -16,7 +16,7 @@ from condyn_pin.arrays import Array
 from condyn_pin.constraints import WORLD
 from condyn_pin.errors import InvalidModel, unknown_name
 from condyn_pin.io.tree import NO_LIMIT
-from condyn_pin.io.xml import find, floats, label
+from condyn_pin.io.xml import check_counts, find, floats, label
 
 _TYPES: Final = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 _WITH_AXIS: Final = ("revolute", "continuous", "prismatic", "planar")
@@ -46,6 +46,7 @@ def checked(robot: Element, *, floating: bool, mimic: bool) -> Element:
     links, joints = _named(robot, "link"), _named(robot, "joint")
     if not links:
         raise InvalidModel("<robot> has no <link>; at least one is needed")
+    check_counts(len(links), sum(joint.get("type") != "fixed" for joint in joints.values()))
     root = _root(links, joints)
     for name in (*links, *joints):
         if name in WORLD and (name != root or floating):

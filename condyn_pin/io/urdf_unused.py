@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 from xml.etree.ElementTree import Element
 
+from condyn_pin.constraints import Loop
 from condyn_pin.io.inertia import Body, doubts, tensor
 from condyn_pin.io.urdf_check import without_bounds
+from condyn_pin.io.urdf_closures import alone
 from condyn_pin.names import few
 
 _MOMENTS: Final = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-_OF_A_CUT: Final = "closing_"
 
 # What is read: the elements below each one, and its attributes. All else is counted.
 _READ: Final[Mapping[str, tuple[frozenset[str], frozenset[str]]]] = {
@@ -62,7 +63,7 @@ def unused(robot: Element) -> Iterator[str]:
 
 
 def doubtful(
-    robot: Element, copy: Element, *, mimicking: list[str], coupled: bool, cuts: list[str]
+    robot: Element, copy: Element, *, mimicking: list[str], coupled: bool, cuts: Sequence[Loop]
 ) -> Iterator[str]:
     """Say what the reader made of a file that leaves it open.
 
@@ -74,8 +75,8 @@ def doubtful(
         Joints that mimic another one.
     coupled : bool
         Whether these are coupled.
-    cuts : list of str
-        The loops that two links ``closing_NAME_1`` and ``closing_NAME_2`` close.
+    cuts : sequence of Loop
+        Those that names close, see `urdf_closures`.
     """
     if mimicking:
         what = "couplings of Robot.loops, which hold in scenes that contain them"
@@ -87,18 +88,16 @@ def doubtful(
             f"<limit> without lower and upper ({few(free)}): without bounds here; the format has 0 "
             "to 0, which locks them"
         )
-    if cuts:
-        yield (
-            f"the kind of the joints cut at {few(cuts)}: balls here, unless [[loops]] of a "
-            "robot.toml name the same two frames"
-        )
-    links = {link.get("name", "") for link in robot.findall("link")}
-    halves = {f"{cut}_{half}" for cut in cuts for half in (1, 2)}
-    for name in sorted(links - halves):
-        if name.startswith(_OF_A_CUT):
-            half = name[-2:] in ("_1", "_2")
-            reason = "its other half is missing" if half else "it does not end in _1 or _2"
-            yield f"link {name!r}: {reason}, so it closes nothing"
+    for kind in ("ball", "weld"):
+        if names := [loop.name for loop in cuts if loop.kind == kind]:
+            yield (
+                f"the kind of the joints cut at {few(names)}: {kind}s here, unless [[loops]] of a "
+                "robot.toml name the same two frames"
+            )
+    links, joints = ([e.get("name", "") for e in robot.findall(tag)] for tag in ("link", "joint"))
+    for name, reason in alone(links, joints):
+        what = "link" if name in links else "joint"
+        yield f"{what} {name!r}: {reason}, so it closes nothing"
     yield from doubts(_bodies(copy))
 
 

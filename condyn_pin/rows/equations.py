@@ -117,6 +117,10 @@ class Equations:
         self.motion(q, self._still, self._still)
         return self._jacobian(q)
 
+    def mass(self, q: Array) -> Array:
+        """Return M (nv, nv)."""
+        return np.array(pin.crba(self.model, self.data, q))
+
     def target(self, q: Array, v: Array) -> Array:
         """Return a_ref - gamma (m,): what J a has to be."""
         gamma = self._gamma(q, v)
@@ -199,6 +203,27 @@ class Equations:
         self.motion(q, v, a)
         if self.drift:
             self._acceleration += self.drift.Kd * self._velocity + self.drift.Kp * self._c
+        wrenches = self.wrenches(lam)
+        if load:
+            wrenches = load.on_top_of(wrenches)
+        np.subtract(_rnea(self.model, self.data, q, v, a, wrenches), tau, out=self._dynamics)
+        if self._couplings:
+            self._dynamics -= self._couplings.torque(lam)
+
+    def slips(self, q: Array, a: Array) -> Array:
+        """Return J a (m,): the acceleration of the constraints, from rest."""
+        self.motion(q, self._still, a)
+        return self._acceleration.copy()
+
+    def torque(self, lam: Array) -> Array:
+        """Return J^T lam of couplings (nv,): what is no wrench on a joint."""
+        return self._couplings.torque(lam) if self._couplings else self._still
+
+    def wrenches(self, lam: Array) -> Any:
+        """Return lam as a wrench on each joint, in its axes, right after `motion` at the same q.
+
+        They stay in the memory of this object.
+        """
         self._f1[:] = lam1 = lam * self.sign if self._flipped else lam
         for loops in self._loops:
             loops.turn(lam1, self._f2)
@@ -208,12 +233,7 @@ class Equations:
             self._cut.stack(lam1, *self._of_cut)
         if self._rolling:
             self._rolling.stack(lam1, self._of_rolling)
-        wrenches = self._wrenches.of(self._forces)
-        if load:
-            wrenches = load.on_top_of(wrenches)
-        np.subtract(_rnea(self.model, self.data, q, v, a, wrenches), tau, out=self._dynamics)
-        if self._couplings:
-            self._dynamics -= self._couplings.torque(lam)
+        return self._wrenches.of(self._forces)
 
     def motion(self, q: Array, v: Array, a: Array) -> None:
         """Evaluate c(q), J v and J a + gamma into the memory of this object."""
@@ -268,8 +288,8 @@ class Equations:
         def of_frame(joint: int, placement: Any) -> Array:
             if joint == 0:
                 return nothing
-            # a single column comes as a vector
-            return np.reshape(pin.getFrameJacobian(model, data, joint, placement, LOCAL), (6, -1))
+            found: Array = pin.getFrameJacobian(model, data, joint, placement, LOCAL)
+            return found if found.ndim == 2 else found.reshape(6, 1)  # of a single column
 
         for group in (self._contacts, self._rods, self._cut, self._rolling):
             if group:

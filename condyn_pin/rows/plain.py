@@ -51,24 +51,19 @@ class PlainRows:
         self.rows, self.are_all = rows_of(plain), len(plain) == len(bounds)
         # a single column would come as a vector
         self._shape = sum(b.size for b in plain), model.nv
-        self._models = pin.StdVec_RigidConstraintModel()
-        self._datas = pin.StdVec_RigidConstraintData()
+        models, datas = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
         for b in plain:
             made = _native(b).to_pinocchio(model)
-            self._models.append(made)
-            self._datas.append(made.createData())
-        self._model, self._data = model, data
-        self._placing = _pin.placing(model, data, self._models, self._datas)
+            models.append(made)
+            datas.append(made.createData())
+        self._jacobian = _pin.constraints_jacobian(model, data, models, datas)
         self.have_gamma = self.are_all and all(b.joint2 == 0 or b.selection == POINT for b in plain)
         gammas = plain if self.have_gamma else []
         self._gammas = [(b.rows, _gamma_of(model, data, b)) for b in gammas]
 
     def jacobian(self) -> Array:
         """Return the rows of J of these constraints."""
-        for place in self._placing:
-            place()
-        found = pin.getConstraintsJacobian(self._model, self._data, self._models, self._datas)
-        return found.reshape(self._shape)  # type: ignore[no-any-return]
+        return self._jacobian().reshape(self._shape)
 
     def gamma(self, out: Array) -> None:
         """Write gamma of these constraints into `out` (m,)."""
@@ -85,9 +80,9 @@ def _gamma_of(model: Any, data: Any, b: Bound) -> Callable[[], Array]:
     """Return what evaluates gamma of one constraint."""
     joint1, placement1, joint2, placement2 = b.joint1, b.placement1, b.joint2, b.placement2
     if joint2 == 0 and b.selection == POINT:
-        return lambda: _classical(model, data, joint1, placement1, LOCAL).linear  # type: ignore
+        return lambda: _classical(model, data, joint1, placement1, LOCAL).linear
     if joint2 == 0:
-        return lambda: _spatial(model, data, joint1, placement1, LOCAL).vector  # type: ignore
+        return lambda: _spatial(model, data, joint1, placement1, LOCAL).vector
     oMi1 = data.oMi[joint1]
 
     def gamma() -> Array:

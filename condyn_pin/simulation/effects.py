@@ -52,7 +52,8 @@ class Effects:
         """Return in words what is on, what is off, and what the robot does not have."""
         model = robot.model
         between = robot.spring_dampers
-        springs = sum(spring.stiffness != 0 for spring in (*robot.springs, *between))
+        springs = sum(spring.stiffness != 0 for spring in robot.springs)
+        springs += sum(spring.stiffness != 0 for spring in between)
         has = {
             "gravity": bool(model.gravity.linear.any()) or not self.gravity,
             "springs": springs > 0,

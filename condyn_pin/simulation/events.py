@@ -14,6 +14,7 @@ from condyn_pin.arrays import Array, finite, locked
 from condyn_pin.errors import InvalidArgument, UnknownName
 from condyn_pin.force import ConstraintForce, Sites
 from condyn_pin.impacts import Restitution, restitutions
+from condyn_pin.knobs import check_called
 from condyn_pin.scene import Scene
 
 if TYPE_CHECKING:
@@ -120,10 +121,8 @@ class Event:
             raise InvalidArgument(f"event {self.name!r}: give either at=... [s] or when=...")
         if self.at is not None:
             object.__setattr__(self, "at", float(finite("at", self.at, ())))
-        elif not callable(self.when):
-            raise InvalidArgument(
-                f"event {self.name!r}: when = {self.when!r}: a function of a Moment is needed"
-            )
+        else:
+            check_called(f"event {self.name!r}: when", self.when, "moment")
         for argument in ("scene", "met"):
             if not isinstance(getattr(self, argument), Scene | None):
                 raise InvalidArgument(

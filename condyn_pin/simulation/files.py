@@ -53,6 +53,7 @@ def _header(trajectory: Trajectory) -> Header:
             "status": run.status.name,
             "happened": [encode(event) for event in run.happened],
             "missed": run.missed,
+            "differenced": run.differenced,
         },
     }
 
@@ -84,6 +85,7 @@ def _run(run: dict[str, Any]) -> Run:
         status=RunStatus[run["status"]],
         happened=tuple(decode(event) for event in run["happened"]),
         missed=tuple(run.get("missed", ())),  # files of before have none
+        differenced=int(run.get("differenced", 0)),
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import isfinite
 
-from condyn_pin.errors import SolveFailed, StepFailed
+from condyn_pin.errors import InvalidArgument, SolveFailed, StepFailed
 
 # What is left with which an iteration may end once it stops to shrink, and below which nothing can
 # be told from rounding: as shares of the numbers that a configuration is made of.
@@ -36,13 +36,15 @@ def to_the_end(
     """
     small, rounding = _SMALL * size, _ROUNDING * size
     two_before = before = float("inf")
-    count = 0
+    count, why = 0, ""
     while count < _MOST:
         count += 1
         try:
             left = iteration()
         except SolveFailed:  # it has led to a state that no machine can have
             left = float("nan")
+        except InvalidArgument as error:  # such as one that is not finite
+            left, why = float("nan"), f" ({error})"
         if left <= rounding or (before < small and not left < two_before / 2):
             return
         two_before, before = before, left
@@ -51,7 +53,9 @@ def to_the_end(
     else:
         if before < small:
             return
-    left_over = f"{before:.1e} are left (m, rad)" if isfinite(before) else "its numbers are lost"
+    left_over = (
+        f"{before:.1e} are left (m, rad)" if isfinite(before) else f"its numbers are lost{why}"
+    )
     raise StepFailed(
         f"{title} at t = {t:g} s: after {count} iterations {left_over}; take a smaller dt than "
         f"{dt:g} s"

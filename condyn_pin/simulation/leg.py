@@ -104,6 +104,7 @@ class Leg:
     def begin(self, t: float, q: Array, v: Array) -> Recorder:
         """Begin to keep samples, with another stepper; return what they go to."""
         self.recorder = Recorder(self.scene)
+        self.system.slopes.begin(t, q, v)
         self._mover = self._mover_of(self.method.dt)
         self.move = _composed(*self._mover)
         if not self._at_start:  # else the first step keeps it

@@ -131,7 +131,9 @@ class Gauge:
             gaps = np.abs(states.gaps(len(block)))
             worst[:, start : block.stop] = gaps.max(axis=2, initial=0.0)
         (violation, slip), (kinetic, potential) = worst, energies
-        return Kinematics(violation, slip, kinetic + v**2 @ self._armature / 2, potential)
+        with np.errstate(all="ignore"):  # a run that was lost ends with numbers that overflow
+            kinetic = kinetic + v**2 @ self._armature / 2
+        return Kinematics(violation, slip, kinetic, potential)
 
     def momentum(self, q: Array, v: Array) -> Array:
         """Return the momentum (k, 6) of the links at states q (k, nq), v (k, nv).
@@ -162,8 +164,11 @@ def gauge_of(scene: Scene) -> Gauge:
 def work(t: Array, power: Array) -> Array:
     """Return the integral of power over t, zero at the first sample.
 
-    By a cubic spline through the samples: of order 4 where the power is smooth.
+    By a cubic spline through the samples: of order 4 where the power is smooth. NaN where a run was
+    lost and its power overflows.
     """
+    if not np.isfinite(power).all():
+        return np.full(len(t), np.nan)
     if len(t) < 2 or not power.any():
         return np.zeros(len(t))
     if len(t) <= _FEW:

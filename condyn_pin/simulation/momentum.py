@@ -17,13 +17,13 @@ Hairer, Lubich, Wanner. Geometric Numerical Integration. Springer, 2006, chapter
 
 from __future__ import annotations
 
-from math import nan
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dposv
 
 from condyn_pin._pin import pin
+from condyn_pin.algebra.inverse import inverse
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.carried import Carried
 from condyn_pin.differentiation.in_series import in_series
@@ -74,7 +74,8 @@ class Momentum:
         q, nu, _, chain = self._carried.state(q, v, np.zeros_like(v))
         pull = chain.Phi.T @ self._pull(q, nu)
         rate = chain.a_v - chain.v_q  # Phi'
-        return pull + rate.T @ (pin.crba(self._model, self._data, q) @ nu) + tau
+        p = np.asarray(pin.crba(self._model, self._data, q)) @ nu
+        return np.asarray(pull + rate.T @ p + tau)
 
     def _pull(self, q: Array, v: Array) -> Array:
         """Return C^T v - g where no axes turn."""
@@ -93,13 +94,13 @@ class Momentum:
     def place(self, q: Array) -> Place:
         """Return what belongs to q."""
         M, J = self._system.mass(q), self._system.jacobian(q)
-        M_inv = _inverse(M)
+        M_inv = inverse(M)
         both = M_inv, between(J, M_inv, J)
         passive = self._passive
         D = passive.damping_matrix(q) if passive.between else self._of_joints
         if not D.any():
             return Place(M, J, *both, *both, D)
-        Md_inv = _inverse(M + self._half * D)
+        Md_inv = inverse(M + self._half * D)
         return Place(M, J, *both, Md_inv, between(J, Md_inv, J), D)
 
 
@@ -109,7 +110,7 @@ def between(J1: Array, M_inv: Array, J: Array) -> Array:
     if len(G):
         # rows across a plane may all be zero
         G[np.diag_indices(len(G))] += _DAMPING * (G.diagonal().max() or 1.0)
-    return _inverse(G)
+    return inverse(G)
 
 
 def _at_origin(model: Any) -> tuple[Any, list[int]]:
@@ -123,11 +124,3 @@ def _at_origin(model: Any) -> tuple[Any, list[int]]:
             if joint.shortname() == "JointModelFreeFlyer":
                 places += range(joint.idx_q, joint.idx_q + 3)
     return moved, places
-
-
-def _inverse(A: Array) -> Array:
-    """Return A^-1; NaN if there is none, which the next solve finds."""
-    try:
-        return np.asarray(np.linalg.inv(A), dtype=np.float64)
-    except np.linalg.LinAlgError:
-        return np.full_like(A, nan)

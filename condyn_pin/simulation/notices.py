@@ -12,11 +12,16 @@ from condyn_pin.joints import lengths
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.pulls import pull_notices
 from condyn_pin.simulation.verify import solver_notices
-from condyn_pin.states.gaps import Gap, beyond_text
+from condyn_pin.states.check import check
+from condyn_pin.states.gaps import Gap, beyond_text, worst
 from condyn_pin.states.limits import Limits
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.trajectory import Trajectory
+
+# A gap that is larger than that of an open start by this factor has opened on the way: one that
+# closes at a critical rate grows first by what its velocity brings.
+_LARGER = 2.0
 
 
 def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
@@ -25,7 +30,7 @@ def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
     if not trajectory.status.ok:
         said.append(f"{trajectory.status}; {trajectory.reason}")
     said += _open_constraints(trajectory)
-    said += _coarse_turns(trajectory)
+    said += _coarse_turns(trajectory) + _differenced(trajectory)
     said += solver_notices(trajectory) + pull_notices(trajectory)
     energy = trajectory.energy
     error, scale = float(np.abs(energy.error).max()), energy.scale
@@ -41,14 +46,25 @@ def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
 def _open_constraints(trajectory: Trajectory) -> list[str]:
     """Return a sentence on the largest gap, if it is larger than a closed state has."""
     violation, run = trajectory.violation, trajectory.run
-    worst = float(violation.max())
-    if not worst > tolerances.NEARLY_CLOSED:
+    largest, first = float(violation.max()), float(violation[0])
+    if not largest > tolerances.NEARLY_CLOSED:
         return []
-    when = float(trajectory.t[violation.argmax()])
+    if first > tolerances.NEARLY_CLOSED and largest < _LARGER * first:
+        left = float(violation[-1])
+        return [
+            f"the constraints were open by {first:.2g} m or rad at the start, as close_start=False "
+            f"allows, and are by {left:.2g} at the end"
+        ]
+    when = int(violation.argmax())
+    scenes = [
+        p.scene for p in trajectory.phases if when in range(*p.samples.indices(len(violation)))
+    ]
+    open_by = [worst(check(scene, trajectory.q[when], None).gap) for scene in scenes]
+    name, gap = max(open_by, key=lambda item: item[1].size)
     remedy = "use a smaller dt, a higher order, or another drift scheme"
     if not run.solver.exact:
         remedy = f"{run.solver.title} lets them give way; use a stiffer solref"
-    return [f"the constraints are open by {worst:.2g} m or rad at t = {when:.4g} s: {remedy}"]
+    return [f"{name} is open by {gap} at t = {trajectory.t[when]:.4g} s: {remedy}"]
 
 
 def _coarse_turns(trajectory: Trajectory) -> list[str]:
@@ -70,6 +86,17 @@ def _coarse_turns(trajectory: Trajectory) -> list[str]:
         f"joint {joint!r} turns by {turns[joint] * run.dt:.3g} rad in a step of {run.dt:.3g} s, "
         "and what its angle does to other joints is not seen: take dt below "
         f"{pi / turns[joint]:.2g} s"
+    ]
+
+
+def _differenced(trajectory: Trajectory) -> list[str]:
+    """Return a sentence on torques that were stiff, and what their differences cost."""
+    calls, nv = trajectory.run.differenced, trajectory.scene.robot.nv
+    if not calls:
+        return []
+    return [
+        f"tau(t, q, v) is stiff, and was called {calls} times for its differences, {2 * nv + 1} "
+        "times a step: jacobian=... saves them"
     ]
 
 

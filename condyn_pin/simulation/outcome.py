@@ -51,6 +51,8 @@ class Run:
         The events.
     missed : tuple of str
         Events that did not happen, and why not.
+    differenced : int
+        How often the function of torques was called for its differences.
     wall_time : float
         [s]
     """
@@ -65,6 +67,7 @@ class Run:
     reason: str = ""
     happened: tuple[Happened, ...] = ()
     missed: tuple[str, ...] = ()
+    differenced: int = 0
     wall_time: float = 0.0  # [s]
 
     @property

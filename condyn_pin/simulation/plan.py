@@ -17,9 +17,10 @@ from condyn_pin.scene import Scene, check_scene
 from condyn_pin.simulation.defaults import default_drift, default_integrator
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Event
-from condyn_pin.simulation.integrators import Integrator
+from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
 from condyn_pin.simulation.leg import Method
 from condyn_pin.simulation.pushed import Pushed
+from condyn_pin.simulation.slopes import TorqueJacobian
 from condyn_pin.simulation.torques import Applied, Torque
 from condyn_pin.simulation.walls import check_wall
 from condyn_pin.solvers.base import Solver
@@ -60,6 +61,7 @@ def plan(
     integrator: Integrator | None, drift: Drift | None, solver: Solver | None, record: int,
     effects: Effects | None = None, events: Sequence[Event] = (),
     forces: Sequence[AppliedForce] = (),
+    jacobian: TorqueJacobian | None = None,
 ) -> Plan:  # fmt: skip
     """Return the plan of a run; arguments and errors are those of `simulate`."""
     check_scene(scene)
@@ -75,9 +77,12 @@ def plan(
         raise InvalidArgument(f"drift = {drift!r}: a drift scheme is needed, such as Baumgarte")
     _check_drift(integrator, drift, dt)
     check_count("record", record)
-    checked = applied_forces(forces, functions=True)
-    pushed = Pushed(scene.robot, tau, checked) if checked else None
-    method = Method(Applied(scene.robot.nv, pushed or tau), dt, integrator, drift, solver, effects)
+    _check_jacobian(tau, jacobian, integrator)
+    checked, torque = applied_forces(forces, functions=True), Applied(scene.robot.nv, tau, jacobian)
+    pushed = Pushed(scene.robot, torque, checked) if checked else None
+    if pushed:
+        torque = Applied(scene.robot.nv, pushed, pushed.jacobian)
+    method = Method(torque, dt, integrator, drift, solver, effects)
     return Plan(scene, method, duration, steps, record, pushed)
 
 
@@ -101,6 +106,36 @@ def _steps(duration: float, dt: float) -> tuple[int, float]:
             f"{_LONGEST:g} s is needed"
         )
     return steps, dt
+
+
+def check_closing(integrator: Integrator, drift: Drift) -> None:
+    """Refuse choices with which an open start would stay open, or be closed by a leap."""
+    if integrator.keeps_constraints:
+        raise InvalidArgument(
+            f"close_start = False: {integrator.title} would close the start within one step, and "
+            "move by that; use RungeKutta4() with Baumgarte.critical(10.0)"
+        )
+    if not drift.closes:
+        raise InvalidArgument(
+            f"close_start = False: drift = {drift!r} closes no gap; use Baumgarte.critical(10.0), "
+            "or a state of Scene.assemble()"
+        )
+
+
+def _check_jacobian(tau: object, jacobian: object, integrator: Integrator) -> None:
+    """Refuse derivatives of torques that nothing would use."""
+    if jacobian is None:
+        return
+    if not callable(jacobian):
+        raise InvalidArgument(
+            f"jacobian = {jacobian!r}: a function of (t, q, v) is needed, that returns tau by q "
+            "and tau by v"
+        )
+    if not callable(tau):
+        raise InvalidArgument("jacobian: tau is no function, and its derivatives are zero")
+    if not integrator.takes_jacobian:
+        can = ", ".join(sorted(k.__name__ for k in INTEGRATORS.values() if k().takes_jacobian))
+        raise InvalidArgument(f"jacobian: {integrator.title} does not use it; {can} do")
 
 
 def _check_drift(integrator: Integrator, drift: Drift, dt: float) -> None:

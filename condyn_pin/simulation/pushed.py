@@ -6,16 +6,18 @@ tau(t, q, v) + sum_f J_f(q)^T f(t, q, v)
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike
 
+from condyn_pin._pin import pin
 from condyn_pin.applied_force import AppliedForce
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.loads import load_partial
 from condyn_pin.loads import Loads
 from condyn_pin.robot import Robot
-from condyn_pin.simulation.torques import Applied, Torque
+from condyn_pin.simulation.slopes import Slopes
+from condyn_pin.simulation.torques import Applied
 
 
 class Pushed:
@@ -24,16 +26,22 @@ class Pushed:
     Parameters
     ----------
     robot : Robot
-    tau : 0, (nv,) array_like or callable
+    tau : Applied
         The torques themselves.
     forces : sequence of AppliedForce
         Constant, or functions of (t, q, v).
+
+    Attributes
+    ----------
+    jacobian : callable or None
+        The derivatives by q and by v, of the forces at their numbers, if those of the torques came
+        with them.
     """
 
-    def __init__(
-        self, robot: Robot, tau: float | ArrayLike | Torque, forces: Sequence[AppliedForce]
-    ) -> None:
-        self._tau, self._forces = Applied(robot.nv, tau), tuple(forces)
+    def __init__(self, robot: Robot, tau: Applied, forces: Sequence[AppliedForce]) -> None:
+        self._tau, self._forces = tau, tuple(forces)
+        self.jacobian = self._slopes if tau.jacobian else None
+        self._of_torques = Slopes(tau, partial(pin.integrate, robot.unedited))
         self._loads = Loads(robot, robot.unedited, robot.unedited.createData())
         for force in self._forces:
             self._loads.place(force.frame)  # what is no frame is refused before the run
@@ -48,9 +56,9 @@ class Pushed:
         """Return the torques with what the forces do."""
         return self._tau(t, q, v) + self._loads.at(q, self._at(t, q, v)).torque
 
-    def partial(self, t: float, q: Array, v: Array) -> Array:
-        """Return the derivative (nv, nv) of sum_f J_f^T f by q, at forces with these numbers."""
-        return load_partial(self._loads, np.asarray(q), self._at(t, q, v))
+    def _slopes(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        by_q, by_v = self._of_torques.at(t, q, v)
+        return by_q + load_partial(self._loads, np.asarray(q), self._at(t, q, v)), by_v
 
     def _at(self, t: float, q: Array, v: Array) -> list[AppliedForce]:
         return [force.at(t, q, v) for force in self._forces]

@@ -60,13 +60,13 @@ class Residuals:
         bodies = pin.rnea(self._model, self._data, q, v, a)
         return Residual(bodies - system.torque(t, q, v) - J.T.dot(lam), c, J)
 
-    def partials(self, q: Array, v: Array, a: Array, lam: Array) -> Partials:
-        """Return the partial derivatives; torques applied count as constant."""
+    def partials(self, t: float, q: Array, v: Array, a: Array, lam: Array) -> Partials:
+        """Return the partial derivatives; torques applied count as constant without slopes."""
         of, n = self._system.workspace.linearisation.at(q, v, a, lam), len(v)
         passive = self._system.passive
-        return Partials(
-            self._system.mass(q),
-            of.J,
-            of.r_q + passive.stiffness_matrix(q),
-            passive.damping_matrix(q) - of.rhs[:n, n:],
-        )
+        r_q = of.r_q + passive.stiffness_matrix(q)
+        r_v = passive.damping_matrix(q) - of.rhs[:n, n:]
+        if self._system.slopes.are_known:
+            by_q, by_v = self._system.slopes.at(t, q, v)
+            r_q, r_v = r_q - by_q, r_v - by_v
+        return Partials(self._system.mass(q), of.J, r_q, r_v)

@@ -17,6 +17,7 @@ from condyn_pin.arrays import Array, finite
 from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.drift.base import Drift
 from condyn_pin.errors import CondynError, InvalidArgument
+from condyn_pin.knobs import check_called
 from condyn_pin.rows.bound import is_scalar
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.simulation.driver import Driver
@@ -26,8 +27,9 @@ from condyn_pin.simulation.fit import check_fit
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.leg import Leg
 from condyn_pin.simulation.outcome import Run, RunStatus
-from condyn_pin.simulation.plan import Plan, plan
+from condyn_pin.simulation.plan import Plan, check_closing, plan
 from condyn_pin.simulation.recorder import merge
+from condyn_pin.simulation.slopes import TorqueJacobian
 from condyn_pin.simulation.stiffness import stiff_damping
 from condyn_pin.simulation.torques import Torque
 from condyn_pin.simulation.trajectory import Trajectory
@@ -44,6 +46,7 @@ def simulate(
     tau: float | ArrayLike | Torque = 0.0,
     *,
     forces: Sequence[AppliedForce] = (),
+    jacobian: TorqueJacobian | None = None,
     duration: float,
     dt: float = 1e-3,
     integrator: Integrator | None = None,
@@ -51,6 +54,7 @@ def simulate(
     solver: Solver | None = None,
     record: int = 1,
     events: Sequence[Event] = (),
+    close_start: bool = True,
     gravity: bool = True,
     springs: bool = True,
     damping: bool = True,
@@ -67,13 +71,18 @@ def simulate(
     scene : Scene
         Contacts without an anchor are anchored where they are at the start.
     q, v : (nq,), (nv,) array_like
-        A state that satisfies the constraints, up to 1e-4 m and rad.
+        A state that satisfies the constraints, up to 1e-4 m and rad, unless `close_start` is False.
     tau : 0, (nv,) array_like or callable, optional
         The torques applied [N, N m]: constant, or tau(t, q, v). A function is called at every stage
         of a step, with states that may be thrown away, and may not write to its arguments.
     forces : sequence of AppliedForce, optional
         Forces from outside, constant or functions of (t, q, v), called as tau is; none by default.
         The `tau` of the trajectory, and its work, have J_f^T f in them.
+    jacobian : callable, optional
+        (t, q, v) -> the derivatives of the function tau by q and by v, (nv, nv) each, for the
+        integrators that are implicit (`Integrator.takes_jacobian`): stiff springs and dampers in it
+        need no small dt then. Without it the fully implicit ones take differences where they need
+        them, for 2 nv + 1 calls of tau a step, and `notices` says so. What `forces` do is added.
     duration : float
         [s]
     dt : float
@@ -93,6 +102,9 @@ def simulate(
         Every which sample is kept. The first and the last one, and those at events, always are.
     events : sequence of Event, optional
         What happens on the way: other contacts, impacts, the end.
+    close_start : bool
+        Whether the start has to satisfy the constraints. With False the drift scheme closes what is
+        open, as `Baumgarte` does at the rate of its gains; it has to be one that does.
     gravity, springs, damping, armature : bool
         Which effects of the robot's model are on; see `Effects`.
     progress : callable, optional
@@ -107,7 +119,8 @@ def simulate(
     Raises
     ------
     InvalidArgument
-        If an argument cannot be used, or gains of `drift` are beyond the wall of the integrator.
+        If an argument cannot be used, gains of `drift` are beyond the wall of the integrator, or
+        `drift` cannot close the start.
     UnknownName
         If a force is on a frame that does not exist.
     NotAssembled
@@ -123,12 +136,18 @@ def simulate(
     scene costs as much as about a hundred solves.
     """
     check_scene(scene)
+    if progress is not None:
+        check_called("progress", progress, "share")
     effects = Effects(gravity=gravity, springs=springs, damping=damping, armature=armature)
-    state, happenings = start(scene, q, v), _events(scene, events)
+    if not isinstance(close_start, bool):
+        raise InvalidArgument(f"close_start = {close_start!r}: True or False is needed")
+    state, happenings = start(scene, q, v, closed=close_start), _events(scene, events)
     planned = plan(
         scene, tau, duration=duration, dt=dt, integrator=integrator, drift=drift, solver=solver,
-        record=record, effects=effects, events=happenings, forces=forces,
+        record=record, effects=effects, events=happenings, forces=forces, jacobian=jacobian,
     )  # fmt: skip
+    if scene.rows and not close_start:
+        check_closing(planned.method.integrator, planned.method.drift)
     return follow(planned, *state, happenings, progress)[0]
 
 
@@ -148,6 +167,7 @@ def follow(
     """
     method = planned.method
     begun = perf_counter()
+    method.tau.differenced = 0
     with np.errstate(all="ignore"):  # what overflows is found by the next solve
         driver = Driver(planned.scene, q, v, method, events, leg)
         status, reason = _run(driver, planned.steps, planned.every, progress)
@@ -155,7 +175,8 @@ def follow(
     run = Run(
         duration=planned.duration, dt=method.dt, integrator=method.integrator, drift=method.drift,
         solver=driver.leg.solver, effects=method.effects, status=status, reason=reason,
-        happened=tuple(driver.happened), missed=driver.missed(), wall_time=perf_counter() - begun,
+        happened=tuple(driver.happened), missed=driver.missed(), differenced=method.tau.differenced,
+        wall_time=perf_counter() - begun,
     )  # fmt: skip
     return Trajectory(phases, t, positions, velocities, a, lam, torques, run), driver.leg
 
@@ -190,10 +211,11 @@ def _run(
         hint = _hint(driver, q0)
         # what no step can follow grows without bound, whatever it meets on the way
         status = RunStatus.DIVERGED if lost or hint else RunStatus.FAILED
-        return status, f"after t = {driver.t:g} s: {hint}{error}"
+        return status, f"after t = {driver.t:g} s: {hint}{error}{_remedy(driver)}"
     if _is_lost(driver.v):
         fastest = np.abs(driver.v).max()
-        return RunStatus.DIVERGED, f"{_hint(driver, q0)}it moves at {fastest:.3g} rad/s or m/s"
+        reason = f"{_hint(driver, q0)}it moves at {fastest:.3g} rad/s or m/s{_remedy(driver)}"
+        return RunStatus.DIVERGED, reason
     return RunStatus.FINISHED, ""
 
 
@@ -210,12 +232,21 @@ def _hint(driver: Driver, q0: Array) -> str:
     return f"{hint}; " if hint else ""
 
 
-def start(scene: Scene, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
-    """Return the first state, which has to satisfy the constraints."""
+def _remedy(driver: Driver) -> str:
+    """Return what may help a run whose torques are those of a function."""
+    method = driver.leg.method
+    if not (method.integrator.takes_jacobian and driver.leg.system.slopes.could_be_differenced):
+        return ""
+    return "; if tau(t, q, v) is stiff, jacobian=... hands over its derivatives"
+
+
+def start(scene: Scene, q: ArrayLike, v: ArrayLike, *, closed: bool = True) -> tuple[Array, Array]:
+    """Return the first state, which has to satisfy the constraints if it is to be closed."""
     q_ = normalised(scene.robot.model, "q", q)
     v_ = np.array(finite("v", v, scene.robot.nv))
     scene.robot.check_unedited()
-    check_fit(scene, q_, v_)
+    if closed:
+        check_fit(scene, q_, v_)
     return q_, v_
 
 

@@ -20,6 +20,7 @@ from condyn_pin.arrays import Array
 from condyn_pin.rows.equations import Equations
 from condyn_pin.rows.terms import Terms
 from condyn_pin.simulation.manifold import Manifold
+from condyn_pin.simulation.slopes import Slopes
 from condyn_pin.simulation.torques import Applied, Passive, Torque
 from condyn_pin.workspace import Workspace
 
@@ -56,6 +57,8 @@ class System:
     applied, torque : callable
         (t, q, v) -> (nv,) [N, N m]: what is applied, and that with springs and damping. Not to be
         written to.
+    slopes : Slopes
+        How the torques applied change with the state.
     integrate, difference : callable
         (q, dv) -> q moved along dv; (q0, q1) -> the dv from one to the other.
     """
@@ -77,6 +80,7 @@ class System:
         # bound once: these are called in every step
         self.integrate: Callable[[Array, Array], Array] = partial(pin.integrate, self.model)
         self.difference: Callable[[Array, Array], Array] = partial(pin.difference, self.model)
+        self.slopes = Slopes(self.applied, self.integrate)
         self.lam: Callable[[], Array] = workspace.lam
         self._solve = workspace.next_acceleration
         self._last = _NOTHING
@@ -134,15 +138,23 @@ class System:
 
             (M + dt D + dt^2 K) a + h = tau - (D + dt K) v - K (q - q0) + J^T lam,
 
-        which is stable however large D and K are. All of them share the memory of `spare`.
+        which is stable however large D and K are. All of them share the memory of `spare`. Torques
+        of a function that comes with its derivatives act there too.
         """
-        if self.passive.is_nothing:
+        from condyn_pin.simulation.implicit import AtTheEnd  # it is a system itself
+
+        stiff = self.applied.jacobian is not None
+        if self.passive.is_nothing and not stiff:
             return self
-        heavier, its_dt = self._implicit
+        system, its_dt = self._implicit
         if its_dt != dt:
-            heavier = _Heavier(self, dt, self.passive.with_torques(self.applied, dt))
-            self._implicit = heavier, dt
-        return heavier
+            system = self
+            if not self.passive.is_nothing:
+                system = _Heavier(self, dt, self.passive.with_torques(self.applied, dt))
+            if stiff:
+                system = AtTheEnd(system, self.slopes, dt)
+            self._implicit = system, dt
+        return system
 
     def iterated(self, dt: float, last: Callable[[], Array]) -> System:
         """Return the system of an iteration on a, where v changes with dt a and q with dt^2 a.
@@ -151,20 +163,29 @@ class System:
 
             (M + dt D + dt^2 K) a + h = tau - D v - K (q - q0) + (dt D + dt^2 K) last + J^T lam,
 
-        and however large D and K are, they do not keep the iteration from it.
+        and however large D and K are, they do not keep the iteration from it; nor do those of the
+        torques of a function, once their slopes are known.
         """
-        if self.passive.is_nothing:
-            return self
-        inertia, between = self.passive.inertia(dt), self.passive.between
+        from condyn_pin.simulation.implicit import Iterated  # it is a system itself
 
-        def torque(t: float, q: Array, v: Array) -> Array:
-            tau = self.torque(t, q, v) + inertia * last()
-            if between:
-                rows, weights = between.inertia_rows(q, dt)
-                tau += rows.T @ (weights * (rows @ last()))
-            return tau
+        system = self
+        if not self.passive.is_nothing:
+            inertia, between = self.passive.inertia(dt), self.passive.between
 
-        return _Heavier(self, dt, torque)
+            def torque(t: float, q: Array, v: Array) -> Array:
+                tau = self.torque(t, q, v) + inertia * last()
+                if between:
+                    rows, weights = between.inertia_rows(q, dt)
+                    tau += rows.T @ (weights * (rows @ last()))
+                return tau
+
+            system = _Heavier(self, dt, torque)
+        if self.applied.constant is not None:
+            return system
+        return Iterated(system, self.slopes, dt, last)
+
+    def difference_if_stiff(self, t: float, q: Array, v: Array) -> None:
+        """Begin to difference the torques of a function, if that is what this system is for."""
 
     def size(self, q: Array) -> float:
         """Return how large the numbers are that c(q) is a difference of [m, rad], at least 1."""
@@ -231,7 +252,15 @@ class _Heavier(System):
                 return solve(q, v, tau)
             return with_rows(lambda tau: solve(q, v, tau), tau, *between.inertia_rows(q, dt))
 
-        self._solve = solve_heavier
+        self._solve, self._rows = solve_heavier, between and partial(between.inertia_rows, dt=dt)
+
+    def mass(self, q: Array) -> Array:
+        """Return M (nv, nv) with all that is added to it."""
+        M = super().mass(q)
+        if self._rows:
+            rows, weights = self._rows(q)
+            M += rows.T @ (weights[:, None] * rows)
+        return M
 
 
 def with_rows(solve: Callable[[Array], Array], tau: Array, rows: Array, weights: Array) -> Array:

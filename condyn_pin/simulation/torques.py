@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +16,7 @@ from numpy.typing import ArrayLike
 from condyn_pin.arguments import FLOAT
 from condyn_pin.arrays import Array, finite, locked
 from condyn_pin.joints import Indices, indices
+from condyn_pin.knobs import check_called
 from condyn_pin.robot import Robot
 from condyn_pin.spring_dampers import SpringDampers
 
@@ -32,20 +34,30 @@ class Applied:
     nv : int
     tau : 0, (nv,) array_like or callable
         Constant, or a function of (t, q, v) [N, N m].
+    jacobian : callable, optional
+        (t, q, v) -> the derivatives of that function by q and v, (nv, nv) each.
 
     Attributes
     ----------
     constant : (nv,) array or None
         Not to be written to; None if they are a function.
+    jacobian : callable or None
+    differenced : int
+        How often the function was called for differences.
     """
 
-    def __init__(self, nv: int, tau: float | ArrayLike | Torque) -> None:
+    def __init__(
+        self, nv: int, tau: float | ArrayLike | Torque, jacobian: Callable[..., Any] | None = None
+    ) -> None:
         self._shape = (nv,)
+        self.jacobian, self.differenced = jacobian, 0
         self._function: Torque | None = tau if callable(tau) else None
         self.constant: Array | None = None
         self._first: Array | None = None
         self._state: tuple[Array, Array] | None = None  # q and v that the first were asked for
-        if not callable(tau):
+        if callable(tau):
+            check_called("tau", tau, "t, q, v")
+        else:
             self.hold(finite("tau", np.zeros(nv) if _is_zero(tau) else tau, nv))
 
     def hold(self, tau: Array) -> None:
@@ -57,11 +69,21 @@ class Applied:
         """Return the torques (nv,), not to be written to."""
         if self._function is None:
             return self.constant  # type: ignore[return-value]
-        tau = self._function(t, locked(q), locked(v))
-        if not (type(tau) is np.ndarray and tau.shape == self._shape and tau.dtype == FLOAT):
-            tau = finite(f"tau({t:g}, q, v)", tau, self._shape)
+        tau = self._value(self._function, t, q, v)
         if self._first is None:
             self._first, self._state = tau.copy(), (q, v)
+        return tau
+
+    def difference_at(self, t: float, q: Array, v: Array) -> Array:
+        """Return the torques of the function for a difference: they are no torques of a step."""
+        assert self._function is not None
+        self.differenced += 1
+        return self._value(self._function, t, q, v).copy()
+
+    def _value(self, function: Torque, t: float, q: Array, v: Array) -> Array:
+        tau = function(t, locked(q), locked(v))
+        if not (type(tau) is np.ndarray and tau.shape == self._shape and tau.dtype == FLOAT):
+            return finite(f"tau({t:g}, q, v)", tau, self._shape)
         return tau
 
     def forget(self) -> None:

@@ -120,22 +120,20 @@ class Trajectory:
         """
         effects = self.run.effects
         passive = Passive.of(self.scene.robot, springs=effects.springs, damping=effects.damping)
-        parts = [
-            (
-                work(self.t[s], np.sum(self.tau[s] * self.v[s], axis=1)),
-                work(self.t[s], -passive.dissipation(self.q[s], self.v[s])),
-            )
-            for s in (phase.samples for phase in self.phases)
-        ]
+        with np.errstate(all="ignore"):  # a run that was lost ends with numbers that overflow
+            applied = np.sum(self.tau * self.v, axis=1)
+            damped = -passive.dissipation(self.q, self.v)
+            sprung = passive.energy(self.q)
+        samples = [phase.samples for phase in self.phases]
         impacts = np.zeros(len(self.t))
         for event in self.run.happened:
             impacts[event.sample :] -= event.energy_lost
         return Energy(
             self._kinematics.kinetic,
             self._kinematics.potential,
-            passive.energy(self.q),
-            _chained([applied for applied, _ in parts]),
-            _chained([damped for _, damped in parts]),
+            sprung,
+            _chained([work(self.t[s], applied[s]) for s in samples]),
+            _chained([work(self.t[s], damped[s]) for s in samples]),
             impacts,
         )
 

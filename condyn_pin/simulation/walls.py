@@ -28,6 +28,8 @@ import numpy as np
 from condyn_pin.arrays import Array
 from condyn_pin.drift.baumgarte import Baumgarte
 from condyn_pin.errors import InvalidArgument, StepFailed
+from condyn_pin.simulation.slopes import Slopes
+from condyn_pin.simulation.torques import Applied
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.integrators.base import Integrator
@@ -50,6 +52,7 @@ class _Gap:
 
     def __init__(self, drift: Baumgarte, dt: float) -> None:
         self._Kp, self._Kd = drift.Kp * dt * dt, drift.Kd * dt
+        self.slopes = Slopes(Applied(1, 0.0), self.integrate)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return c''."""
@@ -66,6 +69,9 @@ class _Gap:
     def iterated(self, dt: float, last: Callable[[], Array]) -> _Gap:
         """Return the same."""
         return self
+
+    def difference_if_stiff(self, t: float, q: Array, v: Array) -> None:
+        """Do nothing: no torque acts."""
 
     def size(self, q: Array) -> float:
         """Return how large its numbers are."""

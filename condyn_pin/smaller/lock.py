@@ -16,6 +16,7 @@ from condyn_pin.robot import Robot
 from condyn_pin.rows.binding import bind
 from condyn_pin.rows.equations import Equations
 from condyn_pin.smaller.smaller_robot import smaller_robot
+from condyn_pin.states.gaps import gap_of
 
 
 def lock_joints(robot: Robot, names: Sequence[str]) -> Robot:
@@ -79,8 +80,9 @@ def _check_idle(robot: Robot, small: Robot, q: Array) -> None:
     for loop in robot.loops:
         if loop in small.loops:
             continue
-        gap = np.abs(Equations(robot.model, bind(robot, [loop])).violation(q)).max()
-        if gap > tolerances.CLOSED:
+        (bound,) = bind(robot, [loop])
+        gap = gap_of(robot.model, bound, Equations(robot.model, [bound]).violation(q))
+        if gap.size > tolerances.CLOSED:
             raise InvalidModel(
-                f"lock: {loop.name!r} would be held open by {gap:.3g} m or rad; lock fewer joints"
+                f"lock: {loop.name!r} would be held open by {gap}; lock fewer joints"
             )

@@ -1,4 +1,4 @@
-"""ConjugateGradient: the Delassus operator applied, never formed."""
+"""ConjugateGradient: the Delassus operator applied by sweeps over the tree, never formed."""
 
 from __future__ import annotations
 
@@ -30,13 +30,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ConjugateGradient(Solver):
-    """Conjugate gradients for lam, with the articulated body algorithm in place of M^-1.
+    """Conjugate gradients for lam, with sweeps over the tree in place of matrices.
 
     (G + mu I) lam = a_ref - gamma - J a_free,    G x = J ABA(J^T x),    a = ABA(tau + J^T lam)
 
-    M is neither formed nor factorised, and G is never formed. The iteration starts at lam = 0 and
-    ends where |J a + gamma - a_ref| is small, or falls no more: the best lam on the way is the
-    answer. The preconditioner is the inverse of G at the nominal state of the scene.
+    J^T x are wrenches on the joints, ABA is the articulated body algorithm, and J a the
+    acceleration of the constraints by forward kinematics: at a state neither M nor J nor G is
+    formed. The iteration starts at lam = 0 and ends where |J a + gamma - a_ref| is small, or falls
+    no more: the best lam on the way is the answer. One matrix there is, (m, m), made once for a
+    scene: the preconditioner is the inverse of G at the nominal state.
 
     Parameters
     ----------
@@ -53,8 +55,10 @@ class ConjugateGradient(Solver):
 
     Notes
     -----
-    Cost O(n + m n) an iteration. Of many lam that redundant rows allow, the smallest is found where
-    the same rows are redundant, in the same way, as at the nominal state; else one near it.
+    Cost O(n + m) of sweeps and O(m^2) of the preconditioner an iteration. Below a hundred joints
+    dense methods are as fast or faster (`benchmarks/conjugate_gradient.py`). Of many lam that
+    redundant rows allow, the smallest is found where the same rows are redundant, in the same way,
+    as at the nominal state; else one near it.
 
     References
     ----------
@@ -64,7 +68,7 @@ class ConjugateGradient(Solver):
     """
 
     title: ClassVar[str] = "Conjugate gradient"
-    cost: ClassVar[str] = "O(n + m n) an iteration, about as many iterations as independent rows"
+    cost: ClassVar[str] = "O(n + m^2) an iteration, about as many iterations as independent rows"
     use: ClassVar[str] = "any rows on models so large that no matrix is to be factorised"
     takes_redundant: ClassVar[bool] = True
     sweeps: ClassVar[tuple[Grid, ...]] = (
@@ -86,9 +90,9 @@ class ConjugateGradient(Solver):
 
     def start(self, workspace: Workspace) -> Method:
         """Return the iteration bound to the memory of `workspace`."""
-        model, data = workspace.model, workspace.data
+        model, data = workspace.model, workspace.model.createData()
         audit, mu = workspace.scene.audit, self.mu
-        precondition = _inverse_delassus(audit)
+        precondition = inverse_delassus(audit)
         enough = audit.yardstick.enough / 10 if self.tolerance is None else self.tolerance
         # at rest and without gravity, all of tau accelerates: ABA is M^-1
         weightless = pin.Model(model)
@@ -99,17 +103,18 @@ class ConjugateGradient(Solver):
         @np.errstate(over="ignore", invalid="ignore")  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             equations = workspace.equations
-            J = equations.jacobian(q)
 
             def damped_delassus(x: Array) -> Array:
-                product = J @ pin.aba(weightless, data, q, still, J.T @ x)
-                return np.asarray(product + mu * x)
+                torque, wrenches = equations.torque(x), equations.wrenches(x)
+                a = pin.aba(weightless, data, q, still, torque, wrenches)
+                return equations.slips(q, a) + mu * x
 
-            missing = equations.target(q, v) - J @ pin.aba(model, data, q, v, tau)
+            missing = equations.target(q, v) - equations.slips(q, pin.aba(model, data, q, v, tau))
             latest[:], count[0] = conjugate_gradients(
                 damped_delassus, missing, precondition, enough, self.max_iterations
             )
-            return np.array(pin.aba(model, data, q, v, tau + J.T @ latest))
+            forces = tau + equations.torque(latest)
+            return np.array(pin.aba(model, data, q, v, forces, equations.wrenches(latest)))
 
         return Method(acceleration, latest.copy, lambda: count[0])
 
@@ -152,7 +157,7 @@ def conjugate_gradients(
     return best, k
 
 
-def _inverse_delassus(audit: Audit) -> Array:
+def inverse_delassus(audit: Audit) -> Array:
     """Return the inverse of G at the nominal state, a multiple of I on what is redundant there."""
     factors = factorise(audit.terms.M, audit.terms.J, RANK)
     U, S = factors.U, factors.S

@@ -112,7 +112,7 @@ class DenseKKT(Solver):
                 left = workspace.equations.residuals(q, v, tau, d_n * y_n, -d_m * y_m)
                 rest = np.concatenate(left) * d
                 y[:] -= dsytrs(factor, pivots, rest, lower=1)[0].ravel()
-            return d_n * y_n  # type: ignore[no-any-return]
+            return d_n * y_n
 
         return Method(acceleration, lambda: -d_m * y_m, lambda: 1 + len(corrections))
 
@@ -126,4 +126,6 @@ def scaling(terms: Terms) -> Array:
     """Return d such that diag(d) K diag(d) has ones on M's diagonal and unit rows of J."""
     of_M = 1 / np.sqrt(terms.M.diagonal())
     norms = np.linalg.norm(terms.J * of_M, axis=1)
-    return np.concatenate([of_M, 1 / np.where(norms > 0, norms, 1.0)])
+    # a row that is nothing at that state is scaled like the largest, not blown up
+    largest = norms.max(initial=0.0) or 1.0
+    return np.concatenate([of_M, 1 / np.where(norms > tolerances.RANK * largest, norms, largest)])

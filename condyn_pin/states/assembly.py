@@ -86,14 +86,14 @@ def assemble_from(
     """Close the loops of a scene with the velocity indices that may move; nothing is raised."""
     chains, equations = scene.chains, Equations(scene.robot.model, scene.bounds)
     closer = Closer(equations, chains.rows, moving, chains.limits if within_limits else NO_LIMITS)
-    end, iterations, status, flipped = _best(chains, closer, start, branch)
+    end, iterations, status, flipped = best_end(chains, closer, start, branch)
     beyond = chains.limits.beyond(end.q)
     if within_limits and status is AssemblyStatus.UNREACHABLE:
         free = Closer(equations, chains.rows, moving).close(end.q)
         iterations += free.iterations
         if free.size <= tolerances.CLOSED:
             status, beyond = AssemblyStatus.BEYOND_LIMITS, chains.limits.beyond(free.q)
-    J = equations.jacobian(end.q)
+    J = end.J
     S = np.linalg.svd(J[chains.rows], compute_uv=False)
     return Assembly(
         q=end.q,
@@ -110,26 +110,27 @@ def assemble_from(
     )
 
 
-def _best(
+def best_end(
     chains: Chains, closer: Closer, start: Array, branch: Mapping[str, int] | None
 ) -> tuple[Closing, int, AssemblyStatus, tuple[str, ...]]:
     """Return the first end that is closed on the right branch, or else the best one."""
-
-    def side(q: Array) -> dict[str, int]:
-        return chains.branch(closer.equations.jacobian(q)) if chains.clusters else {}
-
-    wanted = side(start) if branch is None else branch
+    wanted = chains.branch(closer.equations.jacobian(start)) if branch is None else branch
     best: Closing | None = None
     iterations = 0
     for end in closer.ends(start):
         iterations += end.iterations
-        if end.size <= tolerances.CLOSED and not _across(wanted, side(end.q)):
+        if end.size <= tolerances.CLOSED and not _across(wanted, chains.branch(end.J)):
             return end, iterations, AssemblyStatus.CLOSED, ()
         if best is None or (best.size > tolerances.CLOSED and end.size <= best.size):
             best = end
     assert best is not None
     if best.size <= tolerances.CLOSED:
-        return best, iterations, AssemblyStatus.BRANCH_CHANGED, _across(wanted, side(best.q))
+        return (
+            best,
+            iterations,
+            AssemblyStatus.BRANCH_CHANGED,
+            _across(wanted, chains.branch(best.J)),
+        )
     status = AssemblyStatus.UNREACHABLE if best.stationary else AssemblyStatus.STALLED
     return best, iterations, status, ()
 

@@ -13,7 +13,7 @@ from condyn_pin import tolerances
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import finite
 from condyn_pin.errors import NotAssembled
-from condyn_pin.rows.equations import Equations
+from condyn_pin.rows.kept import equations_of
 from condyn_pin.states.gaps import Gap, beyond_text, closed, gaps, rounding, slips
 
 if TYPE_CHECKING:
@@ -104,9 +104,7 @@ class Check:
 
 def check(scene: Scene, q: ArrayLike, v: ArrayLike | None) -> Check:
     """Return what a state leaves open; see `Scene.check`."""
-    scene.robot.check_unedited()
-    model = scene.robot.model
-    equations = Equations(model, scene.bounds)
+    model, equations = scene.robot.model, equations_of(scene)
     q_ = normalised(model, "q", q)
     slip, speed, excused = {}, 1.0, {}
     if v is not None:

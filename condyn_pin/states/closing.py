@@ -23,8 +23,9 @@ Suppl. 15, 2001.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,14 +49,22 @@ _TINY = 1e-300  # a gain is never divided by zero
 _REJECTIONS = 15  # in a row, each with ten times the damping
 
 
+def _length(x: Array) -> float:
+    return math.sqrt(x.dot(x))
+
+
 @dataclass(frozen=True, eq=False)
 class Closing:
-    """How a run ended: the configuration, its gap c, accepted steps, and whether none is better."""
+    """How a run ended: the configuration, its gap c, accepted steps, and whether none is better.
+
+    J (m, nv) is that of all rows of the scene at q.
+    """
 
     q: Array
     c: Array
     iterations: int
     stationary: bool
+    J: Array
 
     @property
     def size(self) -> float:
@@ -84,8 +93,12 @@ class Closer:
 
     def gap(self, q: Array) -> Array:
         """Return c(q) of these rows."""
-        c: Array = self.equations.violation(q)[self.rows]
-        return c
+        return self._look(q)[0]
+
+    def _look(self, q: Array) -> tuple[Array, Array]:
+        """Return c(q) of these rows, and J of all rows: together they take little more than c."""
+        c, J = self.equations.position_level(q)
+        return c[self.rows], J
 
     def ends(self, start: Array) -> Iterator[Closing]:
         """Try one run after the other: plain, in shares, from starts nearby, on from the best."""
@@ -109,32 +122,34 @@ class Closer:
     def close(self, q: Array, *, target: Array | float = 0.0, most: int = 60) -> Closing:
         """Return the end of one run from q towards c = target, in at most `most` steps."""
         nu, iterations = 1.0, 0
-        c = self.gap(q) - target
-        while (size := float(np.linalg.norm(c))) > _DONE and iterations < most:
-            J = self.equations.jacobian(q)[self.rows]
+        c, of_all = self._look(q)
+        c = c - target
+        while (size := _length(c)) > _DONE and iterations < most:
+            J = of_all[self.rows]
             for _ in range(_REJECTIONS):
                 step = self._step(q, J, c, nu * size**2)
                 if step is None:
-                    return Closing(q, c, iterations, True)
+                    return Closing(q, c, iterations, True, of_all)
                 nearer = self._moved(q, step)
-                c_nearer = self.gap(nearer) - target
-                size_nearer = float(np.linalg.norm(c_nearer))
+                c_nearer, J_nearer = self._look(nearer)
+                c_nearer = c_nearer - target
+                size_nearer = _length(c_nearer)
                 if size_nearer < size:
                     break
                 if size <= tolerances.CLOSED:  # at rounding
-                    return Closing(q, c, iterations, True)
+                    return Closing(q, c, iterations, True, of_all)
                 nu *= 10.0
             else:
-                return Closing(q, c, iterations, True)
+                return Closing(q, c, iterations, True, of_all)
             # what came of the step, relative to what the linear model promised
-            promised = size**2 - float(np.linalg.norm(c + J @ step)) ** 2
+            promised = size**2 - _length(c + J @ step) ** 2
             gain = (size**2 - size_nearer**2) / max(promised, _TINY)
             nu *= 4.0 if gain < 0.25 else 0.1 if gain > 0.75 else 1.0
-            q, c = nearer, c_nearer
+            q, c, of_all = nearer, c_nearer, J_nearer
             iterations += 1
             if size - size_nearer < _STILL * size and size > tolerances.CLOSED:
-                return Closing(q, c, iterations, True)
-        return Closing(q, c, iterations, size <= tolerances.CLOSED)
+                return Closing(q, c, iterations, True, of_all)
+        return Closing(q, c, iterations, size <= tolerances.CLOSED, of_all)
 
     def follow(self, q: Array) -> Closing:
         """Return the end of a run that closes the gap in shares, no joint moving far in one."""
@@ -150,24 +165,23 @@ class Closer:
             else:
                 share /= 2
         end = self.close(q)
-        return Closing(end.q, end.c, iterations + end.iterations, end.stationary)
+        return replace(end, iterations=iterations + end.iterations)
 
     def _step(self, q: Array, J: Array, c: Array, mu: float) -> Array | None:
         """Return the step, clamped, or None if no step of what may move closes the gap."""
-        free = self.moving.copy()
-        step = np.zeros(len(free))
+        free = self.moving
         while True:
-            Jf = J[:, free]
+            Jf = J if free.all() else np.where(free, J, 0.0)
             A = Jf @ Jf.T
             trace = float(A.trace())
-            if np.linalg.norm(Jf.T @ c) <= _STATIONARY * np.sqrt(trace) * np.linalg.norm(c):
+            if _length(Jf.T @ c) <= _STATIONARY * math.sqrt(trace) * _length(c):
                 return None
             A.flat[:: len(c) + 1] += mu + _FLOOR * trace
-            step[:] = 0.0
-            step[free] = -Jf.T @ np.linalg.solve(A, c)
+            step: Array = -Jf.T @ np.linalg.solve(A, c)
             pushed = self.limits.pushed(q, step)
             if not pushed.size:
                 break
+            free = free.copy()
             free[pushed] = False
         longest = float(np.abs(step).max())
         return step if longest <= _LONGEST_MOVE else step * (_LONGEST_MOVE / longest)

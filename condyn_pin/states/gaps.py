@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from condyn_pin import tolerances
+from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.joints import lengths
-from condyn_pin.rows.bound import AnyBound, Coupled
-from condyn_pin.rows.equations import Equations
+from condyn_pin.rows.bound import FRAME, AnyBound, Bound, Coupled
+from condyn_pin.rows.kept import equations_of
 from condyn_pin.rows.reach import ROUNDED, reach
 
 if TYPE_CHECKING:
@@ -34,11 +35,15 @@ class Gap(NamedTuple):
         return max(self.length, self.angle)
 
     def text(self, per: str = "") -> str:
-        """Return it in mm and degrees, `per` behind the units, such as "/s"."""
+        """Return it in mm and degrees, `per` behind the units, such as "/s".
+
+        A part that is rounding beside the other is left out.
+        """
+        least = tolerances.CLOSED if self.size > tolerances.CLOSED else 0.0
         parts = []
-        if self.length or not self.angle:
+        if self.length > least or not self.angle > least:
             parts.append(f"{_digits(1e3 * self.length)} mm{per}")
-        if self.angle:
+        if self.angle > least:
             parts.append(f"{_digits(math.degrees(self.angle))} deg{per}")
         return " and ".join(parts)
 
@@ -63,12 +68,25 @@ def worst(gap: Mapping[str, Gap]) -> tuple[str, Gap]:
 
 def gaps(scene: Scene, c: Array) -> dict[str, Gap]:
     """Return how far each constraint that has a position is open, from c (m,)."""
-    return {b.name: _gap(scene, b, c[b.rows]) for b in scene.bounds if b.positioned}
+    model = scene.robot.model
+    return {b.name: gap_of(model, b, c[b.rows]) for b in scene.bounds if b.positioned}
+
+
+def gap_of(model: Any, bound: AnyBound, c: Array) -> Gap:
+    """Return how far one constraint is open, from its rows of c.
+
+    Those of a weld are log6 of the placement of one frame in the other: the length of that is no
+    distance, but along a screw. What is told is how far the frames are apart, and turned.
+    """
+    if isinstance(bound, Bound) and bound.selection == FRAME:
+        apart = pin.exp6(pin.Motion(np.ascontiguousarray(c))).translation
+        return Gap(math.hypot(*apart), math.hypot(*c[3:]))
+    return _gap(model, bound, c)
 
 
 def slips(scene: Scene, velocity: Array) -> dict[str, Gap]:
     """Return how fast the sides of each constraint move apart, from J v (m,)."""
-    return {b.name: _gap(scene, b, velocity[b.rows]) for b in scene.bounds}
+    return {b.name: _gap(scene.robot.model, b, velocity[b.rows]) for b in scene.bounds}
 
 
 def rounding(scene: Scene, q: Array, x: Array) -> dict[str, float]:
@@ -76,14 +94,14 @@ def rounding(scene: Scene, q: Array, x: Array) -> dict[str, float]:
 
     A slip is the difference of two velocities: 1e-13 of what the joints bring to either.
     """
-    sides = ROUNDED * (reach(Equations(scene.robot.model, scene.bounds), q) @ np.abs(x))
+    sides = ROUNDED * (reach(equations_of(scene), q) @ np.abs(x))
     return {b.name: float(sides[b.rows].max()) for b in scene.bounds}
 
 
-def _gap(scene: Scene, bound: AnyBound, rows: Array) -> Gap:
+def _gap(model: Any, bound: AnyBound, rows: Array) -> Gap:
     """Return the norms of the linear and of the angular rows of one constraint."""
     if isinstance(bound, Coupled):
-        angular = np.array([not _slides(scene.robot.model, bound.velocity[0])])
+        angular = np.array([not _slides(model, bound.velocity[0])])
     else:
         angular = np.array([row > 2 for row in bound.selection] or [False])
     return Gap(math.hypot(*rows[~angular]), math.hypot(*rows[angular]))  # no square overflows

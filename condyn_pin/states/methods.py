@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -129,6 +130,48 @@ class States:
             If the loops cannot be closed at the nominal state, or from none of 50 random guesses.
         """
         return sample(self._scene, rng, spread, speed)
+
+    def sample_batch(
+        self,
+        n: int,
+        rng: np.random.Generator,
+        *,
+        spread: float = 0.2,
+        speed: float = 1.0,
+        executor: Executor | None = None,
+    ) -> tuple[Array, Array]:
+        """Return n random states that satisfy the constraints, a row each.
+
+        Row i is ``sample(rng.spawn(n)[i])``: each state has a stream of its own, so that the states
+        do not depend on who draws them. A second call with the same generator gives others.
+
+        Parameters
+        ----------
+        n : int
+        rng : numpy.random.Generator
+            The source of randomness, made from a seed.
+        spread, speed
+            As in `sample`.
+        executor : Executor, optional
+            Who does the work, as in `solve_batch`; this process by default.
+
+        Returns
+        -------
+        Q : (n, nq) array
+        V : (n, nv) array
+
+        Raises
+        ------
+        InvalidArgument
+            If an argument is none of these.
+        NotAssembled
+            As in `sample`, for any of the states.
+        WorkersLost
+            As in `solve_batch`.
+        """
+        from condyn_pin.batch.sampling import sample_batch  # it needs this module
+
+        return sample_batch(self._scene, n, rng, spread, speed, executor)
 
     def project_velocity(self, q: ArrayLike, v: ArrayLike, *, metric: Metric = "mass") -> Array:
         """Return the velocity nearest to v with J v = 0.

@@ -17,7 +17,7 @@ independent by as much.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
@@ -30,9 +30,9 @@ from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, check_overflow, finite
 from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.errors import InvalidArgument, NotAssembled
-from condyn_pin.rows.equations import Equations
+from condyn_pin.rows.kept import equations_of
 from condyn_pin.rows.reach import reach
-from condyn_pin.states.check import check
+from condyn_pin.states.check import Check, check
 from condyn_pin.states.gaps import rounding, slips, worst
 
 if TYPE_CHECKING:
@@ -47,7 +47,13 @@ _PASSES = 2
 def project_velocity(scene: Scene, q: ArrayLike, v: ArrayLike, metric: Metric) -> Array:
     """Return the nearest velocity with J v = 0; see `Scene.project_velocity`."""
     v_ = finite("v", v, scene.robot.nv)
-    return _project(scene, q, None, v_, metric)
+    state = _checked(scene, q, metric)
+    q_ = normalised(scene.robot.model, "q", q)
+    equations = equations_of(scene)
+    W = equations.mass(q_) if metric == "mass" else np.eye(len(v_))
+    nearest, left = nearest_velocity(scene, q_, v_, W, equations.jacobian(q_), state.closed)
+    check_rows(scene, q_, left, (v_, nearest), "/s")
+    return nearest
 
 
 @one_blas_thread
@@ -56,60 +62,83 @@ def project_acceleration(
 ) -> Array:
     """Return the nearest acceleration with J a + gamma = 0; see `Scene.project_acceleration`."""
     nv = scene.robot.nv
-    return _project(scene, q, finite("v", v, nv), finite("a", a, nv), metric)
+    v_, a_ = finite("v", v, nv), finite("a", a, nv)
+    state = _checked(scene, q, metric)
+    q_ = normalised(scene.robot.model, "q", q)
+    with np.errstate(all="ignore"):  # what overflows is refused
+        terms = equations_of(scene).terms(q_, v_)
+        check_overflow("v", v_, terms.gamma)
+        W = terms.M if metric == "mass" else np.eye(nv)
+        nearest, left = _nearest(scene, q_, (W, terms.J, terms.gamma), a_, state.closed)
+        check_overflow("a", a_, nearest, left)
+    check_rows(scene, q_, left, (a_, nearest, terms.gamma), "/s^2")
+    return nearest
 
 
-def _project(scene: Scene, q: ArrayLike, v: Array | None, x: Array, metric: Metric) -> Array:
-    """Return the nearest velocity, or the nearest acceleration at a velocity v."""
+def nearest_velocity(
+    scene: Scene, q: Array, v: Array, W: Array, J: Array, closed: bool
+) -> tuple[Array, Array]:
+    """Return the nearest velocity, and J v of it, at a configuration that was checked."""
+    with np.errstate(all="ignore"):  # what overflows is refused
+        nearest, left = _nearest(scene, q, (W, J, np.zeros(scene.rows)), v, closed)
+    check_overflow("v", v, nearest, left)
+    return nearest, left
+
+
+def _checked(scene: Scene, q: ArrayLike, metric: Metric) -> Check:
+    """Return what q leaves open, if that is little; raises what is wrong with the arguments."""
     if metric not in get_args(Metric):
         raise InvalidArgument(
             f"metric = {metric!r}: one of {', '.join(get_args(Metric))} is needed"
         )
     state = check(scene, q, None)
     state.raise_if_open(gap=tolerances.NEARLY_CLOSED)
-    model = scene.robot.model
-    q_ = normalised(model, "q", q)
-    equations = Equations(model, scene.bounds)
-    with np.errstate(all="ignore"):  # what overflows is refused
-        terms = equations.terms(q_, np.zeros(model.nv) if v is None else v)
-        J, gamma = terms.J, np.zeros(scene.rows) if v is None else terms.gamma
-        if v is not None:
-            check_overflow("v", v, gamma)
-        W = terms.M if metric == "mass" else np.eye(model.nv)
-        factors = factorise(W, J, 0.0, at=(model, q_))
-        left, nearest = gamma, x
-        for some in _ranks(scene, equations, q_, factors, state.closed):
-            nearest = _nearest(some, J, gamma, x)
+    return state
+
+
+def _nearest(
+    scene: Scene, q: Array, terms: tuple[Array, Array, Array], x: Array, closed: bool
+) -> tuple[Array, Array]:
+    """Return the x nearest to the given one, and what it leaves of J x + gamma, for W, J, gamma."""
+    W, J, gamma = terms
+    factors, nothing = factorise(W, J, 0.0, at=(scene.robot.model, q)), np.zeros(len(x))
+    nearest, left = x, J @ x + gamma
+    for some in _ranks(scene, q, factors, closed):
+        nearest, left = x, J @ x + gamma
+        for _ in range(_PASSES):
+            nearest = nearest - some.solve(nothing, left)[0]
             left = J @ nearest + gamma
-            check_overflow("v" if v is None else "a", x, left)
-            size = max(float(np.abs(each).max(initial=0.0)) for each in (x, nearest, gamma))
-            slip = slips(scene, left)
-            if not slip or worst(slip)[1].size <= tolerances.CONSISTENT * max(1.0, size):
-                return nearest
-    excused = rounding(scene, q_, nearest)
-    name, by = max(slip.items(), key=lambda item: item[1].size - excused[item[0]])
-    if by.size <= excused[name]:
-        return nearest
-    raise NotAssembled(
-        f"{name} keeps {by.text('/s' if v is None else '/s^2')}: its rows cannot all be satisfied "
-        f"at this q ({state}); Scene.assemble closes loops, Scene.rank tells about rows"
-    )
+        if _meets(left, (x, nearest, gamma)):
+            break
+    return nearest, left
 
 
-def _ranks(
-    scene: Scene, equations: Equations, q: Array, factors: MinimumNorm, closed: bool
-) -> Iterator[MinimumNorm]:
+def _meets(left: Array, sizes: Sequence[Array]) -> bool:
+    """Whether rows are met as well as can be asked for, whatever rounding is."""
+    size = max(float(np.abs(each).max(initial=0.0)) for each in sizes)
+    length = float(np.linalg.norm(left))
+    return length <= tolerances.CONSISTENT * max(1.0, size)
+
+
+def check_rows(scene: Scene, q: Array, left: Array, sizes: Sequence[Array], per: str) -> None:
+    """Refuse a projection that leaves the constraints, because their rows contradict each other."""
+    if _meets(left, sizes):
+        return
+    excused, slip = rounding(scene, q, sizes[1]), slips(scene, left)
+    least = tolerances.CONSISTENT * max(1.0, *(float(np.abs(x).max(initial=0.0)) for x in sizes))
+    beyond = {name: by for name, by in slip.items() if by.size > max(least, excused[name])}
+    if beyond:
+        name, by = worst(beyond)
+        raise NotAssembled(
+            f"{name} keeps {by.text(per)}: its rows cannot all be satisfied at this q "
+            f"({check(scene, q, None)}); Scene.assemble closes loops, Scene.rank tells about rows"
+        )
+
+
+def _ranks(scene: Scene, q: Array, factors: MinimumNorm, closed: bool) -> Iterator[MinimumNorm]:
     """Return the factors with as many singular values as usual, and then with one more each."""
     usual = min(rank_of(factors.S), scene.chains.rank)
     yield factors.at_most(usual)
     if closed:
-        most = factors.above_rounding(reach(equations, q)).rank
+        most = factors.above_rounding(reach(equations_of(scene), q)).rank
         yield from (factors.at_most(rank) for rank in range(usual + 1, most + 1))
-
-
-def _nearest(factors: MinimumNorm, J: Array, gamma: Array, x: Array) -> Array:
-    """Return the x nearest to the given one with J x + gamma = 0."""
-    nothing = np.zeros(len(x))
-    for _ in range(_PASSES):
-        x = x - factors.solve(nothing, J @ x + gamma)[0]
-    return x

@@ -24,6 +24,7 @@ from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array
 from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.rows.equations import Equations
+from condyn_pin.rows.kept import equations_of
 from condyn_pin.rows.reach import reach
 from condyn_pin.states.chains import redundant_rows
 from condyn_pin.states.gaps import Gap, closed, gaps, worst
@@ -178,8 +179,7 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
     equations = Equations(model, scene.bounds)
     terms = equations.terms(q_, np.zeros(model.nv))
     isolated = scene.chains.isolated
-    share = tolerances.ISOLATED if isolated else tolerances.RANK
-    factors = factorise(terms.M, terms.J, share, at=(model, q_))
+    factors = factorise(terms.M, terms.J, _share(scene), at=(model, q_))
     factors = factors.above_rounding(reach(equations, q_))
     S, r = factors.S, factors.rank
     c = equations.violation(q_)
@@ -200,6 +200,19 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
         condition=float(np.linalg.cond(terms.M)),
         delassus_condition=float((S[0] / S[r - 1]) ** 2) if r else 1.0,
     )
+
+
+def is_singular(scene: Scene, q: Array) -> bool:
+    """Whether fewer rows are independent at q than at configurations nearby, as `Rank.singular`."""
+    equations = equations_of(scene)
+    return (
+        factorise(equations.mass(q), equations.jacobian(q), _share(scene)).rank < scene.chains.rank
+    )
+
+
+def _share(scene: Scene) -> float:
+    """Return below what share of the largest singular values are zeros."""
+    return tolerances.ISOLATED if scene.chains.isolated else tolerances.RANK
 
 
 def _conflict(null: Array, c: Array, names: Sequence[str]) -> dict[str, float]:

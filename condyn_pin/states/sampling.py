@@ -10,8 +10,11 @@ from condyn_pin._pin import pin
 from condyn_pin.arrays import Array, finite
 from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.errors import InvalidArgument, NotAssembled
-from condyn_pin.states.assembly import assemble
-from condyn_pin.states.projection import project_velocity
+from condyn_pin.rows.kept import equations_of
+from condyn_pin.states.assembly import assemble, best_end
+from condyn_pin.states.closing import Closer
+from condyn_pin.states.limits import NO_LIMITS
+from condyn_pin.states.projection import check_rows, nearest_velocity
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene
@@ -24,8 +27,7 @@ def sample(
     scene: Scene, rng: np.random.Generator, spread: float, speed: float
 ) -> tuple[Array, Array]:
     """Return a random (q, v) on the constraints; see `Scene.sample`."""
-    if not isinstance(rng, np.random.Generator):
-        raise InvalidArgument(f"rng = {rng!r}: numpy.random.default_rng(seed) makes one")
+    check_generator(rng)
     for name, value in (("spread", spread), ("speed", speed)):
         if not finite(name, value, ()) >= 0:
             raise InvalidArgument(f"{name} = {value!r}: a number >= 0 is needed")
@@ -33,15 +35,29 @@ def sample(
     model, nv, home = scene.robot.model, scene.robot.nv, scene.audit.q
     if not scene.audit.closed:
         scene.state()  # raises what is in the way
-    inside = not scene.chains.limits.beyond(home)
+    chains = scene.chains
+    limits = NO_LIMITS if chains.limits.beyond(home) else chains.limits
+    closer = Closer(equations_of(scene), chains.rows, np.ones(nv, dtype=bool), limits)
     for _ in range(_TRIES):
         guess = np.array(pin.integrate(model, home, spread * rng.normal(size=nv)))
-        found = assemble(scene, guess, within_limits=inside, branch=scene.chains.home, throw=False)
-        if found.status.ok:
-            v = project_velocity(scene, found.q, speed * rng.normal(size=nv), "mass")
-            return found.q, v
+        end, _, status, _ = best_end(chains, closer, guess, chains.home)
+        if status.ok:
+            v = speed * rng.normal(size=nv)
+            M = closer.equations.mass(end.q)
+            nearest, left = nearest_velocity(scene, end.q, v, M, end.J, closed=True)
+            check_rows(scene, end.q, left, (v, nearest), "/s")
+            return end.q, nearest
+    found = assemble(
+        scene, guess, within_limits=limits is chains.limits, branch=chains.home, throw=False
+    )
     raise NotAssembled(
         f"spread = {spread}: none of {_TRIES} random configurations about the nominal one could be "
         f"closed; use a smaller spread. The last one: {found.error()}",
         found,
     )
+
+
+def check_generator(rng: object) -> None:
+    """Refuse what is no generator of random numbers."""
+    if not isinstance(rng, np.random.Generator):
+        raise InvalidArgument(f"rng = {rng!r}: numpy.random.default_rng(seed) makes one")

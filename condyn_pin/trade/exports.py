@@ -57,7 +57,7 @@ def read_json(path: str | Path) -> tuple[tuple[Row, ...], dict[str, str], dict[s
             raise ValueError(f"its format is {saved['format']!r}, and {FORMAT} is known here")
         rows = tuple(Row.from_dict(row) for row in saved["rows"])
         return rows, dict(saved["machine"]), dict(saved["floors"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, LookupError, TypeError, ValueError) as error:
         raise InvalidArgument(
             f"{path}: not a table that Table.to_json wrote ({error}); run the study again"
         ) from error

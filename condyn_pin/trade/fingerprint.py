@@ -18,7 +18,7 @@ def fingerprint(scene: Scene) -> str:
     robot = scene.robot
     robot.check_unedited()
     nominal = np.ascontiguousarray(scene.guess(), dtype="<f8")
-    named = (scene.constraints, tuple(robot.actuated), robot.springs)
+    named: tuple[object, ...] = (scene.constraints, tuple(robot.actuated), robot.springs)
     if robot.spring_dampers:  # those of robots without stay as they were
         named += (robot.spring_dampers,)
     parts = (robot.model.saveToString(), *map(repr, named))

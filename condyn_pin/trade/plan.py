@@ -148,7 +148,7 @@ def read(path: Path) -> Plan:
 
 def _check_kind(name: str, kind: str, value: Any) -> None:
     """Refuse what is no text, number or table where a plan has one."""
-    kinds = {"str": str, "int": int, "float": (int, float)}.get(kind, dict)
+    kinds: Any = {"str": str, "int": int, "float": (int, float)}.get(kind, dict)
     if not isinstance(value, kinds) or (kind == "float" and not 0 <= value < inf):
         raise ValueError(f"{name} = {value!r}")
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, TypeVar
 from condyn_pin.batch.chunks import map_chunks
 from condyn_pin.bench import Progress
 from condyn_pin.errors import Interrupted, WorkersLost
+from condyn_pin.knobs import check_called
 from condyn_pin.machine import machine
 from condyn_pin.solvers.base import Solver
 from condyn_pin.trade.case import Case, measure_errors, prepare
@@ -42,6 +43,7 @@ class Run:
         timed: bool,
         results: str | Path | None,
     ) -> None:
+        check_called("progress", progress, "what, done, total")
         self._study, self._executor = study, executor
         self._progress, self._timed = progress, timed
         self._results = Results(results)

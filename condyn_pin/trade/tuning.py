@@ -7,6 +7,7 @@ from typing import Final
 
 from condyn_pin.bench import Progress, silent
 from condyn_pin.errors import CondynError, NotReached, NotTuned
+from condyn_pin.knobs import check_called
 from condyn_pin.machine import machine
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.solvers.base import Solver
@@ -88,6 +89,7 @@ def choose(
 ) -> Choice:
     """Return what `tune` chooses, with all that was found of it; nothing is kept."""
     _check(scene, error)
+    check_called("progress", progress, "what, done, total")
     seen = Study(scene, solvers, measure=measure).run(timed=False, progress=progress)
     label, asked = seen.rows[0].scene, seen.rows[0].measure
     meeting = [row for row in seen.rows if answered(row) and row.error_worst <= error]

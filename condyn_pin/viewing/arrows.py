@@ -5,8 +5,9 @@ Forces have one scale, moments another: the largest of all moments is a third of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,6 +29,13 @@ _LEAST = 1e-3  # of the largest arrow: what is smaller is not drawn
 Select = Callable[[Moment], ConstraintForce | None]
 
 
+class Peak(NamedTuple):
+    """The largest force and moment of a constraint in a motion."""
+
+    force: float  # [N]
+    moment: float  # [N m]
+
+
 @dataclass(frozen=True, eq=False)
 class _Arrow:
     """A vector of a constraint: the force or the moment on one of its bodies."""
@@ -46,13 +54,16 @@ class _Arrow:
         vector = force.in_world()[self.part]
         return (force.at, vector) if len(vector) else None
 
-    def most(self, moments: Sequence[Moment]) -> tuple[float, str]:
-        """Return its largest length, and the body that it is on."""
+    def most(self, moments: Sequence[Moment], peaks: Mapping[str, Peak]) -> tuple[float, str]:
+        """Return its largest length, and the body that it is on; zero if it is never seen."""
         found = [
             (float(np.linalg.norm(v[1])), self.of(at)) for at in moments if (v := self.vector(at))
         ]
         largest, force = max(found, key=lambda each: each[0], default=(0.0, None))
-        return largest, force.on if force else ""
+        if force is None:
+            return 0.0, ""
+        peak = peaks.get(self.name, Peak(0.0, 0.0))
+        return max(largest, peak.moment if self.unit == "N m" else peak.force), force.on
 
 
 def body_of(robot: Robot, name: str) -> str:
@@ -72,11 +83,23 @@ def body_of(robot: Robot, name: str) -> str:
     return next((str(f.name) for f in bodies if f.parentJoint == named.parentJoint), name)
 
 
-def arrow_parts(scene: Scene, moments: Sequence[Moment], size: float) -> Iterator[Part]:
-    """Return the arrows of every constraint of a scene, with labels."""
+def arrow_parts(
+    scene: Scene, moments: Sequence[Moment], size: float, peaks: Mapping[str, Peak]
+) -> Iterator[Part]:
+    """Return the arrows of every constraint of a scene, with labels.
+
+    Parameters
+    ----------
+    scene : Scene
+    moments : sequence of Moment
+    size : float
+        Of the scene [m].
+    peaks : mapping of str to Peak
+        Of a motion: the largest force and moment of each constraint, drawn or not.
+    """
     arrows = [arrow for c in scene.constraints if not isinstance(c, Coupling)
               for arrow in _arrows(c.name, isinstance(c, Loop))]  # fmt: skip
-    most = {arrow: arrow.most(moments) for arrow in arrows}
+    most = {arrow: arrow.most(moments, peaks) for arrow in arrows}
     for unit in ("N", "N m"):
         same = [arrow for arrow in arrows if arrow.unit == unit]
         largest = max((most[arrow][0] for arrow in same), default=0.0)

@@ -12,7 +12,7 @@ from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.states.gaps import Gap
 from condyn_pin.viewing import palette, three
-from condyn_pin.viewing.arrows import arrow_parts
+from condyn_pin.viewing.arrows import Peak, arrow_parts
 from condyn_pin.viewing.bodies import body_parts, lighter, with_coarse
 from condyn_pin.viewing.closures import closure_parts
 from condyn_pin.viewing.floor import floor_part, spacing
@@ -24,9 +24,11 @@ from condyn_pin.viewing.motion import tracks
 from condyn_pin.viewing.page import page
 from condyn_pin.viewing.part import Part
 from condyn_pin.viewing.placing import Eye, spread
+from condyn_pin.viewing.springs import spring_parts
 
 _TINY = 0.05  # [m] a scene is drawn as if it were at least this large
 _FAR = 1.15  # of the size of a scene, from its middle to the camera
+_SLASH = "\N{DIVISION SLASH}"  # looks like one, and parts nothing
 _FROM = np.array([0.78, 0.55, 0.3])  # the direction from there to the camera
 
 
@@ -94,6 +96,8 @@ class Drawing:
             yield _css(palette.ACTUATED), "joint with a motor"
         if "joints/passive" in kinds:
             yield _css(palette.PASSIVE), "passive joint"
+        if "springs" in seen:
+            yield _css(palette.SPRING), "spring-damper"
         if "closures" in seen:
             yield _css(palette.CLOSED), "closed"
             yield _css(palette.OPEN), "open by 1 cm or more (yellow: by less)"
@@ -117,6 +121,7 @@ def draw(
     before: Moment | None = None,
     frames: Array | None = None,
     gaps: Iterable[Mapping[str, Gap]] | None = None,
+    peaks: Mapping[str, Peak] | None = None,
     fps: float = 30.0,
     light: bool = False,
 ) -> Drawing:
@@ -135,6 +140,8 @@ def draw(
     gaps : iterable of mapping, optional
         Of a motion, how far constraints are open at all its samples: what labels say is the
         largest. That of the moments by default.
+    peaks : mapping of str to Peak, optional
+        Of a motion, the largest forces of all its samples, which arrows are labelled with.
     fps : float
         Pictures a second [1/s].
     light : bool
@@ -146,21 +153,47 @@ def draw(
     if light:
         bodies = lighter(bodies, size)
     bodies = tuple(with_coarse(bodies, size))
-    marks = [*joint_parts(robot, size)]
+    marks = [*joint_parts(robot, size), *spring_parts(robot, size)]
     worst = _worst((at.gaps for at in moments) if gaps is None else gaps)
     closures = [part for scene in scenes for part in closure_parts(scene, worst, size)]
     parts = [floor_part(middle, size), *bodies, *marks, *closures]
     for scene in scenes:
         parts += contact_parts(scene, size)
-        parts += arrow_parts(scene, moments, size)
+        parts += arrow_parts(scene, moments, size, peaks or {})
     parts += mass_parts(size)
     if before is not None:
         opened = list(closure_parts(scenes[0], before.gaps, size))
         parts += [part.ghost(before) for part in (*bodies, *opened)]
     unique = {part.path: part for part in parts}  # a contact of several phases is drawn once
-    placed = spread(tuple(unique.values()), moments[0], _eye(middle, size))
-    when = np.arange(len(moments)) if frames is None else frames
+    placed = spread(tuple(_apart(unique.values())), moments[0], _eye(middle, size))
+    when = np.arange(len(moments), dtype=float) if frames is None else frames
     return Drawing(title, tuple(placed), tuple(moments), fps, middle, size, notes, when)
+
+
+def _apart(parts: Iterable[Part]) -> Iterator[Part]:
+    """Yield parts of which none hangs on another one in meshcat's tree, and moves with it.
+
+    The names of two joints may be ``arm`` and ``arm/tip``; an empty name between slashes counts for
+    nothing there.
+    """
+    parts = list(parts)
+    taken = {_words(part.path) for part in parts}
+    seen: set[tuple[str, ...]] = set()
+    for part in parts:
+        words = _words(part.path)
+        above = [words[:k] for k in range(1, len(words)) if words[:k] in taken]
+        if above or words in seen:
+            kept = len(above[0]) - 1 if above else 1
+            yield replace(
+                part, path="/".join([*words[:kept], _SLASH.join(part.path.split("/")[kept:])])
+            )
+        else:
+            yield part
+        seen.add(words)
+
+
+def _words(path: str) -> tuple[str, ...]:
+    return tuple(word for word in path.split("/") if word)
 
 
 def _eye(middle: Array, size: float) -> Eye:

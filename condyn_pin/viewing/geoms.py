@@ -16,6 +16,7 @@ from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidModel
 from condyn_pin.io.mjcf_include import insert_includes, parse
+from condyn_pin.io.mjcf_size import check_size
 from condyn_pin.viewing.meshes import Mesh
 from condyn_pin.viewing.shapes import Shape
 
@@ -32,6 +33,7 @@ def geoms_of(path: Path) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
     try:
         root = parse(path)
         insert_includes(root, path.parent)
+        check_size(root, path.parent)
     except InvalidModel as error:
         return (), (str(error),)
     if root.tag != "mujoco" or next(root.iter("geom"), None) is None:
@@ -45,7 +47,7 @@ def geoms_of(path: Path) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
         spec = mujoco.MjSpec.from_file(str(path))
         missing += _without_lost_meshes(spec, path.parent)
         mj = spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
+    except (ValueError, RuntimeError, MemoryError, mujoco.FatalError) as error:
         return (), (f"{path.name}: MuJoCo does not draw it: {' '.join(str(error).split())}",)
     chosen = [g for g in range(mj.ngeom) if mj.geom_group[g] < _HIDDEN] or range(mj.ngeom)
     kinds = {g: _KINDS[int(mj.geom_type[g])] for g in chosen if _colour(mj, g)[3] > 0.0}

@@ -104,7 +104,8 @@ def read_mesh(path: Path) -> Mesh:
 
 
 def _binary_stl(content: bytes, count: int) -> Array:
-    return np.frombuffer(content, _FACET, count, _HEADER)["corners"].reshape(-1, 3)
+    corners: Array = np.frombuffer(content, _FACET, count, _HEADER)["corners"]
+    return corners.reshape(-1, 3)
 
 
 def _by_trimesh(content: bytes, path: Path) -> Array:
@@ -117,7 +118,8 @@ def _by_trimesh(content: bytes, path: Path) -> Array:
         shape = scene.to_mesh()
         unit = scene.units or "meters"  # STL and OBJ name none
         metres = trimesh.units.unit_conversion(unit, "meters")
-        return metres * np.asarray(shape.vertices)[np.asarray(shape.faces)].reshape(-1, 3)
+        corners: Array = np.asarray(shape.vertices)[np.asarray(shape.faces)]
+        return metres * corners.reshape(-1, 3)
     except Exception as error:  # a stranger's file: whatever its reader stumbles over
         raise InvalidModel(f"{path}: trimesh cannot read it ({error})") from error
 

@@ -17,6 +17,7 @@ from condyn_pin.simulation.recorder import Phase
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.states.gaps import Gap, gaps
 from condyn_pin.viewing import three
+from condyn_pin.viewing.arrows import Peak
 from condyn_pin.viewing.moment import Moment, moment
 from condyn_pin.viewing.part import Part
 
@@ -95,6 +96,14 @@ def gaps_of(trajectory: Trajectory) -> Iterator[dict[str, Gap]]:
         equations = Equations(phase.scene.robot.model, phase.scene.bounds)
         for q in trajectory.q[phase.samples]:
             yield gaps(phase.scene, equations.violation(q))
+
+
+def peaks_of(trajectory: Trajectory) -> dict[str, Peak]:
+    """Return the largest force and moment of every constraint at all samples, drawn or not."""
+    return {
+        name: Peak(*(float(np.linalg.norm(part, axis=1).max()) for part in (f[:, :3], f[:, 3:])))
+        for name, f in trajectory.forces.items()
+    }
 
 
 def _phase(trajectory: Trajectory, k: int) -> Phase:

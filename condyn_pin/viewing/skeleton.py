@@ -4,6 +4,8 @@ The ellipsoid is the solid one of even density with the mass and the inertia of 
 principal moments I_k at its centre of mass, its half axes are
 
     r_k = sqrt(5 (I_1 + I_2 + I_3 - 2 I_k) / (2 m))
+
+One that is larger than the rods of its body, as of a problem that is given in a plane, is clear.
 """
 
 from __future__ import annotations
@@ -20,6 +22,8 @@ from condyn_pin.viewing import meshes
 from condyn_pin.viewing.palette import BODY, GHOST, Colour
 from condyn_pin.viewing.part import Part, joint_pose, span
 
+_CLEAR = 0.15  # opacity of an inertia that is larger than the body it stands for
+
 
 def skeleton(robot: Robot, size: float, only: Collection[int] | None = None) -> Iterator[Part]:
     """Yield a part for each joint, or `only` some: rods to what it carries, and its inertia."""
@@ -30,7 +34,13 @@ def skeleton(robot: Robot, size: float, only: Collection[int] | None = None) -> 
         rods = [_rod(start, p, 0.006 * size) for p in points if np.linalg.norm(p - start) > 0.0]
         drawn: list[tuple[meshes.Mesh, Colour]] = [(rod, BODY) for rod in rods]
         if i and model.inertias[i].mass > 0.0:
-            drawn.append((_ellipsoid(model.inertias[i], 0.012 * size), GHOST))
+            inertia = _ellipsoid(model.inertias[i], 0.012 * size)
+            reach = max((float(np.linalg.norm(p - start)) for p in points), default=0.0)
+            if 0.0 < reach < np.ptp(inertia.vertices, axis=0).min():  # it would hide the rods
+                path = f"inertia/{model.names[i]}"
+                yield Part(path, joint_pose(i), ((inertia, GHOST),), opacity=_CLEAR)
+            else:
+                drawn.append((inertia, GHOST))
         if drawn:
             yield Part(f"robot/{model.names[i]}", joint_pose(i), tuple(drawn))
 

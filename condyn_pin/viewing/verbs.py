@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
 from condyn_pin.errors import InvalidArgument, NotAssembled
+from condyn_pin.files.beside import check_writable
 from condyn_pin.motors.inverse import InverseDynamics
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
@@ -19,9 +20,9 @@ from condyn_pin.solution import Solution
 from condyn_pin.states.assembly_report import Assembly
 from condyn_pin.viewing.drawing import Drawing, draw
 from condyn_pin.viewing.moment import moment
-from condyn_pin.viewing.motion import gaps_of, moments_of, shown
+from condyn_pin.viewing.motion import gaps_of, moments_of, peaks_of, shown
 from condyn_pin.viewing.page import require_meshcat
-from condyn_pin.viewing.viewer import Viewer
+from condyn_pin.viewing.viewer import Viewer, check_port
 
 Subject = Robot | Scene | Solution | InverseDynamics | Trajectory | Assembly
 
@@ -98,6 +99,10 @@ def view(
     if not finite("speed", speed, ()) > 0:
         raise InvalidArgument(f"speed = {speed!r}: a positive number is needed")
     require_meshcat()
+    check_port(port)
+    for path in (html, png):
+        if path is not None:
+            check_writable(path)
     viewer = Viewer(_drawing(_Wish(q, posture, forces, float(speed), light), subject))
     if html is not None:
         viewer.save_html(html)
@@ -175,6 +180,6 @@ def _motion(wish: _Wish, trajectory: Trajectory) -> Drawing:
     title = f"{scenes[0].robot.name}, {duration:.4g} s"
     title += f", {wish.speed:g} x speed" if wish.speed != 1.0 else ""
     return draw(
-        scenes, moments, title=title, frames=frames, gaps=gaps_of(trajectory), fps=_FPS,
-        light=wish.light,
+        scenes, moments, title=title, frames=frames, gaps=gaps_of(trajectory),
+        peaks=peaks_of(trajectory), fps=_FPS, light=wish.light,
     )  # fmt: skip

@@ -11,13 +11,16 @@ import threading
 from pathlib import Path
 from typing import Final
 
+from condyn_pin.arrays import shown
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.files.beside import check_writable, write_text
+from condyn_pin.knobs import is_whole
 from condyn_pin.viewing.chromium import screenshot
 from condyn_pin.viewing.drawing import Drawing
 from condyn_pin.viewing.part import Part
 from condyn_pin.viewing.server import HOST, Server
 
+_PORTS: Final = 2**16
 _PATIENCE: Final = 10.0  # [s] in which a browser that was opened fetches the page
 
 
@@ -84,6 +87,7 @@ class Viewer:
         """Serve the page at a port; at a free one if it is 0."""
         if self._server is not None:
             return
+        check_port(port)
         try:
             self._server = Server(self.html.encode(), port)
         except OSError as error:
@@ -139,6 +143,15 @@ class Viewer:
 
 
 _open: set[Viewer] = set()  # a viewer that nobody holds is still looked at
+
+
+def check_port(port: object) -> None:
+    """Refuse what is no port of a server."""
+    if not is_whole(port) or port not in range(_PORTS):
+        raise InvalidArgument(
+            f"port = {shown(port)}: a whole number from 1 to {_PORTS - 1} is needed, or 0 for a "
+            "free one"
+        )
 
 
 def _has_screen() -> bool:

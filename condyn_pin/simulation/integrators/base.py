@@ -22,9 +22,10 @@
    One that holds c(q) = 0 alone sets `needs_positions`: wheels and knives have none.
 7. Iterations that do not converge raise `StepFailed`, which names what would do, such as a smaller
    dt. Numbers that are not finite need no care: the next solve finds them.
-8. An explicit method asks for a small dt where the damping of joints is stiff, and a run that
+8. An implicit method that asks for the slopes of torques (`system.slopes`) sets `takes_jacobian`.
+9. An explicit method asks for a small dt where the damping of joints is stiff, and a run that
    breaks down says so; one that does not overrides `takes_stiff_damping`.
-9. Sources: cite the paper in the docstring.
+10. Sources: cite the paper in the docstring.
 """
 
 from __future__ import annotations
@@ -88,6 +89,11 @@ class Integrator(ABC):
     def takes_stiff_damping(self) -> bool:
         """Whether the damping of the robot's joints sets no wall to dt."""
         return self.keeps_constraints or self.is_adaptive
+
+    @property
+    def takes_jacobian(self) -> bool:
+        """Whether it asks how the torques of a function change with the state."""
+        return False
 
     @abstractmethod
     def start(self, system: System, dt: float) -> Stepper:

@@ -32,10 +32,11 @@ _FAR = 1.0
 class DormandPrince(Integrator):
     """Steps as small as the tolerances ask for; dt is only how often the state is handed out.
 
-    Within dt the state is (theta, v), q = integrate(q0, theta), as in `RungeKutta4`, from another q0
-    once a body has turned by a radian. The size of a substep is remembered from one dt to the next;
-    one that leads to where nothing can be evaluated is refused like one that is too wrong. With drift control by `Baumgarte` its gains count
-    as fast motion once the tolerances are finer than the drift.
+    Within dt the state is (theta, v), q = integrate(q0, theta), as in `RungeKutta4`, from another
+    q0 once a body has turned by a radian. The size of a substep is remembered from one dt to the
+    next; one that leads to where nothing can be evaluated is refused like one that is too wrong.
+    With drift control by `Baumgarte` its gains count as fast motion once the tolerances are finer
+    than the drift.
 
     A substep ends at every dt, where drift schemes and events look at the state: samples are states
     of the method, not interpolated ones. So a dt shorter than the substeps that the tolerances ask
@@ -77,7 +78,7 @@ class DormandPrince(Integrator):
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
-        size: list[float | None] = [None]  # of the last substep; SciPy chooses the first one
+        size = [dt]  # of the largest substep in the last step; what is too large is refused
 
         def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
             a = system.acceleration(t, q, v)
@@ -86,7 +87,7 @@ class DormandPrince(Integrator):
 
         return Stepper(step)
 
-    def _solve(self, slope: _Slope, dt: float, size: float | None) -> tuple[Array, Array, float]:
+    def _solve(self, slope: _Slope, dt: float, size: float) -> tuple[Array, Array, float]:
         """Take the substeps of a step; return its end, and the largest of them [s]."""
         method, largest = self._begin(slope, dt, size), 0.0
         for _ in range(_MOST):
@@ -104,18 +105,18 @@ class DormandPrince(Integrator):
                 slope = slope.after(float(method.t), method.y, method.f)
                 method = self._begin(slope, dt, float(method.h_abs))
         raise StepFailed(
-            f"{self!r}: more than {_MOST} substeps from t = {slope.t:g} s: the motion is stiff; use "
-            "SemiImplicitEuler() or GeneralisedAlpha(), or a smaller dt"
+            f"{self!r}: more than {_MOST} substeps from t = {slope.t:g} s: the motion is stiff; "
+            "use SemiImplicitEuler() or GeneralisedAlpha(), or a smaller dt"
         )
 
-    def _begin(self, slope: _Slope, dt: float, size: float | None) -> Any:
+    def _begin(self, slope: _Slope, dt: float, size: float) -> Any:
         """Return SciPy's solver from where a slope begins to the end of the step."""
         from scipy.integrate import DOP853, RK45
 
         kind: Any = DOP853 if self.method == 8 else RK45
         left = dt - slope.start
         return kind(
-            slope, slope.start, slope.y0, dt, first_step=size and min(size, left),
+            slope, slope.start, slope.y0, dt, first_step=min(size, left),
             rtol=max(self.relative_tolerance, 3e-14), atol=self.absolute_tolerance,
         )  # fmt: skip
 

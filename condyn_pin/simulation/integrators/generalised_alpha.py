@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from condyn_pin.algebra.inverse import inverse as inverse_of
 from condyn_pin.arrays import Array, finite
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
@@ -30,7 +31,7 @@ class GeneralisedAlpha(Integrator):
     M(q1) a1 + h(q1, v1) = tau + J(q1)^T lam
 
     Newton's iteration with the derivatives of Newton-Euler's equations and of the robot's springs
-    and damping: stiff springs need no small dt.
+    and damping, and with those of torques of a function (`Slopes`): stiff ones need no small dt.
 
     Parameters
     ----------
@@ -54,6 +55,7 @@ class GeneralisedAlpha(Integrator):
     use: ClassVar[str] = "for stiff springs with closed loops"
     a_at = "end"
     keeps_constraints: ClassVar[bool] = True
+    takes_jacobian: ClassVar[bool] = True
     needs_positions: ClassVar[bool] = True
 
     rho: float = 0.8  # [1]
@@ -89,11 +91,10 @@ class GeneralisedAlpha(Integrator):
                 v1 = v + dt * ((1 - gamma) * A0 + gamma * A1)
                 q1 = integrate(q, dt * v + dt**2 * ((0.5 - beta) * A0 + beta * A1))
                 if not len(inverse):
-                    of = residuals.partials(q1, v1, a1, lam)
+                    of = residuals.partials(t + dt, q1, v1, a1, lam)
                     top = of.M + by_v * of.r_v + by_q * of.r_q
-                    inverse = np.linalg.inv(
-                        np.block([[top, -of.J.T], [of.J, residuals.damping * np.eye(len(of.J))]])
-                    )
+                    bottom = [of.J, residuals.damping * np.eye(len(of.J))]
+                    inverse = inverse_of(np.block([[top, -of.J.T], bottom]))
                 left = residuals.at(t + dt, q1, v1, a1, lam)
                 change = inverse.dot(np.concatenate([left.r, left.c / by_q]))
                 a1, lam = a1 - change[:n], lam - change[n:]
@@ -103,7 +104,7 @@ class GeneralisedAlpha(Integrator):
             forces[0], known[:] = lam, [(q1, a1, A1)]
             return q1, v1, a1
 
-        return Stepper(step, lambda: forces[0])
+        return Stepper(system.slopes.retried(step), lambda: forces[0])
 
 
 def _begin(

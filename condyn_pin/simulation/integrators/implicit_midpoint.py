@@ -22,9 +22,9 @@ class ImplicitMidpoint(Integrator):
     v_m = v0 + dt/2 a_m,    a_m = a(t0 + dt/2, q0 exp(dt/2 v_m), v_m)
     v1  = v0 + dt a_m,      q1 = q0 exp(dt v_m)
 
-    Solved by an iteration on a_m in which the robot's springs and damping may be stiff
-    (`System.iterated`); all else has to change little in a step. The constraints are held by
-    accelerations and drift.
+    Solved by an iteration on a_m in which the robot's springs and damping may be stiff, and torques
+    of a function too (`System.iterated`); all else has to change little in a step. The constraints
+    are held by accelerations and drift.
 
     References
     ----------
@@ -37,12 +37,13 @@ class ImplicitMidpoint(Integrator):
     solves_per_step: ClassVar[float] = 7
     use: ClassVar[str] = "a symmetric method, for trees"
     takes_stiff_damping: ClassVar[bool] = True
+    takes_jacobian: ClassVar[bool] = True
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
         acceleration, integrate, half = system.acceleration, system.integrate, dt / 2
         a_middle = np.zeros(0)
-        improved = system.iterated(half, lambda: a_middle).acceleration
+        improved = system.iterated(half, lambda: a_middle)
 
         def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
             nonlocal a_middle
@@ -51,11 +52,11 @@ class ImplicitMidpoint(Integrator):
             def iteration() -> float:
                 nonlocal a_middle
                 v_middle = v + half * a_middle
-                found = improved(t + half, integrate(q, half * v_middle), v_middle)
+                found = improved.acceleration(t + half, integrate(q, half * v_middle), v_middle)
                 change, a_middle = found - a_middle, found
                 return dt**2 * float(np.abs(change).max())
 
             to_the_end(iteration, self.title, t, dt, system.size(q))
             return integrate(q, dt * (v + half * a_middle)), v + dt * a_middle, a
 
-        return Stepper(step)
+        return Stepper(improved.slopes.retried(step))

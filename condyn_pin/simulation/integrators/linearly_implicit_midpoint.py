@@ -29,7 +29,8 @@ class LinearlyImplicitMidpoint(Integrator):
     step has two iterations, and begins with zero: of an a(t0, q0, v0) that stiff damping ends at
     once, dt/2 would be a velocity that nothing has.
 
-    Torques of a function are not known to be springs or dampers: it follows those up to
+    Torques of a function are springs and dampers once their derivatives are known: those that come
+    with it, or differences where it is stiff at the start. Else it follows them up to
     omega dt = 1.4, which it damps a little, and d dt = m. With `Baumgarte` a step is one solve; a
     projection needs another one at its end.
 
@@ -45,21 +46,23 @@ class LinearlyImplicitMidpoint(Integrator):
     solves_per_step: ClassVar[float] = 1
     use: ClassVar[str] = "order 2 for one solve a step, with stiff springs and damping"
     takes_stiff_damping: ClassVar[bool] = True
+    takes_jacobian: ClassVar[bool] = True
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
         integrate = system.integrate
         h, half = np.array(dt), np.array(dt / 2)  # numpy multiplies by these faster than by floats
         a_middle = np.zeros(0)  # none yet
-        improved = system.iterated(dt / 2, lambda: a_middle).acceleration
+        improved = system.iterated(dt / 2, lambda: a_middle)
 
         def improve(t: float, q: Array, v: Array) -> Array:
             v_middle = v + half * a_middle
-            return improved(t + dt / 2, integrate(q, half * v_middle), v_middle)
+            return improved.acceleration(t + dt / 2, integrate(q, half * v_middle), v_middle)
 
         def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
             nonlocal a_middle
             if not a_middle.size:
+                improved.difference_if_stiff(t, q, v)
                 a_middle = np.zeros(len(v))
                 a_middle = improve(t, q, v)
             a = a_middle = improve(t, q, v)

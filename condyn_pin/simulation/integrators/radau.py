@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from condyn_pin.algebra.inverse import inverse
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.knobs import is_whole
@@ -45,7 +46,8 @@ class RadauIIA(Integrator):
     all s Jay). One stage is implicit Euler, whose orders are 1 from the second step on: a and lam
     of the first, also of that after an event, are wrong by a part that no dt makes smaller.
     Newton's iteration with one matrix a step, of size s (nv + m), in which the derivatives of
-    Newton-Euler's equations and of springs and damping are: for stiff systems.
+    Newton-Euler's equations, of springs, damping and torques of a function (`Slopes`) are: for
+    stiff systems.
 
     Parameters
     ----------
@@ -66,6 +68,7 @@ class RadauIIA(Integrator):
     use: ClassVar[str] = "to compare: with the second multiplier v and lam are better"
     a_at = "end"
     keeps_constraints: ClassVar[bool] = True
+    takes_jacobian: ClassVar[bool] = True
     needs_positions: ClassVar[bool] = True
 
     stages: int = 2
@@ -112,6 +115,7 @@ class GearGuptaLeimkuhler(Integrator):
     use: ClassVar[str] = "for stiff systems with loops that stay closed at both levels"
     a_at = "end"
     keeps_constraints: ClassVar[bool] = True
+    takes_jacobian: ClassVar[bool] = True
 
     stages: int = 2
 
@@ -146,8 +150,8 @@ def _stepper(system: System, dt: float, s: int, title: str, *, stabilised: bool)
         a, lam, mu = np.tile(a0, (s, 1)), np.tile(system.lam(), (s, 1)), np.zeros((s, m))
         theta, Q, V = np.outer(dt * nodes, v), [q] * s, np.zeros((s, n))
         middle = system.integrate(q, dt / 2 * v), v + dt / 2 * a0
-        of = residuals.partials(*middle, a0, lam[0])
-        inverse = _inverse(of, A, dt, residuals.damping)
+        of = residuals.partials(t + dt / 2, *middle, a0, lam[0])
+        newton = _newton(of, A, dt, residuals.damping)
         pull, hold = _second_multiplier(of, residuals.damping)
 
         def iteration() -> float:
@@ -165,7 +169,7 @@ def _stepper(system: System, dt: float, s: int, title: str, *, stabilised: bool)
             else:
                 wanted = from_gaps.dot(gaps)
             rhs = np.hstack([[each.r for each in left], wanted])
-            change = inverse.dot(rhs.ravel()).reshape(s, n + m)
+            change = newton.dot(rhs.ravel()).reshape(s, n + m)
             a, lam = a - change[:, :n], lam - change[:, n:]
             if stabilised:
                 mu = mu - (from_slips.dot(gaps) - slips).dot(hold)
@@ -176,10 +180,10 @@ def _stepper(system: System, dt: float, s: int, title: str, *, stabilised: bool)
         forces[0] = lam[-1]
         return Q[-1], V[-1], a[-1]
 
-    return Stepper(step, lambda: forces[0])
+    return Stepper(system.slopes.retried(step), lambda: forces[0])
 
 
-def _inverse(of: Partials, A: Array, dt: float, damping: float) -> Array:
+def _newton(of: Partials, A: Array, dt: float, damping: float) -> Array:
     """Return the inverse of the matrix of all stages, its rows of c divided by dt^2 A^2."""
     (m, n), s = of.J.shape, len(A)
     saddle = np.block([[of.M, -of.J.T], [of.J, damping * np.eye(m)]])
@@ -187,10 +191,10 @@ def _inverse(of: Partials, A: Array, dt: float, damping: float) -> Array:
     by_state[0, :n, :n], by_state[1, :n, :n] = of.r_v, of.r_q
     whole = np.kron(np.eye(s), saddle)
     whole += np.kron(dt * A, by_state[0]) + np.kron(dt**2 * A @ A, by_state[1])
-    return np.asarray(np.linalg.inv(whole))
+    return inverse(whole)
 
 
 def _second_multiplier(of: Partials, damping: float) -> tuple[Array, Array]:
     """Return (M^-1 J^T)^T (m, nv), by which mu moves q, and (J M^-1 J^T)^-1 (m, m)."""
     Y: Array = np.asarray(np.linalg.solve(of.M, of.J.T), dtype=np.float64)
-    return Y.T, np.asarray(np.linalg.inv(of.J @ Y + damping * np.eye(len(of.J))))
+    return Y.T, inverse(of.J @ Y + damping * np.eye(len(of.J)))

@@ -26,10 +26,11 @@ class SemiImplicitEuler(Integrator):
     Parameters
     ----------
     implicit : bool
-        Whether the robot's springs and damping act with q1 and v1 (`System.implicit`). By default
-        they do, as in MuJoCo: the damping of a light rod asks for a dt of microseconds otherwise.
-        Where there are any, samples have (v1 - v0) / dt as a, and the lam that belongs to it: the
-        mean over the step, not what `solve` says of its beginning.
+        Whether the robot's springs and damping act with q1 and v1 (`System.implicit`), and torques
+        of a function that brings its `jacobian`. By default they do, as in MuJoCo: the damping of a
+        light rod asks for a dt of microseconds otherwise. Where there are any, samples have
+        (v1 - v0) / dt as a, and the lam that belongs to it: the mean over the step, not what
+        `solve` says of its beginning.
 
     References
     ----------
@@ -43,6 +44,11 @@ class SemiImplicitEuler(Integrator):
     use: ClassVar[str] = "for the cheapest step, and to compare with other simulators"
 
     implicit: bool = True
+
+    @property
+    def takes_jacobian(self) -> bool:
+        """Whether torques of a function act at the end of the step, if their slopes are known."""
+        return self.implicit
 
     @property
     def takes_stiff_damping(self) -> bool:

@@ -1,0 +1,130 @@
+"""Torques of a function at the end of a step: their slopes join the inertia.
+
+    (M + X) a + h = tau + tau_ahead + J^T lam,    J a + gamma = a_ref,    X = -dt tau_v - dt^2 tau_q
+
+A solver knows M, not X. With P the inverse inertia that the constraints leave, and a_free its
+answer without X,
+
+    (1 + P X) a = a_free,
+
+and what it answers to the torques less X a has the same a, and the lam that belongs to it.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from condyn_pin import tolerances
+from condyn_pin.algebra.inverse import inverse
+from condyn_pin.algebra.minimum_norm import factorise
+from condyn_pin.arrays import Array
+from condyn_pin.errors import StepFailed
+from condyn_pin.simulation.system import System
+
+if TYPE_CHECKING:
+    from condyn_pin.simulation.slopes import Slopes
+
+# Rates of torques, times dt, beyond which a step that takes them as they are is near its wall:
+# 1 for damping and 2 for the square of a frequency in `LinearlyImplicitMidpoint`.
+_STIFF: Final = 0.5
+
+# Corrections of a where a solver gives way, and P is not its own: each leaves a share of the last.
+_CORRECTIONS: Final = 20
+_LEFT: Final = 1e-6
+
+
+class _WithSlopes(System):
+    """A system with the slopes of its torques, as another one takes its steps."""
+
+    def __init__(self, system: System, slopes: Slopes, dt: float) -> None:
+        super().__init__(system.workspace, system.applied)
+        self._system, self.slopes, self._dt = system, slopes, dt
+        self.torque = system.torque
+
+    @abstractmethod
+    def _ahead(self, by_q: Array, v: Array, X: Array) -> Array:
+        """Return tau_ahead (nv,)."""
+
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        """Return a (nv,), as `System.acceleration` does."""
+        if not self.slopes.are_known:
+            return self._system.acceleration(t, q, v)
+        by_q, by_v = self._slopes_at(t, q, v)
+        X = -self._dt * by_v - self._dt**2 * by_q
+        return self._answer(q, v, self.torque(t, q, v) + self._ahead(by_q, v, X), X)
+
+    def _slopes_at(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        return self.slopes.at(t, q, v)
+
+    def _answer(self, q: Array, v: Array, tau: Array, X: Array) -> Array:
+        """Return a of (M + X) a + h = tau + J^T lam, after a solve that leaves its lam."""
+        solve = self._system._solve
+        free = solve(q, v, tau)
+        factors = factorise(self._system.mass(q), self._system.jacobian(q), tolerances.RANK)
+        PX, _ = factors.solve(X, np.zeros((self.m, len(v))))
+        correct = inverse(np.eye(len(v)) + PX)
+        a = correct @ free
+        if not np.isfinite(a).all():
+            raise StepFailed(
+                f"dt = {self._dt:g} s: M - dt dtau/dv - dt^2 dtau/dq is singular; take a smaller dt"
+            )
+        for _ in range(_CORRECTIONS):
+            gap = solve(q, v, tau - X @ a) - a
+            if self.workspace.solver.exact or not np.abs(gap).max() > _LEFT * np.abs(a).max():
+                return np.asarray(a)
+            a = a + correct @ gap
+        raise StepFailed(
+            f"solver = {self.workspace.solver!r}: what it lets give way is too soft for the "
+            "derivatives of tau; use a solver of hard constraints, or no jacobian"
+        )
+
+
+class AtTheEnd(_WithSlopes):
+    """The system whose torques act at the end of a step, q1 = q + dt v1, v1 = v + dt a."""
+
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        """Return a (nv,); asked again for the same arrays, the last one."""
+        last = self._last
+        if not (t == last[0] and q is last[1] and v is last[2]):
+            self._last = last = t, q, v, super().acceleration(t, q, v)
+        return last[3]
+
+    def _ahead(self, by_q: Array, v: Array, X: Array) -> Array:
+        return self._dt * by_q @ v
+
+
+class Iterated(_WithSlopes):
+    """The system of an iteration on a, whose solution is that without slopes."""
+
+    def __init__(
+        self, system: System, slopes: Slopes, dt: float, last: Callable[[], Array]
+    ) -> None:
+        super().__init__(system, slopes, dt)
+        self._its_last, self._known = last, (float("nan"), np.zeros(0), np.zeros(0))
+
+    def _ahead(self, by_q: Array, v: Array, X: Array) -> Array:
+        return np.asarray(X @ self._its_last())
+
+    def _slopes_at(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return those of the first iteration of a step: near enough for all of them."""
+        if self._known[0] != t:
+            self._known = t, *self.slopes.at(t, q, v)
+        return self._known[1:]
+
+    def difference_if_stiff(self, t: float, q: Array, v: Array) -> None:
+        """Begin to difference the torques of a function if a step cannot follow them without."""
+        if not self.slopes.could_be_differenced:
+            return
+        by_q, by_v = self.slopes.at(t, q, v)
+        factors = factorise(self.mass(q), self.jacobian(q), tolerances.RANK)
+        P_q, _ = factors.solve(by_q, np.zeros_like(self.jacobian(q)))
+        P_v, _ = factors.solve(by_v, np.zeros_like(self.jacobian(q)))
+        rates = [np.abs(np.linalg.eigvals(each)).max(initial=0.0) for each in (P_q, P_v)]
+        h = 2 * self._dt  # it is half a step
+        self.slopes.differencing = bool(max(h**2 * rates[0], h * rates[1]) > _STIFF)
+        if not self.slopes.differencing:
+            self.applied.differenced = 0  # a look at what is not stiff is no cost of steps

@@ -1,0 +1,134 @@
+"""A terminal obeys what it is sent: names of files, and names in files, are written out."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from shared import robot
+from typer.testing import CliRunner
+
+import condyn_pin as cp
+from condyn_pin.cli import app
+from condyn_pin.commands import output
+
+EVIL = "a\x1b[31m\x9b2J\x07\u202eb"
+WRITTEN = r"a\x1b[31m\x9b2J\x07\u202eb"
+
+
+@pytest.fixture
+def evil(tmp_path) -> Path:
+    """A robot all of whose names are hostile, in a folder whose name is."""
+    text = robot("four_bar").to_mjcf()
+    name = EVIL.replace("\x1b", "\x9c").replace("\x07", "")  # what xml can say
+    for word in ("crank", "coupler", "rocker", "four_bar"):
+        text = text.replace(f'"{word}', f'"{name}{word}')
+    folder = tmp_path / EVIL
+    folder.mkdir()
+    (folder / "bar.xml").write_text(text, encoding="utf-8")
+    (folder / "robot.toml").write_text(
+        f"name = {json.dumps(EVIL)}\nsource = {json.dumps(EVIL)}\n"
+        '[description]\nfile = "bar.xml"\n',
+        encoding="utf-8",
+    )
+    return folder
+
+
+def is_harmless(text: str) -> bool:
+    return all(each.isprintable() or each == "\n" for each in text)
+
+
+COMMANDS = (["show"], ["assemble"], ["solve"], ["simulate", "--duration", "0.01"],
+            ["bench", "--quick"], ["solve", "--json"], ["show", "--json"], ["view", "--html", EVIL],
+            ["export", "--mjcf", f"{EVIL}/x.xml"], ["solve", "--contacts", EVIL],
+            ["compare", EVIL])  # fmt: skip
+
+
+@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
+def test_commands_print_what_is_printable(words, evil):
+    done = subprocess.run(
+        [sys.executable, "-m", "condyn_pin", words[0], str(evil), *words[1:]],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert is_harmless(done.stdout + done.stderr), (done.stdout, done.stderr)
+    assert "\\x" in done.stdout + done.stderr or "\\u" in done.stdout
+
+
+def test_errors_are_printable():
+    for words in ([f"no{EVIL}"], ["show", f"no{EVIL}"], ["show", f"no{EVIL}", "--debug"]):
+        done = subprocess.run(
+            [sys.executable, "-m", "condyn_pin", *words], capture_output=True, check=False
+        )
+        assert done.returncode in (1, 2)
+        assert is_harmless(done.stdout.decode() + done.stderr.decode())
+        assert WRITTEN in done.stderr.decode()
+
+
+def test_names_that_are_no_text_are_printed(tmp_path):
+    """A file name of Linux is bytes, of any kind."""
+    words = [b"-m", b"condyn_pin", b"show", os.fsencode(tmp_path) + b"/\xff.urdf"]
+    done = subprocess.run([sys.executable, *words], capture_output=True, check=False)
+    assert done.returncode == 2
+    assert rb"\udcff.urdf" in done.stderr
+
+
+def test_a_table_in_colours_stays_one():
+    """On a terminal, what is ours still has its colours, and columns fit."""
+    screen = output._Screen(markup=False, force_terminal=True, width=80, file=io.StringIO())
+    table = output.words("what")
+    table.add_row(EVIL)
+    screen.print(table)
+    screen.print("wrong", style="bold red")
+    text = screen.file.getvalue()
+    assert "\x1b[1;31mwrong" in text
+    assert WRITTEN in text
+    assert "\x1b[31m\x9b" not in text
+    assert "\x07" not in text
+
+
+def test_a_name_in_brackets_is_no_markup(monkeypatch):
+    monkeypatch.setattr(output._Screen, "is_terminal", True)
+    with output.progress_bar() as show:
+        show("[/b] of a robot", 1, 2)
+        show("[/b] of a robot", 2, 2)
+
+
+def test_words_of_ours_are_as_they_are():
+    for text in ("M a + h = τ + Jᵀ λ\nm/s²", "a"):
+        assert output.printable(text) == text
+
+
+INTERRUPTED_IN_AN_IMPORT = """
+import signal, sys
+sys.path.insert(0, {folder!r})
+import condyn_pin.__main__ as start
+signal.signal(signal.SIGINT, start._interrupt)
+try:
+    import slow
+except BaseException:
+    pass
+print("went on")
+"""
+
+
+def test_ctrl_c_in_an_import_ends_it(tmp_path):
+    """Modules in C turn it into another error, or into nothing."""
+    (tmp_path / "slow.py").write_text(
+        "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\nimport json.tool\n",
+        encoding="utf-8",
+    )
+    code = INTERRUPTED_IN_AN_IMPORT.format(folder=str(tmp_path))
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (130, "")
+    assert done.stderr == "condyn: interrupted\n"
+
+
+def test_the_command_is_what_the_package_installs():
+    text = (Path(cp.__file__).parent.parent / "pyproject.toml").read_text(encoding="utf-8")
+    assert 'condyn = "condyn_pin.__main__:main"' in text
+    assert CliRunner().invoke(app, ["--version"]).exit_code == 0
