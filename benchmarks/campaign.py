@@ -12,9 +12,10 @@ of Pinocchio's dynamics, nothing enters.
 
 An answer is wrong if it says ok and a is off by more than it promises, 1e-8 of the larger of |a|
 and gravity; derivatives, if they differ along the constraints by more than 1e-6 of the largest
-entry, or of |a| / 1000; forces, if what they do to the joints, each at its point and in its axes, is off
-by 1e-7 of what M does with that. Where `check=True` says that derivatives differ, by lam or off the
-constraints, where the oracle does not look, it is listed: by the differences' own noise, or not.
+entry, or of |a| / 1000; forces, if what they do to the joints, each at its point and in its axes,
+is off by 1e-7 of what M does with that. Where `check=True` says that derivatives differ, by lam or
+off the constraints, where the oracle does not look, it is listed: by the differences' own noise, or
+not.
 
 A seed's line in `parts` depends on the seed, the Pinocchio and the processor's kernel alone; seeds
 that have one are not run again, so that a run may be cut at any time. The script ends with 1 if
@@ -44,6 +45,7 @@ from campaign_rows import rows
 import condyn_pin as cp
 
 RESULTS = Path(__file__).resolve().parent / "results"
+PARTS = RESULTS.parent.parent / "build" / "campaign"
 KERNEL = os.environ.get("OPENBLAS_CORETYPE", "default")
 SOLVERS = [kind() for kind in cp.SOLVERS.values() if kind.exact]
 STEP = 1e-5  # of differences [rad, m, rad/s, m/s]
@@ -245,7 +247,7 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("--seeds", default="0:100", help="first:last+1")
-    parser.add_argument("--parts", type=Path, default=RESULTS / "campaign")
+    parser.add_argument("--parts", type=Path, default=PARTS)
     parser.add_argument(
         "--derivatives", type=int, default=1, help="at every so many seeds; 0 never"
     )
