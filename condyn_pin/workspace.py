@@ -319,9 +319,7 @@ class Workspace:
 
     def _failure(self, solution: Solution) -> SolveFailed:
         position, velocity = solution.state_error
-        reason = str(solution.status)
-        if not np.isfinite(solution.error_bound):
-            reason = massless_motion(self.model, solution.q) or reason
+        reason = massless_motion(self.model, solution.q, data=self.data) or str(solution.status)
         return SolveFailed(
             f"{self.solver!r} on {self.scene.robot.name}: {reason} "
             f"(error bound {solution.error_bound:.1e}, state open by {position:.1e} and slipping "
