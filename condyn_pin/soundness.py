@@ -196,7 +196,8 @@ def massless_motion(
     values = np.array2string(q, precision=4, separator=", ", max_line_width=10**6)
     return (
         f"the mass matrix is {what} at q = {values}: {names} can move there "
-        f"{almost}without moving inertia, as hinges in the place of a ball where two of their axes fall together; "
+        f"{almost}without moving inertia, as hinges in the place of a ball where two of their axes "
+        "fall together; "
         "give the links between them an inertia or the joints an armature, make them a ball, or "
         "stay away from that q"
     )
