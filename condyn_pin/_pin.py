@@ -115,7 +115,8 @@ def constraints_jacobian(
     def placed() -> NDArray[np.float64]:
         for place in placing:
             place()
-        return jacobian()  # type: ignore[no-any-return]
+        J: NDArray[np.float64] = jacobian()
+        return J
 
     return placed
 
