@@ -45,6 +45,7 @@ from campaign_rows import rows
 import condyn_pin as cp
 
 RESULTS = Path(__file__).resolve().parent / "results"
+PARTS = RESULTS.parent.parent / "build" / "campaign"
 KERNEL = os.environ.get("OPENBLAS_CORETYPE", "default")
 SOLVERS = [kind() for kind in cp.SOLVERS.values() if kind.exact]
 STEP = 1e-5  # of differences [rad, m, rad/s, m/s]
@@ -246,7 +247,7 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("--seeds", default="0:100", help="first:last+1")
-    parser.add_argument("--parts", type=Path, default=RESULTS / "campaign")
+    parser.add_argument("--parts", type=Path, default=PARTS)
     parser.add_argument(
         "--derivatives", type=int, default=1, help="at every so many seeds; 0 never"
     )

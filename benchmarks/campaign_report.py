@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import marks
+
 from condyn_pin.tolerances import DERIVATIVES, SOLVED
 
 Line = dict[str, Any]
@@ -31,7 +33,37 @@ def report(parts: Mapping[str, Sequence[Line]], folder: Path | None) -> int:
         text = json.dumps(summaries, indent=1)
         (folder / "campaign.json").write_text(text + "\n", encoding="utf-8")
         (folder / "campaign.md").write_text(markdown(summaries) + "\n", encoding="utf-8")
+        marks.write(pages(summaries))
     return int(wrong > 0)
+
+
+def load(path: Path) -> dict[str, Line]:
+    """Return the summaries that were committed, by Pinocchio and kernel."""
+    return dict(json.loads(path.read_text(encoding="utf-8")))
+
+
+def pages(summaries: Mapping[str, Line]) -> dict[str, dict[str, str]]:
+    """Return the block of docs/results.md."""
+    return {marks.RESULTS: {"campaign": essence(summaries)}}
+
+
+def essence(summaries: Mapping[str, Line]) -> str:
+    """Return a row for each part: how many answers, and how many of them were wrong."""
+    lines = [
+        "| Pinocchio, kernel | problems | solves | said ok | worst | wrong | derivatives | wrong |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for name, found in summaries.items():
+        solvers = [n for n in found["statuses"] if not n.startswith("derivatives")]
+        ok = sum(found["statuses"][n].get("ok", 0) for n in solvers)
+        worst = max((found["worst"].get(n, 0.0) for n in solvers), default=0.0)
+        wrong = {what: len(cases) for what, cases in found["wrong"].items()}
+        lines.append(
+            f"| {name} | {found['problems']} | {found['solves']} | {ok} | {worst:.0e} | "
+            f"{wrong['solve'] + wrong['force'] + wrong['raised']} | {found['derivative_calls']} | "
+            f"{wrong['derivative']} |"
+        )
+    return "\n".join(lines)
 
 
 def summary(lines: Sequence[Line]) -> Line:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf, isfinite, nan
+from math import hypot, inf, isfinite, nan
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -118,8 +118,8 @@ class Judge:
         missing = yardstick.missing(factors, r, s, P, v, a)
         proof, _ = yardstick.prove(dynamics, largest, _torques(tau, load), missing)
         scale = max(largest[1], nominal.gravity)
-        rounded = yardstick.rounding_of_forces(lam, P)
-        return proof._replace(bound=proof.bound + (rounded / scale if scale else 0.0))
+        rounded = yardstick.rounding_of(np.abs(lam) @ P)
+        return proof._replace(bound=hypot(proof.bound, rounded / scale if scale else 0.0))
 
 
 def _torques(tau: Array, load: Load | None) -> Array:

@@ -29,9 +29,9 @@ with kappa = cond(D M D) + sigma_1 / sigma of the factors J L^-T = U S V^T that 
 ds what rounding of J a and of gamma does to s. Their terms are of the sizes P_ij a_j and P_ij v_j
 |v|_inf, each is rounded by eps / 2, and independently of the others.
 Rows whose singular value is below REFERENCE_RANK count as redundant there, and rounding of J^T lam
-is added: eps / 2 max(w) of the norm of w_j lam_i P_ij, with P what the two bodies of a row bring to
-J before they cancel. A row of which rounding is all that is left takes a lam of 1e17, and is found
-by that.
+is added as an independent part: eps max(w) sum_j w_j (|lam| P)_j, with P what the two bodies of a
+row bring to J before they cancel. A row of which rounding is all that is left takes a lam of 1e17,
+and is found by that.
 """
 
 from __future__ import annotations
@@ -138,7 +138,8 @@ class Yardstick:
             lost = self.rounding + (_EPS * float(factors.S[0]) / self.sigma if self.rows else 0.0)
             # of J a, and of gamma, which grows with the square of v
             sizes = np.hypot(a, v * np.abs(v).max())
-            rounded = factors.moved(_UNIT * np.linalg.norm(P * sizes, axis=1))
+            unit = float(sizes.max()) or 1.0  # whose square overflows
+            rounded = unit * factors.moved(_UNIT * np.linalg.norm(P * (sizes / unit), axis=1))
             open_by = (len(r) + self.rows) * lost * e_M
             computed = float((np.hypot(e, rounded) + self.weights * open_by).max())
             # factors of a badly conditioned M may know less of e than the residuals do
@@ -189,10 +190,6 @@ class Yardstick:
         """
         return self.largest_weight * float(self.weights.dot(torques)) * _EPS
 
-    def rounding_of_forces(self, lam: Array, P: Array) -> float:
-        """Return what rounding of J^T lam does to a."""
-        return self.largest_weight * _UNIT * float(np.linalg.norm(lam[:, None] * P * self.weights))
-
     @cached_property
     def no_machine(self) -> float:
         """An acceleration that only a nearly singular M explains [m/s^2, rad/s^2].
@@ -205,9 +202,8 @@ class Yardstick:
     def no_force(self) -> float:
         """A force that only a row without grip explains, relative to the size of a [N s^2/m].
 
-        A hundred times what the robot weighs: near a singular configuration lam grows like
-        1 / sigma, and a row that is rounding takes 1e17. Less where light joints are shaken by
-        less.
+        A hundred times what the robot weighs: near a singular configuration lam grows as 1 / sigma,
+        and a row that is rounding takes 1e17. Less where light joints are shaken by less.
         """
         most = min(_HEAVY, tolerances.SOLVED / self.shaking) if self.shaking else _HEAVY
         return most * self.weight / (self.gravity or 1.0)

@@ -179,7 +179,9 @@ def _check_combinations(model: Any, data: Any) -> None:
         )
 
 
-def massless_motion(model: Any, q: Array, *, share: float = tolerances.MASSLESS) -> str:
+def massless_motion(
+    model: Any, q: Array, *, share: float = tolerances.MASSLESS, data: Any = None
+) -> str:
     """Return which joints can move at q without moving inertia; nothing if M is definite.
 
     Parameters
@@ -188,23 +190,27 @@ def massless_motion(model: Any, q: Array, *, share: float = tolerances.MASSLESS)
     q : (nq,) array
     share : float
         The least inertia that counts, relative to those that each joint alone moves.
+    data : pin.Data, optional
+        Memory that may be written to; that of a long chain is large.
 
     Notes
     -----
     Hinges with massless links between them stand in for a ball until two of their axes fall
     together: there they can turn against each other, and M is singular.
     """
-    M = np.array(pin.crba(model, model.createData(), q))
+    M = np.array(pin.crba(model, data or model.createData(), q))
     if not np.isfinite(M).all():
         return ""
     least, names = _least_moved(model, M)
     if least > share:
         return ""
-    what = "not positive definite" if least <= tolerances.MASSLESS else "nearly singular"
+    singular = least <= tolerances.MASSLESS
+    what, almost = ("not positive definite", "") if singular else ("nearly singular", "almost ")
     values = np.array2string(q, precision=4, separator=", ", max_line_width=10**6)
     return (
-        f"the mass matrix is {what} at q = {values}: {names} can move there without "
-        "moving inertia, as hinges in the place of a ball where two of their axes fall together; "
+        f"the mass matrix is {what} at q = {values}: {names} can move there "
+        f"{almost}without moving inertia, as hinges in the place of a ball where two of their axes "
+        "fall together; "
         "give the links between them an inertia or the joints an armature, make them a ball, or "
         "stay away from that q"
     )

@@ -388,9 +388,8 @@ class Workspace(OneThread):
         found = gaps(self.scene, self.equations.violation(solution.q))
         gap = worst(found)[1] if found else Gap(0.0, 0.0)
         slip = solution.state_error.velocity
-        reason = solution.status.text(self.scene.rows)
-        if not np.isfinite(solution.error_bound):
-            reason = massless_motion(self.model, solution.q) or reason
+        reason = massless_motion(self.model, solution.q, data=self.data)
+        reason = reason or solution.status.text(self.scene.rows)
         return SolveFailed(
             f"{self.solver!r} on {self.scene.robot.name}: {reason} "
             f"(error bound {solution.error_bound:.1e}, state open by {gap} and slipping "

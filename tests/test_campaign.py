@@ -147,14 +147,32 @@ def test_derivatives_keep_what_cancels(seed):
     assert abs(by_q @ dq + by_v @ dv - weights @ wanted) < 1e-5 * size
 
 
-def test_the_report_counts_and_lists(tmp_path, capsys):
+@pytest.mark.parametrize("seed", [288, 1472, 10318])
+def test_pinocchios_own_derivatives_are_not_those_of_a_damped_matrix(seed):
+    """With redundant rows, where mu is a millionth of G and not next to nothing."""
+    p = quiet(seed)
+    workspace = cp.Workspace(p.scene)
+    ours, theirs = (workspace.derivatives(p.q, p.v, p.tau, method=m) for m in ("kkt", "pinocchio"))
+    for name in ("da_dv", "da_dtau"):
+        wanted = getattr(ours, name)
+        size = max(np.abs(ours.da_dtau).max(), 1.0)  # some of them cannot move
+        assert np.abs(getattr(theirs, name) - wanted).max() < 1e-7 * size
+
+
+def test_the_report_counts_and_lists(tmp_path, capsys, monkeypatch):
+    import campaign_report
     from campaign_report import report
+
+    written = []
+    monkeypatch.setattr(campaign_report.marks, "write", written.append)
 
     def line(seed, **solved):
         made = {"solver": "Proximal", "status": "ok", "error": 1e-12, "bound": 1e-11} | solved
         return {"seed": seed, "rows": 3, "rank": 2, "forces": 1, "solves": [made]}
 
     assert report({"4-Haswell": [line(0), {"seed": 1, "refused": "InvalidModel"}]}, tmp_path) == 0
+    page = written[0]["docs/results.md"]["campaign"]
+    assert "| 4-Haswell | 1 | 1 | 1 | 1e-12 | 0 | 0 | 0 |" in page
     (summary,) = json.loads((tmp_path / "campaign.json").read_text()).values()
     assert summary["solves"] == summary["problems"] == summary["with_redundant_rows"] == 1
     for wrong in (

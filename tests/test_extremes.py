@@ -492,9 +492,8 @@ def test_maps_count_and_advise():
     ]
     (found,) = maps(outcomes)
     right = r"right to \de-1\d at 1 \.\.\. 1e-[78], 1e-1\d \.\.\. 0"
-    assert re.fullmatch(
-        f"reference: {right}; says inaccurate at 1e-9, 1e-10", found.advice("reference")
-    )
+    said = r"(1e-9, 1e-10|1e-8 \.\.\. 1e-10)"  # below 2e-8 no residual tells
+    assert re.fullmatch(f"reference: {right}; says inaccurate at {said}", found.advice("reference"))
     assert re.fullmatch(
         rf"proximal: {right}; says inaccurate at 1e-8, 1e-9", found.advice("proximal")
     )

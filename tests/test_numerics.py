@@ -227,7 +227,7 @@ def terms_of_a_light_joint() -> tuple[Terms, np.ndarray]:
 
 
 def test_a_singular_value_that_rounding_made_does_not_count():
-    """1e6 times larger in the metric of M, it was 5e-11 of the largest, and held a light joint."""
+    """1e6 times larger in the metric of M, it was 5e-11 of the largest and held the joint."""
     terms, P = terms_of_a_light_joint()
     factors = factorise(terms.M, terms.J, REFERENCE_RANK)
     assert factors.rank == 2

@@ -180,6 +180,14 @@ def test_extremes_are_those_of_the_committed_results(monkeypatch):
     assert_written(stress.pages(runs))
 
 
+def test_the_campaign_is_that_of_the_committed_results(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    import campaign_report
+
+    found = campaign_report.load(ROOT / "benchmarks" / "results" / "campaign.json")
+    assert_written(campaign_report.pages(found))
+
+
 def test_conjugate_gradients_are_those_of_the_committed_results(monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
     import conjugate_gradient

@@ -15,6 +15,7 @@ Carpentier, Mansard. Analytical derivatives of rigid body dynamics algorithms. R
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +31,15 @@ from condyn_pin.differentiation.rolling import RollingPartials
 from condyn_pin.drift import Baumgarte
 from condyn_pin.joints import turning
 from condyn_pin.rows.bound import AnyBound, Coupled, Rolled
+
+
+@cache
+def _lapack() -> tuple[Any, Any]:
+    # imported here: scipy.linalg takes as long to import as Pinocchio
+    from scipy.linalg.lapack import dpotrf, dpotri
+
+    return dpotrf, dpotri
+
 
 Part = PairPartials | RollingPartials | BallPartials
 
@@ -105,8 +115,20 @@ class Linearisation:
             by_a = np.vstack([pin.crba(self._model, self._data, free_q), J])
             rhs, J = self._carried.back(chain, rhs, -by_a, -r), J @ chain.Phi
         self._write_couplings(rhs, J)
-        M_inv = np.array(pin.computeMinverse(self._whole, self._whole_data, q))
-        return Linearised(M_inv, J, rhs)
+        return Linearised(self._inverse_mass(q), J, rhs)
+
+    def _inverse_mass(self, q: Array) -> Array:
+        """Return M^-1 (nv, nv) from the factor of M.
+
+        `pin.computeMinverse` subtracts what a light body hands on from a heavy one behind it: at a
+        condition of M of 4e5 it has lost nine digits, and the factor five.
+        """
+        potrf, potri = _lapack()
+        U, info = potrf(pin.crba(self._whole, self._whole_data, q))
+        if info:  # M is not positive definite to working precision
+            return np.array(pin.computeMinverse(self._whole, self._whole_data, q))
+        X = np.triu(potri(U)[0])
+        return np.asarray(X + np.triu(X, 1).T)
 
     def _of_bodies(self, q: Array, v: Array, a: Array, lam: Array) -> tuple[Array, Array]:
         """Return -[[r_q, r_v], [s_q, s_v]] and J, but for couplings, where no axes turn."""

@@ -3,8 +3,14 @@
 `pin.computeConstraintDynamicsDerivatives` reads what `pin.constraintDynamics` left in data, at the
 same settings object. What it returns points into data. For 3 rows between two bodies it adds a
 multiple of a spurious term to column 0 whenever the first coordinate of the robot turns; that
-column is taken from `KktDerivatives` then. With redundant rows its dlam is noise of size 1e-16/mu
-along them.
+column is taken from `KktDerivatives` then.
+
+They are those of the damped matrix, off by mu / sigma and not iterated. Where rows are redundant,
+and mu is no next to nothing, they are taken with mu and with 2 mu, and continued to zero:
+
+    X = 2 X(mu) - X(2 mu) + O(mu / sigma)^2.
+
+dlam is noise of size 1e-16/mu along redundant rows all the same.
 """
 
 from __future__ import annotations
@@ -13,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from condyn_pin import _pin
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.base import Derivatives
@@ -42,21 +49,23 @@ class PinocchioDerivatives(Derivatives):
     def __init__(self, workspace: Workspace, solution: Solution, v: Array, tau: Array) -> None:
         super().__init__(solution)
         _check(workspace)
-        model, data = workspace.model, workspace.data
-        models, datas = workspace.constraint_models, workspace.constraint_datas
-        settings = workspace.proximal_settings
-        pushed = (
-            workspace.loads.at(solution.q, solution.applied).torque if solution.applied else 0.0
-        )
-        # again, with nothing in between: the derivatives read what this leaves behind
-        pin.constraintDynamics(model, data, solution.q, v, tau + pushed, models, datas, settings)
-        found = pin.computeConstraintDynamicsDerivatives(model, data, models, datas, settings)
-        parts = [np.reshape(part, (-1, self._n)) for part in found]  # a column comes as a vector
-        empty = [np.zeros((0, self._n))] * 3
-        of_lam = [workspace.scene_forces(part) for part in parts[3:]] if self._m else empty
-        by_q, by_v, by_tau = map(np.vstack, zip(parts[:3], of_lam, strict=True))
+        settings, q = workspace.proximal_settings, solution.q
+        if solution.applied:
+            tau = tau + workspace.loads.at(q, solution.applied).torque
+        by_q, by_v, by_tau = _damped(workspace, q, v, tau, settings)
+        if not workspace.scene.audit.independent:
+            twice = _pin.proximal_settings(
+                settings.absolute_accuracy,
+                settings.relative_accuracy,
+                2.0 * settings.mu,
+                settings.max_iter,
+            )
+            more = _damped(workspace, q, v, tau, twice)
+            by_q, by_v, by_tau = (
+                2.0 * x - y for x, y in zip((by_q, by_v, by_tau), more, strict=True)
+            )
         if solution.applied:  # they are torques that change with q
-            by_q += by_tau @ load_partial(workspace.loads, solution.q, solution.applied)
+            by_q += by_tau @ load_partial(workspace.loads, q, solution.applied)
         if _first_column_is_wrong(workspace):
             first = np.eye(self._n)[0]
             still = np.zeros(self._n)
@@ -66,6 +75,23 @@ class PinocchioDerivatives(Derivatives):
 
     def _form(self) -> tuple[Array, Array, Array]:
         return self._formed
+
+
+def _damped(
+    workspace: Workspace, q: Array, v: Array, tau: Array, settings: Any
+) -> tuple[Array, Array, Array]:
+    """Return Pinocchio's derivatives of a and lam by q, v and tau, with the mu of the settings."""
+    model, data = workspace.model, workspace.data
+    models, datas = workspace.constraint_models, workspace.constraint_datas
+    # again, with nothing in between: the derivatives read what this leaves behind
+    pin.constraintDynamics(model, data, q, v, tau, models, datas, settings)
+    found = pin.computeConstraintDynamicsDerivatives(model, data, models, datas, settings)
+    n, m = model.nv, workspace.scene.rows
+    parts = [np.reshape(part, (-1, n)) for part in found]  # a column comes as a vector
+    empty = [np.zeros((0, n))] * 3
+    of_lam = [workspace.scene_forces(part) for part in parts[3:]] if m else empty
+    by_q, by_v, by_tau = map(np.vstack, zip(parts[:3], of_lam, strict=True))
+    return by_q, by_v, by_tau
 
 
 def _check(workspace: Workspace) -> None:
