@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from math import inf
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidModel
 from condyn_pin.tolerances import HUGE
+
+MOST_JOINTS: Final = 1000  # that move: Pinocchio's Data of so many takes 32 GB
 
 
 def check_model(model: Any) -> None:
