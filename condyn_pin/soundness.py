@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from math import inf
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -13,8 +13,6 @@ from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidModel
 from condyn_pin.tolerances import HUGE
-
-MOST_JOINTS: Final = 1000  # that move: Pinocchio's Data of so many takes 32 GB
 
 
 def check_model(model: Any) -> None:

@@ -13,12 +13,14 @@ import numpy as np
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidModel
 from condyn_pin.files.text import read_bytes
-from condyn_pin.soundness import MOST_JOINTS
 
 _MOST_ELEMENTS: Final = 500_000
-_MOST_LINKS: Final = 5000
 _SHOWN: Final = 60  # characters
 UNLIMITED: Final = 1e16  # the older way of SDF to write an infinite limit
+
+
+MOST_JOINTS: Final = 1000  # Pinocchio's Data of so many takes 32 GB
+MOST_LINKS: Final = 5000
 
 
 def parsed(path: str | PathLike[str]) -> Element:
@@ -34,7 +36,7 @@ def parsed(path: str | PathLike[str]) -> Element:
 
 def check_counts(links: int, joints: int) -> None:
     """Refuse more links, and joints that move, than can be computed with."""
-    for count, most, what in ((links, _MOST_LINKS, "links"), (joints, MOST_JOINTS, "joints")):
+    for count, most, what in ((links, MOST_LINKS, "links"), (joints, MOST_JOINTS, "joints")):
         if count > most:
             raise InvalidModel(f"{count} {what} are there, and {most} can be read at most")
 

@@ -10,6 +10,7 @@ from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
 from condyn_pin.constraint_fields import check_positive
 from condyn_pin.constraints import Loop
+from condyn_pin.io.xml import MOST_JOINTS
 from condyn_pin.knobs import check_count
 from condyn_pin.mechanisms.base import (
     LICENCE,
@@ -18,7 +19,6 @@ from condyn_pin.mechanisms.base import (
     source,
 )
 from condyn_pin.robot import Robot
-from condyn_pin.soundness import MOST_JOINTS
 
 
 @mechanism
