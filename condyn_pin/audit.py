@@ -216,6 +216,6 @@ def drawn_states(scene: Scene, count: int) -> tuple[NominalState, ...]:
             break
         terms = equations.terms(q, v)
         tau = terms.M @ rng.normal(size=len(v))
-        a, _ = Reference().solve(terms, tau)
+        a, _ = Reference().solve(terms, tau, reach(equations, q))
         made.append(NominalState(q, v, tau, a))
     return tuple(made)

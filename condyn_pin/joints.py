@@ -46,16 +46,22 @@ def turning(model: Any) -> tuple[int, ...]:
     """Return the joints whose axes turn with their own q: S(q) is no constant in the body's axes.
 
     Pinocchio's derivatives, and its Coriolis matrix, take S for one. S is looked at itself, at a
-    few configurations, so that no list of kinds has to be complete.
+    few configurations, so that no list of kinds has to be complete. A joint of one coordinate is a
+    screw, whose axis stays.
     """
-    data, still = model.createData(), pin.neutral(model)
-    axes: list[list[NDArray[np.float64]]] = []
-    for size, start in _LOOKS:
-        step = size * np.sin(start + 1.7 * np.arange(model.nv))
-        pin.forwardKinematics(model, data, pin.integrate(model, still, step))
-        axes.append([np.array(joint.S) for joint in list(data.joints)[1:]])
-    return tuple(
-        i
-        for i, (one, two, three) in enumerate(zip(*axes, strict=True), start=1)
-        if max(np.abs(one - two).max(), np.abs(one - three).max()) > _SAME * np.abs(one).max()
-    )
+    still, numbers = pin.neutral(model), np.arange(model.nv)
+    steps = (size * np.sin(start + 1.7 * numbers) for size, start in _LOOKS)
+    looks = [pin.integrate(model, still, step) for step in steps]
+
+    def turns(joint: Any) -> bool:
+        first, *others = (axes(joint, q) for q in looks)
+        return any(np.abs(S - first).max() > _SAME * np.abs(first).max() for S in others)
+
+    return tuple(joint.id for joint in list(model.joints)[1:] if joint.nv > 1 and turns(joint))
+
+
+def axes(joint: Any, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return S(q) (6, nv) of a joint of a model, in the axes of the body that it carries."""
+    data = joint.createData()
+    joint.calc(data, q)
+    return np.array(data.S).reshape(6, joint.nv)

@@ -9,6 +9,7 @@ answer takes the same forces another way: as wrenches on the bodies, through New
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from condyn_pin._pin import LOCAL, pin
 from condyn_pin.applied_force import AppliedForce
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.joints import turning
 
 if TYPE_CHECKING:
     from condyn_pin.robot import Robot
@@ -80,6 +82,11 @@ class Loads:
     def __init__(self, robot: Robot, model: Any, data: Any) -> None:
         self._robot, self.model, self.data = robot, model, data
         self._places: dict[str, Place] = {}  # to look through all frames takes its time
+
+    @cached_property
+    def turning(self) -> frozenset[int]:
+        """The joints whose axes turn with their own q."""
+        return frozenset(turning(self.model))
 
     def place(self, name: str) -> Place:
         """Return where a frame is that can be pushed."""

@@ -45,6 +45,9 @@ _SMALLEST: Final = -1e100
 
 _OK = Status.OK
 
+# The default, an object that there is one of: what is false, or has no truth, may be no forces.
+_NO_FORCES: Final[tuple[AppliedForce, ...]] = ()
+
 
 class Workspace(OneThread):
     """Memory for one scene and one solver; use one per thread.
@@ -181,7 +184,7 @@ class Workspace(OneThread):
         return Loads(self.scene.robot, self.model, self.equations.data)
 
     def acceleration(
-        self, q: Array, v: Array, tau: Array, *, forces: Sequence[AppliedForce] = ()
+        self, q: Array, v: Array, tau: Array, *, forces: Sequence[AppliedForce] = _NO_FORCES
     ) -> Array:
         """Return a, nothing else: the hot loop.
 
@@ -213,7 +216,7 @@ class Workspace(OneThread):
         The answer is looked at where the tree begins: what is not finite in the input always shows
         there. Finite input beyond 1e100 may overflow elsewhere, and come back as inf.
         """
-        if forces:
+        if forces is not _NO_FORCES:
             return self._pushed_acceleration(q, v, tau, forces)
         me, user = get_ident(), self._user  # `alone` and `next_acceleration`, without their calls
         if user and user != me:
@@ -285,7 +288,7 @@ class Workspace(OneThread):
         v: ArrayLike,
         tau: ArrayLike,
         *,
-        forces: Sequence[AppliedForce] = (),
+        forces: Sequence[AppliedForce] = _NO_FORCES,
         accuracy: float | None = None,
         throw: bool = True,
     ) -> Solution:
@@ -320,7 +323,7 @@ class Workspace(OneThread):
         load: Load | None = None
         self._solved_by = get_ident()
         start = perf_counter()
-        if forces:
+        if forces is not _NO_FORCES:
             load = self.loads.at(q_, applied_forces(forces))
         try:
             a = self._run(q_, v_, tau_ + load.torque if load else tau_)
@@ -349,7 +352,7 @@ class Workspace(OneThread):
         v: ArrayLike,
         tau: ArrayLike,
         *,
-        forces: Sequence[AppliedForce] = (),
+        forces: Sequence[AppliedForce] = _NO_FORCES,
         method: str = "kkt",
         check: bool = False,
         accuracy: float | None = None,

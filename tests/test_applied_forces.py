@@ -301,8 +301,11 @@ def test_errors_name_the_force():
     assert "forces[1] = (1, 2, 3): an AppliedForce" in solved(push, (1, 2, 3))
     with pytest.raises(cp.InvalidArgument, match="a list is needed, also for a single"):
         cp.solve(scene, q, still, still, forces=push)
-    with pytest.raises(cp.InvalidArgument, match="forces = 3"):
-        cp.solve(scene, q, still, still, forces=3)
+    workspace = cp.Workspace(scene)
+    for call in (workspace.solve, workspace.acceleration):
+        for wrong, said in ((3, "forces = 3"), (None, "forces = None"), (np.ones(3), "forces.0.")):
+            with pytest.raises(cp.InvalidArgument, match=said):
+                call(q, still, still, forces=wrong)
 
 
 @pytest.mark.parametrize(

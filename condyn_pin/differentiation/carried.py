@@ -11,22 +11,19 @@ and the derivatives are those of the chain
 
     dr = Phi^T (r~_q Phi dq + r~_v dnu + M~ dnu') + (Phi_q dq)^T r~,    ds the same with J~ for M~.
 
-S_q is differenced over a stencil of order 8, which ends at rounding: S is a few sines of q.
+S is a few sines of q: S_q is differenced to rounding (`condyn_pin.differentiation.stencil`).
 """
 
 from __future__ import annotations
 
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
+from condyn_pin.differentiation.stencil import slope
 from condyn_pin.joints import Indices, turning
-
-# f' ~ sum_j w_j (f(j h) - f(-j h)) / h, wrong by h^8 f^(9) / 630: below the rounding of S over h.
-_WEIGHTS: Final = (4 / 5, -1 / 5, 4 / 105, -1 / 280)
-_H: Final = 2.0**-7  # [rad, m]
 
 
 class Chain(NamedTuple):
@@ -162,15 +159,9 @@ def _axes(joint: _Joint, q: Array, v: Array, a: Array) -> tuple[Array, Array, Ar
 
 def _by_q(joint: _Joint, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
     """Return S_q (k, 6, k), and S v and S a + c by q, each (k, 6): a row a coordinate."""
-    found: list[list[Array]] = [[], [], []]
-    for direction in np.eye(len(v)):
-        change: list[Array] = [0.0, 0.0, 0.0]  # type: ignore[list-item]
-        for j, weight in enumerate(_WEIGHTS, start=1):
-            for sign in (1.0, -1.0):
-                at = pin.integrate(joint.model, q, sign * j * _H * direction)
-                parts = _axes(joint, at, v, a)
-                change = [x + sign * weight / _H * y for x, y in zip(change, parts, strict=True)]
-        for column, x in zip(found, change, strict=True):
-            column.append(x)
-    S_q, v_q, a_q = map(np.array, found)
-    return S_q, v_q, a_q
+
+    def moved(step: Array) -> Array:
+        return np.column_stack(_axes(joint, pin.integrate(joint.model, q, step), v, a))
+
+    rows = np.array([slope(moved, direction) for direction in np.eye(len(v))])
+    return rows[:, :, :-2], rows[:, :, -2], rows[:, :, -1]

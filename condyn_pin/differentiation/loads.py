@@ -12,15 +12,13 @@ way:
     dL_i/dq_j = -L_j x L_i    if j belongs to a joint below that of i, else 0,
     dw/dq_j   = w x omega_j   in axes of the world, else 0.
 
-Where the axes of a joint turn with its own q, v_J = S(q) v, its columns change by dS besides. S is
-made of sines, cosines and powers of few coordinates, so that a central difference of order eight
-gives dS to rounding.
+Where the axes of a joint turn with its own q, v_J = S(q) v, its columns change by dS besides.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -28,11 +26,9 @@ from condyn_pin._pin import LOCAL, pin
 from condyn_pin.applied_force import AppliedForce
 from condyn_pin.arrays import Array
 from condyn_pin.differentiation.partials import dual_cross
+from condyn_pin.differentiation.stencil import slope
+from condyn_pin.joints import axes
 from condyn_pin.loads import Loads, frame_jacobian, in_axes
-
-# Of f'(0) from f(h) - f(-h), f(2 h) - f(-2 h), and so on; the remainder is h^8 / 630 f^(9).
-_STENCIL: Final = (4 / 5, -1 / 5, 4 / 105, -1 / 280)
-_STEP: Final = 0.03
 
 
 def load_partial(loads: Loads, q: Array, forces: Sequence[AppliedForce]) -> Array:
@@ -50,34 +46,26 @@ def load_partial(loads: Loads, q: Array, forces: Sequence[AppliedForce]) -> Arra
             total += L.T @ (turned @ L[3:])
         total += below * (L.T @ dual_cross(wrench) @ L)
         oMf = data.oMi[joint] * placement
-        for i, columns, dS in _turning(model, q, joint):
+        for i, columns, dS in _turning(loads, q, joint):
             on_joint = (data.oMi[i].actInv(oMf)).act(pin.Force(wrench)).vector
             total[columns, columns] += np.einsum("kij,k->ij", dS, on_joint)
     return total
 
 
-def _turning(model: Any, q: Array, joint: int) -> Iterator[tuple[int, slice, Array]]:
-    """Yield the joints above a frame whose axes turn with their q, and dS (6, nv, nv)."""
-    for i in list(model.supports[joint])[1:]:
-        each = model.joints[i]
-        if each.nq == each.nv > 1:  # else S is constant
-            dS = _axes_partial(each, q)
-            if dS.any():
-                yield i, slice(each.idx_v, each.idx_v + each.nv), dS
+def _turning(loads: Loads, q: Array, end: int) -> Iterator[tuple[int, slice, Array]]:
+    """Yield the joints above a frame whose axes turn with their q, their columns, and S by q."""
+    model = loads.model
+    for i in list(model.supports[end])[1:]:
+        if i in loads.turning:
+            joint = model.joints[i]
+            columns = slice(joint.idx_v, joint.idx_v + joint.nv)
+            yield i, columns, _axes_by_q(model, joint, q, np.eye(model.nv)[columns])
 
 
-def _axes_partial(joint: Any, q: Array) -> Array:
-    """Return dS_i/dq_j (6, nv, nv) of a joint at q."""
-    data, n = joint.createData(), joint.nv
+def _axes_by_q(model: Any, joint: Any, q: Array, directions: Array) -> Array:
+    """Return S (6, k) of a joint by each of its coordinates, (6, k, k)."""
 
-    def axes(j: int, step: float) -> Array:
-        moved = q.copy()
-        moved[joint.idx_q + j] += step
-        joint.calc(data, moved)
-        return np.array(data.S).reshape(6, n)
+    def moved(step: Array) -> Array:
+        return axes(joint, pin.integrate(model, q, step))
 
-    dS = np.zeros((6, n, n))
-    for j in range(n):
-        for k, weight in enumerate(_STENCIL, 1):
-            dS[:, :, j] += weight / _STEP * (axes(j, k * _STEP) - axes(j, -k * _STEP))
-    return dS
+    return np.stack([slope(moved, direction) for direction in directions], axis=-1)

@@ -13,7 +13,6 @@ One that says none of this is another one's, such as the robot.toml of this libr
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,6 +21,7 @@ from typing import Any, Final
 
 from condyn_pin.constraints import Loop
 from condyn_pin.errors import InvalidModel, MissingExtra, unknown_name
+from condyn_pin.files.text import parse_toml
 from condyn_pin.io.urdf_closures import stem
 from condyn_pin.names import few, listed
 
@@ -115,8 +115,8 @@ def _text(path: Path) -> str:
 
 def _toml(path: Path) -> Mapping[str, Any]:
     try:
-        return tomllib.loads(_text(path))
-    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
+        return parse_toml(_text(path))
+    except ValueError as error:
         raise InvalidModel(f"it is no TOML: {error}") from error
 
 

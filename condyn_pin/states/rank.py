@@ -179,8 +179,7 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
     equations = Equations(model, scene.bounds)
     terms = equations.terms(q_, np.zeros(model.nv))
     isolated = scene.chains.isolated
-    factors = factorise(terms.M, terms.J, _share(scene), at=(model, q_))
-    factors = factors.above_rounding(reach(equations, q_))
+    factors = _factors(scene, equations, q_, terms.M, terms.J)
     S, r = factors.S, factors.rank
     c = equations.violation(q_)
     return Rank(
@@ -205,14 +204,15 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
 def is_singular(scene: Scene, q: Array) -> bool:
     """Whether fewer rows are independent at q than at configurations nearby, as `Rank.singular`."""
     equations = equations_of(scene)
-    return (
-        factorise(equations.mass(q), equations.jacobian(q), _share(scene)).rank < scene.chains.rank
-    )
+    factors = _factors(scene, equations, q, equations.mass(q), equations.jacobian(q))
+    return factors.rank < scene.chains.rank
 
 
-def _share(scene: Scene) -> float:
-    """Return below what share of the largest singular values are zeros."""
-    return tolerances.ISOLATED if scene.chains.isolated else tolerances.RANK
+def _factors(scene: Scene, equations: Equations, q: Array, M: Array, J: Array) -> MinimumNorm:
+    """Return M and J factorised, without the singular values that are zeros but for rounding."""
+    share = tolerances.ISOLATED if scene.chains.isolated else tolerances.RANK
+    factors = factorise(M, J, share, at=(scene.robot.model, q))
+    return factors.above_rounding(reach(equations, q))
 
 
 def _conflict(null: Array, c: Array, names: Sequence[str]) -> dict[str, float]:
