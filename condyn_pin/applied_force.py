@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from condyn_pin.arrays import Array, finite
 from condyn_pin.constraint_fields import check_size, text
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.knobs import check_called
 
 Axes = Literal["world", "body"]
 ForceFunction = Callable[[float, Array, Array], ArrayLike]  # (t, q, v) -> (3,) or (6,) [N, N m]
@@ -44,7 +45,8 @@ class AppliedForce:
     Raises
     ------
     InvalidArgument
-        If a number is not finite, a shape is another, or `frame_of` is neither.
+        If a number is not finite, a shape is another, a function takes other arguments, or
+        `frame_of` is neither.
     """
 
     frame: str
@@ -58,7 +60,9 @@ class AppliedForce:
                 f"frame_of = {self.frame_of!r}: 'world' or 'body' is needed, whose axes the "
                 "components are in"
             )
-        if not callable(self.force):
+        if callable(self.force):
+            check_called(self._what, self.force, "t, q, v")
+        else:
             object.__setattr__(self, "force", _numbers(self._what, self.force))
 
     @property

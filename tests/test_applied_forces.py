@@ -320,6 +320,7 @@ def test_errors_name_the_force():
         (("tip", (1.0, np.nan, 0.0)), "'tip'[1] = nan"),
         (("tip", ("a", "b", "c")), "'tip'"),
         (("tip", (1e200, 0.0, 0.0)), "no machine has that"),
+        (("tip", lambda t: FORCE), "'tip' takes (t): it is called with (t, q, v)"),
         (("tip", FORCE, "local"), "frame_of = 'local': 'world' or 'body' is needed"),
     ],
 )

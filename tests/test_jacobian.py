@@ -182,10 +182,25 @@ def test_files_know_what_was_differenced(tmp_path):
     assert cp.Trajectory.load(tmp_path / "run.npz").run.differenced == found.run.differenced > 0
 
 
+@pytest.mark.parametrize("rate", [1e3, 1e5, 1e7])
+def test_a_start_that_damping_stops_within_a_step_is_not_thrown(rate):
+    """A step is 1 ms: of 1 m/s there are 1 / rate metres left."""
+    model = pin.Model(slider().robot.model)
+    model.damping = np.array([rate])
+    damped = cp.Scene(cp.Robot("slider", model))
+    for rho in (0.0, 0.5, 0.8, 0.95):
+        stopped = cp.simulate(
+            damped, [0.0], [1.0], duration=0.5, integrator=cp.GeneralisedAlpha(rho=rho)
+        )
+        assert stopped.status.ok
+        assert stopped.q[-1, 0] == pytest.approx(1 / rate, abs=1e-4)
+
+
 @pytest.mark.parametrize(
     ("tau", "jacobian", "integrator", "match"),
     [
         (held, 3.0, cp.RadauIIA(), "jacobian = 3.0: a function"),
+        (held, lambda t: ([[0.0]], [[0.0]]), cp.RadauIIA(), r"jacobian takes \(t\)"),
         ([1.0], of_held, cp.RadauIIA(), "tau is no function"),
         (held, of_held, None, "Runge-Kutta 4 does not use it; GearGuptaLeimkuhler, "),
         (held, of_held, cp.SemiImplicitEuler(implicit=False), "does not use it"),
@@ -193,7 +208,16 @@ def test_files_know_what_was_differenced(tmp_path):
         (held, lambda t, q, v: (0.0, 0.0), cp.RadauIIA(), r"jacobian\(.*\)\[0\]"),
         (held, lambda t, q, v: ([[np.nan]], [[0.0]]), cp.RadauIIA(), r"jacobian\(.*\)\[0\]"),
     ],
-    ids=["number", "constant torque", "explicit", "not implicit", "no pair", "shape", "nan"],
+    ids=[
+        "number",
+        "of t alone",
+        "constant torque",
+        "explicit",
+        "not implicit",
+        "no pair",
+        "shape",
+        "nan",
+    ],
 )
 def test_what_does_not_fit_is_refused(tau, jacobian, integrator, match):
     with pytest.raises(cp.InvalidArgument, match=match):

@@ -12,7 +12,7 @@ from condyn_pin.applied_force import AppliedForce, applied_forces
 from condyn_pin.arrays import finite
 from condyn_pin.drift.base import Drift
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.knobs import check_count
+from condyn_pin.knobs import check_called, check_count
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.simulation.defaults import default_drift, default_integrator
 from condyn_pin.simulation.effects import Effects
@@ -131,6 +131,7 @@ def _check_jacobian(tau: object, jacobian: object, integrator: Integrator) -> No
             f"jacobian = {jacobian!r}: a function of (t, q, v) is needed, that returns tau by q "
             "and tau by v"
         )
+    check_called("jacobian", jacobian, "t, q, v")
     if not callable(tau):
         raise InvalidArgument("jacobian: tau is no function, and its derivatives are zero")
     if not integrator.takes_jacobian:

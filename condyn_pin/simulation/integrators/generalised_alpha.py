@@ -11,6 +11,7 @@ from condyn_pin.algebra.inverse import inverse as inverse_of
 from condyn_pin.arrays import Array, finite
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
+from condyn_pin.simulation.integrators.radau import RadauIIA
 from condyn_pin.simulation.iteration import to_the_end
 from condyn_pin.simulation.residuals import Residuals
 
@@ -19,6 +20,12 @@ if TYPE_CHECKING:
 
 # Where the derivative of a is taken at the start, as a share of dt.
 _NEAR = 1e-2
+
+# After so many steps of Radau's method what is fast has died out, or is rounding.
+_LONGEST = 5
+
+# Accelerations below this share of the largest one do not say how fast accelerations change.
+_SMALL = 1e-2
 
 
 @dataclass(frozen=True)
@@ -32,6 +39,9 @@ class GeneralisedAlpha(Integrator):
 
     Newton's iteration with the derivatives of Newton-Euler's equations and of the robot's springs
     and damping, and with those of torques of a function (`Slopes`): stiff ones need no small dt.
+    Where a changes by more than itself within dt, as at a start that stiff damping is about to
+    stop, Newmark's formulas would throw the machine by dt^2 a: such steps are those of `RadauIIA`,
+    five at most.
 
     Parameters
     ----------
@@ -75,13 +85,27 @@ class GeneralisedAlpha(Integrator):
         integrate, n = system.integrate, system.model.nv
         known: list[tuple[Array, Array, Array]] = []  # q, a and A at the end of the last step
         forces = [np.zeros(0)]
+        lag, fast = alpha_m - alpha_f, RadauIIA().start(system, dt)
+        # where the last step of Radau's method ended, and how many there were in a row
+        passed: list[tuple[Array, int]] = []
+
+        def of_radau(t: float, q: Array, v: Array, n: int) -> tuple[Array, Array, Array]:
+            assert fast.lam is not None
+            q1, v1, a1 = fast.step(t, q, v)
+            forces[0], passed[:] = fast.lam(), [(q1, n)]
+            return q1, v1, a1
 
         def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
             if known and known[0][0] is q:
                 _, a0, A0 = known[0]
                 lam = forces[0]
             else:
-                a0, A0, lam = _begin(system, t, q, v, dt, alpha_m - alpha_f)
+                a0, change, lam = _begin(system, t, q, v, dt)
+                is_fast = _is_fast(a0, change)
+                before = passed[0][1] if passed and passed[0][0] is q else 0
+                if is_fast and before < _LONGEST:
+                    return of_radau(t, q, v, before + 1)
+                A0 = a0 if is_fast else a0 + lag * change
             a1 = a0
             q1, v1, A1, inverse = q, v, A0, np.zeros((0, 0))
 
@@ -107,15 +131,19 @@ class GeneralisedAlpha(Integrator):
         return Stepper(system.slopes.retried(step), lambda: forces[0])
 
 
-def _begin(
-    system: System, t: float, q: Array, v: Array, dt: float, lag: float
-) -> tuple[Array, Array, Array]:
-    """Return a, A and lam at a start: A is the acceleration at t + lag dt, up to dt^2."""
+def _begin(system: System, t: float, q: Array, v: Array, dt: float) -> tuple[Array, Array, Array]:
+    """Return a, dt a' and lam at a start: A is the acceleration at t + lag dt, up to dt^2."""
     a = system.acceleration(t, q, v)
     lam, near = system.lam(), _NEAR * dt
     moved = system.integrate(q, near * v + near**2 / 2 * a)
     later = system.acceleration(t + near, moved, v + near * a)
-    return a, a + lag / _NEAR * (later - a), lam
+    return a, (later - a) / _NEAR, lam
+
+
+def _is_fast(a: Array, change: Array) -> bool:
+    """Whether an acceleration changes by more than itself within a step."""
+    size = np.abs(a)
+    return bool((np.abs(change) > size + _SMALL * size.max(initial=0.0)).any())
 
 
 def _largest(x: Array) -> float:
