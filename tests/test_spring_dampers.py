@@ -230,7 +230,7 @@ def test_explicit_methods_say_which_spring_is_too_stiff(integrator):
 
 
 def test_a_stiff_spring_of_a_joint_in_a_loop_is_named():
-    """Where the loop leaves one motion: its frequency is sqrt(k / the inertia that the motor sees)."""
+    """The root of k over the inertia that the motor sees."""
     bar = robot("four_bar")
     joint = bar.joints[0]
     model = pin.Model(bar.model)
