@@ -16,6 +16,7 @@ from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.errors import BranchChanged, InvalidModel, NotAssembled
 from condyn_pin.proof import Yardstick
 from condyn_pin.rows.equations import Equations
+from condyn_pin.rows.mass_pivots import MassPivots
 from condyn_pin.rows.natives import Natives
 from condyn_pin.rows.reach import ROUNDED, reach
 from condyn_pin.rows.terms import Terms
@@ -73,6 +74,8 @@ class Audit:
         Mass times gravity, or mass times 1 m/s^2 without gravity [N].
     yardstick : Yardstick
         What turns residuals into an error of a.
+    pivots : MassPivots
+        Those of M that may be far less elsewhere.
     states : tuple of NominalState
         At q: at rest, and moving along the constraints with random torques.
     terms : Terms
@@ -94,6 +97,7 @@ class Audit:
     native_spectrum: tuple[float, float]
     weight: float
     yardstick: Yardstick
+    pivots: MassPivots
     states: tuple[NominalState, ...]
     terms: Terms
     measured: dict[Solver, tuple[float, int, int]] = field(default_factory=dict)
@@ -133,6 +137,7 @@ def audit(scene: Scene) -> Audit:
         native_spectrum=_native_spectrum(scene.natives, factors) if rank else (norm, norm),
         weight=weight,
         yardstick=Yardstick.of(factors, P, gravity, weight),
+        pivots=MassPivots(robot.model, terms.M),
         states=_nominal_states(equations, q, factors, P),
         terms=terms,
     )
@@ -199,23 +204,5 @@ def _nominal_states(
     made = []
     for v, tau in ((np.zeros(nv), np.zeros(nv)), (factors.tangent(rng.normal(size=nv)), push)):
         a, _ = Reference().solve(equations.terms(q, v), tau, P)
-        made.append(NominalState(q, v, tau, a))
-    return tuple(made)
-
-
-def drawn_states(scene: Scene, count: int) -> tuple[NominalState, ...]:
-    """Return random states of a scene, moved as its nominal one is; none where none is closed."""
-    if not scene.audit.closed:
-        return ()
-    rng, equations = np.random.default_rng(1), Equations(scene.robot.model, scene.bounds)
-    made = []
-    for _ in range(count):
-        try:
-            q, v = scene.sample(rng)
-        except NotAssembled:
-            break
-        terms = equations.terms(q, v)
-        tau = terms.M @ rng.normal(size=len(v))
-        a, _ = Reference().solve(terms, tau, reach(equations, q))
         made.append(NominalState(q, v, tau, a))
     return tuple(made)

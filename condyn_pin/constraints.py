@@ -70,8 +70,8 @@ class Loop(Constraint):
         The joint that was cut, with 3, 6, 5, 5, 2 and 1 rows. A ball closes planar linkages too;
         it is redundant there, which every solver of this library that says ok has taken care of,
         and ``planar`` is not. Sliders, rods, and planar pins whose bodies can leave the plane
-        have no equivalent in Pinocchio, and take ten times as long. A weld in place of a hinge
-        locks the hinge.
+        have no equivalent in Pinocchio, and take five times as long or more. A weld in place of a
+        hinge locks the hinge.
     axis : {"x", "y", "z"}
         Of `frame_a`: what a hinge turns about, a slider moves along, and a planar pin says nothing
         about. The same axis of `frame_b` coincides with it in a hinge. The other kinds ignore it.

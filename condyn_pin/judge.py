@@ -42,7 +42,8 @@ class Judge:
     def __init__(self, workspace: Workspace, method: Method) -> None:
         self._workspace, self._method = workspace, method
         self._scene = workspace.scene
-        self._yardstick = workspace.scene.audit.yardstick
+        audit = workspace.scene.audit
+        self._yardstick, self._pivots = audit.yardstick, audit.pivots
 
     def answered(
         self,
@@ -62,7 +63,10 @@ class Judge:
         singular = False
         # rotations by a loose quaternion are none: the residuals agree with an answer that is off
         loose = not pin.isNormalized(self._workspace.model, q, _LOOSE)
-        if (doubtful or loose) and isfinite(proof.bound):
+        doubtful = doubtful or loose
+        if not doubtful and self._pivots.may_fall:
+            doubtful = proof.bound > tolerances.SOLVED * self._pivots.left(equations.mass(q))
+        if doubtful and isfinite(proof.bound):
             try:
                 proof = self._careful_proof(q, v, tau, a, lam, load)
             except InvalidModel:  # M is not positive definite to working precision

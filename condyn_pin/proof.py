@@ -53,10 +53,8 @@ _UNIT = _EPS / 2  # of one rounding
 # Relative errors below this are not worth a look at what rounding of tau does.
 _NEAR_ROUNDING = tolerances.SOLVED
 
-
-# A sigma that is no more than so many times the rounding of J says nothing about a row.
-_BLURRED = 100.0
-
+# Where sigma is not so many times the rounding of J, rows may count or not: state by state.
+_CLEAR = 100.0
 
 # Forces, as a multiple of the weight where a is of the size of gravity, that machines do not have
 # away from singular configurations.
@@ -217,7 +215,7 @@ class Yardstick:
         """
         if self.shaking > tolerances.SOLVED:
             return -1.0
-        if self.rows and not _BLURRED * self.blur < self.sigma < inf:
+        if self.rows and not _CLEAR * self.blur < self.sigma < inf:
             return -1.0
         scale = self.largest_weight * self.per_row
         if scale * self.slipping > tolerances.SOLVED / 10:  # a slip of nothing says nothing

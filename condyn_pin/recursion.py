@@ -3,8 +3,8 @@
 It carries the inertias of the constraints, 1/mu at the point of each, in the axes of the world.
 Rounding of that is eps r^2 / mu, r being the distance to the origin of the world: what a light body
 feels of it grows with the square of the way that a robot has walked. Where the robot is moves
-nothing, so one that is further away than a metre is taken to the origin: the shifts of a root joint
-that is free are set to 0.
+nothing, so one that is further away than its longest chain is taken to the origin: the shifts of a
+root joint that is free are set to 0.
 
 What is left, eps / mu of the size of the robot, is made up for as in `condyn_pin.refinement`: the
 residual r = M a + h - tau - J^T lam of Newton-Euler is taken for a torque on the same robot, at
@@ -34,8 +34,8 @@ Acceleration = Callable[[Array, Array, Array], Array]
 # Coordinates of root joints that are shifts along axes of the world.
 _SHIFTS: Final = {"JointModelFreeFlyer": 3, "JointModelTranslation": 3, "JointModelPlanar": 2}
 
-# Squares of the distances to the origin between which a robot is taken there [m^2].
-_NEAR, _FAR = 1.0, 1e300
+# The square of a distance to the origin beyond which nothing is a place [m^2].
+_FAR: Final = 1e300
 
 
 class Recursion:
@@ -64,11 +64,11 @@ class Recursion:
         self._held, self._views = held, views or [np.zeros(0)]
         roots = [i for i in range(1, model.njoints) if model.parents[i] == 0]
         kind = model.joints[1].shortname() if len(roots) == 1 else ""
-        self._shifts = _SHIFTS.get(kind, 0)
+        self._shifts, self._near = _SHIFTS.get(kind, 0), _longest_chain(model) ** 2
 
     def bind(self, settings: Any) -> Acceleration:
         """Return the accelerations with some settings."""
-        solve, clear, shifts = self._solve, self._clear, self._shifts
+        solve, clear, shifts, near = self._solve, self._clear, self._shifts, self._near
         model, data, models, datas = self._bound
         origin = np.zeros(shifts)
 
@@ -77,7 +77,7 @@ class Recursion:
                 zero()
             if shifts:
                 place = q[:shifts]
-                if _NEAR < place.dot(place) < _FAR:  # what is not finite shows in the answer
+                if near < place.dot(place) < _FAR:  # what is not finite shows in the answer
                     q = np.concatenate((origin, q[shifts:]))
             return solve(model, data, q, v, tau, models, datas, settings)
 
@@ -88,6 +88,17 @@ class Recursion:
         forces = np.asarray(np.concatenate(self._views))
         np.negative(forces, out=forces)
         return forces
+
+
+def _longest_chain(model: Any) -> float:
+    """Return the length of the longest chain of links from joint to joint [m]."""
+    lengths = np.zeros(model.njoints)
+    for i in range(1, model.njoints):
+        parent = model.parents[i]
+        if parent:  # where a root stands is no length of the robot
+            step = np.linalg.norm(model.jointPlacements[i].translation)
+            lengths[i] = lengths[parent] + step
+    return float(lengths.max())
 
 
 class Corrected:

@@ -192,7 +192,7 @@ def _notes(scene: Scene, at: Rank) -> Iterator[str]:
     if missing := scene.natives.missing:
         yield (
             f"{', '.join(missing)}: Pinocchio has no such rows, so that Proximal and LCABA refuse "
-            "the scene; what solves it instead takes ten times as long, or more"
+            "the scene; what solves it instead takes five times as long, or more"
         )
     if rolling := [c.name for c in scene.constraints if isinstance(c, Nonholonomic)]:
         yield (

@@ -155,8 +155,10 @@ def with_choices(solver, scene):
         return replace(solver, tolerance=enough)
     if isinstance(solver, cp.LCABA):
         cp.Workspace(scene, solver)
-        mu = scene.audit.measured[solver]
-        return replace(solver, mu=mu, absolute_accuracy=enough)
+        mu, limit, corrections = scene.audit.measured[solver]
+        return replace(
+            solver, mu=mu, max_iterations=limit, refinements=corrections, absolute_accuracy=enough
+        )
     return solver
 
 

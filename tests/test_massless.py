@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from oracle import Oracle
 from shared import SOLVERS
 
 import condyn_pin as cp
@@ -53,6 +54,32 @@ def test_a_solve_names_the_joints_and_the_configuration(scene, solver):
     assert not found.status.ok
     (notice,) = found.notices
     assert re.search(NAMED, notice)
+
+
+@pytest.mark.parametrize("apart", [1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8])
+def test_what_is_ok_near_the_lock_is_right(scene, apart):
+    """M falls with the square of the angle between the axes, and rounding of it grows in a."""
+    accepted, still = 0, np.zeros(4)
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        q = LOCKED + apart * (1 + 0.1 * seed) * np.array([0.0, 1.0, 0.0, 0.0])
+        q[[0, 2, 3]] += 0.3 * rng.normal(size=3)
+        exact, _ = Oracle(scene).solve(q, still, still)
+        right = exact.astype(float).ravel()
+        size = max(9.81, float(np.abs(right).max()))
+        for solver in METHODS:
+            if not solver.exact:
+                continue
+            found = cp.solve(scene, q, still, still, solver=solver, throw=False)
+            accepted += found.status.ok
+            assert not found.status.ok or np.abs(found.a - right).max() < 1e-8 * size, solver
+    assert bool(accepted) == (apart > 1e-4)
+
+
+def test_pivots_that_no_link_without_inertia_lowers_are_not_watched():
+    assert cp.Scene(arm("yaw", "pitch", "roll").robot).audit.pivots.may_fall
+    for name in ("four_bar", "talos", "solo12"):
+        assert not cp.Scene(cp.load_robot(name)).audit.pivots.may_fall
 
 
 def test_without_constraints_too(scene):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 from typing import Any
 
 from condyn_pin import _pin
@@ -16,6 +15,7 @@ from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
 from condyn_pin.solvers import SOLVERS, Solver
+from condyn_pin.solvers.base import knob_fields
 from condyn_pin.trade.sweeps import sweep
 
 _GAIN = 30.0  # [1/s] of Baumgarte's method, if none is given
@@ -67,7 +67,7 @@ def solver_of(name: str, knobs: Mapping[str, Any] | None = None) -> Solver:
         raise unknown_name("solver", name, SOLVERS)
     chosen = SOLVERS[name.lower()]
     given = {key: value for key, value in (knobs or {}).items() if value is not None}
-    known = {field.name for field in fields(chosen)}
+    known = {knob.name for knob in knob_fields(chosen)}
     for key in given.keys() - known:
         raise InvalidArgument(f"{key}: {chosen.__name__} has no such knob; it has {sorted(known)}")
     return chosen(**given)

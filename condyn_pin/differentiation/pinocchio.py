@@ -5,8 +5,8 @@ same settings object. What it returns points into data. For 3 rows between two b
 multiple of a spurious term to column 0 whenever the first coordinate of the robot turns; that
 column is taken from `KktDerivatives` then.
 
-They are those of the damped matrix, off by mu / sigma and not iterated. Where rows are redundant,
-and mu is no next to nothing, they are taken with mu and with 2 mu, and continued to zero:
+They are those of the damped matrix, off by mu / sigma and not iterated. Where rows are redundant
+they are taken with mu and with 2 mu, and continued to zero:
 
     X = 2 X(mu) - X(2 mu) + O(mu / sigma)^2.
 

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin._pin import pin
+from condyn_pin._pin import VERSION_TEXT, pin
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidModel
 from condyn_pin.io.joint_words import joint_of, joint_words
@@ -137,7 +137,7 @@ def _set_numbers(model: Any, arrays: Mapping[str, NDArray[Any]]) -> list[str]:
         if hasattr(model, name):
             setattr(model, name, values.copy())
         elif ((np.abs(values) != np.abs(usual[name])) & (np.abs(values) < NO_LIMIT)).any():
-            lost.append(f"{name} of the joints, for which Pinocchio {pin.__version__} has no place")
+            lost.append(f"{name} of the joints, for which Pinocchio {VERSION_TEXT} has no place")
     return lost
 
 

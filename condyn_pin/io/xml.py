@@ -19,7 +19,7 @@ _SHOWN: Final = 60  # characters
 UNLIMITED: Final = 1e16  # the older way of SDF to write an infinite limit
 
 
-MOST_JOINTS: Final = 1000  # Pinocchio's Data of so many takes 32 GB
+MOST_JOINTS: Final = 2000  # the Data of Pinocchio takes 32 GB of half as many
 MOST_LINKS: Final = 5000
 
 

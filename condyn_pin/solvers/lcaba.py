@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from condyn_pin import _pin, tolerances
-from condyn_pin.errors import UnsupportedConstraint
+from condyn_pin.errors import NotAssembled, UnsupportedConstraint
 from condyn_pin.knobs import (
     ACCURACIES,
     ITERATIONS,
@@ -21,6 +21,7 @@ from condyn_pin.knobs import (
 )
 from condyn_pin.recursion import Acceleration, Corrected, Recursion
 from condyn_pin.solvers.base import Method, Solver
+from condyn_pin.solvers.reference import Reference
 
 if TYPE_CHECKING:
     from condyn_pin.audit import Audit, NominalState
@@ -172,10 +173,8 @@ class LCABA(Solver):
         than a quarter of the sweeps there is left out: it would not converge elsewhere. Where none
         is left that is sure, answers are corrected.
         """
-        from condyn_pin.audit import drawn_states  # it imports the solvers
-
         audit = workspace.scene.audit
-        states = (*audit.states, *drawn_states(workspace.scene, _DRAWN))
+        states = (*audit.states, *_drawn_states(workspace))
 
         def best(refinements: int, limit: int) -> Measured:
             return min(
@@ -226,3 +225,25 @@ class LCABA(Solver):
         if worst < _ACCURATE:
             return Measured(0, sweeps, worst, choice)
         return Measured(1, worst * sweeps, worst, choice)
+
+
+def _drawn_states(workspace: Workspace) -> Iterator[NominalState]:
+    """Yield random states, moved as the nominal one is, and their a where `Reference` proves it.
+
+    Where a state is nearly singular even that cannot: nothing can be measured by it.
+    """
+    from condyn_pin.audit import NominalState  # it imports the solvers
+
+    scene, rng = workspace.scene, np.random.default_rng(1)
+    if not scene.audit.closed:
+        return
+    exact = type(workspace)(scene, Reference())
+    for _ in range(_DRAWN):
+        try:
+            q, v = scene.sample(rng)
+        except NotAssembled:
+            return
+        tau = exact.terms(q, v).M @ rng.normal(size=len(v))
+        solution = exact.solve(q, v, tau, throw=False)
+        if solution.status.ok:
+            yield NominalState(q, v, tau, solution.a)

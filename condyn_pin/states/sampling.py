@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from condyn_pin._pin import pin
+from condyn_pin.arguments import normalised
 from condyn_pin.arrays import Array, finite
 from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.errors import InvalidArgument, NotAssembled
@@ -39,7 +40,7 @@ def sample(
     limits = NO_LIMITS if chains.limits.beyond(home) else chains.limits
     closer = Closer(equations_of(scene), chains.rows, np.ones(nv, dtype=bool), limits)
     for _ in range(_TRIES):
-        guess = np.array(pin.integrate(model, home, spread * rng.normal(size=nv)))
+        guess = normalised(model, "q", pin.integrate(model, home, spread * rng.normal(size=nv)))
         end, _, status, _ = best_end(chains, closer, guess, chains.home)
         if status.ok:
             v = speed * rng.normal(size=nv)
