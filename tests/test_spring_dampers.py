@@ -216,6 +216,36 @@ def test_explicit_methods_say_which_damper_is_too_stiff():
     assert "the damping between a0 - b0 (4e+04 N s/m) has a rate of 6e+04 / s" in run.reason
 
 
+@pytest.mark.parametrize(
+    "integrator", [None, cp.StormerVerlet(), cp.Leapfrog(), cp.Rattle(), cp.ExplicitEuler()]
+)
+def test_explicit_methods_say_which_spring_is_too_stiff(integrator):
+    """The root of k over the reduced mass."""
+    scene = two_masses(cp.SpringDamper("a0", "b0", 1e8, 0.0, 0.5))
+    run = cp.simulate(scene, STRETCHED, STILL, duration=1.0, integrator=integrator)
+    assert run.status is cp.RunStatus.DIVERGED
+    frequency = np.sqrt(1e8 * sum(1 / mass for mass in MASSES))
+    said = f"the spring between a0 - b0 (1e+08 N/m) has a frequency of {frequency:.3g} rad/s"
+    assert said in run.reason
+
+
+def test_a_stiff_spring_of_a_joint_in_a_loop_is_named():
+    """The root of k over the inertia that the motor sees."""
+    bar = robot("four_bar")
+    joint = bar.joints[0]
+    model = pin.Model(bar.model)
+    model.damping = np.zeros(3)
+    scene = cp.Scene(replace(bar, model=model, springs=[cp.Spring(joint, 1e8)]), bar.loops)
+    q, v = scene.state()
+    run = cp.simulate(scene, q, v, duration=0.5)
+    assert run.status is cp.RunStatus.DIVERGED
+    # a unit torque at the spring moves its joint by its share of P
+    pushed, still = (cp.solve(scene, q, v, tau).a for tau in (np.eye(3)[0], np.zeros(3)))
+    frequency = np.sqrt(1e8 * (pushed - still)[0])
+    assert f"the spring of joint {joint!r} (1e+08 N m/rad or N/m) has a freq" in run.reason
+    assert f"{frequency:.3g} rad/s" in run.reason
+
+
 @pytest.mark.parametrize("label", ["tree", "loop"])
 def test_the_implicit_system_solves_its_equations(label):
     """(M + dt D + dt^2 K) a + h = tau - (D + dt K) v - f + J^T lam, against one dense matrix."""

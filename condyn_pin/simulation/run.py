@@ -30,7 +30,7 @@ from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.plan import Plan, check_closing, plan
 from condyn_pin.simulation.recorder import merge
 from condyn_pin.simulation.slopes import TorqueJacobian
-from condyn_pin.simulation.stiffness import stiff_damping
+from condyn_pin.simulation.stiffness import stiff_damping, stiff_springs
 from condyn_pin.simulation.torques import Torque
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.solvers.base import Solver
@@ -226,9 +226,10 @@ def _is_lost(v: Array) -> bool:
 
 
 def _hint(driver: Driver, q0: Array) -> str:
-    """Return which damping is too stiff for a run from q0, if there is one."""
-    method = driver.leg.method
-    hint = stiff_damping(driver.leg.system, method.integrator, method.dt, q0)
+    """Return which damping or spring is too stiff for a run from q0, if there is one."""
+    method, system = driver.leg.method, driver.leg.system
+    hint = stiff_damping(system, method.integrator, method.dt, q0)
+    hint = hint or stiff_springs(system, method.integrator, method.dt, q0)
     return f"{hint}; " if hint else ""
 
 

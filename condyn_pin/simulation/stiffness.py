@@ -1,10 +1,11 @@
-"""Stiff damping: how fast the damping of joints alone would stop them, beside the step of a run.
+"""Stiff damping and springs: how fast they alone would move the machine, beside the step of a run.
 
-    v' = -P D v,    P = M^-1 - M^-1 J^T (J M^-1 J^T)^+ J M^-1
+    v' = -P D v,    q'' = -P K q,    P = M^-1 - M^-1 J^T (J M^-1 J^T)^+ J M^-1
 
 P is the inverse inertia that the constraints leave. An explicit method is stable while dt times the
 largest eigenvalue of P D is below its wall on the negative axis: 2 for Euler's, 2.785 for
-Runge-Kutta 4.
+Runge-Kutta 4; and while dt times the largest frequency, a root of an eigenvalue of P K, is below
+its wall on the imaginary one: 2 for Störmer-Verlet and RATTLE, 2.83 for Runge-Kutta 4.
 """
 
 from __future__ import annotations
@@ -18,6 +19,9 @@ from condyn_pin.algebra.minimum_norm import factorise
 from condyn_pin.algebra.pivots import first_of_largest
 from condyn_pin.arrays import Array
 from condyn_pin.simulation.walls import wall
+
+# Frequencies that steps follow are below this over dt; of what is above few steps follow any.
+_FOLLOWED = 2.0
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.integrators.base import Integrator
@@ -73,6 +77,51 @@ def _fastest(system: System, q: Array) -> tuple[float, int]:
     # two legs have the same rate, and any mixture of their modes is one
     fastest = modes[:, rates >= (1.0 - tolerances.TIED) * rates[-1]]
     return float(rates[-1]), first_of_largest(np.linalg.norm(fastest, axis=1))
+
+
+def stiff_springs(system: System, integrator: Integrator, dt: float, q: Array) -> str:
+    """Return which spring an integrator cannot follow at dt, and what would do.
+
+    Parameters, and what is returned, are those of `stiff_damping`.
+    """
+    passive = system.passive
+    sprung = passive.k.any() or (passive.between is not None and passive.between.k.any())
+    if integrator.takes_jacobian or integrator.is_adaptive or not sprung:
+        return ""
+    K = passive.stiffness_matrix(q)
+    sizes, axes = np.linalg.eigh(K)
+    root = axes * np.sqrt(np.maximum(sizes, 0.0))
+    factors = factorise(system.mass(q), system.jacobian(q), tolerances.RANK, at=(system.model, q))
+    P_root, _ = factors.solve(root, np.zeros((system.m, root.shape[1])))
+    squares, modes = np.linalg.eigh(root.T @ P_root)
+    frequency = float(np.sqrt(max(squares[-1], 0.0)))
+    if frequency * dt < _FOLLOWED:
+        return ""
+    moved = P_root @ modes[:, -1]
+    return (
+        f"the spring {_spring(system, q, moved)} has a frequency of {frequency:.3g} rad/s, and "
+        f"{integrator.title} follows no more than about {_FOLLOWED:g} / dt: use "
+        "LinearlyImplicitMidpoint(), GeneralisedAlpha(), RadauIIA(), or dt below "
+        f"{_FOLLOWED / frequency:.2g} s"
+    )
+
+
+def _spring(system: System, q: Array, moved: Array) -> str:
+    """Return which spring has most energy where the machine moves like this (nv,)."""
+    passive, model = system.passive, system.model
+    share = passive.stiffness * moved**2
+    names = {joint.idx_v: k for k, joint in enumerate(model.joints) if joint.nv}
+    if passive.between:
+        at = passive.between.stretch(q)
+        share = np.concatenate(
+            [share, passive.between.k * np.einsum("sj,sjn,n->s", at.n, at.J, moved) ** 2]
+        )
+    i = first_of_largest(share)
+    if i >= model.nv:
+        assert passive.between is not None
+        k = i - model.nv
+        return f"between {passive.between.names[k]} ({passive.between.k[k]:.3g} N/m)"
+    return f"of joint {model.names[names[i]]!r} ({passive.stiffness[i]:.3g} N m/rad or N/m)"
 
 
 def _damper(system: System, i: int) -> str:

@@ -57,9 +57,12 @@ class Soft(Solver):
     the dynamics hold to rounding, and the constraints do not. The status says inaccurate by as
     much, unless the `accuracy` asked for allows it, and derivatives are refused. Redundant rows
     share the load. Bodies that are fixed to one another weigh as the one that they are here and in
-    what `Robot.to_mjcf` writes; MuJoCo weighs each one of an MJCF by itself. A weld that is open
-    turns back as its own rows say, which are MuJoCo's where it is closed. gamma is part of it as in
-    MuJoCo 4; MuJoCo 3.3 leaves it out.
+    what `Robot.to_mjcf` writes; MuJoCo weighs each one of an MJCF by itself. A body that only
+    slides, along its principal axes, on what is fixed and with nothing on it, gives way in MuJoCo
+    as if it were free: by 1 / mass, not the mean over three axes, so that w of its rows is up to
+    three times larger there, and a differs by a few per cent. A weld that is open turns back as
+    its own rows say, which are MuJoCo's where it is closed. gamma is part of it as in MuJoCo 4;
+    MuJoCo 3.3 leaves it out.
 
     References
     ----------
