@@ -23,6 +23,7 @@ from condyn_pin.algebra.numerical_rank import rank_of
 from condyn_pin.arrays import Array
 from condyn_pin.errors import CondynError
 from condyn_pin.extremes.base import Case
+from condyn_pin.rows.terms import Terms
 from condyn_pin.solution import Status
 from condyn_pin.solvers.base import Singular, Solver
 from condyn_pin.solvers.reference import Reference
@@ -31,6 +32,8 @@ from condyn_pin.workspace import Workspace
 # Shares of the largest singular value: below the first all is rounding, and below the last no
 # residual in double precision tells whether a row holds.
 _READINGS = (1e-14, tolerances.REFERENCE_RANK, float(np.finfo(float).eps) / tolerances.SOLVED)
+
+_CORRECTIONS = 2
 
 
 class Verdict(Enum):
@@ -133,10 +136,26 @@ def right_answers(case: Case) -> tuple[Array, ...]:
             clearest = max(ranks, default=0)
             for rank, share in ranks.items():
                 if not (case.right and rank == clearest):
-                    found.append(Reference(rank_tolerance=share).solve(terms, case.tau)[0])
+                    found.append(_by_reference(workspace, case, terms, share))
     except (CondynError, Singular):
         return case.right
     return tuple(a for a in found if np.isfinite(a).all())
+
+
+def _by_reference(workspace: Workspace, case: Case, terms: Terms, share: float) -> Array:
+    """Return the a of `Reference`, corrected by what Newton-Euler says that it leaves.
+
+    M is rounded: where bodies are light beside others, an a that belongs to it is off by more than
+    the residuals of the recursion are.
+    """
+    a, lam = Reference(rank_tolerance=share).solve(terms, case.tau)
+    factors, better = factorise(terms.M, terms.J, share), a
+    with np.errstate(all="ignore"):
+        for _ in range(_CORRECTIONS):
+            r, s = workspace.equations.residuals(case.q, case.v, case.tau, better, lam)
+            e, dlam = factors.solve(-r, -s)
+            better, lam = better + e, lam + dlam
+    return better if np.isfinite(better).all() else a
 
 
 def error_of(case: Case, a: Array, right: Array) -> float:
