@@ -45,6 +45,11 @@ RANK: Final = 1e-7
 # singular as what it is.
 REFERENCE_RANK: Final = 1e-11
 
+# What rounding of J makes of singular values that are zero, as a multiple of eps |P w|
+# (`algebra.minimum_norm`). Up to 7 in trees of eight joints with masses over nine decades: sums
+# along the tree round more than once.
+BLURRED: Final = 16.0
+
 # Reciprocal condition number of the KKT matrix, rows and columns scaled to one. Cassie with
 # independent rows has 1e-8; a redundant row gives 1e-17.
 SINGULAR: Final = 1e-13

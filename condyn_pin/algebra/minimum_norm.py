@@ -22,19 +22,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isfinite
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
+from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.errors import InvalidModel
 from condyn_pin.soundness import massless_motion
 
 _EPS = float(np.finfo(np.float64).eps)
-
-# What rounding makes of singular values that are zero, as a multiple of eps |P w|. Up to 7 in trees
-# of eight joints with masses over nine decades: sums along the tree round more than once.
-BLURRED: Final = 16.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +102,8 @@ class MinimumNorm:
 
     def above_rounding(self, P: Array) -> MinimumNorm:
         """Return the same without the singular values that rounding of J makes up."""
-        return self.at_most(len(self.S) - int(np.count_nonzero(BLURRED * self.blur(P) >= self.S)))
+        least = tolerances.BLURRED * self.blur(P)
+        return self.at_most(len(self.S) - int(np.count_nonzero(least >= self.S)))
 
     def tangent(self, v: Array) -> Array:
         """Return the nearest velocity, in the metric of M, with J v = 0."""

@@ -83,13 +83,12 @@ class KktDerivatives(Derivatives):
         Y = of.M_inv.dot(J.T)
         K = _independent(J.dot(Y), _rounding(of.M_inv, J))
         if K is None:
-            self._factors = factorise(linearisation.mass_matrix(q), J, tolerances.RANK)
+            self._factors = factorise(of.M, J, tolerances.RANK)
             K = self._factors.U[:, : self._factors.rank] / self._factors.S[: self._factors.rank]
         self._inverse, self._workspace, self._v = _inverse(of.M_inv, Y, K), workspace, v
         self._matrix: Array | None = None
         if workspace.scene.audit.condition * _EPS > _ILL:
-            m = np.zeros((self._m, self._m))
-            self._matrix = np.block([[linearisation.mass_matrix(q), -J.T], [J, m]])
+            self._matrix = _saddle(of.M, J)
 
     @cached_property
     @of_workspace
@@ -199,6 +198,14 @@ def _independent(G: Array, rounding: float) -> Array | None:
 def _rounding(M_inv: Array, J: Array) -> float:
     """Return eps |J| |M^-1| |J^T|: rounding of G = J M^-1 J^T; the largest of M^-1 is diagonal."""
     return _EPS * float(M_inv.diagonal().max()) * float(np.vdot(J, J))
+
+
+def _saddle(M: Array, J: Array) -> Array:
+    """Return [[M, -J^T], [J, 0]]."""
+    m, n = J.shape
+    K = np.zeros((n + m, n + m))
+    K[:n, :n], K[:n, n:], K[n:, :n] = M, -J.T, J
+    return K
 
 
 def _inverse(M_inv: Array, Y: Array, K: Array) -> Array:

@@ -32,6 +32,8 @@ from condyn_pin.drift import Baumgarte
 from condyn_pin.joints import turning
 from condyn_pin.rows.bound import AnyBound, Coupled, Rolled
 
+Part = PairPartials | RollingPartials | BallPartials
+
 
 @cache
 def _lapack() -> tuple[Any, Any]:
@@ -41,13 +43,11 @@ def _lapack() -> tuple[Any, Any]:
     return dpotrf, dpotri
 
 
-Part = PairPartials | RollingPartials | BallPartials
-
-
 class Linearised(NamedTuple):
     """The partial derivatives at one (q, v, a, lam)."""
 
-    M_inv: Array  # (nv, nv), the inverse of the mass matrix
+    M: Array  # (nv, nv), the mass matrix
+    M_inv: Array  # (nv, nv), its inverse
     J: Array  # (m, nv)
     rhs: Array  # (nv + m, 2 nv), -[[r_q, r_v], [s_q, s_v]]: what a step of q and v leaves to solve
 
@@ -115,20 +115,23 @@ class Linearisation:
             by_a = np.vstack([pin.crba(self._model, self._data, free_q), J])
             rhs, J = self._carried.back(chain, rhs, -by_a, -r), J @ chain.Phi
         self._write_couplings(rhs, J)
-        return Linearised(self._inverse_mass(q), J, rhs)
+        M = pin.crba(self._whole, self._whole_data, q)
+        return Linearised(M, self._inverse_mass(M, q), J, rhs)
 
-    def _inverse_mass(self, q: Array) -> Array:
-        """Return M^-1 (nv, nv) from the factor of M.
+    def _inverse_mass(self, M: Array, q: Array) -> Array:
+        """Return M^-1 (nv, nv) from the factor of M, U^T U.
 
         `pin.computeMinverse` subtracts what a light body hands on from a heavy one behind it: at a
         condition of M of 4e5 it has lost nine digits, and the factor five.
         """
         potrf, potri = _lapack()
-        U, info = potrf(pin.crba(self._whole, self._whole_data, q))
+        U, info = potrf(M)
         if info:  # M is not positive definite to working precision
             return np.array(pin.computeMinverse(self._whole, self._whole_data, q))
-        X = np.triu(potri(U)[0])
-        return np.asarray(X + np.triu(X, 1).T)
+        X: Array = potri(U, overwrite_c=1)[0]  # what is below the diagonal of U, and X, is zero
+        M_inv = X + X.T
+        M_inv.flat[:: len(M) + 1] = X.diagonal()
+        return M_inv
 
     def _of_bodies(self, q: Array, v: Array, a: Array, lam: Array) -> tuple[Array, Array]:
         """Return -[[r_q, r_v], [s_q, s_v]] and J, but for couplings, where no axes turn."""
@@ -181,10 +184,6 @@ class Linearisation:
         for part in self._parts:
             part.turning(of_rows)
         return of_rows
-
-    def mass_matrix(self, q: Array) -> Array:
-        """Return M (nv, nv)."""
-        return np.array(pin.crba(self._whole, self._whole_data, q))
 
     def by_frame(
         self, q: Array, v: Array, a: Array, lam: Array, name: str, end: int

@@ -16,7 +16,7 @@ import numpy as np
 
 from condyn_pin._pin import pin
 from condyn_pin.arrays import Array
-from condyn_pin.joints import turning
+from condyn_pin.joints import axes, turning
 
 # A pivot that cannot fall below this share of its nominal value is not watched: an estimate of the
 # error that is too small by less than the inverse of it is within the margin of most answers.
@@ -64,15 +64,13 @@ def pivots(M: Array) -> Array:
 
 def _own_pivots(model: Any) -> Array:
     """Return what the pivots are at least, at any q (nv,): zero where axes turn with q."""
-    data, found = model.createData(), np.zeros(model.nv)
-    pin.forwardKinematics(model, data, pin.neutral(model))
-    turn = set(turning(model))
+    q, found, turn = pin.neutral(model), np.zeros(model.nv), turning(model)
     for i in range(1, model.njoints):
         joint = model.joints[i]
         if joint.nv <= 0 or joint.idx_v < 0 or i in turn:
             continue
         its = slice(joint.idx_v, joint.idx_v + joint.nv)
-        S = np.array(data.joints[i].S).reshape(6, joint.nv)
+        S = axes(joint, q)
         own = S.T @ model.inertias[i].matrix() @ S + np.diag(model.armature[its])
         found[its] = np.nan_to_num(pivots(own))
     return found

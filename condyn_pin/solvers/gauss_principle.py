@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from condyn_pin import tolerances
-from condyn_pin.algebra.minimum_norm import BLURRED, factorise
+from condyn_pin.algebra.minimum_norm import factorise
 from condyn_pin.arrays import Array
 from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.errors import InvalidModel
@@ -61,7 +61,7 @@ class GaussPrinciple(Solver):
     def start(self, workspace: Workspace) -> Method:
         """Return the formula bound to the equations of `workspace`."""
         rank_tolerance = self.rank_tolerance
-        least = BLURRED * workspace.scene.audit.yardstick.blur
+        least = tolerances.BLURRED * workspace.scene.audit.yardstick.blur
         latest = np.zeros(workspace.scene.rows)
 
         @one_blas_thread

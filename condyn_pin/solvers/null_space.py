@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from condyn_pin import tolerances
-from condyn_pin.algebra.minimum_norm import BLURRED
 from condyn_pin.arrays import Array
 from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.knobs import check_share
@@ -67,7 +66,7 @@ class NullSpace(Solver):
         """Return the factorisation bound to the equations of `workspace`."""
         rank_tolerance, audit = self.rank_tolerance, workspace.scene.audit
         reached = reach(workspace.equations, audit.q) / np.sqrt(audit.terms.M.diagonal())
-        least = BLURRED * float(np.finfo(float).eps * np.linalg.norm(reached))
+        least = tolerances.BLURRED * float(np.finfo(float).eps * np.linalg.norm(reached))
         latest: list[tuple[_Split, Array]] = []
 
         @one_blas_thread

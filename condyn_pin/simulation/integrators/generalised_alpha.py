@@ -85,15 +85,7 @@ class GeneralisedAlpha(Integrator):
         integrate, n = system.integrate, system.model.nv
         known: list[tuple[Array, Array, Array]] = []  # q, a and A at the end of the last step
         forces = [np.zeros(0)]
-        lag, fast = alpha_m - alpha_f, RadauIIA().start(system, dt)
-        # where the last step of Radau's method ended, and how many there were in a row
-        passed: list[tuple[Array, int]] = []
-
-        def of_radau(t: float, q: Array, v: Array, n: int) -> tuple[Array, Array, Array]:
-            assert fast.lam is not None
-            q1, v1, a1 = fast.step(t, q, v)
-            forces[0], passed[:] = fast.lam(), [(q1, n)]
-            return q1, v1, a1
+        lag, passage = alpha_m - alpha_f, _Passage(system, dt)
 
         def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
             if known and known[0][0] is q:
@@ -102,9 +94,9 @@ class GeneralisedAlpha(Integrator):
             else:
                 a0, change, lam = _begin(system, t, q, v, dt)
                 is_fast = _is_fast(a0, change)
-                before = passed[0][1] if passed and passed[0][0] is q else 0
-                if is_fast and before < _LONGEST:
-                    return of_radau(t, q, v, before + 1)
+                if is_fast and passage.is_open(q):
+                    forces[0], found = passage.step(t, q, v)
+                    return found
                 A0 = a0 if is_fast else a0 + lag * change
             a1 = a0
             q1, v1, A1, inverse = q, v, A0, np.zeros((0, 0))
@@ -129,6 +121,27 @@ class GeneralisedAlpha(Integrator):
             return q1, v1, a1
 
         return Stepper(system.slopes.retried(step), lambda: forces[0])
+
+
+class _Passage:
+    """Steps of Radau's method through what is fast at a start, so many in a row at most."""
+
+    def __init__(self, system: System, dt: float) -> None:
+        self._stepper = RadauIIA().start(system, dt)
+        self._end, self._count = np.zeros(0), 0  # where the last one ended, and which it was
+
+    def is_open(self, q: Array) -> bool:
+        """Whether another step may be taken, from q."""
+        if self._end is not q:
+            self._count = 0
+        return self._count < _LONGEST
+
+    def step(self, t: float, q: Array, v: Array) -> tuple[Array, tuple[Array, Array, Array]]:
+        """Return lam, and q, v and a, at the end of a step."""
+        assert self._stepper.lam is not None
+        found = self._stepper.step(t, q, v)
+        self._end, self._count = found[0], self._count + 1
+        return self._stepper.lam(), found
 
 
 def _begin(system: System, t: float, q: Array, v: Array, dt: float) -> tuple[Array, Array, Array]:
