@@ -1,6 +1,8 @@
 """Reach: what the two bodies of a row bring to J before they cancel.
 
-J = J1 - X J2 is rounded to eps (|J1| + |X J2|), however small it is itself.
+J = J1 - X J2 is rounded to eps (|J1| + |X J2|), however small it is itself. Pinocchio forms either
+from columns at the origin of the world, so that each is rounded to eps times its distance from
+there at least: far away that is what counts.
 """
 
 from __future__ import annotations
@@ -23,7 +25,8 @@ ROUNDED: Final = 1e-13
 def reach(equations: Equations, q: Array) -> Array:
     """Return the sizes of what J is a difference of (m, nv).
 
-    The same for all shifts of a constraint, and for all its turns.
+    The same for all shifts of a constraint, and for all its turns. Of all places of a machine it
+    is least near the origin of the world.
 
     Parameters
     ----------
@@ -53,7 +56,8 @@ def reach(equations: Equations, q: Array) -> Array:
             if joint:
                 six = pin.getFrameJacobian(model, data, joint, placement, LOCAL)
                 shift, turn = np.abs(six).reshape(2, 3, -1).max(axis=1)
-                shifts += shift + arm * turn
+                away = float(np.linalg.norm(data.oMi[joint].translation))
+                shifts += np.maximum(shift + arm * turn, away * turn)
                 turns += turn
         found[bound.rows] = [turns if i > 2 else shifts for i in bound.selection or (0,)]
     return found
