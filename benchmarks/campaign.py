@@ -29,7 +29,9 @@ import json
 import os
 import sys
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache, partial
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -43,12 +45,19 @@ from campaign_problems import Problem, problem
 from campaign_rows import rows
 
 import condyn_pin as cp
+from condyn_pin.tolerances import DERIVATIVES
 
 RESULTS = Path(__file__).resolve().parent / "results"
 PARTS = RESULTS.parent.parent / "build" / "campaign"
 KERNEL = os.environ.get("OPENBLAS_CORETYPE", "default")
 SOLVERS = [kind() for kind in cp.SOLVERS.values() if kind.exact]
 STEP = 1e-5  # of differences [rad, m, rad/s, m/s]
+# Near a singular state rounding of the oracle's own differences is 1 / step of what it solves with:
+# derivatives are right if they agree with those of one of these steps.
+STEPS = (STEP, 1e-4, 1e-3)
+
+# An acceleration below this is rounding: everything is held, and nothing weighs [rad/s^2, m/s^2].
+_STILL = 1e-9
 
 Line = dict[str, Any]
 
@@ -67,7 +76,8 @@ class Right:
         x = p.tau + self.pull - self.oracle.h
         self.answer: Solved = solve(self.oracle.M, x, self.J, gamma)
         gravity = float(np.linalg.norm(self.model.gravity.linear))
-        self.scale = max(float(np.abs(self.answer.a).max(initial=0.0)), gravity) or 1.0
+        largest = max(float(np.abs(self.answer.a).max(initial=0.0)), gravity)
+        self.scale = largest if largest > _STILL else 1.0
         M, torque = np.abs(self.oracle.M), np.abs(p.tau + self.pull)
         self.load = float((M.sum(axis=1) * self.scale + np.abs(self.oracle.h) + torque).max())
         # forces that balance to the last bit leave what their rounding moves
@@ -93,7 +103,7 @@ class Right:
                     found += generalised(place, one.at, one.in_world(), self.model.nv)
         return float(np.abs(found - self.answer.force).max(initial=0.0) / self.load)
 
-    def derivative(self, dq: Array, dv: Array, dtau: Array) -> Array:
+    def derivative(self, dq: Array, dv: Array, dtau: Array, step: float) -> Array:
         """Return the rate of a along a direction of the constraints, by differences."""
 
         def a(h: float) -> Array:
@@ -104,7 +114,7 @@ class Right:
             kept = self.answer.kept
             return solve(oracle.M, x, J[kept], gamma[kept]).a
 
-        return (8 * (a(STEP) - a(-STEP)) - (a(2 * STEP) - a(-2 * STEP))) / (12 * STEP)
+        return (8 * (a(step) - a(-step)) - (a(2 * step) - a(-2 * step))) / (12 * step)
 
     def directions(self, rng: np.random.Generator) -> Iterator[tuple[Array, Array, Array]]:
         """Yield directions of (q, v, tau) along which c and J v stay zero to first order."""
@@ -153,7 +163,7 @@ def line(seed: int, with_derivatives: bool) -> Line:
     }
     if with_derivatives:
         rng = np.random.default_rng([1, seed])
-        along = [(d, right.derivative(*d)) for d in right.directions(rng)]
+        along = [(d, cache(partial(right.derivative, *d))) for d in right.directions(rng)]
         found["derivatives"] = [_derived(p, right, m, along) for m in ("kkt", "pinocchio")]
     return found
 
@@ -185,7 +195,9 @@ def _solved(p: Problem, right: Right, solver: cp.Solver) -> Line:
     return found
 
 
-def _derived(p: Problem, right: Right, method: str, along: Iterable[tuple[Any, Array]]) -> Line:
+def _derived(
+    p: Problem, right: Right, method: str, along: Iterable[tuple[Any, Callable[[float], Array]]]
+) -> Line:
     found: Line = {"method": method}
     tau, forces = _asked(p)
     try:
@@ -198,12 +210,18 @@ def _derived(p: Problem, right: Right, method: str, along: Iterable[tuple[Any, A
     except Exception as error:  # what it is goes into the report
         return found | {"status": "raised", "said": f"{type(error).__name__}: {error}"[:200]}
     errors = []
-    for (dq, dv, dtau), wanted in along:
+    for (dq, dv, dtau), derivative in along:
         had = d.da_dq @ dq + d.da_dv @ dv + d.da_dtau @ dtau
         parts = [np.abs(b @ np.diag(x)).max() for b, x in
                  ((d.da_dq, dq), (d.da_dv, dv), (d.da_dtau, dtau))]  # fmt: skip
-        size = max(float(np.abs(wanted).max()), *(float(x) for x in parts), right.scale / 1e3)
-        errors.append(float(np.abs(had - wanted).max()) / size)
+        least = max(*(float(x) for x in parts), right.scale / 1e3)
+        error = inf
+        for wanted in map(derivative, STEPS):
+            size = max(float(np.abs(wanted).max()), least)
+            error = min(error, float(np.abs(had - wanted).max()) / size)
+            if error <= DERIVATIVES:
+                break
+        errors.append(error)
     found |= {"status": "ok", "error": max(errors)}
     try:
         workspace.derivatives(p.q, p.v, tau, method=method, check=True, **forces)

@@ -108,7 +108,7 @@ def test_answers_are_right_and_a_wrong_one_is_seen():
 
 
 def test_derivatives_are_right_along_the_constraints():
-    from campaign import Right
+    from campaign import STEP, Right
 
     seen = 0
     for seed in SEEDS[:20]:
@@ -119,7 +119,7 @@ def test_derivatives_are_right_along_the_constraints():
         d = workspace.derivatives(p.q, p.v, p.tau)
         for dq, dv, dtau in right.directions(np.random.default_rng(seed)):
             had = d.da_dq @ dq + d.da_dv @ dv + d.da_dtau @ dtau
-            wanted = np.asarray(right.derivative(dq, dv, dtau), float)
+            wanted = np.asarray(right.derivative(dq, dv, dtau, STEP), float)
             size = max(np.abs(wanted).max(), right.scale)
             assert np.abs(had - wanted).max() < 1e-6 * size
             seen += 1
@@ -129,13 +129,13 @@ def test_derivatives_are_right_along_the_constraints():
 @pytest.mark.parametrize("seed", [774, 10720])
 def test_derivatives_keep_what_cancels(seed):
     """Masses over six decades: torques of tons by q, times the inverse inertia of grams."""
-    from campaign import Right
+    from campaign import STEP, Right
 
     p = quiet(seed)
     right, workspace = Right(p), cp.Workspace(p.scene)
     d = workspace.derivatives(p.q, p.v, p.tau)
     *_, (dq, dv, dtau) = right.directions(np.random.default_rng([1, seed]))
-    wanted = np.asarray(right.derivative(dq, dv, dtau), float)
+    wanted = np.asarray(right.derivative(dq, dv, dtau, STEP), float)
     size = max(np.abs(d.da_dq).max(), right.scale / 1e3)
     for had in (
         d.da_dq @ dq + d.da_dv @ dv,
