@@ -116,6 +116,13 @@ class Right:
 
         return (8 * (a(step) - a(-step)) - (a(2 * step) - a(-2 * step))) / (12 * step)
 
+    def cancelled(self, dtau: Array) -> float:
+        """Return what dtau would move were not everything held; nothing where something is free."""
+        if np.shape(self.answer.free)[1]:
+            return 0.0
+        free = solve(self.oracle.M, dtau, self.J[:0], np.zeros(0)).a
+        return float(np.abs(free).max(initial=0.0))
+
     def directions(self, rng: np.random.Generator) -> Iterator[tuple[Array, Array, Array]]:
         """Yield directions of (q, v, tau) along which c and J v stay zero to first order."""
         n = self.model.nv
@@ -205,7 +212,7 @@ def _derived(
         d = workspace.derivatives(p.q, p.v, tau, method=method, **forces)
     except (cp.UnsupportedConstraint, cp.InvalidArgument):
         return found | {"status": "untaken"}
-    except cp.SolveFailed:
+    except (cp.SolveFailed, cp.DerivativesDisagree):
         return found | {"status": "no answer"}
     except Exception as error:  # what it is goes into the report
         return found | {"status": "raised", "said": f"{type(error).__name__}: {error}"[:200]}
@@ -214,7 +221,7 @@ def _derived(
         had = d.da_dq @ dq + d.da_dv @ dv + d.da_dtau @ dtau
         parts = [np.abs(b @ np.diag(x)).max() for b, x in
                  ((d.da_dq, dq), (d.da_dv, dv), (d.da_dtau, dtau))]  # fmt: skip
-        least = max(*(float(x) for x in parts), right.scale / 1e3)
+        least = max(*(float(x) for x in parts), right.scale / 1e3, right.cancelled(dtau))
         error = inf
         for wanted in map(derivative, STEPS):
             size = max(float(np.abs(wanted).max()), least)

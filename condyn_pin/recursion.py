@@ -124,6 +124,7 @@ class Corrected:
         self._correct = self._still.bind(settings)
         self._at_rest = np.zeros(workspace.model.nv)
 
+    @np.errstate(over="ignore", invalid="ignore")  # the status says it
     def acceleration(self, q: Array, v: Array, tau: Array) -> Array:
         """Return a (nv,) after the corrections."""
         workspace = self._workspace

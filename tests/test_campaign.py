@@ -194,3 +194,16 @@ def test_a_run_goes_on_where_it_was_cut(tmp_path, monkeypatch):
         out.write('{"seed": 3, "rows"')
     campaign.run(range(5), tmp_path, 1)
     assert done == [0, 1, 2, 3, 4]
+
+
+def test_pinocchios_own_derivatives_are_refused_where_mu_is_not_small():
+    """Two welds of one pair, nearly singular: da_dtau with mu and with 2 mu differ by half."""
+    from campaign import _asked
+    from campaign_problems import problem
+
+    p = problem(40879)
+    tau, forces = _asked(p)
+    workspace = cp.Workspace(p.scene)
+    with pytest.raises(cp.DerivativesDisagree, match="take method='kkt'"):
+        workspace.derivatives(p.q, p.v, tau, method="pinocchio", **forces)
+    workspace.derivatives(p.q, p.v, tau, **forces)

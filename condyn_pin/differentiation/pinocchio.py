@@ -8,14 +8,15 @@ column is taken from `KktDerivatives` then.
 They are those of the damped matrix, off by mu / sigma and not iterated. Where rows are redundant
 they are taken with mu and with 2 mu, and continued to zero:
 
-    X = 2 X(mu) - X(2 mu) + O(mu / sigma)^2.
+    X = 2 X(mu) - X(2 mu) + O(mu / sigma)^2,
 
+and refused where the two are further apart than the root of what derivatives are held to.
 dlam is noise of size 1e-16/mu along redundant rows all the same.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -25,14 +26,18 @@ from condyn_pin.arrays import Array
 from condyn_pin.differentiation.base import Derivatives
 from condyn_pin.differentiation.kkt import KktDerivatives
 from condyn_pin.differentiation.loads import load_partial
-from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
+from condyn_pin.errors import DerivativesDisagree, InvalidArgument, UnsupportedConstraint
 from condyn_pin.joints import turning
 from condyn_pin.rows.bound import POINT, Bound
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.proximal import Proximal
+from condyn_pin.tolerances import DERIVATIVES
 
 if TYPE_CHECKING:
     from condyn_pin.workspace import Workspace
+
+# What (mu / sigma)^2 leaves is within DERIVATIVES then.
+_APART: Final = DERIVATIVES**0.5
 
 
 class PinocchioDerivatives(Derivatives):
@@ -53,7 +58,8 @@ class PinocchioDerivatives(Derivatives):
         if solution.applied:
             tau = tau + workspace.loads.at(q, solution.applied).torque
         by_q, by_v, by_tau = _damped(workspace, q, v, tau, settings)
-        if not workspace.scene.audit.independent:
+        audit = workspace.scene.audit
+        if audit.rounded or not audit.independent:
             twice = _pin.proximal_settings(
                 settings.absolute_accuracy,
                 settings.relative_accuracy,
@@ -61,6 +67,7 @@ class PinocchioDerivatives(Derivatives):
                 settings.max_iter,
             )
             more = _damped(workspace, q, v, tau, twice)
+            _check_damping(workspace, settings.mu, by_tau[: self._n], more[2][: self._n])
             by_q, by_v, by_tau = (
                 2.0 * x - y for x, y in zip((by_q, by_v, by_tau), more, strict=True)
             )
@@ -92,6 +99,19 @@ def _damped(
     of_lam = [workspace.scene_forces(part) for part in parts[3:]] if m else empty
     by_q, by_v, by_tau = map(np.vstack, zip(parts[:3], of_lam, strict=True))
     return by_q, by_v, by_tau
+
+
+def _check_damping(workspace: Workspace, mu: float, one: Array, twice: Array) -> None:
+    """Refuse da_dtau, with mu and with 2 mu, that are too far apart to be continued to zero."""
+    # where everything is held there is none, and what the heaviest joint feels stands for it
+    heaviest = float(workspace.scene.audit.yardstick.weights.min()) ** 2
+    apart = float(np.abs(twice - one).max()) / max(float(np.abs(one).max()), heaviest)
+    if not apart < _APART:
+        raise DerivativesDisagree(
+            f"method = 'pinocchio': with mu = {mu:.1e} and twice that its derivatives differ by "
+            f"{apart:.1e} of their size: it is not small beside what holds the constraints at this "
+            "state, or rounding along redundant rows is larger; take method='kkt'"
+        )
 
 
 def _check(workspace: Workspace) -> None:

@@ -35,6 +35,10 @@ _WEIGHT_SHARES = (1e-2, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 _ACCURATE = tolerances.SOLVED / 1000
 _UNSURE = tolerances.SOLVED / 10
 
+# Joints beyond which a machine is measured at the nominal states alone, and its answers are not
+# corrected: both take minutes there, and as much memory again.
+_LARGE = 100
+
 # With a limit of sweeps below this, a rough answer is what was asked for.
 _PATIENT = 20
 
@@ -173,8 +177,8 @@ class LCABA(Solver):
         than a quarter of the sweeps there is left out: it would not converge elsewhere. Where none
         is left that is sure, answers are corrected.
         """
-        audit = workspace.scene.audit
-        states = (*audit.states, *_drawn_states(workspace))
+        audit, large = workspace.scene.audit, workspace.model.nv > _LARGE
+        states = audit.states if large else (*audit.states, *_drawn_states(workspace))
 
         def best(refinements: int, limit: int) -> Measured:
             return min(
@@ -191,7 +195,7 @@ class LCABA(Solver):
             return best(self.refinements, self.max_iterations).choice
         plain = best(0, self.max_iterations)
         rough = self.max_iterations < _PATIENT or self.absolute_accuracy is not None
-        if rough or (plain.rank < 2 and plain.error <= _UNSURE):
+        if rough or large or (plain.rank < 2 and plain.error <= _UNSURE):
             return plain.choice
         found = plain
         for limit in _LIMITS:
