@@ -10,7 +10,8 @@ they are taken with mu and with 2 mu, and continued to zero:
 
     X = 2 X(mu) - X(2 mu) + O(mu / sigma)^2,
 
-and refused where the two are further apart than the root of what derivatives are held to.
+and refused where the two are further apart than a third of the root of what derivatives are held
+to.
 dlam is noise of size 1e-16/mu along redundant rows all the same.
 """
 
@@ -36,8 +37,8 @@ from condyn_pin.tolerances import DERIVATIVES
 if TYPE_CHECKING:
     from condyn_pin.workspace import Workspace
 
-# What (mu / sigma)^2 leaves is within DERIVATIVES then.
-_APART: Final = DERIVATIVES**0.5
+# What is left, a small multiple of (mu / sigma)^2, is within DERIVATIVES then.
+_APART: Final = 0.3 * DERIVATIVES**0.5
 
 
 class PinocchioDerivatives(Derivatives):
