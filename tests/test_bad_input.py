@@ -1051,8 +1051,8 @@ WITHOUT_END = 10**5000  # Python refuses to write it out
         "offset": (lambda: cp.PointContact("a", offset=[WITHOUT_END, 0, 0]), "^offset = "),
         "length": (lambda: cp.SurfaceContact("a", half_length=WITHOUT_END), "^half_length = "),
         "name": (lambda: cp.PointContact(WITHOUT_END), "^frame = a int that cannot be shown"),
-        "links": (lambda: cp.chain(WITHOUT_END), "^n = a int .*1000 is the largest"),
-        "bars": (lambda: cp.n_four_bar(WITHOUT_END), "^n = a int .*1000 is the largest"),
+        "links": (lambda: cp.chain(WITHOUT_END), "^n = a int .*2000 is the largest"),
+        "bars": (lambda: cp.n_four_bar(WITHOUT_END), "^n = a int .*2000 is the largest"),
         "workers": (lambda: cp.Processes(WITHOUT_END), "^workers = a int .*1000 is the largest"),
     }
 )

@@ -210,7 +210,8 @@ def _run(
             raise
         hint = _hint(driver, q0)
         # what no step can follow grows without bound, whatever it meets on the way
-        status = RunStatus.DIVERGED if lost or hint else RunStatus.FAILED
+        grown = lost or (hint and driver.t > 0)
+        status = RunStatus.DIVERGED if grown else RunStatus.FAILED
         return status, f"after t = {driver.t:g} s: {hint}{error}{_remedy(driver)}"
     if _is_lost(driver.v):
         fastest = np.abs(driver.v).max()
