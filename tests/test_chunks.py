@@ -216,9 +216,10 @@ def test_a_script_without_a_guard_is_told_so_at_once(pool, tmp_path):
     done = subprocess.run(
         [sys.executable, str(path)], capture_output=True, text=True, check=False, timeout=300
     )
-    last = done.stderr.splitlines()[-1]
     assert done.returncode == 1
-    assert last.startswith("condyn_pin.errors.WorkersLost: ")
+    # behind it the tracker of another process may tell what that one left
+    lost = "condyn_pin.errors.WorkersLost: "
+    last = [line for line in done.stderr.splitlines() if line.startswith(lost)][-1]
     assert 'inside `if __name__ == "__main__":`' in last
     assert "kills them" not in last
     assert done.stdout.count("imported") <= 3  # the script itself, and each worker
