@@ -153,7 +153,7 @@ def _by_reference(workspace: Workspace, case: Case, terms: Terms, share: float) 
     with np.errstate(all="ignore"):
         for _ in range(_CORRECTIONS):
             r, s = workspace.equations.residuals(case.q, case.v, case.tau, better, lam)
-            if np.abs(s).max(initial=0.0) > tolerances.SOLVED * np.abs(a).max(initial=0.0):
+            if np.abs(s).max(initial=0.0) > 100 * tolerances.FINEST * np.abs(a).max(initial=0.0):
                 return a  # rows contradict each other, and their large lam is rounded in r
             e, dlam = factors.solve(-r, -s)
             better, lam = better + e, lam + dlam
