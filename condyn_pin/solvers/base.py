@@ -36,6 +36,8 @@ from collections.abc import Callable
 from dataclasses import Field, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+
 from condyn_pin.arrays import Array
 from condyn_pin.knobs import Grid, check_accuracy_of_a
 from condyn_pin.registry import enter
@@ -70,11 +72,11 @@ class Method:
     iterations: Callable[[], int]
 
 
-def free_force(tau: Array, h: Array) -> Array:
-    """Return tau - h; a tau of another shape is refused, as numpy would not."""
+def free_force(tau: Array, h: Array, out: Array | None = None) -> Array:
+    """Return tau - h, in `out` if given; a tau of another shape is refused, as numpy would not."""
     if tau.shape != h.shape:
         raise ValueError
-    return tau - h
+    return np.subtract(tau, h, out=out)
 
 
 @dataclass(frozen=True)

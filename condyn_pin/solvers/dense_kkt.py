@@ -11,7 +11,7 @@ from condyn_pin import tolerances
 from condyn_pin.arrays import Array
 from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.knobs import WEIGHTS, Grid, check_damping, check_refinements
-from condyn_pin.solvers.base import Method, Singular, Solver
+from condyn_pin.solvers.base import Method, Singular, Solver, free_force
 
 if TYPE_CHECKING:
     from condyn_pin.rows.terms import Terms
@@ -99,9 +99,7 @@ class DenseKKT(Solver):
             terms = workspace.equations.terms(q, v)
             M[:], J[:], corner[:] = terms.M, terms.J, damping
             np.multiply(K, scale, out=K)
-            if tau.shape != y_n.shape:
-                raise ValueError
-            np.subtract(tau, terms.h, out=y_n)
+            free_force(tau, terms.h, y_n)
             np.subtract(terms.a_ref, terms.gamma, out=y_m)
             np.multiply(y, d, out=y)
             probed[:] = random
