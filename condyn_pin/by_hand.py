@@ -80,7 +80,7 @@ def _assembly(scene: Scene, mu: float) -> Callable[[Array, Array, Array], tuple[
         K[:n, :n] = pin.crba(model, data, q)
         y[:n] = tau - pin.nonLinearEffects(model, data, q, v)
         pin.forwardKinematics(model, data, q, v, still)
-        pin.computeJointJacobians(model, data, q)
+        pin.computeJointJacobians(model, data)
         rows.gamma(y[n:])
         y[n:] *= -1.0
         J = rows.jacobian()

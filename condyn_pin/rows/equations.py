@@ -33,7 +33,7 @@ from condyn_pin.rows.sorting import sorted_by_rows
 from condyn_pin.rows.terms import Terms
 
 # bound once: these are called in every proof, which is to cost little more than they do
-_rnea = pin.rnea
+_rnea, _crba, _bias = pin.rnea, pin.crba, pin.nonLinearEffects
 _forward_kinematics = pin.forwardKinematics
 _largest = np.maximum.reduceat
 
@@ -107,15 +107,19 @@ class Equations:
 
     def terms(self, q: Array, v: Array) -> Terms:
         """Return M, h, J, gamma and a_ref; they are owned by the caller."""
-        model, data = self.model, self.data
-        M, h = pin.crba(model, data, q), pin.nonLinearEffects(model, data, q, v)
+        M, h, J, gamma = self.parts(q, v)
+        return Terms(M, h, self.grip(J), gamma, self.a_ref())
+
+    def parts(self, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
+        """Return M, h, J and gamma for who looks at the rank of J himself; owned by the caller."""
+        M, h = _crba(self.model, self.data, q), _bias(self.model, self.data, q, v)
         gamma = self._gamma(q, v)
-        return Terms(M, h, self._jacobian(q), gamma, self._a_ref())
+        return M, h, self._ungripped(), gamma
 
     def jacobian(self, q: Array) -> Array:
         """Return J (m, nv)."""
         self.motion(q, self._still, self._still)
-        return self._jacobian(q)
+        return self._jacobian()
 
     def mass(self, q: Array) -> Array:
         """Return M (nv, nv)."""
@@ -124,7 +128,7 @@ class Equations:
     def target(self, q: Array, v: Array) -> Array:
         """Return a_ref - gamma (m,): what J a has to be."""
         gamma = self._gamma(q, v)
-        return self._a_ref() - gamma
+        return self.a_ref() - gamma
 
     def violation(self, q: Array) -> Array:
         """Return c(q) (m,)."""
@@ -134,7 +138,7 @@ class Equations:
     def position_level(self, q: Array) -> tuple[Array, Array]:
         """Return c(q) (m,) and J (m, nv)."""
         self.motion(q, self._still, self._still)
-        return self._c.copy(), self._jacobian(q)
+        return self._c.copy(), self._jacobian()
 
     def gaps(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return c(q) and J v (m,)."""
@@ -265,18 +269,20 @@ class Equations:
         self._plain.gamma(gamma)
         return gamma * self.sign if self._flipped else gamma
 
-    def _a_ref(self) -> Array:
-        """Return a_ref, right after `_gamma` at the same q and v."""
+    def a_ref(self) -> Array:
+        """Return a_ref, right after `_gamma` or `parts` at the same q and v."""
         if self.drift is None:
             return np.zeros(self.m)
         return -self.drift.Kd * self._velocity - self.drift.Kp * self._c
 
-    def _jacobian(self, q: Array) -> Array:
-        """Return J, right after `motion` at the same q."""
-        model, data = self.model, self.data
-        pin.computeJointJacobians(model, data, q)
+    def _jacobian(self) -> Array:
+        """Return J, right after `motion`."""
+        return self.grip(self._ungripped())
+
+    def _ungripped(self) -> Array:
+        pin.computeJointJacobians(self.model, self.data)
         J = self._plain.jacobian() if self._plain.are_all else self._mixed_jacobian()
-        return self.grip(self.sign[:, None] * J if self._flipped else J)
+        return self.sign[:, None] * J if self._flipped else J
 
     def _mixed_jacobian(self) -> Array:
         """Return J (m, nv) without signs: rows that Pinocchio has, and others."""

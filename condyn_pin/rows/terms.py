@@ -37,6 +37,10 @@ class Terms:
     gamma: Array
     a_ref: Array
 
+    def __init__(self, M: Array, h: Array, J: Array, gamma: Array, a_ref: Array) -> None:
+        # at once: the guarded assignments of a frozen dataclass take twice as long
+        self.__dict__.update(M=M, h=h, J=J, gamma=gamma, a_ref=a_ref)
+
 
 def finite_terms(equations: Equations, q: Array, v: Array) -> Terms:
     """Return the terms at a state that was checked; InvalidArgument if v makes them overflow."""

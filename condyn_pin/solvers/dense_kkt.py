@@ -79,42 +79,43 @@ class DenseKKT(Solver):
         from scipy.linalg.lapack import dsysv, dsytrs
 
         n, d = workspace.model.nv, scaling(workspace.scene.audit.terms)
-        size = len(d)
+        size, drift, corrections = len(d), workspace.drift, range(self.refinements)
         scale = np.asfortranarray(np.outer(d, d))
         # the lower triangle of D K D; LAPACK writes its factor over it
         K = np.zeros((size, size), order="F")
-        M, J, corner = K[:n, :n], K[n:, :n], K[n:, n:]
+        M, J, corner = K[:n, :n].T, K[n:, :n], K[n:, n:]
         damping = -self.mu * np.eye(size - n)
         # one after the other: D times the right side, and the random ones; the answers take their
         # places
         sides = np.zeros((1 + PROBES) * size)
         y, probed = sides[:size], sides[size:]
-        y_n, y_m, d_n, d_m = y[:n], y[n:], d[:n], d[n:]
-        columns, random = sides.reshape(-1, size).T, probing(size)
-        work, corrections = BLOCK * size, range(self.refinements)
+        columns, random, work = sides.reshape(-1, size).T, probing(size), BLOCK * size
+        signed = np.concatenate([d[:n], -d[n:]])  # gamma changes sides, and so does lam
+        in_place = 1, 1, 1  # lower, overwrite_a, overwrite_b: by name they take half as long again
+        y_n, y_m, d_n, d_m = y[:n], y[n:], signed[:n], signed[n:]
 
         @one_blas_thread
         @np.errstate(over="ignore", invalid="ignore")  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
-            terms = workspace.equations.terms(q, v)
-            M[:], J[:], corner[:] = terms.M, terms.J, damping
-            np.multiply(K, scale, out=K)
-            free_force(tau, terms.h, y_n)
-            np.subtract(terms.a_ref, terms.gamma, out=y_m)
-            np.multiply(y, d, out=y)
+            equations = workspace.equations
+            M_q, h, J_q, gamma = equations.parts(q, v)
+            if drift:
+                gamma -= equations.a_ref()
+            M[:], J[:], corner[:] = M_q, J_q, damping
+            np.multiply(K, scale, K)
+            free_force(tau, h, y_n)
+            y_m[:] = gamma
+            np.multiply(y, signed, y)
             probed[:] = random
-            factor, pivots, _, info = dsysv(
-                K, columns, lwork=work, lower=1, overwrite_a=1, overwrite_b=1
-            )
+            factor, pivots, _, info = dsysv(K, columns, work, *in_place)
             if info > 0 or not probed.dot(probed) < LARGEST:
                 raise Singular
             for _ in corrections:
-                left = workspace.equations.residuals(q, v, tau, d_n * y_n, -d_m * y_m)
-                rest = np.concatenate(left) * d
-                y[:] -= dsytrs(factor, pivots, rest, lower=1)[0].ravel()
+                left = equations.residuals(q, v, tau, d_n * y_n, d_m * y_m)
+                y[:] -= dsytrs(factor, pivots, np.concatenate(left) * d, lower=1)[0].ravel()
             return d_n * y_n
 
-        return Method(acceleration, lambda: -d_m * y_m, lambda: 1 + len(corrections))
+        return Method(acceleration, lambda: d_m * y_m, lambda: 1 + len(corrections))
 
 
 def probing(size: int) -> Array:
