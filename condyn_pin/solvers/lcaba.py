@@ -30,12 +30,15 @@ if TYPE_CHECKING:
 # What `mu` is chosen from, times the largest eigenvalue of G.
 _WEIGHT_SHARES = (1e-2, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 
-# Error at the states that are measured, relative, that of forces as what it is worth beside that of
-# a: a wide margin for all others. One that is larger than the second has no margin: then answers
-# are corrected.
-_FORCES = tolerances.SOLVED / tolerances.FORCES
+# Error of a at the states that are measured, relative: a wide margin for all others. One that is
+# larger than the second has no margin: then answers are corrected.
 _ACCURATE = tolerances.SOLVED / 1000
 _UNSURE = tolerances.SOLVED / 10
+
+# Error of forces that counts, relative, and what it is worth beside one of a. Below that a alone
+# decides: forces follow the stop of the sweeps, and mu would be taken for the last of their digits.
+_FORCES_COUNT = tolerances.FORCES / 30
+_FORCES = tolerances.SOLVED / tolerances.FORCES
 
 # Joints beyond which a machine is measured at the nominal states alone, and its answers are not
 # corrected: both take minutes there, and as much memory again.
@@ -245,6 +248,8 @@ def _error(workspace: Workspace, method: Method, s: NominalState) -> float:
     of_a = float(np.abs(method.acceleration(s.q, s.v, s.tau) - s.a).max() / s.size)
     r, _ = workspace.equations.residuals(s.q, s.v, s.tau, s.a, method.lam())
     of_forces = float(np.abs(r).max() / s.torque) if s.torque else 0.0
+    if of_forces <= _FORCES_COUNT:
+        return of_a
     return float(np.maximum(of_a, _FORCES * of_forces))  # not a number if either is none
 
 
