@@ -5,18 +5,26 @@ power of how rare they are, every ten times as many states make the worst larger
 The tenth largest of n is where the largest of n / 10 is to be looked for, so that over a hundred
 times as many it is
 
-    expected = worst * (worst / tenth)^2.
+    worst * (worst / tenth)^2.
 
-A tenth that is zero says nothing of the worst: it counts as rounding. Ten errors say the factor
-only roughly, and a solver is used more often than it is tried: it meets an error only if `expected`
-does.
+Ten errors say the exponent of the tail to 1 / sqrt(10) of it (Hill), so two of these are added,
+
+    expected = worst * (worst / tenth)^(2 (1 + 2 / sqrt(10))),
+
+and a solver meets an error only if `expected` does: it is used more often than it is tried. A tenth
+that is zero says nothing of the worst: it counts as rounding.
+
+References
+----------
+Hill. A simple general approach to inference about the tail of a distribution. Annals of
+Statistics 3, 1975.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import inf, isfinite
+from math import inf, isfinite, sqrt
 from typing import Final
 
 from condyn_pin.arrays import Array
@@ -31,6 +39,7 @@ from condyn_pin.trade.states import SampledStates, States, as_states
 from condyn_pin.workspace import Workspace
 
 _TENTH: Final = 10
+_DECADES: Final = 2 * (1 + 2 / sqrt(_TENTH))  # two, and what ten errors leave open
 _LEAST: Final = 20  # states, for a tenth largest that is not the smallest
 
 # No error is known better than that.
@@ -51,7 +60,7 @@ class Fresh:
     error : float
         The worst, relative; infinite where there was no answer.
     expected : float
-        What the worst is expected to be over a hundred times as many states.
+        What the worst is to be expected to stay below over a hundred times as many states.
     """
 
     states: int
@@ -65,7 +74,7 @@ class Fresh:
         worst = ranked[0]
         tenth = ranked[min(_TENTH, len(ranked)) - 1]
         factor = max(worst / max(tenth, _ROUNDING), 1.0) if isfinite(worst) else 1.0
-        return cls(len(ranked), worst, worst * factor**2)
+        return cls(len(ranked), worst, worst * factor**_DECADES)
 
     def __str__(self) -> str:
         return (
