@@ -5,12 +5,13 @@ from __future__ import annotations
 from importlib import metadata
 from pathlib import Path
 
+import condyn_pin
 from condyn_pin.errors import InvalidModel, MissingExtra
 
 
 def robots_folder() -> Path:
     """Return the folder of robots: inside the installed package, or beside it in a checkout."""
-    package = Path(__file__).parent.parent
+    package = Path(condyn_pin.__file__).parent
     packed = package / "robots"
     return packed if packed.is_dir() else package.parent / "robots"
 
