@@ -22,9 +22,9 @@ from pathlib import Path
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import condyn_pin as cp
-from condyn_pin.batch.chunks import map_chunks
+from condyn_pin._core.parallel.chunks import map_chunks
+from condyn_pin._core.table_text import write_csv
 from condyn_pin.catalogue import standard_scenes
-from condyn_pin.table_text import write_csv
 from condyn_pin.trade.exports import short
 from condyn_pin.trade.fresh import FreshErrors
 from condyn_pin.trade.measures import MEASURES

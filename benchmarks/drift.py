@@ -37,7 +37,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin.machine import machine
+from condyn_pin._core.machine import machine
 from condyn_pin.plots_drift import save_laboratory, title
 from condyn_pin.simulation.contest import contest
 from condyn_pin.simulation.laboratory import errors, gap_growth

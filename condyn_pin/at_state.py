@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin import tolerances
-from condyn_pin._pin import pin
-from condyn_pin.algebra.minimum_norm import MinimumNorm, factorise
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import Arguments
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin.applied_force import AppliedForce
-from condyn_pin.arguments import Arguments
-from condyn_pin.arrays import Array
-from condyn_pin.errors import InvalidArgument
 from condyn_pin.loads import Load, Loads
 from condyn_pin.rows.kept import equations_of
 from condyn_pin.rows.terms import Terms, finite_terms

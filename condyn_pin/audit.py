@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin._pin import pin
-from condyn_pin.algebra.minimum_norm import MinimumNorm, factorise
-from condyn_pin.algebra.range_space import whiten
-from condyn_pin.arrays import Array
-from condyn_pin.blas_threads import one_blas_thread
-from condyn_pin.errors import BranchChanged, InvalidModel, NotAssembled
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import BranchChanged, InvalidModel, NotAssembled
+from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
+from condyn_pin._core.linalg.range_space import whiten
 from condyn_pin.proof import Yardstick
 from condyn_pin.rows.equations import Equations
 from condyn_pin.rows.mass_pivots import MassPivots

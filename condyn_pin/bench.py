@@ -16,17 +16,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from condyn_pin import _pin
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core import _pin
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import Interrupted
+from condyn_pin._core.knobs import check_called
+from condyn_pin._core.machine import machine
+from condyn_pin._core.timing import Call, State, Times, interleaved
 from condyn_pin.bench_table import BenchRow, BenchTable
 from condyn_pin.by_hand import by_hand
 from condyn_pin.catalogue import standard_scenes
 from condyn_pin.choice import untaken
-from condyn_pin.errors import Interrupted
-from condyn_pin.knobs import check_called
 from condyn_pin.load import load_robot
-from condyn_pin.machine import machine
 from condyn_pin.scene import Scene
 from condyn_pin.solvers.base import Solver
 from condyn_pin.solvers.dense_kkt import DenseKKT
@@ -34,7 +35,6 @@ from condyn_pin.solvers.lcaba import LCABA
 from condyn_pin.solvers.proximal import Proximal
 from condyn_pin.solvers.reference import Reference
 from condyn_pin.timed_calls import bare, unthrown
-from condyn_pin.timing import Call, State, Times, interleaved
 from condyn_pin.trade.measures.base import relative
 from condyn_pin.trade.states import SampledStates
 from condyn_pin.workspace import Workspace

@@ -5,8 +5,8 @@ from __future__ import annotations
 from rich.console import Console
 from rich.table import Table
 
+from condyn_pin._core.printing import print_whole
 from condyn_pin.bench_table import BenchRow, BenchTable
-from condyn_pin.printing import print_whole
 
 
 def print_bench(table: BenchTable, console: Console) -> None:

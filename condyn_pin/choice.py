@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from condyn_pin.errors import UnsupportedConstraint
+from condyn_pin._core.errors import UnsupportedConstraint
 from condyn_pin.scene import Scene
 from condyn_pin.solvers import SOLVERS
 from condyn_pin.solvers.base import Solver

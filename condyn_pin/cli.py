@@ -7,7 +7,7 @@ import sys
 import traceback
 from typing import Annotated, NoReturn
 
-from condyn_pin.blas_threads import decided
+from condyn_pin._core.blas_threads import decided
 
 # Before numpy is imported, for the processes of workers too: times are compared on one core.
 if not decided():
@@ -16,9 +16,9 @@ if not decided():
 import typer
 
 from condyn_pin import __version__
+from condyn_pin._core.errors import CondynError
 from condyn_pin.commands import commands
 from condyn_pin.commands.output import INTERRUPTED, warn
-from condyn_pin.errors import CondynError
 
 # Exit codes; 0 and 1 are given by the commands themselves.
 _CANNOT = 2

@@ -9,10 +9,10 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin._pin import pin
-from condyn_pin.arrays import finite, shown
-from condyn_pin.errors import InvalidArgument
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import finite, shown
+from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.soundness import rotation_fault
 
 Axis = Literal["x", "y", "z"]

@@ -22,9 +22,9 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Final, Literal, get_args
 
-from condyn_pin.arrays import finite
+from condyn_pin._core.arrays import finite
+from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.constraint_fields import Axis, check_axis, check_lengths, check_size, text
-from condyn_pin.errors import InvalidArgument
 
 LoopKind = Literal["ball", "weld", "hinge", "slider", "planar", "rod"]
 

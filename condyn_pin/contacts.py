@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.constraint_fields import (
     Axis,
     Placement,
@@ -24,7 +25,6 @@ from condyn_pin.constraint_fields import (
     text,
 )
 from condyn_pin.constraints import Constraint
-from condyn_pin.errors import InvalidArgument
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin.arrays import Array, read_only
-from condyn_pin.as_array import AsArray
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array, read_only
+from condyn_pin._core.as_array import AsArray
+from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.constraints import Constraint, Coupling, Loop
 from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
-from condyn_pin.errors import InvalidArgument
 from condyn_pin.nonholonomic import Knife, RollingBall, RollingWheel
 from condyn_pin.rows.bound import POINT, AnyBound, Bound, Coupled, Rolled
 from condyn_pin.rows.equations import Equations

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from condyn_pin import tolerances
-from condyn_pin.arrays import Array
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
 from condyn_pin.solvers.base import Method
 from condyn_pin.solvers.null_space import NullSpace
 

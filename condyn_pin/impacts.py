@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin import tolerances
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array, finite
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import InvalidArgument, unknown_name
 from condyn_pin.at_state import at_state
-from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.differentiation.kkt import turning_null_space
 from condyn_pin.differentiation.linearised import Linearisation
-from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.force import ConstraintForce, Sites, pulling
 from condyn_pin.rows.kept import equations_of
 from condyn_pin.scene import Scene

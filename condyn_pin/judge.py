@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin._pin import pin
-from condyn_pin.algebra.minimum_norm import factorise
-from condyn_pin.arguments import normalised
-from condyn_pin.arrays import Array
-from condyn_pin.blas_threads import one_blas_thread
-from condyn_pin.errors import InvalidModel
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import InvalidModel
+from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin.loads import Load
 from condyn_pin.proof import Proof, Yardstick
 from condyn_pin.rows.reach import reach

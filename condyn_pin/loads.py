@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from condyn_pin._pin import LOCAL, pin
+from condyn_pin._core._pin import LOCAL, pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.joints import turning
 from condyn_pin.applied_force import AppliedForce
-from condyn_pin.arrays import Array
-from condyn_pin.errors import InvalidArgument
-from condyn_pin.joints import turning
 
 if TYPE_CHECKING:
     from condyn_pin.robot import Robot

@@ -17,6 +17,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.constraint_fields import (
     Axis,
     Vector3,
@@ -27,7 +28,6 @@ from condyn_pin.constraint_fields import (
     text,
 )
 from condyn_pin.constraints import Constraint
-from condyn_pin.errors import InvalidArgument
 
 Direction = Literal["rolling", "lateral", "normal"]
 

@@ -6,10 +6,10 @@ import math
 from pathlib import Path
 from typing import Any
 
+from condyn_pin._core.plot_style import METHODS, OTHER, write_figure
+from condyn_pin._core.plots import axes, panels
+from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.bench_table import BenchRow, BenchTable
-from condyn_pin.plot_style import METHODS, OTHER, write_figure
-from condyn_pin.plots import axes, panels
-from condyn_pin.tolerances import SOLVED
 
 _FLOOR = 1e-16
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin.plot_style import COLOURS, write_figure
-from condyn_pin.plots import axes, panels
+from condyn_pin._core.plot_style import COLOURS, write_figure
+from condyn_pin._core.plots import axes, panels
 from condyn_pin.simulation.contest import Contest
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.laboratory import Growth, stability_map

@@ -7,9 +7,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from condyn_pin.errors import unknown_name
-from condyn_pin.plot_style import finished, line
-from condyn_pin.plots import axes
+from condyn_pin._core.errors import unknown_name
+from condyn_pin._core.plot_style import finished, line
+from condyn_pin._core.plots import axes
 from condyn_pin.simulation.trajectory import Trajectory
 
 _LEAST: Final = 1e-17  # where zero is drawn on a scale of logarithms

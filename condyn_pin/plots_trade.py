@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from condyn_pin.errors import InvalidArgument
-from condyn_pin.plot_style import COLOURS, write_figure
-from condyn_pin.plots import axes, panels
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.plot_style import COLOURS, write_figure
+from condyn_pin._core.plots import axes, panels
+from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.solvers import SOLVERS
-from condyn_pin.tolerances import SOLVED
 from condyn_pin.trade.front import ANSWERED, answered, comparable, front, microseconds
 from condyn_pin.trade.row import Row
 

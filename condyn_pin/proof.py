@@ -43,9 +43,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin.algebra.minimum_norm import MinimumNorm
-from condyn_pin.arrays import Array
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.linalg.minimum_norm import MinimumNorm
 
 _EPS = float(np.finfo(np.float64).eps)
 _UNIT = _EPS / 2  # of one rounding

@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
-from condyn_pin import _pin
-from condyn_pin._pin import pin
+from condyn_pin._core import _pin
+from condyn_pin._core._pin import pin
+from condyn_pin._core.errors import StaleModel
 from condyn_pin.drift import Baumgarte
-from condyn_pin.errors import StaleModel
 from condyn_pin.rows.native import Native
 
 

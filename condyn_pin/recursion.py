@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from condyn_pin import _pin
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core import _pin
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
 from condyn_pin.raw import raw_constraints
 from condyn_pin.rows.native import Native
 

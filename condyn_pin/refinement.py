@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from condyn_pin import _pin
-from condyn_pin.arrays import Array
+from condyn_pin._core import _pin
+from condyn_pin._core.arrays import Array
 
 if TYPE_CHECKING:
     from condyn_pin.workspace import Workspace

@@ -9,10 +9,10 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from condyn_pin.arrays import read_only
+from condyn_pin._core.arrays import read_only
+from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.audit import Audit, audit, whitened_rows
 from condyn_pin.constraints import Constraint
-from condyn_pin.errors import InvalidArgument
 from condyn_pin.robot import Robot
 from condyn_pin.rows.binding import bind
 from condyn_pin.rows.bound import AnyBound

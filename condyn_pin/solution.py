@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from condyn_pin import tolerances
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument, InvalidModel
 from condyn_pin.applied_force import AppliedForce
-from condyn_pin.arrays import Array
-from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.force import ConstraintForce, Sites, pulling
 from condyn_pin.proof import Proof
 from condyn_pin.soundness import massless_motion

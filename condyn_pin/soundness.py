@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
-from condyn_pin.errors import InvalidModel
-from condyn_pin.tolerances import HUGE
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidModel
+from condyn_pin._core.tolerances import HUGE
 
 
 def check_model(model: Any) -> None:

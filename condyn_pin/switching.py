@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.names import listed
 from condyn_pin.at_state import at_state
-from condyn_pin.errors import InvalidArgument
 from condyn_pin.impacts import Impact, Restitution, impact
-from condyn_pin.names import listed
 from condyn_pin.scene import Scene, check_scene
 
 

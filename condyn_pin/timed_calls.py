@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from functools import partial
 
-from condyn_pin import _pin
-from condyn_pin._pin import pin
+from condyn_pin._core import _pin
+from condyn_pin._core._pin import pin
+from condyn_pin._core.timing import Call
 from condyn_pin.solvers.lcaba import LCABA
 from condyn_pin.solvers.proximal import Proximal
-from condyn_pin.timing import Call
 from condyn_pin.workspace import Workspace
 
 

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from condyn_pin import _pin, tolerances
+from condyn_pin._core import _pin, tolerances
 
 if TYPE_CHECKING:
     from condyn_pin.audit import Audit

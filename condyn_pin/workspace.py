@@ -12,23 +12,23 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin import _pin
-from condyn_pin._pin import pin
+from condyn_pin._core import _pin
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import FLOAT, HIGH, LOW, Arguments, unpack_quaternion
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import InvalidArgument, SolveFailed, unknown_name
+from condyn_pin._core.knobs import check_accuracy_of_a
+from condyn_pin._core.one_thread import OneThread, alone, in_use
 from condyn_pin.applied_force import AppliedForce, applied_forces
-from condyn_pin.arguments import FLOAT, HIGH, LOW, Arguments, unpack_quaternion
-from condyn_pin.arrays import Array
-from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.choice import check_kinds, default_solver
 from condyn_pin.differentiation import METHODS, Derivatives
 from condyn_pin.differentiation.check import check_derivatives
 from condyn_pin.differentiation.differences import DifferenceDerivatives
 from condyn_pin.differentiation.linearised import Linearisation
 from condyn_pin.drift import Baumgarte
-from condyn_pin.errors import InvalidArgument, SolveFailed, unknown_name
 from condyn_pin.judge import Judge
-from condyn_pin.knobs import check_accuracy_of_a
 from condyn_pin.loads import Load, Loads
-from condyn_pin.one_thread import OneThread, alone, in_use
 from condyn_pin.raw import ConstraintDatas, ConstraintModels, raw_constraints
 from condyn_pin.rows.bound import AnyBound
 from condyn_pin.rows.equations import Equations

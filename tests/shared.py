@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import condyn_pin as cp
-from condyn_pin._pin import HAS_LCABA, pin
+from condyn_pin._core._pin import HAS_LCABA, pin
 from condyn_pin.catalogue import motor_torque, standard_scenes
 from condyn_pin.choice import untaken
 

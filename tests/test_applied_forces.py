@@ -13,7 +13,7 @@ import pytest
 from shared import SOLVERS, all_scenes, robot, states
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 from condyn_pin.differentiation.check import BLOCKS
 from condyn_pin.loads import Loads
 from condyn_pin.solvers.dense_kkt import DenseKKT

@@ -11,14 +11,14 @@ import pytest
 from shared import all_scenes, robot
 
 import condyn_pin as cp
-from condyn_pin import timing
-from condyn_pin._pin import HAS_LCABA
+from condyn_pin._core import timing
+from condyn_pin._core._pin import HAS_LCABA
+from condyn_pin._core.machine import machine
+from condyn_pin._core.timing import Times, interleaved
 from condyn_pin.bench import BY_HAND, Effort, bench_scene
 from condyn_pin.bench_table import BenchRow, BenchTable
 from condyn_pin.by_hand import METHODS, by_hand
 from condyn_pin.catalogue import motor_torque, standard_scenes
-from condyn_pin.machine import machine
-from condyn_pin.timing import Times, interleaved
 
 TINY = Effort(states=2, rounds=4, repeats=1)
 

@@ -14,7 +14,7 @@ from scipy.optimize import linprog
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 from condyn_pin.force import Sites
 
 G, MASS = 9.81, 2.0

@@ -9,7 +9,7 @@ import pytest
 from shared import all_scenes, each_scene, robot, states
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 from condyn_pin.differentiation import METHODS
 from condyn_pin.differentiation.check import BLOCKS, check_derivatives
 

@@ -12,7 +12,7 @@ from test_assembly import loops_of, parallelogram, with_limits
 from typer.testing import CliRunner
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 from condyn_pin.cli import app
 from condyn_pin.load import robots_folder
 

@@ -16,10 +16,10 @@ from shared import SOLVERS, all_scenes, each_scene, each_solver, relative, state
 from typer.testing import CliRunner
 
 import condyn_pin as cp
-from condyn_pin import tolerances
-from condyn_pin._pin import VERSION_TEXT, pin
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import VERSION_TEXT, pin
+from condyn_pin._core.errors import CondynError
 from condyn_pin.cli import app
-from condyn_pin.errors import CondynError
 from condyn_pin.extremes import EXTREMES
 from condyn_pin.extremes.flight_verdict import judge_flight
 from condyn_pin.extremes.planar_chain import accelerations
@@ -404,7 +404,7 @@ def test_a_script_without_a_guard_is_told_so(tmp_path):
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True)
     assert done.returncode == 1
     last = done.stderr.splitlines()[-1]
-    assert last.startswith("condyn_pin.errors.WorkersLost")
+    assert last.startswith("condyn_pin._core.errors.WorkersLost")
     assert 'if __name__ == "__main__":' in last
 
 

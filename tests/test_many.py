@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from shared import all_scenes
 
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 from condyn_pin.rows.equations import Equations
 from condyn_pin.rows.many import MANY, ManyGaps
 

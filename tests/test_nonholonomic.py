@@ -15,7 +15,7 @@ from scipy.integrate import quad
 from shared import each_exact_solver, relative, robot, takes
 
 import condyn_pin as cp
-from condyn_pin._pin import LOCAL, pin
+from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin.choice import untaken
 from condyn_pin.differentiation.check import BLOCKS
 from condyn_pin.differentiation.linearised import Linearisation

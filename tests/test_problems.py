@@ -17,7 +17,7 @@ from shared import relative
 from typer.testing import CliRunner
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 from condyn_pin.cli import app
 from condyn_pin.drift.no_drift import NoDrift
 from condyn_pin.problems.a04_bricard import _inertia_and_height

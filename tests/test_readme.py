@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 import condyn_pin as cp
-from condyn_pin._pin import HAS_LCABA
+from condyn_pin._core._pin import HAS_LCABA
 from condyn_pin.cli import app
 
 ROOT = Path(__file__).parent.parent

@@ -11,7 +11,7 @@ import pytest
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 from condyn_pin.load import example_robot_data
 
 

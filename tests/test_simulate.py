@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin._pin import HAS_LCABA, pin
+from condyn_pin._core._pin import HAS_LCABA, pin
 from condyn_pin.drift.post_stabilization import PostStabilization
 from condyn_pin.drift.projection import Projection
 from condyn_pin.simulation.coding import KINDS

@@ -9,7 +9,7 @@ import pytest
 from shared import relative, robot
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 from condyn_pin.extremes import EXTREMES
 from condyn_pin.extremes.verdict import error_of, right_answers
 from condyn_pin.rows.equations import Equations

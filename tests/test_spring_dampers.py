@@ -15,7 +15,7 @@ from test_applied_forces import chain_on, joints, state_of
 from viewed import drawing
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 from condyn_pin.simulation.system import System, with_rows
 from condyn_pin.simulation.torques import Passive
 from condyn_pin.spring_dampers import SpringDampers

@@ -18,9 +18,9 @@ from lost import KillsOnce
 from shared import all_scenes, relative
 
 import condyn_pin as cp
-from condyn_pin._pin import HAS_LCABA
+from condyn_pin._core._pin import HAS_LCABA
+from condyn_pin._core.knobs import ITERATIONS, WEIGHTS
 from condyn_pin.drift.no_drift import NoDrift
-from condyn_pin.knobs import ITERATIONS, WEIGHTS
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
 from condyn_pin.trade import case, clocks, running
 from condyn_pin.trade.row import ALONE

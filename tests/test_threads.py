@@ -15,15 +15,15 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from condyn_pin.blas_threads import VARIABLES
+from condyn_pin._core.blas_threads import VARIABLES
 from condyn_pin.cli import app
 
 SCRIPT = """
 import json
 import numpy as np
 import condyn_pin as cp
-from condyn_pin import blas_threads
-from condyn_pin.blas_threads import loaded, one_blas_thread
+from condyn_pin._core import blas_threads
+from condyn_pin._core.blas_threads import loaded, one_blas_thread
 from condyn_pin.differentiation import METHODS
 
 def threads():
@@ -114,7 +114,7 @@ def test_workers_keep_to_one():
         """
         with cp.Processes(1) as pool:
             inside = pool.submit(eval, "[x.get_num_threads() for x in"
-                                 " __import__('condyn_pin.blas_threads').blas_threads.loaded()]")
+                                 " __import__('condyn_pin._core.blas_threads').blas_threads.loaded()]")
             print(json.dumps(inside.result()))
         """
     )

@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 
 import condyn_pin as cp
-from condyn_pin import _pin
-from condyn_pin._pin import HAS_LCABA, pin
+from condyn_pin._core import _pin
+from condyn_pin._core._pin import HAS_LCABA, pin
 from condyn_pin.catalogue import motor_torque
 from condyn_pin.extremes.units import Units
 
@@ -148,7 +148,7 @@ def test_trap_3_world_first_gives_the_same_a_and_the_opposite_force(solver, kind
 
 BARE_SOLO = """
 import numpy as np, pinocchio as pin
-from condyn_pin import _pin
+from condyn_pin._core import _pin
 import condyn_pin as cp
 robot = cp.load_robot("solo12")
 model = robot.model

@@ -16,9 +16,9 @@ from shared import all_scenes
 from typer.testing import CliRunner
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
+from condyn_pin._core.timing import Times
 from condyn_pin.cli import app
-from condyn_pin.timing import Times
 from condyn_pin.trade import clocks, tuning
 from condyn_pin.trade import plan as plans
 from condyn_pin.trade.cheapest import Choice

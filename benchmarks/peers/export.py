@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 from condyn_pin.catalogue import motor_torque
 from peers.stepping import end_of, rk4
 

@@ -7,7 +7,7 @@ from typing import Any, overload
 
 import numpy as np
 
-from condyn_pin.arrays import Array, read_only
+from condyn_pin._core.arrays import Array, read_only
 from condyn_pin.batch.solution import BatchSolution, Some
 from condyn_pin.differentiation.base import Derivatives
 from condyn_pin.differentiation.check import BLOCKS

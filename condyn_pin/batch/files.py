@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin.arrays import Array, finite, read_only
+from condyn_pin._core.arrays import Array, finite, read_only
+from condyn_pin._core.knobs import check_count
 from condyn_pin.batch.motions import ENDS, SAMPLED, of_ends, of_samples, samples_of
 from condyn_pin.batch.rows import MISSING
 from condyn_pin.batch.states import loose
 from condyn_pin.batch.trajectory import RUN_STATUSES, BatchTrajectory, Samples
 from condyn_pin.drift import Drift
-from condyn_pin.knobs import check_count
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.archive import MOTIONS, Content, Header, Path_, check_times, read, write

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from condyn_pin._core.parallel.memory import Arrays
 from condyn_pin.applied_force import AppliedForce, applied_forces
-from condyn_pin.batch.memory import Arrays
 from condyn_pin.robot import Robot
 
 

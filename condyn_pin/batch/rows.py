@@ -13,15 +13,15 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin.arrays import read_only
-from condyn_pin.batch.chunks import Progress, in_flight, silent
-from condyn_pin.batch.memory import CAN_SHARE, Arrays, Kinds
-from condyn_pin.batch.processes import Processes, workers_of
+from condyn_pin._core.arrays import read_only
+from condyn_pin._core.errors import Interrupted, InvalidArgument, WorkersLost
+from condyn_pin._core.knobs import check_called
+from condyn_pin._core.parallel.chunks import Progress, in_flight, silent
+from condyn_pin._core.parallel.memory import CAN_SHARE, Arrays, Kinds
+from condyn_pin._core.parallel.processes import Processes, workers_of
+from condyn_pin._core.parallel.ways import ByCopies, ByMemory, InPlace, Kernel, Way
 from condyn_pin.batch.recipe import Recipe
-from condyn_pin.batch.ways import ByCopies, ByMemory, InPlace, Kernel, Way
 from condyn_pin.drift import Baumgarte
-from condyn_pin.errors import Interrupted, InvalidArgument, WorkersLost
-from condyn_pin.knobs import check_called
 from condyn_pin.scene import Scene
 from condyn_pin.solvers.base import Solver
 from condyn_pin.verbs import workspace_for

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from condyn_pin.arrays import Array
-from condyn_pin.batch.chunks import in_flight
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.knobs import check_count
+from condyn_pin._core.parallel.chunks import in_flight
 from condyn_pin.batch.recipe import Recipe
-from condyn_pin.errors import InvalidArgument
-from condyn_pin.knobs import check_count
 from condyn_pin.states.sampling import check_generator, sample
 
 if TYPE_CHECKING:

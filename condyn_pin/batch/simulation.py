@@ -11,10 +11,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from condyn_pin._core.parallel.chunks import Progress, silent
+from condyn_pin._core.parallel.memory import Arrays
 from condyn_pin.applied_force import AppliedForce
-from condyn_pin.batch.chunks import Progress, silent
 from condyn_pin.batch.forces import split
-from condyn_pin.batch.memory import Arrays
 from condyn_pin.batch.motions import Motions, of_ends, of_samples, samples_of
 from condyn_pin.batch.rows import Rows
 from condyn_pin.batch.states import check_states

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin.arguments import HIGH, LOW, Arguments
-from condyn_pin.arrays import Array, finite
-from condyn_pin.errors import InvalidArgument
+from condyn_pin._core.arguments import HIGH, LOW, Arguments
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.errors import InvalidArgument
 
 
 def check_states(

@@ -12,12 +12,12 @@ from typing import Any, ClassVar, Final, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin.arrays import Array, read_only
-from condyn_pin.batch.outcome import Outcome
+from condyn_pin._core.arrays import Array, read_only
+from condyn_pin._core.errors import NotRecorded, WorkersLost
+from condyn_pin._core.parallel.outcome import Outcome
 from condyn_pin.batch.rows import MISSING
 from condyn_pin.batch.solution import Some
 from condyn_pin.drift.base import Drift
-from condyn_pin.errors import NotRecorded, WorkersLost
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.anchoring import anchored
 from condyn_pin.simulation.integrators.base import Integrator

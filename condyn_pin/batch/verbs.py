@@ -12,21 +12,21 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from condyn_pin._core.arrays import Array, read_only
+from condyn_pin._core.errors import SolveFailed, unknown_name
+from condyn_pin._core.knobs import check_accuracy_of_a, check_count
+from condyn_pin._core.parallel.chunks import Progress, silent
+from condyn_pin._core.parallel.memory import Arrays, Kind
+from condyn_pin._core.parallel.ways import Words
 from condyn_pin.applied_force import AppliedForce
-from condyn_pin.arrays import Array, read_only
-from condyn_pin.batch.chunks import Progress, silent
 from condyn_pin.batch.derivatives import BatchDerivatives
 from condyn_pin.batch.forces import RowForces, split
-from condyn_pin.batch.memory import Arrays, Kind
 from condyn_pin.batch.rows import Rows
 from condyn_pin.batch.solution import STATUSES, BatchSolution
 from condyn_pin.batch.states import check_states
-from condyn_pin.batch.ways import Words
 from condyn_pin.differentiation import METHODS
 from condyn_pin.differentiation.check import BLOCKS
 from condyn_pin.drift import Baumgarte
-from condyn_pin.errors import SolveFailed, unknown_name
-from condyn_pin.knobs import check_accuracy_of_a, check_count
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.base import Solver

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
 from condyn_pin.bridge.pairs import Pair, axes, holder
 from condyn_pin.io.mjcf_compiled import body_names
 from condyn_pin.io.mjcf_write_joint import scalar_axis

@@ -15,17 +15,17 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin import tolerances
-from condyn_pin._pin import pin
-from condyn_pin.algebra.numerical_rank import counted
-from condyn_pin.arguments import Arguments
-from condyn_pin.arrays import Array
-from condyn_pin.blas_threads import one_blas_thread
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import Arguments
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.linalg.numerical_rank import counted
+from condyn_pin._core.names import listed
 from condyn_pin.bridge.causes import causes
 from condyn_pin.bridge.cross_check import CrossCheck, TermCheck
 from condyn_pin.bridge.mujoco_terms import LoopRows, MujocoTerms, equalities_of
-from condyn_pin.errors import InvalidArgument
-from condyn_pin.names import listed
 from condyn_pin.rows.terms import Terms
 from condyn_pin.scene import Scene
 from condyn_pin.states.gaps import Gap, gaps

@@ -25,13 +25,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin import tolerances
-from condyn_pin.arguments import HIGH, LOW, Arguments
-from condyn_pin.arrays import Array, finite, finite_rows
+from condyn_pin._core import tolerances
+from condyn_pin._core.arguments import HIGH, LOW, Arguments
+from condyn_pin._core.arrays import Array, finite, finite_rows
+from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.bridge.pairs import Pair, check_axes, pairs_of
 from condyn_pin.bridge.quaternions import moved, reordered
 from condyn_pin.bridge.velocity_map import VelocityMap
-from condyn_pin.errors import InvalidArgument
 from condyn_pin.io.mjcf_compiled import require_mujoco
 from condyn_pin.robot import Robot
 

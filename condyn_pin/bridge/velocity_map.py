@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
 from condyn_pin.bridge.pairs import Pair
 from condyn_pin.bridge.quaternions import product, quaternion, turned
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array, finite
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.errors import InvalidModel, UnknownName, unknown_name
 from condyn_pin.cards.srdf import read_srdf
-from condyn_pin.errors import InvalidModel, UnknownName, unknown_name
 
 
 def posture(model: Any, values: Mapping[str, Any], where: str) -> Array:

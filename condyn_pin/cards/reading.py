@@ -9,19 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin._pin import pin
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.errors import CondynError, InvalidModel
+from condyn_pin._core.files.text import parse_toml, read_text
+from condyn_pin._core.names import few
 from condyn_pin.cards.entries import FOR_SDF, check_card, contacts_of, loops_of, said
 from condyn_pin.cards.folders import description_file
 from condyn_pin.cards.postures import posture, srdf_postures
 from condyn_pin.cards.variants import chosen_card
 from condyn_pin.constraints import Constraint, Coupling, Loop
-from condyn_pin.errors import CondynError, InvalidModel
-from condyn_pin.files.text import parse_toml, read_text
 from condyn_pin.io.mjcf import read_mjcf
 from condyn_pin.io.sdf import read_sdf
 from condyn_pin.io.urdf import check_root_joint, read_urdf
-from condyn_pin.names import few
 from condyn_pin.robot import Robot
 from condyn_pin.rows.binding import bind
 from condyn_pin.rows.equations import Equations

@@ -33,12 +33,12 @@ def bench(
 
     Ctrl-C keeps the scenes that were measured.
     """
+    from condyn_pin._core.errors import Interrupted
     from condyn_pin.bench import FULL, QUICK, ROBOTS
     from condyn_pin.bench import bench as run
     from condyn_pin.bench_print import print_bench
     from condyn_pin.bench_table import BenchTable
     from condyn_pin.commands.words import solvers_of
-    from condyn_pin.errors import Interrupted
 
     chosen, effort, stopped = solvers_of(solvers), QUICK if quick else FULL, False
     beside = BenchTable((), {}).with_native(native) if native else BenchTable((), {})

@@ -7,10 +7,10 @@ from typing import Annotated, Any
 
 import typer
 
+from condyn_pin._core.errors import InvalidModel
+from condyn_pin._core.tolerances import ENGINES
 from condyn_pin.commands.arguments import AsJson, RobotName, Variant
 from condyn_pin.commands.output import print_json, say
-from condyn_pin.errors import InvalidModel
-from condyn_pin.tolerances import ENGINES
 
 PANEL = "Look"
 
@@ -41,9 +41,9 @@ def compare(
     """
     import numpy as np
 
+    from condyn_pin._core.joints import indices
     from condyn_pin.bridge.mujoco_bridge import MujocoBridge
     from condyn_pin.commands.words import names_in, pairs_in, robot_of
-    from condyn_pin.joints import indices
     from condyn_pin.scene import Scene
 
     chosen = robot_of(robot, variant)

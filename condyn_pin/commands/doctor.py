@@ -12,7 +12,7 @@ PANEL = "Look"
 
 def doctor(as_json: AsJson = False) -> None:
     """Say what is installed, whether it fits together, and how to repair it."""
-    from condyn_pin.doctor import diagnose
+    from condyn_pin._core.doctor import diagnose
 
     found = diagnose()
     if as_json:

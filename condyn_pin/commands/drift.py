@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
+from condyn_pin._core.printing import print_whole
 from condyn_pin.commands.arguments import AsJson, Plot
 from condyn_pin.commands.output import (
     INTERRUPTED,
@@ -16,7 +17,6 @@ from condyn_pin.commands.output import (
     print_json,
     progress_bar,
 )
-from condyn_pin.printing import print_whole
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.contest import Contest
@@ -37,7 +37,7 @@ def drift(
 
     Ctrl-C keeps the runs that went to their end.
     """
-    from condyn_pin.errors import Interrupted, InvalidArgument
+    from condyn_pin._core.errors import Interrupted, InvalidArgument
     from condyn_pin.simulation.contest import contest
     from condyn_pin.simulation.integrators.explicit_euler import ExplicitEuler
     from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4

@@ -20,8 +20,8 @@ def export(
     variant: Variant = None,
 ) -> None:
     """Write a robot in another format."""
+    from condyn_pin._core.files.beside import write_text
     from condyn_pin.commands.words import names_in, robot_of
-    from condyn_pin.files.beside import write_text
 
     check_written(mjcf)
     text = robot_of(robot, variant).to_mjcf(without=names_in(without))

@@ -17,8 +17,8 @@ from rich.segment import Segment
 from rich.table import Column, Table
 from rich.text import Text
 
-from condyn_pin.errors import InvalidArgument
-from condyn_pin.files.beside import check_writable
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.files.beside import check_writable
 
 # As shells say that a program was interrupted.
 INTERRUPTED: Final = 130
@@ -107,7 +107,7 @@ def check_ending(path: Path | None, *endings: str) -> None:
 def check_picture(path: Path | None) -> None:
     """Refuse a picture that could not be drawn when everything has been measured."""
     if path:
-        from condyn_pin.plots import PICTURES, require_matplotlib
+        from condyn_pin._core.plots import PICTURES, require_matplotlib
 
         require_matplotlib()
         check_ending(path, *PICTURES)

@@ -40,8 +40,8 @@ def problem(
     if not name and all(each is None for each in choices):
         _list(as_json)
         return
+    from condyn_pin._core.machine import machine
     from condyn_pin.commands.words import drift_of, integrator_of, solver_of
-    from condyn_pin.machine import machine
     from condyn_pin.problems.loading import load_problem
 
     result = load_problem(name, n=n).run(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.commands.arguments import AsJson, Contacts, Loops, Posture, RobotName, Variant
 from condyn_pin.commands.output import (
     check_picture,
@@ -16,7 +17,6 @@ from condyn_pin.commands.output import (
     progress_bar,
     words,
 )
-from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene

@@ -87,7 +87,7 @@ def _write(found: Trajectory, save: Path | None, csv: Path | None, as_json: bool
 
 
 def _summary(found: Trajectory) -> dict[str, object]:
-    from condyn_pin.machine import machine
+    from condyn_pin._core.machine import machine
 
     run, energy = found.run, found.energy
     return {

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.commands.arguments import (
     AsJson,
     Contacts,
@@ -16,7 +17,6 @@ from condyn_pin.commands.arguments import (
     Variant,
 )
 from condyn_pin.commands.output import print_json, say, warn
-from condyn_pin.tolerances import SOLVED
 
 if TYPE_CHECKING:
     from condyn_pin.solution import Solution
@@ -61,7 +61,7 @@ def solve(
 
 
 def _say_accelerations(solution: Solution) -> None:
-    from condyn_pin.joints import indices
+    from condyn_pin._core.joints import indices
 
     robot = solution.scene.robot
     say("accelerations of the joints, free-flyers linear first [rad/s^2, m/s^2]:")
@@ -71,7 +71,7 @@ def _say_accelerations(solution: Solution) -> None:
 
 
 def _facts(solution: Solution) -> dict[str, object]:
-    from condyn_pin.machine import machine
+    from condyn_pin._core.machine import machine
 
     return {
         "status": solution.status.name.lower(),

@@ -49,9 +49,9 @@ def stress(
 
     Ctrl-C keeps the cases that were put.
     """
-    from condyn_pin._pin import VERSION_TEXT
+    from condyn_pin._core._pin import VERSION_TEXT
+    from condyn_pin._core.errors import Interrupted, InvalidArgument
     from condyn_pin.commands.words import names_in
-    from condyn_pin.errors import Interrupted, InvalidArgument
     from condyn_pin.extremes.stress import stress as run
     from condyn_pin.extremes.stress_table import maps, read_csv, write_csv
 
@@ -109,7 +109,7 @@ def _defects(outcomes: Sequence[Outcome]) -> list[str]:
 
 def _print(outcomes: Sequence[Outcome], shown: Sequence[Map]) -> None:
     """Print the advice of some maps, the defects, and the counts of everything."""
-    from condyn_pin._pin import VERSION_TEXT
+    from condyn_pin._core._pin import VERSION_TEXT
     from condyn_pin.extremes.base import EXTREMES
     from condyn_pin.extremes.stress_table import counts
 
@@ -125,7 +125,7 @@ def _print(outcomes: Sequence[Outcome], shown: Sequence[Map]) -> None:
 
 def _facts(outcomes: Sequence[Outcome], found: Sequence[Map]) -> dict[str, Any]:
     """Return everything in the words of json."""
-    from condyn_pin._pin import VERSION_TEXT
+    from condyn_pin._core._pin import VERSION_TEXT
     from condyn_pin.extremes.stress_table import counts
 
     return {

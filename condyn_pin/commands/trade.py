@@ -57,9 +57,9 @@ def trade(
 
     Ctrl-C keeps what was measured. Exits with 1 if no solver meets the error.
     """
+    from condyn_pin._core.errors import Interrupted
     from condyn_pin.bench import ROBOTS
     from condyn_pin.commands.words import swept_solvers_of
-    from condyn_pin.errors import Interrupted
     from condyn_pin.trade.cheapest import check_error
     from condyn_pin.trade.clocks import TimingEffort
     from condyn_pin.trade.study import Study
@@ -86,7 +86,7 @@ def _show(
     table: Table, csv: Path | None, as_json: Path | None, markdown: Path | None, plot: Path | None
 ) -> None:
     """Print a table, and write it to the files that are wanted."""
-    from condyn_pin.files.beside import write_text
+    from condyn_pin._core.files.beside import write_text
     from condyn_pin.trade.printing import print_table
 
     print_table(table, for_people(as_json))
@@ -115,7 +115,7 @@ def _run(study: Study, jobs: int, results: Path | None) -> Table:
 
 def _choose(table: Table, error: float, console: Console) -> bool:
     """Print the cheapest solver of each scene; return whether there is one for all."""
-    from condyn_pin.errors import NotReached
+    from condyn_pin._core.errors import NotReached
 
     reached = True
     for scene, measure in dict.fromkeys((row.scene, row.measure) for row in table.rows):

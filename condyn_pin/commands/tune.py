@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.commands.arguments import (
     AsJson,
     Contacts,
@@ -16,7 +17,6 @@ from condyn_pin.commands.arguments import (
     Variant,
 )
 from condyn_pin.commands.output import print_json, progress_bar, say, warn
-from condyn_pin.tolerances import SOLVED
 
 PANEL = "Measure"
 
@@ -33,8 +33,8 @@ def tune(
     as_json: AsJson = False,
 ) -> None:
     """Choose the fastest solver that meets an error; exits with 1 if there is none."""
+    from condyn_pin._core.errors import NotReached
     from condyn_pin.commands.words import scene_of, swept_solvers_of
-    from condyn_pin.errors import NotReached
     from condyn_pin.trade.plan import check_folder, path_of
     from condyn_pin.trade.tuning import choose, keep, plan_for
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from condyn_pin import _pin
+from condyn_pin._core import _pin
+from condyn_pin._core.errors import InvalidArgument, unknown_name
 from condyn_pin.constraints import Constraint
 from condyn_pin.contacts import CONTACTS
 from condyn_pin.drift import DRIFTS, Baumgarte, Drift
-from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.load import load_robot
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene

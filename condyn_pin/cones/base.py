@@ -21,12 +21,12 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin import tolerances
-from condyn_pin.arrays import Array, finite, finite_rows, read_only
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array, finite, finite_rows, read_only
+from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.cones.margin import FAULTS, ConeRows, Margin
 from condyn_pin.constraint_fields import Vector3, check_size, direction
 from condyn_pin.constraints import WORLD, Constraint
-from condyn_pin.errors import InvalidArgument
 from condyn_pin.force import ConstraintForce, presses, upward
 
 Pyramid = Literal["inner", "outer"]

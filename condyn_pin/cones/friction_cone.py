@@ -15,14 +15,14 @@ from typing import Final
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.knobs import check_count
 from condyn_pin.cones.base import Cone, Row
 from condyn_pin.cones.margin import Margin
 from condyn_pin.constraints import Constraint
 from condyn_pin.contacts import LineContact, PointContact, SurfaceContact
-from condyn_pin.errors import InvalidArgument
-from condyn_pin.knobs import check_count
 
 _MOST_SIDES: Final = 1000
 

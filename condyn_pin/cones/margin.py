@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
 
 # What a contact does where its force leaves the cone. The later ones are often only consequences of
 # the first: what pulls also slips, by numbers.

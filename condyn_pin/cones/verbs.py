@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin import tolerances
-from condyn_pin.arguments import normalised
-from condyn_pin.arrays import Array
+from condyn_pin._core import tolerances
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument, unknown_name
 from condyn_pin.cones.base import Cone, turned
 from condyn_pin.cones.margin import FAULTS, ConeRows, Margin
-from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.force import presses, upward
 from condyn_pin.rows.kept import equations_of
 from condyn_pin.scene import Scene, check_scene

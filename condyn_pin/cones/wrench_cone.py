@@ -25,14 +25,14 @@ from typing import Final
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin.arrays import Array
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.cones.base import Cone, Row
 from condyn_pin.cones.margin import Margin
 from condyn_pin.constraint_fields import check_lengths, check_size
 from condyn_pin.constraints import Constraint
 from condyn_pin.contacts import LineContact, SurfaceContact
-from condyn_pin.errors import InvalidArgument
 
 _SIGNS: Final = (("+", 1.0), ("-", -1.0))
 

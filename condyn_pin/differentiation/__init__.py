@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
 from condyn_pin.differentiation.base import Derivatives
 from condyn_pin.differentiation.differences import DifferenceDerivatives
 from condyn_pin.differentiation.kkt import KktDerivatives

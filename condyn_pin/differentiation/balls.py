@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
 from condyn_pin.drift import Baumgarte
 from condyn_pin.rows.bound import POINT, AnyBound, Bound
 from condyn_pin.rows.ends import Ends

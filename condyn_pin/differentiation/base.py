@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin.arrays import Array, finite
-from condyn_pin.blas_threads import one_blas_thread
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.blas_threads import one_blas_thread
 
 if TYPE_CHECKING:
     from condyn_pin.solution import Solution

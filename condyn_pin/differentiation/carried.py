@@ -20,10 +20,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.joints import Indices, turning
 from condyn_pin.differentiation.stencil import slope
-from condyn_pin.joints import Indices, turning
 
 
 class Chain(NamedTuple):

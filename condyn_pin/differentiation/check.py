@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin.arrays import Array
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import DerivativesDisagree
 from condyn_pin.differentiation.base import Derivatives
 from condyn_pin.differentiation.differences import DifferenceDerivatives
-from condyn_pin.errors import DerivativesDisagree
 
 BLOCKS = ("da_dq", "da_dv", "da_dtau", "dlam_dq", "dlam_dv", "dlam_dtau")
 

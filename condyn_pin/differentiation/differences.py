@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin._pin import pin
-from condyn_pin.algebra.numerical_rank import null_space
-from condyn_pin.arrays import Array
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.linalg.numerical_rank import null_space
+from condyn_pin._core.one_thread import of_workspace
 from condyn_pin.differentiation.base import Derivatives
-from condyn_pin.one_thread import of_workspace
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.reference import Reference
 

@@ -15,8 +15,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
-from condyn_pin._pin import pin
-from condyn_pin.joints import turning
+from condyn_pin._core._pin import pin
+from condyn_pin._core.joints import turning
 from condyn_pin.rows.bound import AnyBound, Coupled
 
 

@@ -28,9 +28,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin.algebra.minimum_norm import MinimumNorm, factorise
-from condyn_pin.arrays import Array
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
+from condyn_pin._core.one_thread import of_workspace
 from condyn_pin.differentiation.base import Derivatives
 from condyn_pin.differentiation.linearised import Linearisation
 from condyn_pin.differentiation.loads import load_partial
@@ -39,7 +40,6 @@ from condyn_pin.differentiation.parameters import (
     inertia_regressor,
     placement_partials,
 )
-from condyn_pin.one_thread import of_workspace
 from condyn_pin.solution import Solution
 
 if TYPE_CHECKING:

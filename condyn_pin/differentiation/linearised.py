@@ -20,8 +20,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.joints import turning
 from condyn_pin.differentiation.balls import BallPartials
 from condyn_pin.differentiation.carried import Carried
 from condyn_pin.differentiation.frames import Frames
@@ -29,7 +30,6 @@ from condyn_pin.differentiation.in_series import in_series
 from condyn_pin.differentiation.pairs import PairPartials
 from condyn_pin.differentiation.rolling import RollingPartials
 from condyn_pin.drift import Baumgarte
-from condyn_pin.joints import turning
 from condyn_pin.rows.bound import AnyBound, Coupled, Rolled
 
 Part = PairPartials | RollingPartials | BallPartials

@@ -22,12 +22,12 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin._pin import LOCAL, pin
+from condyn_pin._core._pin import LOCAL, pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.joints import axes
 from condyn_pin.applied_force import AppliedForce
-from condyn_pin.arrays import Array
 from condyn_pin.differentiation.partials import dual_cross
 from condyn_pin.differentiation.stencil import slope
-from condyn_pin.joints import axes
 from condyn_pin.loads import Loads, frame_jacobian, in_axes
 
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
 from condyn_pin.differentiation.balls import is_ball
 from condyn_pin.differentiation.frames import Frames
 from condyn_pin.differentiation.gaps import gap_of

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
-from condyn_pin.errors import InvalidArgument, unknown_name
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument, unknown_name
 from condyn_pin.rows.bound import AnyBound, Coupled, Rolled
 
 if TYPE_CHECKING:

@@ -21,18 +21,18 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from condyn_pin import _pin
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core import _pin
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import DerivativesDisagree, InvalidArgument, UnsupportedConstraint
+from condyn_pin._core.joints import turning
+from condyn_pin._core.tolerances import DERIVATIVES
 from condyn_pin.differentiation.base import Derivatives
 from condyn_pin.differentiation.kkt import KktDerivatives
 from condyn_pin.differentiation.loads import load_partial
-from condyn_pin.errors import DerivativesDisagree, InvalidArgument, UnsupportedConstraint
-from condyn_pin.joints import turning
 from condyn_pin.rows.bound import POINT, Bound
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.proximal import Proximal
-from condyn_pin.tolerances import DERIVATIVES
 
 if TYPE_CHECKING:
     from condyn_pin.workspace import Workspace

@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
 from condyn_pin.differentiation.frames import Frames
 from condyn_pin.differentiation.gaps import Gap
 from condyn_pin.differentiation.partials import End, dual_cross

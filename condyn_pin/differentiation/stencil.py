@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
 
 _WEIGHTS: Final = (4 / 5, -1 / 5, 4 / 105, -1 / 280)
 _H: Final = 2.0**-7  # [rad, m]: below the rounding of f over h

@@ -26,8 +26,8 @@ from abc import ABC
 from collections.abc import Callable
 from typing import TYPE_CHECKING, ClassVar
 
-from condyn_pin.arrays import Array
-from condyn_pin.registry import enter
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.registry import enter
 
 if TYPE_CHECKING:
     from condyn_pin.drift.baumgarte import Baumgarte

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from math import e, sqrt
 from typing import ClassVar
 
-from condyn_pin.arrays import finite
+from condyn_pin._core.arrays import finite
+from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.drift.base import Drift
-from condyn_pin.errors import InvalidArgument
 
 # Of gains whose squares are numbers [1/s].
 _LARGEST = 1e154

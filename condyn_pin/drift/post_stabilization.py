@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
 from condyn_pin.drift.base import Correction, Drift
 from condyn_pin.drift.projection import Metric, check_projection
 

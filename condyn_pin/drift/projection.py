@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
-from condyn_pin.arrays import Array, finite
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.knobs import check_count
 from condyn_pin.drift.base import Correction, Drift
-from condyn_pin.errors import InvalidArgument
-from condyn_pin.knobs import check_count
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.gaps import Gaps

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
 from condyn_pin.extremes.base import Case, extreme, moving
 from condyn_pin.scene import Scene
 

@@ -21,11 +21,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.registry import enter
 from condyn_pin.drift import Baumgarte
-from condyn_pin.errors import InvalidArgument
-from condyn_pin.registry import enter
 from condyn_pin.scene import Scene
 from condyn_pin.solvers.reference import Reference
 from condyn_pin.workspace import Workspace

@@ -6,7 +6,7 @@ from math import nan
 
 import numpy as np
 
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 from condyn_pin.extremes.base import Case, Flight
 from condyn_pin.extremes.verdict import Verdict
 from condyn_pin.simulation.run import simulate

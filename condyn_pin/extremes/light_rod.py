@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 from condyn_pin.constraints import Loop
 from condyn_pin.extremes.base import Case, extreme
 from condyn_pin.mechanisms.base import along_x

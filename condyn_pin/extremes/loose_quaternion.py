@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from condyn_pin.arguments import Arguments
-from condyn_pin.errors import InvalidArgument
+from condyn_pin._core.arguments import Arguments
+from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.extremes.base import Case, by_reference, extreme, moving, powers
 from condyn_pin.scene import Scene
 

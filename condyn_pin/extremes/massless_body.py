@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 from condyn_pin.extremes.base import Case, extreme, moving, with_inertias
 from condyn_pin.scene import Scene
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
 from condyn_pin.extremes.base import Case, extreme, with_inertias
 from condyn_pin.mechanisms.base import rod
 from condyn_pin.mechanisms.four_bar import four_bar

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
 
 Decimals = NDArray[np.object_]
 

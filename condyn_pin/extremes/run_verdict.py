@@ -15,7 +15,7 @@ from math import nan
 
 import numpy as np
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
 from condyn_pin.drift import Baumgarte
 from condyn_pin.extremes.base import Case, Motion
 from condyn_pin.extremes.verdict import Verdict

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
 from condyn_pin.extremes.base import Case, Flight, extreme
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene

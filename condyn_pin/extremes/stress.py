@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin._pin import HAS_LCABA
-from condyn_pin.errors import Interrupted, WorkersLost, unknown_name
+from condyn_pin._core._pin import HAS_LCABA
+from condyn_pin._core.errors import Interrupted, WorkersLost, unknown_name
+from condyn_pin._core.knobs import check_called
 from condyn_pin.extremes.base import EXTREMES
 from condyn_pin.extremes.verdict import Outcome, Task, Verdict
-from condyn_pin.knobs import check_called
 from condyn_pin.load import load_robot
 from condyn_pin.scene import Scene
 

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from condyn_pin._core.plot_style import write_figure
+from condyn_pin._core.plots import axes, panels
+from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.extremes.base import EXTREMES
 from condyn_pin.extremes.stress_table import Map, short
 from condyn_pin.extremes.verdict import Verdict
-from condyn_pin.plot_style import write_figure
-from condyn_pin.plots import axes, panels
-from condyn_pin.tolerances import SOLVED
 
 _MARKS = {Verdict.OK: "", Verdict.SAID_SO: "s", Verdict.REFUSED: "r"}
 _BEST, _WORST = -16.0, 0.0  # of the colours, in digits

@@ -11,11 +11,11 @@ from itertools import groupby
 from pathlib import Path
 from typing import Final
 
-from condyn_pin.errors import InvalidArgument
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.files.beside import written_beside
+from condyn_pin._core.files.text import read_text
 from condyn_pin.extremes.base import EXTREMES
 from condyn_pin.extremes.verdict import Outcome, Verdict
-from condyn_pin.files.beside import written_beside
-from condyn_pin.files.text import read_text
 
 # From bad to worse: a cell with several seeds is as bad as its worst.
 _ORDER = tuple(Verdict)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 from condyn_pin.extremes.base import Case, Flight, extreme
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene

@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.constraints import Constraint, Coupling
-from condyn_pin.errors import InvalidArgument
 from condyn_pin.extremes.base import Case, by_reference, extreme, moving
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene

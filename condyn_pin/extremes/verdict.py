@@ -17,11 +17,11 @@ from math import inf, nan
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin.algebra.minimum_norm import factorise
-from condyn_pin.algebra.numerical_rank import rank_of
-from condyn_pin.arrays import Array
-from condyn_pin.errors import CondynError
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import CondynError
+from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.linalg.numerical_rank import rank_of
 from condyn_pin.extremes.base import Case
 from condyn_pin.rows.terms import Terms
 from condyn_pin.solution import Status

@@ -11,7 +11,7 @@ from importlib import import_module
 from itertools import chain
 from multiprocessing.connection import Connection
 
-from condyn_pin.errors import CondynError
+from condyn_pin._core.errors import CondynError
 from condyn_pin.extremes import EXTREMES
 from condyn_pin.extremes.base import Case
 from condyn_pin.extremes.flight_verdict import judge_flight

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
-from condyn_pin.errors import InvalidModel
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidModel
 from condyn_pin.robot import Robot
 from condyn_pin.spring import Spring
 

@@ -10,9 +10,9 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from condyn_pin.arrays import Array
-from condyn_pin.errors import InvalidModel
-from condyn_pin.files.text import read_bytes
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidModel
+from condyn_pin._core.files.text import read_bytes
 
 _MOST_ELEMENTS: Final = 500_000
 _SHOWN: Final = 60  # characters

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from condyn_pin._core.joints import indices
 from condyn_pin.constraints import Coupling
-from condyn_pin.joints import indices
 from condyn_pin.load import load_robot
 from condyn_pin.rows.equations import Equations
 from condyn_pin.scene import Scene

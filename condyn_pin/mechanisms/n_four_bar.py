@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.knobs import check_count
 from condyn_pin.constraint_fields import check_positive
 from condyn_pin.constraints import Loop
 from condyn_pin.io.xml import MOST_JOINTS
-from condyn_pin.knobs import check_count
 from condyn_pin.mechanisms.base import (
     LICENCE,
     add_rod,

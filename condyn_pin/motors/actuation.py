@@ -16,10 +16,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin.arrays import Array, finite
-from condyn_pin.errors import InvalidArgument, unknown_name
-from condyn_pin.joints import indices
-from condyn_pin.names import checked
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.errors import InvalidArgument, unknown_name
+from condyn_pin._core.joints import indices
+from condyn_pin._core.names import checked
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene, check_scene
 

@@ -23,11 +23,11 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin import tolerances
-from condyn_pin.arrays import Array
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.at_state import at_state, frame_jacobian
-from condyn_pin.blas_threads import one_blas_thread
-from condyn_pin.errors import InvalidArgument
 from condyn_pin.scene import Scene
 
 Task = Literal["pose", "position"]

@@ -18,14 +18,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin import tolerances
-from condyn_pin.arrays import Array, finite
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.joints import Indices, indices
+from condyn_pin._core.names import checked, listed
 from condyn_pin.at_state import at_state, frame_jacobian
-from condyn_pin.blas_threads import one_blas_thread
-from condyn_pin.errors import InvalidArgument
-from condyn_pin.joints import Indices, indices
 from condyn_pin.motors.actuation import Actuation, motors_of
-from condyn_pin.names import checked, listed
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.states.chains import independent_columns

@@ -10,8 +10,8 @@ from typing import ClassVar, Final, Literal
 import numpy as np
 from scipy.special import ellipj
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
 from condyn_pin.constraints import Loop
 from condyn_pin.drift import Baumgarte
 from condyn_pin.problems.base import Limit, Problem, Published, Setting

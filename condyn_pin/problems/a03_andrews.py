@@ -8,9 +8,9 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.drift import Baumgarte
-from condyn_pin.errors import InvalidArgument
 from condyn_pin.load import load_robot
 from condyn_pin.problems.base import Limit, Problem, Published, Setting, Torque
 from condyn_pin.scene import Scene

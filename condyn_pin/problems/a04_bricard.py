@@ -9,8 +9,8 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
 from condyn_pin.drift import Baumgarte
 from condyn_pin.load import load_robot
 from condyn_pin.problems.base import Limit, Problem, Published, Setting

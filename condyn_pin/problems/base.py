@@ -23,9 +23,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
-from condyn_pin.registry import enter
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.registry import enter
 
 if TYPE_CHECKING:
     from condyn_pin.drift import Drift

@@ -9,11 +9,11 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.constraints import Loop
 from condyn_pin.drift import Baumgarte
-from condyn_pin.errors import InvalidArgument
 from condyn_pin.problems.base import Limit, Problem, Setting, Torque
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene

@@ -9,8 +9,8 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
 from condyn_pin.constraints import Loop
 from condyn_pin.drift import Baumgarte
 from condyn_pin.problems.base import Limit, Problem, Setting

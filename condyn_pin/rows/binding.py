@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
+from condyn_pin._core.errors import InvalidConstraint, unknown_name
 from condyn_pin.constraints import Constraint, Coupling, Loop
 from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
-from condyn_pin.errors import InvalidConstraint, unknown_name
 from condyn_pin.nonholonomic import Knife, RollingBall, RollingWheel
 from condyn_pin.robot import Robot
 from condyn_pin.rows.bound import DIRECTIONS, FRAME, POINT, AnyBound, Bound, Coupled, Rolled

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
 
 _AXES: Final = ("x", "y", "z", "rx", "ry", "rz")
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
 from condyn_pin.rows.bound import Bound, Rolled
 from condyn_pin.rows.frames import Centripetal, Joints
 

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin._pin import LOCAL, pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import LOCAL, pin
+from condyn_pin._core.arrays import Array
 from condyn_pin.rows.bound import Bound
 from condyn_pin.rows.reach import ROUNDED
 

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
 from condyn_pin.rows.bound import Bound
 from condyn_pin.rows.ends import Ends
 from condyn_pin.rows.frames import rows_of

@@ -14,9 +14,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
-from condyn_pin.joints import axes, turning
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.joints import axes, turning
 
 # A pivot that cannot fall below this share of its nominal value is not watched: an estimate of the
 # error that is too small by less than the inverse of it is within the margin of most answers.

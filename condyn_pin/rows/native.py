@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from condyn_pin._pin import LOCAL, pin
+from condyn_pin._core._pin import LOCAL, pin
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,8 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
 from condyn_pin.rows.bound import AnyBound, Bound
 from condyn_pin.rows.flat import height_of
 from condyn_pin.rows.native import Native

@@ -13,9 +13,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from condyn_pin import _pin
-from condyn_pin._pin import LOCAL, pin
-from condyn_pin.arrays import Array
+from condyn_pin._core import _pin
+from condyn_pin._core._pin import LOCAL, pin
+from condyn_pin._core.arrays import Array
 from condyn_pin.rows.bound import POINT, AnyBound, Bound
 from condyn_pin.rows.frames import rows_of
 from condyn_pin.rows.native import Native

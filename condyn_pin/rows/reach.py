@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from condyn_pin._pin import LOCAL, pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import LOCAL, pin
+from condyn_pin._core.arrays import Array
 from condyn_pin.rows.bound import Coupled, Rolled
 
 if TYPE_CHECKING:

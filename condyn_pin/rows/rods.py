@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
 from condyn_pin.rows.bound import Bound
 from condyn_pin.rows.ends import Ends
 from condyn_pin.rows.frames import FrameJacobian, rows_of

@@ -21,8 +21,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
 from condyn_pin.rows.bound import Rolled
 from condyn_pin.rows.cut_joints import cross
 from condyn_pin.rows.ends import Ends

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from condyn_pin.arrays import Array, check_overflow
+from condyn_pin._core.arrays import Array, check_overflow
 
 if TYPE_CHECKING:
     from condyn_pin.rows.equations import Equations

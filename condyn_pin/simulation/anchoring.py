@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
 from condyn_pin.constraints import Constraint
 from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
 from condyn_pin.nonholonomic import Knife, RollingBall, RollingWheel

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
+from condyn_pin._core.errors import Interrupted
 from condyn_pin.drift.base import Drift
 from condyn_pin.drift.baumgarte import Baumgarte
 from condyn_pin.drift.no_drift import NoDrift
 from condyn_pin.drift.projection import Projection
-from condyn_pin.errors import Interrupted
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.integrators.rattle import Rattle
 from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from math import inf
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
 from condyn_pin.constraints import Constraint
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.anchoring import anchored

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 
-from condyn_pin._pin import pin
-from condyn_pin.errors import InvalidArgument
+from condyn_pin._core._pin import pin
+from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
 

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from condyn_pin import _pin, tolerances
-from condyn_pin.algebra.minimum_norm import factorise
-from condyn_pin.arrays import Array
+from condyn_pin._core import _pin, tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin.solvers.proximal import Proximal
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
 from condyn_pin.constraints import Loop
 from condyn_pin.drift.base import Drift
 from condyn_pin.drift.baumgarte import Baumgarte

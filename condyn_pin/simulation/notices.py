@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin.joints import lengths
+from condyn_pin._core import tolerances
+from condyn_pin._core.joints import lengths
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.pulls import pull_notices
 from condyn_pin.simulation.verify import solver_notices

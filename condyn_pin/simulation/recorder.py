@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
 from condyn_pin.scene import Scene
 
 # Rows are packed into one array each time there are so many: a small array takes a hundred bytes

@@ -11,13 +11,13 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import ArrayLike
 
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import CondynError, InvalidArgument
+from condyn_pin._core.knobs import check_called
 from condyn_pin.applied_force import AppliedForce
-from condyn_pin.arguments import normalised
-from condyn_pin.arrays import Array, finite
-from condyn_pin.blas_threads import one_blas_thread
 from condyn_pin.drift.base import Drift
-from condyn_pin.errors import CondynError, InvalidArgument
-from condyn_pin.knobs import check_called
 from condyn_pin.rows.bound import is_scalar
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.simulation.driver import Driver

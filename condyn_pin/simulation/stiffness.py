@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin.algebra.minimum_norm import factorise
-from condyn_pin.algebra.pivots import first_of_largest
-from condyn_pin.arrays import Array
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.linalg.pivots import first_of_largest
 from condyn_pin.simulation.walls import wall
 
 # Frequencies that steps follow are below this over dt; of what is above few steps follow any.

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from condyn_pin import _pin
-from condyn_pin.errors import unknown_name
-from condyn_pin.joints import indices
-from condyn_pin.machine import machine
+from condyn_pin._core import _pin
+from condyn_pin._core.errors import unknown_name
+from condyn_pin._core.joints import indices
+from condyn_pin._core.machine import machine
+from condyn_pin._core.timing import State, Times, time_trials, trial
 from condyn_pin.scene import Scene
 from condyn_pin.smaller.ladder_table import LadderRow, LadderTable
 from condyn_pin.smaller.price import answers, compare
@@ -26,7 +27,6 @@ from condyn_pin.solvers.base import Solver
 from condyn_pin.solvers.dense_kkt import DenseKKT
 from condyn_pin.solvers.lcaba import LCABA
 from condyn_pin.solvers.proximal import Proximal
-from condyn_pin.timing import State, Times, time_trials, trial
 
 # Torque of each motor beside what standing takes, as a share of the weight at one metre.
 _PUSH = 0.02
@@ -90,7 +90,7 @@ class LadderEffort:
     states : int
         Random motions.
     rounds, repeats : int
-        As in `condyn_pin.timing.interleaved`.
+        As in `condyn_pin._core.timing.interleaved`.
     """
 
     states: int = 20

@@ -6,8 +6,8 @@ import math
 from pathlib import Path
 from typing import Any
 
-from condyn_pin.plot_style import METHODS, OTHER, write_figure
-from condyn_pin.plots import axes, panels
+from condyn_pin._core.plot_style import METHODS, OTHER, write_figure
+from condyn_pin._core.plots import axes, panels
 from condyn_pin.smaller.ladder_table import LadderTable
 
 _FLOOR = 1e-6  # where exact rungs are drawn

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.console import Console
 from rich.table import Table
 
-from condyn_pin.printing import print_whole
+from condyn_pin._core.printing import print_whole
 from condyn_pin.smaller.ladder_table import COLUMNS, LadderTable
 
 

@@ -9,9 +9,9 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from condyn_pin import tolerances
-from condyn_pin.files.beside import write_text
-from condyn_pin.table_text import markdown, nulled, write_csv
+from condyn_pin._core import tolerances
+from condyn_pin._core.files.beside import write_text
+from condyn_pin._core.table_text import markdown, nulled, write_csv
 
 
 @dataclass(frozen=True)

@@ -20,12 +20,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
-from condyn_pin.errors import InvalidArgument, InvalidConstraint
-from condyn_pin.joints import indices
-from condyn_pin.names import checked, listed
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument, InvalidConstraint
+from condyn_pin._core.joints import indices
+from condyn_pin._core.names import checked, listed
 from condyn_pin.robot import Robot
 from condyn_pin.rows.equations import Equations
 from condyn_pin.rows.frames import rows_of

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidModel
+from condyn_pin._core.names import checked
 from condyn_pin.constraints import Coupling
-from condyn_pin.errors import InvalidModel
-from condyn_pin.names import checked
 from condyn_pin.robot import Robot
 from condyn_pin.rows.binding import bind
 from condyn_pin.rows.equations import Equations

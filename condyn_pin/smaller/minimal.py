@@ -17,15 +17,16 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin._pin import pin
-from condyn_pin.arguments import Arguments
-from condyn_pin.arrays import Array, finite
-from condyn_pin.blas_threads import one_blas_thread
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import Arguments
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import CondynError, InvalidArgument, NotAssembled
+from condyn_pin._core.joints import indices
+from condyn_pin._core.timing import State, time_trials, trial
 from condyn_pin.catalogue import motor_torque
 from condyn_pin.choice import default_solver
-from condyn_pin.errors import CondynError, InvalidArgument, NotAssembled
-from condyn_pin.joints import indices
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.smaller.minimal_report import Minimal, Step
@@ -34,7 +35,6 @@ from condyn_pin.smaller.reduced_scene import ReducedScene, reduced
 from condyn_pin.smaller.smaller_robot import free_flyers
 from condyn_pin.smaller.suggestions import Suggestion, suggestions
 from condyn_pin.solvers.base import Solver
-from condyn_pin.timing import State, time_trials, trial
 from condyn_pin.workspace import Workspace
 
 _SAMPLES = 10  # states that simplifications are chosen by

@@ -12,12 +12,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin.algebra.pivots import first_of_largest
-from condyn_pin.arrays import Array
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidConstraint
+from condyn_pin._core.linalg.pivots import first_of_largest
+from condyn_pin._core.names import checked
 from condyn_pin.constraints import Loop
-from condyn_pin.errors import InvalidConstraint
-from condyn_pin.names import checked
 from condyn_pin.rows.bound import Bound
 from condyn_pin.rows.equations import Equations
 from condyn_pin.scene import Scene

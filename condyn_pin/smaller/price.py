@@ -17,14 +17,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from condyn_pin.arrays import Array
-from condyn_pin.joints import indices
-from condyn_pin.names import checked
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.joints import indices
+from condyn_pin._core.names import checked
+from condyn_pin._core.timing import State
 from condyn_pin.rows.equations import Equations
 from condyn_pin.scene import Scene
 from condyn_pin.smaller.smaller_robot import free_flyers
 from condyn_pin.solvers.reference import Reference
-from condyn_pin.timing import State
 
 # Without corrections: errors of a model are not looked for below 1e-10.
 _REFERENCE = Reference(refinements=0)

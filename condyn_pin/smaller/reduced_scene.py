@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin import tolerances
-from condyn_pin._pin import pin
-from condyn_pin.arguments import normalised
-from condyn_pin.arrays import Array, finite
-from condyn_pin.blas_threads import one_blas_thread
-from condyn_pin.errors import InvalidArgument
-from condyn_pin.joints import Indices, indices
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.joints import Indices, indices
 from condyn_pin.robot import Robot
 from condyn_pin.rows.equations import Equations
 from condyn_pin.scene import Scene

@@ -20,13 +20,13 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument, InvalidConstraint
+from condyn_pin._core.joints import indices
+from condyn_pin._core.names import checked, listed
 from condyn_pin.constraints import Constraint, Loop
-from condyn_pin.errors import InvalidArgument, InvalidConstraint
-from condyn_pin.joints import indices
-from condyn_pin.names import checked, listed
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.smaller.linkages import check_passive

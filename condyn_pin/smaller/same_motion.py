@@ -16,18 +16,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin.algebra.minimum_norm import factorise
-from condyn_pin.arrays import Array
-from condyn_pin.blas_threads import one_blas_thread
-from condyn_pin.joints import Indices, indices
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.joints import Indices, indices
+from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.timing import State
 from condyn_pin.rows.equations import Equations
 from condyn_pin.rows.terms import Terms
 from condyn_pin.scene import Scene
 from condyn_pin.smaller.smaller_robot import free_flyers
 from condyn_pin.solvers.reference import Reference
 from condyn_pin.spring import Spring
-from condyn_pin.timing import State
 
 _ROUNDS = 30  # of the load on the springs; it settles by a factor of ten and more in each
 _SETTLED = 1e-12  # [rad]

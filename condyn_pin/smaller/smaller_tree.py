@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin import _pin
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
-from condyn_pin.joints import indices
+from condyn_pin._core import _pin
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.joints import indices
 
 
 def smaller_tree(model: Any, joints: Collection[str], q: Array, *, cut: bool = False) -> Any:

@@ -8,12 +8,12 @@ from functools import partial
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin.algebra.minimum_norm import factorise
-from condyn_pin.arrays import Array
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.joints import indices
+from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.names import listed
 from condyn_pin.constraints import Loop
-from condyn_pin.joints import indices
-from condyn_pin.names import listed
 from condyn_pin.rows.bound import Bound
 from condyn_pin.smaller.linkages import follows
 from condyn_pin.smaller.merging import merge_points

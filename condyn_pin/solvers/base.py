@@ -38,10 +38,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from condyn_pin.arrays import Array
-from condyn_pin.knobs import Grid, check_accuracy_of_a
-from condyn_pin.registry import enter
-from condyn_pin.tolerances import SOLVED
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.knobs import Grid, check_accuracy_of_a
+from condyn_pin._core.registry import enter
+from condyn_pin._core.tolerances import SOLVED
 
 if TYPE_CHECKING:
     from condyn_pin.workspace import Workspace

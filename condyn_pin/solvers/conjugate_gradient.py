@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.algebra.minimum_norm import factorise
-from condyn_pin.arrays import Array
-from condyn_pin.knobs import (
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.knobs import (
     ACCURACIES,
     ITERATIONS,
     WEIGHTS,
@@ -20,8 +19,9 @@ from condyn_pin.knobs import (
     check_damping,
     check_iterations,
 )
+from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.tolerances import RANK
 from condyn_pin.solvers.base import Method, Solver
-from condyn_pin.tolerances import RANK
 
 if TYPE_CHECKING:
     from condyn_pin.audit import Audit

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from condyn_pin.algebra.range_space import range_space
-from condyn_pin.arrays import Array
-from condyn_pin.blas_threads import one_blas_thread
-from condyn_pin.knobs import WEIGHTS, Grid, check_damping
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.knobs import WEIGHTS, Grid, check_damping
+from condyn_pin._core.linalg.range_space import range_space
 from condyn_pin.solvers.base import Method, Singular, Solver, free_force
 
 if TYPE_CHECKING:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from condyn_pin import _pin, tolerances
-from condyn_pin.errors import NotAssembled, UnsupportedConstraint
-from condyn_pin.knobs import (
+from condyn_pin._core import _pin, tolerances
+from condyn_pin._core.errors import NotAssembled, UnsupportedConstraint
+from condyn_pin._core.knobs import (
     ACCURACIES,
     ITERATIONS,
     WEIGHTS,

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
-from condyn_pin import _pin, tolerances
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
-from condyn_pin.imitation import exact_where_open
-from condyn_pin.knobs import (
+from condyn_pin._core import _pin, tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.knobs import (
     ACCURACIES,
     ITERATIONS,
     WEIGHTS,
@@ -20,6 +19,7 @@ from condyn_pin.knobs import (
     check_knobs,
     check_refinements,
 )
+from condyn_pin.imitation import exact_where_open
 from condyn_pin.refinement import Refinement
 from condyn_pin.solvers.base import Method, Solver
 from condyn_pin.weights import FEW, WeightAtState, default_accuracy, default_mu

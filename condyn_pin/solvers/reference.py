@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin.algebra.extended import add, exact_residual
-from condyn_pin.algebra.minimum_norm import factorise
-from condyn_pin.arrays import Array
-from condyn_pin.blas_threads import one_blas_thread
-from condyn_pin.errors import InvalidModel
-from condyn_pin.knobs import check_count, check_share
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import InvalidModel
+from condyn_pin._core.knobs import check_count, check_share
+from condyn_pin._core.linalg.extended import add, exact_residual
+from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin.rows.reach import reach
 from condyn_pin.solvers.base import Method, Singular, Solver
 

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from condyn_pin._pin import LOCAL, pin
-from condyn_pin.algebra.range_space import whiten
-from condyn_pin.arrays import Array, finite
-from condyn_pin.blas_threads import one_blas_thread
-from condyn_pin.errors import InvalidArgument, InvalidModel
+from condyn_pin._core._pin import LOCAL, pin
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import InvalidArgument, InvalidModel
+from condyn_pin._core.knobs import Grid
+from condyn_pin._core.linalg.range_space import whiten
 from condyn_pin.io.mjcf_posture import drawn
-from condyn_pin.knobs import Grid
 from condyn_pin.rows.bound import Coupled
 from condyn_pin.solvers.base import Method, Singular, Solver, free_force
 from condyn_pin.soundness import massless_motion

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from condyn_pin import _pin, tolerances
-from condyn_pin._pin import pin
-from condyn_pin.algebra.range_space import whiten
-from condyn_pin.arrays import Array
-from condyn_pin.knobs import WEIGHTS, Grid, check_damping
+from condyn_pin._core import _pin, tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.knobs import WEIGHTS, Grid, check_damping
+from condyn_pin._core.linalg.range_space import whiten
 from condyn_pin.solvers.base import Method, Singular, Solver, free_force
 
 if TYPE_CHECKING:

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from condyn_pin import tolerances
-from condyn_pin.algebra.numerical_rank import rank_of
-from condyn_pin.arguments import normalised
-from condyn_pin.arrays import Array
-from condyn_pin.blas_threads import one_blas_thread
-from condyn_pin.errors import InvalidArgument, unknown_name
-from condyn_pin.joints import Indices, indices
-from condyn_pin.names import checked
+from condyn_pin._core import tolerances
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import InvalidArgument, unknown_name
+from condyn_pin._core.joints import Indices, indices
+from condyn_pin._core.linalg.numerical_rank import rank_of
+from condyn_pin._core.names import checked
 from condyn_pin.rows.equations import Equations
 from condyn_pin.states.assembly_report import Assembly, AssemblyStatus
 from condyn_pin.states.closing import Closer, Closing

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from condyn_pin.arrays import Array
-from condyn_pin.errors import BranchChanged, NotAssembled
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import BranchChanged, NotAssembled
 from condyn_pin.states.gaps import Gap, beyond_text, closed, worst
 
 if TYPE_CHECKING:

@@ -23,14 +23,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin._pin import pin
-from condyn_pin.algebra.minimum_norm import factorise
-from condyn_pin.algebra.numerical_rank import counted
-from condyn_pin.algebra.pivots import pivots
-from condyn_pin.arrays import Array
-from condyn_pin.blas_threads import one_blas_thread
-from condyn_pin.joints import Indices, indices
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.joints import Indices, indices
+from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.linalg.numerical_rank import counted
+from condyn_pin._core.linalg.pivots import pivots
 from condyn_pin.rows.equations import Equations
 from condyn_pin.rows.reach import reach
 from condyn_pin.states.closing import Closer

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin import tolerances
-from condyn_pin.arguments import normalised
-from condyn_pin.arrays import finite
-from condyn_pin.errors import NotAssembled
+from condyn_pin._core import tolerances
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import finite
+from condyn_pin._core.errors import NotAssembled
 from condyn_pin.rows.kept import equations_of
 from condyn_pin.states.gaps import Gap, beyond_text, closed, gaps, rounding, slips
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin.arrays import Array
-from condyn_pin.joints import Indices
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.joints import Indices
 from condyn_pin.rows.bound import AnyBound
 
 if TYPE_CHECKING:

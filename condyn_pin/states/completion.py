@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin import tolerances
-from condyn_pin._pin import pin
-from condyn_pin.arguments import normalised
-from condyn_pin.arrays import Array, finite
-from condyn_pin.blas_threads import one_blas_thread
-from condyn_pin.errors import BranchChanged, InvalidArgument, NotAssembled
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import BranchChanged, InvalidArgument, NotAssembled
 from condyn_pin.states.assembly import assemble_from, check_held
 from condyn_pin.states.assembly_report import Assembly, AssemblyStatus
 from condyn_pin.states.chains import Chains

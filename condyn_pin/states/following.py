@@ -25,10 +25,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
-from condyn_pin.joints import Indices, indices
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.joints import Indices, indices
 from condyn_pin.rows.equations import Equations
 from condyn_pin.states.closing import Closer
 

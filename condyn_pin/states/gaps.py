@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
-from condyn_pin.joints import lengths
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.joints import lengths
 from condyn_pin.rows.bound import FRAME, AnyBound, Bound, Coupled
 from condyn_pin.rows.kept import equations_of
 from condyn_pin.rows.reach import ROUNDED, reach

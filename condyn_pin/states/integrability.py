@@ -22,14 +22,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin import tolerances
-from condyn_pin._pin import pin
-from condyn_pin.algebra.numerical_rank import null_space
-from condyn_pin.arguments import normalised
-from condyn_pin.arrays import Array
-from condyn_pin.blas_threads import one_blas_thread
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.linalg.numerical_rank import null_space
 from condyn_pin.differentiation.linearised import Linearisation
-from condyn_pin.errors import InvalidArgument
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.states.assembly import assemble
 from condyn_pin.states.check import check

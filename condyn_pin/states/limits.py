@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin.arrays import Array
-from condyn_pin.joints import lengths
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.joints import lengths
 from condyn_pin.states.gaps import Gap
 
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
-from condyn_pin.errors import InvalidArgument, unknown_name
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument, unknown_name
 from condyn_pin.states.assembly import assemble, assemble_posture
 from condyn_pin.states.assembly_report import Assembly
 from condyn_pin.states.check import Check, check

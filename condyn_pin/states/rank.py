@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin import tolerances
-from condyn_pin.algebra.minimum_norm import MinimumNorm, factorise
-from condyn_pin.arguments import normalised
-from condyn_pin.arrays import Array
-from condyn_pin.blas_threads import one_blas_thread
+from condyn_pin._core import tolerances
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin.rows.equations import Equations
 from condyn_pin.rows.kept import equations_of
 from condyn_pin.rows.reach import reach

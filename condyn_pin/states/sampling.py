@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arguments import normalised
-from condyn_pin.arrays import Array, finite
-from condyn_pin.blas_threads import one_blas_thread
-from condyn_pin.errors import InvalidArgument, NotAssembled
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import InvalidArgument, NotAssembled
 from condyn_pin.rows.kept import equations_of
 from condyn_pin.states.assembly import assemble, best_end
 from condyn_pin.states.closing import Closer

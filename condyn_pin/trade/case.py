@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin.arrays import Array
-from condyn_pin.errors import CondynError
-from condyn_pin.machine import machine
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import CondynError
+from condyn_pin._core.machine import machine
+from condyn_pin._core.timing import State
+from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.scene import Scene
 from condyn_pin.solvers.base import Solver, knob_fields
-from condyn_pin.timing import State
-from condyn_pin.tolerances import SOLVED
 from condyn_pin.trade.measures.base import Answer, Measure
 from condyn_pin.trade.row import Key, Knob, Row, key
 from condyn_pin.trade.states import States

@@ -10,9 +10,9 @@ from time import perf_counter, process_time
 
 import numpy as np
 
-from condyn_pin.knobs import check_count
+from condyn_pin._core.knobs import check_count
+from condyn_pin._core.timing import Call, Times, interleaved
 from condyn_pin.solvers.base import Solver
-from condyn_pin.timing import Call, Times, interleaved
 from condyn_pin.trade.case import Case
 from condyn_pin.trade.row import ALONE, Row
 from condyn_pin.workspace import Workspace
@@ -35,7 +35,7 @@ class TimingEffort:
     Parameters
     ----------
     rounds, repeats : int
-        As in `condyn_pin.timing.interleaved`; what takes long is repeated less.
+        As in `condyn_pin._core.timing.interleaved`; what takes long is repeated less.
     overhead : bool
         Time the bare call and the solve with its proof too.
     alone : bool

@@ -8,10 +8,10 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from condyn_pin import table_text
-from condyn_pin.errors import InvalidArgument
-from condyn_pin.files.beside import write_text
-from condyn_pin.files.text import parse_json, read_text
+from condyn_pin._core import table_text
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.files.beside import write_text
+from condyn_pin._core.files.text import parse_json, read_text
 from condyn_pin.trade.row import Row
 
 if TYPE_CHECKING:

@@ -19,12 +19,12 @@ from dataclasses import dataclass, replace
 from math import inf, isfinite
 from typing import Final
 
-from condyn_pin.arrays import Array
-from condyn_pin.errors import InvalidArgument
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.timing import State
+from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.scene import Scene
 from condyn_pin.solvers.base import Solver
-from condyn_pin.timing import State
-from condyn_pin.tolerances import SOLVED
 from condyn_pin.trade.front import ANSWERED
 from condyn_pin.trade.measures import Measure
 from condyn_pin.trade.states import SampledStates, States, as_states

@@ -16,10 +16,10 @@ from math import inf
 from pathlib import Path
 from typing import Any, Final
 
-from condyn_pin.errors import InvalidArgument
-from condyn_pin.files.beside import check_writable, write_text
-from condyn_pin.files.text import parse_json, read_text
-from condyn_pin.machine import machine
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.files.beside import check_writable, write_text
+from condyn_pin._core.files.text import parse_json, read_text
+from condyn_pin._core.machine import machine
 
 FORMAT: Final = 1
 _FITS: Final = ("processor", "system", "pinocchio", "condyn_pin", "numpy")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.console import Console
 from rich.table import Table as Grid
 
-from condyn_pin.printing import print_whole
+from condyn_pin._core.printing import print_whole
 from condyn_pin.trade.exports import COLUMNS, cells, short, status_words
 from condyn_pin.trade.front import answered
 from condyn_pin.trade.row import ALONE, Row

@@ -7,7 +7,7 @@ from dataclasses import MISSING, asdict, dataclass, field, fields
 from math import inf, isfinite
 from typing import Any, Final
 
-from condyn_pin.errors import InvalidArgument
+from condyn_pin._core.errors import InvalidArgument
 
 Knob = float | int | str | bool | None
 Key = tuple[str, str, str, str, str]

@@ -7,9 +7,9 @@ from dataclasses import fields, replace
 from itertools import product
 from typing import Any, TypeVar
 
-from condyn_pin import _pin
+from condyn_pin._core import _pin
+from condyn_pin._core.errors import InvalidArgument, unknown_name
 from condyn_pin.choice import untaken
-from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.scene import Scene
 from condyn_pin.solvers import SOLVERS, Solver
 from condyn_pin.solvers.lcaba import LCABA

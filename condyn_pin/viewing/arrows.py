@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
 from condyn_pin.constraints import Coupling, Loop
 from condyn_pin.force import ConstraintForce
 from condyn_pin.robot import Robot

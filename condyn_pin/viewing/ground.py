@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
 from condyn_pin.constraints import Constraint, Coupling, Loop
 from condyn_pin.contacts import LineContact, PlanarContact, SurfaceContact
 from condyn_pin.rows.bound import Bound

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
 from condyn_pin.force import ConstraintForce
 from condyn_pin.rows.bound import AnyBound
 from condyn_pin.rows.equations import Equations

@@ -8,10 +8,10 @@ from pathlib import Path
 
 from numpy.typing import ArrayLike
 
-from condyn_pin.arguments import normalised
-from condyn_pin.arrays import Array, finite
-from condyn_pin.errors import InvalidArgument, NotAssembled
-from condyn_pin.files.beside import check_writable
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.errors import InvalidArgument, NotAssembled
+from condyn_pin._core.files.beside import check_writable
 from condyn_pin.motors.inverse import InverseDynamics
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene

@@ -8,12 +8,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from condyn_pin.arrays import Array
-from condyn_pin.errors import SolveFailed
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import SolveFailed
+from condyn_pin._core.timing import Call, State
 from condyn_pin.scene import Scene
 from condyn_pin.solvers.reference import Reference
 from condyn_pin.timed_calls import bare, unthrown
-from condyn_pin.timing import Call, State
 from condyn_pin.trade.measures.base import Answer, Measure, relative
 from condyn_pin.workspace import Workspace
 

@@ -27,13 +27,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from condyn_pin.arrays import Array
-from condyn_pin.errors import unknown_name
-from condyn_pin.knobs import Grid
-from condyn_pin.registry import enter
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import unknown_name
+from condyn_pin._core.knobs import Grid
+from condyn_pin._core.registry import enter
+from condyn_pin._core.timing import Call, State
 from condyn_pin.scene import Scene
 from condyn_pin.solution import Solution
-from condyn_pin.timing import Call, State
 from condyn_pin.trade.row import Knob
 from condyn_pin.workspace import Workspace
 

@@ -9,16 +9,16 @@ from typing import ClassVar
 
 import numpy as np
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument, unknown_name
+from condyn_pin._core.knobs import Grid
+from condyn_pin._core.timing import Call, State
 from condyn_pin.differentiation import METHODS
 from condyn_pin.differentiation.differences import directions
-from condyn_pin.errors import InvalidArgument, unknown_name
-from condyn_pin.knobs import Grid
 from condyn_pin.scene import Scene
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.reference import Reference
 from condyn_pin.timed_calls import unthrown
-from condyn_pin.timing import Call, State
 from condyn_pin.trade.measures.base import Answer, Measure, relative
 from condyn_pin.workspace import Workspace
 

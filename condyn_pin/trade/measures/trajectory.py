@@ -10,20 +10,20 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.knobs import Grid, read_call
+from condyn_pin._core.timing import Call, State
 from condyn_pin.choice import default_solver
 from condyn_pin.drift import DRIFTS, Drift
 from condyn_pin.drift.no_drift import NoDrift
-from condyn_pin.errors import InvalidArgument
-from condyn_pin.knobs import Grid, read_call
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
 from condyn_pin.simulation.run import simulate
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.simulation.uninterrupted import uninterrupted
-from condyn_pin.timing import Call, State
 from condyn_pin.trade.measures.base import Answer, Measure, relative
 from condyn_pin.trade.row import Knob
 from condyn_pin.workspace import Workspace

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from condyn_pin import __version__
-from condyn_pin._pin import VERSION_TEXT
+from condyn_pin._core._pin import VERSION_TEXT
 
 
 def machine() -> dict[str, str]:

@@ -17,7 +17,7 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin.files.beside import written_beside
+from condyn_pin._core.files.beside import written_beside
 
 Arrays = dict[str, NDArray[Any]]
 

@@ -26,9 +26,9 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin.arrays import Array
-from condyn_pin.errors import InvalidModel
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidModel
 from condyn_pin.soundness import massless_motion
 
 _EPS = float(np.finfo(np.float64).eps)

@@ -11,9 +11,9 @@ from multiprocessing.synchronize import Event
 from threading import Thread
 from typing import Any, Final, TypeVar
 
-from condyn_pin.blas_threads import keep_to_one_thread
-from condyn_pin.errors import InvalidArgument, WorkersLost
-from condyn_pin.knobs import check_count
+from condyn_pin._core.blas_threads import keep_to_one_thread
+from condyn_pin._core.errors import InvalidArgument, WorkersLost
+from condyn_pin._core.knobs import check_count
 
 Result = TypeVar("Result")
 

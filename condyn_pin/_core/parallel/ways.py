@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin.batch.chunks import IN_FLIGHT
-from condyn_pin.batch.memory import Address, Arrays, Kind, Kinds, SharedArrays
+from condyn_pin._core.parallel.chunks import IN_FLIGHT
+from condyn_pin._core.parallel.memory import Address, Arrays, Kind, Kinds, SharedArrays
 from condyn_pin.batch.recipe import Recipe
 from condyn_pin.workspace import Workspace
 

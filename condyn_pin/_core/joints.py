@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 
 Indices = NDArray[np.int_]
 

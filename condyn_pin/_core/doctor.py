@@ -126,7 +126,7 @@ def diagnose() -> Diagnosis:
     features: dict[str, str] = {}
     if probe.returncode == 0:
         try:
-            from condyn_pin import _pin, blas_threads
+            from condyn_pin._core import _pin, blas_threads
 
             features = _pin.features() | blas_threads.features()
         except ImportError as error:

@@ -16,9 +16,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import UnsupportedConstraint
 from condyn_pin.choice import untaken
-from condyn_pin.errors import UnsupportedConstraint
 from condyn_pin.scene import Scene
 from condyn_pin.solvers.base import Solver
 from condyn_pin.workspace import Workspace

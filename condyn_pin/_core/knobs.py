@@ -8,9 +8,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from condyn_pin.arrays import finite, shown
-from condyn_pin.errors import InvalidArgument
-from condyn_pin.tolerances import FINEST
+from condyn_pin._core.arrays import finite, shown
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.tolerances import FINEST
 
 _MOST_REFINEMENTS = 100
 # Values that are worth a look in a study: a solver declares which of its knobs take which.

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin.arrays import Array
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,10 +10,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin import tolerances
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array, finite
-from condyn_pin.errors import InvalidArgument, InvalidModel
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.errors import InvalidArgument, InvalidModel
 
 # Limits of the squared norm of a unit part of q.
 LOW: Final = 1.0 - 2 * tolerances.QUATERNION

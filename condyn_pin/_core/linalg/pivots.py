@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin.arrays import Array
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
 
 
 def pivots(A: Array, least: float) -> tuple[list[int], Array]:

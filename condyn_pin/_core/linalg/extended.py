@@ -16,7 +16,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
 
 _SPLITTER = 2.0**27 + 1.0
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
 
 
 class AsArray(NDArrayOperatorsMixin):

@@ -6,7 +6,7 @@ from math import nan
 
 import numpy as np
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
 
 
 def inverse(A: Array) -> Array:

@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin import doctor
-from condyn_pin.errors import BrokenPinocchio, UnsupportedBackend
+from condyn_pin._core import doctor
+from condyn_pin._core.errors import BrokenPinocchio, UnsupportedBackend
 
 try:
     with warnings.catch_warnings():

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from condyn_pin.files.beside import written_beside
+from condyn_pin._core.files.beside import written_beside
 
 
 def write_csv(
