@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.knobs import check_called
-from condyn_pin.constraint_fields import check_size, text
+from condyn_pin.constraints.constraint_fields import check_size, text
 
 Axes = Literal["world", "body"]
 ForceFunction = Callable[[float, Array, Array], ArrayLike]  # (t, q, v) -> (3,) or (6,) [N, N m]

@@ -14,12 +14,12 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.errors import BranchChanged, InvalidModel, NotAssembled
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin._core.linalg.range_space import whiten
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.mass_pivots import MassPivots
+from condyn_pin.constraints.rows.natives import Natives
+from condyn_pin.constraints.rows.reach import ROUNDED, reach
+from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.proof import Yardstick
-from condyn_pin.rows.equations import Equations
-from condyn_pin.rows.mass_pivots import MassPivots
-from condyn_pin.rows.natives import Natives
-from condyn_pin.rows.reach import ROUNDED, reach
-from condyn_pin.rows.terms import Terms
 from condyn_pin.solvers.reference import Reference
 from condyn_pin.soundness import massless_motion
 from condyn_pin.states.chains import redundant_rows
@@ -69,7 +69,7 @@ class Audit:
         Largest eigenvalue of J M^-1 J^T [1/kg]; 1/mass without constraints.
     native_spectrum : (float, float)
         Largest and smallest nonzero eigenvalue of the same with the rows that Pinocchio has in
-        place of the scene's (`condyn_pin.rows.natives`) [1/kg].
+        place of the scene's (`condyn_pin.constraints.rows.natives`) [1/kg].
     weight : float
         Mass times gravity, or mass times 1 m/s^2 without gravity [N].
     yardstick : Yardstick

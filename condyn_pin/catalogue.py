@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints import Constraint
-from condyn_pin.contacts import SurfaceContact
+from condyn_pin.constraints.constraints import Constraint
+from condyn_pin.constraints.contacts import SurfaceContact
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
 

@@ -16,11 +16,11 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.as_array import AsArray
 from condyn_pin._core.errors import InvalidArgument
-from condyn_pin.constraints import Constraint, Coupling, Loop
-from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
-from condyn_pin.nonholonomic import Knife, RollingBall, RollingWheel
-from condyn_pin.rows.bound import POINT, AnyBound, Bound, Coupled, Rolled
-from condyn_pin.rows.equations import Equations
+from condyn_pin.constraints.constraints import Constraint, Coupling, Loop
+from condyn_pin.constraints.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
+from condyn_pin.constraints.nonholonomic import Knife, RollingBall, RollingWheel
+from condyn_pin.constraints.rows.bound import POINT, AnyBound, Bound, Coupled, Rolled
+from condyn_pin.constraints.rows.equations import Equations
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene

@@ -12,8 +12,8 @@ from typing import Any, NoReturn
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
 from condyn_pin._core.errors import StaleModel
-from condyn_pin.drift import Baumgarte
-from condyn_pin.rows.native import Native
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.rows.native import Native
 
 
 def _refuse(*_: Any) -> NoReturn:

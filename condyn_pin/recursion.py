@@ -23,8 +23,8 @@ import numpy as np
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.rows.native import Native
 from condyn_pin.raw import raw_constraints
-from condyn_pin.rows.native import Native
 
 if TYPE_CHECKING:
     from condyn_pin.workspace import Workspace

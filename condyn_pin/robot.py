@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
-from condyn_pin.constraints import Constraint, Coupling, Loop
+from condyn_pin.constraints.constraints import Constraint, Coupling, Loop
 from condyn_pin.robot_fields import MEMBERS, check_ends, members, postures
 from condyn_pin.robot_frames import find_frame, model_with_frame
 from condyn_pin.soundness import check_model

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument, InvalidModel
-from condyn_pin.constraints import Constraint, Coupling, Loop
+from condyn_pin.constraints.constraints import Constraint, Coupling, Loop
 from condyn_pin.spring import Spring, SpringDamper
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import finite
 from condyn_pin._core.errors import InvalidArgument, InvalidModel, unknown_name
-from condyn_pin.constraint_fields import check_size
-from condyn_pin.constraints import WORLD
+from condyn_pin.constraints.constraint_fields import check_size
+from condyn_pin.constraints.constraints import WORLD
 from condyn_pin.soundness import rotation_fault
 
 if TYPE_CHECKING:

@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arrays import read_only
 from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.audit import Audit, audit, whitened_rows
-from condyn_pin.constraints import Constraint
+from condyn_pin.constraints.constraints import Constraint
+from condyn_pin.constraints.rows.binding import bind
+from condyn_pin.constraints.rows.bound import AnyBound
+from condyn_pin.constraints.rows.natives import Natives, natives
 from condyn_pin.robot import Robot
-from condyn_pin.rows.binding import bind
-from condyn_pin.rows.bound import AnyBound
-from condyn_pin.rows.natives import Natives, natives
 from condyn_pin.smaller.methods import Smaller
 from condyn_pin.states.chains import Chains, chains
 from condyn_pin.states.methods import States

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from condyn_pin._core.arrays import finite
 from condyn_pin._core.errors import InvalidArgument
-from condyn_pin.constraint_fields import check_size, text
+from condyn_pin.constraints.constraint_fields import check_size, text
 
 
 @dataclass(frozen=True)

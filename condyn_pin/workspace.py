@@ -22,17 +22,17 @@ from condyn_pin._core.knobs import check_accuracy_of_a
 from condyn_pin._core.one_thread import OneThread, alone, in_use
 from condyn_pin.applied_force import AppliedForce, applied_forces
 from condyn_pin.choice import check_kinds, default_solver
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.rows.bound import AnyBound
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.terms import Terms, finite_terms
 from condyn_pin.differentiation import METHODS, Derivatives
 from condyn_pin.differentiation.check import check_derivatives
 from condyn_pin.differentiation.differences import DifferenceDerivatives
 from condyn_pin.differentiation.linearised import Linearisation
-from condyn_pin.drift import Baumgarte
 from condyn_pin.judge import Judge
 from condyn_pin.loads import Load, Loads
 from condyn_pin.raw import ConstraintDatas, ConstraintModels, raw_constraints
-from condyn_pin.rows.bound import AnyBound
-from condyn_pin.rows.equations import Equations
-from condyn_pin.rows.terms import Terms, finite_terms
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.solution import Solution, Status
 from condyn_pin.solvers.base import Singular, Solver

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import condyn_pin as cp
-from condyn_pin.drift import DRIFTS, Baumgarte
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.drift import DRIFTS
 from condyn_pin.drift.no_drift import NoDrift
 from condyn_pin.drift.post_stabilization import PostStabilization
 from condyn_pin.drift.projection import Projection

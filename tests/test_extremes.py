@@ -20,6 +20,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import VERSION_TEXT, pin
 from condyn_pin._core.errors import CondynError
 from condyn_pin.cli import app
+from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.extremes import EXTREMES
 from condyn_pin.extremes.flight_verdict import judge_flight
 from condyn_pin.extremes.planar_chain import accelerations
@@ -29,7 +30,6 @@ from condyn_pin.extremes.stress_table import counts, maps, read_csv, short
 from condyn_pin.extremes.units import Units, shifts
 from condyn_pin.extremes.verdict import Outcome, Task, Verdict, error_of, judge, right_answers
 from condyn_pin.extremes.worker import Memory, answers
-from condyn_pin.rows.equations import Equations
 
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "benchmarks" / "results"

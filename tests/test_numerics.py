@@ -16,9 +16,9 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.linalg.extended import add, exact_product, exact_residual, split
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.tolerances import REFERENCE_RANK
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.proof import Yardstick
-from condyn_pin.rows.equations import Equations
-from condyn_pin.rows.terms import Terms
 
 numbers = st.floats(-1e100, 1e100).filter(lambda x: x == 0 or abs(x) > 1e-100)
 vectors = arrays(float, 5, elements=numbers)

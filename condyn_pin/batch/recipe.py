@@ -10,7 +10,7 @@ from threading import get_ident
 from typing import Final
 
 from condyn_pin._core.errors import InvalidArgument
-from condyn_pin.drift import Baumgarte
+from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.scene import Scene
 from condyn_pin.solvers.base import Solver
 from condyn_pin.workspace import Workspace

@@ -21,7 +21,7 @@ from condyn_pin._core.parallel.memory import CAN_SHARE, Arrays, Kinds
 from condyn_pin._core.parallel.processes import Processes, workers_of
 from condyn_pin._core.parallel.ways import ByCopies, ByMemory, InPlace, Kernel, Way
 from condyn_pin.batch.recipe import Recipe
-from condyn_pin.drift import Baumgarte
+from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.scene import Scene
 from condyn_pin.solvers.base import Solver
 from condyn_pin.verbs import workspace_for

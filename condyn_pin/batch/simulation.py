@@ -20,7 +20,7 @@ from condyn_pin.batch.rows import Rows
 from condyn_pin.batch.states import check_states
 from condyn_pin.batch.trajectory import BatchTrajectory, Samples
 from condyn_pin.batch.verbs import check_chunk
-from condyn_pin.drift.base import Drift
+from condyn_pin.constraints.drift import Drift
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.defaults import default_solver
 from condyn_pin.simulation.integrators import Integrator

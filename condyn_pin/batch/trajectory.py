@@ -17,7 +17,7 @@ from condyn_pin._core.errors import NotRecorded, WorkersLost
 from condyn_pin._core.parallel.outcome import Outcome
 from condyn_pin.batch.rows import MISSING
 from condyn_pin.batch.solution import Some
-from condyn_pin.drift.base import Drift
+from condyn_pin.constraints.drift import Drift
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.anchoring import anchored
 from condyn_pin.simulation.integrators.base import Integrator

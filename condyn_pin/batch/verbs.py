@@ -24,9 +24,9 @@ from condyn_pin.batch.forces import RowForces, split
 from condyn_pin.batch.rows import Rows
 from condyn_pin.batch.solution import STATUSES, BatchSolution
 from condyn_pin.batch.states import check_states
+from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.differentiation import METHODS
 from condyn_pin.differentiation.check import BLOCKS
-from condyn_pin.drift import Baumgarte
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.base import Solver

@@ -26,7 +26,7 @@ from condyn_pin._core.names import listed
 from condyn_pin.bridge.causes import causes
 from condyn_pin.bridge.cross_check import CrossCheck, TermCheck
 from condyn_pin.bridge.mujoco_terms import LoopRows, MujocoTerms, equalities_of
-from condyn_pin.rows.terms import Terms
+from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.scene import Scene
 from condyn_pin.states.gaps import Gap, gaps
 from condyn_pin.workspace import Workspace

@@ -10,8 +10,8 @@ from dataclasses import MISSING, fields
 from typing import Any, Final, TypeVar
 
 from condyn_pin._core.errors import CondynError, InvalidModel, unknown_name
-from condyn_pin.constraints import Constraint, Coupling, Loop
-from condyn_pin.contacts import CONTACTS
+from condyn_pin.constraints.constraints import Constraint, Coupling, Loop
+from condyn_pin.constraints.contacts import CONTACTS
 
 Made = TypeVar("Made")
 Table = Mapping[str, Any]

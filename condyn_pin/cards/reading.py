@@ -18,13 +18,13 @@ from condyn_pin.cards.entries import FOR_SDF, check_card, contacts_of, loops_of,
 from condyn_pin.cards.folders import description_file
 from condyn_pin.cards.postures import posture, srdf_postures
 from condyn_pin.cards.variants import chosen_card
-from condyn_pin.constraints import Constraint, Coupling, Loop
+from condyn_pin.constraints.constraints import Constraint, Coupling, Loop
+from condyn_pin.constraints.rows.binding import bind
+from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.io.mjcf import read_mjcf
 from condyn_pin.io.sdf import read_sdf
 from condyn_pin.io.urdf import check_root_joint, read_urdf
 from condyn_pin.robot import Robot
-from condyn_pin.rows.binding import bind
-from condyn_pin.rows.equations import Equations
 from condyn_pin.smaller.lock import lock_joints
 from condyn_pin.spring import Spring
 from condyn_pin.states.gaps import gap_of

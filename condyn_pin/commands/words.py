@@ -7,9 +7,10 @@ from typing import Any
 
 from condyn_pin._core import _pin
 from condyn_pin._core.errors import InvalidArgument, unknown_name
-from condyn_pin.constraints import Constraint
-from condyn_pin.contacts import CONTACTS
-from condyn_pin.drift import DRIFTS, Baumgarte, Drift
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.constraints import Constraint
+from condyn_pin.constraints.contacts import CONTACTS
+from condyn_pin.drift import DRIFTS, Drift
 from condyn_pin.load import load_robot
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene

@@ -25,8 +25,8 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, finite, finite_rows, read_only
 from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.cones.margin import FAULTS, ConeRows, Margin
-from condyn_pin.constraint_fields import Vector3, check_size, direction
-from condyn_pin.constraints import WORLD, Constraint
+from condyn_pin.constraints.constraint_fields import Vector3, check_size, direction
+from condyn_pin.constraints.constraints import WORLD, Constraint
 from condyn_pin.force import ConstraintForce, presses, upward
 
 Pyramid = Literal["inner", "outer"]

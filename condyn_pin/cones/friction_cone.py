@@ -21,8 +21,8 @@ from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.knobs import check_count
 from condyn_pin.cones.base import Cone, Row
 from condyn_pin.cones.margin import Margin
-from condyn_pin.constraints import Constraint
-from condyn_pin.contacts import LineContact, PointContact, SurfaceContact
+from condyn_pin.constraints.constraints import Constraint
+from condyn_pin.constraints.contacts import LineContact, PointContact, SurfaceContact
 
 _MOST_SIDES: Final = 1000
 

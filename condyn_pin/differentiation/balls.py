@@ -27,11 +27,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.drift import Baumgarte
-from condyn_pin.rows.bound import POINT, AnyBound, Bound
-from condyn_pin.rows.ends import Ends
-from condyn_pin.rows.frames import rows_of
-from condyn_pin.rows.rolling import skews
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.rows.bound import POINT, AnyBound, Bound
+from condyn_pin.constraints.rows.ends import Ends
+from condyn_pin.constraints.rows.frames import rows_of
+from condyn_pin.constraints.rows.rolling import skews
 
 
 def is_ball(b: AnyBound) -> bool:

@@ -8,8 +8,8 @@ import numpy as np
 
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.rows.bound import Bound
 from condyn_pin.differentiation.partials import End
-from condyn_pin.rows.bound import Bound
 
 
 class Frames:

@@ -14,8 +14,8 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.rows.bound import Bound
 from condyn_pin.differentiation.partials import End, Slip, direction, slip_of, spatial_cross
-from condyn_pin.rows.bound import Bound
 
 _skew = pin.skew
 

@@ -17,7 +17,7 @@ from typing import Any
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.joints import turning
-from condyn_pin.rows.bound import AnyBound, Coupled
+from condyn_pin.constraints.rows.bound import AnyBound, Coupled
 
 
 def in_series(model: Any, bounds: Sequence[AnyBound]) -> tuple[Any, tuple[AnyBound, ...]]:

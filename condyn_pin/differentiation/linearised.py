@@ -23,14 +23,14 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import turning
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.rows.bound import AnyBound, Coupled, Rolled
 from condyn_pin.differentiation.balls import BallPartials
 from condyn_pin.differentiation.carried import Carried
 from condyn_pin.differentiation.frames import Frames
 from condyn_pin.differentiation.in_series import in_series
 from condyn_pin.differentiation.pairs import PairPartials
 from condyn_pin.differentiation.rolling import RollingPartials
-from condyn_pin.drift import Baumgarte
-from condyn_pin.rows.bound import AnyBound, Coupled, Rolled
 
 Part = PairPartials | RollingPartials | BallPartials
 

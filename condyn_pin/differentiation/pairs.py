@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.rows.bound import POINT, AnyBound, Bound
 from condyn_pin.differentiation.balls import is_ball
 from condyn_pin.differentiation.frames import Frames
 from condyn_pin.differentiation.gaps import gap_of
@@ -24,8 +26,6 @@ from condyn_pin.differentiation.partials import (
     of_pair,
     of_point,
 )
-from condyn_pin.drift import Baumgarte
-from condyn_pin.rows.bound import POINT, AnyBound, Bound
 
 
 class _Pair(NamedTuple):

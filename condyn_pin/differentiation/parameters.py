@@ -17,7 +17,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument, unknown_name
-from condyn_pin.rows.bound import AnyBound, Coupled, Rolled
+from condyn_pin.constraints.rows.bound import AnyBound, Coupled, Rolled
 
 if TYPE_CHECKING:
     from condyn_pin.differentiation.linearised import Linearisation

@@ -4,7 +4,7 @@ With delta = J_s dq the slip of c1 past c2 that a step dq makes,
 
     d(R x) = -delta_ang x (R x) + R dx,    dr = -delta_lin,    d(X y) = -delta x (X y) + X dy,
 
-the last cross product that of spatial motions. The rows themselves are in `condyn_pin.rows.loops`,
+the last cross product that of spatial motions. The rows themselves are in `condyn_pin.constraints.rows.loops`,
 `cut_joints` and `rods`; their partials follow by the product rule. A force that is fixed in c1
 turns in c2: its wrench on body 2 changes too, and that on body 1 where its lever does.
 """
@@ -17,7 +17,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.rows.bound import FRAME, Bound
+from condyn_pin.constraints.rows.bound import FRAME, Bound
 
 _skew = pin.skew
 

@@ -27,10 +27,10 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import DerivativesDisagree, InvalidArgument, UnsupportedConstraint
 from condyn_pin._core.joints import turning
 from condyn_pin._core.tolerances import DERIVATIVES
+from condyn_pin.constraints.rows.bound import POINT, Bound
 from condyn_pin.differentiation.base import Derivatives
 from condyn_pin.differentiation.kkt import KktDerivatives
 from condyn_pin.differentiation.loads import load_partial
-from condyn_pin.rows.bound import POINT, Bound
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.proximal import Proximal
 

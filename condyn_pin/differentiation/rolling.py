@@ -1,6 +1,6 @@
 """How the rows of what rolls change with q and v, at fixed accelerations and forces.
 
-The rows are in `condyn_pin.rows.rolling`: T s' + T' s, with T and r turning as the normal does in
+The rows are in `condyn_pin.constraints.rows.rolling`: T s' + T' s, with T and r turning as the normal does in
 the axes of the body. So each of these vectors x is carried along with its partials x_q, its rate x'
 and the partials x'_q; those by v need no room, x'_v = x_q. For what is fixed in the world,
 
@@ -18,12 +18,12 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.rows.bound import AnyBound, Rolled
+from condyn_pin.constraints.rows.rolling import FLAT, touching
 from condyn_pin.differentiation.frames import Frames
 from condyn_pin.differentiation.gaps import Gap
 from condyn_pin.differentiation.partials import End, dual_cross
-from condyn_pin.drift import Baumgarte
-from condyn_pin.rows.bound import AnyBound, Rolled
-from condyn_pin.rows.rolling import FLAT, touching
 
 _skew = pin.skew
 

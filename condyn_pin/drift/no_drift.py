@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from condyn_pin.drift.base import Drift
+from condyn_pin.constraints.drift import Drift
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.drift.base import Correction, Drift
+from condyn_pin.constraints.drift import Correction, Drift
 from condyn_pin.drift.projection import Metric, check_projection
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.knobs import check_count
-from condyn_pin.drift.base import Correction, Drift
+from condyn_pin.constraints.drift import Correction, Drift
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.gaps import Gaps

@@ -25,7 +25,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.registry import enter
-from condyn_pin.drift import Baumgarte
+from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.scene import Scene
 from condyn_pin.solvers.reference import Reference
 from condyn_pin.workspace import Workspace

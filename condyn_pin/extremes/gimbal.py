@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin.contacts import PointContact
+from condyn_pin.constraints.contacts import PointContact
 from condyn_pin.extremes.base import Case, extreme, powers
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene

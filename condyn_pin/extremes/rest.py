@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.extremes.base import Case, by_reference, extreme, powers
-from condyn_pin.rows.equations import Equations
 from condyn_pin.scene import Scene
 
 

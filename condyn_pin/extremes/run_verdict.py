@@ -16,10 +16,10 @@ from math import nan
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.drift import Baumgarte
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.extremes.base import Case, Motion
 from condyn_pin.extremes.verdict import Verdict
-from condyn_pin.rows.equations import Equations
 from condyn_pin.simulation.integrators.semi_implicit_euler import SemiImplicitEuler
 from condyn_pin.simulation.run import simulate
 from condyn_pin.simulation.trajectory import Trajectory

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from condyn_pin.drift import Baumgarte
+from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.extremes.base import Case, ajar, extreme, moving, powers
 from condyn_pin.scene import Scene
 

@@ -19,7 +19,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument
-from condyn_pin.constraints import Constraint, Coupling
+from condyn_pin.constraints.constraints import Constraint, Coupling
 from condyn_pin.extremes.base import Case, by_reference, extreme, moving
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene

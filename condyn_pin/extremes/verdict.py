@@ -22,8 +22,8 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import CondynError
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.linalg.numerical_rank import rank_of
+from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.extremes.base import Case
-from condyn_pin.rows.terms import Terms
 from condyn_pin.solution import Status
 from condyn_pin.solvers.base import Singular, Solver
 from condyn_pin.solvers.reference import Reference

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints import Coupling, Loop
+from condyn_pin.constraints.constraints import Coupling, Loop
 from condyn_pin.spring import Spring
 
 WORLD: Final = "world"

@@ -22,7 +22,7 @@ from typing import Any, Final
 from condyn_pin._core.errors import InvalidModel, MissingExtra, unknown_name
 from condyn_pin._core.files.text import parse_toml
 from condyn_pin._core.names import few, listed
-from condyn_pin.constraints import Loop
+from condyn_pin.constraints.constraints import Loop
 from condyn_pin.io.urdf_closures import stem
 
 _KEYS: Final = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin.constraint_fields import check_positive
+from condyn_pin.constraints.constraint_fields import check_positive
+from condyn_pin.constraints.nonholonomic import RollingBall
 from condyn_pin.mechanisms.base import LICENCE, floating_body, mechanism, source
-from condyn_pin.nonholonomic import RollingBall
 from condyn_pin.robot import Robot
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from condyn_pin.constraint_fields import check_positive
+from condyn_pin.constraints.constraint_fields import check_positive
+from condyn_pin.constraints.nonholonomic import RollingWheel
 from condyn_pin.mechanisms.base import (
     LICENCE,
     disc,
@@ -12,7 +13,6 @@ from condyn_pin.mechanisms.base import (
     mechanism,
     source,
 )
-from condyn_pin.nonholonomic import RollingWheel
 from condyn_pin.robot import Robot
 
 

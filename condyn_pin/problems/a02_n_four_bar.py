@@ -12,7 +12,7 @@ from scipy.special import ellipj, ellipkm1
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.knobs import check_count
-from condyn_pin.drift import Baumgarte
+from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.io.xml import MOST_JOINTS
 from condyn_pin.mechanisms.n_four_bar import n_four_bar
 from condyn_pin.problems.base import Limit, Problem, Published, Setting

@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints import Loop
-from condyn_pin.drift import Baumgarte
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.constraints import Loop
 from condyn_pin.problems.base import Limit, Problem, Setting
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene

@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument
-from condyn_pin.constraint_fields import check_positive
+from condyn_pin.constraints.constraint_fields import check_positive
 from condyn_pin.problems.base import Problem, Setting, Torque
 from condyn_pin.problems.result import Errors, ProblemResult
 from condyn_pin.simulation.run import simulate

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING
 
-from condyn_pin.rows.equations import Equations
+from condyn_pin.constraints.rows.equations import Equations
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene

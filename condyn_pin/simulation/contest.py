@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import partial
 
 from condyn_pin._core.errors import Interrupted
-from condyn_pin.drift.base import Drift
-from condyn_pin.drift.baumgarte import Baumgarte
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.drift import Drift
 from condyn_pin.drift.no_drift import NoDrift
 from condyn_pin.drift.projection import Projection
 from condyn_pin.simulation.integrators import Integrator

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from condyn_pin import choice
-from condyn_pin.drift.base import Drift
+from condyn_pin.constraints.drift import Drift
 from condyn_pin.drift.no_drift import NoDrift
 from condyn_pin.drift.post_stabilization import PostStabilization
 from condyn_pin.scene import Scene

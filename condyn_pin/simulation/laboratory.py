@@ -16,9 +16,9 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints import Loop
-from condyn_pin.drift.base import Drift
-from condyn_pin.drift.baumgarte import Baumgarte
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.constraints import Loop
+from condyn_pin.constraints.drift import Drift
 from condyn_pin.drift.no_drift import NoDrift
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene

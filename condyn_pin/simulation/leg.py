@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument, StepFailed, UnsupportedConstraint
-from condyn_pin.drift.base import Correction, Drift
+from condyn_pin.constraints.drift import Correction, Drift
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.defaults import default_solver
 from condyn_pin.simulation.effects import Effects

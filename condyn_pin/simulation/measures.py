@@ -18,8 +18,8 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.rows.equations import Equations
-from condyn_pin.rows.many import MANY, ManyGaps
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.many import MANY, ManyGaps
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene

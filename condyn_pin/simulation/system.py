@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.rows.equations import Equations
-from condyn_pin.rows.terms import Terms
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.slopes import Slopes
 from condyn_pin.simulation.torques import Applied, Passive, Torque

@@ -26,9 +26,9 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument, InvalidConstraint
 from condyn_pin._core.joints import indices
 from condyn_pin._core.names import checked, listed
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.frames import rows_of
 from condyn_pin.robot import Robot
-from condyn_pin.rows.equations import Equations
-from condyn_pin.rows.frames import rows_of
 from condyn_pin.scene import Scene
 from condyn_pin.smaller.reduced_scene import ReducedScene, reduced
 from condyn_pin.smaller.smaller_robot import free_flyers, sifted, smaller_robot

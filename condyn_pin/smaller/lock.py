@@ -11,10 +11,10 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidModel
 from condyn_pin._core.names import checked
-from condyn_pin.constraints import Coupling
+from condyn_pin.constraints.constraints import Coupling
+from condyn_pin.constraints.rows.binding import bind
+from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.robot import Robot
-from condyn_pin.rows.binding import bind
-from condyn_pin.rows.equations import Equations
 from condyn_pin.smaller.smaller_robot import smaller_robot
 from condyn_pin.states.gaps import gap_of
 

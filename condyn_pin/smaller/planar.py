@@ -17,9 +17,9 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidConstraint
 from condyn_pin._core.linalg.pivots import first_of_largest
 from condyn_pin._core.names import checked
-from condyn_pin.constraints import Loop
-from condyn_pin.rows.bound import Bound
-from condyn_pin.rows.equations import Equations
+from condyn_pin.constraints.constraints import Loop
+from condyn_pin.constraints.rows.bound import Bound
+from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.scene import Scene
 from condyn_pin.smaller.reduced_scene import ReducedScene, reduced
 

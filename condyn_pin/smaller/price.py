@@ -21,7 +21,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import indices
 from condyn_pin._core.names import checked
 from condyn_pin._core.timing import State
-from condyn_pin.rows.equations import Equations
+from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.scene import Scene
 from condyn_pin.smaller.smaller_robot import free_flyers
 from condyn_pin.solvers.reference import Reference

@@ -22,8 +22,8 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import Indices, indices
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.timing import State
-from condyn_pin.rows.equations import Equations
-from condyn_pin.rows.terms import Terms
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.scene import Scene
 from condyn_pin.smaller.smaller_robot import free_flyers
 from condyn_pin.solvers.reference import Reference

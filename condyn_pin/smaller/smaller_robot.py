@@ -9,7 +9,7 @@ from typing import TypeVar
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import UnknownName, unknown_name
 from condyn_pin._core.joints import indices
-from condyn_pin.constraints import Constraint, Coupling, Loop
+from condyn_pin.constraints.constraints import Constraint, Coupling, Loop
 from condyn_pin.robot import Robot
 from condyn_pin.smaller.smaller_tree import smaller_tree
 from condyn_pin.spring import SpringDamper

@@ -13,8 +13,8 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import indices
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.names import listed
-from condyn_pin.constraints import Loop
-from condyn_pin.rows.bound import Bound
+from condyn_pin.constraints.constraints import Loop
+from condyn_pin.constraints.rows.bound import Bound
 from condyn_pin.smaller.linkages import follows
 from condyn_pin.smaller.merging import merge_points
 from condyn_pin.smaller.planar import as_planar

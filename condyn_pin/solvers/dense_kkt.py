@@ -14,7 +14,7 @@ from condyn_pin._core.knobs import WEIGHTS, Grid, check_damping, check_refinemen
 from condyn_pin.solvers.base import Method, Singular, Solver, free_force
 
 if TYPE_CHECKING:
-    from condyn_pin.rows.terms import Terms
+    from condyn_pin.constraints.rows.terms import Terms
     from condyn_pin.workspace import Workspace
 
 # Random right-hand sides. Near a singularity each K^-1 x is |K^-1| times a normal number: that two

@@ -11,11 +11,11 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.knobs import check_share
-from condyn_pin.rows.reach import reach
+from condyn_pin.constraints.rows.reach import reach
 from condyn_pin.solvers.base import Method, Singular, Solver, free_force
 
 if TYPE_CHECKING:
-    from condyn_pin.rows.terms import Terms
+    from condyn_pin.constraints.rows.terms import Terms
     from condyn_pin.workspace import Workspace
 
 

@@ -15,11 +15,11 @@ from condyn_pin._core.errors import InvalidModel
 from condyn_pin._core.knobs import check_count, check_share
 from condyn_pin._core.linalg.extended import add, exact_residual
 from condyn_pin._core.linalg.minimum_norm import factorise
-from condyn_pin.rows.reach import reach
+from condyn_pin.constraints.rows.reach import reach
 from condyn_pin.solvers.base import Method, Singular, Solver
 
 if TYPE_CHECKING:
-    from condyn_pin.rows.terms import Terms
+    from condyn_pin.constraints.rows.terms import Terms
     from condyn_pin.workspace import Workspace
 
 

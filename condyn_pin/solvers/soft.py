@@ -13,8 +13,8 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.errors import InvalidArgument, InvalidModel
 from condyn_pin._core.knobs import Grid
 from condyn_pin._core.linalg.range_space import whiten
+from condyn_pin.constraints.rows.bound import Coupled
 from condyn_pin.io.mjcf_posture import drawn
-from condyn_pin.rows.bound import Coupled
 from condyn_pin.solvers.base import Method, Singular, Solver, free_force
 from condyn_pin.soundness import massless_motion
 

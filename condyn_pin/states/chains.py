@@ -31,8 +31,8 @@ from condyn_pin._core.joints import Indices, indices
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.linalg.numerical_rank import counted
 from condyn_pin._core.linalg.pivots import pivots
-from condyn_pin.rows.equations import Equations
-from condyn_pin.rows.reach import reach
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.reach import reach
 from condyn_pin.states.closing import Closer
 from condyn_pin.states.clusters import Cluster, clusters, isolated
 from condyn_pin.states.limits import NO_LIMITS, Limits

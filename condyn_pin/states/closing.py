@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.rows.equations import Equations
+from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.states.limits import NO_LIMITS, Limits
 
 _DONE = 1e-13  # |c|: rounding, for robots of some metres [m, rad]

@@ -12,9 +12,9 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import lengths
-from condyn_pin.rows.bound import FRAME, AnyBound, Bound, Coupled
+from condyn_pin.constraints.rows.bound import FRAME, AnyBound, Bound, Coupled
+from condyn_pin.constraints.rows.reach import ROUNDED, reach
 from condyn_pin.rows.kept import equations_of
-from condyn_pin.rows.reach import ROUNDED, reach
 
 if TYPE_CHECKING:
     from condyn_pin.scene import Scene

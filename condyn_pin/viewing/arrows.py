@@ -13,7 +13,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints import Coupling, Loop
+from condyn_pin.constraints.constraints import Coupling, Loop
 from condyn_pin.force import ConstraintForce
 from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene

@@ -8,7 +8,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints import Loop
+from condyn_pin.constraints.constraints import Loop
 from condyn_pin.scene import Scene
 from condyn_pin.states.gaps import Gap
 from condyn_pin.viewing import meshes

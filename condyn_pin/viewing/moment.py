@@ -10,9 +10,9 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.rows.bound import AnyBound
+from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.force import ConstraintForce
-from condyn_pin.rows.bound import AnyBound
-from condyn_pin.rows.equations import Equations
 from condyn_pin.scene import Scene
 from condyn_pin.states.gaps import Gap, gaps
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.force import Sites
-from condyn_pin.rows.equations import Equations
 from condyn_pin.simulation.recorder import Phase
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.states.gaps import Gap, gaps

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints import Coupling
+from condyn_pin.constraints.constraints import Coupling
 from condyn_pin.robot import Robot
 from condyn_pin.viewing import meshes
 from condyn_pin.viewing.palette import BODY, GHOST, Colour

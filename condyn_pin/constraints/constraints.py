@@ -24,7 +24,13 @@ from typing import Final, Literal, get_args
 
 from condyn_pin._core.arrays import finite
 from condyn_pin._core.errors import InvalidArgument
-from condyn_pin.constraint_fields import Axis, check_axis, check_lengths, check_size, text
+from condyn_pin.constraints.constraint_fields import (
+    Axis,
+    check_axis,
+    check_lengths,
+    check_size,
+    text,
+)
 
 LoopKind = Literal["ball", "weld", "hinge", "slider", "planar", "rod"]
 

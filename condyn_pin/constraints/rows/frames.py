@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.rows.bound import POINT, AnyBound, Bound, Rolled
+from condyn_pin.constraints.rows.bound import POINT, AnyBound, Bound, Rolled
 
 _log6 = pin.log6
 

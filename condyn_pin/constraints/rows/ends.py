@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.rows.bound import Bound, Rolled
-from condyn_pin.rows.frames import Centripetal, Joints
+from condyn_pin.constraints.rows.bound import Bound, Rolled
+from condyn_pin.constraints.rows.frames import Centripetal, Joints
 
 
 class Ends:

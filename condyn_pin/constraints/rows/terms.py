@@ -10,7 +10,7 @@ import numpy as np
 from condyn_pin._core.arrays import Array, check_overflow
 
 if TYPE_CHECKING:
-    from condyn_pin.rows.equations import Equations
+    from condyn_pin.constraints.rows.equations import Equations
 
 
 @dataclass(frozen=True, eq=False)

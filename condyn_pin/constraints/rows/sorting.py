@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from condyn_pin.rows.bound import FRAME, POINT, AnyBound, Bound, Coupled, Rolled
+from condyn_pin.constraints.rows.bound import FRAME, POINT, AnyBound, Bound, Coupled, Rolled
 
 
 class Sorted(NamedTuple):

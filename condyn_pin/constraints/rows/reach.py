@@ -13,10 +13,10 @@ import numpy as np
 
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.rows.bound import Coupled, Rolled
+from condyn_pin.constraints.rows.bound import Coupled, Rolled
 
 if TYPE_CHECKING:
-    from condyn_pin.rows.equations import Equations
+    from condyn_pin.constraints.rows.equations import Equations
 
 # What is rounding of a row, as a share of what its two bodies bring to it.
 ROUNDED: Final = 1e-13

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.rows.bound import Coupled
+from condyn_pin.constraints.rows.bound import Coupled
 
 
 class Couplings:

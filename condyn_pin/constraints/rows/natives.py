@@ -8,7 +8,7 @@ hinge by
 
 The equivalent has 6 rows of rank 5. A planar pin about e is a ball without the row along e. In a
 linkage in a plane, where its bodies are always as far apart along e as they are now
-(`condyn_pin.rows.flat`), that row is zero, and a ball at c1 + (e . r) e and c2 is the pin:
+(`condyn_pin.constraints.rows.flat`), that row is zero, and a ball at c1 + (e . r) e and c2 is the pin:
 
     s_ball = E s,     E = columns of 1 but for that of e.
 
@@ -29,10 +29,10 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.rows.bound import AnyBound, Bound
-from condyn_pin.rows.flat import height_of
-from condyn_pin.rows.native import Native
-from condyn_pin.rows.spread import spread
+from condyn_pin.constraints.rows.bound import AnyBound, Bound
+from condyn_pin.constraints.rows.flat import height_of
+from condyn_pin.constraints.rows.native import Native
+from condyn_pin.constraints.rows.spread import spread
 
 _HERE = np.zeros(3)
 

@@ -19,9 +19,9 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.rows.bound import Bound
-from condyn_pin.rows.ends import Ends
-from condyn_pin.rows.frames import rows_of
+from condyn_pin.constraints.rows.bound import Bound
+from condyn_pin.constraints.rows.ends import Ends
+from condyn_pin.constraints.rows.frames import rows_of
 
 
 class Balls:

@@ -30,7 +30,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.registry import enter
 
 if TYPE_CHECKING:
-    from condyn_pin.drift.baumgarte import Baumgarte
+    from condyn_pin.constraints.baumgarte import Baumgarte
     from condyn_pin.simulation.system import System
 
 DRIFTS: dict[str, type[Drift]] = {}

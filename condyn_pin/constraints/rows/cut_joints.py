@@ -1,6 +1,6 @@
 """Cut joints: loops that keep a choice of the six rows of the slip.
 
-With r, R, v, omega as in `condyn_pin.rows.ends`, body 1 slips past body 2 at the origin of c2 with
+With r, R, v, omega as in `condyn_pin.constraints.rows.ends`, body 1 slips past body 2 at the origin of c2 with
 
     s_lin = v1 + omega1 x r - R v2 = -r',       s_ang = omega1 - R omega2
 
@@ -21,9 +21,9 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.rows.bound import Bound
-from condyn_pin.rows.ends import Ends
-from condyn_pin.rows.frames import FrameJacobian, rows_of
+from condyn_pin.constraints.rows.bound import Bound
+from condyn_pin.constraints.rows.ends import Ends
+from condyn_pin.constraints.rows.frames import FrameJacobian, rows_of
 
 _YZX, _ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
 

@@ -1,6 +1,6 @@
 """Contacts of the robot with the world.
 
-The rows are those of a loop whose other body is the world (`condyn_pin.constraints`). Without an
+The rows are those of a loop whose other body is the world (`condyn_pin.constraints.constraints`). Without an
 anchor a contact holds what it touches where it is: it has no position error.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument
-from condyn_pin.constraint_fields import (
+from condyn_pin.constraints.constraint_fields import (
     Axis,
     Placement,
     Vector3,
@@ -24,7 +24,7 @@ from condyn_pin.constraint_fields import (
     placement,
     text,
 )
-from condyn_pin.constraints import Constraint
+from condyn_pin.constraints.constraints import Constraint
 
 
 @dataclass(frozen=True)

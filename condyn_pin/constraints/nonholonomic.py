@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from condyn_pin._core.errors import InvalidArgument
-from condyn_pin.constraint_fields import (
+from condyn_pin.constraints.constraint_fields import (
     Axis,
     Vector3,
     check_axis,
@@ -27,7 +27,7 @@ from condyn_pin.constraint_fields import (
     floats,
     text,
 )
-from condyn_pin.constraints import Constraint
+from condyn_pin.constraints.constraints import Constraint
 
 Direction = Literal["rolling", "lateral", "normal"]
 

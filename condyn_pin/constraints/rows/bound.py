@@ -43,7 +43,7 @@ class Bound:
         Of a rod [m]; NaN for all else.
     lever : float
         Half the distance of two points on `axis` that stand for a hinge, and what points that are
-        nearly one are moved apart by (`condyn_pin.rows.spread`) [m].
+        nearly one are moved apart by (`condyn_pin.constraints.rows.spread`) [m].
     """
 
     name: str

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.rows.bound import Bound
-from condyn_pin.rows.ends import Ends
-from condyn_pin.rows.frames import FrameJacobian, rows_of
+from condyn_pin.constraints.rows.bound import Bound
+from condyn_pin.constraints.rows.ends import Ends
+from condyn_pin.constraints.rows.frames import FrameJacobian, rows_of
 
 _SMALLEST = 1e-300  # keeps 0/0 out of a direction that does not exist
 

@@ -23,10 +23,10 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.rows.bound import Rolled
-from condyn_pin.rows.cut_joints import cross
-from condyn_pin.rows.ends import Ends
-from condyn_pin.rows.frames import FrameJacobian, rows_of
+from condyn_pin.constraints.rows.bound import Rolled
+from condyn_pin.constraints.rows.cut_joints import cross
+from condyn_pin.constraints.rows.ends import Ends
+from condyn_pin.constraints.rows.frames import FrameJacobian, rows_of
 
 # |e x n| of a wheel that lies flat: it has no lowest point, and rounding would choose one.
 FLAT: Final = 1e-12

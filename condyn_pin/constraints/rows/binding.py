@@ -15,11 +15,19 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.errors import InvalidConstraint, unknown_name
-from condyn_pin.constraints import Constraint, Coupling, Loop
-from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
-from condyn_pin.nonholonomic import Knife, RollingBall, RollingWheel
+from condyn_pin.constraints.constraints import Constraint, Coupling, Loop
+from condyn_pin.constraints.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
+from condyn_pin.constraints.nonholonomic import Knife, RollingBall, RollingWheel
+from condyn_pin.constraints.rows.bound import (
+    DIRECTIONS,
+    FRAME,
+    POINT,
+    AnyBound,
+    Bound,
+    Coupled,
+    Rolled,
+)
 from condyn_pin.robot import Robot
-from condyn_pin.rows.bound import DIRECTIONS, FRAME, POINT, AnyBound, Bound, Coupled, Rolled
 
 
 def bind(robot: Robot, constraints: Sequence[Constraint]) -> tuple[AnyBound, ...]:

@@ -16,9 +16,9 @@ from typing import Any
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.rows.bound import POINT, AnyBound, Bound
-from condyn_pin.rows.frames import rows_of
-from condyn_pin.rows.native import Native
+from condyn_pin.constraints.rows.bound import POINT, AnyBound, Bound
+from condyn_pin.constraints.rows.frames import rows_of
+from condyn_pin.constraints.rows.native import Native
 
 # bound once: these are called for every row
 _classical = pin.getFrameClassicalAcceleration

@@ -15,14 +15,14 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.rows.bound import Bound, Rolled
-from condyn_pin.rows.cut_joints import CutJoints
-from condyn_pin.rows.ends import Ends
-from condyn_pin.rows.equations import Equations
-from condyn_pin.rows.loops import Balls
-from condyn_pin.rows.rods import Rods
-from condyn_pin.rows.rolling import Rolling
-from condyn_pin.rows.sorting import sorted_by_rows
+from condyn_pin.constraints.rows.bound import Bound, Rolled
+from condyn_pin.constraints.rows.cut_joints import CutJoints
+from condyn_pin.constraints.rows.ends import Ends
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.loops import Balls
+from condyn_pin.constraints.rows.rods import Rods
+from condyn_pin.constraints.rows.rolling import Rolling
+from condyn_pin.constraints.rows.sorting import sorted_by_rows
 
 # States at once: what a call of numpy costs is spread over so many.
 MANY: Final = 16

@@ -17,20 +17,20 @@ import numpy as np
 
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.drift import Baumgarte
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.rows.bound import FRAME, POINT, AnyBound, Bound, Coupled, Rolled
+from condyn_pin.constraints.rows.couplings import Couplings
+from condyn_pin.constraints.rows.cut_joints import CutJoints
+from condyn_pin.constraints.rows.ends import Ends
+from condyn_pin.constraints.rows.frames import WorldContacts, Wrenches
+from condyn_pin.constraints.rows.loops import Balls, Weld
+from condyn_pin.constraints.rows.plain import PlainRows
+from condyn_pin.constraints.rows.reach import ROUNDED, reach
+from condyn_pin.constraints.rows.rods import Rods
+from condyn_pin.constraints.rows.rolling import Rolling, touching
+from condyn_pin.constraints.rows.sorting import sorted_by_rows
+from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.loads import Load
-from condyn_pin.rows.bound import FRAME, POINT, AnyBound, Bound, Coupled, Rolled
-from condyn_pin.rows.couplings import Couplings
-from condyn_pin.rows.cut_joints import CutJoints
-from condyn_pin.rows.ends import Ends
-from condyn_pin.rows.frames import WorldContacts, Wrenches
-from condyn_pin.rows.loops import Balls, Weld
-from condyn_pin.rows.plain import PlainRows
-from condyn_pin.rows.reach import ROUNDED, reach
-from condyn_pin.rows.rods import Rods
-from condyn_pin.rows.rolling import Rolling, touching
-from condyn_pin.rows.sorting import sorted_by_rows
-from condyn_pin.rows.terms import Terms
 
 # bound once: these are called in every proof, which is to cost little more than they do
 _rnea, _crba, _bias = pin.rnea, pin.crba, pin.nonLinearEffects
