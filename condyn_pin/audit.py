@@ -19,9 +19,9 @@ from condyn_pin.constraints.rows.mass_pivots import MassPivots
 from condyn_pin.constraints.rows.natives import Natives
 from condyn_pin.constraints.rows.reach import ROUNDED, reach
 from condyn_pin.constraints.rows.terms import Terms
+from condyn_pin.model.soundness import massless_motion
 from condyn_pin.proof import Yardstick
 from condyn_pin.solvers.reference import Reference
-from condyn_pin.soundness import massless_motion
 from condyn_pin.states.chains import redundant_rows
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ import numpy as np
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.constraints import Constraint
 from condyn_pin.constraints.contacts import SurfaceContact
-from condyn_pin.robot import Robot
+from condyn_pin.model.robot import Robot
 from condyn_pin.scene import Scene
 
 

@@ -15,7 +15,7 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.errors import InvalidModel
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin.constraints.rows.reach import reach
-from condyn_pin.loads import Load
+from condyn_pin.model.loads import Load
 from condyn_pin.proof import Proof, Yardstick
 from condyn_pin.solution import Solution, Status
 from condyn_pin.solvers.base import Method

@@ -31,8 +31,8 @@ from condyn_pin.cards.folders import example_robot_data, robots_folder
 from condyn_pin.cards.reading import read_alone, read_card
 from condyn_pin.cards.variants import check_variant
 from condyn_pin.io.urdf import check_root_joint
-from condyn_pin.mechanisms import MECHANISMS
-from condyn_pin.robot import Robot
+from condyn_pin.model.mechanisms import MECHANISMS
+from condyn_pin.model.robot import Robot
 
 __all__ = ["available_robots", "example_robot_data", "load_robot", "robots_folder"]
 

@@ -16,7 +16,7 @@ from condyn_pin.constraints.constraints import Constraint
 from condyn_pin.constraints.rows.binding import bind
 from condyn_pin.constraints.rows.bound import AnyBound
 from condyn_pin.constraints.rows.natives import Natives, natives
-from condyn_pin.robot import Robot
+from condyn_pin.model.robot import Robot
 from condyn_pin.smaller.methods import Smaller
 from condyn_pin.states.chains import Chains, chains
 from condyn_pin.states.methods import States

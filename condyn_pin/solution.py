@@ -12,10 +12,10 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument, InvalidModel
-from condyn_pin.applied_force import AppliedForce
 from condyn_pin.force import ConstraintForce, Sites, pulling
+from condyn_pin.model.applied_force import AppliedForce
+from condyn_pin.model.soundness import massless_motion
 from condyn_pin.proof import Proof
-from condyn_pin.soundness import massless_motion
 from condyn_pin.states.rank import is_singular
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 from numpy.typing import ArrayLike
 
-from condyn_pin.applied_force import AppliedForce
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.differentiation import Derivatives
+from condyn_pin.model.applied_force import AppliedForce
 from condyn_pin.scene import Scene
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.base import Solver

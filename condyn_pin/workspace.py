@@ -20,7 +20,6 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.errors import InvalidArgument, SolveFailed, unknown_name
 from condyn_pin._core.knobs import check_accuracy_of_a
 from condyn_pin._core.one_thread import OneThread, alone, in_use
-from condyn_pin.applied_force import AppliedForce, applied_forces
 from condyn_pin.choice import check_kinds, default_solver
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.rows.bound import AnyBound
@@ -31,12 +30,13 @@ from condyn_pin.differentiation.check import check_derivatives
 from condyn_pin.differentiation.differences import DifferenceDerivatives
 from condyn_pin.differentiation.linearised import Linearisation
 from condyn_pin.judge import Judge
-from condyn_pin.loads import Load, Loads
+from condyn_pin.model.applied_force import AppliedForce, applied_forces
+from condyn_pin.model.loads import Load, Loads
+from condyn_pin.model.soundness import massless_motion
 from condyn_pin.raw import ConstraintDatas, ConstraintModels, raw_constraints
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.solution import Solution, Status
 from condyn_pin.solvers.base import Singular, Solver
-from condyn_pin.soundness import massless_motion
 from condyn_pin.states.gaps import Gap, gaps, worst
 
 # No acceleration of a machine: what is larger is looked at entry by entry.

@@ -20,7 +20,7 @@ from condyn_pin.choice import untaken
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.differentiation.check import BLOCKS
 from condyn_pin.differentiation.linearised import Linearisation
-from condyn_pin.mechanisms.base import add_rod, disc
+from condyn_pin.model.mechanisms.base import add_rod, disc
 from condyn_pin.states.integrability import _is_involutive, bracket
 
 GRAVITY = 9.81

@@ -12,7 +12,7 @@ from shared import robot
 import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA, pin
 from condyn_pin.cards.variants import chosen_card
-from condyn_pin.smaller.lock import lock_joints
+from condyn_pin.model.lock import lock_joints
 
 FREE, LOCKED = {"springs": "free"}, {"springs": "locked"}
 BALL, HINGE = {"achilles": "ball"}, {"achilles": "as_file"}

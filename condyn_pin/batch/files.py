@@ -14,7 +14,7 @@ from condyn_pin.batch.rows import MISSING
 from condyn_pin.batch.states import loose
 from condyn_pin.batch.trajectory import RUN_STATUSES, BatchTrajectory, Samples
 from condyn_pin.drift import Drift
-from condyn_pin.robot import Robot
+from condyn_pin.model.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.archive import MOTIONS, Content, Header, Path_, check_times, read, write
 from condyn_pin.simulation.coding import decode, encode

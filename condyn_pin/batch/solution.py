@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.errors import WorkersLost
 from condyn_pin._core.parallel.outcome import Outcome
-from condyn_pin.applied_force import AppliedForce
 from condyn_pin.batch.rows import MISSING
+from condyn_pin.model.applied_force import AppliedForce
 from condyn_pin.proof import Proof
 from condyn_pin.scene import Scene
 from condyn_pin.solution import Solution, Status

@@ -18,7 +18,6 @@ from condyn_pin._core.knobs import check_accuracy_of_a, check_count
 from condyn_pin._core.parallel.chunks import Progress, silent
 from condyn_pin._core.parallel.memory import Arrays, Kind
 from condyn_pin._core.parallel.ways import Words
-from condyn_pin.applied_force import AppliedForce
 from condyn_pin.batch.derivatives import BatchDerivatives
 from condyn_pin.batch.forces import RowForces, split
 from condyn_pin.batch.rows import Rows
@@ -27,6 +26,7 @@ from condyn_pin.batch.states import check_states
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.differentiation import METHODS
 from condyn_pin.differentiation.check import BLOCKS
+from condyn_pin.model.applied_force import AppliedForce
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.solution import Solution
 from condyn_pin.solvers.base import Solver

@@ -33,7 +33,7 @@ from condyn_pin.bridge.pairs import Pair, check_axes, pairs_of
 from condyn_pin.bridge.quaternions import moved, reordered
 from condyn_pin.bridge.velocity_map import VelocityMap
 from condyn_pin.io.mjcf_compiled import require_mujoco
-from condyn_pin.robot import Robot
+from condyn_pin.model.robot import Robot
 
 if TYPE_CHECKING:
     from condyn_pin.bridge.cross_check import CrossCheck

@@ -20,7 +20,7 @@ from condyn_pin._core.errors import InvalidArgument, InvalidModel, unknown_name
 from condyn_pin._core.names import checked, listed
 from condyn_pin.io.mjcf_compiled import KINDS, joint_names
 from condyn_pin.io.mjcf_write_joint import scalar_axis
-from condyn_pin.robot import Robot
+from condyn_pin.model.robot import Robot
 
 _BALLS: Final = {"JointModelFreeFlyer": "free", "JointModelSpherical": "ball"}
 

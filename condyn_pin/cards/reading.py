@@ -24,9 +24,9 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.io.mjcf import read_mjcf
 from condyn_pin.io.sdf import read_sdf
 from condyn_pin.io.urdf import check_root_joint, read_urdf
-from condyn_pin.robot import Robot
-from condyn_pin.smaller.lock import lock_joints
-from condyn_pin.spring import Spring
+from condyn_pin.model.lock import lock_joints
+from condyn_pin.model.robot import Robot
+from condyn_pin.model.spring import Spring
 from condyn_pin.states.gaps import gap_of
 from condyn_pin.states.limits import Limits
 

@@ -10,7 +10,7 @@ from condyn_pin.commands.arguments import AsJson
 from condyn_pin.commands.output import console, print_json, words
 
 if TYPE_CHECKING:
-    from condyn_pin.robot import Robot
+    from condyn_pin.model.robot import Robot
 
 PANEL = "Look"
 

@@ -12,7 +12,7 @@ from condyn_pin.constraints.constraints import Constraint
 from condyn_pin.constraints.contacts import CONTACTS
 from condyn_pin.drift import DRIFTS, Drift
 from condyn_pin.load import load_robot
-from condyn_pin.robot import Robot
+from condyn_pin.model.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
 from condyn_pin.solvers import SOLVERS, Solver

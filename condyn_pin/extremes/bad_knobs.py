@@ -8,7 +8,7 @@ import numpy as np
 
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.extremes.base import Case, Motion, ajar, extreme, moving
-from condyn_pin.mechanisms.four_bar import four_bar
+from condyn_pin.model.mechanisms.four_bar import four_bar
 from condyn_pin.scene import Scene
 
 _SIZES = (

@@ -8,8 +8,8 @@ import numpy as np
 
 from condyn_pin.extremes.base import Case, extreme
 from condyn_pin.extremes.parallelogram import cranks_as_one
-from condyn_pin.mechanisms.n_four_bar import n_four_bar
-from condyn_pin.robot import Robot
+from condyn_pin.model.mechanisms.n_four_bar import n_four_bar
+from condyn_pin.model.robot import Robot
 from condyn_pin.scene import Scene
 
 _SIZES = (

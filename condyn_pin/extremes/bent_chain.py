@@ -6,7 +6,7 @@ import numpy as np
 
 from condyn_pin.extremes.base import Case, extreme, whole
 from condyn_pin.extremes.planar_chain import accelerations
-from condyn_pin.mechanisms.chain import chain
+from condyn_pin.model.mechanisms.chain import chain
 from condyn_pin.scene import Scene
 
 

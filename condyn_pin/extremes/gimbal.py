@@ -9,7 +9,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints.contacts import PointContact
 from condyn_pin.extremes.base import Case, extreme, powers
-from condyn_pin.robot import Robot
+from condyn_pin.model.robot import Robot
 from condyn_pin.scene import Scene
 
 

@@ -7,8 +7,8 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints.constraints import Loop
 from condyn_pin.extremes.base import Case, extreme
-from condyn_pin.mechanisms.base import along_x
-from condyn_pin.robot import Robot
+from condyn_pin.model.mechanisms.base import along_x
+from condyn_pin.model.robot import Robot
 from condyn_pin.scene import Scene
 
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from condyn_pin.extremes.base import Case, extreme, moving, with_inertias
-from condyn_pin.mechanisms.base import rod
-from condyn_pin.mechanisms.four_bar import four_bar
+from condyn_pin.model.mechanisms.base import rod
+from condyn_pin.model.mechanisms.four_bar import four_bar
 from condyn_pin.scene import Scene
 
 

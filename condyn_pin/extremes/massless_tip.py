@@ -6,9 +6,9 @@ import numpy as np
 
 from condyn_pin.extremes.base import Case, extreme, torques, with_inertias
 from condyn_pin.extremes.planar_chain import accelerations
-from condyn_pin.mechanisms.base import rod
-from condyn_pin.mechanisms.chain import chain
-from condyn_pin.robot import Robot
+from condyn_pin.model.mechanisms.base import rod
+from condyn_pin.model.mechanisms.chain import chain
+from condyn_pin.model.robot import Robot
 from condyn_pin.scene import Scene
 
 _RODS = 5

@@ -6,7 +6,7 @@ import numpy as np
 
 from condyn_pin.constraints.constraints import Loop
 from condyn_pin.extremes.base import Case, extreme, moving
-from condyn_pin.mechanisms.four_bar import four_bar
+from condyn_pin.model.mechanisms.four_bar import four_bar
 from condyn_pin.scene import Scene
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin.extremes.base import Case, Flight, extreme
-from condyn_pin.robot import Robot
+from condyn_pin.model.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
 from condyn_pin.simulation.integrators.rattle import Rattle

@@ -21,7 +21,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.constraints.constraints import Constraint, Coupling
 from condyn_pin.extremes.base import Case, by_reference, extreme, moving
-from condyn_pin.robot import Robot
+from condyn_pin.model.robot import Robot
 from condyn_pin.scene import Scene
 
 # What fields of constraints are: lengths or points; and texts, directions or choices.

@@ -8,7 +8,7 @@ import numpy as np
 
 from condyn_pin.constraints.constraints import Loop
 from condyn_pin.extremes.base import Case, extreme, powers, torques
-from condyn_pin.mechanisms.chain import chain
+from condyn_pin.model.mechanisms.chain import chain
 from condyn_pin.scene import Scene
 
 

@@ -9,9 +9,9 @@ from condyn_pin.constraints.constraints import Loop
 from condyn_pin.constraints.contacts import SurfaceContact
 from condyn_pin.extremes.base import Case, extreme, torques, with_inertias
 from condyn_pin.extremes.planar_chain import accelerations
-from condyn_pin.mechanisms.base import rod
-from condyn_pin.mechanisms.chain import chain
-from condyn_pin.robot import Robot
+from condyn_pin.model.mechanisms.base import rod
+from condyn_pin.model.mechanisms.chain import chain
+from condyn_pin.model.robot import Robot
 from condyn_pin.scene import Scene
 
 _RODS, _HELD = 8, 3

@@ -37,7 +37,7 @@ from condyn_pin.io.mjcf_types import (
     MjcfRobot,
 )
 from condyn_pin.io.tree import NO_LIMIT, one_coordinate, orthonormal
-from condyn_pin.spring import Spring
+from condyn_pin.model.spring import Spring
 from condyn_pin.states.gaps import Gap
 
 

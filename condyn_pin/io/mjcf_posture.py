@@ -18,7 +18,7 @@ from condyn_pin._core.errors import InvalidModel
 from condyn_pin.io.mjcf_types import COORDINATES, Joint
 
 if TYPE_CHECKING:
-    from condyn_pin.robot import Robot
+    from condyn_pin.model.robot import Robot
 
 DRAWN: Final = "qpos0"
 

@@ -41,7 +41,7 @@ from condyn_pin.io.mjcf_write_joint import (
     write_joint,
     write_pose,
 )
-from condyn_pin.robot import Robot
+from condyn_pin.model.robot import Robot
 
 _EQUALITIES = {"ball": "connect", "weld": "weld", "hinge": "connect"}
 

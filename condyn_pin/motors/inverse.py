@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin.applied_force import AppliedForce, applied_forces
 from condyn_pin.at_state import at_state, load_on
 from condyn_pin.force import ConstraintForce, Sites, pulling
+from condyn_pin.model.applied_force import AppliedForce, applied_forces
 from condyn_pin.motors.actuation import Actuation, motors_of
 from condyn_pin.motors.drive import Drive
 from condyn_pin.scene import Scene

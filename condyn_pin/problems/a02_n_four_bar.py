@@ -14,7 +14,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.knobs import check_count
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.io.xml import MOST_JOINTS
-from condyn_pin.mechanisms.n_four_bar import n_four_bar
+from condyn_pin.model.mechanisms.n_four_bar import n_four_bar
 from condyn_pin.problems.base import Limit, Problem, Published, Setting
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4

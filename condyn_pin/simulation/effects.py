@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.errors import InvalidArgument
-from condyn_pin.robot import Robot
+from condyn_pin.model.robot import Robot
 from condyn_pin.scene import Scene
 
 

@@ -20,7 +20,7 @@ from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.constraints import Loop
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.drift.no_drift import NoDrift
-from condyn_pin.robot import Robot
+from condyn_pin.model.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.run import simulate

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arrays import finite
 from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.knobs import check_called, check_count
-from condyn_pin.applied_force import AppliedForce, applied_forces
 from condyn_pin.constraints.drift import Drift
+from condyn_pin.model.applied_force import AppliedForce, applied_forces
 from condyn_pin.scene import Scene, check_scene
 from condyn_pin.simulation.defaults import default_drift, default_integrator
 from condyn_pin.simulation.effects import Effects

@@ -27,7 +27,7 @@ from condyn_pin._core.joints import indices
 from condyn_pin._core.timing import State, time_trials, trial
 from condyn_pin.catalogue import motor_torque
 from condyn_pin.choice import default_solver
-from condyn_pin.robot import Robot
+from condyn_pin.model.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.smaller.minimal_report import Minimal, Step
 from condyn_pin.smaller.price import Errors, answers, compare, watched_joints

@@ -15,8 +15,8 @@ from condyn_pin._core.knobs import Grid
 from condyn_pin._core.linalg.range_space import whiten
 from condyn_pin.constraints.rows.bound import Coupled
 from condyn_pin.io.mjcf_posture import drawn
+from condyn_pin.model.soundness import massless_motion
 from condyn_pin.solvers.base import Method, Singular, Solver, free_force
-from condyn_pin.soundness import massless_motion
 
 if TYPE_CHECKING:
     from condyn_pin.workspace import Workspace

@@ -27,7 +27,7 @@ from condyn_pin.states.gaps import gaps
 from condyn_pin.states.limits import NO_LIMITS, Limits
 
 if TYPE_CHECKING:
-    from condyn_pin.robot import Robot
+    from condyn_pin.model.robot import Robot
     from condyn_pin.scene import Scene
     from condyn_pin.states.chains import Chains
 

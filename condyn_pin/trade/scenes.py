@@ -14,7 +14,7 @@ from condyn_pin.catalogue import standard_scenes
 from condyn_pin.constraints.constraints import Constraint, Loop
 from condyn_pin.constraints.contacts import LineContact, SurfaceContact
 from condyn_pin.load import load_robot
-from condyn_pin.robot import Robot
+from condyn_pin.model.robot import Robot
 from condyn_pin.scene import Scene
 
 # From the middle of a hinge or a weld to the points that stand for it.

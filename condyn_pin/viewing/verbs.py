@@ -12,8 +12,8 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.errors import InvalidArgument, NotAssembled
 from condyn_pin._core.files.beside import check_writable
+from condyn_pin.model.robot import Robot
 from condyn_pin.motors.inverse import InverseDynamics
-from condyn_pin.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.solution import Solution

@@ -29,7 +29,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidModel
-from condyn_pin.soundness import massless_motion
+from condyn_pin.model.soundness import massless_motion
 
 _EPS = float(np.finfo(np.float64).eps)
 

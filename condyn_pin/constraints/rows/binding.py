@@ -27,7 +27,7 @@ from condyn_pin.constraints.rows.bound import (
     Coupled,
     Rolled,
 )
-from condyn_pin.robot import Robot
+from condyn_pin.model.robot import Robot
 
 
 def bind(robot: Robot, constraints: Sequence[Constraint]) -> tuple[AnyBound, ...]:

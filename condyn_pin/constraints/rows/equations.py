@@ -30,7 +30,7 @@ from condyn_pin.constraints.rows.rods import Rods
 from condyn_pin.constraints.rows.rolling import Rolling, touching
 from condyn_pin.constraints.rows.sorting import sorted_by_rows
 from condyn_pin.constraints.rows.terms import Terms
-from condyn_pin.loads import Load
+from condyn_pin.model.loads import Load
 
 # bound once: these are called in every proof, which is to cost little more than they do
 _rnea, _crba, _bias = pin.rnea, pin.crba, pin.nonLinearEffects

@@ -8,7 +8,7 @@ it is what `load_robot` returns under that name.
 from importlib import import_module
 from pkgutil import iter_modules
 
-from condyn_pin.mechanisms.base import MECHANISMS, mechanism
+from condyn_pin.model.mechanisms.base import MECHANISMS, mechanism
 
 for _module in iter_modules(__path__):
     import_module(f"{__name__}.{_module.name}")

@@ -14,11 +14,11 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
 from condyn_pin.constraints.constraints import Constraint, Coupling, Loop
-from condyn_pin.robot_fields import MEMBERS, check_ends, members, postures
-from condyn_pin.robot_frames import find_frame, model_with_frame
-from condyn_pin.soundness import check_model
-from condyn_pin.spring import Spring, SpringDamper
-from condyn_pin.spring_dampers import spring_dampers_of
+from condyn_pin.model.robot_fields import MEMBERS, check_ends, members, postures
+from condyn_pin.model.robot_frames import find_frame, model_with_frame
+from condyn_pin.model.soundness import check_model
+from condyn_pin.model.spring import Spring, SpringDamper
+from condyn_pin.model.spring_dampers import spring_dampers_of
 
 
 @dataclass(frozen=True, eq=False)

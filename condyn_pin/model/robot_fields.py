@@ -12,10 +12,10 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument, InvalidModel
 from condyn_pin.constraints.constraints import Constraint, Coupling, Loop
-from condyn_pin.spring import Spring, SpringDamper
+from condyn_pin.model.spring import Spring, SpringDamper
 
 if TYPE_CHECKING:
-    from condyn_pin.robot import Robot
+    from condyn_pin.model.robot import Robot
 
 # The fields that are lists, and what is in them.
 MEMBERS: Final[Mapping[str, tuple[type, ...]]] = {

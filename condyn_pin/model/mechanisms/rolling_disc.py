@@ -6,14 +6,14 @@ import numpy as np
 
 from condyn_pin.constraints.constraint_fields import check_positive
 from condyn_pin.constraints.nonholonomic import RollingWheel
-from condyn_pin.mechanisms.base import (
+from condyn_pin.model.mechanisms.base import (
     LICENCE,
     disc,
     floating_body,
     mechanism,
     source,
 )
-from condyn_pin.robot import Robot
+from condyn_pin.model.robot import Robot
 
 
 @mechanism

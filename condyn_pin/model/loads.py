@@ -18,10 +18,10 @@ from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.joints import turning
-from condyn_pin.applied_force import AppliedForce
+from condyn_pin.model.applied_force import AppliedForce
 
 if TYPE_CHECKING:
-    from condyn_pin.robot import Robot
+    from condyn_pin.model.robot import Robot
 
 _ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 

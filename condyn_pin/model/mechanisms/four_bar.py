@@ -11,8 +11,8 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.constraints.constraint_fields import check_positive
 from condyn_pin.constraints.constraints import Loop
-from condyn_pin.mechanisms.base import LICENCE, add_rod, mechanism, source
-from condyn_pin.robot import Robot
+from condyn_pin.model.mechanisms.base import LICENCE, add_rod, mechanism, source
+from condyn_pin.model.robot import Robot
 
 
 @mechanism

@@ -12,13 +12,13 @@ from condyn_pin._core.knobs import check_count
 from condyn_pin.constraints.constraint_fields import check_positive
 from condyn_pin.constraints.constraints import Loop
 from condyn_pin.io.xml import MOST_JOINTS
-from condyn_pin.mechanisms.base import (
+from condyn_pin.model.mechanisms.base import (
     LICENCE,
     add_rod,
     mechanism,
     source,
 )
-from condyn_pin.robot import Robot
+from condyn_pin.model.robot import Robot
 
 
 @mechanism

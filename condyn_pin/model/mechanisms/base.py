@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.registry import enter
-from condyn_pin.robot import Robot
+from condyn_pin.model.robot import Robot
 
 LICENCE: Final = "BSD-2-Clause (this project)"
 
@@ -27,7 +27,7 @@ def mechanism(build: Builder) -> Builder:
 
 def source(name: str) -> str:
     """Return the source of a mechanism, as its robot names it."""
-    return f"built in condyn_pin/mechanisms/{name}.py"
+    return f"built in condyn_pin/model/mechanisms/{name}.py"
 
 
 def add_rod(model: Any, name: str, parent: int, at: float, length: float, mass: float) -> int:

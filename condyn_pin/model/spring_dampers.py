@@ -23,11 +23,11 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.loads import frame_jacobian
-from condyn_pin.spring import SpringDamper
+from condyn_pin.model.loads import frame_jacobian
+from condyn_pin.model.spring import SpringDamper
 
 if TYPE_CHECKING:
-    from condyn_pin.robot import Robot
+    from condyn_pin.model.robot import Robot
 
 _ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 

@@ -12,10 +12,10 @@ from condyn_pin._core.arrays import finite
 from condyn_pin._core.errors import InvalidArgument, InvalidModel, unknown_name
 from condyn_pin.constraints.constraint_fields import check_size
 from condyn_pin.constraints.constraints import WORLD
-from condyn_pin.soundness import rotation_fault
+from condyn_pin.model.soundness import rotation_fault
 
 if TYPE_CHECKING:
-    from condyn_pin.robot import Robot
+    from condyn_pin.model.robot import Robot
 
 
 def find_frame(robot: Robot, name: str) -> tuple[int, Any]:
