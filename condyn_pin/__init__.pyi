@@ -62,9 +62,9 @@ from condyn_pin.extremes import EXTREMES as EXTREMES
 from condyn_pin.force import ConstraintForce as ConstraintForce
 from condyn_pin.impacts import Impact as Impact
 from condyn_pin.impacts import impact as impact
+from condyn_pin.io.load import available_robots as available_robots
+from condyn_pin.io.load import load_robot as load_robot
 from condyn_pin.ladders import LADDERS as LADDERS
-from condyn_pin.load import available_robots as available_robots
-from condyn_pin.load import load_robot as load_robot
 from condyn_pin.model.applied_force import AppliedForce as AppliedForce
 from condyn_pin.model.mechanisms.chain import chain as chain
 from condyn_pin.model.mechanisms.four_bar import four_bar as four_bar

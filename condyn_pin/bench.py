@@ -27,7 +27,7 @@ from condyn_pin.bench_table import BenchRow, BenchTable
 from condyn_pin.by_hand import by_hand
 from condyn_pin.catalogue import standard_scenes
 from condyn_pin.choice import untaken
-from condyn_pin.load import load_robot
+from condyn_pin.io.load import load_robot
 from condyn_pin.scene import Scene
 from condyn_pin.solvers.base import Solver
 from condyn_pin.solvers.dense_kkt import DenseKKT

@@ -207,10 +207,10 @@ def test_debug_shows_the_traceback_wherever_it_stands(words):
 
 def test_a_defect_is_one_line_that_says_how_to_see_more():
     code = """
-import condyn_pin.load
+import condyn_pin.io.load
 from condyn_pin.cli import main
 def broken(*_, **__): raise ZeroDivisionError("of ours\\nin two lines")
-condyn_pin.load.load_robot = broken
+condyn_pin.io.load.load_robot = broken
 main()
 """
     words = [sys.executable, "-c", code, "show", "talos"]
@@ -224,10 +224,10 @@ main()
 
 def test_an_interrupt_leaves_with_its_own_code():
     code = """
-import condyn_pin.load
+import condyn_pin.io.load
 from condyn_pin.cli import main
 def interrupted(*_, **__): raise KeyboardInterrupt
-condyn_pin.load.load_robot = interrupted
+condyn_pin.io.load.load_robot = interrupted
 main()
 """
     words = [sys.executable, "-c", code, "show", "talos"]

@@ -14,7 +14,7 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.tolerances import CLOSED
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.load import example_robot_data, robots_folder
+from condyn_pin.io.load import example_robot_data, robots_folder
 
 
 class Figures(NamedTuple):

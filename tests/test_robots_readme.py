@@ -11,7 +11,7 @@ from test_robots import ROBOTS
 
 import condyn_pin as cp
 from condyn_pin.catalogue import standard_scenes
-from condyn_pin.load import robots_folder
+from condyn_pin.io.load import robots_folder
 
 FOLDERS = sorted(path.parent for path in robots_folder().glob("*/robot.toml"))
 each_folder = pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)

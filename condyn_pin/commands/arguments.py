@@ -11,7 +11,7 @@ import typer
 
 def complete_robots(incomplete: str) -> list[str]:
     """Return the robots that a name may become, for the completion of a shell."""
-    from condyn_pin.load import available_robots
+    from condyn_pin.io.load import available_robots
 
     return [name for name in available_robots() if name.startswith(incomplete)]
 

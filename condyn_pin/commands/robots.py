@@ -17,7 +17,7 @@ PANEL = "Look"
 
 def robots(as_json: AsJson = False) -> None:
     """List what can be loaded; `condyn show` names the file, and the licence in full."""
-    from condyn_pin.load import available_robots
+    from condyn_pin.io.load import available_robots
 
     loaded = {name: load() for name, load in available_robots().items()}
     if as_json:

@@ -11,7 +11,7 @@ from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.constraints import Constraint
 from condyn_pin.constraints.contacts import CONTACTS
 from condyn_pin.drift import DRIFTS, Drift
-from condyn_pin.load import load_robot
+from condyn_pin.io.load import load_robot
 from condyn_pin.model.robot import Robot
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator

@@ -8,7 +8,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.contacts import PointContact
 from condyn_pin.extremes.base import Case, extreme, powers, torques
-from condyn_pin.load import load_robot
+from condyn_pin.io.load import load_robot
 from condyn_pin.scene import Scene
 
 

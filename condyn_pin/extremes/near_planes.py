@@ -8,7 +8,7 @@ import numpy as np
 
 from condyn_pin.constraints.contacts import PlanarContact
 from condyn_pin.extremes.base import Case, extreme, moving, powers
-from condyn_pin.load import load_robot
+from condyn_pin.io.load import load_robot
 from condyn_pin.scene import Scene
 
 

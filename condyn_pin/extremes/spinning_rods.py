@@ -6,7 +6,7 @@ import numpy as np
 
 from condyn_pin.catalogue import motor_torque
 from condyn_pin.extremes.base import Case, extreme
-from condyn_pin.load import load_robot
+from condyn_pin.io.load import load_robot
 from condyn_pin.scene import Scene
 
 

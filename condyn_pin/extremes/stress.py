@@ -15,7 +15,7 @@ from condyn_pin._core.errors import Interrupted, WorkersLost, unknown_name
 from condyn_pin._core.knobs import check_called
 from condyn_pin.extremes.base import EXTREMES
 from condyn_pin.extremes.verdict import Outcome, Task, Verdict
-from condyn_pin.load import load_robot
+from condyn_pin.io.load import load_robot
 from condyn_pin.scene import Scene
 
 # The robots that families of any scene are put on: a planar loop, two spatial ones, legs.

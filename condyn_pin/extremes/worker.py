@@ -35,7 +35,7 @@ class Memory:
         if not robot:
             return None
         if robot not in self.scenes:
-            from condyn_pin.load import load_robot
+            from condyn_pin.io.load import load_robot
 
             found = load_robot(robot)
             self.scenes[robot] = Scene(found, [*found.loops, *found.contacts])

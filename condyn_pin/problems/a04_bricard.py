@@ -12,7 +12,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.load import load_robot
+from condyn_pin.io.load import load_robot
 from condyn_pin.problems.base import Limit, Problem, Published, Setting
 from condyn_pin.scene import Scene
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince

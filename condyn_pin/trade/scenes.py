@@ -13,7 +13,7 @@ from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.catalogue import standard_scenes
 from condyn_pin.constraints.constraints import Constraint, Loop
 from condyn_pin.constraints.contacts import LineContact, SurfaceContact
-from condyn_pin.load import load_robot
+from condyn_pin.io.load import load_robot
 from condyn_pin.model.robot import Robot
 from condyn_pin.scene import Scene
 

@@ -27,9 +27,9 @@ from functools import partial
 from pathlib import Path
 
 from condyn_pin._core.errors import InvalidArgument, InvalidModel, unknown_name
-from condyn_pin.cards.folders import example_robot_data, robots_folder
-from condyn_pin.cards.reading import read_alone, read_card
-from condyn_pin.cards.variants import check_variant
+from condyn_pin.io.manifest.folders import example_robot_data, robots_folder
+from condyn_pin.io.manifest.reading import read_alone, read_card
+from condyn_pin.io.manifest.variants import check_variant
 from condyn_pin.io.urdf import check_root_joint
 from condyn_pin.model.mechanisms import MECHANISMS
 from condyn_pin.model.robot import Robot

@@ -12,7 +12,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.errors import InvalidModel, UnknownName, unknown_name
-from condyn_pin.cards.srdf import read_srdf
+from condyn_pin.io.manifest.srdf import read_srdf
 
 
 def posture(model: Any, values: Mapping[str, Any], where: str) -> Array:

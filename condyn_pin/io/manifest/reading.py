@@ -14,13 +14,13 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.errors import CondynError, InvalidModel
 from condyn_pin._core.files.text import parse_toml, read_text
 from condyn_pin._core.names import few
-from condyn_pin.cards.entries import FOR_SDF, check_card, contacts_of, loops_of, said
-from condyn_pin.cards.folders import description_file
-from condyn_pin.cards.postures import posture, srdf_postures
-from condyn_pin.cards.variants import chosen_card
 from condyn_pin.constraints.constraints import Constraint, Coupling, Loop
 from condyn_pin.constraints.rows.binding import bind
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.io.manifest.entries import FOR_SDF, check_card, contacts_of, loops_of, said
+from condyn_pin.io.manifest.folders import description_file
+from condyn_pin.io.manifest.postures import posture, srdf_postures
+from condyn_pin.io.manifest.variants import chosen_card
 from condyn_pin.io.mjcf import read_mjcf
 from condyn_pin.io.sdf import read_sdf
 from condyn_pin.io.urdf import check_root_joint, read_urdf
