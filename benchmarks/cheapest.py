@@ -24,7 +24,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import condyn_pin as cp
 from condyn_pin._core.parallel.chunks import map_chunks
 from condyn_pin._core.table_text import write_csv
-from condyn_pin.catalogue import standard_scenes
+from condyn_pin.dynamics.catalogue import standard_scenes
 from condyn_pin.trade.exports import short
 from condyn_pin.trade.fresh import FreshErrors
 from condyn_pin.trade.measures import MEASURES

@@ -15,8 +15,8 @@ import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA, pin
 from condyn_pin._core.machine import machine
 from condyn_pin._core.timing import interleaved
-from condyn_pin.catalogue import motor_torque
-from condyn_pin.differentiation.kkt import KktDerivatives
+from condyn_pin.dynamics.catalogue import motor_torque
+from condyn_pin.dynamics.derivatives.kkt import KktDerivatives
 
 
 def main() -> None:

@@ -25,19 +25,19 @@ from condyn_pin._core.machine import machine
 from condyn_pin._core.timing import Call, State, Times, interleaved
 from condyn_pin.bench_table import BenchRow, BenchTable
 from condyn_pin.by_hand import by_hand
-from condyn_pin.catalogue import standard_scenes
-from condyn_pin.choice import untaken
+from condyn_pin.dynamics.catalogue import standard_scenes
+from condyn_pin.dynamics.choice import untaken
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
+from condyn_pin.dynamics.solvers.lcaba import LCABA
+from condyn_pin.dynamics.solvers.proximal import Proximal
+from condyn_pin.dynamics.solvers.reference import Reference
+from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.io.load import load_robot
-from condyn_pin.scene import Scene
-from condyn_pin.solvers.base import Solver
-from condyn_pin.solvers.dense_kkt import DenseKKT
-from condyn_pin.solvers.lcaba import LCABA
-from condyn_pin.solvers.proximal import Proximal
-from condyn_pin.solvers.reference import Reference
 from condyn_pin.timed_calls import bare, unthrown
 from condyn_pin.trade.measures.base import relative
 from condyn_pin.trade.states import SampledStates
-from condyn_pin.workspace import Workspace
 
 BY_HAND = "by hand"  # in place of a status
 

@@ -12,7 +12,7 @@ from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.plot_style import COLOURS, write_figure
 from condyn_pin._core.plots import axes, panels
 from condyn_pin._core.tolerances import SOLVED
-from condyn_pin.solvers import SOLVERS
+from condyn_pin.dynamics.solvers import SOLVERS
 from condyn_pin.trade.front import ANSWERED, answered, comparable, front, microseconds
 from condyn_pin.trade.row import Row
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from condyn_pin.choice import kinds_of
-from condyn_pin.solvers import SOLVERS, Solver
-from condyn_pin.solvers.base import knob_fields
+from condyn_pin.dynamics.choice import kinds_of
+from condyn_pin.dynamics.solvers import SOLVERS, Solver
+from condyn_pin.dynamics.solvers.base import knob_fields
 
 
 @dataclass(frozen=True)

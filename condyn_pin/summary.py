@@ -15,7 +15,7 @@ from condyn_pin.states.freedom import base_freedom
 from condyn_pin.states.rank import Rank
 
 if TYPE_CHECKING:
-    from condyn_pin.scene import Scene
+    from condyn_pin.dynamics.scene import Scene
 
 _ROWS_SHOWN = 12
 _ILL_CONDITIONED = 1e12

@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.names import listed
-from condyn_pin.at_state import at_state
-from condyn_pin.impacts import Impact, Restitution, impact
-from condyn_pin.scene import Scene, check_scene
+from condyn_pin.dynamics.at_state import at_state
+from condyn_pin.dynamics.impacts import Impact, Restitution, impact
+from condyn_pin.dynamics.scene import Scene, check_scene
 
 
 @dataclass(frozen=True, eq=False, repr=False)

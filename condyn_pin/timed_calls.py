@@ -7,9 +7,9 @@ from functools import partial
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
 from condyn_pin._core.timing import Call
-from condyn_pin.solvers.lcaba import LCABA
-from condyn_pin.solvers.proximal import Proximal
-from condyn_pin.workspace import Workspace
+from condyn_pin.dynamics.solvers.lcaba import LCABA
+from condyn_pin.dynamics.solvers.proximal import Proximal
+from condyn_pin.dynamics.workspace import Workspace
 
 
 def unthrown(workspace: Workspace) -> Call:

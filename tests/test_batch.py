@@ -25,8 +25,8 @@ from condyn_pin._core.parallel import memory
 from condyn_pin._core.parallel.memory import Kind, SharedArrays
 from condyn_pin.batch import rows
 from condyn_pin.batch.recipe import Recipe
-from condyn_pin.catalogue import motor_torque
-from condyn_pin.differentiation.check import BLOCKS
+from condyn_pin.dynamics.catalogue import motor_torque
+from condyn_pin.dynamics.derivatives.check import BLOCKS
 
 LABELS = ("talos contacts", "cassie loops", "four_bar loops", "solo12 alone")
 N = 24

@@ -18,7 +18,7 @@ from condyn_pin._core.timing import Times, interleaved
 from condyn_pin.bench import BY_HAND, Effort, bench_scene
 from condyn_pin.bench_table import BenchRow, BenchTable
 from condyn_pin.by_hand import METHODS, by_hand
-from condyn_pin.catalogue import motor_torque, standard_scenes
+from condyn_pin.dynamics.catalogue import motor_torque, standard_scenes
 
 TINY = Effort(states=2, rounds=4, repeats=1)
 

@@ -15,7 +15,7 @@ from shared import all_scenes, relative, robot
 import condyn_pin as cp
 from condyn_pin._core.timing import Times
 from condyn_pin._core.tolerances import EXACT
-from condyn_pin.catalogue import motor_torque
+from condyn_pin.dynamics.catalogue import motor_torque
 from condyn_pin.smaller import climbing
 from condyn_pin.smaller.climbing import climb
 from condyn_pin.smaller.ladder_plot import draw_ladder, save_ladders

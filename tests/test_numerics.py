@@ -18,7 +18,7 @@ from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.tolerances import REFERENCE_RANK
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms
-from condyn_pin.proof import Yardstick
+from condyn_pin.dynamics.proof import Yardstick
 
 numbers = st.floats(-1e100, 1e100).filter(lambda x: x == 0 or abs(x) > 1e-100)
 vectors = arrays(float, 5, elements=numbers)

@@ -24,7 +24,7 @@ import numpy as np
 import condyn_pin as cp
 from condyn_pin._core import blas_threads
 from condyn_pin._core.blas_threads import loaded, one_blas_thread
-from condyn_pin.differentiation import METHODS
+from condyn_pin.dynamics.derivatives import METHODS
 
 def threads():
     return [library.get_num_threads() for library in libraries]

@@ -12,7 +12,7 @@ from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from condyn_pin.solution import Solution
+    from condyn_pin.dynamics.solution import Solution
     from condyn_pin.states.assembly_report import Assembly
     from condyn_pin.trade.row import Row
 

@@ -18,10 +18,10 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import UnsupportedConstraint
-from condyn_pin.choice import untaken
-from condyn_pin.scene import Scene
-from condyn_pin.solvers.base import Solver
-from condyn_pin.workspace import Workspace
+from condyn_pin.dynamics.choice import untaken
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.workspace import Workspace
 
 State = tuple[Array, Array, Array]
 Call = Callable[[Array, Array, Array], object]

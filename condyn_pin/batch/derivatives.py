@@ -9,9 +9,9 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin.batch.solution import BatchSolution, Some
-from condyn_pin.differentiation.base import Derivatives
-from condyn_pin.differentiation.check import BLOCKS
-from condyn_pin.solution import Solution
+from condyn_pin.dynamics.derivatives.base import Derivatives
+from condyn_pin.dynamics.derivatives.check import BLOCKS
+from condyn_pin.dynamics.solution import Solution
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -14,13 +14,13 @@ from condyn_pin.batch.rows import MISSING
 from condyn_pin.batch.states import loose
 from condyn_pin.batch.trajectory import RUN_STATUSES, BatchTrajectory, Samples
 from condyn_pin.drift import Drift
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers import Solver
 from condyn_pin.model.robot import Robot
-from condyn_pin.scene import Scene
 from condyn_pin.simulation.archive import MOTIONS, Content, Header, Path_, check_times, read, write
 from condyn_pin.simulation.coding import decode, encode
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.outcome import RunStatus
-from condyn_pin.solvers import Solver
 
 _PLAIN = ("duration", "dt", "steps", "seconds")
 _NAMES = (*ENDS, *(f"samples_{name}" for name in SAMPLED))

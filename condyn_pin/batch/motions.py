@@ -20,8 +20,10 @@ from condyn_pin._core.parallel.ways import Words
 from condyn_pin.batch.forces import RowForces
 from condyn_pin.batch.trajectory import RUN_STATUSES
 from condyn_pin.constraints.drift import Drift
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.model.applied_force import AppliedForce
-from condyn_pin.scene import Scene
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.leg import Leg
 from condyn_pin.simulation.outcome import RunStatus
@@ -31,8 +33,6 @@ from condyn_pin.simulation.slopes import TorqueJacobian
 from condyn_pin.simulation.torques import Torque
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.simulation.uninterrupted import uninterrupted
-from condyn_pin.solvers.base import Solver
-from condyn_pin.workspace import Workspace
 
 _CODES: Final = {status: code for code, status in enumerate(RUN_STATUSES)}
 ENDS: Final = ("t", "q", "v", "violation", "slip", "energy_error", "run_times", "statuses")

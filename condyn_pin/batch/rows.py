@@ -22,9 +22,9 @@ from condyn_pin._core.parallel.processes import Processes, workers_of
 from condyn_pin._core.parallel.ways import ByCopies, ByMemory, InPlace, Kernel, Way
 from condyn_pin.batch.recipe import Recipe
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.scene import Scene
-from condyn_pin.solvers.base import Solver
-from condyn_pin.verbs import workspace_for
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.verbs import workspace_for
 
 Batch = TypeVar("Batch")
 

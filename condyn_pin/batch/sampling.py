@@ -17,7 +17,7 @@ from condyn_pin.batch.recipe import Recipe
 from condyn_pin.states.sampling import check_generator, sample
 
 if TYPE_CHECKING:
-    from condyn_pin.scene import Scene
+    from condyn_pin.dynamics.scene import Scene
 
 # States that a worker is handed at a time: they take it longer than the way there and back.
 _CHUNK: Final = 64

@@ -20,14 +20,14 @@ from condyn_pin.batch.states import check_states
 from condyn_pin.batch.trajectory import BatchTrajectory, Samples
 from condyn_pin.batch.verbs import check_chunk
 from condyn_pin.constraints.drift import Drift
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.model.applied_force import AppliedForce
-from condyn_pin.scene import Scene
 from condyn_pin.simulation.defaults import default_solver
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.plan import Plan, plan
 from condyn_pin.simulation.slopes import TorqueJacobian
 from condyn_pin.simulation.torques import Torque
-from condyn_pin.solvers.base import Solver
 
 # Samples that are looked at where none is to be kept, at most, and how many steps are between two
 # of them, at least: gaps and energies change slowly, and a look costs half a step.

@@ -14,10 +14,10 @@ from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.errors import WorkersLost
 from condyn_pin._core.parallel.outcome import Outcome
 from condyn_pin.batch.rows import MISSING
+from condyn_pin.dynamics.proof import Proof
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solution import Solution, Status
 from condyn_pin.model.applied_force import AppliedForce
-from condyn_pin.proof import Proof
-from condyn_pin.scene import Scene
-from condyn_pin.solution import Solution, Status
 
 # A status as a number is its place here.
 STATUSES: Final = tuple(Status)

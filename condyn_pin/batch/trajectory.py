@@ -18,13 +18,13 @@ from condyn_pin._core.parallel.outcome import Outcome
 from condyn_pin.batch.rows import MISSING
 from condyn_pin.batch.solution import Some
 from condyn_pin.constraints.drift import Drift
-from condyn_pin.scene import Scene
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.simulation.anchoring import anchored
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.recorder import Phase
 from condyn_pin.simulation.trajectory import Trajectory
-from condyn_pin.solvers.base import Solver
 
 # A status as a number is its place here.
 RUN_STATUSES: Final = tuple(RunStatus)

@@ -24,13 +24,13 @@ from condyn_pin.batch.rows import Rows
 from condyn_pin.batch.solution import STATUSES, BatchSolution
 from condyn_pin.batch.states import check_states
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.differentiation import METHODS
-from condyn_pin.differentiation.check import BLOCKS
+from condyn_pin.dynamics.derivatives import METHODS
+from condyn_pin.dynamics.derivatives.check import BLOCKS
+from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.solution import Solution
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.model.applied_force import AppliedForce
-from condyn_pin.scene import Scene, check_scene
-from condyn_pin.solution import Solution
-from condyn_pin.solvers.base import Solver
-from condyn_pin.workspace import Workspace
 
 _CODES: Final = {status: code for code, status in enumerate(STATUSES)}
 

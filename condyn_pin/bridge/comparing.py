@@ -27,9 +27,9 @@ from condyn_pin.bridge.causes import causes
 from condyn_pin.bridge.cross_check import CrossCheck, TermCheck
 from condyn_pin.bridge.mujoco_terms import LoopRows, MujocoTerms, equalities_of
 from condyn_pin.constraints.rows.terms import Terms
-from condyn_pin.scene import Scene
-from condyn_pin.states.gaps import Gap, gaps
-from condyn_pin.workspace import Workspace
+from condyn_pin.dynamics.gaps import Gap, gaps
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.workspace import Workspace
 
 if TYPE_CHECKING:
     from condyn_pin.bridge.mujoco_bridge import MujocoBridge

@@ -17,7 +17,7 @@ def complete_robots(incomplete: str) -> list[str]:
 
 
 def _solvers(incomplete: str) -> list[str]:
-    from condyn_pin.solvers import SOLVERS
+    from condyn_pin.dynamics.solvers import SOLVERS
 
     return _last_of_list(SOLVERS, incomplete)
 

@@ -44,7 +44,7 @@ def compare(
     from condyn_pin._core.joints import indices
     from condyn_pin.bridge.mujoco_bridge import MujocoBridge
     from condyn_pin.commands.words import names_in, pairs_in, robot_of
-    from condyn_pin.scene import Scene
+    from condyn_pin.dynamics.scene import Scene
 
     chosen = robot_of(robot, variant)
     names = pairs_in("--name", name, "OURS=THEIRS is needed, such as root_joint=floating_base")

@@ -19,7 +19,7 @@ from condyn_pin.commands.output import (
 )
 
 if TYPE_CHECKING:
-    from condyn_pin.scene import Scene
+    from condyn_pin.dynamics.scene import Scene
     from condyn_pin.summary import Summary
 
 PANEL = "Look"

@@ -19,7 +19,7 @@ from condyn_pin.commands.arguments import (
 from condyn_pin.commands.output import print_json, say, warn
 
 if TYPE_CHECKING:
-    from condyn_pin.solution import Solution
+    from condyn_pin.dynamics.solution import Solution
 
 PANEL = "Solve"
 
@@ -38,7 +38,7 @@ def solve(
 ) -> None:
     """Solve a posture at rest, with zero torque; exits with 1 if the status is not ok."""
     from condyn_pin.commands.words import scene_of, solver_of
-    from condyn_pin.verbs import solve as solve_scene
+    from condyn_pin.dynamics.verbs import solve as solve_scene
 
     scene = scene_of(robot, contacts, loops, variant)
     q, v = scene.state(posture)

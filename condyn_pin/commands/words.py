@@ -11,12 +11,12 @@ from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.constraints import Constraint
 from condyn_pin.constraints.contacts import CONTACTS
 from condyn_pin.drift import DRIFTS, Drift
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers import SOLVERS, Solver
+from condyn_pin.dynamics.solvers.base import knob_fields
 from condyn_pin.io.load import load_robot
 from condyn_pin.model.robot import Robot
-from condyn_pin.scene import Scene
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
-from condyn_pin.solvers import SOLVERS, Solver
-from condyn_pin.solvers.base import knob_fields
 from condyn_pin.trade.sweeps import sweep
 
 _GAIN = 30.0  # [1/s] of Baumgarte's method, if none is given

@@ -27,7 +27,7 @@ from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.cones.margin import FAULTS, ConeRows, Margin
 from condyn_pin.constraints.constraint_fields import Vector3, check_size, direction
 from condyn_pin.constraints.constraints import WORLD, Constraint
-from condyn_pin.force import ConstraintForce, presses, upward
+from condyn_pin.dynamics.force import ConstraintForce, presses, upward
 
 Pyramid = Literal["inner", "outer"]
 Row = tuple[str, tuple[float, ...]]  # its name and its entries of A

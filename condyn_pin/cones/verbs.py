@@ -17,17 +17,17 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument, unknown_name
 from condyn_pin.cones.base import Cone, turned
 from condyn_pin.cones.margin import FAULTS, ConeRows, Margin
-from condyn_pin.force import presses, upward
-from condyn_pin.rows.kept import equations_of
-from condyn_pin.scene import Scene, check_scene
+from condyn_pin.dynamics.force import presses, upward
+from condyn_pin.dynamics.kept import equations_of
+from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from condyn_pin.batch.solution import BatchSolution
     from condyn_pin.batch.trajectory import BatchTrajectory
-    from condyn_pin.impacts import Impact
+    from condyn_pin.dynamics.impacts import Impact
+    from condyn_pin.dynamics.solution import Solution
     from condyn_pin.motors.inverse import InverseDynamics
-    from condyn_pin.solution import Solution
 
 Answer: TypeAlias = (
     "Solution | BatchSolution | Trajectory | BatchTrajectory | InverseDynamics | Impact"

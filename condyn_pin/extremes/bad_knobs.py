@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, Motion, ajar, extreme, moving
 from condyn_pin.model.mechanisms.four_bar import four_bar
-from condyn_pin.scene import Scene
 
 _SIZES = (
     0.0, 5e-324, 1e-310, 1e-155, 1e16, 1e30, 1e77, 1e100, 1e155, 1e300, math.inf, math.nan,

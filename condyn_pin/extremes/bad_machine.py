@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme
 from condyn_pin.extremes.parallelogram import cranks_as_one
 from condyn_pin.model.mechanisms.n_four_bar import n_four_bar
 from condyn_pin.model.robot import Robot
-from condyn_pin.scene import Scene
 
 _SIZES = (
     *(1.0, 1e-6, 1e-12, 1e-15, 1e-16, 1e-17, 1e-30, 1e-77, 1e-155, 1e-310, 5e-324, 0.0),

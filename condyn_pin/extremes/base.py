@@ -26,9 +26,9 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.registry import enter
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.scene import Scene
-from condyn_pin.solvers.reference import Reference
-from condyn_pin.workspace import Workspace
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.reference import Reference
+from condyn_pin.dynamics.workspace import Workspace
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.integrators.base import Integrator

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme, whole
 from condyn_pin.extremes.planar_chain import accelerations
 from condyn_pin.model.mechanisms.chain import chain
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(5, 10, 20, 50, 100, 200), heavy=(400,))

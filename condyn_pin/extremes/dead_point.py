@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme, powers
 from condyn_pin.model.mechanisms.four_bar import four_bar
-from condyn_pin.scene import Scene
 
 _GROUND, _CRANK, _COUPLER, _ROCKER = 0.7, 0.6, 0.3, 0.6
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme, moving, whole
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(1, 2, 3, 5, 8, 12), any_scene=True)

@@ -6,10 +6,10 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.constraints import Loop
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme, powers
 from condyn_pin.extremes.planar_chain import accelerations
 from condyn_pin.model.mechanisms.chain import chain
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(1.0, *powers(-1, -17, -1), 0.0))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme, moving, sized
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(0.0, 1.0, 1e1, 1e2, 1e3, 1e4, 1e6, 1e9), any_scene=True)

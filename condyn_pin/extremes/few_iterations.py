@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme, moving, whole
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(1e4, 1e3, 1e2, 20.0, 10.0, 5.0, 3.0, 2.0, 1.0, 0.0), any_scene=True)

@@ -8,10 +8,10 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.constraints import Loop
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme, powers
 from condyn_pin.io.load import load_robot
 from condyn_pin.model.robot import Robot
-from condyn_pin.scene import Scene
 
 # [m]: from the middle to an arm's axis less the radius of the platform, an arm, a rod
 _BASE, _ARM, _ROD = 0.2 - 0.06, 0.25, 0.5

@@ -7,10 +7,10 @@ from math import nan
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.extremes.base import Case, Flight
 from condyn_pin.extremes.verdict import Verdict
 from condyn_pin.simulation.run import simulate
-from condyn_pin.solvers.base import Solver
 
 
 def judge_flight(case: Case, flight: Flight, solver: Solver) -> tuple[Verdict, float, str]:

@@ -8,9 +8,9 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints.contacts import PointContact
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme, powers
 from condyn_pin.model.robot import Robot
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(1.0, *powers(-1, -10, -1), 0.0))

@@ -9,9 +9,9 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.contacts import SurfaceContact
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme, powers, torques
 from condyn_pin.io.load import load_robot
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(1.0, *powers(-1, -16, -1), 0.0))

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from condyn_pin.constraints.constraints import Loop
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme, whole
 from condyn_pin.model.mechanisms.chain import chain
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(3, 5, 10, 20, 50, 100))

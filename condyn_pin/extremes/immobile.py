@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from condyn_pin.constraints.constraints import Coupling
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme
 from condyn_pin.model.mechanisms.four_bar import four_bar
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(0.0, 1.0, 1e3, 1e6, 1e9, 1e12))

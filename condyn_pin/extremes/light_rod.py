@@ -6,10 +6,10 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints.constraints import Loop
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme
 from condyn_pin.model.mechanisms.base import along_x
 from condyn_pin.model.robot import Robot
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-9, 1e-12, 1e-15, 0.0))

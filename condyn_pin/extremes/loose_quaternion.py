@@ -6,8 +6,8 @@ import numpy as np
 
 from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.errors import InvalidArgument
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, by_reference, extreme, moving, powers
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(*powers(-16, -7), 9e-7, *powers(-6, -1), -1.0), any_scene=True)

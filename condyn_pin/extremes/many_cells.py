@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme, whole
 from condyn_pin.extremes.parallelogram import cranks_as_one
 from condyn_pin.model.mechanisms.n_four_bar import n_four_bar
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(2, 3, 5, 8, 12, 20, 30, 40))

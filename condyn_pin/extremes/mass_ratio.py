@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme, moving, with_inertias
 from condyn_pin.model.mechanisms.base import rod
 from condyn_pin.model.mechanisms.four_bar import four_bar
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(1.0, 1e1, 1e2, 1e3, 1e4, 1e6, 1e9, 1e12, 1e-2, 1e-4, 1e-6, 1e-9, 1e-12))

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme, moving, with_inertias
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(1.0, 1e-3, 1e-6, 1e-9, 1e-12, 0.0), any_scene=True)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from condyn_pin._core.arrays import Array
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme, with_inertias
 from condyn_pin.model.mechanisms.base import rod
 from condyn_pin.model.mechanisms.four_bar import four_bar
 from condyn_pin.model.robot import Robot
-from condyn_pin.scene import Scene
 
 _CRANK, _COUPLER, _ROCKER, _DENSITY, _GRAVITY = 0.3, 0.8, 0.6, 2.5, 9.81
 

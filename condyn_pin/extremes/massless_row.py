@@ -8,10 +8,10 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.constraints import Loop
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme, whole, with_inertias
 from condyn_pin.model.mechanisms.base import rod
 from condyn_pin.model.mechanisms.chain import chain
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(0, 1, 2, 3, 5, 10))

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme, torques, with_inertias
 from condyn_pin.extremes.planar_chain import accelerations
 from condyn_pin.model.mechanisms.base import rod
 from condyn_pin.model.mechanisms.chain import chain
 from condyn_pin.model.robot import Robot
-from condyn_pin.scene import Scene
 
 _RODS = 5
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints.contacts import LineContact, SurfaceContact
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, by_reference, extreme, moving, near, powers
 from condyn_pin.io.load import load_robot
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(1.0, *powers(-1, -16, -1), 0.0))

@@ -11,10 +11,10 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.constraints import Loop
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, by_reference, extreme, near, powers, torques, unit
 from condyn_pin.io.load import load_robot
 from condyn_pin.model.robot import Robot
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(1.0, *powers(-1, -16, -1), 0.0))

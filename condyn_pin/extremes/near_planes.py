@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from condyn_pin.constraints.contacts import PlanarContact
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme, moving, powers
 from condyn_pin.io.load import load_robot
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(1.0, *powers(-1, -16, -1), 0.0))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from condyn_pin.constraints.contacts import PointContact
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme, moving, powers
 from condyn_pin.io.load import load_robot
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(*powers(-1, -16, -1), 0.0))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme, moving, powers
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(0.0, *powers(-15, 0)), any_scene=True)

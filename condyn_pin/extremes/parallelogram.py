@@ -8,9 +8,9 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.tolerances import REFERENCE_RANK
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme, powers
 from condyn_pin.model.mechanisms.n_four_bar import n_four_bar
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(1.0, *powers(-1, -12, -1), 0.0))

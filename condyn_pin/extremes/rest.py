@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, by_reference, extreme, powers
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(1.0, *powers(-1, -6, -1), 1e-8, 1e-10, 1e-12, 0.0), any_scene=True)

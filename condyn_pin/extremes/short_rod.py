@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from condyn_pin.constraints.constraints import Loop
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme, moving
 from condyn_pin.model.mechanisms.four_bar import four_bar
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14, 1e-16, 1e-300))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from condyn_pin.catalogue import motor_torque
+from condyn_pin.dynamics.catalogue import motor_torque
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme
 from condyn_pin.io.load import load_robot
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(0.0, 1e-3, 1e-2, 5e-2, 1e-1, 2e-1, 3e-1))

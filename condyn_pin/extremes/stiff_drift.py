@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, ajar, extreme, moving, powers
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(0.0, *powers(0, 12)), any_scene=True)

@@ -8,9 +8,9 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, Flight, extreme
 from condyn_pin.model.robot import Robot
-from condyn_pin.scene import Scene
 from condyn_pin.simulation.integrators.radau import RadauIIA
 
 _DURATION, _DT = 0.05, 1e-3  # [s]

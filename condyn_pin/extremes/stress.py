@@ -13,10 +13,10 @@ import numpy as np
 from condyn_pin._core._pin import HAS_LCABA
 from condyn_pin._core.errors import Interrupted, WorkersLost, unknown_name
 from condyn_pin._core.knobs import check_called
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import EXTREMES
 from condyn_pin.extremes.verdict import Outcome, Task, Verdict
 from condyn_pin.io.load import load_robot
-from condyn_pin.scene import Scene
 
 # The robots that families of any scene are put on: a planar loop, two spatial ones, legs.
 ROBOTS = ("four_bar", "delta", "cassie", "talos")
@@ -76,7 +76,7 @@ def mixed(todo: Sequence[Task]) -> list[Task]:
 
 def methods(names: Sequence[str] = ()) -> list[str]:
     """Return the solvers of the installed Pinocchio, or those named, by their names."""
-    from condyn_pin.solvers import SOLVERS
+    from condyn_pin.dynamics.solvers import SOLVERS
 
     for name in names:
         if name not in SOLVERS:

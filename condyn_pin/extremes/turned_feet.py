@@ -6,9 +6,9 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints.contacts import SurfaceContact
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, by_reference, extreme, moving, powers, unit
 from condyn_pin.io.load import load_robot
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(1.0, *powers(-2, -16, -2), 0.0))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, Flight, extreme
 from condyn_pin.model.robot import Robot
-from condyn_pin.scene import Scene
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
 from condyn_pin.simulation.integrators.rattle import Rattle
 from condyn_pin.simulation.run import simulate

@@ -20,9 +20,9 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.constraints.constraints import Constraint, Coupling
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, by_reference, extreme, moving
 from condyn_pin.model.robot import Robot
-from condyn_pin.scene import Scene
 
 # What fields of constraints are: lengths or points; and texts, directions or choices.
 _LENGTHS = ("length", "radius", "height", "half_length", "half_width", "offset")

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from condyn_pin.constraints.constraints import Loop
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme, powers, torques
 from condyn_pin.model.mechanisms.chain import chain
-from condyn_pin.scene import Scene
 
 
 @extreme(severities=(-1.0, -1e-1, -1e-2, -1e-4, -1e-6, -1e-8, 0.0, *powers(-15, 0)))

@@ -23,11 +23,11 @@ from condyn_pin._core.errors import CondynError
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.linalg.numerical_rank import rank_of
 from condyn_pin.constraints.rows.terms import Terms
+from condyn_pin.dynamics.solution import Status
+from condyn_pin.dynamics.solvers.base import Singular, Solver
+from condyn_pin.dynamics.solvers.reference import Reference
+from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.extremes.base import Case
-from condyn_pin.solution import Status
-from condyn_pin.solvers.base import Singular, Solver
-from condyn_pin.solvers.reference import Reference
-from condyn_pin.workspace import Workspace
 
 # Shares of the largest singular value: below the first all is rounding, and below the last no
 # residual in double precision tells whether a row holds.

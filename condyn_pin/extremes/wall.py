@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, Motion, ajar, extreme
-from condyn_pin.scene import Scene
 
 _DIAL = (1e-3, 1e-2, 0.1, 0.5, 0.8, 0.82, 0.828, 0.829, 0.84, 1.0, 2.0, 10.0, 1e3, 1e6)
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme, moving
-from condyn_pin.scene import Scene
 
 
 @extreme(

@@ -7,12 +7,12 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints.constraints import Loop
 from condyn_pin.constraints.contacts import SurfaceContact
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes.base import Case, extreme, torques, with_inertias
 from condyn_pin.extremes.planar_chain import accelerations
 from condyn_pin.model.mechanisms.base import rod
 from condyn_pin.model.mechanisms.chain import chain
 from condyn_pin.model.robot import Robot
-from condyn_pin.scene import Scene
 
 _RODS, _HELD = 8, 3
 

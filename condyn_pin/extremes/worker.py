@@ -12,12 +12,12 @@ from itertools import chain
 from multiprocessing.connection import Connection
 
 from condyn_pin._core.errors import CondynError
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.extremes import EXTREMES
 from condyn_pin.extremes.base import Case
 from condyn_pin.extremes.flight_verdict import judge_flight
 from condyn_pin.extremes.run_verdict import judge_run
 from condyn_pin.extremes.verdict import Outcome, Task, Verdict, judge, right_answers, turned
-from condyn_pin.scene import Scene
 
 # Pinocchio's Data has 4 nv^3 numbers. Workspaces are in cycles, and from so many degrees of freedom
 # on they are not left to the collector, which counts objects.
@@ -67,7 +67,7 @@ def work(pipe: Connection, scenes: dict[str, Scene], imports: Sequence[str]) -> 
 
 def answers(task: Task, methods: list[str], memory: Memory) -> Iterator[str | Outcome]:
     """Yield the name of each method of a task, and then its outcome."""
-    from condyn_pin.solvers import SOLVERS
+    from condyn_pin.dynamics.solvers import SOLVERS
 
     yield "making the case"
     case, said = make(task, memory)

@@ -25,6 +25,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidModel, unknown_name
 from condyn_pin._core.names import few
 from condyn_pin.constraints.constraints import WORLD, Coupling, Loop
+from condyn_pin.dynamics.gaps import Gap
 from condyn_pin.io.mjcf_posture import DRAWN, hidden, postures
 from condyn_pin.io.mjcf_types import (
     COORDINATES,
@@ -38,7 +39,6 @@ from condyn_pin.io.mjcf_types import (
 )
 from condyn_pin.io.tree import NO_LIMIT, one_coordinate, orthonormal
 from condyn_pin.model.spring import Spring
-from condyn_pin.states.gaps import Gap
 
 
 def build(said: Description) -> MjcfRobot:

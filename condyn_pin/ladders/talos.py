@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from condyn_pin.constraints.contacts import SurfaceContact
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot
-from condyn_pin.scene import Scene
 from condyn_pin.smaller.climbing import Ladder, Rung
 
 

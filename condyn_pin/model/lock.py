@@ -14,9 +14,9 @@ from condyn_pin._core.names import checked
 from condyn_pin.constraints.constraints import Coupling
 from condyn_pin.constraints.rows.binding import bind
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.dynamics.gaps import gap_of
 from condyn_pin.model.robot import Robot
 from condyn_pin.smaller.smaller_robot import smaller_robot
-from condyn_pin.states.gaps import gap_of
 
 
 def lock_joints(robot: Robot, names: Sequence[str]) -> Robot:

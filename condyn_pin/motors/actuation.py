@@ -20,8 +20,8 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.errors import InvalidArgument, unknown_name
 from condyn_pin._core.joints import indices
 from condyn_pin._core.names import checked
+from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.model.robot import Robot
-from condyn_pin.scene import Scene, check_scene
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ import numpy as np
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot
 from condyn_pin.problems.base import Limit, Problem, Published, Setting, Torque
-from condyn_pin.scene import Scene
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
 
 _STIFFNESS: Final = 4530.0  # [N/m]

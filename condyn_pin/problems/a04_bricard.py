@@ -12,9 +12,9 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot
 from condyn_pin.problems.base import Limit, Problem, Published, Setting
-from condyn_pin.scene import Scene
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
 
 _GRAVITY: Final = 9.81  # [m/s^2]

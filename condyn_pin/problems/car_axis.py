@@ -14,9 +14,9 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.constraints import Loop
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.model.robot import Robot
 from condyn_pin.problems.base import Limit, Problem, Setting, Torque
-from condyn_pin.scene import Scene
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
 
 _MASS: Final = 5e-4  # of each end of the axle [kg]: M eps^2 / 2 with M = 10 and eps = 0.01

@@ -13,9 +13,9 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.constraints import Loop
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.model.robot import Robot
 from condyn_pin.problems.base import Limit, Problem, Setting
-from condyn_pin.scene import Scene
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
 
 _MASS: Final = 15.0  # [kg]

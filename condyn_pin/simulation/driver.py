@@ -7,7 +7,7 @@ from math import inf
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.constraints import Constraint
-from condyn_pin.scene import Scene
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.simulation.anchoring import anchored
 from condyn_pin.simulation.events import Ended, Event, Happened, Moment, PiledUp
 from condyn_pin.simulation.fit import check_fit, check_slip

@@ -6,8 +6,8 @@ from dataclasses import dataclass, fields, replace
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.errors import InvalidArgument
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.model.robot import Robot
-from condyn_pin.scene import Scene
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,7 +18,7 @@ import numpy as np
 from condyn_pin._core import _pin, tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.minimum_norm import factorise
-from condyn_pin.solvers.proximal import Proximal
+from condyn_pin.dynamics.solvers.proximal import Proximal
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.system import System

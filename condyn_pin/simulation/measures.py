@@ -22,7 +22,7 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.many import MANY, ManyGaps
 
 if TYPE_CHECKING:
-    from condyn_pin.scene import Scene
+    from condyn_pin.dynamics.scene import Scene
 
 # Samples for which a matrix of them all is small.
 _FEW = 64

@@ -18,15 +18,15 @@ from condyn_pin._core.errors import unknown_name
 from condyn_pin._core.joints import indices
 from condyn_pin._core.machine import machine
 from condyn_pin._core.timing import State, Times, time_trials, trial
-from condyn_pin.scene import Scene
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
+from condyn_pin.dynamics.solvers.lcaba import LCABA
+from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.smaller.ladder_table import LadderRow, LadderTable
 from condyn_pin.smaller.price import answers, compare
 from condyn_pin.smaller.same_motion import same_motion, standing_torque
 from condyn_pin.smaller.smaller_robot import free_flyers
-from condyn_pin.solvers.base import Solver
-from condyn_pin.solvers.dense_kkt import DenseKKT
-from condyn_pin.solvers.lcaba import LCABA
-from condyn_pin.solvers.proximal import Proximal
 
 # Torque of each motor beside what standing takes, as a share of the weight at one metre.
 _PUSH = 0.02

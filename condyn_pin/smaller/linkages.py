@@ -28,8 +28,8 @@ from condyn_pin._core.joints import indices
 from condyn_pin._core.names import checked, listed
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.frames import rows_of
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.model.robot import Robot
-from condyn_pin.scene import Scene
 from condyn_pin.smaller.reduced_scene import ReducedScene, reduced
 from condyn_pin.smaller.smaller_robot import free_flyers, sifted, smaller_robot
 

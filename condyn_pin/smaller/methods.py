@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Literal, cast
 from numpy.typing import ArrayLike
 
 if TYPE_CHECKING:
-    from condyn_pin.scene import Scene
+    from condyn_pin.dynamics.scene import Scene
+    from condyn_pin.dynamics.solvers.base import Solver
     from condyn_pin.smaller.minimal_report import Minimal
     from condyn_pin.smaller.reduced_scene import ReducedScene
-    from condyn_pin.solvers.base import Solver
 
 
 class Smaller:

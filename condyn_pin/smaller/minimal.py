@@ -25,17 +25,17 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.errors import CondynError, InvalidArgument, NotAssembled
 from condyn_pin._core.joints import indices
 from condyn_pin._core.timing import State, time_trials, trial
-from condyn_pin.catalogue import motor_torque
-from condyn_pin.choice import default_solver
+from condyn_pin.dynamics.catalogue import motor_torque
+from condyn_pin.dynamics.choice import default_solver
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.model.robot import Robot
-from condyn_pin.scene import Scene
 from condyn_pin.smaller.minimal_report import Minimal, Step
 from condyn_pin.smaller.price import Errors, answers, compare, watched_joints
 from condyn_pin.smaller.reduced_scene import ReducedScene, reduced
 from condyn_pin.smaller.smaller_robot import free_flyers
 from condyn_pin.smaller.suggestions import Suggestion, suggestions
-from condyn_pin.solvers.base import Solver
-from condyn_pin.workspace import Workspace
 
 _SAMPLES = 10  # states that simplifications are chosen by
 _FRESH = 50  # states that the result is judged by

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.smaller.price import Errors
 from condyn_pin.smaller.reduced_scene import ReducedScene
-from condyn_pin.solvers.base import Solver
 
 
 @dataclass(frozen=True)

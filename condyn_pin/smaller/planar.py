@@ -20,7 +20,7 @@ from condyn_pin._core.names import checked
 from condyn_pin.constraints.constraints import Loop
 from condyn_pin.constraints.rows.bound import Bound
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.scene import Scene
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.smaller.reduced_scene import ReducedScene, reduced
 
 

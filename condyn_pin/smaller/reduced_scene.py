@@ -23,8 +23,8 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.joints import Indices, indices
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.model.robot import Robot
-from condyn_pin.scene import Scene
 from condyn_pin.smaller.smaller_robot import sides
 from condyn_pin.summary import Summary
 

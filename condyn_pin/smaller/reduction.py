@@ -17,7 +17,7 @@ from condyn_pin._core.errors import InvalidArgument, NotAssembled
 from condyn_pin._core.joints import indices
 from condyn_pin._core.names import checked, listed
 from condyn_pin.constraints.constraints import Coupling
-from condyn_pin.scene import Scene
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.smaller.reduced_scene import ReducedScene, reduced
 from condyn_pin.smaller.smaller_robot import free_flyers, sifted, smaller_robot
 

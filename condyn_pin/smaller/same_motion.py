@@ -24,10 +24,10 @@ from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.timing import State
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.model.spring import Spring
-from condyn_pin.scene import Scene
 from condyn_pin.smaller.smaller_robot import free_flyers
-from condyn_pin.solvers.reference import Reference
 
 _ROUNDS = 30  # of the load on the springs; it settles by a factor of ten and more in each
 _SETTLED = 1e-12  # [rad]

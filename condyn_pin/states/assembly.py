@@ -21,14 +21,14 @@ from condyn_pin._core.joints import Indices, indices
 from condyn_pin._core.linalg.numerical_rank import rank_of
 from condyn_pin._core.names import checked
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.dynamics.gaps import gaps
 from condyn_pin.states.assembly_report import Assembly, AssemblyStatus
 from condyn_pin.states.closing import Closer, Closing
-from condyn_pin.states.gaps import gaps
 from condyn_pin.states.limits import NO_LIMITS, Limits
 
 if TYPE_CHECKING:
+    from condyn_pin.dynamics.scene import Scene
     from condyn_pin.model.robot import Robot
-    from condyn_pin.scene import Scene
     from condyn_pin.states.chains import Chains
 
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import BranchChanged, NotAssembled
-from condyn_pin.states.gaps import Gap, beyond_text, closed, worst
+from condyn_pin.dynamics.gaps import Gap, beyond_text, closed, worst
 
 if TYPE_CHECKING:
-    from condyn_pin.scene import Scene
+    from condyn_pin.dynamics.scene import Scene
 
 
 class AssemblyStatus(Enum):

@@ -38,7 +38,7 @@ from condyn_pin.states.clusters import Cluster, clusters, isolated
 from condyn_pin.states.limits import NO_LIMITS, Limits
 
 if TYPE_CHECKING:
-    from condyn_pin.scene import Scene
+    from condyn_pin.dynamics.scene import Scene
 
 _NEARBY = 0.1  # where to look for a configuration that is not singular by accident [rad, m]
 _LOOKS = 2

@@ -13,11 +13,11 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import finite
 from condyn_pin._core.errors import NotAssembled
-from condyn_pin.rows.kept import equations_of
-from condyn_pin.states.gaps import Gap, beyond_text, closed, gaps, rounding, slips
+from condyn_pin.dynamics.gaps import Gap, beyond_text, closed, gaps, rounding, slips
+from condyn_pin.dynamics.kept import equations_of
 
 if TYPE_CHECKING:
-    from condyn_pin.scene import Scene
+    from condyn_pin.dynamics.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from condyn_pin._core.joints import Indices
 from condyn_pin.constraints.rows.bound import AnyBound
 
 if TYPE_CHECKING:
-    from condyn_pin.scene import Scene
+    from condyn_pin.dynamics.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,14 +22,14 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.errors import BranchChanged, InvalidArgument, NotAssembled
+from condyn_pin.dynamics.gaps import beyond_text
 from condyn_pin.states.assembly import assemble_from, check_held
 from condyn_pin.states.assembly_report import Assembly, AssemblyStatus
 from condyn_pin.states.chains import Chains
 from condyn_pin.states.following import Follower
-from condyn_pin.states.gaps import beyond_text
 
 if TYPE_CHECKING:
-    from condyn_pin.scene import Scene
+    from condyn_pin.dynamics.scene import Scene
 
 _FARTHEST = 100.0  # that a motor is followed [rad, m]
 

@@ -33,7 +33,7 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.states.closing import Closer
 
 if TYPE_CHECKING:
-    from condyn_pin.scene import Scene
+    from condyn_pin.dynamics.scene import Scene
 
 _LONGEST = 0.1  # stride of a motor [rad, m]
 _SHORTEST = 1e-5  # the same: a gap of CLOSED hides a dead point that is nearer [rad, m]

@@ -19,10 +19,10 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.numerical_rank import null_space, rank_of
 from condyn_pin._core.names import listed
 from condyn_pin.constraints.rows.bound import Coupled
-from condyn_pin.rows.kept import equations_of
+from condyn_pin.dynamics.kept import equations_of
 
 if TYPE_CHECKING:
-    from condyn_pin.scene import Scene
+    from condyn_pin.dynamics.scene import Scene
 
 _SMALL = 1e-6  # a component of a unit vector, or a distance [m], that counts as zero
 

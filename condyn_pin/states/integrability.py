@@ -9,7 +9,7 @@ which has to stay within the rows for every X and Y, at every configuration near
 then (Frobenius), the rows are the rates of as many functions of q. A blade fails: by turning and
 gliding it gets sideways.
 
-dA is exact, from `condyn_pin.differentiation.linearised`: with v = 0 and a = Y, J a + gamma = A Y.
+dA is exact, from `condyn_pin.dynamics.derivatives.linearised`: with v = 0 and a = Y, J a + gamma = A Y.
 [X, Y] is the bracket of the joints' own groups: for a free-flyer the cross product of its twists,
 and zero for every joint whose q is a plain vector.
 """
@@ -29,8 +29,8 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.linalg.numerical_rank import null_space
-from condyn_pin.differentiation.linearised import Linearisation
-from condyn_pin.scene import Scene, check_scene
+from condyn_pin.dynamics.derivatives.linearised import Linearisation
+from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.states.assembly import assemble
 from condyn_pin.states.check import check
 

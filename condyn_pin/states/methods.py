@@ -20,7 +20,7 @@ from condyn_pin.states.projection import Metric, project_acceleration, project_v
 from condyn_pin.states.sampling import sample
 
 if TYPE_CHECKING:
-    from condyn_pin.scene import Scene
+    from condyn_pin.dynamics.scene import Scene
 
 
 class States:

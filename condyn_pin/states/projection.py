@@ -31,12 +31,12 @@ from condyn_pin._core.errors import InvalidArgument, NotAssembled
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin._core.linalg.numerical_rank import rank_of
 from condyn_pin.constraints.rows.reach import reach
-from condyn_pin.rows.kept import equations_of
+from condyn_pin.dynamics.gaps import rounding, slips, worst
+from condyn_pin.dynamics.kept import equations_of
 from condyn_pin.states.check import Check, check
-from condyn_pin.states.gaps import rounding, slips, worst
 
 if TYPE_CHECKING:
-    from condyn_pin.scene import Scene
+    from condyn_pin.dynamics.scene import Scene
 
 Metric = Literal["mass", "euclidean"]
 

@@ -25,12 +25,12 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.reach import reach
-from condyn_pin.rows.kept import equations_of
+from condyn_pin.dynamics.gaps import Gap, closed, gaps, worst
+from condyn_pin.dynamics.kept import equations_of
 from condyn_pin.states.chains import redundant_rows
-from condyn_pin.states.gaps import Gap, closed, gaps, worst
 
 if TYPE_CHECKING:
-    from condyn_pin.scene import Scene
+    from condyn_pin.dynamics.scene import Scene
 
 _NEARLY_SINGULAR = 1e-4  # of the singular values
 _EPS = float(np.finfo(float).eps)

@@ -17,12 +17,12 @@ from condyn_pin._core.errors import CondynError
 from condyn_pin._core.machine import machine
 from condyn_pin._core.timing import State
 from condyn_pin._core.tolerances import SOLVED
-from condyn_pin.scene import Scene
-from condyn_pin.solvers.base import Solver, knob_fields
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.base import Solver, knob_fields
+from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.trade.measures.base import Answer, Measure
 from condyn_pin.trade.row import Key, Knob, Row, key
 from condyn_pin.trade.states import States
-from condyn_pin.workspace import Workspace
 
 # Statuses of a state that no solution was returned for.
 REFUSED, RAISED = "refused", "raised"

@@ -12,9 +12,9 @@ from condyn_pin._core.arrays import finite
 from condyn_pin._core.errors import CondynError, InvalidArgument, NotReached, unknown_name
 from condyn_pin._core.knobs import read_call
 from condyn_pin._core.tolerances import SOLVED
-from condyn_pin.scene import Scene
-from condyn_pin.solvers import SOLVERS
-from condyn_pin.solvers.base import Solver
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers import SOLVERS
+from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.trade.exports import short
 from condyn_pin.trade.fresh import Fresh, FreshErrors, as_fresh
 from condyn_pin.trade.front import answered, comparable, microseconds

@@ -12,10 +12,10 @@ import numpy as np
 
 from condyn_pin._core.knobs import check_count
 from condyn_pin._core.timing import Call, Times, interleaved
-from condyn_pin.solvers.base import Solver
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.trade.case import Case
 from condyn_pin.trade.row import ALONE, Row
-from condyn_pin.workspace import Workspace
 
 # Of the time that passed, what this process was given, to have owned its core.
 _OWNED = 0.95

@@ -103,8 +103,8 @@ def short(row: Row) -> str:
 
 
 def _defaults(name: str) -> dict[str, Any]:
-    from condyn_pin.solvers import SOLVERS
-    from condyn_pin.solvers.base import knob_fields
+    from condyn_pin.dynamics.solvers import SOLVERS
+    from condyn_pin.dynamics.solvers.base import knob_fields
 
     kind = SOLVERS.get(name.lower())
     return {} if kind is None else {f.name: f.default for f in knob_fields(kind)}

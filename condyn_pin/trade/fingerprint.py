@@ -10,7 +10,7 @@ import hashlib
 
 import numpy as np
 
-from condyn_pin.scene import Scene
+from condyn_pin.dynamics.scene import Scene
 
 
 def fingerprint(scene: Scene) -> str:

@@ -23,12 +23,12 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.timing import State
 from condyn_pin._core.tolerances import SOLVED
-from condyn_pin.scene import Scene
-from condyn_pin.solvers.base import Solver
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.trade.front import ANSWERED
 from condyn_pin.trade.measures import Measure
 from condyn_pin.trade.states import SampledStates, States, as_states
-from condyn_pin.workspace import Workspace
 
 _TENTH: Final = 10
 _LEAST: Final = 20  # states, for a tenth largest that is not the smallest

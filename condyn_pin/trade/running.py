@@ -14,7 +14,7 @@ from condyn_pin._core.knobs import check_called
 from condyn_pin._core.machine import machine
 from condyn_pin._core.parallel.chunks import map_chunks
 from condyn_pin.bench import Progress
-from condyn_pin.solvers.base import Solver
+from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.trade.case import Case, measure_errors, prepare
 from condyn_pin.trade.clocks import Candidate, measure_times
 from condyn_pin.trade.results import Results

@@ -10,12 +10,12 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument
-from condyn_pin.catalogue import standard_scenes
 from condyn_pin.constraints.constraints import Constraint, Loop
 from condyn_pin.constraints.contacts import LineContact, SurfaceContact
+from condyn_pin.dynamics.catalogue import standard_scenes
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot
 from condyn_pin.model.robot import Robot
-from condyn_pin.scene import Scene
 
 # From the middle of a hinge or a weld to the points that stand for it.
 _LEVER: Final = 0.1  # [m]

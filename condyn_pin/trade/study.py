@@ -11,8 +11,8 @@ from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.knobs import check_accuracy_of_a
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.bench import Progress, silent
-from condyn_pin.scene import Scene
-from condyn_pin.solvers.base import Solver
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.trade.clocks import TimingEffort
 from condyn_pin.trade.measures import Measure
 from condyn_pin.trade.measures.base import as_measure

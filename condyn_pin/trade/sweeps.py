@@ -9,11 +9,11 @@ from typing import Any, TypeVar
 
 from condyn_pin._core import _pin
 from condyn_pin._core.errors import InvalidArgument, unknown_name
-from condyn_pin.choice import untaken
-from condyn_pin.scene import Scene
-from condyn_pin.solvers import SOLVERS, Solver
-from condyn_pin.solvers.lcaba import LCABA
-from condyn_pin.solvers.reference import Reference
+from condyn_pin.dynamics.choice import untaken
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers import SOLVERS, Solver
+from condyn_pin.dynamics.solvers.lcaba import LCABA
+from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.trade.measures import Measure
 
 _Knobbed = TypeVar("_Knobbed", Solver, Measure)

@@ -10,7 +10,7 @@ from typing import Any
 from condyn_pin._core.errors import InvalidArgument, unknown_name
 from condyn_pin._core.machine import machine
 from condyn_pin._core.tolerances import SOLVED
-from condyn_pin.scene import Scene
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.trade import exports
 from condyn_pin.trade.cheapest import Choice, cheapest
 from condyn_pin.trade.comparison import Comparison, compare

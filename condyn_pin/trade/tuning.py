@@ -10,8 +10,8 @@ from condyn_pin._core.knobs import check_called
 from condyn_pin._core.machine import machine
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.bench import Progress, silent
-from condyn_pin.scene import Scene, check_scene
-from condyn_pin.solvers.base import Solver
+from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.trade import plan as plans
 from condyn_pin.trade.cheapest import Choice, check_error, made, promising, solver_of
 from condyn_pin.trade.clocks import TimingEffort

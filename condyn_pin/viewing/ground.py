@@ -10,7 +10,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.constraints import Constraint, Coupling, Loop
 from condyn_pin.constraints.contacts import LineContact, PlanarContact, SurfaceContact
 from condyn_pin.constraints.rows.bound import Bound
-from condyn_pin.scene import Scene
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.viewing import meshes
 from condyn_pin.viewing.closures import gap_part
 from condyn_pin.viewing.moment import Moment

@@ -12,7 +12,7 @@ linkage in a plane, where its bodies are always as far apart along e as they are
 
     s_ball = E s,     E = columns of 1 but for that of e.
 
-Both are exact where the loop is closed (`condyn_pin.imitation` has the others).
+Both are exact where the loop is closed (`condyn_pin.dynamics.imitation` has the others).
 
 A planar pin in space, a slider, a rod, a plane, a coupling, a blade and what rolls have no
 equivalent: three rows of a point, or six of a frame, hold more than they do. A rod is one of them:

@@ -17,6 +17,7 @@ from condyn_pin._core.names import few
 from condyn_pin.constraints.constraints import Constraint, Coupling, Loop
 from condyn_pin.constraints.rows.binding import bind
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.dynamics.gaps import gap_of
 from condyn_pin.io.manifest.entries import FOR_SDF, check_card, contacts_of, loops_of, said
 from condyn_pin.io.manifest.folders import description_file
 from condyn_pin.io.manifest.postures import posture, srdf_postures
@@ -27,7 +28,6 @@ from condyn_pin.io.urdf import check_root_joint, read_urdf
 from condyn_pin.model.lock import lock_joints
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.spring import Spring
-from condyn_pin.states.gaps import gap_of
 from condyn_pin.states.limits import Limits
 
 _UNKNOWN = "unknown"

@@ -32,10 +32,10 @@ from condyn_pin._core.errors import unknown_name
 from condyn_pin._core.knobs import Grid
 from condyn_pin._core.registry import enter
 from condyn_pin._core.timing import Call, State
-from condyn_pin.scene import Scene
-from condyn_pin.solution import Solution
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solution import Solution
+from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.trade.row import Knob
-from condyn_pin.workspace import Workspace
 
 MEASURES: dict[str, type[Measure]] = {}
 

@@ -13,14 +13,14 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument, unknown_name
 from condyn_pin._core.knobs import Grid
 from condyn_pin._core.timing import Call, State
-from condyn_pin.differentiation import METHODS
-from condyn_pin.differentiation.differences import directions
-from condyn_pin.scene import Scene
-from condyn_pin.solution import Solution
-from condyn_pin.solvers.reference import Reference
+from condyn_pin.dynamics.derivatives import METHODS
+from condyn_pin.dynamics.derivatives.differences import directions
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solution import Solution
+from condyn_pin.dynamics.solvers.reference import Reference
+from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.timed_calls import unthrown
 from condyn_pin.trade.measures.base import Answer, Measure, relative
-from condyn_pin.workspace import Workspace
 
 
 @dataclass(frozen=True)

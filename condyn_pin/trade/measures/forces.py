@@ -8,11 +8,11 @@ from typing import ClassVar
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.timing import Call, State
-from condyn_pin.scene import Scene
-from condyn_pin.solvers.reference import Reference
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.reference import Reference
+from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.timed_calls import unthrown
 from condyn_pin.trade.measures.base import Answer, Measure, relative
-from condyn_pin.workspace import Workspace
 
 
 @dataclass(frozen=True)

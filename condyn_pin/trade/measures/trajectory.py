@@ -15,10 +15,11 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.knobs import Grid, read_call
 from condyn_pin._core.timing import Call, State
-from condyn_pin.choice import default_solver
 from condyn_pin.drift import DRIFTS, Drift
 from condyn_pin.drift.no_drift import NoDrift
-from condyn_pin.scene import Scene
+from condyn_pin.dynamics.choice import default_solver
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
 from condyn_pin.simulation.run import simulate
@@ -26,7 +27,6 @@ from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.simulation.uninterrupted import uninterrupted
 from condyn_pin.trade.measures.base import Answer, Measure, relative
 from condyn_pin.trade.row import Knob
-from condyn_pin.workspace import Workspace
 
 # As far as doubles go: a thousandth of what any integrator with a fixed step reaches.
 _CONVERGED = DormandPrince(relative_tolerance=1e-13, absolute_tolerance=1e-14)
