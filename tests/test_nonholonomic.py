@@ -20,8 +20,8 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.choice import untaken
 from condyn_pin.dynamics.derivatives.check import BLOCKS
 from condyn_pin.dynamics.derivatives.linearised import Linearisation
+from condyn_pin.mechanism.integrability import _is_involutive, bracket
 from condyn_pin.model.mechanisms.base import add_rod, disc
-from condyn_pin.states.integrability import _is_involutive, bracket
 
 GRAVITY = 9.81
 CLOSE = 1e-12  # closed forms, relative to gravity; measured: 1e-15 to 1e-13

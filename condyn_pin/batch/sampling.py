@@ -14,7 +14,7 @@ from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.knobs import check_count
 from condyn_pin._core.parallel.chunks import in_flight
 from condyn_pin.batch.recipe import Recipe
-from condyn_pin.states.sampling import check_generator, sample
+from condyn_pin.mechanism.sampling import check_generator, sample
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene

@@ -20,7 +20,7 @@ from condyn_pin.commands.output import (
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
-    from condyn_pin.summary import Summary
+    from condyn_pin.mechanism.summary import Summary
 
 PANEL = "Look"
 

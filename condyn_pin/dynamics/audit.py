@@ -21,8 +21,8 @@ from condyn_pin.constraints.rows.reach import ROUNDED, reach
 from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.dynamics.proof import Yardstick
 from condyn_pin.dynamics.solvers.reference import Reference
+from condyn_pin.mechanism.chains import redundant_rows
 from condyn_pin.model.soundness import massless_motion
-from condyn_pin.states.chains import redundant_rows
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene

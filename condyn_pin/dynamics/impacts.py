@@ -29,7 +29,7 @@ from condyn_pin.dynamics.force import ConstraintForce, Sites, pulling
 from condyn_pin.dynamics.gaps import worst
 from condyn_pin.dynamics.kept import equations_of
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.states.check import check
+from condyn_pin.mechanism.check import check
 
 Restitution = float | Mapping[str, float]
 

@@ -16,12 +16,12 @@ from condyn_pin.constraints.rows.binding import bind
 from condyn_pin.constraints.rows.bound import AnyBound
 from condyn_pin.constraints.rows.natives import Natives, natives
 from condyn_pin.dynamics.audit import Audit, audit, whitened_rows
+from condyn_pin.mechanism.chains import Chains, chains
+from condyn_pin.mechanism.methods import States
+from condyn_pin.mechanism.rank import Rank, rank
+from condyn_pin.mechanism.reduction.methods import Smaller
+from condyn_pin.mechanism.summary import Summary, summarise
 from condyn_pin.model.robot import Robot
-from condyn_pin.smaller.methods import Smaller
-from condyn_pin.states.chains import Chains, chains
-from condyn_pin.states.methods import States
-from condyn_pin.states.rank import Rank, rank
-from condyn_pin.summary import Summary, summarise
 
 
 @dataclass(frozen=True)

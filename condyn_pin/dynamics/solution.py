@@ -14,9 +14,9 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument, InvalidModel
 from condyn_pin.dynamics.force import ConstraintForce, Sites, pulling
 from condyn_pin.dynamics.proof import Proof
+from condyn_pin.mechanism.rank import is_singular
 from condyn_pin.model.applied_force import AppliedForce
 from condyn_pin.model.soundness import massless_motion
-from condyn_pin.states.rank import is_singular
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene

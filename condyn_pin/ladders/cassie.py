@@ -7,9 +7,9 @@ from condyn_pin.constraints.constraints import Coupling
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot
+from condyn_pin.mechanism.reduction.reduced_scene import reduced
+from condyn_pin.mechanism.reduction.same_motion import loaded
 from condyn_pin.smaller.climbing import Ladder, Rung
-from condyn_pin.smaller.reduced_scene import reduced
-from condyn_pin.smaller.same_motion import loaded
 
 _SIDES = ("left", "right")
 

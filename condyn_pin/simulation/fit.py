@@ -9,8 +9,8 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import NotAssembled
 from condyn_pin.dynamics.gaps import gaps, slips
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.mechanism.check import Check
 from condyn_pin.simulation.measures import gauge_of
-from condyn_pin.states.check import Check
 
 
 def check_fit(scene: Scene, q: Array, v: Array, *, what: str = "") -> None:

@@ -1,7 +1,7 @@
 """Ladders: one machine, scene by scene smaller, with speed and price of each rung.
 
-The same motions are put into every rung (`condyn_pin.smaller.same_motion`), and what is watched is
-compared with the first rung (`condyn_pin.smaller.price`). A ladder is data: `condyn_pin/ladders/`
+The same motions are put into every rung (`condyn_pin.mechanism.reduction.same_motion`), and what is watched is
+compared with the first rung (`condyn_pin.mechanism.reduction.price`). A ladder is data: `condyn_pin/ladders/`
 has one file each.
 """
 
@@ -23,10 +23,10 @@ from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
 from condyn_pin.dynamics.solvers.lcaba import LCABA
 from condyn_pin.dynamics.solvers.proximal import Proximal
+from condyn_pin.mechanism.reduction.price import answers, compare
+from condyn_pin.mechanism.reduction.same_motion import same_motion, standing_torque
+from condyn_pin.mechanism.reduction.smaller_robot import free_flyers
 from condyn_pin.smaller.ladder_table import LadderRow, LadderTable
-from condyn_pin.smaller.price import answers, compare
-from condyn_pin.smaller.same_motion import same_motion, standing_torque
-from condyn_pin.smaller.smaller_robot import free_flyers
 
 # Torque of each motor beside what standing takes, as a share of the weight at one metre.
 _PUSH = 0.02

@@ -25,10 +25,10 @@ from condyn_pin.io.manifest.variants import chosen_card
 from condyn_pin.io.mjcf import read_mjcf
 from condyn_pin.io.sdf import read_sdf
 from condyn_pin.io.urdf import check_root_joint, read_urdf
+from condyn_pin.mechanism.limits import Limits
 from condyn_pin.model.lock import lock_joints
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.spring import Spring
-from condyn_pin.states.limits import Limits
 
 _UNKNOWN = "unknown"
 

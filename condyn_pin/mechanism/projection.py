@@ -33,7 +33,7 @@ from condyn_pin._core.linalg.numerical_rank import rank_of
 from condyn_pin.constraints.rows.reach import reach
 from condyn_pin.dynamics.gaps import rounding, slips, worst
 from condyn_pin.dynamics.kept import equations_of
-from condyn_pin.states.check import Check, check
+from condyn_pin.mechanism.check import Check, check
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene

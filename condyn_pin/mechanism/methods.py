@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument, unknown_name
-from condyn_pin.states.assembly import assemble, assemble_posture
-from condyn_pin.states.assembly_report import Assembly
-from condyn_pin.states.check import Check, check
-from condyn_pin.states.completion import CompleteState, complete_state
-from condyn_pin.states.projection import Metric, project_acceleration, project_velocity
-from condyn_pin.states.sampling import sample
+from condyn_pin.mechanism.assembly import assemble, assemble_posture
+from condyn_pin.mechanism.assembly_report import Assembly
+from condyn_pin.mechanism.check import Check, check
+from condyn_pin.mechanism.completion import CompleteState, complete_state
+from condyn_pin.mechanism.projection import Metric, project_acceleration, project_velocity
+from condyn_pin.mechanism.sampling import sample
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene

@@ -30,12 +30,12 @@ from condyn_pin.dynamics.choice import default_solver
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.mechanism.reduction.minimal_report import Minimal, Step
+from condyn_pin.mechanism.reduction.price import Errors, answers, compare, watched_joints
+from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
+from condyn_pin.mechanism.reduction.smaller_robot import free_flyers
+from condyn_pin.mechanism.reduction.suggestions import Suggestion, suggestions
 from condyn_pin.model.robot import Robot
-from condyn_pin.smaller.minimal_report import Minimal, Step
-from condyn_pin.smaller.price import Errors, answers, compare, watched_joints
-from condyn_pin.smaller.reduced_scene import ReducedScene, reduced
-from condyn_pin.smaller.smaller_robot import free_flyers
-from condyn_pin.smaller.suggestions import Suggestion, suggestions
 
 _SAMPLES = 10  # states that simplifications are chosen by
 _FRESH = 50  # states that the result is judged by

@@ -30,7 +30,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import Indices, indices
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.states.closing import Closer
+from condyn_pin.mechanism.closing import Closer
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene

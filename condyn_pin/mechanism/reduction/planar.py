@@ -21,7 +21,7 @@ from condyn_pin.constraints.constraints import Loop
 from condyn_pin.constraints.rows.bound import Bound
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.smaller.reduced_scene import ReducedScene, reduced
+from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
 
 
 def as_planar(scene: Scene, name: str) -> ReducedScene:

@@ -26,8 +26,8 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.reference import Reference
+from condyn_pin.mechanism.reduction.smaller_robot import free_flyers
 from condyn_pin.model.spring import Spring
-from condyn_pin.smaller.smaller_robot import free_flyers
 
 _ROUNDS = 30  # of the load on the springs; it settles by a factor of ten and more in each
 _SETTLED = 1e-12  # [rad]

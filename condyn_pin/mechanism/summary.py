@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.names import few
 from condyn_pin.constraints.nonholonomic import Nonholonomic
-from condyn_pin.states.freedom import base_freedom
-from condyn_pin.states.rank import Rank
+from condyn_pin.mechanism.freedom import base_freedom
+from condyn_pin.mechanism.rank import Rank
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene

@@ -12,10 +12,10 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.errors import InvalidArgument, NotAssembled
 from condyn_pin.dynamics.kept import equations_of
-from condyn_pin.states.assembly import assemble, best_end
-from condyn_pin.states.closing import Closer
-from condyn_pin.states.limits import NO_LIMITS
-from condyn_pin.states.projection import check_rows, nearest_velocity
+from condyn_pin.mechanism.assembly import assemble, best_end
+from condyn_pin.mechanism.closing import Closer
+from condyn_pin.mechanism.limits import NO_LIMITS
+from condyn_pin.mechanism.projection import check_rows, nearest_velocity
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene

@@ -33,9 +33,9 @@ from condyn_pin._core.linalg.numerical_rank import counted
 from condyn_pin._core.linalg.pivots import pivots
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.reach import reach
-from condyn_pin.states.closing import Closer
-from condyn_pin.states.clusters import Cluster, clusters, isolated
-from condyn_pin.states.limits import NO_LIMITS, Limits
+from condyn_pin.mechanism.closing import Closer
+from condyn_pin.mechanism.clusters import Cluster, clusters, isolated
+from condyn_pin.mechanism.limits import NO_LIMITS, Limits
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene

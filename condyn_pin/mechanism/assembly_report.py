@@ -60,7 +60,7 @@ class Assembly:
         zero in a dead point. Without motors, the smallest nonzero one of J.
     branch : dict of str to int
         For every cluster of loops that share such joints: +1 on the side of its dead points where
-        the first posture is, -1 across one, 0 in one; `condyn_pin.states.chains` defines them.
+        the first posture is, -1 across one, 0 in one; `condyn_pin.mechanism.chains` defines them.
         Empty for a robot without motors: what is not driven has no branches. Nor have loops in
         space with redundant rows.
     flipped : tuple of str

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 from condyn_pin.dynamics.solvers.base import Solver
-from condyn_pin.smaller.price import Errors
-from condyn_pin.smaller.reduced_scene import ReducedScene
+from condyn_pin.mechanism.reduction.price import Errors
+from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene
 
 
 @dataclass(frozen=True)

@@ -28,10 +28,10 @@ from condyn_pin._core.joints import indices
 from condyn_pin._core.names import checked, listed
 from condyn_pin.constraints.constraints import Constraint, Loop
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.mechanism.reduction.linkages import check_passive
+from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
+from condyn_pin.mechanism.reduction.smaller_robot import sides, smaller_robot
 from condyn_pin.model.robot import Robot
-from condyn_pin.smaller.linkages import check_passive
-from condyn_pin.smaller.reduced_scene import ReducedScene, reduced
-from condyn_pin.smaller.smaller_robot import sides, smaller_robot
 
 RodMass = Literal["ends", "drop"]
 

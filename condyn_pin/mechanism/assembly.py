@@ -1,7 +1,7 @@
 """Assembly: a configuration near a guess that closes the loops, and what is known of it.
 
-`condyn_pin.states.closing` has the runs that are tried, one after the other, until the loops are
-closed on the branch of the start; `condyn_pin.states.chains` says what a branch is.
+`condyn_pin.mechanism.closing` has the runs that are tried, one after the other, until the loops are
+closed on the branch of the start; `condyn_pin.mechanism.chains` says what a branch is.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from condyn_pin._core.linalg.numerical_rank import rank_of
 from condyn_pin._core.names import checked
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.gaps import gaps
-from condyn_pin.states.assembly_report import Assembly, AssemblyStatus
-from condyn_pin.states.closing import Closer, Closing
-from condyn_pin.states.limits import NO_LIMITS, Limits
+from condyn_pin.mechanism.assembly_report import Assembly, AssemblyStatus
+from condyn_pin.mechanism.closing import Closer, Closing
+from condyn_pin.mechanism.limits import NO_LIMITS, Limits
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
+    from condyn_pin.mechanism.chains import Chains
     from condyn_pin.model.robot import Robot
-    from condyn_pin.states.chains import Chains
 
 
 @one_blas_thread

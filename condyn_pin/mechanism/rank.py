@@ -27,7 +27,7 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.reach import reach
 from condyn_pin.dynamics.gaps import Gap, closed, gaps, worst
 from condyn_pin.dynamics.kept import equations_of
-from condyn_pin.states.chains import redundant_rows
+from condyn_pin.mechanism.chains import redundant_rows
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene

@@ -5,7 +5,7 @@ With the columns of J split into motors A, dependent joints D and the rest,
     J_D dq_D + J_A dq_A = 0,     G = dq/dq_A = ( I on A,  -J_D^+ J_A on D,  0 on the rest ).
 
 The rest is what neither motors nor loops determine, such as a floating base, springs, or the spin
-of a rod: it stays where it is. `condyn_pin.states.following` moves the motors.
+of a rod: it stays where it is. `condyn_pin.mechanism.following` moves the motors.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.errors import BranchChanged, InvalidArgument, NotAssembled
 from condyn_pin.dynamics.gaps import beyond_text
-from condyn_pin.states.assembly import assemble_from, check_held
-from condyn_pin.states.assembly_report import Assembly, AssemblyStatus
-from condyn_pin.states.chains import Chains
-from condyn_pin.states.following import Follower
+from condyn_pin.mechanism.assembly import assemble_from, check_held
+from condyn_pin.mechanism.assembly_report import Assembly, AssemblyStatus
+from condyn_pin.mechanism.chains import Chains
+from condyn_pin.mechanism.following import Follower
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene

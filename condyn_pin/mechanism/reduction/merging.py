@@ -18,8 +18,8 @@ from condyn_pin._core.errors import InvalidModel
 from condyn_pin.constraints.constraints import Constraint
 from condyn_pin.constraints.contacts import LineContact, PointContact, SurfaceContact
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
 from condyn_pin.model.robot import Robot
-from condyn_pin.smaller.reduced_scene import ReducedScene, reduced
 
 _FLAT = 1e-6  # singular values of the points' spread below this, relative to the largest, are zero
 

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
     from condyn_pin.dynamics.solvers.base import Solver
-    from condyn_pin.smaller.minimal_report import Minimal
-    from condyn_pin.smaller.reduced_scene import ReducedScene
+    from condyn_pin.mechanism.reduction.minimal_report import Minimal
+    from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene
 
 
 class Smaller:
@@ -47,7 +47,7 @@ class Smaller:
         NotAssembled
             If the loops cannot be closed with the joints there.
         """
-        from condyn_pin.smaller.reduction import lock
+        from condyn_pin.mechanism.reduction.reduction import lock
 
         return lock(self._scene, joints, q)
 
@@ -56,13 +56,13 @@ class Smaller:
 
         A free-flyer is kept without being named; `lock` holds it.
         """
-        from condyn_pin.smaller.reduction import keep
+        from condyn_pin.mechanism.reduction.reduction import keep
 
         return keep(self._scene, joints, q)
 
     def without(self, names: Sequence[str]) -> ReducedScene:
         """Return the scene without some of its constraints."""
-        from condyn_pin.smaller.reduction import without
+        from condyn_pin.mechanism.reduction.reduction import without
 
         return without(self._scene, names)
 
@@ -71,7 +71,7 @@ class Smaller:
 
         What hangs on these bodies goes with them, and the constraints that are fixed to them.
         """
-        from condyn_pin.smaller.reduction import without_bodies
+        from condyn_pin.mechanism.reduction.reduction import without_bodies
 
         return without_bodies(self._scene, joints)
 
@@ -87,7 +87,7 @@ class Smaller:
         edges : bool
             Merge points on a line too. Solvers that know no edges make two points of it again.
         """
-        from condyn_pin.smaller.merging import merge_points
+        from condyn_pin.mechanism.reduction.merging import merge_points
 
         return merge_points(self._scene, edges=edges)
 
@@ -108,7 +108,7 @@ class Smaller:
         InvalidConstraint
             If the loop is no ball, or its rows have another rank than 2.
         """
-        from condyn_pin.smaller.planar import as_planar
+        from condyn_pin.mechanism.reduction.planar import as_planar
 
         return as_planar(self._scene, name)
 
@@ -133,7 +133,7 @@ class Smaller:
         InvalidConstraint
             If a rod does more than keep a distance: without it the mobility is another.
         """
-        from condyn_pin.smaller.rods import rods_as_distances
+        from condyn_pin.mechanism.reduction.rods import rods_as_distances
 
         return rods_as_distances(self._scene, joints, mass=mass)
 
@@ -157,7 +157,7 @@ class Smaller:
         InvalidConstraint
             If the loops also hold other joints than these.
         """
-        from condyn_pin.smaller.linkages import without_linkage
+        from condyn_pin.mechanism.reduction.linkages import without_linkage
 
         return without_linkage(self._scene, loops, joints)
 
@@ -180,7 +180,7 @@ class Smaller:
         ----------
         error : float
             Largest relative error of accelerations and contact wrench that is allowed
-            (`condyn_pin.smaller.price`). Zero allows only what is exact, to 1e-9.
+            (`condyn_pin.mechanism.reduction.price`). Zero allows only what is exact, to 1e-9.
         motion : sequence of (q, v, tau), optional
             Closed states that matter, by which everything is judged. By default random ones, in
             which every joint moves: some to choose by, 50 others to judge by.
@@ -201,6 +201,6 @@ class Smaller:
         NotAssembled
             If a state of the motion is not on the constraints; the text says which.
         """
-        from condyn_pin.smaller.minimal import minimal
+        from condyn_pin.mechanism.reduction.minimal import minimal
 
         return minimal(self._scene, error=error, motion=motion, watch=watch, solver=solver)

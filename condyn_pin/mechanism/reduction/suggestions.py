@@ -15,12 +15,12 @@ from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.names import listed
 from condyn_pin.constraints.constraints import Loop
 from condyn_pin.constraints.rows.bound import Bound
-from condyn_pin.smaller.linkages import follows
-from condyn_pin.smaller.merging import merge_points
-from condyn_pin.smaller.planar import as_planar
-from condyn_pin.smaller.reduced_scene import ReducedScene
-from condyn_pin.smaller.rods import is_rod
-from condyn_pin.smaller.smaller_robot import free_flyers, sides
+from condyn_pin.mechanism.reduction.linkages import follows
+from condyn_pin.mechanism.reduction.merging import merge_points
+from condyn_pin.mechanism.reduction.planar import as_planar
+from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene
+from condyn_pin.mechanism.reduction.rods import is_rod
+from condyn_pin.mechanism.reduction.smaller_robot import free_flyers, sides
 
 
 @dataclass(frozen=True)
