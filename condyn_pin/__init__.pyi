@@ -33,12 +33,6 @@ from condyn_pin.batch.verbs import solve_batch as solve_batch
 from condyn_pin.bridge.cross_check import CrossCheck as CrossCheck
 from condyn_pin.bridge.cross_check import TermCheck as TermCheck
 from condyn_pin.bridge.mujoco_bridge import MujocoBridge as MujocoBridge
-from condyn_pin.cones.friction_cone import FrictionCone as FrictionCone
-from condyn_pin.cones.margin import ConeRows as ConeRows
-from condyn_pin.cones.margin import Margin as Margin
-from condyn_pin.cones.verbs import cone_rows as cone_rows
-from condyn_pin.cones.verbs import margins as margins
-from condyn_pin.cones.wrench_cone import WrenchCone as WrenchCone
 from condyn_pin.constraints.baumgarte import Baumgarte as Baumgarte
 from condyn_pin.constraints.constraints import Constraint as Constraint
 from condyn_pin.constraints.constraints import Coupling as Coupling
@@ -51,6 +45,12 @@ from condyn_pin.constraints.nonholonomic import Knife as Knife
 from condyn_pin.constraints.nonholonomic import RollingBall as RollingBall
 from condyn_pin.constraints.nonholonomic import RollingWheel as RollingWheel
 from condyn_pin.constraints.rows.terms import Terms as Terms
+from condyn_pin.contact.cones.friction_cone import FrictionCone as FrictionCone
+from condyn_pin.contact.cones.margin import ConeRows as ConeRows
+from condyn_pin.contact.cones.margin import Margin as Margin
+from condyn_pin.contact.cones.verbs import cone_rows as cone_rows
+from condyn_pin.contact.cones.verbs import margins as margins
+from condyn_pin.contact.cones.wrench_cone import WrenchCone as WrenchCone
 from condyn_pin.drift import DRIFTS as DRIFTS
 from condyn_pin.drift import Drift as Drift
 from condyn_pin.drift.no_drift import NoDrift as NoDrift

@@ -24,9 +24,9 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, finite, finite_rows, read_only
 from condyn_pin._core.errors import InvalidArgument
-from condyn_pin.cones.margin import FAULTS, ConeRows, Margin
 from condyn_pin.constraints.constraint_fields import Vector3, check_size, direction
 from condyn_pin.constraints.constraints import WORLD, Constraint
+from condyn_pin.contact.cones.margin import FAULTS, ConeRows, Margin
 from condyn_pin.dynamics.force import ConstraintForce, presses, upward
 
 Pyramid = Literal["inner", "outer"]

@@ -19,10 +19,10 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.knobs import check_count
-from condyn_pin.cones.base import Cone, Row
-from condyn_pin.cones.margin import Margin
 from condyn_pin.constraints.constraints import Constraint
 from condyn_pin.constraints.contacts import LineContact, PointContact, SurfaceContact
+from condyn_pin.contact.cones.base import Cone, Row
+from condyn_pin.contact.cones.margin import Margin
 
 _MOST_SIDES: Final = 1000
 
