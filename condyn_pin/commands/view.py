@@ -116,9 +116,9 @@ def _standing(
 ) -> Subject:
     """Return the scene of a robot, or what holds it still: its motors, and its springs if bent."""
     from condyn_pin.commands.words import robot_of, scene_of
+    from condyn_pin.control.actuation import Actuation
+    from condyn_pin.control.inverse import gravity_compensation
     from condyn_pin.dynamics.verbs import solve
-    from condyn_pin.motors.actuation import Actuation
-    from condyn_pin.motors.inverse import gravity_compensation
 
     if contacts is None:
         contacts = ",".join(c.name for c in robot_of(name, variant).contacts) if forces else ""

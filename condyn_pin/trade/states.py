@@ -15,9 +15,9 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.errors import InvalidArgument, unknown_name
 from condyn_pin._core.knobs import check_count, is_whole
 from condyn_pin._core.timing import State
+from condyn_pin.control.inverse import gravity_compensation
 from condyn_pin.dynamics.catalogue import motor_torque
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.motors.inverse import gravity_compensation
 
 
 class States(ABC):

@@ -25,9 +25,9 @@ from condyn_pin.simulation.trajectory import Trajectory
 if TYPE_CHECKING:
     from condyn_pin.batch.solution import BatchSolution
     from condyn_pin.batch.trajectory import BatchTrajectory
+    from condyn_pin.control.inverse import InverseDynamics
     from condyn_pin.dynamics.impacts import Impact
     from condyn_pin.dynamics.solution import Solution
-    from condyn_pin.motors.inverse import InverseDynamics
 
 Answer: TypeAlias = (
     "Solution | BatchSolution | Trajectory | BatchTrajectory | InverseDynamics | Impact"
