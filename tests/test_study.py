@@ -20,7 +20,7 @@ from shared import all_scenes, relative
 import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA
 from condyn_pin._core.knobs import ITERATIONS, WEIGHTS
-from condyn_pin.drift.no_drift import NoDrift
+from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
 from condyn_pin.trade import case, clocks, running
 from condyn_pin.trade.row import ALONE

@@ -29,7 +29,7 @@ def _integrators(incomplete: str) -> list[str]:
 
 
 def _drifts(incomplete: str) -> list[str]:
-    from condyn_pin.drift import DRIFTS
+    from condyn_pin.simulation.drift import DRIFTS
 
     return _starting(DRIFTS, incomplete)
 

@@ -95,7 +95,7 @@ def _show(viewer: Viewer, *files: Path | None) -> None:
 
 
 def _motion(path: str, motion: int | None) -> Subject:
-    from condyn_pin.batch.trajectory import BatchTrajectory
+    from condyn_pin.simulation.batch.trajectory import BatchTrajectory
     from condyn_pin.simulation.trajectory import Trajectory
 
     if motion is None:

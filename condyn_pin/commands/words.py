@@ -10,12 +10,12 @@ from condyn_pin._core.errors import InvalidArgument, unknown_name
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.constraints import Constraint
 from condyn_pin.constraints.contacts import CONTACTS
-from condyn_pin.drift import DRIFTS, Drift
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import SOLVERS, Solver
 from condyn_pin.dynamics.solvers.base import knob_fields
 from condyn_pin.io.load import load_robot
 from condyn_pin.model.robot import Robot
+from condyn_pin.simulation.drift import DRIFTS, Drift
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
 from condyn_pin.trade.sweeps import sweep
 

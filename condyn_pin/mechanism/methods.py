@@ -169,7 +169,7 @@ class States:
         WorkersLost
             As in `solve_batch`.
         """
-        from condyn_pin.batch.sampling import sample_batch  # it needs this module
+        from condyn_pin.simulation.batch.sampling import sample_batch  # it needs this module
 
         return sample_batch(self._scene, n, rng, spread, speed, executor)
 

@@ -28,10 +28,10 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.registry import enter
 
 if TYPE_CHECKING:
-    from condyn_pin.drift import Drift
     from condyn_pin.dynamics.scene import Scene
     from condyn_pin.dynamics.solvers.base import Solver
     from condyn_pin.problems.result import ProblemResult
+    from condyn_pin.simulation.drift import Drift
     from condyn_pin.simulation.integrators import Integrator
 
 Torque = Callable[[float, Array, Array], Array]

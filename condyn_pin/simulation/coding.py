@@ -10,9 +10,9 @@ import numpy as np
 from condyn_pin.constraints.constraints import Coupling, Loop
 from condyn_pin.constraints.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
 from condyn_pin.constraints.nonholonomic import Knife, RollingBall, RollingWheel
-from condyn_pin.drift import DRIFTS
 from condyn_pin.dynamics.solvers import SOLVERS
 from condyn_pin.model.spring import Spring, SpringDamper
+from condyn_pin.simulation.drift import DRIFTS
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Happened
 from condyn_pin.simulation.integrators import INTEGRATORS

@@ -9,8 +9,8 @@ from functools import partial
 from condyn_pin._core.errors import Interrupted
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.drift import Drift
-from condyn_pin.drift.no_drift import NoDrift
-from condyn_pin.drift.projection import Projection
+from condyn_pin.simulation.drift.no_drift import NoDrift
+from condyn_pin.simulation.drift.projection import Projection
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.integrators.rattle import Rattle
 from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4

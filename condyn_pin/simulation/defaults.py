@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from condyn_pin.constraints.drift import Drift
-from condyn_pin.drift.no_drift import NoDrift
-from condyn_pin.drift.post_stabilization import PostStabilization
 from condyn_pin.dynamics import choice
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.proximal import Proximal
+from condyn_pin.simulation.drift.no_drift import NoDrift
+from condyn_pin.simulation.drift.post_stabilization import PostStabilization
 from condyn_pin.simulation.events import Event
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4

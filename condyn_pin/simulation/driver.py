@@ -12,8 +12,8 @@ from condyn_pin.simulation.anchoring import anchored
 from condyn_pin.simulation.events import Ended, Event, Happened, Moment, PiledUp
 from condyn_pin.simulation.fit import check_fit, check_slip
 from condyn_pin.simulation.leg import Leg, Method
+from condyn_pin.simulation.switching import Switch, switch
 from condyn_pin.simulation.watch import Watch
-from condyn_pin.switching import Switch, switch
 
 # Where an event is found, as a share of dt.
 _FOUND = 1e-12

@@ -11,12 +11,12 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import finite
 from condyn_pin._core.files.beside import written_beside
-from condyn_pin.drift import Drift
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import Solver
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.archive import MOTION, Content, Header, Path_, check_times, read, write
 from condyn_pin.simulation.coding import decode, encode
+from condyn_pin.simulation.drift import Drift
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Happened
 from condyn_pin.simulation.integrators import Integrator

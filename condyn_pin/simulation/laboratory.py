@@ -19,9 +19,9 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.constraints import Loop
 from condyn_pin.constraints.drift import Drift
-from condyn_pin.drift.no_drift import NoDrift
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.model.robot import Robot
+from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.run import simulate
 from condyn_pin.simulation.trajectory import Trajectory

@@ -9,7 +9,7 @@ from typing import ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin.batch.rows import MISSING
+from condyn_pin.simulation.batch.rows import MISSING
 
 _SHOWN: Final = 10
 

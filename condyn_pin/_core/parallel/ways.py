@@ -21,8 +21,8 @@ import numpy as np
 
 from condyn_pin._core.parallel.chunks import IN_FLIGHT
 from condyn_pin._core.parallel.memory import Address, Arrays, Kind, Kinds, SharedArrays
-from condyn_pin.batch.recipe import Recipe
 from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.simulation.batch.recipe import Recipe
 
 # What there is to say of some rows, by their place in the chunk: most have nothing.
 Words = dict[int, str]

@@ -23,11 +23,11 @@ from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from condyn_pin.batch.solution import BatchSolution
-    from condyn_pin.batch.trajectory import BatchTrajectory
     from condyn_pin.control.inverse import InverseDynamics
     from condyn_pin.dynamics.impacts import Impact
     from condyn_pin.dynamics.solution import Solution
+    from condyn_pin.simulation.batch.solution import BatchSolution
+    from condyn_pin.simulation.batch.trajectory import BatchTrajectory
 
 Answer: TypeAlias = (
     "Solution | BatchSolution | Trajectory | BatchTrajectory | InverseDynamics | Impact"

@@ -15,11 +15,11 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.knobs import Grid, read_call
 from condyn_pin._core.timing import Call, State
-from condyn_pin.drift import DRIFTS, Drift
-from condyn_pin.drift.no_drift import NoDrift
 from condyn_pin.dynamics.choice import default_solver
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.simulation.drift import DRIFTS, Drift
+from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
 from condyn_pin.simulation.run import simulate

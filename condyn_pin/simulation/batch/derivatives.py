@@ -8,10 +8,10 @@ from typing import Any, overload
 import numpy as np
 
 from condyn_pin._core.arrays import Array, read_only
-from condyn_pin.batch.solution import BatchSolution, Some
 from condyn_pin.dynamics.derivatives.base import Derivatives
 from condyn_pin.dynamics.derivatives.check import BLOCKS
 from condyn_pin.dynamics.solution import Solution
+from condyn_pin.simulation.batch.solution import BatchSolution, Some
 
 
 @dataclass(frozen=True, eq=False, repr=False)

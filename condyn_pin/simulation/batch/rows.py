@@ -20,11 +20,11 @@ from condyn_pin._core.parallel.chunks import Progress, in_flight, silent
 from condyn_pin._core.parallel.memory import CAN_SHARE, Arrays, Kinds
 from condyn_pin._core.parallel.processes import Processes, workers_of
 from condyn_pin._core.parallel.ways import ByCopies, ByMemory, InPlace, Kernel, Way
-from condyn_pin.batch.recipe import Recipe
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.verbs import workspace_for
+from condyn_pin.simulation.batch.recipe import Recipe
 
 Batch = TypeVar("Batch")
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.drift import Correction, Drift
-from condyn_pin.drift.projection import Metric, check_projection
+from condyn_pin.simulation.drift.projection import Metric, check_projection
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.system import System

@@ -18,11 +18,6 @@ from condyn_pin._core.knobs import check_accuracy_of_a, check_count
 from condyn_pin._core.parallel.chunks import Progress, silent
 from condyn_pin._core.parallel.memory import Arrays, Kind
 from condyn_pin._core.parallel.ways import Words
-from condyn_pin.batch.derivatives import BatchDerivatives
-from condyn_pin.batch.forces import RowForces, split
-from condyn_pin.batch.rows import Rows
-from condyn_pin.batch.solution import STATUSES, BatchSolution
-from condyn_pin.batch.states import check_states
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.dynamics.derivatives import METHODS
 from condyn_pin.dynamics.derivatives.check import BLOCKS
@@ -31,6 +26,11 @@ from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.model.applied_force import AppliedForce
+from condyn_pin.simulation.batch.derivatives import BatchDerivatives
+from condyn_pin.simulation.batch.forces import RowForces, split
+from condyn_pin.simulation.batch.rows import Rows
+from condyn_pin.simulation.batch.solution import STATUSES, BatchSolution
+from condyn_pin.simulation.batch.states import check_states
 
 _CODES: Final = {status: code for code, status in enumerate(STATUSES)}
 

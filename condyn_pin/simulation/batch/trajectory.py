@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.errors import NotRecorded, WorkersLost
 from condyn_pin._core.parallel.outcome import Outcome
-from condyn_pin.batch.rows import MISSING
-from condyn_pin.batch.solution import Some
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.simulation.anchoring import anchored
+from condyn_pin.simulation.batch.rows import MISSING
+from condyn_pin.simulation.batch.solution import Some
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.recorder import Phase
@@ -129,7 +129,7 @@ class BatchTrajectory(Outcome):
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write all of it to a file (npz), as `Trajectory.save` does."""
-        from condyn_pin.batch.files import save
+        from condyn_pin.simulation.batch.files import save
 
         save(self, path)
 
@@ -142,7 +142,7 @@ class BatchTrajectory(Outcome):
         InvalidArgument
             If the file is missing, or is none of a batch of motions.
         """
-        from condyn_pin.batch.files import load
+        from condyn_pin.simulation.batch.files import load
 
         return load(path)
 

@@ -13,16 +13,16 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core.parallel.chunks import Progress, silent
 from condyn_pin._core.parallel.memory import Arrays
-from condyn_pin.batch.forces import split
-from condyn_pin.batch.motions import Motions, of_ends, of_samples, samples_of
-from condyn_pin.batch.rows import Rows
-from condyn_pin.batch.states import check_states
-from condyn_pin.batch.trajectory import BatchTrajectory, Samples
-from condyn_pin.batch.verbs import check_chunk
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.model.applied_force import AppliedForce
+from condyn_pin.simulation.batch.forces import split
+from condyn_pin.simulation.batch.motions import Motions, of_ends, of_samples, samples_of
+from condyn_pin.simulation.batch.rows import Rows
+from condyn_pin.simulation.batch.states import check_states
+from condyn_pin.simulation.batch.trajectory import BatchTrajectory, Samples
+from condyn_pin.simulation.batch.verbs import check_chunk
 from condyn_pin.simulation.defaults import default_solver
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.plan import Plan, plan

@@ -13,8 +13,8 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.knobs import check_count
 from condyn_pin._core.parallel.chunks import in_flight
-from condyn_pin.batch.recipe import Recipe
 from condyn_pin.mechanism.sampling import check_generator, sample
+from condyn_pin.simulation.batch.recipe import Recipe
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
