@@ -29,7 +29,7 @@ from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.model.mechanisms.base import add_rod
 from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4
-from condyn_pin.trade.measures.base import Answer, relative
+from condyn_pin.study.measures.base import Answer, relative
 
 GRAVITY = 9.81  # [m/s^2]
 

@@ -322,7 +322,7 @@ def test_what_no_solver_meets_is_json_too(monkeypatch):
     def nothing(*_, **__):
         raise cp.NotReached("nothing meets that")
 
-    monkeypatch.setattr("condyn_pin.trade.tuning.choose", nothing)
+    monkeypatch.setattr("condyn_pin.study.tuning.choose", nothing)
     result = run("tune", "four_bar", "--json")
     assert result.exit_code == 1
     answer = json.loads(result.stdout)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from condyn_pin.dynamics.solution import Solution
     from condyn_pin.mechanism.assembly_report import Assembly
-    from condyn_pin.trade.row import Row
+    from condyn_pin.study.row import Row
 
 
 class CondynError(Exception):

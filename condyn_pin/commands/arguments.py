@@ -48,7 +48,7 @@ def _families(incomplete: str) -> list[str]:
 
 
 def _measures(incomplete: str) -> list[str]:
-    from condyn_pin.trade.measures import MEASURES
+    from condyn_pin.study.measures import MEASURES
 
     return _starting(MEASURES, incomplete)
 

@@ -34,11 +34,11 @@ def bench(
     Ctrl-C keeps the scenes that were measured.
     """
     from condyn_pin._core.errors import Interrupted
-    from condyn_pin.bench import FULL, QUICK, ROBOTS
-    from condyn_pin.bench import bench as run
-    from condyn_pin.bench_print import print_bench
-    from condyn_pin.bench_table import BenchTable
     from condyn_pin.commands.words import solvers_of
+    from condyn_pin.study.bench import FULL, QUICK, ROBOTS
+    from condyn_pin.study.bench import bench as run
+    from condyn_pin.study.bench_print import print_bench
+    from condyn_pin.study.bench_table import BenchTable
 
     chosen, effort, stopped = solvers_of(solvers), QUICK if quick else FULL, False
     beside = BenchTable((), {}).with_native(native) if native else BenchTable((), {})
@@ -56,7 +56,7 @@ def bench(
     if as_json:
         write_json(table, as_json)
     if plot and table.rows:
-        from condyn_pin.plots_bench import save_bench
+        from condyn_pin.study.plots_bench import save_bench
 
         save_bench(table, plot)
     if stopped:

@@ -42,9 +42,9 @@ def compare(
     import numpy as np
 
     from condyn_pin._core.joints import indices
-    from condyn_pin.bridge.mujoco_bridge import MujocoBridge
     from condyn_pin.commands.words import names_in, pairs_in, robot_of
     from condyn_pin.dynamics.scene import Scene
+    from condyn_pin.study.mujoco.mujoco_bridge import MujocoBridge
 
     chosen = robot_of(robot, variant)
     names = pairs_in("--name", name, "OURS=THEIRS is needed, such as root_joint=floating_base")

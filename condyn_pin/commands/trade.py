@@ -29,8 +29,8 @@ from condyn_pin.commands.output import (
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from condyn_pin.trade.study import Study
-    from condyn_pin.trade.table import Table
+    from condyn_pin.study.study import Study
+    from condyn_pin.study.table import Table
 
 PANEL = "Measure"
 
@@ -58,11 +58,11 @@ def trade(
     Ctrl-C keeps what was measured. Exits with 1 if no solver meets the error.
     """
     from condyn_pin._core.errors import Interrupted
-    from condyn_pin.bench import ROBOTS
     from condyn_pin.commands.words import swept_solvers_of
-    from condyn_pin.trade.cheapest import check_error
-    from condyn_pin.trade.clocks import TimingEffort
-    from condyn_pin.trade.study import Study
+    from condyn_pin.study.bench import ROBOTS
+    from condyn_pin.study.cheapest import check_error
+    from condyn_pin.study.clocks import TimingEffort
+    from condyn_pin.study.study import Study
 
     if error is not None:
         check_error(error)
@@ -87,7 +87,7 @@ def _show(
 ) -> None:
     """Print a table, and write it to the files that are wanted."""
     from condyn_pin._core.files.beside import write_text
-    from condyn_pin.trade.printing import print_table
+    from condyn_pin.study.printing import print_table
 
     print_table(table, for_people(as_json))
     if csv:
@@ -97,7 +97,7 @@ def _show(
     if markdown:
         write_text(markdown, table.to_markdown() + "\n")
     if plot and table.rows:
-        from condyn_pin.plots_trade import save_trade
+        from condyn_pin.study.plots_trade import save_trade
 
         save_trade(table, plot)
 

@@ -35,8 +35,8 @@ def tune(
     """Choose the fastest solver that meets an error; exits with 1 if there is none."""
     from condyn_pin._core.errors import NotReached
     from condyn_pin.commands.words import scene_of, swept_solvers_of
-    from condyn_pin.trade.plan import check_folder, path_of
-    from condyn_pin.trade.tuning import choose, keep, plan_for
+    from condyn_pin.study.plan import check_folder, path_of
+    from condyn_pin.study.tuning import choose, keep, plan_for
 
     if save:
         check_folder()

@@ -17,7 +17,7 @@ from condyn_pin.io.load import load_robot
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.drift import DRIFTS, Drift
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
-from condyn_pin.trade.sweeps import sweep
+from condyn_pin.study.sweeps import sweep
 
 _GAIN = 30.0  # [1/s] of Baumgarte's method, if none is given
 
