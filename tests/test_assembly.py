@@ -17,7 +17,7 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.tolerances import CLOSED
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.extremes.base import with_inertias
+from condyn_pin.lab.extremes.base import with_inertias
 
 CLOSED_CHAINS = [
     n for n in ("cassie", "four_bar", "stewart", "delta") if n in cp.available_robots()

@@ -331,9 +331,9 @@ def test_what_no_solver_meets_is_json_too(monkeypatch):
 
 
 def test_a_ladder_is_json_too(monkeypatch):
-    from condyn_pin.smaller.ladder_table import LadderTable
+    from condyn_pin.lab.ladder_table import LadderTable
 
-    monkeypatch.setattr("condyn_pin.smaller.climbing.ladder", lambda n: LadderTable(n, (), 20, {}))
+    monkeypatch.setattr("condyn_pin.lab.climbing.ladder", lambda n: LadderTable(n, (), 20, {}))
     result = run("show", "talos", "--ladder", "--json")
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["ladder"] == "talos"

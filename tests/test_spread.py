@@ -12,8 +12,8 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.spread import NEARLY, ONE
-from condyn_pin.extremes import EXTREMES
-from condyn_pin.extremes.verdict import error_of, right_answers
+from condyn_pin.lab.extremes import EXTREMES
+from condyn_pin.lab.extremes.verdict import error_of, right_answers
 
 SOLVERS = [cp.Proximal(), *([cp.LCABA()] if hasattr(pin, "lcaba") else [])]
 HANDS = ("gripper_left_base_link", "gripper_right_base_link")

@@ -20,7 +20,7 @@ import condyn_pin as cp
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import HAS_LCABA, pin
 from condyn_pin.dynamics.catalogue import motor_torque
-from condyn_pin.extremes.units import Units
+from condyn_pin.lab.extremes.units import Units
 
 GRAVITY = 9.81
 LIBRARY = Path(cp.__file__).parent

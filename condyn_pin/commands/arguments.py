@@ -35,14 +35,14 @@ def _drifts(incomplete: str) -> list[str]:
 
 
 def _problems(incomplete: str) -> list[str]:
-    from condyn_pin.problems import PROBLEMS
+    from condyn_pin.lab.problems import PROBLEMS
 
     names = (kind.name for kind in PROBLEMS.values())
     return [name for name in names if name.lower().startswith(incomplete.lower())]
 
 
 def _families(incomplete: str) -> list[str]:
-    from condyn_pin.extremes import EXTREMES
+    from condyn_pin.lab.extremes import EXTREMES
 
     return _last_of_list(EXTREMES, incomplete)
 

@@ -19,8 +19,8 @@ from condyn_pin.commands.output import (
 )
 
 if TYPE_CHECKING:
-    from condyn_pin.simulation.contest import Contest
-    from condyn_pin.simulation.laboratory import Growth
+    from condyn_pin.lab.contest import Contest
+    from condyn_pin.lab.laboratory import Growth
 
 PANEL = "Simulate"
 
@@ -38,11 +38,11 @@ def drift(
     Ctrl-C keeps the runs that went to their end.
     """
     from condyn_pin._core.errors import Interrupted, InvalidArgument
-    from condyn_pin.simulation.contest import contest
+    from condyn_pin.lab.contest import contest
+    from condyn_pin.lab.laboratory import gap_growth
     from condyn_pin.simulation.integrators.explicit_euler import ExplicitEuler
     from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4
     from condyn_pin.simulation.integrators.semi_implicit_euler import SemiImplicitEuler
-    from condyn_pin.simulation.laboratory import gap_growth
 
     if not 0 < dt < float("inf"):
         raise InvalidArgument(f"--dt {dt}: a number > 0 [s] is needed")
@@ -61,7 +61,7 @@ def drift(
         except Interrupted as stop:
             found, stopped = stop.table, True
     if plot:
-        from condyn_pin.plots_drift import save_laboratory
+        from condyn_pin.lab.plots_drift import save_laboratory
 
         save_laboratory(growths, (semi, rk4), found, plot)
     if as_json:
@@ -75,7 +75,7 @@ def drift(
 def _facts(
     growths: Mapping[str, Growth], integrators: Sequence[Any], found: Sequence[Contest]
 ) -> dict[str, Any]:
-    from condyn_pin.plots_drift import title
+    from condyn_pin.lab.plots_drift import title
     from condyn_pin.simulation.walls import wall
 
     return {
@@ -94,7 +94,7 @@ def _print(
     found: Sequence[Contest],
     heading: str,
 ) -> None:
-    from condyn_pin.plots_drift import title
+    from condyn_pin.lab.plots_drift import title
     from condyn_pin.simulation.walls import wall
 
     table = Table("without stabilisation", "gap at the end [m]", "grows like")

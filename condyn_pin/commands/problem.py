@@ -17,7 +17,7 @@ from condyn_pin.commands.arguments import (
 from condyn_pin.commands.output import INTERRUPTED, console, print_json, say, words
 
 if TYPE_CHECKING:
-    from condyn_pin.problems.base import Problem
+    from condyn_pin.lab.problems.base import Problem
 
 PANEL = "Simulate"
 
@@ -42,7 +42,7 @@ def problem(
         return
     from condyn_pin._core.machine import machine
     from condyn_pin.commands.words import drift_of, integrator_of, solver_of
-    from condyn_pin.problems.loading import load_problem
+    from condyn_pin.lab.problems.loading import load_problem
 
     result = load_problem(name, n=n).run(
         dt=dt,
@@ -62,7 +62,7 @@ def problem(
 
 
 def _list(as_json: bool) -> None:
-    from condyn_pin.problems import PROBLEMS
+    from condyn_pin.lab.problems import PROBLEMS
 
     if as_json:
         print_json({kind.name: _facts(kind()) for kind in PROBLEMS.values()})

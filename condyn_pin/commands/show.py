@@ -83,8 +83,8 @@ def _print(scene: Scene, summary: Summary, frames: bool) -> None:
 
 
 def _show_ladder(name: str, plot: Path | None, variant: list[str] | None, as_json: bool) -> None:
-    from condyn_pin.smaller.climbing import ladder
-    from condyn_pin.smaller.ladder_print import print_ladder
+    from condyn_pin.lab.climbing import ladder
+    from condyn_pin.lab.ladder_print import print_ladder
 
     if variant:
         raise InvalidArgument("--ladder has no variants: its rungs are; leave --variant out")
@@ -97,6 +97,6 @@ def _show_ladder(name: str, plot: Path | None, variant: list[str] | None, as_jso
     else:
         print_ladder(table, console)
     if plot:
-        from condyn_pin.smaller.ladder_plot import save_ladders
+        from condyn_pin.lab.ladder_plot import save_ladders
 
         save_ladders([table], plot)

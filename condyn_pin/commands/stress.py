@@ -27,8 +27,8 @@ from condyn_pin.commands.output import (
 )
 
 if TYPE_CHECKING:
-    from condyn_pin.extremes.stress_table import Map
-    from condyn_pin.extremes.verdict import Outcome, Task
+    from condyn_pin.lab.extremes.stress_table import Map
+    from condyn_pin.lab.extremes.verdict import Outcome, Task
 
 PANEL = "Measure"
 
@@ -52,8 +52,8 @@ def stress(
     from condyn_pin._core._pin import VERSION_TEXT
     from condyn_pin._core.errors import Interrupted, InvalidArgument
     from condyn_pin.commands.words import names_in
-    from condyn_pin.extremes.stress import stress as run
-    from condyn_pin.extremes.stress_table import maps, read_csv, write_csv
+    from condyn_pin.lab.extremes.stress import stress as run
+    from condyn_pin.lab.extremes.stress_table import maps, read_csv, write_csv
 
     if not seconds > 0:
         raise InvalidArgument(f"--seconds {seconds}: a number > 0 is needed")
@@ -78,7 +78,7 @@ def stress(
     if csv:
         write_csv(found, csv, VERSION_TEXT)
     if plot and found:
-        from condyn_pin.extremes.stress_plot import save_maps
+        from condyn_pin.lab.extremes.stress_plot import save_maps
 
         save_maps(found, plot, f"Pinocchio {VERSION_TEXT}; ")
     if stopped:
@@ -89,8 +89,8 @@ def stress(
 
 def _tasks(robots: list[str] | None, families: list[str], seeds: int, seconds: float) -> list[Task]:
     """Return the cases, in a mixed order if there is no time for all."""
-    from condyn_pin.extremes.base import EXTREMES
-    from condyn_pin.extremes.stress import ROBOTS, mixed, tasks
+    from condyn_pin.lab.extremes.base import EXTREMES
+    from condyn_pin.lab.extremes.stress import ROBOTS, mixed, tasks
 
     if robots and not families:  # a robot is put through what any scene can be put through
         families = [name for name, family in EXTREMES.items() if family.any_scene]
@@ -110,8 +110,8 @@ def _defects(outcomes: Sequence[Outcome]) -> list[str]:
 def _print(outcomes: Sequence[Outcome], shown: Sequence[Map]) -> None:
     """Print the advice of some maps, the defects, and the counts of everything."""
     from condyn_pin._core._pin import VERSION_TEXT
-    from condyn_pin.extremes.base import EXTREMES
-    from condyn_pin.extremes.stress_table import counts
+    from condyn_pin.lab.extremes.base import EXTREMES
+    from condyn_pin.lab.extremes.stress_table import counts
 
     for each in shown:
         say(f"{each.label}: {EXTREMES[each.family].title}")
@@ -126,7 +126,7 @@ def _print(outcomes: Sequence[Outcome], shown: Sequence[Map]) -> None:
 def _facts(outcomes: Sequence[Outcome], found: Sequence[Map]) -> dict[str, Any]:
     """Return everything in the words of json."""
     from condyn_pin._core._pin import VERSION_TEXT
-    from condyn_pin.extremes.stress_table import counts
+    from condyn_pin.lab.extremes.stress_table import counts
 
     return {
         "pinocchio": VERSION_TEXT,
