@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin.cli import app
+from condyn_pin.cli.main import app
 from condyn_pin.io.load import robots_folder
 
 ROCKER = 0.6  # of four_bar() [m]

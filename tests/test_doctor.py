@@ -78,7 +78,9 @@ def test_the_package_and_the_doctor_work_without_pinocchio(tmp_path):
 
 
 def test_condyn_doctor_runs_without_pinocchio(tmp_path):
-    code = "import sys; sys.argv = ['condyn', 'doctor']; from condyn_pin.cli import main; main()"
+    code = (
+        "import sys; sys.argv = ['condyn', 'doctor']; from condyn_pin.cli.main import main; main()"
+    )
     probe = f"import os; os.environ['PYTHONPATH'] = {str(tmp_path)!r} + ':' + {str(ROOT)!r}\n"
     result = in_a_process_whose_pinocchio_fails(tmp_path, probe + code)
     assert result.returncode == 1, result.stderr

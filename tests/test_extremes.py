@@ -19,7 +19,7 @@ import condyn_pin as cp
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import VERSION_TEXT, pin
 from condyn_pin._core.errors import CondynError
-from condyn_pin.cli import app
+from condyn_pin.cli.main import app
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.lab.extremes import EXTREMES
 from condyn_pin.lab.extremes.flight_verdict import judge_flight

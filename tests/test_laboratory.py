@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 import condyn_pin as cp
-from condyn_pin.cli import app
+from condyn_pin.cli.main import app
 from condyn_pin.lab.contest import contest
 from condyn_pin.lab.laboratory import (
     area,

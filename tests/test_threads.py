@@ -16,7 +16,7 @@ import pytest
 from typer.testing import CliRunner
 
 from condyn_pin._core.blas_threads import VARIABLES
-from condyn_pin.cli import app
+from condyn_pin.cli.main import app
 
 SCRIPT = """
 import json

@@ -17,7 +17,7 @@ from shared import all_scenes
 from typer.testing import CliRunner
 
 import condyn_pin as cp
-from condyn_pin.cli import app
+from condyn_pin.cli.main import app
 from condyn_pin.study.case import knobs_of
 from condyn_pin.study.cheapest import measure_of, solver_of
 from condyn_pin.study.exports import short
@@ -551,7 +551,7 @@ def test_ctrl_c_keeps_what_was_measured(tmp_path, monkeypatch):
 
         yield progress
 
-    monkeypatch.setattr("condyn_pin.commands.trade.progress_bar", stopping)
+    monkeypatch.setattr("condyn_pin.cli.commands.trade.progress_bar", stopping)
     path = tmp_path / "t.json"
     words = ("--quick", "--solvers", "nullspace", "--states", "3", "--json", str(path))
     result = run("trade", "four_bar", *words)
@@ -576,7 +576,7 @@ def test_an_error_that_cannot_be_is_refused_before_the_run():
 
 
 def test_the_bar_knows_how_much_time_is_left(monkeypatch):
-    from condyn_pin.commands import output
+    from condyn_pin.cli.commands import output
 
     screen, now = StringIO(), [0.0]
     console = Console(file=screen, force_terminal=True, width=80, get_time=lambda: now[0])

@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.timing import Times
-from condyn_pin.cli import app
+from condyn_pin.cli.main import app
 from condyn_pin.study import clocks, tuning
 from condyn_pin.study import plan as plans
 from condyn_pin.study.cheapest import Choice

@@ -18,7 +18,7 @@ import condyn_pin as cp
 from condyn_pin._core.files import beside
 from condyn_pin._core.files.beside import check_writable, write_text, written_beside
 from condyn_pin._core.plot_style import write_figure
-from condyn_pin.cli import app
+from condyn_pin.cli.main import app
 from condyn_pin.lab.extremes.stress_table import write_csv as write_maps
 from condyn_pin.study import plan as plans
 from condyn_pin.study.bench import bench

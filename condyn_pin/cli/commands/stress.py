@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from condyn_pin.commands.arguments import (
+from condyn_pin.cli.commands.arguments import (
     AsJson,
     Csv,
     Families,
@@ -17,7 +17,7 @@ from condyn_pin.commands.arguments import (
     RobotsToStress,
     SolversToStress,
 )
-from condyn_pin.commands.output import (
+from condyn_pin.cli.commands.output import (
     INTERRUPTED,
     check_picture,
     check_written,
@@ -51,7 +51,7 @@ def stress(
     """
     from condyn_pin._core._pin import VERSION_TEXT
     from condyn_pin._core.errors import Interrupted, InvalidArgument
-    from condyn_pin.commands.words import names_in
+    from condyn_pin.cli.commands.words import names_in
     from condyn_pin.lab.extremes.stress import stress as run
     from condyn_pin.lab.extremes.stress_table import maps, read_csv, write_csv
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from rich.table import Column
 
-from condyn_pin.commands.arguments import AsJson
-from condyn_pin.commands.output import console, print_json, words
+from condyn_pin.cli.commands.arguments import AsJson
+from condyn_pin.cli.commands.output import console, print_json, words
 
 if TYPE_CHECKING:
     from condyn_pin.model.robot import Robot

@@ -1,4 +1,4 @@
-"""The command line: `condyn_pin.commands` has its commands."""
+"""The command line: `condyn_pin.cli.commands` has its commands."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ import typer
 
 from condyn_pin import __version__
 from condyn_pin._core.errors import CondynError
-from condyn_pin.commands import commands
-from condyn_pin.commands.output import INTERRUPTED, warn
+from condyn_pin.cli.commands import commands
+from condyn_pin.cli.commands.output import INTERRUPTED, warn
 
 # Exit codes; 0 and 1 are given by the commands themselves.
 _CANNOT = 2

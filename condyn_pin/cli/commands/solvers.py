@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from rich.table import Table
 
-from condyn_pin.commands.arguments import AsJson
-from condyn_pin.commands.output import console, print_json, words
+from condyn_pin.cli.commands.arguments import AsJson
+from condyn_pin.cli.commands.output import console, print_json, words
 
 PANEL = "Look"
 

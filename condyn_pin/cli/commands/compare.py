@@ -9,8 +9,8 @@ import typer
 
 from condyn_pin._core.errors import InvalidModel
 from condyn_pin._core.tolerances import ENGINES
-from condyn_pin.commands.arguments import AsJson, RobotName, Variant
-from condyn_pin.commands.output import print_json, say
+from condyn_pin.cli.commands.arguments import AsJson, RobotName, Variant
+from condyn_pin.cli.commands.output import print_json, say
 
 PANEL = "Look"
 
@@ -42,7 +42,7 @@ def compare(
     import numpy as np
 
     from condyn_pin._core.joints import indices
-    from condyn_pin.commands.words import names_in, pairs_in, robot_of
+    from condyn_pin.cli.commands.words import names_in, pairs_in, robot_of
     from condyn_pin.dynamics.scene import Scene
     from condyn_pin.study.mujoco.mujoco_bridge import MujocoBridge
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from condyn_pin.commands.arguments import (
+from condyn_pin.cli.commands.arguments import (
     Csv,
     Measure,
     Plot,
@@ -16,7 +16,7 @@ from condyn_pin.commands.arguments import (
     SolversToSweep,
     TableJson,
 )
-from condyn_pin.commands.output import (
+from condyn_pin.cli.commands.output import (
     INTERRUPTED,
     check_picture,
     check_written,
@@ -58,7 +58,7 @@ def trade(
     Ctrl-C keeps what was measured. Exits with 1 if no solver meets the error.
     """
     from condyn_pin._core.errors import Interrupted
-    from condyn_pin.commands.words import swept_solvers_of
+    from condyn_pin.cli.commands.words import swept_solvers_of
     from condyn_pin.study.bench import ROBOTS
     from condyn_pin.study.cheapest import check_error
     from condyn_pin.study.clocks import TimingEffort

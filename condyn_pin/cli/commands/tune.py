@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from condyn_pin._core.tolerances import SOLVED
-from condyn_pin.commands.arguments import (
+from condyn_pin.cli.commands.arguments import (
     AsJson,
     Contacts,
     Loops,
@@ -16,7 +16,7 @@ from condyn_pin.commands.arguments import (
     SolversToSweep,
     Variant,
 )
-from condyn_pin.commands.output import print_json, progress_bar, say, warn
+from condyn_pin.cli.commands.output import print_json, progress_bar, say, warn
 
 PANEL = "Measure"
 
@@ -34,7 +34,7 @@ def tune(
 ) -> None:
     """Choose the fastest solver that meets an error; exits with 1 if there is none."""
     from condyn_pin._core.errors import NotReached
-    from condyn_pin.commands.words import scene_of, swept_solvers_of
+    from condyn_pin.cli.commands.words import scene_of, swept_solvers_of
     from condyn_pin.study.plan import check_folder, path_of
     from condyn_pin.study.tuning import choose, keep, plan_for
 

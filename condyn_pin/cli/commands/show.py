@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from condyn_pin._core.errors import InvalidArgument
-from condyn_pin.commands.arguments import AsJson, Contacts, Loops, Posture, RobotName, Variant
-from condyn_pin.commands.output import (
+from condyn_pin.cli.commands.arguments import AsJson, Contacts, Loops, Posture, RobotName, Variant
+from condyn_pin.cli.commands.output import (
     check_picture,
     console,
     plain,
@@ -51,7 +51,7 @@ def show(
         return
     if plot:
         raise InvalidArgument("--plot draws a ladder; add --ladder")
-    from condyn_pin.commands.words import scene_of
+    from condyn_pin.cli.commands.words import scene_of
 
     scene = scene_of(robot, contacts, loops, variant)
     summary = scene.summary(scene.state(posture)[0] if posture else None)

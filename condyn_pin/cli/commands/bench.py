@@ -7,8 +7,15 @@ from typing import Annotated
 
 import typer
 
-from condyn_pin.commands.arguments import Csv, Plot, Quick, RobotNames, SolversToBench, TableJson
-from condyn_pin.commands.output import (
+from condyn_pin.cli.commands.arguments import (
+    Csv,
+    Plot,
+    Quick,
+    RobotNames,
+    SolversToBench,
+    TableJson,
+)
+from condyn_pin.cli.commands.output import (
     INTERRUPTED,
     check_picture,
     check_written,
@@ -34,7 +41,7 @@ def bench(
     Ctrl-C keeps the scenes that were measured.
     """
     from condyn_pin._core.errors import Interrupted
-    from condyn_pin.commands.words import solvers_of
+    from condyn_pin.cli.commands.words import solvers_of
     from condyn_pin.study.bench import FULL, QUICK, ROBOTS
     from condyn_pin.study.bench import bench as run
     from condyn_pin.study.bench_print import print_bench

@@ -9,8 +9,8 @@ import typer
 from rich.table import Table
 
 from condyn_pin._core.printing import print_whole
-from condyn_pin.commands.arguments import AsJson, Plot
-from condyn_pin.commands.output import (
+from condyn_pin.cli.commands.arguments import AsJson, Plot
+from condyn_pin.cli.commands.output import (
     INTERRUPTED,
     check_picture,
     console,

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from condyn_pin.commands.arguments import RobotName, Variant
-from condyn_pin.commands.output import check_written, say
+from condyn_pin.cli.commands.arguments import RobotName, Variant
+from condyn_pin.cli.commands.output import check_written, say
 
 PANEL = "Look"
 
@@ -21,7 +21,7 @@ def export(
 ) -> None:
     """Write a robot in another format."""
     from condyn_pin._core.files.beside import write_text
-    from condyn_pin.commands.words import names_in, robot_of
+    from condyn_pin.cli.commands.words import names_in, robot_of
 
     check_written(mjcf)
     text = robot_of(robot, variant).to_mjcf(without=names_in(without))

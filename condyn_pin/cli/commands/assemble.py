@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from condyn_pin.commands.arguments import AsJson, Loops, Posture, RobotName, Variant
-from condyn_pin.commands.output import plain, print_json, say
+from condyn_pin.cli.commands.arguments import AsJson, Loops, Posture, RobotName, Variant
+from condyn_pin.cli.commands.output import plain, print_json, say
 
 PANEL = "Solve"
 
@@ -22,7 +22,7 @@ def assemble(
     as_json: AsJson = False,
 ) -> None:
     """Close the loops, starting from a posture; exits with 1 if they cannot be closed."""
-    from condyn_pin.commands.words import names_in, scene_of
+    from condyn_pin.cli.commands.words import names_in, scene_of
 
     scene = scene_of(robot, "", loops, variant)
     assembly = scene.assemble(

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from condyn_pin._core.errors import InvalidArgument
-from condyn_pin.commands.arguments import Loops, Posture, Variant, complete_robots
-from condyn_pin.commands.output import check_ending, check_written, say
+from condyn_pin.cli.commands.arguments import Loops, Posture, Variant, complete_robots
+from condyn_pin.cli.commands.output import check_ending, check_written, say
 
 if TYPE_CHECKING:
     from condyn_pin.viewing.verbs import Subject
@@ -115,7 +115,7 @@ def _standing(
     variant: list[str] | None,
 ) -> Subject:
     """Return the scene of a robot, or what holds it still: its motors, and its springs if bent."""
-    from condyn_pin.commands.words import robot_of, scene_of
+    from condyn_pin.cli.commands.words import robot_of, scene_of
     from condyn_pin.control.actuation import Actuation
     from condyn_pin.control.inverse import gravity_compensation
     from condyn_pin.dynamics.verbs import solve

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from condyn_pin.commands.arguments import (
+from condyn_pin.cli.commands.arguments import (
     AsJson,
     DriftName,
     Gain,
@@ -14,7 +14,7 @@ from condyn_pin.commands.arguments import (
     ProblemName,
     SolverOrNone,
 )
-from condyn_pin.commands.output import INTERRUPTED, console, print_json, say, words
+from condyn_pin.cli.commands.output import INTERRUPTED, console, print_json, say, words
 
 if TYPE_CHECKING:
     from condyn_pin.lab.problems.base import Problem
@@ -41,7 +41,7 @@ def problem(
         _list(as_json)
         return
     from condyn_pin._core.machine import machine
-    from condyn_pin.commands.words import drift_of, integrator_of, solver_of
+    from condyn_pin.cli.commands.words import drift_of, integrator_of, solver_of
     from condyn_pin.lab.problems.loading import load_problem
 
     result = load_problem(name, n=n).run(

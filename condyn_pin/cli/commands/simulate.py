@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from condyn_pin.commands.arguments import (
+from condyn_pin.cli.commands.arguments import (
     AsJson,
     Contacts,
     DriftName,
@@ -19,7 +19,7 @@ from condyn_pin.commands.arguments import (
     SolverOrNone,
     Variant,
 )
-from condyn_pin.commands.output import (
+from condyn_pin.cli.commands.output import (
     INTERRUPTED,
     check_ending,
     check_written,
@@ -54,7 +54,7 @@ def simulate(
 
     Ctrl-C keeps the motion so far.
     """
-    from condyn_pin.commands.words import drift_of, integrator_of, scene_of, solver_of
+    from condyn_pin.cli.commands.words import drift_of, integrator_of, scene_of, solver_of
     from condyn_pin.simulation.run import simulate as simulate_scene
 
     check_ending(save, ".npz")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import typer
 
-from condyn_pin.commands.arguments import AsJson
-from condyn_pin.commands.output import console, print_json, say, words
+from condyn_pin.cli.commands.arguments import AsJson
+from condyn_pin.cli.commands.output import console, print_json, say, words
 
 PANEL = "Look"
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from condyn_pin._core.tolerances import SOLVED
-from condyn_pin.commands.arguments import (
+from condyn_pin.cli.commands.arguments import (
     AsJson,
     Contacts,
     Loops,
@@ -16,7 +16,7 @@ from condyn_pin.commands.arguments import (
     SolverName,
     Variant,
 )
-from condyn_pin.commands.output import print_json, say, warn
+from condyn_pin.cli.commands.output import print_json, say, warn
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.solution import Solution
@@ -37,7 +37,7 @@ def solve(
     as_json: AsJson = False,
 ) -> None:
     """Solve a posture at rest, with zero torque; exits with 1 if the status is not ok."""
-    from condyn_pin.commands.words import scene_of, solver_of
+    from condyn_pin.cli.commands.words import scene_of, solver_of
     from condyn_pin.dynamics.verbs import solve as solve_scene
 
     scene = scene_of(robot, contacts, loops, variant)
