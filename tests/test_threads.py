@@ -113,8 +113,8 @@ def test_workers_keep_to_one():
     found = run(
         """
         with cp.Processes(1) as pool:
-            inside = pool.submit(eval, "[x.get_num_threads() for x in"
-                                 " __import__('condyn_pin._core.blas_threads').blas_threads.loaded()]")
+            inside = pool.submit(eval, "[x.get_num_threads() for x in __import__("
+                                 "'condyn_pin._core.blas_threads')._core.blas_threads.loaded()]")
             print(json.dumps(inside.result()))
         """
     )

@@ -1,7 +1,7 @@
 """Contacts of the robot with the world.
 
-The rows are those of a loop whose other body is the world (`condyn_pin.constraints.constraints`). Without an
-anchor a contact holds what it touches where it is: it has no position error.
+The rows are those of a loop whose other body is the world (`condyn_pin.constraints.constraints`).
+Without an anchor a contact holds what it touches where it is: it has no position error.
 """
 
 from __future__ import annotations

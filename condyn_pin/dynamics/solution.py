@@ -157,8 +157,8 @@ class Solution:
         """Bound on the error of a, relative to the larger of |a|_inf and gravity.
 
         A bound, up to rounding of tau, at the nominal state of the scene and an estimate elsewhere;
-        see `condyn_pin.dynamics.proof`. Turns and shifts are compared as numbers in rad and m: in another
-        unit of length the larger of the two, which is what counts, may be the other one.
+        see `condyn_pin.dynamics.proof`. Turns and shifts are compared as numbers in rad and m: in
+        another unit of length the larger of the two, which is what counts, may be the other one.
         """
         return self.proof.bound
 

@@ -1,8 +1,8 @@
 """Ladders: one machine, scene by scene smaller, with speed and price of each rung.
 
-The same motions are put into every rung (`condyn_pin.mechanism.reduction.same_motion`), and what is watched is
-compared with the first rung (`condyn_pin.mechanism.reduction.price`). A ladder is data: `condyn_pin/lab/ladders/`
-has one file each.
+The same motions are put into every rung (`condyn_pin.mechanism.reduction.same_motion`), and what is
+watched is compared with the first rung (`condyn_pin.mechanism.reduction.price`). A ladder is data:
+`condyn_pin/lab/ladders/` has one file each.
 """
 
 from __future__ import annotations

@@ -9,9 +9,9 @@ which has to stay within the rows for every X and Y, at every configuration near
 then (Frobenius), the rows are the rates of as many functions of q. A blade fails: by turning and
 gliding it gets sideways.
 
-dA is exact, from `condyn_pin.dynamics.derivatives.linearised`: with v = 0 and a = Y, J a + gamma = A Y.
-[X, Y] is the bracket of the joints' own groups: for a free-flyer the cross product of its twists,
-and zero for every joint whose q is a plain vector.
+dA is exact, from `condyn_pin.dynamics.derivatives.linearised`: with v = 0 and a = Y, J a + gamma =
+A Y. [X, Y] is the bracket of the joints' own groups: for a free-flyer the cross product of its
+twists, and zero for every joint whose q is a plain vector.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Cut joints: loops that keep a choice of the six rows of the slip.
 
-With r, R, v, omega as in `condyn_pin.constraints.rows.ends`, body 1 slips past body 2 at the origin of c2 with
+With r, R, v, omega as in `condyn_pin.constraints.rows.ends`, body 1 slips past body 2 at the origin
+of c2 with
 
     s_lin = v1 + omega1 x r - R v2 = -r',       s_ang = omega1 - R omega2
 

@@ -8,7 +8,8 @@ hinge by
 
 The equivalent has 6 rows of rank 5. A planar pin about e is a ball without the row along e. In a
 linkage in a plane, where its bodies are always as far apart along e as they are now
-(`condyn_pin.constraints.rows.flat`), that row is zero, and a ball at c1 + (e . r) e and c2 is the pin:
+(`condyn_pin.constraints.rows.flat`), that row is zero, and a ball at c1 + (e . r) e and c2 is the
+pin:
 
     s_ball = E s,     E = columns of 1 but for that of e.
 

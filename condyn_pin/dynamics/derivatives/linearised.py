@@ -3,9 +3,9 @@
     r = M a + h - tau - J^T lam,        s = J a + gamma - a_ref
 
 Newton-Euler's derivatives give those of r with the constraint forces fixed in the axes of their
-bodies. What turns, and those of s, come from the constraints: `condyn_pin.dynamics.derivatives.pairs`,
-`balls` and `rolling`. A joint whose axes turn with its own q is taken apart (`in_series`, beside
-them), or carried by a free body (`carried`).
+bodies. What turns, and those of s, come from the constraints:
+`condyn_pin.dynamics.derivatives.pairs`, `balls` and `rolling`. A joint whose axes turn with its own
+q is taken apart (`in_series`, beside them), or carried by a free body (`carried`).
 
 References
 ----------

@@ -4,9 +4,10 @@ With delta = J_s dq the slip of c1 past c2 that a step dq makes,
 
     d(R x) = -delta_ang x (R x) + R dx,    dr = -delta_lin,    d(X y) = -delta x (X y) + X dy,
 
-the last cross product that of spatial motions. The rows themselves are in `condyn_pin.constraints.rows.loops`,
-`cut_joints` and `rods`; their partials follow by the product rule. A force that is fixed in c1
-turns in c2: its wrench on body 2 changes too, and that on body 1 where its lever does.
+the last cross product that of spatial motions. The rows themselves are in
+`condyn_pin.constraints.rows.loops`, `cut_joints` and `rods`; their partials follow by the product
+rule. A force that is fixed in c1 turns in c2: its wrench on body 2 changes too, and that on body 1
+where its lever does.
 """
 
 from __future__ import annotations

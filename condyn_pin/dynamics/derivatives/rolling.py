@@ -1,8 +1,9 @@
 """How the rows of what rolls change with q and v, at fixed accelerations and forces.
 
-The rows are in `condyn_pin.constraints.rows.rolling`: T s' + T' s, with T and r turning as the normal does in
-the axes of the body. So each of these vectors x is carried along with its partials x_q, its rate x'
-and the partials x'_q; those by v need no room, x'_v = x_q. For what is fixed in the world,
+The rows are in `condyn_pin.constraints.rows.rolling`: T s' + T' s, with T and r turning as the
+normal does in the axes of the body. So each of these vectors x is carried along with its partials
+x_q, its rate x' and the partials x'_q; those by v need no room, x'_v = x_q. For what is fixed in
+the world,
 
     x_q = x x J_w,    x' = x x w,    x'_q = -w x x_q + x x w_q,
 

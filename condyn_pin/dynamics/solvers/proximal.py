@@ -72,11 +72,12 @@ class Proximal(Solver):
         nothing, and small enough, since the next iterate is better by mu / sigma again; less where
         that could still move a joint by 1e-9 of gravity.
     refinements : int, optional
-        Corrections with residuals of our own and the same factor (`condyn_pin.dynamics.refinement`). Each
-        costs a look as in `solve`, and gains what rounding took where M or G is badly conditioned:
-        light bodies under heavy ones, long chains, singular postures. By default one where that may
-        be more than an answer that is `ok` may miss, eps cond(M) > 1e-8 or eps cond(G) > 1e-8 at
-        the nominal state, redundant rows left out, and none anywhere else.
+        Corrections with residuals of our own and the same factor
+        (`condyn_pin.dynamics.refinement`). Each costs a look as in `solve`, and gains what rounding
+        took where M or G is badly conditioned: light bodies under heavy ones, long chains, singular
+        postures. By default one where that may be more than an answer that is `ok` may miss, eps
+        cond(M) > 1e-8 or eps cond(G) > 1e-8 at the nominal state, redundant rows left out, and none
+        anywhere else.
     absolute_accuracy : float
         Handed to Pinocchio as it is. Pinocchio compares it with a number that is not a residual
         (|J a_free - 2 b|_inf), so it has no use; 0 keeps it from ever stopping the iteration.
