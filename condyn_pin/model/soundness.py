@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from math import inf
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidModel
 from condyn_pin._core.tolerances import HUGE
+
+# Joints of a robot.
+MOST_JOINTS: Final = 2000  # the Data of Pinocchio takes 32 GB of half as many
 
 
 def check_model(model: Any) -> None:

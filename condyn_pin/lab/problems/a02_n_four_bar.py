@@ -15,9 +15,9 @@ from condyn_pin._core.knobs import check_count
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.proximal import Proximal
-from condyn_pin.io.xml import MOST_JOINTS
 from condyn_pin.lab.problems.base import Limit, Problem, Published, Setting
 from condyn_pin.model.mechanisms.n_four_bar import n_four_bar
+from condyn_pin.model.soundness import MOST_JOINTS
 from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4
 
 _GRAVITY: Final = 9.81  # [m/s^2]

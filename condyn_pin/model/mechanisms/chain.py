@@ -9,7 +9,6 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.knobs import check_count
 from condyn_pin.constraints.constraint_fields import check_positive
-from condyn_pin.io.xml import MOST_JOINTS
 from condyn_pin.model.mechanisms.base import (
     LICENCE,
     add_rod,
@@ -17,6 +16,7 @@ from condyn_pin.model.mechanisms.base import (
     source,
 )
 from condyn_pin.model.robot import Robot
+from condyn_pin.model.soundness import MOST_JOINTS
 
 
 @mechanism
