@@ -19,6 +19,7 @@ from condyn_pin.dynamics.kept import equations_of
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.model.applied_force import AppliedForce
 from condyn_pin.model.loads import Load, Loads
+from condyn_pin.model.soundness import singular_mass
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +47,7 @@ def at_state(scene: Scene, q: ArrayLike, v: ArrayLike | None = None) -> State:
     still = np.zeros(scene.robot.nv)
     q_, v_, _ = Arguments(equations.model).check(q, still if v is None else v, still)
     terms = finite_terms(equations, q_, v_)
-    factors = factorise(terms.M, terms.J, tolerances.RANK, at=(equations.model, q_))
+    factors = factorise(terms.M, terms.J, tolerances.RANK, why=singular_mass(equations.model, q_))
     return State(q_.copy(), v_.copy(), terms, factors)
 
 

@@ -22,7 +22,7 @@ from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.dynamics.proof import Yardstick
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.mechanism.chains import redundant_rows
-from condyn_pin.model.soundness import massless_motion
+from condyn_pin.model.soundness import massless_motion, singular_mass
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
@@ -117,7 +117,9 @@ def audit(scene: Scene) -> Audit:
     equations = Equations(robot.model, scene.bounds)
     terms = equations.terms(q, np.zeros(robot.nv))
     P = reach(equations, q)
-    factors = factorise(terms.M, terms.J, tolerances.RANK, at=(robot.model, q)).above_rounding(P)
+    factors = factorise(
+        terms.M, terms.J, tolerances.RANK, why=singular_mass(robot.model, q)
+    ).above_rounding(P)
     S, rank = factors.S, factors.rank
     gravity = float(np.linalg.norm(robot.model.gravity.linear))
     weight = robot.mass * (gravity or 1.0)

@@ -36,6 +36,7 @@ from condyn_pin.constraints.rows.reach import reach
 from condyn_pin.mechanism.closing import Closer
 from condyn_pin.mechanism.clusters import Cluster, clusters, isolated
 from condyn_pin.mechanism.limits import NO_LIMITS, Limits
+from condyn_pin.model.soundness import singular_mass
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
@@ -113,7 +114,7 @@ def chains(scene: Scene) -> Chains:
     found = []
     for q in tries:
         terms = equations.terms(q, np.zeros(robot.nv))
-        factors = factorise(terms.M, terms.J, tolerances.RANK, at=(robot.model, q))
+        factors = factorise(terms.M, terms.J, tolerances.RANK, why=singular_mass(robot.model, q))
         factors = factors.above_rounding(reach(equations, q))
         dependent = independent_columns(terms.J[rows], passive_classes)
         found.append((factors, terms.J, dependent))

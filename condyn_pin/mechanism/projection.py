@@ -34,6 +34,7 @@ from condyn_pin.constraints.rows.reach import reach
 from condyn_pin.dynamics.gaps import rounding, slips, worst
 from condyn_pin.dynamics.kept import equations_of
 from condyn_pin.mechanism.check import Check, check
+from condyn_pin.model.soundness import singular_mass
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
@@ -101,7 +102,10 @@ def _nearest(
 ) -> tuple[Array, Array]:
     """Return the x nearest to the given one, and what it leaves of J x + gamma, for W, J, gamma."""
     W, J, gamma = terms
-    factors, nothing = factorise(W, J, 0.0, at=(scene.robot.model, q)), np.zeros(len(x))
+    factors, nothing = (
+        factorise(W, J, 0.0, why=singular_mass(scene.robot.model, q)),
+        np.zeros(len(x)),
+    )
     nearest, left = x, J @ x + gamma
     for some in _ranks(scene, q, factors, closed):
         nearest, left = x, J @ x + gamma

@@ -28,6 +28,7 @@ from condyn_pin.constraints.rows.reach import reach
 from condyn_pin.dynamics.gaps import Gap, closed, gaps, worst
 from condyn_pin.dynamics.kept import equations_of
 from condyn_pin.mechanism.chains import redundant_rows
+from condyn_pin.model.soundness import singular_mass
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
@@ -211,7 +212,7 @@ def is_singular(scene: Scene, q: Array) -> bool:
 def _factors(scene: Scene, equations: Equations, q: Array, M: Array, J: Array) -> MinimumNorm:
     """Return M and J factorised, without the singular values that are zeros but for rounding."""
     share = tolerances.ISOLATED if scene.chains.isolated else tolerances.RANK
-    factors = factorise(M, J, share, at=(scene.robot.model, q))
+    factors = factorise(M, J, share, why=singular_mass(scene.robot.model, q))
     return factors.above_rounding(reach(equations, q))
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
+from functools import partial
 from math import inf
 from typing import Any, Final
 
@@ -217,6 +219,11 @@ def massless_motion(
         "give the links between them an inertia or the joints an armature, make them a ball, or "
         "stay away from that q"
     )
+
+
+def singular_mass(model: Any, q: Array) -> Callable[[], str]:
+    """Return what says, if asked, which joints move no inertia at q: to look takes a while."""
+    return partial(massless_motion, model, q)
 
 
 def _least_moved(model: Any, M: Array) -> tuple[float, str]:

@@ -19,17 +19,16 @@ Udwadia, Kalaba. A new perspective on constrained motion. Proc. R. Soc. A 439, 1
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isfinite
-from typing import Any
 
 import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidModel
-from condyn_pin.model.soundness import massless_motion
 
 _EPS = float(np.finfo(np.float64).eps)
 
@@ -122,7 +121,7 @@ def factorise(
     rank_tolerance: float,
     least: float = 0.0,
     *,
-    at: tuple[Any, Array] | None = None,
+    why: Callable[[], str] = str,
 ) -> MinimumNorm:
     """Factorise M and J.
 
@@ -131,8 +130,8 @@ def factorise(
     M, J : (nv, nv), (m, nv) array
     rank_tolerance, least : float
         Singular values of J L^-T count above a share of the largest, and above `least`.
-    at : (pin.Model, (nq,) array), optional
-        Where M is from, so that an error names the joints.
+    why : callable, optional
+        Says why M is not positive definite; a text that may be empty.
 
     Raises
     ------
@@ -145,8 +144,7 @@ def factorise(
 
     upper, info = dpotrf(M.T)  # what is below the diagonal of M, as in np.linalg.cholesky
     if info:
-        said = "" if at is None else massless_motion(*at)
-        raise InvalidModel(said or "the mass matrix is not positive definite at this q")
+        raise InvalidModel(why() or "the mass matrix is not positive definite at this q")
     if not len(J):
         return MinimumNorm(upper.T, np.zeros((0, 0)), np.zeros(0), np.zeros((len(M), 0)), 0)
     Jw = dtrtrs(upper, J.T, trans=1)[0].T

@@ -27,6 +27,7 @@ from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.mechanism.reduction.smaller_robot import free_flyers
+from condyn_pin.model.soundness import singular_mass
 from condyn_pin.model.spring import Spring
 
 _ROUNDS = 30  # of the load on the springs; it settles by a factor of ten and more in each
@@ -115,7 +116,7 @@ def _follow(equations: Equations, q: Array, wanted: Array, known: Indices, still
     v = wanted.copy()
     v[free] = -np.linalg.lstsq(terms.J[:, free], terms.J @ wanted, rcond=tolerances.RANK)[0]
     J = np.vstack([terms.J, np.eye(len(wanted))[still]])
-    return factorise(terms.M, J, tolerances.RANK, at=(equations.model, q)).tangent(v)
+    return factorise(terms.M, J, tolerances.RANK, why=singular_mass(equations.model, q)).tangent(v)
 
 
 def _hold(target: Scene, q: Array, joints: Sequence[str]) -> Array:
