@@ -14,6 +14,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidModel
+from condyn_pin._core.rotations import rotation_fault
 from condyn_pin._core.tolerances import HUGE
 
 # Joints of a robot.
@@ -43,16 +44,6 @@ def check_model(model: Any) -> None:
         )
     _check_bodies(model)
     _check_mass_matrix(model, data)
-
-
-def rotation_fault(R: Array) -> str:
-    """Return what is wrong with a rotation matrix; nothing if it is one."""
-    if not np.isfinite(R).all():
-        return "it is not finite"
-    error = float(np.abs(R @ R.T - np.eye(3)).max())
-    if error > tolerances.ROTATION:
-        return f"its axes are not orthonormal, R R^T - 1 has an entry of {error:.3g}"
-    return "it is left-handed, det R = -1" if np.linalg.det(R) < 0 else ""
 
 
 def _check_placements(model: Any) -> None:
