@@ -9,7 +9,8 @@ from typing import ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin.simulation.batch.rows import MISSING
+# The status of a row that nobody has worked on.
+MISSING: Final = -1
 
 _SHOWN: Final = 10
 

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.knobs import check_count
+from condyn_pin._core.parallel.outcome import MISSING
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import Solver
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.archive import MOTIONS, Content, Header, Path_, check_times, read, write
 from condyn_pin.simulation.batch.motions import ENDS, SAMPLED, of_ends, of_samples, samples_of
-from condyn_pin.simulation.batch.rows import MISSING
 from condyn_pin.simulation.batch.states import loose
 from condyn_pin.simulation.batch.trajectory import RUN_STATUSES, BatchTrajectory, Samples
 from condyn_pin.simulation.coding import decode, encode

@@ -18,6 +18,7 @@ from condyn_pin._core.errors import Interrupted, InvalidArgument, WorkersLost
 from condyn_pin._core.knobs import check_called
 from condyn_pin._core.parallel.chunks import Progress, in_flight, silent
 from condyn_pin._core.parallel.memory import CAN_SHARE, Arrays, Kinds
+from condyn_pin._core.parallel.outcome import MISSING
 from condyn_pin._core.parallel.processes import Processes, workers_of
 from condyn_pin._core.parallel.ways import ByCopies, ByMemory, InPlace, Kernel, Way
 from condyn_pin.constraints.baumgarte import Baumgarte
@@ -27,9 +28,6 @@ from condyn_pin.dynamics.verbs import workspace_for
 from condyn_pin.simulation.batch.recipe import Recipe
 
 Batch = TypeVar("Batch")
-
-# The status of a row that nobody has worked on.
-MISSING: Final = -1
 
 # A chunk is this part of what is left at most, so that several workers end at about the same time;
 _SHARES: Final = 16

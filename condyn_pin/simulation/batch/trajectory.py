@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.errors import NotRecorded, WorkersLost
-from condyn_pin._core.parallel.outcome import Outcome
+from condyn_pin._core.parallel.outcome import MISSING, Outcome
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.simulation.anchoring import anchored
-from condyn_pin.simulation.batch.rows import MISSING
 from condyn_pin.simulation.batch.solution import Some
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.outcome import Run, RunStatus
