@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import nan
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -27,10 +27,28 @@ from condyn_pin.constraints.rows.bound import (
     Coupled,
     Rolled,
 )
-from condyn_pin.model.robot import Robot
 
 
-def bind(robot: Robot, constraints: Sequence[Constraint]) -> tuple[AnyBound, ...]:
+class Machine(Protocol):
+    """What constraints are bound to: a `pinocchio.Model` with frames by name, such as a `Robot`."""
+
+    @property
+    def model(self) -> Any:
+        """The `pinocchio.Model`."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, the world's not among them."""
+
+    @property
+    def longest_link(self) -> float:
+        """The longest way from a joint to the next one [m]."""
+
+    def frame(self, name: str) -> tuple[int, Any]:
+        """Return the joint that carries a frame and its placement on it, or raise UnknownName."""
+
+
+def bind(robot: Machine, constraints: Sequence[Constraint]) -> tuple[AnyBound, ...]:
     """Bind constraints to a robot, rows in the order given.
 
     Raises
@@ -58,7 +76,7 @@ def bind(robot: Robot, constraints: Sequence[Constraint]) -> tuple[AnyBound, ...
     return tuple(bound)
 
 
-def _bind(robot: Robot, constraint: Constraint, rows: slice) -> Bound | Rolled:
+def _bind(robot: Machine, constraint: Constraint, rows: slice) -> Bound | Rolled:
     bound: Bound | Rolled
     if isinstance(constraint, Loop):
         bound = _bind_loop(robot, constraint, rows)
@@ -82,7 +100,7 @@ def _bind(robot: Robot, constraint: Constraint, rows: slice) -> Bound | Rolled:
     return bound
 
 
-def _bind_loop(robot: Robot, loop: Loop, rows: slice) -> Bound:
+def _bind_loop(robot: Machine, loop: Loop, rows: slice) -> Bound:
     one, two, sign = robot.frame(loop.frame_a), robot.frame(loop.frame_b), 1.0
     if one[0] == 0 and loop.kind in ("ball", "weld", "hinge"):
         # the world first: exchange, and report the force with the other sign
@@ -104,7 +122,7 @@ def _bind_loop(robot: Robot, loop: Loop, rows: slice) -> Bound:
 
 
 def _bind_contact(
-    robot: Robot, contact: PointContact | SurfaceContact | LineContact, rows: slice
+    robot: Machine, contact: PointContact | SurfaceContact | LineContact, rows: slice
 ) -> Bound:
     joint, placement = robot.frame(contact.frame)
     anchor = contact.anchor
@@ -124,7 +142,7 @@ def _bind_contact(
     )  # fmt: skip
 
 
-def _bind_plane(robot: Robot, contact: PlanarContact, rows: slice) -> Bound:
+def _bind_plane(robot: Machine, contact: PlanarContact, rows: slice) -> Bound:
     """Bind the plane as c1, z along its normal, and the robot's point as c2."""
     joint, placement = robot.frame(contact.frame)
     point = placement * pin.SE3(np.eye(3), np.array(contact.offset))
@@ -139,7 +157,7 @@ def _plane(normal: tuple[float, float, float], height: float | None) -> Any:
     return pin.SE3(turn.matrix(), (height or 0.0) * np.array(normal))
 
 
-def _bind_knife(robot: Robot, knife: Knife, rows: slice) -> Bound:
+def _bind_knife(robot: Machine, knife: Knife, rows: slice) -> Bound:
     joint, placement = robot.frame(knife.frame)
     point = placement * pin.SE3(np.eye(3), np.array(knife.offset))
     chosen = ("xyz".index(knife.axis),)
@@ -147,7 +165,7 @@ def _bind_knife(robot: Robot, knife: Knife, rows: slice) -> Bound:
     return Bound(knife.name, rows, joint, point, 0, world, chosen, anchored=False)
 
 
-def _bind_rolling(robot: Robot, rolling: RollingWheel | RollingBall, rows: slice) -> Rolled:
+def _bind_rolling(robot: Machine, rolling: RollingWheel | RollingBall, rows: slice) -> Rolled:
     wheel = rolling if isinstance(rolling, RollingWheel) else None
     holds = wheel.holds if wheel else DIRECTIONS
     return Rolled(
@@ -158,7 +176,7 @@ def _bind_rolling(robot: Robot, rolling: RollingWheel | RollingBall, rows: slice
     )  # fmt: skip
 
 
-def _lever(robot: Robot, *placements: Any) -> float:
+def _lever(robot: Machine, *placements: Any) -> float:
     """Return the size of the bodies that meet: two points of them are to be that far apart.
 
     A short lever turns rounding of the points into moments: 1/lever^2 enters the condition. A frame
@@ -169,7 +187,7 @@ def _lever(robot: Robot, *placements: Any) -> float:
     return own if own > 0.1 * links else links or 1.0
 
 
-def _couple(robot: Robot, coupling: Coupling, rows: slice) -> Coupled:
+def _couple(robot: Machine, coupling: Coupling, rows: slice) -> Coupled:
     model = robot.model
     if coupling.joint_a == coupling.joint_b:
         raise InvalidConstraint(f"{coupling.name}: both joints are {coupling.joint_a!r}")
