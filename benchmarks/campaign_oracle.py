@@ -188,7 +188,12 @@ class Solved:
 
 
 def solve(M: Array, x: Array, J: Array, gamma: Array) -> Solved:
-    """Solve M a = x + J^T lam, J a + gamma = 0; rows that depend on others are left out."""
+    """Solve M a = x + J^T lam, J a + gamma = 0; rows that depend on others are left out.
+
+    Entries of J are levers [m, rad] of machines of about a metre: a row of less than NOTHING is
+    rounding, of places that do not depend on q.
+    """
+    J = np.where(np.abs(J).max(axis=1, initial=0.0, keepdims=True) > NOTHING, J, 0.0)
     L = _cholesky(M)
     free = _forward(L, x)
     Q, R, order, rank = _pivoted(_forward(L, J.T))

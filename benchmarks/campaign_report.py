@@ -10,10 +10,9 @@ from typing import Any
 
 import marks
 
-from condyn_pin._core.tolerances import DERIVATIVES, SOLVED
+from condyn_pin._core.tolerances import DERIVATIVES, FORCES, SOLVED
 
 Line = dict[str, Any]
-FORCES = 1e-7  # error of generalised forces, relative to what M does with |a| or gravity
 _LISTED = 20
 
 

@@ -41,6 +41,8 @@ class Lying(Broken):
 
 
 class _Bribed:
+    gravity, unheard = 0.0, np.inf
+
     def prove(self, dynamics, largest, tau):
         from condyn_pin.dynamics.proof import Proof
 

@@ -10,6 +10,7 @@ from shared import all_scenes, each_scene, robot, states
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
+from condyn_pin._core.tolerances import DERIVATIVES
 from condyn_pin.dynamics.derivatives import METHODS
 from condyn_pin.dynamics.derivatives.check import BLOCKS, check_derivatives
 
@@ -512,3 +513,49 @@ def test_a_light_body_that_carries_a_heavy_one_keeps_the_digits():
         M = workspace.terms(q, still).M
         loss = np.abs(of.M_inv @ M - np.eye(made.nv)).max()
         assert loss <= 10 * np.finfo(float).eps * np.linalg.cond(M)
+
+
+def two_held_arms(light: float) -> cp.Scene:
+    """Two arms of four hinges, of bodies of 1 kg and of lighter ones, held twice at their tips."""
+    model, contacts = pin.Model(), []
+    hinges = (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ, pin.JointModelRX)
+    for arm, mass in enumerate((1.0, light)):
+        parent = 0
+        for k, hinge in enumerate(hinges):
+            place = np.array([0.3, 0.1 * k, 0.2]) if k else np.array([float(arm), 0.0, 0.0])
+            parent = model.addJoint(parent, hinge(), pin.SE3(np.eye(3), place), f"{arm}{k}")
+            moments = 0.04 * mass * np.diag([1.0, 1.3, 0.8])
+            inertia = pin.Inertia(mass, np.array([0.1, 0.2, 0.05]), moments)
+            model.appendBodyToJoint(parent, inertia, pin.SE3.Identity())
+        tip = pin.SE3(np.eye(3), np.array([0.3, 0.2, 0.1]))
+        model.addFrame(pin.Frame(f"tip{arm}", parent, 0, tip, pin.FrameType.OP_FRAME))
+        contacts += [
+            cp.PointContact(f"tip{arm}", name=f"{name}{arm}") for name in ("once", "twice")
+        ]
+    return cp.Scene(cp.Robot("arms", model), contacts)
+
+
+@pytest.mark.parametrize("decades", range(11))
+def test_pinocchios_own_are_right_or_refused_however_light_a_part_is(decades):
+    """G is 1 / mass: what a mu that the heavy part needs leaves of rounding is eps |G| / mu."""
+    scene, rng = two_held_arms(10.0**-decades), np.random.default_rng(0)
+    q, v = scene.sample(rng)
+    workspace = cp.Workspace(scene)
+    M = workspace.terms(q, v).M
+    state = (q, v, M @ rng.normal(size=len(v)))
+    felt = {"da_dq": 1.0, "da_dv": 1.0, "da_dtau": np.sqrt(np.diag(M))}
+    if decades > 7:
+        with pytest.raises(cp.DerivativesDisagree, match="take method='kkt'"):
+            workspace.derivatives(*state, method="pinocchio")
+        return
+    try:
+        theirs = workspace.derivatives(*state, method="pinocchio")
+    except cp.DerivativesDisagree:
+        if decades > 4:  # rounding decides
+            return
+        raise
+    ours = workspace.derivatives(*state)
+    for name, step in felt.items():
+        wanted = getattr(ours, name) * step
+        off = np.abs(getattr(theirs, name) * step - wanted).sum(axis=1).max()
+        assert off < DERIVATIVES * np.abs(wanted).max()

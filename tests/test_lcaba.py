@@ -8,7 +8,7 @@ from shared import all_scenes, relative, states, truth
 
 import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA, pin
-from condyn_pin._core.tolerances import SOLVED
+from condyn_pin._core.tolerances import FORCES, SOLVED
 
 FAST = [cp.Proximal(), *([cp.LCABA()] if HAS_LCABA else [])]
 each = pytest.mark.parametrize("solver", FAST, ids=lambda s: type(s).__name__)
@@ -122,3 +122,71 @@ def test_corrections_make_up_for_a_small_mu():
     fine = cp.solve(scene, *state, solver=cp.LCABA(mu=mu, refinements=2))
     assert not rough.status.ok
     assert relative(fine.a, wanted.a) < SOLVED
+
+
+def turned_plate(root: str, lever: float, size: float = 0.8) -> cp.Scene:
+    """A body that turns, one that shifts and turns in its plane, and a point held fast on that."""
+    model, made = pin.Model(), 0
+    for k, joint in enumerate((root, "Planar")):
+        place = pin.SE3(np.eye(3), k * np.array([0.2, 0.3, 0.1]))
+        made = model.addJoint(made, getattr(pin, f"JointModel{joint}")(), place, f"joint{k}")
+        com, moments = size * np.array([0.5, 1.0, 0.25]), size**2 * np.diag([1.0, 1.3, 0.8])
+        model.appendBodyToJoint(made, pin.Inertia(1.0, com, moments), pin.SE3.Identity())
+    held = pin.SE3(np.eye(3), lever * np.array([1.0, 0.6, 0.4]))
+    model.addFrame(pin.Frame("held", made, 0, held, pin.FrameType.OP_FRAME))
+    return cp.Scene(cp.Robot("plate", model), [cp.PointContact("held")])
+
+
+def hung_body(mass: float) -> cp.Scene:
+    """A body on one point of the ground, and another that turns on it."""
+    model = pin.Model()
+    for k, joint in enumerate((pin.JointModelFreeFlyer(), pin.JointModelRY())):
+        place = pin.SE3(np.eye(3), k * np.array([0.2, 0.3, 0.4]))
+        made = model.addJoint(k, joint, place, f"joint{k}")
+        inertia = pin.Inertia(
+            mass ** (1 - k), np.array([0.1, 0.2, 0.0]), 0.04 * mass ** (1 - k) * np.eye(3)
+        )
+        model.appendBodyToJoint(made, inertia, pin.SE3.Identity())
+    held = pin.SE3(np.eye(3), np.array([0.3, 0.2, 0.1]))
+    model.addFrame(pin.Frame("held", 2, 0, held, pin.FrameType.OP_FRAME))
+    return cp.Scene(cp.Robot("hung", model), [cp.PointContact("held")])
+
+
+def errors(scene, solver, count=6):
+    """Yield solutions and the errors of a, and of what the forces do to the joints, relative."""
+    right, workspace = cp.Workspace(scene, cp.Reference()), cp.Workspace(scene, solver)
+    rng = np.random.default_rng(0)
+    for _ in range(count):
+        q, v = scene.sample(rng)
+        terms = right.terms(q, v)
+        tau = terms.M @ rng.normal(size=len(v))
+        wanted, found = right.solve(q, v, tau), workspace.solve(q, v, tau, throw=False)
+        size = max(np.abs(wanted.a).max(), scene.audit.yardstick.gravity)
+        torque = (np.abs(terms.M).sum(axis=1) * size + np.abs(terms.h) + np.abs(tau)).max()
+        off = terms.J.T @ found.lam - (terms.M @ wanted.a + terms.h - tau)
+        yield found, np.abs(found.a - wanted.a).max() / size, np.abs(off).max() / torque
+
+
+@pytest.mark.parametrize(("root", "lever"), [("RX", 0.1), ("RX", 0.3), ("RY", 0.1), ("RY", 0.3)])
+@each
+def test_forces_are_right_where_a_is(solver, root, lever):
+    """Where mu is small a is right, and lam, which is 1/mu times rounding of J a, is not."""
+    for found, of_a, of_forces in errors(turned_plate(root, lever), solver):
+        assert found.status.ok
+        assert found.iterations < 20
+        assert of_a < SOLVED
+        assert of_forces < FORCES / 10
+
+
+@pytest.mark.parametrize("mass", [1e-2, 1.0, 1e2])
+@pytest.mark.parametrize("share", [1e-3, 1e-5, 1e-6, 1e-7, 1e-8])
+@pytest.mark.parametrize("kind", [type(solver) for solver in FAST])
+def test_an_answer_whose_forces_are_wrong_is_not_ok(kind, share, mass):
+    """Of a body on a point, a does not show what a mu of one's own does to lam."""
+    scene = hung_body(mass)
+    for found, of_a, of_forces in errors(scene, kind(mu=share * scene.audit.delassus_norm)):
+        if found.status.ok:
+            assert of_a < SOLVED
+            assert of_forces < FORCES
+        elif of_a < SOLVED / 10:
+            assert found.status is cp.Status.INACCURATE

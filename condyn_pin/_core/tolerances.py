@@ -8,6 +8,11 @@ from typing import Final
 # the caller says otherwise. It is what the agreement of the solvers with Reference is promised to.
 SOLVED: Final = 1e-8
 
+# What constraint forces do to the joints, J^T lam, relative to the largest torque in the equation
+# of a joint: forces of an answer that is ok are right to this. Ten times SOLVED: J^T lam is what
+# is left of M a + h - tau, where torques of heavy bodies cancel.
+FORCES: Final = 1e-7
+
 # No finer accuracy can be asked for: the residuals themselves are rounded to about this.
 FINEST: Final = 1e-14
 

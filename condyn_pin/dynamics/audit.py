@@ -18,7 +18,7 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.mass_pivots import MassPivots
 from condyn_pin.constraints.rows.natives import Natives
 from condyn_pin.constraints.rows.reach import ROUNDED, reach
-from condyn_pin.constraints.rows.terms import Terms
+from condyn_pin.constraints.rows.terms import Terms, largest_torque
 from condyn_pin.dynamics.proof import Yardstick
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.mechanism.chains import redundant_rows
@@ -34,12 +34,31 @@ _APART = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class NominalState:
-    """A state on the constraints, and the accelerations there by `Reference`."""
+    """A state on the constraints, and the accelerations there by `Reference`.
+
+    Attributes
+    ----------
+    q, v, tau, a : array
+    size : float
+        What errors of a are relative to: the larger of |a|_inf and gravity [rad/s^2, m/s^2].
+    torque : float
+        The same for forces: the largest torque in the equation of a joint [N, N m].
+    """
 
     q: Array
     v: Array
     tau: Array
     a: Array
+    size: float
+    torque: float
+
+    @classmethod
+    def of(
+        cls, q: Array, v: Array, tau: Array, a: Array, terms: Terms, gravity: float
+    ) -> NominalState:
+        """Return the state with its sizes."""
+        size = max(float(np.abs(a).max()), gravity) or 1.0
+        return cls(q, v, tau, a, size, largest_torque(terms, tau, size))
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,11 +219,12 @@ def _nominal_states(
 ) -> tuple[NominalState, ...]:
     """Return a state at rest, and one moving along the constraints under random torques."""
     rng = np.random.default_rng(0)
-    nv = equations.model.nv
+    nv, gravity = equations.model.nv, float(np.linalg.norm(equations.model.gravity.linear))
     # torques that alone would accelerate every joint by about 1 rad/s^2 or 1 m/s^2
     push = factors.L @ (factors.L.T @ rng.normal(size=nv))
     made = []
     for v, tau in ((np.zeros(nv), np.zeros(nv)), (factors.tangent(rng.normal(size=nv)), push)):
-        a, _ = Reference().solve(equations.terms(q, v), tau, P)
-        made.append(NominalState(q, v, tau, a))
+        terms = equations.terms(q, v)
+        a, _ = Reference().solve(terms, tau, P)
+        made.append(NominalState.of(q, v, tau, a, terms, gravity))
     return tuple(made)

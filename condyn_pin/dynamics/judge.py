@@ -15,6 +15,7 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.errors import InvalidModel
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin.constraints.rows.reach import reach
+from condyn_pin.constraints.rows.terms import largest_torque
 from condyn_pin.dynamics.proof import Proof, Yardstick
 from condyn_pin.dynamics.solution import Solution, Status
 from condyn_pin.dynamics.solvers.base import Method
@@ -71,7 +72,9 @@ class Judge:
                 proof = self._careful_proof(q, v, tau, a, lam, load)
             except InvalidModel:  # M is not positive definite to working precision
                 singular, proof = True, proof._replace(bound=inf)
-        if proof.bound <= accuracy:
+        if proof.bound <= accuracy and self._forces_hold(
+            q, v, tau, proof, largest[1], accuracy, load
+        ):
             status = _OK
         elif singular:
             status = Status.SINGULAR
@@ -82,6 +85,30 @@ class Judge:
         return Solution(
             a, lam, proof, status, iterations, solve_time, self._scene, q.copy(), applied
         )
+
+    def _forces_hold(
+        self,
+        q: Array,
+        v: Array,
+        tau: Array,
+        proof: Proof,
+        max_a: float,
+        accuracy: float,
+        load: Load | None,
+    ) -> bool:
+        """Whether J^T lam is right to FORCES, or where a may be rougher to ten times as much.
+
+        A residual along what rows hold is an error of lam that a does not show,
+
+            J^T dlam = r + M e,    |J^T dlam|_inf <= |r|_inf + bound (|M| |a|_inf)_inf.
+        """
+        size = max(max_a, self._yardstick.gravity)
+        if proof.dynamics <= self._yardstick.unheard * size:
+            return True
+        torques = tau if load is None else tau + load.torque
+        largest = largest_torque(self._workspace.equations.terms(q, v), torques, size)
+        allowed = tolerances.FORCES * max(accuracy / tolerances.SOLVED, 1.0)
+        return proof.dynamics <= (allowed - proof.bound) * largest
 
     def failed(self, q: Array, v: Array, solve_time: float, load: Load | None) -> Solution:
         """Return the solution of a method that met a singular matrix."""

@@ -32,6 +32,9 @@ Rows whose singular value is below REFERENCE_RANK count as redundant there, and 
 is added as an independent part: eps max(w) sum_j w_j (|lam| P)_j, with P what the two bodies of a
 row bring to J before they cancel. A row of which rounding is all that is left takes a lam of 1e17,
 and is found by that.
+
+Forces may be off where a is not, along what the rows hold: J^T dlam = r + M e, so that r is held
+against the largest torque in the equation of a joint as well (`Judge`).
 """
 
 from __future__ import annotations
@@ -227,6 +230,15 @@ class Yardstick:
         """The largest |s|_inf that the tolerance allows at gravity's scale [m/s^2]."""
         scale = self.largest_weight * self.per_row
         return tolerances.SOLVED * (self.gravity or 1.0) / scale if scale else 1.0
+
+    @cached_property
+    def unheard(self) -> float:
+        """The |r|_inf, relative to the size of a, that is no error of forces [kg, kg m^2].
+
+        A hundredth of FORCES, where one would do at the nominal state: no joint feels less inertia
+        than 1 / w^2, whatever the others do.
+        """
+        return tolerances.FORCES / 100.0 / float(self.weights.min()) ** 2
 
     @cached_property
     def per_row(self) -> float:

@@ -90,7 +90,8 @@ class Solution:
         The residuals, recomputed by Newton-Euler and forward kinematics, whatever the solver was;
         the properties below name them.
     status : Status
-        OK if `error_bound` is within the accuracy that was asked for (1e-8 by default).
+        OK if `error_bound` is within the accuracy that was asked for (1e-8 by default), and what
+        the forces do to the joints within ten times that of the largest torque on a joint.
     iterations : int
         Iterations of the solver; 1 for a direct method.
     solve_time : float

@@ -42,6 +42,20 @@ class Terms:
         self.__dict__.update(M=M, h=h, J=J, gamma=gamma, a_ref=a_ref)
 
 
+def largest_torque(terms: Terms, tau: Array, size: float) -> float:
+    """Return the largest |M| size + |h| + |tau| of a joint [N, N m]: what forces are compared with.
+
+    Parameters
+    ----------
+    terms : Terms
+    tau : (nv,) array
+    size : float
+        Of a: the larger of |a|_inf and gravity.
+    """
+    torques = np.abs(terms.M).sum(axis=1) * size + np.abs(terms.h) + np.abs(tau)
+    return float(torques.max())
+
+
 def finite_terms(equations: Equations, q: Array, v: Array) -> Terms:
     """Return the terms at a state that was checked; InvalidArgument if v makes them overflow."""
     with np.errstate(all="ignore"):  # what overflows is refused

@@ -6,12 +6,13 @@ multiple of a spurious term to column 0 whenever the first coordinate of the rob
 column is taken from `KktDerivatives` then.
 
 They are those of the damped matrix, off by mu / sigma and not iterated. Where rows are redundant
-they are taken with mu and with 2 mu, and continued to zero:
+they are taken with mu, 2 mu and 4 mu, and continued to zero:
 
-    X = 2 X(mu) - X(2 mu) + O(mu / sigma)^2,
+    Y(mu) = 2 X(mu) - X(2 mu) = X + O(mu / sigma)^2 + O(eps |G| / mu).
 
-and refused where the two are further apart than a third of the root of what derivatives are held
-to.
+Neither part is known, but Y(2 mu) has four times the first and half of the second: it is off from
+Y(mu) by three times what Y(mu) misses through damping, and by half of what it misses through
+rounding. Where twice that is more than a tenth of what derivatives are held to, they are refused.
 dlam is noise of size 1e-16/mu along redundant rows all the same.
 """
 
@@ -37,8 +38,11 @@ from condyn_pin.dynamics.solvers.proximal import Proximal
 if TYPE_CHECKING:
     from condyn_pin.dynamics.workspace import Workspace
 
-# What is left, a small multiple of (mu / sigma)^2, is within DERIVATIVES then.
-_APART: Final = 0.3 * DERIVATIVES**0.5
+# What may be off, of the largest entry: torques in which that one plays a small part are no less.
+_LARGEST_OFF: Final = 0.1 * DERIVATIVES
+
+# Of a and lam by q, v and tau, each (nv + m, nv).
+Blocks = tuple[Array, Array, Array]
 
 
 class PinocchioDerivatives(Derivatives):
@@ -61,17 +65,10 @@ class PinocchioDerivatives(Derivatives):
         by_q, by_v, by_tau = _damped(workspace, q, v, tau, settings)
         audit = workspace.scene.audit
         if audit.rounded or not audit.independent:
-            twice = _pin.proximal_settings(
-                settings.absolute_accuracy,
-                settings.relative_accuracy,
-                2.0 * settings.mu,
-                settings.max_iter,
-            )
-            more = _damped(workspace, q, v, tau, twice)
-            _check_damping(workspace, settings.mu, by_tau[: self._n], more[2][: self._n])
-            by_q, by_v, by_tau = (
-                2.0 * x - y for x, y in zip((by_q, by_v, by_tau), more, strict=True)
-            )
+            twice, more = (_damped(workspace, q, v, tau, _weighted(settings, k)) for k in (2, 4))
+            one = (by_q, by_v, by_tau)
+            by_q, by_v, by_tau = found = _continued(one, twice)
+            _check_continued(workspace, solution, settings.mu, found, _continued(twice, more))
         if solution.applied:  # they are torques that change with q
             by_q += by_tau @ load_partial(workspace.loads, q, solution.applied)
         if _first_column_is_wrong(workspace):
@@ -85,9 +82,7 @@ class PinocchioDerivatives(Derivatives):
         return self._formed
 
 
-def _damped(
-    workspace: Workspace, q: Array, v: Array, tau: Array, settings: Any
-) -> tuple[Array, Array, Array]:
+def _damped(workspace: Workspace, q: Array, v: Array, tau: Array, settings: Any) -> Blocks:
     """Return Pinocchio's derivatives of a and lam by q, v and tau, with the mu of the settings."""
     model, data = workspace.model, workspace.data
     models, datas = workspace.constraint_models, workspace.constraint_datas
@@ -102,17 +97,51 @@ def _damped(
     return by_q, by_v, by_tau
 
 
-def _check_damping(workspace: Workspace, mu: float, one: Array, twice: Array) -> None:
-    """Refuse da_dtau, with mu and with 2 mu, that are too far apart to be continued to zero."""
+def _weighted(settings: Any, times: float) -> Any:
+    """Return the settings with a multiple of their mu."""
+    return _pin.proximal_settings(
+        settings.absolute_accuracy,
+        settings.relative_accuracy,
+        times * settings.mu,
+        settings.max_iter,
+    )
+
+
+def _continued(one: Blocks, twice: Blocks) -> Blocks:
+    """Return derivatives with some mu and with twice that, continued to zero."""
+    by_q, by_v, by_tau = (2.0 * x - y for x, y in zip(one, twice, strict=True))
+    return by_q, by_v, by_tau
+
+
+def _check_continued(
+    workspace: Workspace, solution: Solution, mu: float, found: Blocks, rougher: Blocks
+) -> None:
+    """Refuse derivatives of a, continued from mu, that those from 2 mu do not agree with.
+
+    Those by tau are for torques in proportion to M_jj^1/2, as each joint feels them. What they
+    accelerate are the motions that the rows leave: those by q and v are looked at along them. Sums
+    over the columns count, for rounding along one redundant row is the same in all of them.
+    """
+    audit, n = workspace.scene.audit, len(solution.a)
+    size = max(float(np.abs(solution.a).max()), audit.yardstick.gravity) / 1e3
+    felt = np.sqrt(np.diag(workspace.equations.mass(solution.q)))
+    along = found[2][:n] * felt
     # where everything is held there is none, and what the heaviest joint feels stands for it
-    heaviest = float(workspace.scene.audit.yardstick.weights.min()) ** 2
-    apart = float(np.abs(twice - one).max()) / max(float(np.abs(one).max()), heaviest)
-    if not apart < _APART:
-        raise DerivativesDisagree(
-            f"method = 'pinocchio': with mu = {mu:.1e} and twice that its derivatives differ by "
-            f"{apart:.1e} of their size: it is not small beside what holds the constraints at this "
-            "state, or rounding along redundant rows is larger; take method='kkt'"
-        )
+    largest = max(float(np.abs(along).max()), float(audit.yardstick.weights.min()))
+    for x, y, step, least in (
+        (found[0], rougher[0], along, size * largest),
+        (found[1], rougher[1], along, size * largest),
+        (found[2], rougher[2], np.diag(felt), largest),
+    ):
+        off = 2.0 * float(np.abs((x - y)[:n] @ step).sum(axis=1).max())
+        off /= max(float((np.abs(x)[:n] @ np.abs(step)).max()), least) or 1.0
+        if not off <= _LARGEST_OFF:
+            raise DerivativesDisagree(
+                f"method = 'pinocchio': continued from mu = {mu:.1e}, and from twice that, its "
+                f"derivatives differ by {off / 2.0:.1e} of their size: mu is not small beside what "
+                "holds the constraints at this state, or rounding along redundant rows is larger; "
+                "take method='kkt'"
+            )
 
 
 def _check(workspace: Workspace) -> None:

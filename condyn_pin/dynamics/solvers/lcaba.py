@@ -19,7 +19,7 @@ from condyn_pin._core.knobs import (
     check_knobs,
     check_refinements,
 )
-from condyn_pin.dynamics.recursion import Acceleration, Corrected, Recursion
+from condyn_pin.dynamics.recursion import Corrected, Recursion
 from condyn_pin.dynamics.solvers.base import Method, Solver
 from condyn_pin.dynamics.solvers.reference import Reference
 
@@ -30,10 +30,15 @@ if TYPE_CHECKING:
 # What `mu` is chosen from, times the largest eigenvalue of G.
 _WEIGHT_SHARES = (1e-2, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 
-# Error of a, relative, at the states that are measured: a wide margin for all others. One that is
+# Error of a at the states that are measured, relative: a wide margin for all others. One that is
 # larger than the second has no margin: then answers are corrected.
 _ACCURATE = tolerances.SOLVED / 1000
 _UNSURE = tolerances.SOLVED / 10
+
+# Error of forces that counts, relative, and what it is worth beside one of a. Below that a alone
+# decides: forces follow the stop of the sweeps, and mu would be taken for the last of their digits.
+_FORCES_COUNT = tolerances.FORCES / 30
+_FORCES = tolerances.SOLVED / tolerances.FORCES
 
 # Joints beyond which a machine is measured at the nominal states alone, and its answers are not
 # corrected: both take minutes there, and as much memory again.
@@ -51,7 +56,7 @@ _LIMITS = (10, 20, 40, 80)
 
 
 class Choice(NamedTuple):
-    """What a scene was measured to need."""
+    """What a scene was measured to need, for a and for the forces."""
 
     mu: float
     limit: int
@@ -154,14 +159,19 @@ class LCABA(Solver):
         else:
             audit.measured[self] = chosen = self._best(workspace, recursion)
         settings = workspace.proximal_settings = self._settings(audit, chosen)
-        if not chosen.refinements:
+        return self._method(workspace, recursion, settings, chosen.refinements)
+
+    def _method(
+        self, workspace: Workspace, recursion: Recursion, settings: Any, refinements: int
+    ) -> Method:
+        if not refinements:
             run = recursion.bind(settings)
             return Method(
                 run, lambda: workspace.scene_forces(recursion.lam()), lambda: int(settings.iter)
             )
-        corrected = Corrected(workspace, recursion, settings, chosen.refinements)
+        corrected = Corrected(workspace, recursion, settings, refinements)
         return Method(
-            corrected.acceleration, corrected.lam, lambda: chosen.refinements + int(settings.iter)
+            corrected.acceleration, corrected.lam, lambda: refinements + int(settings.iter)
         )
 
     def _settings(self, audit: Audit, chosen: Choice) -> Any:
@@ -215,13 +225,10 @@ class LCABA(Solver):
         """Return how a choice does at some states."""
         audit = workspace.scene.audit
         settings = self._settings(audit, choice)
-        run: Acceleration = recursion.bind(settings)
-        if choice.refinements:
-            run = Corrected(workspace, recursion, settings, choice.refinements).acceleration
+        method = self._method(workspace, recursion, settings, choice.refinements)
         worst, sweeps = 0.0, 0
         for s in states:
-            scale = max(np.abs(s.a).max(), audit.yardstick.gravity) or 1.0
-            error = float(np.abs(run(s.q, s.v, s.tau) - s.a).max() / scale)
+            error = _error(workspace, method, s)
             worst = max(worst, error if np.isfinite(error) else np.inf)
             sweeps = max(sweeps, int(settings.iter))
         if not choice.refinements and sweeps > max(1, self.max_iterations // 4):
@@ -229,6 +236,21 @@ class LCABA(Solver):
         if worst < _ACCURATE:
             return Measured(0, sweeps, worst, choice)
         return Measured(1, worst * sweeps, worst, choice)
+
+
+@np.errstate(over="ignore", invalid="ignore")  # the error says it
+def _error(workspace: Workspace, method: Method, s: NominalState) -> float:
+    """Return that of a and of what forces do to the joints, each relative to what it may be.
+
+    Where a carries next to nothing of it, rounding of 1/mu goes into lam alone. The right a and the
+    lam of the answer leave a residual r, which is what J^T lam lacks.
+    """
+    of_a = float(np.abs(method.acceleration(s.q, s.v, s.tau) - s.a).max() / s.size)
+    r, _ = workspace.equations.residuals(s.q, s.v, s.tau, s.a, method.lam())
+    of_forces = float(np.abs(r).max() / s.torque) if s.torque else 0.0
+    if of_forces <= _FORCES_COUNT:
+        return of_a
+    return float(np.maximum(of_a, _FORCES * of_forces))  # not a number if either is none
 
 
 def _drawn_states(workspace: Workspace) -> Iterator[NominalState]:
@@ -250,4 +272,5 @@ def _drawn_states(workspace: Workspace) -> Iterator[NominalState]:
         tau = exact.terms(q, v).M @ rng.normal(size=len(v))
         solution = exact.solve(q, v, tau, throw=False)
         if solution.status.ok:
-            yield NominalState(q, v, tau, solution.a)
+            terms, gravity = exact.terms(q, v), scene.audit.yardstick.gravity
+            yield NominalState.of(q, v, tau, solution.a, terms, gravity)
