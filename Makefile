@@ -34,6 +34,7 @@ style: $(VENV)/ready
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports --no-logo
 
 test3: $(VENV3)/ready
 	$(VENV3)/bin/python -m pytest -n 2

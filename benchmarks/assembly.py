@@ -18,8 +18,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
-from condyn_pin.machine import machine
+from condyn_pin._core._pin import pin
+from condyn_pin._core.machine import machine
 
 SPREAD = 0.2  # [rad, m]
 

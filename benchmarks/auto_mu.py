@@ -33,12 +33,12 @@ import marks
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin.extremes.base import EXTREMES, Case
-from condyn_pin.extremes.stress import tasks
-from condyn_pin.extremes.verdict import Task, error_of, right_answers
-from condyn_pin.extremes.worker import Memory, make
-from condyn_pin.machine import machine
-from condyn_pin.timing import interleaved
+from condyn_pin._core.machine import machine
+from condyn_pin._core.timing import interleaved
+from condyn_pin.lab.extremes.base import EXTREMES, Case
+from condyn_pin.lab.extremes.stress import tasks
+from condyn_pin.lab.extremes.verdict import Task, error_of, right_answers
+from condyn_pin.lab.extremes.worker import Memory, make
 
 RESULTS = Path(__file__).resolve().parent / "results"
 WEIGHTS = tuple(float(f"1e{k}") for k in range(-12, 1))

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 
 WORKERS = 2
 MOTIONS, DURATION = 32, 1.0  # [s]

@@ -45,7 +45,7 @@ from campaign_problems import Problem, problem
 from campaign_rows import rows
 
 import condyn_pin as cp
-from condyn_pin.tolerances import DERIVATIVES
+from condyn_pin._core.tolerances import DERIVATIVES
 
 RESULTS = Path(__file__).resolve().parent / "results"
 PARTS = RESULTS.parent.parent / "build" / "campaign"

@@ -10,7 +10,7 @@ from typing import Any
 
 import marks
 
-from condyn_pin.tolerances import DERIVATIVES, FORCES, SOLVED
+from condyn_pin._core.tolerances import DERIVATIVES, FORCES, SOLVED
 
 Line = dict[str, Any]
 _LISTED = 20

@@ -22,13 +22,13 @@ from pathlib import Path
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import condyn_pin as cp
-from condyn_pin.batch.chunks import map_chunks
-from condyn_pin.catalogue import standard_scenes
-from condyn_pin.table_text import write_csv
-from condyn_pin.trade.exports import short
-from condyn_pin.trade.fresh import FreshErrors
-from condyn_pin.trade.measures import MEASURES
-from condyn_pin.trade.states import SampledStates
+from condyn_pin._core.parallel.chunks import map_chunks
+from condyn_pin._core.table_text import write_csv
+from condyn_pin.dynamics.catalogue import standard_scenes
+from condyn_pin.study.exports import short
+from condyn_pin.study.fresh import FreshErrors
+from condyn_pin.study.measures import MEASURES
+from condyn_pin.study.states import SampledStates
 
 RESULTS = Path(__file__).resolve().parent / "results"
 LEVELS = (1e-3, 1e-6, 1e-9)

@@ -12,11 +12,11 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin._pin import HAS_LCABA, pin
-from condyn_pin.catalogue import motor_torque
-from condyn_pin.differentiation.kkt import KktDerivatives
-from condyn_pin.machine import machine
-from condyn_pin.timing import interleaved
+from condyn_pin._core._pin import HAS_LCABA, pin
+from condyn_pin._core.machine import machine
+from condyn_pin._core.timing import interleaved
+from condyn_pin.dynamics.catalogue import motor_torque
+from condyn_pin.dynamics.derivatives.kkt import KktDerivatives
 
 
 def main() -> None:

@@ -37,10 +37,10 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin.machine import machine
-from condyn_pin.plots_drift import save_laboratory, title
-from condyn_pin.simulation.contest import contest
-from condyn_pin.simulation.laboratory import errors, gap_growth
+from condyn_pin._core.machine import machine
+from condyn_pin.lab.contest import contest
+from condyn_pin.lab.laboratory import errors, gap_growth
+from condyn_pin.lab.plots_drift import save_laboratory, title
 from condyn_pin.simulation.walls import wall
 
 if TYPE_CHECKING:

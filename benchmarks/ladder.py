@@ -18,10 +18,10 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import marks
 
-from condyn_pin.ladders import LADDERS
-from condyn_pin.smaller.climbing import FULL, QUICK, ladder
-from condyn_pin.smaller.ladder_plot import save_ladders
-from condyn_pin.smaller.ladder_table import LadderRow, LadderTable, write_ladders
+from condyn_pin.lab.climbing import FULL, QUICK, ladder
+from condyn_pin.lab.ladder_plot import save_ladders
+from condyn_pin.lab.ladder_table import LadderRow, LadderTable, write_ladders
+from condyn_pin.lab.ladders import LADDERS
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"

@@ -24,9 +24,9 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin.machine import machine
+from condyn_pin._core.machine import machine
+from condyn_pin.lab.laboratory import rod_pendulum
 from condyn_pin.simulation.integrators import Integrator
-from condyn_pin.simulation.laboratory import rod_pendulum
 
 RESULTS = Path(__file__).resolve().parent / "results"
 STEPS = 1_000_000

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from condyn_pin.drift import DRIFTS
-from condyn_pin.plot_style import line
+from condyn_pin._core.plot_style import line
+from condyn_pin.simulation.drift import DRIFTS
 
 _MARKERS = "osd^vP*"  # of the drift schemes, in the order of their registry
 

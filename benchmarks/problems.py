@@ -24,13 +24,14 @@ import marks
 from method_lines import Lines
 
 import condyn_pin as cp
-from condyn_pin.drift import DRIFTS, Baumgarte, Drift
-from condyn_pin.drift.no_drift import NoDrift
-from condyn_pin.drift.post_stabilization import PostStabilization
-from condyn_pin.machine import machine
-from condyn_pin.plots import panels
-from condyn_pin.problems.base import Problem, Setting
+from condyn_pin._core.machine import machine
+from condyn_pin._core.plots import panels
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.lab.problems.base import Problem, Setting
 from condyn_pin.simulation.defaults import default_integrator
+from condyn_pin.simulation.drift import DRIFTS, Drift
+from condyn_pin.simulation.drift.no_drift import NoDrift
+from condyn_pin.simulation.drift.post_stabilization import PostStabilization
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -17,9 +17,9 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import marks
 
-from condyn_pin.bench import BY_HAND, bench
-from condyn_pin.bench_table import BenchRow, BenchTable
-from condyn_pin.plots_bench import save_bench
+from condyn_pin.study.bench import BY_HAND, bench
+from condyn_pin.study.bench_table import BenchRow, BenchTable
+from condyn_pin.study.plots_bench import save_bench
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"

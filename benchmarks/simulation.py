@@ -14,12 +14,12 @@ from collections.abc import Callable
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin.machine import machine
+from condyn_pin._core.machine import machine
+from condyn_pin._core.timing import interleaved
 from condyn_pin.simulation.anchoring import anchored
 from condyn_pin.simulation.defaults import default_drift
 from condyn_pin.simulation.leg import Leg, Method
 from condyn_pin.simulation.torques import Applied
-from condyn_pin.timing import interleaved
 
 DT = 1e-3  # [s]
 

@@ -29,8 +29,8 @@ import numpy as np
 from method_lines import Lines
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
-from condyn_pin.machine import machine
+from condyn_pin._core._pin import pin
+from condyn_pin._core.machine import machine
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.measures import gauge_of
 from condyn_pin.simulation.plan import plan

@@ -15,8 +15,8 @@ from time import perf_counter
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import condyn_pin as cp
-from condyn_pin.catalogue import standard_scenes
-from condyn_pin.machine import machine
+from condyn_pin._core.machine import machine
+from condyn_pin.dynamics.catalogue import standard_scenes
 
 # What a first solve touches, all imported; scipy's LAPACK comes with the first scene.
 EVERYTHING = "import condyn_pin as cp; cp.load_robot; cp.Scene; cp.Workspace; cp.solve"

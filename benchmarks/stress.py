@@ -21,13 +21,13 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import marks
 
-from condyn_pin._pin import HAS_LCABA, VERSION_TEXT
-from condyn_pin.extremes.base import EXTREMES
-from condyn_pin.extremes.stress import stress, tasks
-from condyn_pin.extremes.stress_plot import save_maps
-from condyn_pin.extremes.stress_table import counts, maps, write_csv
-from condyn_pin.extremes.verdict import Outcome, Verdict
-from condyn_pin.machine import machine
+from condyn_pin._core._pin import HAS_LCABA, VERSION_TEXT
+from condyn_pin._core.machine import machine
+from condyn_pin.lab.extremes.base import EXTREMES
+from condyn_pin.lab.extremes.stress import stress, tasks
+from condyn_pin.lab.extremes.stress_plot import save_maps
+from condyn_pin.lab.extremes.stress_table import counts, maps, write_csv
+from condyn_pin.lab.extremes.verdict import Outcome, Verdict
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"

@@ -22,14 +22,14 @@ import numpy as np
 from processor_time import processor_time
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
-from condyn_pin.drift.no_drift import NoDrift
-from condyn_pin.mechanisms.base import add_rod
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.timing import Call, State
+from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.model.mechanisms.base import add_rod
+from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4
-from condyn_pin.timing import Call, State
-from condyn_pin.trade.measures.base import Answer, relative
-from condyn_pin.workspace import Workspace
+from condyn_pin.study.measures.base import Answer, relative
 
 GRAVITY = 9.81  # [m/s^2]
 

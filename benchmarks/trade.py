@@ -30,10 +30,10 @@ import trade_text
 from cheapest import RESULTS, catalogue, read, verify, write
 
 import condyn_pin as cp
-from condyn_pin.commands.output import progress_bar
-from condyn_pin.plots_trade import save_trade
-from condyn_pin.trade.printing import timed
-from condyn_pin.trade.row import ALONE
+from condyn_pin.cli.commands.output import progress_bar
+from condyn_pin.study.plots_trade import save_trade
+from condyn_pin.study.printing import timed
+from condyn_pin.study.row import ALONE
 
 ROOT = Path(__file__).resolve().parent.parent
 SHOWN = ("talos contacts", "cassie loops", "cassie loops + contacts", "solo12 contacts",

@@ -12,9 +12,9 @@ from cheapest import LEVELS, Verdict
 from marks import README
 
 import condyn_pin as cp
-from condyn_pin.trade.exports import short
-from condyn_pin.trade.front import answered, comparable, front, microseconds
-from condyn_pin.trade.printing import timed
+from condyn_pin.study.exports import short
+from condyn_pin.study.front import answered, comparable, front, microseconds
+from condyn_pin.study.printing import timed
 
 PAGE = "docs/how-to-choose-a-solver.md"
 

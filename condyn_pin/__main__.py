@@ -12,7 +12,7 @@ def main() -> None:
     """Run the command line; Ctrl-C ends it also while it is imported."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not under nohup
         signal.signal(signal.SIGINT, _interrupt)
-    from condyn_pin.cli import main as run
+    from condyn_pin.cli.main import main as run
 
     run()
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
@@ -12,35 +11,38 @@ from sphinx.application import Sphinx
 
 import condyn_pin
 
-# What a module is listed under, by the first part of its name; others by that part itself.
+# What a module is listed under: by the longest of these that its name begins with.
 _AREAS = {
-    "Robots": ("load", "robot", "spring", "mechanisms"),
-    "Constraints": ("constraints", "contacts", "nonholonomic"),
-    "Scenes and states": ("scene", "summary", "audit", "states", "rows"),
-    "Smaller scenes": ("smaller", "ladders"),
-    "Answers": ("verbs", "workspace", "solution", "proof", "force", "applied_force"),
-    "Friction cones": ("cones",),
-    "Solvers": ("solvers",),
-    "Derivatives": ("differentiation",),
-    "Motors and impacts": ("motors", "impacts", "switching"),
-    "Simulation": ("simulation", "drift"),
-    "Benchmark problems": ("problems",),
-    "Many states at once": ("batch",),
-    "Time against error": ("trade",),
-    "Beside MuJoCo": ("bridge",),
-    "Errors": ("errors",),
+    "Robots": ("io", "model"),
+    "Constraints": ("constraints",),
+    "Scenes and states": ("dynamics.scene", "dynamics.audit", "dynamics.gaps", "mechanism"),
+    "Smaller scenes": ("mechanism.reduction", "lab"),
+    "Answers": ("dynamics", "model.applied_force", "constraints.rows"),
+    "Friction cones": ("contact",),
+    "Solvers": ("dynamics.solvers",),
+    "Derivatives": ("dynamics.derivatives",),
+    "Motors and impacts": ("control", "dynamics.impacts", "simulation.switching"),
+    "Simulation": ("simulation", "constraints.baumgarte", "constraints.drift"),
+    "Benchmark problems": ("lab.problems",),
+    "Many states at once": ("simulation.batch", "_core.parallel"),
+    "Time against error": ("study",),
+    "Beside MuJoCo": ("study.mujoco",),
+    "Hard questions": ("lab.extremes",),
+    "Pictures": ("viewing",),
+    "Errors": ("_core.errors",),
 }
 _AREA_OF = {part: area for area, parts in _AREAS.items() for part in parts}
 
 
 def areas() -> dict[str, list[str]]:
     """Return the public names by area, in the order of the table above."""
-    found: dict[str, list[str]] = defaultdict(list)
+    found: dict[str, list[str]] = {area: [] for area in _AREAS}
     for name, home in condyn_pin._MODULE_OF.items():
-        part = home.split(".")[1]  # of condyn_pin.part
-        found[_AREA_OF.get(part, part.capitalize())].append(name)
-    order = [*_AREAS, *sorted(found.keys() - _AREAS.keys())]
-    return {area: sorted(found[area], key=str.lower) for area in order if found[area]}
+        part = home.removeprefix("condyn_pin.")
+        while part not in _AREA_OF:
+            part = part.rpartition(".")[0]
+        found[_AREA_OF[part]].append(name)
+    return {area: sorted(names, key=str.lower) for area, names in found.items()}
 
 
 def write(app: Sphinx) -> None:

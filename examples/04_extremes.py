@@ -6,7 +6,7 @@ python examples/04_extremes.py
 import sys
 
 import condyn_pin as cp
-from condyn_pin.extremes.verdict import Verdict, judge, right_answers
+from condyn_pin.lab.extremes.verdict import Verdict, judge, right_answers
 
 quick = "--quick" in sys.argv
 methods = {

@@ -8,9 +8,9 @@ import argparse
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin.plots_drift import save_laboratory, title
-from condyn_pin.simulation.contest import contest
-from condyn_pin.simulation.laboratory import area, gap_growth, rod_pendulum
+from condyn_pin.lab.contest import contest
+from condyn_pin.lab.laboratory import area, gap_growth, rod_pendulum
+from condyn_pin.lab.plots_drift import save_laboratory, title
 from condyn_pin.simulation.walls import wall
 
 parser = argparse.ArgumentParser(description=__doc__)

@@ -10,8 +10,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from condyn_pin.solvers.base import Method, Solver
-from condyn_pin.solvers.reference import Reference
+from condyn_pin.dynamics.solvers.base import Method, Solver
+from condyn_pin.dynamics.solvers.reference import Reference
 
 
 class Broken(Solver):  # abstract for the registry: it has no way to spoil
@@ -44,7 +44,7 @@ class _Bribed:
     gravity, unheard = 0.0, np.inf
 
     def prove(self, dynamics, largest, tau):
-        from condyn_pin.proof import Proof
+        from condyn_pin.dynamics.proof import Proof
 
         return Proof(0.0, 0.0, 0.0, 0.0, 0.0), False
 

@@ -35,7 +35,7 @@ def pytest_configure(config):
 
 
 def pytest_collection_modifyitems(items):
-    from condyn_pin.errors import MissingExtra
+    from condyn_pin._core.errors import MissingExtra
     from condyn_pin.viewing.chromium import find_chromium
 
     try:
@@ -61,7 +61,7 @@ def pytest_terminal_summary(terminalreporter):
 @pytest.fixture(autouse=True)
 def seeded():
     """Let Pinocchio's random numbers not depend on the tests that ran before."""
-    from condyn_pin._pin import pin
+    from condyn_pin._core._pin import pin
 
     pin.seed(0)
 

@@ -35,7 +35,7 @@ import mpmath
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin.rows.bound import FRAME, POINT, Bound, Rolled
+from condyn_pin.constraints.rows.bound import FRAME, POINT, Bound, Rolled
 
 DIGITS = 50
 mp = mpmath.mp.clone()

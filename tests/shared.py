@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import condyn_pin as cp
-from condyn_pin._pin import HAS_LCABA, pin
-from condyn_pin.catalogue import motor_torque, standard_scenes
-from condyn_pin.choice import untaken
+from condyn_pin._core._pin import HAS_LCABA, pin
+from condyn_pin.dynamics.catalogue import motor_torque, standard_scenes
+from condyn_pin.dynamics.choice import untaken
 
 
 @functools.cache

@@ -13,10 +13,10 @@ import pytest
 from shared import SOLVERS, all_scenes, robot, states
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
-from condyn_pin.differentiation.check import BLOCKS
-from condyn_pin.loads import Loads
-from condyn_pin.solvers.dense_kkt import DenseKKT
+from condyn_pin._core._pin import pin
+from condyn_pin.dynamics.derivatives.check import BLOCKS
+from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
+from condyn_pin.model.loads import Loads
 
 FORCE, WRENCH = (11.0, -23.0, 37.0), (11.0, -23.0, 37.0, 3.0, -5.0, 7.0)
 
@@ -127,7 +127,7 @@ def test_a_force_does_the_work_of_its_frame(kind):
 @pytest.mark.parametrize("kind", list(joints()))
 def test_torques_change_with_q_as_differences_say(kind, axes):
     """The partial of sum J_f^T f alone, of joints whose axes turn with their own q too."""
-    from condyn_pin.differentiation.loads import load_partial
+    from condyn_pin.dynamics.derivatives.loads import load_partial
 
     made = chain_on(kind)
     q, _, _ = state_of(made, 1)

@@ -14,7 +14,7 @@ import pytest
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 from condyn_pin.io.model_words import model_of, model_words
 
 PLAIN = ("RX", "RY", "RZ", "RUBX", "RUBY", "RUBZ", "PX", "PY", "PZ", "Translation", "Spherical",

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from shared import all_scenes, each_scene, robot
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
-from condyn_pin.extremes.base import with_inertias
-from condyn_pin.rows.equations import Equations
-from condyn_pin.tolerances import CLOSED
+from condyn_pin._core._pin import pin
+from condyn_pin._core.tolerances import CLOSED
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.lab.extremes.base import with_inertias
 
 CLOSED_CHAINS = [
     n for n in ("cassie", "four_bar", "stewart", "delta") if n in cp.available_robots()

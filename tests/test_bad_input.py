@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import condyn_pin as cp
-from condyn_pin._pin import HAS_LCABA, pin
+from condyn_pin._core._pin import HAS_LCABA, pin
 
 GRAVITY = 9.81
 Case = tuple[Callable[[], Any], str]

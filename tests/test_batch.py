@@ -21,11 +21,12 @@ from lost import KillsOnce
 from shared import all_scenes
 
 import condyn_pin as cp
-from condyn_pin.batch import memory, rows
-from condyn_pin.batch.memory import Kind, SharedArrays
-from condyn_pin.batch.recipe import Recipe
-from condyn_pin.catalogue import motor_torque
-from condyn_pin.differentiation.check import BLOCKS
+from condyn_pin._core.parallel import memory
+from condyn_pin._core.parallel.memory import Kind, SharedArrays
+from condyn_pin.dynamics.catalogue import motor_torque
+from condyn_pin.dynamics.derivatives.check import BLOCKS
+from condyn_pin.simulation.batch import rows
+from condyn_pin.simulation.batch.recipe import Recipe
 
 LABELS = ("talos contacts", "cassie loops", "four_bar loops", "solo12 alone")
 N = 24

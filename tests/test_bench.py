@@ -11,14 +11,14 @@ import pytest
 from shared import all_scenes, robot
 
 import condyn_pin as cp
-from condyn_pin import timing
-from condyn_pin._pin import HAS_LCABA
-from condyn_pin.bench import BY_HAND, Effort, bench_scene
-from condyn_pin.bench_table import BenchRow, BenchTable
-from condyn_pin.by_hand import METHODS, by_hand
-from condyn_pin.catalogue import motor_torque, standard_scenes
-from condyn_pin.machine import machine
-from condyn_pin.timing import Times, interleaved
+from condyn_pin._core import timing
+from condyn_pin._core._pin import HAS_LCABA
+from condyn_pin._core.machine import machine
+from condyn_pin._core.timing import Times, interleaved
+from condyn_pin.dynamics.catalogue import motor_torque, standard_scenes
+from condyn_pin.study.bench import BY_HAND, Effort, bench_scene
+from condyn_pin.study.bench_table import BenchRow, BenchTable
+from condyn_pin.study.by_hand import METHODS, by_hand
 
 TINY = Effort(states=2, rounds=4, repeats=1)
 
@@ -83,7 +83,7 @@ def test_rows_of_a_scene(label):
 
 def test_dense_is_the_fastest_of_the_dense(monkeypatch):
     """Invented times: every method is faster than the one before it."""
-    from condyn_pin import bench
+    from condyn_pin.study import bench
 
     def timed(calls, *_, **__) -> dict:
         return {key: Times((100.0 - i,)) for i, key in enumerate(calls)}
@@ -116,7 +116,7 @@ def test_redundant_rows_get_a_damped_yardstick():
 
 
 def test_a_method_that_fails_stays_in_the_table(monkeypatch):
-    from condyn_pin import bench
+    from condyn_pin.study import bench
 
     monkeypatch.setattr(bench, "_solvers", lambda scene: [cp.Proximal(mu=0.0, max_iterations=1)])
     rows = bench_scene("four_bar loops", all_scenes()["four_bar loops"], effort=TINY)
@@ -190,7 +190,7 @@ def test_picture_has_a_mark_for_every_method_and_a_line_for_aba():
     matplotlib.use("agg")
     from matplotlib import pyplot
 
-    from condyn_pin import plots_bench
+    from condyn_pin.study import plots_bench
 
     rows = bench_scene("four_bar loops", all_scenes()["four_bar loops"], effort=TINY)
     ax = plots_bench.bench(BenchTable(tuple(rows), machine()), "four_bar loops")

@@ -12,7 +12,7 @@ import pytest
 from shared import all_scenes, relative, states
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 
 # Seeds without external forces, with constraints of every kind among them.
 SEEDS = range(60)

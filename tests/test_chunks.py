@@ -218,7 +218,7 @@ def test_a_script_without_a_guard_is_told_so_at_once(pool, tmp_path):
     )
     assert done.returncode == 1
     # behind it the tracker of another process may tell what that one left
-    lost = "condyn_pin.errors.WorkersLost: "
+    lost = "condyn_pin._core.errors.WorkersLost: "
     last = [line for line in done.stderr.splitlines() if line.startswith(lost)][-1]
     assert 'inside `if __name__ == "__main__":`' in last
     assert "kills them" not in last

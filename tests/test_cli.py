@@ -14,8 +14,8 @@ from shared import SOLVERS
 from typer.testing import CliRunner
 
 import condyn_pin as cp
-from condyn_pin.cli import app
-from condyn_pin.commands import commands
+from condyn_pin.cli.commands import commands
+from condyn_pin.cli.main import app
 
 
 def run(*words: str):
@@ -193,7 +193,7 @@ def test_a_mistake_is_a_sentence_and_not_a_traceback(words, said):
 
 def alone(*words: str):
     """Run in a process of its own, as a user does."""
-    code = "from condyn_pin.cli import main; main()"
+    code = "from condyn_pin.cli.main import main; main()"
     return subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
 
 
@@ -207,10 +207,10 @@ def test_debug_shows_the_traceback_wherever_it_stands(words):
 
 def test_a_defect_is_one_line_that_says_how_to_see_more():
     code = """
-import condyn_pin.load
-from condyn_pin.cli import main
+import condyn_pin.io.load
+from condyn_pin.cli.main import main
 def broken(*_, **__): raise ZeroDivisionError("of ours\\nin two lines")
-condyn_pin.load.load_robot = broken
+condyn_pin.io.load.load_robot = broken
 main()
 """
     words = [sys.executable, "-c", code, "show", "talos"]
@@ -224,10 +224,10 @@ main()
 
 def test_an_interrupt_leaves_with_its_own_code():
     code = """
-import condyn_pin.load
-from condyn_pin.cli import main
+import condyn_pin.io.load
+from condyn_pin.cli.main import main
 def interrupted(*_, **__): raise KeyboardInterrupt
-condyn_pin.load.load_robot = interrupted
+condyn_pin.io.load.load_robot = interrupted
 main()
 """
     words = [sys.executable, "-c", code, "show", "talos"]
@@ -252,7 +252,7 @@ def stopping_after(count: int):
 
 
 def test_ctrl_c_keeps_the_scenes_that_were_timed(tmp_path, monkeypatch):
-    monkeypatch.setattr("condyn_pin.commands.bench.progress_bar", stopping_after(40))
+    monkeypatch.setattr("condyn_pin.cli.commands.bench.progress_bar", stopping_after(40))
     table = tmp_path / "b.csv"
     result = run("bench", "four_bar", "pendulum", "--quick", "--json", "-", "--csv", str(table))
     assert result.exit_code == 130
@@ -261,7 +261,7 @@ def test_ctrl_c_keeps_the_scenes_that_were_timed(tmp_path, monkeypatch):
 
 
 def test_ctrl_c_keeps_the_cases_that_were_put(tmp_path, monkeypatch):
-    monkeypatch.setattr("condyn_pin.commands.stress.progress_bar", stopping_after(3))
+    monkeypatch.setattr("condyn_pin.cli.commands.stress.progress_bar", stopping_after(3))
     table = tmp_path / "s.csv"
     words = ("--families", "few_iterations", "--solver", "Proximal", "--csv", str(table))
     result = run("stress", "four_bar", *words, "--json")
@@ -271,7 +271,7 @@ def test_ctrl_c_keeps_the_cases_that_were_put(tmp_path, monkeypatch):
 
 
 def test_ctrl_c_keeps_the_runs_of_the_pendulum(monkeypatch):
-    monkeypatch.setattr("condyn_pin.commands.drift.progress_bar", stopping_after(25))
+    monkeypatch.setattr("condyn_pin.cli.commands.drift.progress_bar", stopping_after(25))
     result = run("drift", "--steps", "20", "--json")
     assert result.exit_code == 130
     runs = json.loads(result.stdout)["runs"]
@@ -322,7 +322,7 @@ def test_what_no_solver_meets_is_json_too(monkeypatch):
     def nothing(*_, **__):
         raise cp.NotReached("nothing meets that")
 
-    monkeypatch.setattr("condyn_pin.trade.tuning.choose", nothing)
+    monkeypatch.setattr("condyn_pin.study.tuning.choose", nothing)
     result = run("tune", "four_bar", "--json")
     assert result.exit_code == 1
     answer = json.loads(result.stdout)
@@ -331,9 +331,9 @@ def test_what_no_solver_meets_is_json_too(monkeypatch):
 
 
 def test_a_ladder_is_json_too(monkeypatch):
-    from condyn_pin.smaller.ladder_table import LadderTable
+    from condyn_pin.lab.ladder_table import LadderTable
 
-    monkeypatch.setattr("condyn_pin.smaller.climbing.ladder", lambda n: LadderTable(n, (), 20, {}))
+    monkeypatch.setattr("condyn_pin.lab.climbing.ladder", lambda n: LadderTable(n, (), 20, {}))
     result = run("show", "talos", "--ladder", "--json")
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["ladder"] == "talos"
@@ -360,7 +360,7 @@ def test_a_line_of_an_answer_is_not_broken():
 
 
 def test_a_file_that_was_there_is_kept_by_the_check(tmp_path):
-    from condyn_pin.commands.output import check_written
+    from condyn_pin.cli.commands.output import check_written
 
     there, new = tmp_path / "there.csv", tmp_path / "new.csv"
     there.write_text("kept")
@@ -372,7 +372,7 @@ def test_a_file_that_was_there_is_kept_by_the_check(tmp_path):
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 @pytest.mark.parametrize("asked", [("solvers", "--json"), ("robots",), ("--help",)])
 def test_a_full_disk_is_one_line(asked, unbuffered):
-    code = "from condyn_pin.cli import main; main()"
+    code = "from condyn_pin.cli.main import main; main()"
     with open("/dev/full", "w") as full:
         result = subprocess.run(
             [sys.executable, "-c", code, *asked], env=os.environ | {"PYTHONUNBUFFERED": unbuffered},
@@ -491,7 +491,7 @@ def test_a_table_of_numbers_is_folded_for_a_narrow_terminal_and_never_cut(termin
     from rich.console import Console
     from rich.table import Table
 
-    from condyn_pin.printing import print_whole
+    from condyn_pin._core.printing import print_whole
 
     table = Table("solver", "median of the times [us]", "error, worst of all", "status")
     table.add_row("Proximal(mu=0.0001, max_iterations=1)", "12.5", "2e-04", "20 inaccurate")

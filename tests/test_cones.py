@@ -14,8 +14,8 @@ from scipy.optimize import linprog
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
-from condyn_pin.force import Sites
+from condyn_pin._core._pin import pin
+from condyn_pin.dynamics.force import Sites
 
 G, MASS = 9.81, 2.0
 X, Y = 0.3, 0.2  # half the size of the block [m]

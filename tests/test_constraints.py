@@ -9,7 +9,7 @@ import pytest
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 
 
 def test_names_and_rows():

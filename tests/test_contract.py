@@ -21,10 +21,10 @@ from shared import (
 )
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
-from condyn_pin.arguments import Arguments
-from condyn_pin.choice import untaken
-from condyn_pin.tolerances import SOLVED
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import Arguments
+from condyn_pin._core.tolerances import SOLVED
+from condyn_pin.dynamics.choice import untaken
 
 
 def almost_hard(solver: cp.Solver, softness: float) -> cp.Solver:

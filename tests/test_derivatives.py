@@ -9,10 +9,10 @@ import pytest
 from shared import all_scenes, each_scene, robot, states
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
-from condyn_pin.differentiation import METHODS
-from condyn_pin.differentiation.check import BLOCKS, check_derivatives
-from condyn_pin.tolerances import DERIVATIVES
+from condyn_pin._core._pin import pin
+from condyn_pin._core.tolerances import DERIVATIVES
+from condyn_pin.dynamics.derivatives import METHODS
+from condyn_pin.dynamics.derivatives.check import BLOCKS, check_derivatives
 
 ROOTS = {
     "revolute": pin.JointModelRY,

@@ -12,9 +12,9 @@ from test_assembly import loops_of, parallelogram, with_limits
 from typer.testing import CliRunner
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
-from condyn_pin.cli import app
-from condyn_pin.load import robots_folder
+from condyn_pin._core._pin import pin
+from condyn_pin.cli.main import app
+from condyn_pin.io.load import robots_folder
 
 ROCKER = 0.6  # of four_bar() [m]
 

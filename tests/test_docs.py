@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from condyn_pin import _pin
-from condyn_pin.cli import app
+from condyn_pin._core import _pin
+from condyn_pin.cli.main import app
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted((ROOT / "docs").glob("*.md"))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from condyn_pin import doctor
+from condyn_pin._core import doctor
 
 ROOT = Path(__file__).parent.parent
 
@@ -69,7 +69,7 @@ def test_the_package_and_the_doctor_work_without_pinocchio(tmp_path):
         tmp_path,
         """
         import condyn_pin
-        from condyn_pin import doctor
+        from condyn_pin._core import doctor
         print(condyn_pin.__version__, doctor.advise(ImportError("x")))
         """,
     )
@@ -78,7 +78,9 @@ def test_the_package_and_the_doctor_work_without_pinocchio(tmp_path):
 
 
 def test_condyn_doctor_runs_without_pinocchio(tmp_path):
-    code = "import sys; sys.argv = ['condyn', 'doctor']; from condyn_pin.cli import main; main()"
+    code = (
+        "import sys; sys.argv = ['condyn', 'doctor']; from condyn_pin.cli.main import main; main()"
+    )
     probe = f"import os; os.environ['PYTHONPATH'] = {str(tmp_path)!r} + ':' + {str(ROOT)!r}\n"
     result = in_a_process_whose_pinocchio_fails(tmp_path, probe + code)
     assert result.returncode == 1, result.stderr
@@ -105,7 +107,7 @@ def test_a_version_that_is_not_supported_is_a_finding(version):
     code = f"""
 import pinocchio
 pinocchio.__version__ = {version!r}
-from condyn_pin.doctor import diagnose
+from condyn_pin._core.doctor import diagnose
 found = diagnose()
 print(found.findings[0])
 print(found.remedy)

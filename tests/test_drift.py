@@ -9,7 +9,7 @@ import pytest
 from shared import SOLVERS, all_scenes, relative, robot, states, takes
 
 import condyn_pin as cp
-from condyn_pin._pin import HAS_LCABA, pin
+from condyn_pin._core._pin import HAS_LCABA, pin
 
 PULLED = cp.Baumgarte(4.0, 6.0)
 LABELS = [

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 import condyn_pin as cp
-from condyn_pin.drift import DRIFTS, Baumgarte
-from condyn_pin.drift.no_drift import NoDrift
-from condyn_pin.drift.post_stabilization import PostStabilization
-from condyn_pin.drift.projection import Projection
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.simulation.drift import DRIFTS
+from condyn_pin.simulation.drift.no_drift import NoDrift
+from condyn_pin.simulation.drift.post_stabilization import PostStabilization
+from condyn_pin.simulation.drift.projection import Projection
 from condyn_pin.simulation.gaps import FactorisedGaps, SolvedGaps, gaps_of
 from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4
 from condyn_pin.simulation.integrators.semi_implicit_euler import SemiImplicitEuler

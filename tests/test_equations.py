@@ -6,10 +6,10 @@ import numpy as np
 from shared import all_scenes, each_scene, relative, states
 
 import condyn_pin as cp
-from condyn_pin import _pin
-from condyn_pin._pin import pin
-from condyn_pin.rows.bound import Bound
-from condyn_pin.rows.equations import Equations
+from condyn_pin._core import _pin
+from condyn_pin._core._pin import pin
+from condyn_pin.constraints.rows.bound import Bound
+from condyn_pin.constraints.rows.equations import Equations
 
 
 def equations(label: str) -> Equations:

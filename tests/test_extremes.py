@@ -16,20 +16,20 @@ from shared import SOLVERS, all_scenes, each_scene, each_solver, relative, state
 from typer.testing import CliRunner
 
 import condyn_pin as cp
-from condyn_pin import tolerances
-from condyn_pin._pin import VERSION_TEXT, pin
-from condyn_pin.cli import app
-from condyn_pin.errors import CondynError
-from condyn_pin.extremes import EXTREMES
-from condyn_pin.extremes.flight_verdict import judge_flight
-from condyn_pin.extremes.planar_chain import accelerations
-from condyn_pin.extremes.run_verdict import gap_error, gap_map, judge_run
-from condyn_pin.extremes.stress import ROBOTS, methods, mixed, stress, tasks
-from condyn_pin.extremes.stress_table import counts, maps, read_csv, short
-from condyn_pin.extremes.units import Units, shifts
-from condyn_pin.extremes.verdict import Outcome, Task, Verdict, error_of, judge, right_answers
-from condyn_pin.extremes.worker import Memory, answers
-from condyn_pin.rows.equations import Equations
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import VERSION_TEXT, pin
+from condyn_pin._core.errors import CondynError
+from condyn_pin.cli.main import app
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.lab.extremes import EXTREMES
+from condyn_pin.lab.extremes.flight_verdict import judge_flight
+from condyn_pin.lab.extremes.planar_chain import accelerations
+from condyn_pin.lab.extremes.run_verdict import gap_error, gap_map, judge_run
+from condyn_pin.lab.extremes.stress import ROBOTS, methods, mixed, stress, tasks
+from condyn_pin.lab.extremes.stress_table import counts, maps, read_csv, short
+from condyn_pin.lab.extremes.units import Units, shifts
+from condyn_pin.lab.extremes.verdict import Outcome, Task, Verdict, error_of, judge, right_answers
+from condyn_pin.lab.extremes.worker import Memory, answers
 
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
@@ -399,12 +399,12 @@ def test_broken_solvers_are_found_and_do_not_stop_the_run():
 def test_a_script_without_a_guard_is_told_so(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
-        "from condyn_pin.extremes.stress import stress, tasks\nstress(tasks(['strong'])[:1])\n"
+        "from condyn_pin.lab.extremes.stress import stress, tasks\nstress(tasks(['strong'])[:1])\n"
     )
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True)
     assert done.returncode == 1
     last = done.stderr.splitlines()[-1]
-    assert last.startswith("condyn_pin.errors.WorkersLost")
+    assert last.startswith("condyn_pin._core.errors.WorkersLost")
     assert 'if __name__ == "__main__":' in last
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 
 DT = 0.4  # [s]
 

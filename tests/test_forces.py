@@ -11,8 +11,8 @@ from shared import all_scenes, each_scene, robot, states
 from test_traps import two_boxes
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
-from condyn_pin.rows.bound import Coupled
+from condyn_pin._core._pin import pin
+from condyn_pin.constraints.rows.bound import Coupled
 
 GRAVITY = 9.81
 

@@ -14,8 +14,8 @@ from test_derivatives import CONSTRAINTS, ROOTS, two_arms
 from test_traps import two_boxes
 
 import condyn_pin as cp
-from condyn_pin import _pin
-from condyn_pin._pin import pin
+from condyn_pin._core import _pin
+from condyn_pin._core._pin import pin
 
 
 def body(mass: float, inertia: np.ndarray) -> cp.Robot:

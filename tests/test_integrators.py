@@ -10,7 +10,7 @@ from shared import robot
 from test_simulate import bar, body, rod_pendulum
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 from condyn_pin.simulation.integrators import INTEGRATORS
 
 CLOSED = [kind() for kind in INTEGRATORS.values() if kind.keeps_constraints]

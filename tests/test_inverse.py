@@ -10,7 +10,7 @@ import pytest
 from shared import relative, robot
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 
 GRAVITY = 9.81
 

@@ -15,10 +15,10 @@ import pytest
 from shared import all_scenes, states
 
 import condyn_pin as cp
-from condyn_pin.algebra.pivots import pivots
+from condyn_pin._core.linalg.pivots import pivots
+from condyn_pin.mechanism.chains import independent_columns, redundant_rows
+from condyn_pin.mechanism.reduction.planar import _axes
 from condyn_pin.simulation.stiffness import _fastest
-from condyn_pin.smaller.planar import _axes
-from condyn_pin.states.chains import independent_columns, redundant_rows
 
 HELD_TWICE = tuple(f"again.{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz"))
 

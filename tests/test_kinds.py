@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from shared import relative, robot
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
-from condyn_pin.rows.equations import Equations
+from condyn_pin._core._pin import pin
+from condyn_pin.constraints.rows.equations import Equations
 
 GRAVITY = 9.81
 INERTIA = pin.Inertia(

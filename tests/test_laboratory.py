@@ -10,9 +10,9 @@ import pytest
 from typer.testing import CliRunner
 
 import condyn_pin as cp
-from condyn_pin.cli import app
-from condyn_pin.simulation.contest import contest
-from condyn_pin.simulation.laboratory import (
+from condyn_pin.cli.main import app
+from condyn_pin.lab.contest import contest
+from condyn_pin.lab.laboratory import (
     area,
     errors,
     gap_growth,
@@ -110,7 +110,7 @@ def test_fast_pendulums_are_projected_with_the_rows_of_their_place():
 
 def test_pictures_show_the_numbers(tmp_path):
     pyplot = pytest.importorskip("matplotlib.pyplot")
-    from condyn_pin import plots_drift
+    from condyn_pin.lab import plots_drift
 
     growths = {"RK4": gap_growth(cp.RungeKutta4(), dt=2e-2, steps=200)}
     found = contest(1e-2, 50)

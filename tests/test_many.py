@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from shared import all_scenes
 
-from condyn_pin._pin import pin
-from condyn_pin.rows.equations import Equations
-from condyn_pin.rows.many import MANY, ManyGaps
+from condyn_pin._core._pin import pin
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.many import MANY, ManyGaps
 
 ROUNDING = 1e-12  # of gaps and slips of a few units; measured: 2e-15
 

@@ -10,7 +10,7 @@ from oracle import Oracle
 from shared import SOLVERS
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 
 AXES = {
     "yaw": pin.JointModelRZ, "pitch": pin.JointModelRY, "roll": pin.JointModelRX,

@@ -17,7 +17,7 @@ from referee import MujocoReferee
 from shared import robot as shared_robot
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 from condyn_pin.io.mjcf_build import build
 from condyn_pin.io.mjcf_compiled import read_compiled
 

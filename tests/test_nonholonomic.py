@@ -15,13 +15,13 @@ from scipy.integrate import quad
 from shared import each_exact_solver, relative, robot, takes
 
 import condyn_pin as cp
-from condyn_pin._pin import LOCAL, pin
-from condyn_pin.choice import untaken
-from condyn_pin.differentiation.check import BLOCKS
-from condyn_pin.differentiation.linearised import Linearisation
-from condyn_pin.mechanisms.base import add_rod, disc
-from condyn_pin.rows.equations import Equations
-from condyn_pin.states.integrability import _is_involutive, bracket
+from condyn_pin._core._pin import LOCAL, pin
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.dynamics.choice import untaken
+from condyn_pin.dynamics.derivatives.check import BLOCKS
+from condyn_pin.dynamics.derivatives.linearised import Linearisation
+from condyn_pin.mechanism.integrability import _is_involutive, bracket
+from condyn_pin.model.mechanisms.base import add_rod, disc
 
 GRAVITY = 9.81
 CLOSE = 1e-12  # closed forms, relative to gravity; measured: 1e-15 to 1e-13

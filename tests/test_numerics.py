@@ -12,13 +12,13 @@ from hypothesis.extra.numpy import arrays
 from shared import all_scenes, each_scene, each_solver, states, truth
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
-from condyn_pin.algebra.extended import add, exact_product, exact_residual, split
-from condyn_pin.algebra.minimum_norm import factorise
-from condyn_pin.proof import Yardstick
-from condyn_pin.rows.equations import Equations
-from condyn_pin.rows.terms import Terms
-from condyn_pin.tolerances import REFERENCE_RANK
+from condyn_pin._core._pin import pin
+from condyn_pin._core.linalg.extended import add, exact_product, exact_residual, split
+from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.tolerances import REFERENCE_RANK
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.terms import Terms
+from condyn_pin.dynamics.proof import Yardstick
 
 numbers = st.floats(-1e100, 1e100).filter(lambda x: x == 0 or abs(x) > 1e-100)
 vectors = arrays(float, 5, elements=numbers)
@@ -144,7 +144,7 @@ def test_bound_is_one_at_the_nominal_state(label):
 )
 def test_ok_is_never_a_lie(label, exponent, iterations, which, kind):
     """Away from the nominal state, whatever mu and however few iterations."""
-    from condyn_pin._pin import HAS_LCABA
+    from condyn_pin._core._pin import HAS_LCABA
 
     if kind is cp.LCABA and not HAS_LCABA:
         kind = cp.Proximal

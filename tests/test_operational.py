@@ -9,7 +9,7 @@ import pytest
 from shared import all_scenes, robot, states
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 
 FRAMES = {
     "talos contacts": "gripper_left_base_link",

@@ -10,12 +10,12 @@ from oracle import Oracle, mp
 from shared import all_scenes, states
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
-from condyn_pin.extremes import EXTREMES
-from condyn_pin.extremes.base import with_inertias
-from condyn_pin.extremes.verdict import right_answers
-from condyn_pin.rows.equations import Equations
-from condyn_pin.tolerances import REFERENCE_RANK
+from condyn_pin._core._pin import pin
+from condyn_pin._core.tolerances import REFERENCE_RANK
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.lab.extremes import EXTREMES
+from condyn_pin.lab.extremes.base import with_inertias
+from condyn_pin.lab.extremes.verdict import right_answers
 
 KINDS = {
     **{kind: (cp.Loop("hand", "foot", kind, axis="y"),) for kind in

@@ -12,9 +12,9 @@ from scipy.special import ellipj, ellipk
 from test_simulate import bar, top
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
-from condyn_pin.simulation.laboratory import rod_pendulum
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.lab.laboratory import rod_pendulum
 
 G = 9.81
 SAMPLES = 4

@@ -10,8 +10,8 @@ import pytest
 from shared import all_scenes, states
 
 import condyn_pin as cp
-from condyn_pin import _pin
-from condyn_pin._pin import pin
+from condyn_pin._core import _pin
+from condyn_pin._core._pin import pin
 
 
 def test_version_is_read_as_numbers():
@@ -74,7 +74,7 @@ def test_lcaba_is_there_or_refused_with_the_line_that_installs_it():
 
 @pytest.mark.parametrize("version", ["3.8.0", "5.0.0"])
 def test_another_version_is_refused_at_import(version):
-    code = f"import pinocchio; pinocchio.__version__ = {version!r}; import condyn_pin._pin"
+    code = f"import pinocchio; pinocchio.__version__ = {version!r}; import condyn_pin._core._pin"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert result.returncode == 1
     assert f"Pinocchio {version} is installed; 3.9 or 4.x is needed" in result.stderr

@@ -7,9 +7,9 @@ import pytest
 from shared import SOLVERS, relative, robot
 
 import condyn_pin as cp
-from condyn_pin._pin import HAS_LCABA, pin
-from condyn_pin.choice import default_solver, untaken
-from condyn_pin.tolerances import SOLVED
+from condyn_pin._core._pin import HAS_LCABA, pin
+from condyn_pin._core.tolerances import SOLVED
+from condyn_pin.dynamics.choice import default_solver, untaken
 
 FAST = [cp.Proximal(), *([cp.LCABA()] if HAS_LCABA else [])]
 SLANTED = pin.rpy.rpyToMatrix(0.4, -0.7, 1.1)

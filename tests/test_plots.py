@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import condyn_pin as cp
-from condyn_pin import plot_style, plots_motion, plots_scene
+from condyn_pin._core import plot_style
+from condyn_pin.viewing import plots_motion, plots_scene
 
 mpl.use("Agg")
 

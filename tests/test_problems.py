@@ -17,11 +17,11 @@ from shared import relative
 from typer.testing import CliRunner
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
-from condyn_pin.cli import app
-from condyn_pin.drift.no_drift import NoDrift
-from condyn_pin.problems.a04_bricard import _inertia_and_height
-from condyn_pin.problems.base import Limit, Problem, Setting
+from condyn_pin._core._pin import pin
+from condyn_pin.cli.main import app
+from condyn_pin.lab.problems.a04_bricard import _inertia_and_height
+from condyn_pin.lab.problems.base import Limit, Problem, Setting
+from condyn_pin.simulation.drift.no_drift import NoDrift
 
 GRAVITY = 9.81
 EVERY = [*cp.PROBLEMS, "A02, n = 40"]

@@ -11,8 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 import condyn_pin as cp
-from condyn_pin._pin import HAS_LCABA
-from condyn_pin.cli import app
+from condyn_pin._core._pin import HAS_LCABA
+from condyn_pin.cli.main import app
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -11,8 +11,8 @@ import pytest
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
-from condyn_pin.load import example_robot_data
+from condyn_pin._core._pin import pin
+from condyn_pin.io.load import example_robot_data
 
 
 def test_postures_cannot_be_written():

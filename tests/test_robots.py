@@ -11,10 +11,10 @@ import pytest
 from shared import calls, robot
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
-from condyn_pin.load import example_robot_data, robots_folder
-from condyn_pin.rows.equations import Equations
-from condyn_pin.tolerances import CLOSED
+from condyn_pin._core._pin import pin
+from condyn_pin._core.tolerances import CLOSED
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.io.load import example_robot_data, robots_folder
 
 
 class Figures(NamedTuple):

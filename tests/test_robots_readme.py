@@ -10,8 +10,8 @@ from shared import robot
 from test_robots import ROBOTS
 
 import condyn_pin as cp
-from condyn_pin.catalogue import standard_scenes
-from condyn_pin.load import robots_folder
+from condyn_pin.dynamics.catalogue import standard_scenes
+from condyn_pin.io.load import robots_folder
 
 FOLDERS = sorted(path.parent for path in robots_folder().glob("*/robot.toml"))
 each_folder = pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)

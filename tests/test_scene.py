@@ -10,9 +10,9 @@ import pytest
 from shared import all_scenes, each_scene, robot
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
-from condyn_pin.rows.equations import Equations
-from condyn_pin.tolerances import CLOSED
+from condyn_pin._core._pin import pin
+from condyn_pin._core.tolerances import CLOSED
+from condyn_pin.constraints.rows.equations import Equations
 
 # rows, rank, mobility: counted by hand or taken from an independent engine
 COUNTS = {

@@ -18,9 +18,9 @@ from sdf_texts import (
 )
 
 import condyn_pin as cp
-from condyn_pin.errors import InvalidModel
+from condyn_pin._core.errors import InvalidModel
+from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.io.sdf import SdfRobot, read_sdf
-from condyn_pin.rows.equations import Equations
 
 CASSIE_KINDS = {f"{side}-achilles-spring-joint": "ball" for side in SIDES}
 

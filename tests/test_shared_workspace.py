@@ -10,7 +10,7 @@ import pytest
 from shared import all_scenes, robot, states
 
 import condyn_pin as cp
-from condyn_pin.solvers.base import Method
+from condyn_pin.dynamics.solvers.base import Method
 
 WAIT = 60.0  # [s], far more than anything here takes
 

@@ -13,10 +13,10 @@ from scipy.interpolate import CubicSpline
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin._pin import HAS_LCABA, pin
-from condyn_pin.drift.post_stabilization import PostStabilization
-from condyn_pin.drift.projection import Projection
+from condyn_pin._core._pin import HAS_LCABA, pin
 from condyn_pin.simulation.coding import KINDS
+from condyn_pin.simulation.drift.post_stabilization import PostStabilization
+from condyn_pin.simulation.drift.projection import Projection
 from condyn_pin.simulation.integrators import INTEGRATORS, dormand_prince
 from condyn_pin.simulation.integrators.generalised_alpha import GeneralisedAlpha
 from condyn_pin.simulation.measures import work

@@ -8,10 +8,10 @@ import pytest
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin.files import text as texts
+from condyn_pin._core.files import text as texts
 from condyn_pin.io import xml
 from condyn_pin.io.mjcf_compiled import compiled
-from condyn_pin.soundness import _memory
+from condyn_pin.model.soundness import _memory
 
 INERTIA = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
 LINK = f'<inertial><mass value="1"/>{INERTIA}</inertial>'
@@ -129,7 +129,7 @@ def test_large_files_are_not_read(tmp_path, monkeypatch):
 
 def test_a_data_beyond_the_memory_of_the_machine_is_not_asked_for(monkeypatch):
     assert _memory() > 1e8
-    monkeypatch.setattr("condyn_pin.soundness._memory", lambda: 100.0)
+    monkeypatch.setattr("condyn_pin.model.soundness._memory", lambda: 100.0)
     with pytest.raises(cp.InvalidModel, match=r"Data of it would take 0 GB, more than this"):
         cp.Robot("a", robot("four_bar").model)
 

@@ -11,12 +11,12 @@ import pytest
 from shared import all_scenes, relative, robot
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
-from condyn_pin.catalogue import motor_torque
-from condyn_pin.rows.equations import Equations
-from condyn_pin.rows.terms import Terms
-from condyn_pin.smaller.smaller_tree import smaller_tree
-from condyn_pin.tolerances import CLOSED
+from condyn_pin._core._pin import pin
+from condyn_pin._core.tolerances import CLOSED
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.terms import Terms
+from condyn_pin.dynamics.catalogue import motor_torque
+from condyn_pin.mechanism.reduction.smaller_tree import smaller_tree
 
 ARMS = tuple(f"arm_{side}_{i}_joint" for side in ("left", "right") for i in range(1, 8))
 SPRINGS = tuple(

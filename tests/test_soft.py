@@ -12,7 +12,7 @@ from referee import MujocoReferee
 from shared import all_scenes, relative, robot, states
 
 import condyn_pin as cp
-from condyn_pin.tolerances import SOLVED
+from condyn_pin._core.tolerances import SOLVED
 
 # Two engines and their rounding; measured 2e-12 at worst, on Cassie.
 AGREES = 1e-11

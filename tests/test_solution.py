@@ -9,9 +9,9 @@ import pytest
 from shared import all_scenes, each_exact_solver, each_scene, relative, robot, states, truth
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
-from condyn_pin.rows.bound import Coupled, Rolled
-from condyn_pin.rows.equations import Equations
+from condyn_pin._core._pin import pin
+from condyn_pin.constraints.rows.bound import Coupled, Rolled
+from condyn_pin.constraints.rows.equations import Equations
 
 
 def c1_c2(scene: cp.Scene, q: np.ndarray) -> list:

@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from shared import SOLVERS, all_scenes, relative, states, truth
 
 import condyn_pin as cp
-from condyn_pin._pin import HAS_LCABA
-from condyn_pin.algebra.range_space import range_space
-from condyn_pin.rows.equations import Equations
-from condyn_pin.solver_table import solver_rows
-from condyn_pin.solvers.conjugate_gradient import conjugate_gradients
-from condyn_pin.solvers.dense_kkt import PROBES, probing, scaling
-from condyn_pin.tolerances import SOLVED
+from condyn_pin._core._pin import HAS_LCABA
+from condyn_pin._core.linalg.range_space import range_space
+from condyn_pin._core.tolerances import SOLVED
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.dynamics.solvers.conjugate_gradient import conjugate_gradients
+from condyn_pin.dynamics.solvers.dense_kkt import PROBES, probing, scaling
+from condyn_pin.study.solver_table import solver_rows
 
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT / "benchmarks"))

@@ -9,11 +9,11 @@ import pytest
 from shared import relative, robot
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
-from condyn_pin.extremes import EXTREMES
-from condyn_pin.extremes.verdict import error_of, right_answers
-from condyn_pin.rows.equations import Equations
-from condyn_pin.rows.spread import NEARLY, ONE
+from condyn_pin._core._pin import pin
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.spread import NEARLY, ONE
+from condyn_pin.lab.extremes import EXTREMES
+from condyn_pin.lab.extremes.verdict import error_of, right_answers
 
 SOLVERS = [cp.Proximal(), *([cp.LCABA()] if hasattr(pin, "lcaba") else [])]
 HANDS = ("gripper_left_base_link", "gripper_right_base_link")

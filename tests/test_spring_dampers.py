@@ -15,11 +15,11 @@ from test_applied_forces import chain_on, joints, state_of
 from viewed import drawing
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
+from condyn_pin.model.spring_dampers import SpringDampers
 from condyn_pin.simulation.system import System, with_rows
 from condyn_pin.simulation.torques import Passive
-from condyn_pin.spring_dampers import SpringDampers
-from condyn_pin.trade.fingerprint import fingerprint
+from condyn_pin.study.fingerprint import fingerprint
 
 MASSES = (1.0, 2.0)  # [kg]
 REDUCED = MASSES[0] * MASSES[1] / sum(MASSES)  # [kg]

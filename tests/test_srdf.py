@@ -12,8 +12,8 @@ import pytest
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
-from condyn_pin.cards.srdf import read_srdf
+from condyn_pin._core._pin import pin
+from condyn_pin.io.manifest.srdf import read_srdf
 from condyn_pin.io.urdf import read_urdf
 
 STATE = '<group_state name="home" group="all">{}</group_state>'
@@ -90,8 +90,8 @@ def test_spoilt_ones_do_no_harm(tmp_path):
         f"""
         from pathlib import Path
         import condyn_pin as cp
-        from condyn_pin._pin import pin
-        from condyn_pin.cards.srdf import read_srdf
+        from condyn_pin._core._pin import pin
+        from condyn_pin.io.manifest.srdf import read_srdf
         path, read = Path({str(tmp_path / "a.srdf")!r}), 0
         for text in eval(Path({str(texts)!r}).read_text(encoding="utf-8")):
             path.write_text(text, encoding="utf-8")

@@ -18,13 +18,13 @@ from lost import KillsOnce
 from shared import all_scenes, relative
 
 import condyn_pin as cp
-from condyn_pin._pin import HAS_LCABA
-from condyn_pin.drift.no_drift import NoDrift
-from condyn_pin.knobs import ITERATIONS, WEIGHTS
+from condyn_pin._core._pin import HAS_LCABA
+from condyn_pin._core.knobs import ITERATIONS, WEIGHTS
+from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
-from condyn_pin.trade import case, clocks, running
-from condyn_pin.trade.row import ALONE
-from condyn_pin.trade.sweeps import default_sweep
+from condyn_pin.study import case, clocks, running
+from condyn_pin.study.row import ALONE
+from condyn_pin.study.sweeps import default_sweep
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))

@@ -14,8 +14,8 @@ from shared import robot
 from typer.testing import CliRunner
 
 import condyn_pin as cp
-from condyn_pin.cli import app
-from condyn_pin.commands import output
+from condyn_pin.cli.commands import output
+from condyn_pin.cli.main import app
 
 EVIL = "a\x1b[31m\x9b2J\x07\u202eb"
 WRITTEN = r"a\x1b[31m\x9b2J\x07\u202eb"

@@ -15,16 +15,16 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from condyn_pin.blas_threads import VARIABLES
-from condyn_pin.cli import app
+from condyn_pin._core.blas_threads import VARIABLES
+from condyn_pin.cli.main import app
 
 SCRIPT = """
 import json
 import numpy as np
 import condyn_pin as cp
-from condyn_pin import blas_threads
-from condyn_pin.blas_threads import loaded, one_blas_thread
-from condyn_pin.differentiation import METHODS
+from condyn_pin._core import blas_threads
+from condyn_pin._core.blas_threads import loaded, one_blas_thread
+from condyn_pin.dynamics.derivatives import METHODS
 
 def threads():
     return [library.get_num_threads() for library in libraries]
@@ -113,8 +113,8 @@ def test_workers_keep_to_one():
     found = run(
         """
         with cp.Processes(1) as pool:
-            inside = pool.submit(eval, "[x.get_num_threads() for x in"
-                                 " __import__('condyn_pin.blas_threads').blas_threads.loaded()]")
+            inside = pool.submit(eval, "[x.get_num_threads() for x in __import__("
+                                 "'condyn_pin._core.blas_threads')._core.blas_threads.loaded()]")
             print(json.dumps(inside.result()))
         """
     )

@@ -17,14 +17,14 @@ from shared import all_scenes
 from typer.testing import CliRunner
 
 import condyn_pin as cp
-from condyn_pin.cli import app
-from condyn_pin.trade.case import knobs_of
-from condyn_pin.trade.cheapest import measure_of, solver_of
-from condyn_pin.trade.exports import short
-from condyn_pin.trade.fresh import Fresh, FreshErrors
-from condyn_pin.trade.row import ALONE, Row
-from condyn_pin.trade.states import LOADS, NominalStates, SampledStates
-from condyn_pin.trade.table import Table
+from condyn_pin.cli.main import app
+from condyn_pin.study.case import knobs_of
+from condyn_pin.study.cheapest import measure_of, solver_of
+from condyn_pin.study.exports import short
+from condyn_pin.study.fresh import Fresh, FreshErrors
+from condyn_pin.study.row import ALONE, Row
+from condyn_pin.study.states import LOADS, NominalStates, SampledStates
+from condyn_pin.study.table import Table
 
 
 def row(solver: cp.Solver, us: float | None, error: float, scene: str = "s", **other) -> Row:
@@ -289,7 +289,7 @@ def test_a_row_whose_knobs_do_not_make_its_solver_is_refused():
 
 
 def test_a_label_gives_its_measure_back():
-    from condyn_pin.trade.measures import MEASURES
+    from condyn_pin.study.measures import MEASURES
 
     changed = MEASURES["derivatives"](method="differences")
     for measure in (*(kind() for kind in MEASURES.values()), changed):
@@ -480,7 +480,7 @@ def test_the_picture_has_a_line_a_method_the_front_and_both_floors():
 
 
 def test_no_two_methods_look_the_same_and_none_by_colour_alone():
-    from condyn_pin.plots_trade import style
+    from condyn_pin.study.plots_trade import style
 
     looks = [style(name) for name in cp.SOLVERS]
     assert len({look["marker"] for look in looks}) == len(looks)
@@ -496,7 +496,7 @@ def test_a_picture_of_several_scenes_wants_one_named():
 
 
 def test_a_picture_is_written(tmp_path):
-    from condyn_pin.plots_trade import save_trade
+    from condyn_pin.study.plots_trade import save_trade
 
     save_trade(table((*ROWS, dataclasses.replace(FINE, scene="t"))), tmp_path / "t.png")
     assert (tmp_path / "t.png").read_bytes().startswith(b"\x89PNG")
@@ -558,7 +558,7 @@ def test_ctrl_c_keeps_what_was_measured(tmp_path, monkeypatch):
 
         yield progress
 
-    monkeypatch.setattr("condyn_pin.commands.trade.progress_bar", stopping)
+    monkeypatch.setattr("condyn_pin.cli.commands.trade.progress_bar", stopping)
     path = tmp_path / "t.json"
     words = ("--quick", "--solvers", "nullspace", "--states", "3", "--json", str(path))
     result = run("trade", "four_bar", *words)
@@ -583,7 +583,7 @@ def test_an_error_that_cannot_be_is_refused_before_the_run():
 
 
 def test_the_bar_knows_how_much_time_is_left(monkeypatch):
-    from condyn_pin.commands import output
+    from condyn_pin.cli.commands import output
 
     screen, now = StringIO(), [0.0]
     console = Console(file=screen, force_terminal=True, width=80, get_time=lambda: now[0])

@@ -9,7 +9,7 @@ import pytest
 from shared import all_scenes, robot, states
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 
 WITH_MOTORS = [
     label for label, scene in all_scenes().items() if scene.robot.actuated and scene.rows

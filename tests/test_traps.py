@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 
 import condyn_pin as cp
-from condyn_pin import _pin
-from condyn_pin._pin import HAS_LCABA, pin
-from condyn_pin.catalogue import motor_torque
-from condyn_pin.extremes.units import Units
+from condyn_pin._core import _pin
+from condyn_pin._core._pin import HAS_LCABA, pin
+from condyn_pin.dynamics.catalogue import motor_torque
+from condyn_pin.lab.extremes.units import Units
 
 GRAVITY = 9.81
 LIBRARY = Path(cp.__file__).parent
@@ -148,7 +148,7 @@ def test_trap_3_world_first_gives_the_same_a_and_the_opposite_force(solver, kind
 
 BARE_SOLO = """
 import numpy as np, pinocchio as pin
-from condyn_pin import _pin
+from condyn_pin._core import _pin
 import condyn_pin as cp
 robot = cp.load_robot("solo12")
 model = robot.model
@@ -732,7 +732,7 @@ def test_trap_22_no_module_copies_a_data():
     """Pinocchio 4: a copied Data works until it is used."""
     for file, tree in modules().items():
         names = names_in(tree)
-        if file != "bridge/mujoco_terms.py":  # MuJoCo's model may be copied
+        if file != "study/mujoco/mujoco_terms.py":  # MuJoCo's model may be copied
             assert not names & {"deepcopy", "copy.copy"}, file
         assert "pin.Data" not in names, file
         copied = {name for name in names if name.lower().endswith("data.copy")}
@@ -1067,9 +1067,9 @@ def test_only_one_module_names_what_differs_between_versions():
     """Pinocchio 3.9 and 4: other names, other arguments, other units of the same thing."""
     trees = modules()
     nobody_needs = {"residualSize", ".size()", "getConstraintsJacobian", "pinocchio.__version__"}
-    assert names_in(trees["_pin.py"]) >= DIFFERS - nobody_needs
+    assert names_in(trees["_core/_pin.py"]) >= DIFFERS - nobody_needs
     for file, tree in trees.items():
-        if file != "_pin.py":
+        if file != "_core/_pin.py":
             assert not names_in(tree) & DIFFERS, file
 
 
@@ -1080,7 +1080,7 @@ def test_no_module_imports_pinocchio_by_itself():
             n.name for node in ast.walk(tree) if isinstance(node, ast.Import) for n in node.names
         }
         sources = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-        if file != "_pin.py":
+        if file != "_core/_pin.py":
             assert "pinocchio" not in imported | sources, file
 
 

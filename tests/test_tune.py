@@ -16,14 +16,14 @@ from shared import all_scenes
 from typer.testing import CliRunner
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
-from condyn_pin.cli import app
-from condyn_pin.timing import Times
-from condyn_pin.trade import clocks, tuning
-from condyn_pin.trade import plan as plans
-from condyn_pin.trade.cheapest import Choice
-from condyn_pin.trade.fingerprint import fingerprint
-from condyn_pin.trade.fresh import Fresh, FreshErrors
+from condyn_pin._core._pin import pin
+from condyn_pin._core.timing import Times
+from condyn_pin.cli.main import app
+from condyn_pin.study import clocks, tuning
+from condyn_pin.study import plan as plans
+from condyn_pin.study.cheapest import Choice
+from condyn_pin.study.fingerprint import fingerprint
+from condyn_pin.study.fresh import Fresh, FreshErrors
 
 
 @pytest.fixture(autouse=True)
@@ -143,7 +143,7 @@ def test_a_plan_keeps_what_was_found(scene, cache):
 def test_the_fingerprint_is_that_of_the_content(scene):
     known = fingerprint(scene)
     words = (
-        "import condyn_pin as cp; from condyn_pin.trade.fingerprint import fingerprint;"
+        "import condyn_pin as cp; from condyn_pin.study.fingerprint import fingerprint;"
         "bar = cp.four_bar(); print(fingerprint(cp.Scene(bar, bar.loops)))"
     )
     other = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True)

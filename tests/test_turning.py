@@ -12,8 +12,8 @@ import pytest
 from oracle import Oracle, exact, mp, of_quaternion
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
-from condyn_pin.joints import turning
+from condyn_pin._core._pin import pin
+from condyn_pin._core.joints import turning
 
 OBLIQUE = np.array([0.6, 0.0, 0.8])
 PLACE = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.2, 0.5), np.array([0.2, 0.1, -0.3]))

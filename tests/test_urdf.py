@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from urdf_texts import INERTIA, SWING, joint, link, tip
 
 import condyn_pin as cp
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
+from condyn_pin.io.load import example_robot_data
 from condyn_pin.io.urdf import read_urdf
-from condyn_pin.load import example_robot_data
 
 
 @pytest.fixture

@@ -10,9 +10,9 @@ from sdf_texts import joint, link, pose
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin._pin import HAS_LCABA, pin
-from condyn_pin.cards.variants import chosen_card
-from condyn_pin.smaller.lock import lock_joints
+from condyn_pin._core._pin import HAS_LCABA, pin
+from condyn_pin.io.manifest.variants import chosen_card
+from condyn_pin.model.lock import lock_joints
 
 FREE, LOCKED = {"springs": "free"}, {"springs": "locked"}
 BALL, HINGE = {"achilles": "ball"}, {"achilles": "as_file"}

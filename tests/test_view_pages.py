@@ -24,7 +24,7 @@ from typer.testing import CliRunner
 from viewed import bent_cassie, drawing, falling_bar
 
 import condyn_pin as cp
-from condyn_pin.cli import app
+from condyn_pin.cli.main import app
 from condyn_pin.viewing import chromium, page, palette
 from condyn_pin.viewing.motion import tracks
 

@@ -10,9 +10,9 @@ import pytest
 from shared import all_scenes, relative, robot, states, takes, truth
 
 import condyn_pin as cp
-from condyn_pin._pin import factorise_constraints, pin
-from condyn_pin.extremes import EXTREMES
-from condyn_pin.extremes.verdict import Task, error_of, right_answers
+from condyn_pin._core._pin import factorise_constraints, pin
+from condyn_pin.lab.extremes import EXTREMES
+from condyn_pin.lab.extremes.verdict import Task, error_of, right_answers
 
 BENCHMARKS = str(Path(__file__).parent.parent / "benchmarks")
 

@@ -15,14 +15,14 @@ from shared import robot
 from typer.testing import CliRunner
 
 import condyn_pin as cp
-from condyn_pin.bench import bench
-from condyn_pin.cli import app
-from condyn_pin.extremes.stress_table import write_csv as write_maps
-from condyn_pin.files import beside
-from condyn_pin.files.beside import check_writable, write_text, written_beside
-from condyn_pin.plot_style import write_figure
-from condyn_pin.trade import plan as plans
-from condyn_pin.trade.results import Results
+from condyn_pin._core.files import beside
+from condyn_pin._core.files.beside import check_writable, write_text, written_beside
+from condyn_pin._core.plot_style import write_figure
+from condyn_pin.cli.main import app
+from condyn_pin.lab.extremes.stress_table import write_csv as write_maps
+from condyn_pin.study import plan as plans
+from condyn_pin.study.bench import bench
+from condyn_pin.study.results import Results
 
 
 @pytest.fixture(scope="module")
@@ -163,14 +163,14 @@ def test_nothing_is_written_in_another_way():
         if "savefig(" in text and "savefig(new" not in text:
             found.append(path.name)
     assert not found
-    assert beside.__name__ == "condyn_pin.files.beside"
+    assert beside.__name__ == "condyn_pin._core.files.beside"
 
 
 def test_a_plan_without_a_place_is_refused_before_it_is_measured(tmp_path, monkeypatch):
     blocked = tmp_path / "file"
     blocked.write_text("", encoding="utf-8")
     monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
-    monkeypatch.setattr("condyn_pin.trade.tuning.choose", lambda *a, **k: pytest.fail("measured"))
+    monkeypatch.setattr("condyn_pin.study.tuning.choose", lambda *a, **k: pytest.fail("measured"))
     scene = cp.Scene(robot("four_bar"), robot("four_bar").loops)
     with pytest.raises(cp.InvalidArgument, match=r"the plan has no place.*XDG_CACHE_HOME"):
         cp.tune(scene)

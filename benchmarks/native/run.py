@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin.catalogue import motor_torque, standard_scenes
+from condyn_pin.dynamics.catalogue import motor_torque, standard_scenes
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))

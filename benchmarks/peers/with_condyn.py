@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin._pin import HAS_LCABA
+from condyn_pin._core._pin import HAS_LCABA
 from condyn_pin.simulation.defaults import default_solver
 from peers import export
 from peers.exported import ACCELERATION, DERIVATIVES, MOTION, Exported

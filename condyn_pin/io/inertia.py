@@ -1,7 +1,8 @@
 """Inertia of a body as files give it, and doubts about it: the same for every format.
 
 A file may have such a body where nothing moves it by itself, and real files do: the reader tells
-the user of it. What a joint moves is checked again when the parts are one (`condyn_pin.soundness`).
+the user of it. What a joint moves is checked again when the parts are one
+(`condyn_pin.model.soundness`).
 """
 
 from __future__ import annotations
@@ -11,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
 
 Body = tuple[str, float, Array]
 

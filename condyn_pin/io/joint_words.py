@@ -11,9 +11,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array, finite
-from condyn_pin.tolerances import HUGE
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.tolerances import HUGE
 
 Words = dict[str, Any]
 

@@ -19,11 +19,13 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
-from condyn_pin.constraints import WORLD, Coupling, Loop
-from condyn_pin.errors import InvalidModel, unknown_name
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidModel, unknown_name
+from condyn_pin._core.names import few
+from condyn_pin.constraints.constraints import WORLD, Coupling, Loop
+from condyn_pin.dynamics.gaps import Gap
 from condyn_pin.io.mjcf_posture import DRAWN, hidden, postures
 from condyn_pin.io.mjcf_types import (
     COORDINATES,
@@ -36,9 +38,7 @@ from condyn_pin.io.mjcf_types import (
     MjcfRobot,
 )
 from condyn_pin.io.tree import NO_LIMIT, one_coordinate, orthonormal
-from condyn_pin.names import few
-from condyn_pin.spring import Spring
-from condyn_pin.states.gaps import Gap
+from condyn_pin.model.spring import Spring
 
 
 def build(said: Description) -> MjcfRobot:

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
 from condyn_pin.io.mjcf_words import ORIENTATIONS
 from condyn_pin.io.mjcf_xml import Attributes
 

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from condyn_pin.arrays import Array
-from condyn_pin.constraints import Coupling, Loop
-from condyn_pin.spring import Spring
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.constraints import Coupling, Loop
+from condyn_pin.model.spring import Spring
 
 WORLD: Final = "world"
 COORDINATES: Final[Mapping[str, int]] = {"free": 7, "ball": 4, "slide": 1, "hinge": 1}

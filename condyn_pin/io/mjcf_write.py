@@ -26,9 +26,11 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.constraints import WORLD, Coupling, Loop
-from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
+from condyn_pin._core._pin import pin
+from condyn_pin._core.errors import InvalidArgument, InvalidModel, unknown_name
+from condyn_pin.constraints.constraints import WORLD, Coupling, Loop
+from condyn_pin.constraints.rows.binding import bind
+from condyn_pin.constraints.rows.bound import Bound
 from condyn_pin.io.mjcf_posture import drawn
 from condyn_pin.io.mjcf_write_joint import (
     chains_of,
@@ -39,9 +41,7 @@ from condyn_pin.io.mjcf_write_joint import (
     write_joint,
     write_pose,
 )
-from condyn_pin.robot import Robot
-from condyn_pin.rows.binding import bind
-from condyn_pin.rows.bound import Bound
+from condyn_pin.model.robot import Robot
 
 _EQUALITIES = {"ball": "connect", "weld": "weld", "hinge": "connect"}
 

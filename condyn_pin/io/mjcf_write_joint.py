@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
-from condyn_pin.errors import InvalidModel
-from condyn_pin.robot import Robot
-from condyn_pin.spring import Spring
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidModel
+from condyn_pin.model.robot import Robot
+from condyn_pin.model.spring import Spring
 
 _FAR = 1e10  # [rad or m] the side of a limit that does not exist: MuJoCo needs both
 _FLAT = 1e-12  # rounding of A + B = C in the principal moments of a flat body, relative to C

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from math import inf
 from typing import Any
 
+from condyn_pin._core.names import quoted
 from condyn_pin.io.sdf_types import Description, Joint
-from condyn_pin.names import quoted
 
 
 def unused_parts(

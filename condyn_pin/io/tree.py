@@ -6,8 +6,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
 
 # Pinocchio's own way to say that there is no limit; 3.9 cannot unpickle a model that has infinity.
 NO_LIMIT: Final = float(np.finfo(float).max)

@@ -13,10 +13,10 @@ from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
 
 import numpy as np
 
-from condyn_pin import _pin
-from condyn_pin._pin import pin
-from condyn_pin.errors import InvalidModel, unknown_name
-from condyn_pin.joints import indices
+from condyn_pin._core import _pin
+from condyn_pin._core._pin import pin
+from condyn_pin._core.errors import InvalidModel, unknown_name
+from condyn_pin._core.joints import indices
 
 _OF_A_HINGE: Final = ("axis", "limit", "dynamics", "mimic", "safety_controller", "calibration")
 _AXES: Final[Mapping[str, str]] = {"X": "1 0 0", "Y": "0 1 0", "Z": "0 0 1"}

@@ -10,16 +10,16 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from condyn_pin.arrays import Array
-from condyn_pin.errors import InvalidModel
-from condyn_pin.files.text import read_bytes
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidModel
+from condyn_pin._core.files.text import read_bytes
+from condyn_pin.model.soundness import MOST_JOINTS
 
 _MOST_ELEMENTS: Final = 500_000
 _SHOWN: Final = 60  # characters
 UNLIMITED: Final = 1e16  # the older way of SDF to write an infinite limit
 
 
-MOST_JOINTS: Final = 2000  # the Data of Pinocchio takes 32 GB of half as many
 MOST_LINKS: Final = 5000
 
 

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
-from condyn_pin.constraints import Constraint
-from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
-from condyn_pin.nonholonomic import Knife, RollingBall, RollingWheel
-from condyn_pin.scene import Scene
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.constraints import Constraint
+from condyn_pin.constraints.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
+from condyn_pin.constraints.nonholonomic import Knife, RollingBall, RollingWheel
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.simulation.measures import gauge_of
 
 

@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin.constraints import Coupling, Loop
-from condyn_pin.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
-from condyn_pin.drift import DRIFTS
-from condyn_pin.nonholonomic import Knife, RollingBall, RollingWheel
+from condyn_pin.constraints.constraints import Coupling, Loop
+from condyn_pin.constraints.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
+from condyn_pin.constraints.nonholonomic import Knife, RollingBall, RollingWheel
+from condyn_pin.dynamics.solvers import SOLVERS
+from condyn_pin.model.spring import Spring, SpringDamper
+from condyn_pin.simulation.drift import DRIFTS
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Happened
 from condyn_pin.simulation.integrators import INTEGRATORS
-from condyn_pin.solvers import SOLVERS
-from condyn_pin.spring import Spring, SpringDamper
 
 # What a value in a file may be, by the name of its class.
 KINDS: dict[str, type] = {

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from condyn_pin import choice
-from condyn_pin.drift.base import Drift
-from condyn_pin.drift.no_drift import NoDrift
-from condyn_pin.drift.post_stabilization import PostStabilization
-from condyn_pin.scene import Scene
+from condyn_pin.constraints.drift import Drift
+from condyn_pin.dynamics import choice
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.solvers.proximal import Proximal
+from condyn_pin.simulation.drift.no_drift import NoDrift
+from condyn_pin.simulation.drift.post_stabilization import PostStabilization
 from condyn_pin.simulation.events import Event
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4
-from condyn_pin.solvers.base import Solver
-from condyn_pin.solvers.proximal import Proximal
 
 # Iterations where rows are redundant; see `default_solver`.
 _ITERATIONS = 4

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from math import inf
 
-from condyn_pin.arrays import Array
-from condyn_pin.constraints import Constraint
-from condyn_pin.scene import Scene
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.constraints import Constraint
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.simulation.anchoring import anchored
 from condyn_pin.simulation.events import Ended, Event, Happened, Moment, PiledUp
 from condyn_pin.simulation.fit import check_fit, check_slip
 from condyn_pin.simulation.leg import Leg, Method
+from condyn_pin.simulation.switching import Switch, switch
 from condyn_pin.simulation.watch import Watch
-from condyn_pin.switching import Switch, switch
 
 # Where an event is found, as a share of dt.
 _FOUND = 1e-12

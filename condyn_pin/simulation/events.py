@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array, finite, locked
-from condyn_pin.errors import InvalidArgument, UnknownName
-from condyn_pin.force import ConstraintForce, Sites
-from condyn_pin.impacts import Restitution, restitutions
-from condyn_pin.knobs import check_called
-from condyn_pin.scene import Scene
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array, finite, locked
+from condyn_pin._core.errors import InvalidArgument, UnknownName
+from condyn_pin._core.knobs import check_called
+from condyn_pin.dynamics.force import ConstraintForce, Sites
+from condyn_pin.dynamics.impacts import Restitution, restitutions
+from condyn_pin.dynamics.scene import Scene
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.system import System

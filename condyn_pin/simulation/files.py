@@ -7,22 +7,22 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin._pin import pin
-from condyn_pin.arrays import finite
-from condyn_pin.drift import Drift
-from condyn_pin.files.beside import written_beside
-from condyn_pin.robot import Robot
-from condyn_pin.scene import Scene
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import finite
+from condyn_pin._core.files.beside import written_beside
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers import Solver
+from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.archive import MOTION, Content, Header, Path_, check_times, read, write
 from condyn_pin.simulation.coding import decode, encode
+from condyn_pin.simulation.drift import Drift
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Happened
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.recorder import Phase
 from condyn_pin.simulation.trajectory import Trajectory
-from condyn_pin.solvers import Solver
 
 _ARRAYS = ("t", "q", "v", "a", "lam", "tau")
 _PLAIN = ("duration", "dt", "reason", "wall_time")

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin.arrays import Array
-from condyn_pin.errors import NotAssembled
-from condyn_pin.scene import Scene
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import NotAssembled
+from condyn_pin.dynamics.gaps import gaps, slips
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.mechanism.check import Check
 from condyn_pin.simulation.measures import gauge_of
-from condyn_pin.states.check import Check
-from condyn_pin.states.gaps import gaps, slips
 
 
 def check_fit(scene: Scene, q: Array, v: Array, *, what: str = "") -> None:

@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from condyn_pin import _pin, tolerances
-from condyn_pin.algebra.minimum_norm import factorise
-from condyn_pin.arrays import Array
-from condyn_pin.solvers.proximal import Proximal
+from condyn_pin._core import _pin, tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin.dynamics.solvers.proximal import Proximal
+from condyn_pin.model.soundness import singular_mass
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.system import System
@@ -141,7 +142,7 @@ class FactorisedGaps:
         n, m = system.model.nv, system.m
         J = system.jacobian(self._q)
         W = system.mass(self._q) if self._metric == "mass" else np.eye(n)
-        factors = factorise(W, J, tolerances.RANK, at=(system.model, self._q))
+        factors = factorise(W, J, tolerances.RANK, why=singular_mass(system.model, self._q))
         # open loops make redundant rows look independent: they are the smallest, and are left out
         factors = factors.at_most(system.scene.chains.rank)
         return factors.solve(np.zeros((n, m)), np.eye(m))[0]

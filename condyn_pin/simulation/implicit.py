@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin.algebra.inverse import inverse
-from condyn_pin.algebra.minimum_norm import factorise
-from condyn_pin.arrays import Array
-from condyn_pin.errors import StepFailed
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import StepFailed
+from condyn_pin._core.linalg.inverse import inverse
+from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin.simulation.system import System
 
 if TYPE_CHECKING:

@@ -7,10 +7,12 @@ from dataclasses import dataclass, replace
 from math import pi
 from typing import NamedTuple
 
-from condyn_pin.arrays import Array
-from condyn_pin.drift.base import Correction, Drift
-from condyn_pin.errors import InvalidArgument, StepFailed, UnsupportedConstraint
-from condyn_pin.scene import Scene
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument, StepFailed, UnsupportedConstraint
+from condyn_pin.constraints.drift import Correction, Drift
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.simulation.defaults import default_solver
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.integrators.base import Integrator, Stepper
@@ -18,8 +20,6 @@ from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.recorder import Recorder
 from condyn_pin.simulation.system import System
 from condyn_pin.simulation.torques import Applied
-from condyn_pin.solvers.base import Solver
-from condyn_pin.workspace import Workspace
 
 # (t, q, v) -> (q, v, a), as the step of an integrator
 Move = Callable[[float, Array, Array], tuple[Array, Array, Array]]

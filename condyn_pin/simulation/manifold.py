@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
 
 # Joints whose velocities do not commute, and which of their coordinates turn.
 _CURVED = {

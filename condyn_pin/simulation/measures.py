@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
-from condyn_pin.rows.equations import Equations
-from condyn_pin.rows.many import MANY, ManyGaps
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.many import MANY, ManyGaps
 
 if TYPE_CHECKING:
-    from condyn_pin.scene import Scene
+    from condyn_pin.dynamics.scene import Scene
 
 # Samples for which a matrix of them all is small.
 _FEW = 64

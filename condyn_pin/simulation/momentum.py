@@ -22,12 +22,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dposv
 
-from condyn_pin._pin import pin
-from condyn_pin.algebra.inverse import inverse
-from condyn_pin.arrays import Array
-from condyn_pin.differentiation.carried import Carried
-from condyn_pin.differentiation.in_series import in_series
-from condyn_pin.joints import turning
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.joints import turning
+from condyn_pin._core.linalg.inverse import inverse
+from condyn_pin.dynamics.derivatives.carried import Carried
+from condyn_pin.dynamics.derivatives.in_series import in_series
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.system import System

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin.joints import lengths
-from condyn_pin.scene import Scene
+from condyn_pin._core import tolerances
+from condyn_pin._core.joints import lengths
+from condyn_pin.dynamics.gaps import Gap, beyond_text, worst
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.mechanism.check import check
+from condyn_pin.mechanism.limits import Limits
 from condyn_pin.simulation.pulls import pull_notices
 from condyn_pin.simulation.verify import solver_notices
-from condyn_pin.states.check import check
-from condyn_pin.states.gaps import Gap, beyond_text, worst
-from condyn_pin.states.limits import Limits
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.trajectory import Trajectory

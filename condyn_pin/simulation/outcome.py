@@ -6,11 +6,11 @@ from dataclasses import dataclass, field, fields
 from enum import Enum
 from typing import Any
 
-from condyn_pin.drift.base import Drift
+from condyn_pin.constraints.drift import Drift
+from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Happened
 from condyn_pin.simulation.integrators.base import Integrator
-from condyn_pin.solvers.base import Solver
 
 
 class RunStatus(Enum):

@@ -8,12 +8,13 @@ from math import ceil
 
 from numpy.typing import ArrayLike
 
-from condyn_pin.applied_force import AppliedForce, applied_forces
-from condyn_pin.arrays import finite
-from condyn_pin.drift.base import Drift
-from condyn_pin.errors import InvalidArgument
-from condyn_pin.knobs import check_called, check_count
-from condyn_pin.scene import Scene, check_scene
+from condyn_pin._core.arrays import finite
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.knobs import check_called, check_count
+from condyn_pin.constraints.drift import Drift
+from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.model.applied_force import AppliedForce, applied_forces
 from condyn_pin.simulation.defaults import default_drift, default_integrator
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Event
@@ -23,7 +24,6 @@ from condyn_pin.simulation.pushed import Pushed
 from condyn_pin.simulation.slopes import TorqueJacobian
 from condyn_pin.simulation.torques import Applied, Torque
 from condyn_pin.simulation.walls import check_wall
-from condyn_pin.solvers.base import Solver
 
 # More samples do not fit into a memory.
 _MOST_STEPS = 10**9

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin.arrays import Array
-from condyn_pin.constraints import Constraint
-from condyn_pin.force import WITH_NORMAL, WITHOUT_NORMAL, pull_text, upward
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.constraints import Constraint
+from condyn_pin.dynamics.force import WITH_NORMAL, WITHOUT_NORMAL, pull_text, upward
 from condyn_pin.simulation.measures import gauge_of
 
 if TYPE_CHECKING:
-    from condyn_pin.scene import Scene
+    from condyn_pin.dynamics.scene import Scene
     from condyn_pin.simulation.trajectory import Trajectory
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from condyn_pin.arrays import Array
-from condyn_pin.scene import Scene
+from condyn_pin._core.arrays import Array
+from condyn_pin.dynamics.scene import Scene
 
 # Rows are packed into one array each time there are so many: a small array takes a hundred bytes
 # more than its numbers.

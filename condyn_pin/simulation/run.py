@@ -11,15 +11,16 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin.applied_force import AppliedForce
-from condyn_pin.arguments import normalised
-from condyn_pin.arrays import Array, finite
-from condyn_pin.blas_threads import one_blas_thread
-from condyn_pin.drift.base import Drift
-from condyn_pin.errors import CondynError, InvalidArgument
-from condyn_pin.knobs import check_called
-from condyn_pin.rows.bound import is_scalar
-from condyn_pin.scene import Scene, check_scene
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import CondynError, InvalidArgument
+from condyn_pin._core.knobs import check_called
+from condyn_pin.constraints.drift import Drift
+from condyn_pin.constraints.rows.bound import is_scalar
+from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.model.applied_force import AppliedForce
 from condyn_pin.simulation.driver import Driver
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Ended, Event, PiledUp
@@ -33,7 +34,6 @@ from condyn_pin.simulation.slopes import TorqueJacobian
 from condyn_pin.simulation.stiffness import stiff_damping, stiff_springs
 from condyn_pin.simulation.torques import Torque
 from condyn_pin.simulation.trajectory import Trajectory
-from condyn_pin.solvers.base import Solver
 
 # A velocity beyond this is no motion of a machine [rad/s, m/s].
 _LOST = 1e10

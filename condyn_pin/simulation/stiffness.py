@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin.algebra.minimum_norm import factorise
-from condyn_pin.algebra.pivots import first_of_largest
-from condyn_pin.arrays import Array
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.linalg.pivots import first_of_largest
+from condyn_pin.model.soundness import singular_mass
 from condyn_pin.simulation.walls import wall
 
 # Frequencies that steps follow are below this over dt; of what is above few steps follow any.
@@ -66,7 +67,9 @@ def _fastest(system: System, q: Array) -> tuple[float, int]:
     Dampers are counted joint coordinate by joint coordinate, and then from one frame to another. Of
     several that take the same part, the first.
     """
-    factors = factorise(system.mass(q), system.jacobian(q), tolerances.RANK, at=(system.model, q))
+    factors = factorise(
+        system.mass(q), system.jacobian(q), tolerances.RANK, why=singular_mass(system.model, q)
+    )
     passive = system.passive
     root = np.diag(np.sqrt(passive.d))
     if passive.between:
@@ -91,7 +94,9 @@ def stiff_springs(system: System, integrator: Integrator, dt: float, q: Array) -
     K = passive.stiffness_matrix(q)
     sizes, axes = np.linalg.eigh(K)
     root = axes * np.sqrt(np.maximum(sizes, 0.0))
-    factors = factorise(system.mass(q), system.jacobian(q), tolerances.RANK, at=(system.model, q))
+    factors = factorise(
+        system.mass(q), system.jacobian(q), tolerances.RANK, why=singular_mass(system.model, q)
+    )
     P_root, _ = factors.solve(root, np.zeros((system.m, root.shape[1])))
     squares, modes = np.linalg.eigh(root.T @ P_root)
     frequency = float(np.sqrt(max(squares[-1], 0.0)))

@@ -15,17 +15,17 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
-from condyn_pin.rows.equations import Equations
-from condyn_pin.rows.terms import Terms
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.terms import Terms
+from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.slopes import Slopes
 from condyn_pin.simulation.torques import Applied, Passive, Torque
-from condyn_pin.workspace import Workspace
 
 if TYPE_CHECKING:
-    from condyn_pin.scene import Scene
+    from condyn_pin.dynamics.scene import Scene
 
 # The last answer where there is none: t, q, v and a.
 _NOTHING: Final[tuple[float, Array | None, Array | None, Array]] = (0.0, None, None, np.zeros(0))

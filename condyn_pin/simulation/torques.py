@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin.arguments import FLOAT
-from condyn_pin.arrays import Array, finite, locked
-from condyn_pin.joints import Indices, indices
-from condyn_pin.knobs import check_called
-from condyn_pin.robot import Robot
-from condyn_pin.spring_dampers import SpringDampers
+from condyn_pin._core.arguments import FLOAT
+from condyn_pin._core.arrays import Array, finite, locked
+from condyn_pin._core.joints import Indices, indices
+from condyn_pin._core.knobs import check_called
+from condyn_pin.model.robot import Robot
+from condyn_pin.model.spring_dampers import SpringDampers
 
 Torque = Callable[[float, Array, Array], Array]  # (t, q, v) -> (nv,) [N, N m]
 

@@ -8,9 +8,9 @@ from os import PathLike
 
 import numpy as np
 
-from condyn_pin.arrays import Array
-from condyn_pin.rows.bound import is_scalar
-from condyn_pin.scene import Scene
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.rows.bound import is_scalar
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.simulation.measures import Energy, Kinematics, gauge_of, work
 from condyn_pin.simulation.notices import notices_of
 from condyn_pin.simulation.outcome import Run, RunStatus

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.simulation.defaults import default_solver
 from condyn_pin.simulation.torques import Passive
-from condyn_pin.workspace import Workspace
 
 if TYPE_CHECKING:
+    from condyn_pin.dynamics.solvers.base import Solver
     from condyn_pin.simulation.recorder import Phase
     from condyn_pin.simulation.trajectory import Trajectory
-    from condyn_pin.solvers.base import Solver
 
 # Samples of a phase that are looked at. A solver that does not converge misses at most of them.
 _LOOKS = 20

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from condyn_pin.scene import Scene
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.simulation.events import Event, Moment, PiledUp
 
 # From less than this above zero to less than this below it is noise: so a foot rests on the ground

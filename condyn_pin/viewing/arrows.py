@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
-from condyn_pin.constraints import Coupling, Loop
-from condyn_pin.force import ConstraintForce
-from condyn_pin.robot import Robot
-from condyn_pin.scene import Scene
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.constraints import Coupling, Loop
+from condyn_pin.dynamics.force import ConstraintForce
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.model.robot import Robot
 from condyn_pin.viewing import meshes
 from condyn_pin.viewing.labels import label
 from condyn_pin.viewing.moment import Moment

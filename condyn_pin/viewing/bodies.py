@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Final
 
-from condyn_pin._pin import pin
-from condyn_pin.robot import Robot
+from condyn_pin._core._pin import pin
+from condyn_pin.model.robot import Robot
 from condyn_pin.viewing.descriptions import shapes_of
 from condyn_pin.viewing.geoms import WORLD
 from condyn_pin.viewing.meshes import Mesh

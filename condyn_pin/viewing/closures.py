@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from condyn_pin import tolerances
-from condyn_pin.arrays import Array
-from condyn_pin.constraints import Loop
-from condyn_pin.scene import Scene
-from condyn_pin.states.gaps import Gap
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.constraints import Loop
+from condyn_pin.dynamics.gaps import Gap
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.viewing import meshes
 from condyn_pin.viewing.labels import label
 from condyn_pin.viewing.moment import Moment

@@ -14,7 +14,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from condyn_pin._pin import pin
+from condyn_pin._core._pin import pin
 from condyn_pin.io.xml import parsed
 from condyn_pin.viewing.geoms import geoms_of
 from condyn_pin.viewing.palette import BODY, Colour

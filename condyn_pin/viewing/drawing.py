@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from condyn_pin.arrays import Array
-from condyn_pin.robot import Robot
-from condyn_pin.scene import Scene
-from condyn_pin.states.gaps import Gap
+from condyn_pin._core.arrays import Array
+from condyn_pin.dynamics.gaps import Gap
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.model.robot import Robot
 from condyn_pin.viewing import palette, three
 from condyn_pin.viewing.arrows import Peak, arrow_parts
 from condyn_pin.viewing.bodies import body_parts, lighter, with_coarse

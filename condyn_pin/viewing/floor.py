@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
 from condyn_pin.viewing import meshes
 from condyn_pin.viewing.palette import Colour
 from condyn_pin.viewing.part import Part

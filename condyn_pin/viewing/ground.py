@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from condyn_pin.arrays import Array
-from condyn_pin.constraints import Constraint, Coupling, Loop
-from condyn_pin.contacts import LineContact, PlanarContact, SurfaceContact
-from condyn_pin.rows.bound import Bound
-from condyn_pin.scene import Scene
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.constraints import Constraint, Coupling, Loop
+from condyn_pin.constraints.contacts import LineContact, PlanarContact, SurfaceContact
+from condyn_pin.constraints.rows.bound import Bound
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.viewing import meshes
 from condyn_pin.viewing.closures import gap_part
 from condyn_pin.viewing.moment import Moment

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin.robot import Robot
+from condyn_pin.model.robot import Robot
 from condyn_pin.viewing import meshes
 from condyn_pin.viewing.palette import ACTUATED, PASSIVE
 from condyn_pin.viewing.part import Part, joint_pose, span

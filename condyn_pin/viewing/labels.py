@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
 from condyn_pin.viewing.palette import Colour
 from condyn_pin.viewing.part import Part, Pose
 

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
-from condyn_pin.force import ConstraintForce
-from condyn_pin.rows.bound import AnyBound
-from condyn_pin.rows.equations import Equations
-from condyn_pin.scene import Scene
-from condyn_pin.states.gaps import Gap, gaps
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.rows.bound import AnyBound
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.dynamics.force import ConstraintForce
+from condyn_pin.dynamics.gaps import Gap, gaps
+from condyn_pin.dynamics.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin._pin import pin
-from condyn_pin.arrays import Array
-from condyn_pin.force import Sites
-from condyn_pin.rows.equations import Equations
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.dynamics.force import Sites
+from condyn_pin.dynamics.gaps import Gap, gaps
 from condyn_pin.simulation.recorder import Phase
 from condyn_pin.simulation.trajectory import Trajectory
-from condyn_pin.states.gaps import Gap, gaps
 from condyn_pin.viewing import three
 from condyn_pin.viewing.arrows import Peak
 from condyn_pin.viewing.moment import Moment, moment

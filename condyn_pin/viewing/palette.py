@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from condyn_pin import tolerances
+from condyn_pin._core import tolerances
 
 Colour = tuple[float, float, float]  # red, green, blue from 0 to 1
 

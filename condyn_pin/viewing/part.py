@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
 from condyn_pin.viewing import three
 from condyn_pin.viewing.meshes import Mesh
 from condyn_pin.viewing.moment import Moment

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
 from condyn_pin.viewing import meshes
 from condyn_pin.viewing.moment import Moment
 from condyn_pin.viewing.palette import GHOST

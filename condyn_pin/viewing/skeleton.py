@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin.arrays import Array
-from condyn_pin.constraints import Coupling
-from condyn_pin.robot import Robot
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.constraints import Coupling
+from condyn_pin.model.robot import Robot
 from condyn_pin.viewing import meshes
 from condyn_pin.viewing.palette import BODY, GHOST, Colour
 from condyn_pin.viewing.part import Part, joint_pose, span

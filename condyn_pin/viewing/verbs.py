@@ -8,16 +8,16 @@ from pathlib import Path
 
 from numpy.typing import ArrayLike
 
-from condyn_pin.arguments import normalised
-from condyn_pin.arrays import Array, finite
-from condyn_pin.errors import InvalidArgument, NotAssembled
-from condyn_pin.files.beside import check_writable
-from condyn_pin.motors.inverse import InverseDynamics
-from condyn_pin.robot import Robot
-from condyn_pin.scene import Scene
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.errors import InvalidArgument, NotAssembled
+from condyn_pin._core.files.beside import check_writable
+from condyn_pin.control.inverse import InverseDynamics
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solution import Solution
+from condyn_pin.mechanism.assembly_report import Assembly
+from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.trajectory import Trajectory
-from condyn_pin.solution import Solution
-from condyn_pin.states.assembly_report import Assembly
 from condyn_pin.viewing.drawing import Drawing, draw
 from condyn_pin.viewing.moment import moment
 from condyn_pin.viewing.motion import gaps_of, moments_of, peaks_of, shown

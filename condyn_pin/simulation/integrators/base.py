@@ -35,8 +35,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
 
-from condyn_pin.arrays import Array
-from condyn_pin.registry import enter
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.registry import enter
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.system import System

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from condyn_pin.arrays import Array
+from condyn_pin._core.arrays import Array
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
 from condyn_pin.simulation.iteration import to_the_end
 from condyn_pin.simulation.momentum import Momentum, Place, between

@@ -1,0 +1,98 @@
+"""Arrays of numbers: their type, and how they come in."""
+
+from __future__ import annotations
+
+from dataclasses import is_dataclass
+from typing import Final, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from condyn_pin._core.errors import InvalidArgument
+
+Array = NDArray[np.float64]
+T = TypeVar("T")
+
+_SHOWN: Final = 200  # characters of a value in an error
+
+
+def read_only(value: T) -> T:
+    """Return a value that is kept and shared, every array in it made read-only."""
+    if isinstance(value, np.ndarray):
+        value.flags.writeable = False
+    elif isinstance(value, tuple):
+        for each in value:
+            read_only(each)
+    elif is_dataclass(value):
+        read_only(tuple(vars(value).values()))
+    return value
+
+
+def locked(array: Array) -> Array:
+    """Return the same numbers as an array that is not to be written to."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+def check_overflow(name: str, value: Array, *results: Array) -> None:
+    """Refuse an argument, finite itself, from which numbers overflow."""
+    if not all(np.isfinite(each).all() for each in results):
+        raise InvalidArgument(
+            f"{name} has numbers up to {np.abs(value).max():.3g}: what is computed from it "
+            "overflows; smaller numbers are needed"
+        )
+
+
+def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Array:
+    """Return what a user handed in as a float array, or raise InvalidArgument.
+
+    The text names the argument, the entry and its value, and what would do.
+    """
+    wanted = (shape,) if isinstance(shape, int) else shape
+    needed = f"an array of shape {wanted}" if wanted else "one finite number"
+    found = name if wanted else f"{name} = {shown(value)}"
+    try:
+        array = np.asarray(value)
+        if array.dtype.kind == "b" or _has_flags(value):
+            raise TypeError("numbers, not True or False")
+        if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+            raise TypeError("some of them are masked; .filled(...) says what they are")
+        if array.dtype.kind == "c":
+            raise TypeError("they are complex")
+        is_text = array.dtype.kind in "SU"
+        array = array.astype(np.float64, copy=False)
+        if is_text:
+            raise TypeError("numbers, not text")
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InvalidArgument(f"{found}: {needed} is needed ({error})") from error
+    if array.shape != wanted:
+        raise InvalidArgument(f"{found} has shape {array.shape}: {needed} is needed")
+    if not np.isfinite(array).all():
+        bad = tuple(np.argwhere(~np.isfinite(array))[0].tolist())
+        entry = str(list(bad)) if bad else ""
+        raise InvalidArgument(f"{name}{entry} = {array[bad]}: finite numbers are needed")
+    return array
+
+
+def shown(value: object) -> str:
+    """Return a value as errors show it: not too long, whatever it is."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # an int of thousands of digits; lists without an end
+        return f"a {type(value).__name__} that cannot be shown"
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
+
+
+def _has_flags(value: object) -> bool:
+    """Return whether a list of numbers has True or False in it, which numpy makes 1 and 0."""
+    return isinstance(value, (list, tuple)) and any(isinstance(x, (bool, np.bool_)) for x in value)
+
+
+def finite_rows(name: str, value: ArrayLike, size: int) -> Array:
+    """Return one row of numbers or many, (..., size), as `finite` does."""
+    try:
+        many = np.shape(value)[:-1]
+    except ValueError:  # of lists that differ in length, and `finite` says so
+        many = ()
+    return finite(name, value, (*many, size))

@@ -1,0 +1,202 @@
+"""What can go wrong, each case with one name.
+
+Every error that the library raises is a `CondynError`. Its text names the argument or the file, the
+value that was found, and what would do instead. Errors that answer a failed solve or
+assembly carry the `Solution` or the `Assembly`, so nothing that was computed is lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.solution import Solution
+    from condyn_pin.mechanism.assembly_report import Assembly
+    from condyn_pin.study.row import Row
+
+
+class CondynError(Exception):
+    """Root of every error of this library."""
+
+
+class BrokenPinocchio(CondynError, ImportError):
+    """Pinocchio is missing, or its wheels do not fit together."""
+
+
+class UnsupportedBackend(CondynError):
+    """The installed Pinocchio lacks what was asked for."""
+
+
+class MissingExtra(CondynError, ImportError):
+    """An optional dependency is not installed."""
+
+    def __str__(self) -> str:  # ImportError keeps its first text, whatever is added to args
+        return str(self.args[0])
+
+
+class BrowserFailed(CondynError, RuntimeError):
+    """A browser that was to draw a picture made none."""
+
+
+class InvalidArgument(CondynError, ValueError):
+    """An argument has a wrong size, a wrong type or a value that cannot be used."""
+
+
+class UnknownName(CondynError, KeyError):
+    """No robot, frame, joint, posture or constraint has this name."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+class InvalidModel(CondynError, ValueError):
+    """A robot description cannot be read, or its model cannot be used for dynamics."""
+
+
+class InvalidConstraint(CondynError, ValueError):
+    """A constraint does not fit the robot, or two constraints share a name."""
+
+
+class UnsupportedConstraint(CondynError):
+    """A solver cannot take a kind of constraint; the text says which one can."""
+
+
+class StaleModel(CondynError):
+    """A model, or the raw objects of a workspace, were edited behind the library's back."""
+
+
+class SharedWorkspace(CondynError, RuntimeError):
+    """Two threads use one workspace; the text says what to do."""
+
+
+class NotAssembled(CondynError):
+    """A loop is open, and it could not be closed, or was not meant to be.
+
+    Attributes
+    ----------
+    assembly : Assembly or None
+        The configuration with the smallest gap that was found, where one was looked for.
+    """
+
+    def __init__(self, message: str, assembly: Assembly | None = None) -> None:
+        super().__init__(message)
+        self.assembly = assembly
+
+    def __reduce__(self) -> tuple[type[NotAssembled], tuple[str, Any]]:
+        return type(self), (str(self), self.assembly)
+
+
+class BranchChanged(NotAssembled):
+    """The loops were closed, but on the other side of a dead point.
+
+    Attributes
+    ----------
+    assembly : Assembly
+        The configuration, closed, on the other branch.
+    """
+
+    assembly: Assembly
+
+    def __init__(self, message: str, assembly: Assembly) -> None:
+        super().__init__(message, assembly)
+
+
+class DerivativesDisagree(CondynError, ArithmeticError):
+    """Derivatives differ from central differences; the text names the worst entry."""
+
+
+class SolveFailed(CondynError):
+    """A solve ended with a status other than ok.
+
+    Attributes
+    ----------
+    solution : Solution
+        What was computed, with its errors and its status.
+    """
+
+    def __init__(self, message: str, solution: Solution) -> None:
+        super().__init__(message)
+        self.solution = solution
+
+    def __reduce__(self) -> tuple[type[SolveFailed], tuple[str, Solution]]:
+        return SolveFailed, (str(self), self.solution)
+
+
+class NotReached(CondynError):
+    """Nothing that was measured meets the error that was asked for.
+
+    Attributes
+    ----------
+    row : Row or None
+        The row with the smallest error; None if no solver answers every state.
+    """
+
+    def __init__(self, message: str, row: Row | None = None) -> None:
+        super().__init__(message)
+        self.row = row
+
+    def __reduce__(self) -> tuple[type[NotReached], tuple[str, Any]]:
+        return NotReached, (str(self), self.row)
+
+
+class NotTuned(CondynError):
+    """No plan was saved for this scene, error, machine and versions; `tune` makes one."""
+
+
+class WorkersLost(CondynError, RuntimeError):
+    """Worker processes died, and their executor cannot go on.
+
+    Attributes
+    ----------
+    done : BatchSolution, BatchDerivatives, BatchTrajectory, Table, list of Outcome, or None
+        What was computed, of a batch, a study or a stress test; the `missing` of a batch says which
+        rows were not.
+    """
+
+    def __init__(self, message: str, done: Any = None) -> None:
+        super().__init__(message)
+        self.done = done
+
+    def __reduce__(self) -> tuple[type[WorkersLost], tuple[str, Any]]:
+        return WorkersLost, (str(self), self.done)
+
+
+class NotRecorded(CondynError):
+    """A batch has no samples of a motion; the text says why."""
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C in a long run: no error of this library, so not a `CondynError`.
+
+    Attributes
+    ----------
+    table
+        What was measured until then, as the run would have returned it: of `Study.run` a `Table`,
+        of `simulate_batch` a `BatchTrajectory`.
+    """
+
+    def __init__(self, table: Any) -> None:
+        super().__init__("interrupted; what was measured until then is in its `table`")
+        self.table = table
+
+    def __reduce__(self) -> tuple[type[Interrupted], tuple[Any]]:
+        return Interrupted, (self.table,)
+
+
+class StepFailed(CondynError):
+    """A step of an integrator did not converge; the text says what would do."""
+
+
+def unknown_name(kind: str, name: str, known: Iterable[str]) -> UnknownName:
+    """Return the error for a name that does not exist, with the nearest names that do."""
+    known = list(known)
+    near = get_close_matches(name, known, n=4, cutoff=0.6)
+    if near:
+        hint = "did you mean " + " or ".join(repr(n) for n in near) + "?"
+    elif len(known) <= 30:
+        hint = "known: " + (", ".join(known) or "none")
+    else:
+        hint = f"known: {', '.join(known[:30])}, and {len(known) - 30} more"
+    return UnknownName(f"no {kind} named {name!r}; {hint}")

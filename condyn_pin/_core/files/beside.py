@@ -1,0 +1,93 @@
+"""Files written beside their place, and put there once they are whole.
+
+A disk that fills up, a bug or Ctrl-C in the middle of writing leaves the old file as it was.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import secrets
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from os import PathLike
+from pathlib import Path
+
+from condyn_pin._core.errors import InvalidArgument
+
+
+@contextmanager
+def written_beside(path: str | PathLike[str]) -> Iterator[Path]:
+    """Give the path of a new file in the same folder, which takes the place of `path` at the end.
+
+    A file that was there keeps its permissions, a link stays a link. What is no file, such as
+    /dev/stdout, is written to as it is.
+
+    Raises
+    ------
+    InvalidArgument
+        If it cannot be written; then what was there is as it was.
+    """
+    target = _target(path)
+    try:
+        if target.exists() and not target.is_file() and not target.is_dir():
+            yield target
+            return
+        new = _new_file(target, Path(path).suffix)
+        try:
+            yield new
+            new.replace(target)
+        except BaseException:
+            new.unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise _not_written(path, error) from error
+
+
+def write_text(path: str | PathLike[str], text: str) -> None:
+    """Write a text as UTF-8; see `written_beside`."""
+    with written_beside(path) as new:
+        new.write_text(text, encoding="utf-8")
+
+
+def check_writable(path: str | PathLike[str]) -> None:
+    """Raise InvalidArgument if a file could not be written; nothing is left behind."""
+    target = _target(path)
+    try:
+        if target.exists() and not target.is_file() and not target.is_dir():
+            target.open("ab").close()
+        else:
+            _new_file(target, "").unlink()
+    except OSError as error:
+        raise _not_written(path, error) from error
+
+
+def _target(path: str | PathLike[str]) -> Path:
+    """Return the file that a path means, behind its links."""
+    try:
+        return Path(os.path.realpath(path))
+    except (TypeError, ValueError) as error:
+        raise InvalidArgument(f"path = {path!r}: the name of a file is needed ({error})") from error
+
+
+def _new_file(target: Path, suffix: str) -> Path:
+    """Return an empty file beside another one, with the permissions that this one has or gets."""
+    if target.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    mode = None
+    if target.exists():
+        target.open("ab").close()  # what nobody may write to is not replaced either
+        mode = stat.S_IMODE(target.stat().st_mode)
+    new = target.parent / f".{secrets.token_hex(8)}{suffix}"
+    os.close(os.open(new, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+    if mode is not None:
+        new.chmod(mode)
+    return new
+
+
+def _not_written(path: str | PathLike[str], error: OSError) -> InvalidArgument:
+    why, folder = error.strerror or str(error), Path(path).parent
+    if not folder.absolute().is_dir():
+        why = f"there is no folder {folder}; make it first"
+    return InvalidArgument(f"{path}: cannot be written: {why}")

@@ -1,0 +1,67 @@
+"""Joints: where q and v hold them, which coordinates are lengths, and whose axes turn.
+
+v_J = S(q) v
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._core._pin import pin
+
+Indices = NDArray[np.int_]
+
+# Names of Pinocchio's joints whose coordinates are all lengths begin so.
+_SLIDERS = (
+    "JointModelPX", "JointModelPY", "JointModelPZ", "JointModelPrismatic", "JointModelTranslation",
+)  # fmt: skip
+
+# Columns of S are unit axes, or lengths of levers: what changes them by less is rounding.
+_SAME = 1e-9
+
+# Configurations at which S is looked at: steps from the neutral one that repeat nowhere [rad, m].
+_LOOKS = ((0.7, 1.3), (0.4, 2.9), (0.9, 4.1))
+
+
+def indices(model: Any, joints: Sequence[str]) -> tuple[Indices, Indices]:
+    """Return where q and where v hold some joints, in the order given."""
+    chosen = [model.joints[model.getJointId(name)] for name in joints]
+    index_q = [i for joint in chosen for i in range(joint.idx_q, joint.idx_q + joint.nq)]
+    index_v = [i for joint in chosen for i in range(joint.idx_v, joint.idx_v + joint.nv)]
+    return np.array(index_q, dtype=np.int_), np.array(index_v, dtype=np.int_)
+
+
+def lengths(joint: Any) -> tuple[bool, ...]:
+    """Return which coordinates of a joint with nq = nv are lengths [m]; the others are [rad]."""
+    if joint.shortname() == "JointModelComposite":
+        return tuple(length for part in joint.extract().joints for length in lengths(part))
+    return (joint.shortname().startswith(_SLIDERS),) * int(joint.nv)
+
+
+def turning(model: Any) -> tuple[int, ...]:
+    """Return the joints whose axes turn with their own q: S(q) is no constant in the body's axes.
+
+    Pinocchio's derivatives, and its Coriolis matrix, take S for one. S is looked at itself, at a
+    few configurations, so that no list of kinds has to be complete. A joint of one coordinate is a
+    screw, whose axis stays.
+    """
+    still, numbers = pin.neutral(model), np.arange(model.nv)
+    steps = (size * np.sin(start + 1.7 * numbers) for size, start in _LOOKS)
+    looks = [pin.integrate(model, still, step) for step in steps]
+
+    def turns(joint: Any) -> bool:
+        first, *others = (axes(joint, q) for q in looks)
+        return any(np.abs(S - first).max() > _SAME * np.abs(first).max() for S in others)
+
+    return tuple(joint.id for joint in list(model.joints)[1:] if joint.nv > 1 and turns(joint))
+
+
+def axes(joint: Any, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return S(q) (6, nv) of a joint of a model, in the axes of the body that it carries."""
+    data = joint.createData()
+    joint.calc(data, q)
+    return np.array(data.S).reshape(6, joint.nv)

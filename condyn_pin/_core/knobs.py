@@ -1,0 +1,134 @@
+"""What knobs may be, and the sentences that say so."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from typing import Any, Final
+
+import numpy as np
+
+from condyn_pin._core.arrays import finite, shown
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.tolerances import FINEST
+
+_MOST_REFINEMENTS = 100
+# Values that are worth a look in a study: a solver declares which of its knobs take which.
+WEIGHTS: Final = tuple(float(f"1e{k}") for k in range(-12, 1))  # [1/kg]
+ITERATIONS: Final = (1, 2, 3, 5, 10, 20, 50, 100)
+ACCURACIES: Final = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+Grid = dict[str, tuple[Any, ...]]
+
+_LONGEST_CALL = 1000  # characters
+_MOST_ITERATIONS = 2**31 - 1  # Pinocchio counts in a C int
+
+
+def check_damping(mu: float) -> None:
+    """Refuse a damping that cannot be used."""
+    if finite("mu", mu, ()) < 0:
+        raise InvalidArgument(f"mu = {shown(mu)}: a number >= 0 [1/kg] is needed")
+
+
+def check_knobs(mu: float | str | None, max_iterations: int, *, smallest_mu: float) -> None:
+    """Refuse a proximal weight or an iteration limit that cannot be used."""
+    if mu is not None and not finite("mu", mu, ()) >= smallest_mu:
+        limit = ">= 0" if smallest_mu == 0 else f">= {smallest_mu:g}"
+        raise InvalidArgument(f"mu = {shown(mu)}: a finite number {limit} [1/kg] is needed")
+    check_iterations(max_iterations)
+
+
+def check_iterations(max_iterations: int) -> None:
+    """Refuse an iteration limit that cannot be used."""
+    if not is_whole(max_iterations) or not 1 <= max_iterations <= _MOST_ITERATIONS:
+        raise InvalidArgument(
+            f"max_iterations = {shown(max_iterations)}: a whole number from 1 to "
+            f"{_MOST_ITERATIONS} is needed (with 0 Pinocchio returns a wrong answer without a word)"
+        )
+
+
+def check_refinements(refinements: int) -> None:
+    """Refuse a number of corrections that is none."""
+    if not is_whole(refinements) or not 0 <= refinements <= _MOST_REFINEMENTS:
+        raise InvalidArgument(
+            f"refinements = {shown(refinements)}: a whole number from 0 to {_MOST_REFINEMENTS}; "
+            "two reach what doubles can"
+        )
+
+
+def is_whole(value: object) -> bool:
+    """Whether a value is a whole number, of Python or of numpy; True and False are none."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
+def check_count(name: str, value: int, *, least: int = 1, most: int | None = None) -> None:
+    """Refuse what is not a whole number that is large enough, and not too large."""
+    if most is not None and is_whole(value) and value > most:
+        raise InvalidArgument(f"{name} = {shown(value)}: {most} is the largest")
+    if not is_whole(value) or value < least:
+        raise InvalidArgument(
+            f"{name} = {shown(value)}: a whole number of at least {least} is needed"
+        )
+
+
+def check_accuracy(name: str, value: float) -> None:
+    """Refuse an accuracy that cannot be used."""
+    if finite(name, value, ()) < 0:
+        raise InvalidArgument(f"{name} = {shown(value)}: a number >= 0 is needed")
+
+
+def check_accuracy_of_a(accuracy: float) -> None:
+    """Refuse an accuracy that doubles cannot have."""
+    if finite("accuracy", accuracy, ()) < FINEST:
+        raise InvalidArgument(f"accuracy = {accuracy!r}: a number of at least {FINEST:g} is needed")
+
+
+def check_share(name: str, value: float) -> None:
+    """Refuse what is not between 0 and 1, both excluded."""
+    if not 0 < finite(name, value, ()) < 1:
+        raise InvalidArgument(f"{name} = {shown(value)}: between 0 and 1")
+
+
+def check_called(name: str, function: object, words: str) -> None:
+    """Refuse what cannot be called with these arguments.
+
+    Parameters
+    ----------
+    name : str
+        What errors call it.
+    function : callable
+    words : str
+        The arguments as one would write them: ``t, q, v``.
+    """
+    if not callable(function):
+        raise InvalidArgument(f"{name} = {shown(function)}: a function of ({words}) is needed")
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):  # some functions of C do not tell
+        return
+    try:
+        signature.bind(*words.split(", "))
+    except TypeError as error:
+        raise InvalidArgument(
+            f"{name} takes {signature}: it is called with ({words}), so {error}"
+        ) from error
+
+
+def read_call(text: str) -> tuple[str, dict[str, Any]]:
+    """Return the name and the knobs in ``Name(knob=value)``, the repr of a choice; or a bare name.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    if len(text) > _LONGEST_CALL:
+        raise ValueError("a text of this length")
+    try:
+        call = ast.parse(text, mode="eval").body
+        name, words = (call.func, call.keywords) if isinstance(call, ast.Call) else (call, [])
+        knobs = {str(word.arg): ast.literal_eval(word.value) for word in words}
+    except SyntaxError as error:
+        raise ValueError(text) from error
+    if not isinstance(name, ast.Name):
+        raise ValueError(text)
+    return name.id, knobs

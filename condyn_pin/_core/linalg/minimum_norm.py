@@ -1,0 +1,156 @@
+"""Gauss's principle with redundant rows: a is unique, lam is the smallest one.
+
+With M = L L^T, the whitened Jacobian Jw = J L^-T = U S V^T, and S cut at a relative tolerance,
+
+    M a - J^T lam = r,  J a = s      is solved by
+    y = L^-1 r,   z = S^+ U^T (s - Jw y),   L^T a = y + V z,   lam = U S^+ z.
+
+J is rounded, by eps P where it is the difference of numbers of the size P, and L^-1 carries that
+to Jw, largest where bodies are light. A singular value that is no more than this,
+
+    |dJw| <= eps |P w|,    w_j^2 = (M^-1)_jj,
+
+says nothing about a row, whatever its share of the largest.
+
+References
+----------
+Udwadia, Kalaba. A new perspective on constrained motion. Proc. R. Soc. A 439, 1992.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import isfinite
+
+import numpy as np
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidModel
+
+_EPS = float(np.finfo(np.float64).eps)
+
+
+@dataclass(frozen=True, eq=False)
+class MinimumNorm:
+    """The factors of one M and J.
+
+    Attributes
+    ----------
+    L : (nv, nv) array
+        Lower Cholesky factor of M.
+    U : (m, m) array
+        Left singular vectors of Jw; the columns from `rank` on span the redundancy of the rows.
+    S : (min(m, nv),) array
+        Singular values of Jw, all of them.
+    V : (nv, rank) array
+        Right singular vectors that belong to nonzero singular values.
+    rank : int
+        Number of singular values above the tolerance.
+    """
+
+    L: Array
+    U: Array
+    S: Array
+    V: Array
+    rank: int
+
+    def solve(self, r: Array, s: Array) -> tuple[Array, Array]:
+        """Return (a, lam) for one or many right-hand sides r (nv, k), s (m, k)."""
+        from scipy.linalg.lapack import dtrtrs
+
+        U, S = self.U[:, : self.rank], self.S[: self.rank]
+        y = dtrtrs(self.L.T, r, trans=1)[0]  # LAPACK reads columns: L^T is no copy
+        z = ((U.T @ s).T / S).T - self.V.T @ y
+        return dtrtrs(self.L.T, y + self.V @ z)[0], U @ (z.T / S).T
+
+    def moved(self, s: Array) -> Array:
+        """Return how far a (nv,) moves where J a is off by about s (m,), each row by itself."""
+        from scipy.linalg.lapack import dtrtrs
+
+        if not self.rank:
+            return np.zeros(len(self.L))
+        along = dtrtrs(self.L.T, self.V)[0]
+        by = np.linalg.norm(self.U[:, : self.rank].T * s, axis=1) / self.S[: self.rank]
+        return np.asarray(np.abs(along) @ by)
+
+    def solve_mass(self, r: Array) -> Array:
+        """Return M^-1 r for one or many right-hand sides (nv, k)."""
+        from scipy.linalg import cho_solve
+
+        return np.asarray(cho_solve((self.L, True), r, check_finite=False))
+
+    @cached_property
+    def weights(self) -> Array:
+        """W (nv,): square roots of the diagonal of M^-1."""
+        from scipy.linalg.lapack import dtrtri
+
+        inverse = dtrtri(self.L, lower=1)[0]
+        return np.asarray(np.sqrt(np.einsum("ij,ij->j", inverse, inverse)))
+
+    def blur(self, P: Array) -> float:
+        """Return eps |P w|, what rounding of J does to Jw, for P what J is a difference of."""
+        return _EPS * float(np.linalg.norm(P * self.weights))
+
+    def at_most(self, rank: int) -> MinimumNorm:
+        """Return the same with the largest singular values only."""
+        rank = min(rank, self.rank)
+        return replace(self, V=self.V[:, :rank], rank=rank)
+
+    def above_rounding(self, P: Array) -> MinimumNorm:
+        """Return the same without the singular values that rounding of J makes up."""
+        least = tolerances.BLURRED * self.blur(P)
+        return self.at_most(len(self.S) - int(np.count_nonzero(least >= self.S)))
+
+    def tangent(self, v: Array) -> Array:
+        """Return the nearest velocity, in the metric of M, with J v = 0."""
+        from scipy.linalg import solve_triangular
+
+        x = self.L.T @ v
+        projected: Array = solve_triangular(
+            self.L, x - self.V @ (self.V.T @ x), lower=True, trans="T"
+        )
+        return projected
+
+
+def factorise(
+    M: Array,
+    J: Array,
+    rank_tolerance: float,
+    least: float = 0.0,
+    *,
+    why: Callable[[], str] = str,
+) -> MinimumNorm:
+    """Factorise M and J.
+
+    Parameters
+    ----------
+    M, J : (nv, nv), (m, nv) array
+    rank_tolerance, least : float
+        Singular values of J L^-T count above a share of the largest, and above `least`.
+    why : callable, optional
+        Says why M is not positive definite; a text that may be empty.
+
+    Raises
+    ------
+    InvalidModel
+        If M is not positive definite, or J not finite.
+    """
+    # imported here: scipy.linalg takes as long to import as Pinocchio. LAPACK's own routines take
+    # half the time of numpy's at the size of robots.
+    from scipy.linalg.lapack import dgesdd, dpotrf, dtrtrs
+
+    upper, info = dpotrf(M.T)  # what is below the diagonal of M, as in np.linalg.cholesky
+    if info:
+        raise InvalidModel(why() or "the mass matrix is not positive definite at this q")
+    if not len(J):
+        return MinimumNorm(upper.T, np.zeros((0, 0)), np.zeros(0), np.zeros((len(M), 0)), 0)
+    Jw = dtrtrs(upper, J.T, trans=1)[0].T
+    # all of U, whose last columns are the redundancy, but only so much of V as can be needed
+    U, S, Vt, info = dgesdd(Jw, full_matrices=len(J) > len(M))
+    if info or not isfinite(S[0]):
+        raise InvalidModel("the constraint Jacobian is not finite at this q")
+    rank = int(np.count_nonzero(max(rank_tolerance * S[0], least) < S))
+    return MinimumNorm(upper.T, U, S, Vt[:rank].T, rank)

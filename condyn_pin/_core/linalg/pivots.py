@@ -1,0 +1,47 @@
+"""Pivots: independent columns of a matrix, the largest first, and among equals the first.
+
+With R_0 = A, and u_k the direction of the column chosen in step k,
+
+    p_k = the first j with |r_j| > (1 - TIED) max_i |r_i|,    R_(k+1) = (I - u_k u_k^T) R_k.
+
+Column-pivoted QR of LAPACK takes the largest itself: of two columns that are equal, that which
+rounding made the larger, and another processor rounds otherwise.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+
+
+def pivots(A: Array, least: float) -> tuple[list[int], Array]:
+    """Return columns of A (m, n) that are independent, and an orthonormal basis (m, r) of them.
+
+    Parameters
+    ----------
+    A : (m, n) array
+    least : float
+        Norm of what others leave of a column that counts as nothing.
+    """
+    chosen: list[int] = []
+    left, basis = A.copy(), np.zeros((len(A), 0))
+    while len(chosen) < min(A.shape):
+        sizes = np.linalg.norm(left, axis=0)
+        p = first_of_largest(sizes)
+        if not sizes[p] > least:
+            break
+        u = left[:, p] / sizes[p]
+        u -= basis @ (basis.T @ u)  # once more: what cancelled left rounding behind
+        u /= np.linalg.norm(u)
+        left -= np.outer(u, u @ left)
+        left[:, p] = 0.0
+        basis = np.column_stack((basis, u))
+        chosen.append(p)
+    return chosen, basis
+
+
+def first_of_largest(sizes: Array) -> int:
+    """Return where the first entry stands that is as large as the largest, but for rounding."""
+    return int(np.argmax(sizes >= (1.0 - tolerances.TIED) * sizes.max()))

@@ -1,0 +1,60 @@
+"""Outcome: how each row of a batch ended."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import Enum
+from typing import ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+# The status of a row that nobody has worked on.
+MISSING: Final = -1
+
+_SHOWN: Final = 10
+
+
+class Outcome:
+    """What a batch says of its rows; `statuses` are places in `_endings`, and 0 is ok."""
+
+    _endings: ClassVar[Sequence[Enum]]
+
+    statuses: NDArray[np.int8]
+
+    @property
+    def ok(self) -> bool:
+        """Whether every status is ok."""
+        return not self.statuses.any()
+
+    @property
+    def failed(self) -> NDArray[np.intp]:
+        """Indices of the rows whose status is not ok, the missing ones among them."""
+        return np.flatnonzero(self.statuses)
+
+    @property
+    def missing(self) -> NDArray[np.intp]:
+        """Indices of the rows that no worker got to: after a `WorkersLost` or an `Interrupted`."""
+        return np.flatnonzero(self.statuses == MISSING)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many rows have which status, by its name; those that none has are left out."""
+        names = {MISSING: "missing"} | {i: s.name.lower() for i, s in enumerate(self._endings)}
+        found = {name: int((self.statuses == i).sum()) for i, name in names.items()}
+        return {name: number for name, number in found.items() if number}
+
+    def _not_ok(self) -> list[str]:
+        """Return a line for each status but ok: the first few rows that have it, and what it is."""
+        texts = {MISSING: "missing: no worker got to it"}
+        texts |= {i: str(ending) for i, ending in enumerate(self._endings)}
+        lines = []
+        for code in dict.fromkeys(self.statuses[self.failed].tolist()):
+            rows = np.flatnonzero(self.statuses == code).tolist()
+            some = ", ".join(map(self._named, rows[:_SHOWN]))
+            lines.append(f"not ok: {some}{', ...' if rows[_SHOWN:] else ''} ({texts[code]})")
+        return lines
+
+    def _named(self, i: int) -> str:
+        """Return what to call a row."""
+        return str(i)

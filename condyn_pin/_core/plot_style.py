@@ -1,0 +1,51 @@
+"""Style of plots: lines that colour-blind eyes tell apart, and those who read on paper.
+
+Colours are those of Okabe and Ito, without their yellow, which paper loses; dashes tell lines apart
+where there is no colour.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+from condyn_pin._core.files.beside import written_beside
+
+COLOURS: Final = (
+    "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#7F7F7F",
+)  # fmt: skip
+DASHES: Final = ("-", "--", "-.", ":")
+
+# Colour and marker of the main methods by their titles, and of any other.
+METHODS: Final = {
+    "ABA": ("#000000", "|"),
+    "LCABA": ("#D55E00", "o"),
+    "Proximal": ("#0072B2", "s"),
+    "Dense KKT": ("#009E73", "^"),
+    "numpy": ("#E69F00", "v"),
+    "LAPACK": ("#56B4E9", "<"),
+    "Contact Cholesky": ("#7F7F7F", "D"),
+}
+OTHER: Final = ("#CC79A7", "d")
+
+
+def line(i: int) -> dict[str, Any]:
+    """Return colour and dashes of line i: no two of the first 32 are alike."""
+    dashes = DASHES[(i + i // len(COLOURS)) % len(DASHES)]
+    return {"color": COLOURS[i % len(COLOURS)], "ls": dashes, "lw": 1.3}
+
+
+def finished(ax: Any, *, title: str, x: str, y: str) -> Any:
+    """Return axes with their words, a pale grid, and a legend if anything has a label."""
+    ax.set(title=title, xlabel=x, ylabel=y)
+    ax.grid(visible=True, which="major", color="0.92")
+    if ax.get_legend_handles_labels()[1]:
+        ax.legend(fontsize=7, frameon=False)
+    return ax
+
+
+def write_figure(figure: Any, path: str | Path, *, dpi: int = 150) -> None:
+    """Write a figure of matplotlib; the ending of `path` says which format, PNG if it has none."""
+    path = Path(path)
+    with written_beside(path if path.suffix else path.with_name(f"{path.name}.png")) as new:
+        figure.savefig(new, dpi=dpi)

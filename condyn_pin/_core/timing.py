@@ -1,0 +1,156 @@
+"""Timing in one process, interleaved: what drifts in the machine drifts for all.
+
+Every round calls every candidate a few times, in an order that turns from round to round, on the
+same state. A sample is the mean of the calls of one round, so that a clock read costs nothing.
+"""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import cycle
+from math import inf
+from time import perf_counter
+from typing import TypeVar
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import UnsupportedConstraint
+from condyn_pin.dynamics.choice import untaken
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.workspace import Workspace
+
+State = tuple[Array, Array, Array]
+Call = Callable[[Array, Array, Array], object]
+_Key = TypeVar("_Key", bound=Hashable)
+
+
+@dataclass(frozen=True)
+class Times:
+    """Times of one candidate [us], a sample a round."""
+
+    samples: tuple[float, ...]
+
+    @property
+    def median(self) -> float:
+        """Median over the rounds [us]."""
+        return float(np.median(self.samples))
+
+    @property
+    def p95(self) -> float:
+        """95th percentile over the rounds [us]."""
+        return float(np.percentile(self.samples, 95))
+
+    def ratio(self, other: Times) -> float:
+        """Return the median over the rounds of this time over the other's."""
+        return float(np.median(np.divide(self.samples, other.samples)))
+
+
+def interleaved(
+    calls: Mapping[_Key, Call],
+    states: Sequence[State],
+    *,
+    rounds: int,
+    repeats: int,
+    enough: float = inf,
+    tick: Callable[[], None] = lambda: None,
+) -> dict[_Key, Times]:
+    """Time callables on the same states.
+
+    Parameters
+    ----------
+    calls : mapping of keys to callable
+        Each is called with (q, v, tau).
+    states : sequence of (q, v, tau)
+        Round r uses state r modulo their number.
+    rounds, repeats : int
+        Samples of each callable, and calls in a sample.
+    enough : float
+        What a sample need not last longer than [s]: a slow callable makes fewer calls in it, down
+        to one.
+    tick : callable
+        Called after each round, for a progress bar.
+
+    Returns
+    -------
+    dict of keys to Times
+        Empty if there is nothing to call.
+    """
+    names = list(calls)
+    if not names:
+        return {}
+    samples: dict[_Key, list[float]] = {name: [] for name in names}
+    counts = {name: _warm_up(calls[name], states, repeats, enough) for name in names}
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        for r in range(rounds):
+            q, v, tau = states[r % len(states)]
+            shift = r % len(names)
+            for name in names[shift:] + names[:shift]:
+                call, count = calls[name], counts[name]
+                call(q, v, tau)  # the first call after another candidate finds cold caches
+                start = perf_counter()
+                for _ in range(count):
+                    call(q, v, tau)
+                samples[name].append(1e6 * (perf_counter() - start) / count)
+            tick()
+    finally:
+        if collecting:
+            gc.enable()
+    return {name: Times(tuple(values)) for name, values in samples.items()}
+
+
+def _warm_up(call: Call, states: Sequence[State], most: int, enough: float) -> int:
+    """Call at every state, for memory, caches and lazy imports; return how many make a sample."""
+    spent = []
+    for state in states:
+        start = perf_counter()
+        call(*state)
+        spent.append(perf_counter() - start)
+    return max(1, int(min(most, enough / min(spent))))
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A solver tried on a scene.
+
+    Attributes
+    ----------
+    call : callable or None
+        What to time: its accelerations at one state after the other; the arguments are not looked
+        at, since scenes to be compared do not share their states. None if a time would say nothing.
+    said : str
+        "ok", or why there is nothing to time.
+    """
+
+    call: Call | None
+    said: str
+
+
+def trial(scene: Scene, solver: Solver, states: Sequence[State]) -> Trial:
+    """Return what to time, if the solver takes the scene and says ok at every state."""
+    try:
+        workspace = Workspace(scene, solver)
+    except UnsupportedConstraint:
+        missing = [c for c in scene.constraints if c.name in untaken(scene, solver)]
+        kinds = dict.fromkeys(str(getattr(c, "kind", type(c).__name__)) for c in missing)
+        return Trial(None, f"takes no {' and no '.join(kinds)}")
+    for state in states:
+        status = workspace.solve(*state, throw=False).status
+        if not status.ok:
+            return Trial(None, status.name.lower())
+    turn = cycle(states)
+    return Trial(lambda q, v, tau: workspace.acceleration(*next(turn)), "ok")
+
+
+def time_trials(
+    trials: Mapping[_Key, Trial], *, rounds: int, repeats: int = 10
+) -> dict[_Key, Times]:
+    """Time what can be timed of some trials, in one interleaved run."""
+    calls = {name: one.call for name, one in trials.items() if one.call is not None}
+    nothing = (np.zeros(0),) * 3
+    return interleaved(calls, [nothing], rounds=rounds, repeats=repeats)

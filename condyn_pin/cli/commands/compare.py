@@ -1,0 +1,73 @@
+"""condyn compare: a robot beside the same in MuJoCo."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from condyn_pin._core.errors import InvalidModel
+from condyn_pin._core.tolerances import ENGINES
+from condyn_pin.cli.commands.arguments import AsJson, RobotName, Variant
+from condyn_pin.cli.commands.output import print_json, say
+
+PANEL = "Look"
+
+
+def compare(
+    robot: RobotName,
+    mjcf: Annotated[Path, typer.Argument(help="The same robot, as MuJoCo is to have it.")],
+    name: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="OURS=THEIRS: a joint with another name in the file; repeat it for others."
+        ),
+    ] = None,
+    without: Annotated[
+        str, typer.Option(help="Comma-separated: joints of the file that the robot lacks.")
+    ] = "",
+    tolerance: Annotated[float, typer.Option(help="Relative error that counts as none.")] = ENGINES,
+    seed: Annotated[
+        int, typer.Option(help="Seed of the random state that is compared.", min=0)
+    ] = 0,
+    variant: Variant = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compare a robot with a file in MuJoCo, and name what differs; exits with 1 if they differ.
+
+    Both are put in one random state that moves and in which the loops are closed, with random
+    torques at the motors.
+    """
+    import numpy as np
+
+    from condyn_pin._core.joints import indices
+    from condyn_pin.cli.commands.words import names_in, pairs_in, robot_of
+    from condyn_pin.dynamics.scene import Scene
+    from condyn_pin.study.mujoco.mujoco_bridge import MujocoBridge
+
+    chosen = robot_of(robot, variant)
+    names = pairs_in("--name", name, "OURS=THEIRS is needed, such as root_joint=floating_base")
+    bridge = MujocoBridge(chosen, _model(mjcf), names=names, without=names_in(without))
+    rng = np.random.default_rng(seed)
+    q, v = Scene(chosen, chosen.loops).sample(rng)
+    tau = np.zeros(chosen.nv)
+    motors = indices(chosen.model, chosen.actuated)[1]
+    tau[motors] = rng.normal(size=motors.size)
+    found = bridge.compare(q, v, tau, tolerance=tolerance)
+    if as_json:
+        print_json(found.to_dict())
+    else:
+        say(str(found))
+    if not found.ok:
+        raise typer.Exit(1)
+
+
+def _model(path: Path) -> Any:
+    from condyn_pin.io.mjcf_compiled import compiled
+
+    try:
+        return compiled(path)
+    except InvalidModel as error:
+        error.args = (f"{path}: {error}",)
+        raise

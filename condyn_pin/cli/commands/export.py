@@ -1,0 +1,29 @@
+"""condyn export: a robot in another format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from condyn_pin.cli.commands.arguments import RobotName, Variant
+from condyn_pin.cli.commands.output import check_written, say
+
+PANEL = "Look"
+
+
+def export(
+    robot: RobotName,
+    mjcf: Annotated[Path, typer.Option(help="Write the robot with its loops here, for MuJoCo.")],
+    without: Annotated[str, typer.Option(help="Comma-separated: loops to leave out.")] = "",
+    variant: Variant = None,
+) -> None:
+    """Write a robot in another format."""
+    from condyn_pin._core.files.beside import write_text
+    from condyn_pin.cli.commands.words import names_in, robot_of
+
+    check_written(mjcf)
+    text = robot_of(robot, variant).to_mjcf(without=names_in(without))
+    write_text(mjcf, text)
+    say(f"written: {mjcf}")

@@ -1,0 +1,109 @@
+"""condyn simulate: a motion from a posture, with its errors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from condyn_pin.cli.commands.arguments import (
+    AsJson,
+    Contacts,
+    DriftName,
+    Gain,
+    IntegratorName,
+    Loops,
+    Posture,
+    RobotName,
+    SolverOrNone,
+    Variant,
+)
+from condyn_pin.cli.commands.output import (
+    INTERRUPTED,
+    check_ending,
+    check_written,
+    print_json,
+    say,
+)
+
+if TYPE_CHECKING:
+    from condyn_pin.simulation.trajectory import Trajectory
+
+PANEL = "Simulate"
+
+
+def simulate(
+    robot: RobotName,
+    contacts: Contacts = "",
+    loops: Loops = True,
+    posture: Posture = None,
+    duration: Annotated[float, typer.Option(help="Duration of the motion [s].")] = 1.0,
+    dt: Annotated[float, typer.Option(help="The step [s].")] = 1e-3,
+    integrator: IntegratorName = None,
+    drift: DriftName = None,
+    gain: Gain = None,
+    solver: SolverOrNone = None,
+    record: Annotated[int, typer.Option(help="Keep a sample every so many steps.")] = 1,
+    save: Annotated[Path | None, typer.Option(help="Write the trajectory here (npz).")] = None,
+    csv: Annotated[Path | None, typer.Option(help="Write the samples here.")] = None,
+    variant: Variant = None,
+    as_json: AsJson = False,
+) -> None:
+    """Simulate from a posture at rest, without torques; exits with 1 if it broke down.
+
+    Ctrl-C keeps the motion so far.
+    """
+    from condyn_pin.cli.commands.words import drift_of, integrator_of, scene_of, solver_of
+    from condyn_pin.simulation.run import simulate as simulate_scene
+
+    check_ending(save, ".npz")
+    check_written(save, csv)
+    scene = scene_of(robot, contacts, loops, variant)
+    found = simulate_scene(
+        scene,
+        *scene.state(posture),
+        duration=duration,
+        dt=dt,
+        integrator=integrator_of(integrator),
+        drift=drift_of(drift, gain),
+        solver=solver_of(solver) if solver else None,
+        record=record,
+    )
+    _write(found, save, csv, as_json)
+    if not found.status.ok:
+        raise typer.Exit(INTERRUPTED if found.status.name == "INTERRUPTED" else 1)
+
+
+def _write(found: Trajectory, save: Path | None, csv: Path | None, as_json: bool) -> None:
+    if save:
+        found.save(save)
+    if csv:
+        found.to_csv(csv)
+    if as_json:
+        print_json(_summary(found))
+    else:
+        say(str(found))
+
+
+def _summary(found: Trajectory) -> dict[str, object]:
+    from condyn_pin._core.machine import machine
+
+    run, energy = found.run, found.energy
+    return {
+        "robot": found.scene.robot.name,
+        "status": found.status.name.lower(),
+        "reason": found.reason,
+        "t": float(found.t[-1]),
+        "dt": run.dt,
+        "integrator": repr(run.integrator),
+        "drift": repr(run.drift),
+        "solver": repr(run.solver),
+        "violation": float(found.violation.max()),
+        "slip": float(found.slip.max()),
+        "energy_error": float(abs(energy.error).max()),
+        "wall_time": run.wall_time,
+        "q": found.q[-1].tolist(),
+        "v": found.v[-1].tolist(),
+        "machine": machine(),
+    }

@@ -1,0 +1,91 @@
+"""condyn solve: one posture, with the errors of the answer."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from condyn_pin._core.tolerances import SOLVED
+from condyn_pin.cli.commands.arguments import (
+    AsJson,
+    Contacts,
+    Loops,
+    Posture,
+    RobotName,
+    SolverName,
+    Variant,
+)
+from condyn_pin.cli.commands.output import print_json, say, warn
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.solution import Solution
+
+PANEL = "Solve"
+
+
+def solve(
+    robot: RobotName,
+    contacts: Contacts = "",
+    loops: Loops = True,
+    posture: Posture = None,
+    solver: SolverName = "proximal",
+    mu: Annotated[float | None, typer.Option(help="Weight or damping [1/kg].")] = None,
+    max_iterations: Annotated[int | None, typer.Option(help="Limit of iterations.")] = None,
+    accuracy: Annotated[float, typer.Option(help="Error of a that is good enough.")] = SOLVED,
+    variant: Variant = None,
+    as_json: AsJson = False,
+) -> None:
+    """Solve a posture at rest, with zero torque; exits with 1 if the status is not ok."""
+    from condyn_pin.cli.commands.words import scene_of, solver_of
+    from condyn_pin.dynamics.verbs import solve as solve_scene
+
+    scene = scene_of(robot, contacts, loops, variant)
+    q, v = scene.state(posture)
+    chosen = solver_of(solver, {"mu": mu, "max_iterations": max_iterations})
+    solution = solve_scene(scene, q, v, 0 * v, solver=chosen, accuracy=accuracy, throw=False)
+    if as_json:
+        print_json({"robot": scene.robot.name, "solver": repr(chosen)} | _facts(solution))
+    else:
+        say(f"{scene.robot.name}, {chosen!r}")
+        say(str(solution))
+        _say_accelerations(solution)
+        if not scene.constraints:
+            ready = ", ".join(contact.name for contact in scene.robot.contacts) or "FRAME:KIND"
+            say(f"note: no constraints; --contacts takes {ready}")
+        for note in scene.rank(q).notes:
+            say(f"note: {note}")
+    if not solution.status.ok:
+        warn(str(solution.status))
+        raise typer.Exit(1)
+
+
+def _say_accelerations(solution: Solution) -> None:
+    from condyn_pin._core.joints import indices
+
+    robot = solution.scene.robot
+    say("accelerations of the joints, free-flyers linear first [rad/s^2, m/s^2]:")
+    for name in robot.joints:
+        values = solution.a[indices(robot.model, [name])[1]]
+        say(f"{name:<28} {' '.join(f'{value:.6g}' for value in values)}")
+
+
+def _facts(solution: Solution) -> dict[str, object]:
+    from condyn_pin._core.machine import machine
+
+    return {
+        "status": solution.status.name.lower(),
+        "advice": str(solution.status),
+        "q": solution.q,
+        "a": solution.a,
+        "lam": solution.lam,
+        "world_forces": solution.world_forces,
+        "forces": solution.forces,
+        "dynamics_error": solution.dynamics_error,
+        "constraint_error": solution.constraint_error,
+        "state_error": list(solution.state_error),
+        "error_bound": solution.error_bound,
+        "iterations": solution.iterations,
+        "solve_time": solution.solve_time,
+        "machine": machine(),
+    }

@@ -1,0 +1,133 @@
+"""condyn view: look at a robot, or at a motion that was saved."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin.cli.commands.arguments import Loops, Posture, Variant, complete_robots
+from condyn_pin.cli.commands.output import check_ending, check_written, say
+
+if TYPE_CHECKING:
+    from condyn_pin.viewing.verbs import Subject
+    from condyn_pin.viewing.viewer import Viewer
+
+PANEL = "Look"
+
+
+ViewedName = Annotated[
+    str,
+    typer.Argument(
+        help="A name of `condyn robots`, a path of a robot, or a motion (.npz).",
+        autocompletion=complete_robots,
+    ),
+]
+ViewedContacts = Annotated[
+    str | None,
+    typer.Option(help="As in `condyn solve`; by default the ready-made ones if there are forces."),
+]
+Forces = Annotated[
+    bool, typer.Option("--forces", help="Draw the forces on it while it is held still.")
+]
+Speed = Annotated[float, typer.Option(help="Seconds of a motion played in one second.")]
+Light = Annotated[bool, typer.Option("--light", help="At most 30 000 triangles.")]
+Motion = Annotated[int | None, typer.Option(help="Which motion of a batch, from 0.", min=0)]
+Html = Annotated[Path | None, typer.Option(help="Write one page that opens from disk.")]
+Png = Annotated[Path | None, typer.Option(help="Write a picture; needs Chromium.")]
+Port = Annotated[int, typer.Option(help="Of the server; a free one by default.", min=0, max=65535)]
+Browser = Annotated[bool, typer.Option(help="Open the browser, where there is a screen.")]
+
+
+def view(
+    subject: ViewedName,
+    contacts: ViewedContacts = None,
+    loops: Loops = True,
+    posture: Posture = None,
+    forces: Forces = False,
+    speed: Speed = 1.0,
+    light: Light = False,
+    html: Html = None,
+    png: Png = None,
+    port: Port = 0,
+    browser: Browser = True,
+    variant: Variant = None,
+    motion: Motion = None,
+) -> None:
+    """Look at a robot or a motion in a browser until Ctrl-C, or write it to a file."""
+    from condyn_pin.viewing.verbs import view as view_subject
+
+    check_ending(html, ".html", ".htm")
+    check_ending(png, ".png")
+    check_written(html, png)
+    if not subject.endswith(".npz"):
+        if motion is not None:
+            raise InvalidArgument(f"--motion {motion}: it is of a batch (.npz), not of {subject}")
+        chosen = _standing(subject, contacts, loops, posture, forces, variant)
+    elif posture or forces or contacts or variant or not loops:
+        raise InvalidArgument(f"{subject}: a motion has its own states, constraints and forces")
+    else:
+        chosen = _motion(subject, motion)
+    viewer = view_subject(
+        chosen, posture=None if forces else posture, speed=speed, light=light, html=html, png=png,
+        browser=browser, port=port,
+    )  # fmt: skip
+    with viewer:
+        _show(viewer, html, png)
+
+
+def _show(viewer: Viewer, *files: Path | None) -> None:
+    """Say what is drawn and where, and wait for Ctrl-C if it is on a server."""
+    for note in viewer.notes:
+        say(f"note: {note}")
+    for path in files:
+        if path:
+            say(f"written: {path}")
+    if not viewer.url:
+        return
+    try:
+        say(f"{viewer.drawing.title}: {viewer.url} (Ctrl-C ends it)")
+        viewer.wait()
+    except KeyboardInterrupt:
+        say("closed")
+
+
+def _motion(path: str, motion: int | None) -> Subject:
+    from condyn_pin.simulation.batch.trajectory import BatchTrajectory
+    from condyn_pin.simulation.trajectory import Trajectory
+
+    if motion is None:
+        return Trajectory.load(path)
+    batch = BatchTrajectory.load(path)
+    if motion >= len(batch):
+        raise InvalidArgument(f"--motion {motion}: {path} has {len(batch)}, from 0")
+    return batch[motion]
+
+
+def _standing(
+    name: str,
+    contacts: str | None,
+    loops: bool,
+    posture: str | None,
+    forces: bool,
+    variant: list[str] | None,
+) -> Subject:
+    """Return the scene of a robot, or what holds it still: its motors, and its springs if bent."""
+    from condyn_pin.cli.commands.words import robot_of, scene_of
+    from condyn_pin.control.actuation import Actuation
+    from condyn_pin.control.inverse import gravity_compensation
+    from condyn_pin.dynamics.verbs import solve
+
+    if contacts is None:
+        contacts = ",".join(c.name for c in robot_of(name, variant).contacts) if forces else ""
+    scene = scene_of(name, contacts, loops, variant)
+    if not forces:
+        return scene
+    q, v = scene.state(posture)
+    robot = scene.robot
+    holding = dict.fromkeys((*robot.actuated, *(spring.joint for spring in robot.springs)))
+    if not holding:
+        return solve(scene, q, v, 0 * v, throw=False)
+    return gravity_compensation(scene, q, actuation=Actuation(robot, tuple(holding)))

@@ -1,0 +1,114 @@
+"""What the words of a command line mean: a scene, a solver."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from condyn_pin._core import _pin
+from condyn_pin._core.errors import InvalidArgument, unknown_name
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.constraints import Constraint
+from condyn_pin.constraints.contacts import CONTACTS
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers import SOLVERS, Solver
+from condyn_pin.dynamics.solvers.base import knob_fields
+from condyn_pin.io.load import load_robot
+from condyn_pin.model.robot import Robot
+from condyn_pin.simulation.drift import DRIFTS, Drift
+from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
+from condyn_pin.study.sweeps import sweep
+
+_GAIN = 30.0  # [1/s] of Baumgarte's method, if none is given
+
+
+def names_in(text: str) -> list[str]:
+    """Return the names of a list with commas."""
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def scene_of(name: str, contacts: str, loops: bool, variant: Sequence[str] | None = None) -> Scene:
+    """Return the scene of a robot, its loops if wanted, and the contacts that are listed."""
+    robot = robot_of(name, variant)
+    chosen = [_contact(robot, text) for text in names_in(contacts)]
+    return Scene(robot, (*(robot.loops if loops else ()), *chosen))
+
+
+def robot_of(name: str, variant: Sequence[str] | None) -> Robot:
+    """Return a robot in a variant: texts OPTION=VALUE."""
+    chosen = pairs_in("--variant", variant, "OPTION=VALUE is needed, such as springs=locked")
+    return load_robot(name, variant=chosen or None)
+
+
+def pairs_in(option: str, texts: Sequence[str] | None, needed: str) -> dict[str, str]:
+    """Return texts NAME=VALUE of an option as a mapping."""
+    found = {}
+    for text in texts or ():
+        name, equals, value = text.partition("=")
+        if not (name and equals and value):
+            raise InvalidArgument(f"{option} {text}: {needed}")
+        found[name] = value
+    return found
+
+
+def _contact(robot: Robot, text: str) -> Constraint:
+    ready = {contact.name: contact for contact in robot.contacts}
+    if text in ready:
+        return ready[text]
+    frame, _, kind = text.rpartition(":")
+    if frame and kind in CONTACTS:
+        return CONTACTS[kind](frame=frame)
+    wanted = ", ".join(f"FRAME:{kind}" for kind in CONTACTS)
+    raise unknown_name(f"ready-made contact (or {wanted})", text, ready)
+
+
+def solver_of(name: str, knobs: Mapping[str, Any] | None = None) -> Solver:
+    """Return the solver of a name, with the knobs that are not None."""
+    if name.lower() not in SOLVERS:
+        raise unknown_name("solver", name, SOLVERS)
+    chosen = SOLVERS[name.lower()]
+    given = {key: value for key, value in (knobs or {}).items() if value is not None}
+    known = {knob.name for knob in knob_fields(chosen)}
+    for key in given.keys() - known:
+        raise InvalidArgument(f"{key}: {chosen.__name__} has no such knob; it has {sorted(known)}")
+    return chosen(**given)
+
+
+def solvers_of(names: str) -> tuple[Solver, ...]:
+    """Return the solvers of a list, with their defaults; none of an empty one.
+
+    ``all`` are those that this Pinocchio has, without Reference: it judges the others.
+    """
+    if names.lower() != "all":
+        return tuple(solver_of(name) for name in names_in(names))
+    missing = () if _pin.HAS_LCABA else ("lcaba",)
+    return tuple(
+        solver() for name, solver in SOLVERS.items() if name not in ("reference", *missing)
+    )
+
+
+def integrator_of(name: str | None) -> Integrator | None:
+    """Return the integrator of a name, with its defaults."""
+    if name is None:
+        return None
+    if name.lower() not in INTEGRATORS:
+        raise unknown_name("integrator", name, INTEGRATORS)
+    return INTEGRATORS[name.lower()]()
+
+
+def drift_of(name: str | None, gain: float | None) -> Drift | None:
+    """Return the drift scheme of a name; `gain` is alpha and beta of Baumgarte's [1/s]."""
+    if name is not None and name.lower() not in DRIFTS:
+        raise unknown_name("drift scheme", name, DRIFTS)
+    kind = DRIFTS[name.lower()] if name else None
+    if kind is Baumgarte:
+        chosen = _GAIN if gain is None else gain
+        return Baumgarte(chosen, chosen)
+    if gain is not None:
+        raise InvalidArgument(f"--gain {gain:g} is of Baumgarte's method; add --drift baumgarte")
+    return kind() if kind else None
+
+
+def swept_solvers_of(names: str) -> tuple[Solver, ...] | None:
+    """Return the solvers of a list with their knobs turned; None of an empty one."""
+    return tuple(one for solver in solvers_of(names) for one in sweep(solver)) or None

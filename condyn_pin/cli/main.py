@@ -1,0 +1,123 @@
+"""The command line: `condyn_pin.cli.commands` has its commands."""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from typing import Annotated, NoReturn
+
+from condyn_pin._core.blas_threads import decided
+
+# Before numpy is imported, for the processes of workers too: times are compared on one core.
+if not decided():
+    os.environ["OMP_NUM_THREADS"] = "1"
+
+import typer
+
+from condyn_pin import __version__
+from condyn_pin._core.errors import CondynError
+from condyn_pin.cli.commands import commands
+from condyn_pin.cli.commands.output import INTERRUPTED, warn
+
+# Exit codes; 0 and 1 are given by the commands themselves.
+_CANNOT = 2
+_UNEXPECTED = 3
+
+_EPILOG = """
+**First steps**
+
+    condyn doctor                      what is installed, how to repair it
+    condyn show cassie                 rows, rank, redundant rows, what is not used
+    condyn view cassie                 see it in the browser, until Ctrl-C
+    condyn assemble cassie             close the loops from a posture
+    condyn solve cassie --json         accelerations, forces, and their errors
+    condyn solve cassie --variant springs=locked --solver nullspace
+
+**Robots** are names of `condyn robots`, or paths: a URDF, an SDF, an MJCF, or a folder with a
+robot.toml.
+
+**Exit codes**
+
+    0     the answer
+    1     an answer that is not ok: singular, inaccurate, loops left open
+    2     a question that cannot be answered; a line on stderr says what would do
+    3     a defect of this program; the same with --debug shows where
+    130   interrupted; what was measured is kept
+
+**Output**: with `--json` there is json on stdout and nothing else; options that take a path write a
+file. **Completion**: `condyn --install-completion` completes commands and the names they take.
+"""
+
+app = typer.Typer(
+    epilog=_EPILOG,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+for _name, _module in commands().items():
+    app.command(rich_help_panel=_module.PANEL)(getattr(_module, _name))
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"condyn_pin {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version."
+        ),
+    ] = False,
+    debug: Annotated[
+        bool, typer.Option("--debug", help="Anywhere on the line: show the traceback of an error.")
+    ] = False,
+) -> None:
+    """Constrained rigid-body dynamics on Pinocchio: solve it, prove it, time it.
+
+    M(q) a + h(q, v) = tau + J(q)^T lam,   J(q) a + gamma(q, v) = a_ref
+
+    For closed chains and for legged machines. `condyn COMMAND --help` has the options of each.
+    """
+
+
+def main() -> None:
+    """Run the command line; an error is a line, and a traceback only with --debug."""
+    words = [word for word in sys.argv[1:] if word != "--debug"]
+    try:
+        code = app(words or ["--help"], prog_name="condyn", standalone_mode=False)
+        sys.stdout.flush()  # a full disk, while it can still be told
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+    except Exception as error:
+        if say := getattr(error, "format_message", None):  # a line that Typer cannot read
+            command = " ".join(["condyn", *(word for word in words[:1] if word in commands())])
+            _end(f"{say().rstrip('.')}; `{command} --help` says what there is", _CANNOT)
+        if len(words) < len(sys.argv) - 1:
+            warn(traceback.format_exc())
+            sys.exit(1)
+        if isinstance(error, (CondynError, OSError)):  # the second: a disk that is full
+            _end(str(error), _CANNOT)
+        _end(
+            f"{type(error).__name__}: {error}; this should not happen: the same line with "
+            "--debug shows where",
+            _UNEXPECTED,
+        )
+    if code == INTERRUPTED:
+        _end("interrupted", INTERRUPTED)
+    sys.exit(code or 0)
+
+
+def _end(text: str, code: int) -> NoReturn:
+    """Leave with one line on stderr."""
+    warn(f"condyn: {' '.join(text.split())}")
+    try:
+        sys.stdout.flush()
+    except OSError:  # Python would try again at its end, and leave with a code of its own
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    sys.exit(code)

@@ -1,0 +1,9 @@
+"""Constraints as users name them, as rows of a model, and what is asked of those rows.
+
+Nouns: `Constraint` and its kinds; `Bound`, a constraint on joints and columns; `Equations`, which
+has M, h, J and gamma of the bounds; `Drift` and `Baumgarte`, which say what a_ref is.
+
+    J(q) a + gamma(q, v) = a_ref
+
+It takes a `pinocchio.Model`, and must not know robots, scenes or solvers.
+"""

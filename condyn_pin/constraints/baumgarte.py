@@ -1,0 +1,154 @@
+"""Baumgarte: what the rows are asked to do about a gap that has opened."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import e, sqrt
+from typing import ClassVar
+
+from condyn_pin._core.arrays import finite
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin.constraints.drift import Drift
+
+# Of gains whose squares are numbers [1/s].
+_LARGEST = 1e154
+
+
+@dataclass(frozen=True)
+class Baumgarte(Drift):
+    """The rows are pulled back like a damped spring.
+
+    J a + gamma = a_ref = -2 alpha J v - beta^2 c
+
+    so that a gap obeys c'' + 2 alpha c' + beta^2 c = 0; alpha = beta is critically damped. Contacts
+    without an anchor have no gap: they are only damped.
+
+    Parameters
+    ----------
+    alpha, beta : float
+        [1/s], not negative.
+
+    References
+    ----------
+    Baumgarte. Stabilization of constraints and integrals of motion in dynamical systems. Computer
+    Methods in Applied Mechanics and Engineering 1, 1972.
+    """
+
+    title: ClassVar[str] = "Baumgarte"
+    cost: ClassVar[str] = "two products a row"
+    use: ClassVar[str] = "to compare, and in solve; gains far from the wall of the integrator"
+
+    alpha: float  # [1/s]
+    beta: float  # [1/s]
+
+    def __post_init__(self) -> None:
+        for argument in ("alpha", "beta"):
+            value = float(finite(argument, getattr(self, argument), ()))
+            if value < 0:
+                raise InvalidArgument(f"{argument} = {value!r}: a number >= 0 [1/s] is needed")
+            if value > _LARGEST:
+                raise InvalidArgument(
+                    f"{argument} = {value!r}: its square overflows; a number below {_LARGEST:g} "
+                    "[1/s] is needed"
+                )
+            object.__setattr__(self, argument, value)
+
+    @classmethod
+    def critical(cls, alpha: float) -> Baumgarte:
+        """Return alpha = beta [1/s]: a gap decays as (1 + alpha t) exp(-alpha t)."""
+        return cls(alpha, alpha)
+
+    @classmethod
+    def from_settling_time(cls, T: float, remaining: float = 0.02) -> Baumgarte:
+        """Return critical gains that leave a share of a gap after some time.
+
+        (1 + x) exp(-x) = remaining,    alpha = beta = x / T
+
+        Parameters
+        ----------
+        T : float
+            [s], positive.
+        remaining : float
+            Between 0 and 1.
+        """
+        if not finite("T", T, ()) > 0:
+            raise InvalidArgument(f"T = {T!r}: a number > 0 [s] is needed")
+        if not 0 < finite("remaining", remaining, ()) < 1:
+            raise InvalidArgument(f"remaining = {remaining!r}: between 0 and 1")
+        from scipy.special import lambertw  # as long to import as Pinocchio
+
+        x = -float(lambertw(-remaining / e, k=-1).real) - 1.0
+        return cls.critical(x / T)
+
+    @classmethod
+    def deadbeat(cls, dt: float) -> Baumgarte:
+        """Return the gains with which semi-implicit Euler closes a gap in two steps.
+
+        alpha = 1 / (2 dt), beta = 1 / dt: both eigenvalues of the step are zero.
+
+        Parameters
+        ----------
+        dt : float
+            The step of the simulation [s].
+        """
+        if not finite("dt", dt, ()) > 0:
+            raise InvalidArgument(f"dt = {dt!r}: a number > 0 [s] is needed")
+        return cls(0.5 / dt, 1.0 / dt)
+
+    @classmethod
+    def from_solref(cls, timeconst: float, dampratio: float = 1.0) -> Baumgarte:
+        """Return the gains of MuJoCo's ``solref``, for a constraint of impedance 1.
+
+        alpha = 1 / timeconst,    beta = 1 / (timeconst dampratio)
+
+        Two numbers that are not positive are -stiffness and -damping there: beta^2 and 2 alpha.
+        With an impedance d < 1 MuJoCo divides besides: alpha by d, beta by d too.
+
+        Parameters
+        ----------
+        timeconst : float
+            [s], or -beta^2 [1/s^2].
+        dampratio : float
+            [1], or -2 alpha [1/s].
+
+        References
+        ----------
+        MuJoCo's documentation, chapter Modeling, section Solver parameters.
+        """
+        first, second = (
+            float(finite("timeconst", timeconst, ())),
+            finite("dampratio", dampratio, ()),
+        )
+        if first > 0 and second > 0:
+            return cls(1.0 / first, 1.0 / (first * float(second)))
+        if first <= 0 and second <= 0:
+            return cls(-float(second) / 2, sqrt(-first))
+        raise InvalidArgument(
+            f"timeconst, dampratio = {timeconst!r}, {dampratio!r}: both positive, or both not"
+        )
+
+    def to_solref(self) -> tuple[float, float]:
+        """MuJoCo's (timeconst, dampratio) of the same gains; direct, negative, without both."""
+        if self.alpha > 0 and self.beta > 0:
+            return 1.0 / self.alpha, self.alpha / self.beta
+        return -self.Kp, -self.Kd
+
+    @property
+    def Kd(self) -> float:
+        """2 alpha [1/s]."""
+        return 2.0 * self.alpha
+
+    @property
+    def Kp(self) -> float:
+        """beta^2 [1/s^2]."""
+        return self.beta**2
+
+    @property
+    def closes(self) -> bool:
+        """Whether both gains are positive: else a gap stays, or swings."""
+        return self.alpha > 0 and self.beta > 0
+
+    @property
+    def rows(self) -> Baumgarte:
+        """What is asked of the rows: itself."""
+        return self

@@ -1,0 +1,312 @@
+"""The equations of a scene at a state, from Pinocchio's primitives.
+
+    M(q) a + h(q, v) = tau + J(q)^T lam,        J a + gamma = a_ref
+
+M comes from the composite rigid body algorithm, h from recursive Newton-Euler, J from joint
+Jacobians, gamma from forward kinematics with a = 0: it is Jdot v where J v = 0, and for points and
+balls Pinocchio's classical acceleration elsewhere. The errors of an answer use neither M, h nor J:
+Newton-Euler with lam as external forces, and forward kinematics with the answer's a.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from condyn_pin._core._pin import LOCAL, pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.rows.bound import FRAME, POINT, AnyBound, Bound, Coupled, Rolled
+from condyn_pin.constraints.rows.couplings import Couplings
+from condyn_pin.constraints.rows.cut_joints import CutJoints
+from condyn_pin.constraints.rows.ends import Ends
+from condyn_pin.constraints.rows.frames import WorldContacts, Wrenches
+from condyn_pin.constraints.rows.loops import Balls, Weld
+from condyn_pin.constraints.rows.plain import PlainRows
+from condyn_pin.constraints.rows.reach import ROUNDED, reach
+from condyn_pin.constraints.rows.rods import Rods
+from condyn_pin.constraints.rows.rolling import Rolling, touching
+from condyn_pin.constraints.rows.sorting import sorted_by_rows
+from condyn_pin.constraints.rows.terms import Terms
+from condyn_pin.model.loads import Load
+
+# bound once: these are called in every proof, which is to cost little more than they do
+_rnea, _crba, _bias = pin.rnea, pin.crba, pin.nonLinearEffects
+_forward_kinematics = pin.forwardKinematics
+_largest = np.maximum.reduceat
+
+
+class Equations:
+    """The equations of one model with its bound constraints, and the memory to evaluate them.
+
+    Parameters
+    ----------
+    model : pin.Model
+    bounds : sequence of AnyBound
+    drift : Baumgarte, optional
+    """
+
+    def __init__(
+        self, model: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None = None
+    ) -> None:
+        self.model = model
+        self.data = model.createData()
+        self.bounds, self.drift = tuple(bounds), drift
+        self.m = sum(bound.size for bound in bounds)
+        self.sign = np.ones(self.m)
+        for b in bounds:
+            self.sign[b.rows] = 1.0 if isinstance(b, Coupled) else b.sign
+        self._flipped = bool((self.sign < 0).any())
+        self._still = np.zeros(model.nv)
+        self._sort()
+        # |dynamics|, |a|, |c|, |J v|, |J a + gamma| and |lam| share one array, so that one call
+        # finds the largest of each; the last four end with a zero, so that none is empty.
+        n, width = model.nv, self.m + 1
+        self._all = np.zeros(2 * n + 4 * width)
+        self._starts = np.array([0, n, *(2 * n + k * width for k in range(4))])
+        self._dynamics, self._a, self._c, self._velocity, self._acceleration, self._lam = (
+            self._all[start : start + size]
+            for start, size in zip(self._starts, (n, n, *4 * [self.m]), strict=True)
+        )
+        self._motion = self._all[2 * n + width : 2 * n + 3 * width].reshape(2, width)
+        reached = reach(self, pin.neutral(model))  # here, where data holds no state of anybody's
+        self._least = ROUNDED**2 * float(np.vdot(reached, reached))
+
+    def _sort(self) -> None:
+        """Sort the constraints by the way in which their rows are evaluated."""
+        held, balls, welds, cut, rods, rolled, coupled = sorted_by_rows(self.bounds)
+        data = self.data
+        self._plain = PlainRows(self.model, data, self.bounds)
+        self._contacts = WorldContacts(data, held, self.m + 1) if held else None
+        self._loops: list[Balls | Weld] = [Balls(Ends(data, balls), balls)] if balls else []
+        self._loops += [Weld(data, b) for b in welds]
+        self._cut = CutJoints(Ends(data, cut), cut) if cut else None
+        self._rods = Rods(Ends(data, rods), rods) if rods else None
+        self._rolling = Rolling(Ends(data, rolled), rolled) if rolled else None
+        self._couplings = Couplings(coupled, self.model.nv) if coupled else None
+        # Stacked forces: lam itself, and behind it the force of each rod, and then force and moment
+        # of each cut joint and of all that rolls.
+        places: list[tuple[Bound | Rolled, slice, tuple[int, ...]]]
+        places = [(b, b.rows, b.selection) for b in (*held, *balls, *welds)]
+        size = self.m
+        for group, components in ((rods, POINT), (cut, FRAME), (rolled, FRAME)):
+            for b in group:
+                places.append((b, slice(size, size + len(components)), components))
+                size += len(components)
+        self._wrenches = Wrenches(self.model, places, size)
+        self._forces = np.zeros(2 * size)
+        f1, f2 = self._forces[:size], self._forces[size:]
+        behind_rods = self.m + 3 * len(rods)
+        behind_cut = behind_rods + 6 * len(cut)
+        self._f1, self._f2 = f1[: self.m], f2[: self.m]
+        self._of_rods = f1[self.m : behind_rods], f2[self.m : behind_rods]
+        self._of_cut = f1[behind_rods:behind_cut], f2[behind_rods:behind_cut]
+        self._of_rolling = f1[behind_cut:]
+
+    def terms(self, q: Array, v: Array) -> Terms:
+        """Return M, h, J, gamma and a_ref; they are owned by the caller."""
+        M, h, J, gamma = self.parts(q, v)
+        return Terms(M, h, self.grip(J), gamma, self.a_ref())
+
+    def parts(self, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
+        """Return M, h, J and gamma for who looks at the rank of J himself; owned by the caller."""
+        M, h = _crba(self.model, self.data, q), _bias(self.model, self.data, q, v)
+        gamma = self._gamma(q, v)
+        return M, h, self._ungripped(), gamma
+
+    def jacobian(self, q: Array) -> Array:
+        """Return J (m, nv)."""
+        self.motion(q, self._still, self._still)
+        return self._jacobian()
+
+    def mass(self, q: Array) -> Array:
+        """Return M (nv, nv)."""
+        return np.array(pin.crba(self.model, self.data, q))
+
+    def target(self, q: Array, v: Array) -> Array:
+        """Return a_ref - gamma (m,): what J a has to be."""
+        gamma = self._gamma(q, v)
+        return self.a_ref() - gamma
+
+    def violation(self, q: Array) -> Array:
+        """Return c(q) (m,)."""
+        self.motion(q, self._still, self._still)
+        return self._c.copy()
+
+    def position_level(self, q: Array) -> tuple[Array, Array]:
+        """Return c(q) (m,) and J (m, nv)."""
+        self.motion(q, self._still, self._still)
+        return self._c.copy(), self._jacobian()
+
+    def gaps(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return c(q) and J v (m,)."""
+        self.motion(q, v, self._still)
+        return self._c.copy(), self._velocity.copy()
+
+    def open_by(self, q: Array, v: Array) -> tuple[float, float]:
+        """Return max abs(c(q)) and max abs(J v)."""
+        self.motion(q, v, self._still)
+        return (
+            float(np.abs(self._c).max(initial=0.0)),
+            float(np.abs(self._velocity).max(initial=0.0)),
+        )
+
+    def placements(self, q: Array) -> list[tuple[Any, Any] | None]:
+        """Return the placements of the frames c1 and c2 in the world; None for a coupling.
+
+        What rolls touches the plane at the origin of c1, and its rows are along the axes of that.
+        """
+        pin.forwardKinematics(self.model, self.data, q)
+        oMi = self.data.oMi
+
+        def ends(b: AnyBound) -> tuple[Any, Any] | None:
+            if isinstance(b, Coupled):
+                return None
+            if isinstance(b, Rolled):
+                return touching(b, oMi[b.joint1]), b.placement2
+            return oMi[b.joint1] * b.placement1, oMi[b.joint2] * b.placement2
+
+        return [ends(b) for b in self.bounds]
+
+    def errors(
+        self, q: Array, v: Array, tau: Array, a: Array, lam: Array, load: Load | None = None
+    ) -> tuple[Array, list[float]]:
+        """Return the residuals of an answer (a, lam) to (q, v, tau), and to a load at q.
+
+        Returns
+        -------
+        dynamics : (nv,) array
+            |M a + h - tau - J^T lam - sum J_f^T f|, elementwise; overwritten by the next call.
+        largest : list of float
+            The largest of |M a + h - tau - J^T lam|, |a|, |c|, |J v|, |J a + gamma - a_ref| and
+            |lam|.
+        """
+        self._evaluate(q, v, tau, a, lam, load)
+        self._a[:] = a
+        self._lam[:] = lam
+        everything = self._all
+        np.abs(everything, out=everything)
+        return self._dynamics, _largest(everything, self._starts).tolist()
+
+    def residuals(
+        self, q: Array, v: Array, tau: Array, a: Array, lam: Array, load: Load | None = None
+    ) -> tuple[Array, Array]:
+        """Return r = M a + h - tau - J^T lam (nv,) and s = J a + gamma - a_ref (m,).
+
+        A load at q counts beside tau.
+        """
+        self._evaluate(q, v, tau, a, lam, load)
+        return self._dynamics.copy(), self._acceleration.copy()
+
+    def _evaluate(
+        self, q: Array, v: Array, tau: Array, a: Array, lam: Array, load: Load | None = None
+    ) -> None:
+        """Evaluate the residuals of an answer into the memory of this object."""
+        self.motion(q, v, a)
+        if self.drift:
+            self._acceleration += self.drift.Kd * self._velocity + self.drift.Kp * self._c
+        wrenches = self.wrenches(lam)
+        if load:
+            wrenches = load.on_top_of(wrenches)
+        np.subtract(_rnea(self.model, self.data, q, v, a, wrenches), tau, out=self._dynamics)
+        if self._couplings:
+            self._dynamics -= self._couplings.torque(lam)
+
+    def slips(self, q: Array, a: Array) -> Array:
+        """Return J a (m,): the acceleration of the constraints, from rest."""
+        self.motion(q, self._still, a)
+        return self._acceleration.copy()
+
+    def torque(self, lam: Array) -> Array:
+        """Return J^T lam of couplings (nv,): what is no wrench on a joint."""
+        return self._couplings.torque(lam) if self._couplings else self._still
+
+    def wrenches(self, lam: Array) -> Any:
+        """Return lam as a wrench on each joint, in its axes, right after `motion` at the same q.
+
+        They stay in the memory of this object.
+        """
+        self._f1[:] = lam1 = lam * self.sign if self._flipped else lam
+        for loops in self._loops:
+            loops.turn(lam1, self._f2)
+        if self._rods:
+            self._rods.stack(lam1, *self._of_rods)
+        if self._cut:
+            self._cut.stack(lam1, *self._of_cut)
+        if self._rolling:
+            self._rolling.stack(lam1, self._of_rolling)
+        return self._wrenches.of(self._forces)
+
+    def motion(self, q: Array, v: Array, a: Array) -> None:
+        """Evaluate c(q), J v and J a + gamma into the memory of this object."""
+        _forward_kinematics(self.model, self.data, q, v, a)
+        rows = self._c, self._velocity, self._acceleration
+        if self._contacts:
+            self._contacts.evaluate(self._c, self._motion)
+        for loops in self._loops:
+            loops.evaluate(*rows)
+        if self._rods:
+            self._rods.evaluate(*rows)
+        if self._cut:
+            self._cut.evaluate(*rows)
+        if self._rolling:
+            self._rolling.evaluate(*rows)
+        if self._couplings:
+            self._couplings.evaluate(q, v, a, rows)
+        if self._flipped:
+            for part in rows:
+                part *= self.sign
+
+    def _gamma(self, q: Array, v: Array) -> Array:
+        """Return gamma (m,); with drift control c and J v are left behind."""
+        if self.drift or not self._plain.have_gamma:
+            self.motion(q, v, self._still)
+            return self._acceleration.copy()
+        _forward_kinematics(self.model, self.data, q, v, self._still)
+        gamma = np.zeros(self.m)
+        self._plain.gamma(gamma)
+        return gamma * self.sign if self._flipped else gamma
+
+    def a_ref(self) -> Array:
+        """Return a_ref, right after `_gamma` or `parts` at the same q and v."""
+        if self.drift is None:
+            return np.zeros(self.m)
+        return -self.drift.Kd * self._velocity - self.drift.Kp * self._c
+
+    def _jacobian(self) -> Array:
+        """Return J, right after `motion`."""
+        return self.grip(self._ungripped())
+
+    def _ungripped(self) -> Array:
+        pin.computeJointJacobians(self.model, self.data)
+        J = self._plain.jacobian() if self._plain.are_all else self._mixed_jacobian()
+        return self.sign[:, None] * J if self._flipped else J
+
+    def _mixed_jacobian(self) -> Array:
+        """Return J (m, nv) without signs: rows that Pinocchio has, and others."""
+        model, data = self.model, self.data
+        J = np.zeros((self.m, model.nv))
+        J[self._plain.rows] = self._plain.jacobian()
+        nothing = np.zeros((6, model.nv))
+
+        def of_frame(joint: int, placement: Any) -> Array:
+            if joint == 0:
+                return nothing
+            found: Array = pin.getFrameJacobian(model, data, joint, placement, LOCAL)
+            return found if found.ndim == 2 else found.reshape(6, 1)  # of a single column
+
+        for group in (self._contacts, self._rods, self._cut, self._rolling):
+            if group:
+                group.jacobian(J, of_frame)
+        if self._couplings:
+            self._couplings.jacobian(J)
+        return J
+
+    def grip(self, J: Array) -> Array:
+        """Return J (m, nv), or zeros where all of it is rounding, as of a second hinge of a door.
+
+        The rank is relative to the largest singular value: such rows would hold what they cannot.
+        """
+        return np.zeros_like(J) if np.vdot(J, J) <= self._least else J

@@ -1,0 +1,85 @@
+"""Loops that Pinocchio has itself: balls and welds between two bodies.
+
+With E1, E2 the frames c1, c2 in the world, R = R1^T R2, and every velocity and acceleration in the
+axes of its own frame,
+
+    3 rows:  c = -R1^T (p2 - p1)    J v = v1 - R v2            J a + gamma = a1 - R a2
+    6 rows:  c = -log6(E1^-1 E2)    J v = v1 - X v2 =: slip    J a + gamma = a1 - X a2 + slip x X v2
+
+with the classical acceleration of the points in the first line, spatial ones in the second, and
+X the action of E1^-1 E2. The last term is the turning of c1's axes, in which v2 is written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.rows.bound import Bound
+from condyn_pin.constraints.rows.ends import Ends
+from condyn_pin.constraints.rows.frames import rows_of
+
+
+class Balls:
+    """All 3-row loops at once: R1^T times the difference of both ends in the world.
+
+    Parameters
+    ----------
+    ends : Ends
+        Of these loops.
+    bounds : sequence of Bound
+    """
+
+    def __init__(self, ends: Ends, bounds: Sequence[Bound]) -> None:
+        self._ends = ends
+        self._rows = rows_of(bounds)
+        k = len(bounds)
+        self._axes1, self._axes2 = np.zeros((2, k, 3, 3))  # in the world, one a row
+        # rows (v, 0), (a, 0) and (0, 1) of each end: times its placement v, a and p in the world
+        self._motion = np.zeros((2, k, 3, 4))
+        self._motion[:, :, 2, 3] = 1.0
+        self._linear = self._motion[:, :, :2, :3].transpose(2, 0, 1, 3)  # a view
+
+    def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
+        """Write the rows of these loops into the three vectors of all rows."""
+        rows, E = self._rows, self._ends.placements()
+        self._axes1, self._axes2 = E[0, :, :3], E[1, :, :3]
+        self._linear[:] = self._ends.linear()
+        one, two = self._motion @ E
+        slip = (one - two) @ self._axes1.swapaxes(1, 2)
+        velocity[rows], acceleration[rows], c[rows] = slip.swapaxes(0, 1).reshape(3, -1)
+
+    def turn(self, lam: Array, out: Array) -> None:
+        """Write R^T lam, the forces in the axes of c2, for the rows of these loops."""
+        forces = lam[self._rows].reshape(-1, 1, 3) @ self._axes1
+        out[self._rows] = (forces @ self._axes2.swapaxes(1, 2)).reshape(-1)
+
+
+class Weld:
+    """One 6-row loop."""
+
+    def __init__(self, data: Any, bound: Bound) -> None:
+        self._data, self._bound = data, bound  # data keeps alive what the next lines refer to
+        self._oMi1, self._oMi2 = data.oMi[bound.joint1], data.oMi[bound.joint2]
+        self._v1, self._v2 = data.v[bound.joint1], data.v[bound.joint2]
+        self._a1, self._a2 = data.a[bound.joint1], data.a[bound.joint2]
+        self._c1Mc2 = pin.SE3.Identity()  # of the last evaluation
+
+    def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
+        """Write the rows of this loop into the three vectors of all rows."""
+        b, one, two = self._bound, self._bound.placement1, self._bound.placement2
+        self._c1Mc2 = between = (self._oMi1 * one).actInv(self._oMi2 * two)
+        c[b.rows] = -pin.log6(between).vector
+        v2, a2 = between.act(two.actInv(self._v2)), between.act(two.actInv(self._a2))
+        slip = one.actInv(self._v1) - v2
+        velocity[b.rows] = slip.vector
+        acceleration[b.rows] = (one.actInv(self._a1) - a2 + slip.cross(v2)).vector
+
+    def turn(self, lam: Array, out: Array) -> None:
+        """Write X^T lam, the wrench in the axes and at the origin of c2."""
+        rows = self._bound.rows
+        out[rows] = self._c1Mc2.toActionMatrix().T @ lam[rows]

@@ -1,0 +1,76 @@
+"""Pivots of M: whether it is much closer to singular at a state than where a scene was measured.
+
+    M = U D U^T,    U unit upper triangular
+
+eliminates the tips of the tree first, so that D_j is the inertia that coordinate j feels while all
+that it carries moves freely. That is at least what its own body and its armature have about its own
+axis: where these are enough, D_j cannot fall, and nothing has to be looked at again. It falls where
+links without inertia hold hinges in the place of a ball, and two of the axes meet.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.joints import axes, turning
+
+# A pivot that cannot fall below this share of its nominal value is not watched: an estimate of the
+# error that is too small by less than the inverse of it is within the margin of most answers.
+_SHARE: Final = 1e-2
+
+
+class MassPivots:
+    """The pivots of one robot that may fall.
+
+    Parameters
+    ----------
+    model : pin.Model
+    M : (nv, nv) array
+        The mass matrix at the nominal configuration.
+    """
+
+    def __init__(self, model: Any, M: Array) -> None:
+        nominal = pivots(M)
+        self._watched = np.flatnonzero(~(_own_pivots(model) > _SHARE * nominal))
+        self._nominal = nominal[self._watched]
+
+    @property
+    def may_fall(self) -> bool:
+        """Whether there is any such pivot."""
+        return bool(self._watched.size)
+
+    def left(self, M: Array) -> float:
+        """Return what is left of them in M (nv, nv), the least of their shares of the nominal ones.
+
+        Accelerations are off by 1 over it times what an estimate at the nominal state says.
+        """
+        shares = pivots(M)[self._watched] / self._nominal
+        return float(np.nan_to_num(shares, nan=0.0).min(initial=1.0))
+
+
+def pivots(M: Array) -> Array:
+    """Return D (nv,) of M = U D U^T; NaN if M is not positive definite."""
+    from scipy.linalg.lapack import dpotrf
+
+    factor, info = dpotrf(M[::-1, ::-1], lower=1)
+    if info:
+        return np.full(len(M), np.nan)
+    return np.asarray(factor.diagonal()[::-1] ** 2)
+
+
+def _own_pivots(model: Any) -> Array:
+    """Return what the pivots are at least, at any q (nv,): zero where axes turn with q."""
+    q, found, turn = pin.neutral(model), np.zeros(model.nv), turning(model)
+    for i in range(1, model.njoints):
+        joint = model.joints[i]
+        if joint.nv <= 0 or joint.idx_v < 0 or i in turn:
+            continue
+        its = slice(joint.idx_v, joint.idx_v + joint.nv)
+        S = axes(joint, q)
+        own = S.T @ model.inertias[i].matrix() @ S + np.diag(model.armature[its])
+        found[its] = np.nan_to_num(pivots(own))
+    return found

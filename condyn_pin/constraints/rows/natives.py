@@ -1,0 +1,141 @@
+"""What Pinocchio's own methods take: constraints of 3 and of 6 rows.
+
+A kind with other rows is handed to them as an equivalent of such rows, where there is one. A hinge
+about the axis e is two points on it, at d and -d with d = lever e; their slips are those of the
+hinge by
+
+    s(d) = s_xyz + s_rxryrz x d = E s,      and so      lam = E^T lam_native.
+
+The equivalent has 6 rows of rank 5. A planar pin about e is a ball without the row along e. In a
+linkage in a plane, where its bodies are always as far apart along e as they are now
+(`condyn_pin.constraints.rows.flat`), that row is zero, and a ball at c1 + (e . r) e and c2 is the
+pin:
+
+    s_ball = E s,     E = columns of 1 but for that of e.
+
+Both are exact where the loop is closed (`condyn_pin.dynamics.imitation` has the others).
+
+A planar pin in space, a slider, a rod, a plane, a coupling, a blade and what rolls have no
+equivalent: three rows of a point, or six of a frame, hold more than they do. A rod is one of them:
+the two rows across it could only be given back by joints of bodies without mass, which have no M.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.rows.bound import AnyBound, Bound
+from condyn_pin.constraints.rows.flat import height_of
+from condyn_pin.constraints.rows.native import Native
+from condyn_pin.constraints.rows.spread import spread
+
+_HERE = np.zeros(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Natives:
+    """The constraints of a scene as Pinocchio takes them.
+
+    Attributes
+    ----------
+    constraints : tuple of Native
+    to_scene : (m, m_native) array or None
+        E^T with the signs of the scene: lam from Pinocchio's; None where they are the same.
+    imitated : tuple of str
+        Names of constraints that take rows of Pinocchio's with one too many.
+    world_first : tuple of str
+        Those of them whose first frame is the world's, which `pin.lcaba` must not see.
+    missing : tuple of str
+        Names of constraints without an equivalent.
+    """
+
+    constraints: tuple[Native, ...]
+    to_scene: Array | None
+    imitated: tuple[str, ...]
+    world_first: tuple[str, ...]
+    missing: tuple[str, ...]
+
+
+def natives(model: Any, bounds: Sequence[AnyBound], rows: Callable[[], Array]) -> Natives:
+    """Return the constraints of a scene as Pinocchio takes them.
+
+    Parameters
+    ----------
+    model : pin.Model
+    bounds : sequence of AnyBound
+    rows : callable
+        Returns the Jacobian of the scene at its nominal state in the metric of M, J L^-T (m, nv).
+    """
+    made: list[Native] = []
+    blocks: list[Array] = []
+    imitated: list[tuple[str, int]] = []
+    missing: list[str] = []
+    for bound in bounds:
+        points, block = _equivalent(model, bound)
+        made += points
+        blocks.append(block)
+        if not points:
+            missing.append(bound.name)
+        elif points[0].imitates:
+            imitated.append((bound.name, points[0].joint1))
+    blocked = _block_diagonal(blocks)
+    constraints, W = spread(made, lambda: blocked.T @ rows())
+    to_scene = blocked if W is None else blocked @ W.T
+    same = to_scene.shape[0] == to_scene.shape[1] and (to_scene == np.eye(len(to_scene))).all()
+    return Natives(
+        constraints,
+        None if same else to_scene,
+        tuple(name for name, _ in imitated),
+        tuple(name for name, joint1 in imitated if joint1 == 0),
+        tuple(missing),
+    )
+
+
+def _equivalent(model: Any, bound: AnyBound) -> tuple[list[Native], Array]:
+    """Return what Pinocchio has in place of a constraint, and E^T; nothing where it has nothing."""
+    if isinstance(bound, Bound) and bound.is_plain:
+        return [_native(bound, bound.size)], bound.sign * np.eye(bound.size)
+    if isinstance(bound, Bound) and bound.is_hinge:
+        ends = bound.lever * np.array([1.0, -1.0])[:, None] * np.eye(3)[bound.axis]
+        E = np.vstack([np.hstack([np.eye(3), -pin.skew(d)]) for d in ends])
+        points = [_native(bound, 3, d, d) for d in ends]
+        return points, bound.sign * E[:, list(bound.selection)].T
+    if isinstance(bound, Bound) and bound.is_planar:
+        height = height_of(model, bound)
+        if height is not None:
+            point = _native(bound, 3, height * np.eye(3)[bound.axis])
+            return [point], bound.sign * np.eye(3)[list(bound.selection)]
+    return [], np.zeros((bound.size, 0))
+
+
+def _native(bound: Bound, size: int, d1: Array = _HERE, d2: Array = _HERE) -> Native:
+    """Return a point or a frame at d1 in the axes of c1, and at d2 in those of c2."""
+    # where a contact is unanchored, c2 is not looked at
+    return Native(
+        bound.name if size == bound.size else f"{bound.name}{'-' if d2.sum() < 0 else '+'}",
+        size,
+        bound.joint1,
+        bound.placement1 * pin.SE3(np.eye(3), d1),
+        bound.joint2,
+        bound.placement2 * pin.SE3(np.eye(3), d2),
+        bound.anchored,
+        bound.lever,
+        imitates=size != bound.size,
+    )
+
+
+def _block_diagonal(blocks: Sequence[Array]) -> Array:
+    rows, columns = (sum(block.shape[i] for block in blocks) for i in (0, 1))
+    matrix = np.zeros((rows, columns))
+    row = column = 0
+    for block in blocks:
+        height, width = block.shape
+        matrix[row : row + height, column : column + width] = block
+        row, column = row + height, column + width
+    return matrix

@@ -1,0 +1,133 @@
+"""Rolling: the lowest point of a wheel or of a ball has no velocity.
+
+In the axes of the body, with n the normal of the plane, w its angular velocity, and all that is
+fixed in the world turning backwards, n' = n x w:
+
+    wheel with axle e    t = e x n / |e x n|    r = radius e x t
+    ball                 t = x of the plane     r = -radius n
+
+The axes of the rows are T = (t, n x t, n), and with the slip of the lowest point s = v + w x r
+
+    J v = T s,        J a + gamma = T s' + T' s,        s' = v' + w' x r + w x r'
+
+v' and w' component by component. The last row is the rate of the point's height, c = n . (r - p),
+p a point of the plane.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.rows.bound import Rolled
+from condyn_pin.constraints.rows.cut_joints import cross
+from condyn_pin.constraints.rows.ends import Ends
+from condyn_pin.constraints.rows.frames import FrameJacobian, rows_of
+
+# |e x n| of a wheel that lies flat: it has no lowest point, and rounding would choose one.
+FLAT: Final = 1e-12
+
+_SKEW: Final = np.array([pin.skew(e).ravel() for e in np.eye(3)])
+
+
+class Rolling:
+    """All that rolls in one scene.
+
+    Parameters
+    ----------
+    ends : Ends
+        The body and the plane of each.
+    bounds : sequence of Rolled
+    """
+
+    def __init__(self, ends: Ends, bounds: Sequence[Rolled]) -> None:
+        self._bounds, self._ends = tuple(bounds), ends
+        k = len(bounds)
+        self._rows = rows_of(bounds)
+        chosen = [3 * i + j for i, b in enumerate(bounds) for j in b.selection]
+        self._chosen = np.array(chosen, dtype=np.int_)  # of the k x 3 components
+        self._heights = np.array([[float(b.anchored)] for b in bounds])
+        radius = np.array([[[b.radius]] for b in bounds])
+        is_ball = np.array([[[float(b.axle is None)]] for b in bounds])
+        axle = np.array([np.zeros(3) if b.axle is None else np.eye(3)[b.axle] for b in bounds])
+        # t is along e x n or x, and r = radius e x t or -radius n
+        self._t_of_n, self._t_of_x = skews(axle), is_ball * np.eye(3)
+        self._r_of_t, self._r_of_n = radius * self._t_of_n, -radius * is_ball
+        self._T, self._r = np.zeros((k, 3, 3)), np.zeros((k, 3, 1))
+
+    def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
+        """Write the rows into the three vectors of all rows."""
+        E, p = self._ends.apart()
+        (v, _), (a, _) = self._ends.linear()[..., None]
+        W, A = skews(self._ends.angular()[:, 0])
+        r_dot, T_dot = self._point(E, -W @ E)
+        T, r = self._T, self._r
+        s = v + W @ r
+        s_dot = a + A @ r + W @ (r_dot - v)  # a is the classical one
+        height = np.zeros_like(p)
+        height[:, 2] = (self._heights * (T[:, 2:] @ (r - p[:, :, None]))[:, :, 0])[:, 0]
+        rows = height, T @ s, T @ s_dot + T_dot @ s
+        for three, out in zip(rows, (c, velocity, acceleration), strict=True):
+            out[self._rows] = three.reshape(-1)[self._chosen]
+
+    def stack(self, lam: Array, f1: Array) -> None:
+        """Write the forces and moments (6 k) at the origins of c1, in its axes."""
+        three = np.zeros((len(self._bounds), 1, 3))
+        three.reshape(-1)[self._chosen] = lam[self._rows]
+        force = (three @ self._T)[:, 0]
+        f1.reshape(-1, 6)[:] = np.hstack([force, cross(self._r[:, :, 0], force)])
+
+    def jacobian(self, J: Array, of_frame: FrameJacobian) -> None:
+        """Write the rows into J (m, nv), at the last evaluation."""
+        for b, T, r in zip(self._bounds, self._T, self._r, strict=True):
+            of = of_frame(b.joint1, b.placement1)
+            J[b.rows] = (T @ (of[:3] - pin.skew(r[:, 0]) @ of[3:]))[list(b.selection)]
+
+    def _point(self, E: Array, E_dot: Array) -> tuple[Array, Array]:
+        """Find the lowest points r and the axes T of the rows; return the rates of both.
+
+        Of every array here the first half is the value and the second one its rate.
+        """
+        both = np.stack([E, E_dot])
+        n = both[..., 2:]
+        t = self._t_of_n @ n + self._t_of_x @ both[..., :1]
+        size = np.sqrt((t[0] * t[0]).sum(axis=1, keepdims=True))
+        t *= np.divide(1.0, size, out=np.zeros_like(size), where=size > FLAT)
+        t[1] -= t[0] * (t[0] * t[1]).sum(axis=1, keepdims=True)
+        r = self._r_of_t @ t + self._r_of_n * n
+        N = skews(n[..., 0])
+        across = N @ t[0]
+        across[1] += N[0] @ t[1]
+        T, T_dot = np.concatenate([t, across, n], axis=-1).transpose(0, 1, 3, 2)
+        self._T, self._r = T, r[0]
+        return r[1], T_dot
+
+
+def skews(x: Array) -> Array:
+    """Return the matrices of x times, (..., 3, 3) for many (..., 3)."""
+    return np.asarray((x @ _SKEW).reshape(*x.shape, 3))
+
+
+def touching(bound: Rolled, oMi: Any) -> Any:
+    """Return the frame of the rows: its origin the lowest point, its axes t, n x t and n.
+
+    Parameters
+    ----------
+    bound : Rolled
+    oMi : pin.SE3
+        Placement of its joint in the world.
+    """
+    oMc1, R2 = oMi * bound.placement1, bound.placement2.rotation
+    n, t = R2[:, 2], R2[:, 0]
+    r = -bound.radius * n
+    if bound.axle is not None:
+        e = oMc1.rotation[:, bound.axle]
+        m = np.cross(e, n)
+        size = float(np.linalg.norm(m))
+        t = m / size if size > FLAT else t
+        r = bound.radius * np.cross(e, t) if size > FLAT else 0.0 * n
+    return pin.SE3(np.column_stack([t, np.cross(n, t), n]), oMc1.translation + r)

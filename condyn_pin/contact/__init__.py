@@ -1,0 +1,6 @@
+"""Contacts that may let go: cones of forces that a floor can give.
+
+Nouns: `FrictionCone`, `WrenchCone`, `Margin`, `ConeRows`. Verbs: `margins`, `cone_rows`.
+
+It takes forces as arrays, and must not know how a motion was computed.
+"""

@@ -1,0 +1,208 @@
+"""Transmission: what the motors see of the joints through the loops.
+
+With the columns of J split into motors A, dependent joints D and the rest, which stays at rest,
+
+    J_A v_A + J_D v_D = 0,      v = G w,      w the speeds of the motors,
+
+and equal power, tau . v = u . w, makes u = G^T tau the motor torques that do what tau does. Where
+motors move together only in some ways, because there are more of them than degrees of freedom, G
+keeps of w what fits: J G = 0 always, and u is the smallest of many.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.joints import Indices, indices
+from condyn_pin._core.names import checked, listed
+from condyn_pin.control.actuation import Actuation, motors_of
+from condyn_pin.dynamics.at_state import at_state, frame_jacobian
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.mechanism.chains import independent_columns
+from condyn_pin.model.robot import Robot
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Transmission:
+    """The map between motors and joints at one configuration.
+
+    Attributes
+    ----------
+    G : (nv, k) array
+        v = G w: velocities of all joints for speeds of the motors, gears included
+        [1, m, 1/m].
+    free : (nv, d) array
+        Orthonormal basis of the motions that are left with the motors held [rad, m].
+    conflicting : int
+        Conditions among the motors themselves: more than zero if there are more motors than
+        degrees of freedom, and at a dead point. Then G keeps of w the nearest that fits.
+    at_rest : tuple of str
+        Joints that neither motors nor constraints determine: they do not move in G. A spring is
+        among them rather than another joint.
+    actuation : Actuation
+    scene : Scene
+    q : (nq,) array
+    """
+
+    G: Array
+    free: Array
+    conflicting: int
+    at_rest: tuple[str, ...]
+    actuation: Actuation
+    scene: Scene
+    q: Array
+
+    @property
+    def undetermined(self) -> int:
+        """Directions in which the robot can still move with the motors held."""
+        return int(self.free.shape[1])
+
+    def velocities(self, w: ArrayLike) -> Array:
+        """Return v (nv,) for speeds w of the motors (k,)."""
+        return np.asarray(self.G @ finite("w", w, self.G.shape[1]))
+
+    def motor_torques(self, tau: ArrayLike) -> Array:
+        """Return the motor torques (k,) that do what joint torques (nv,) do: G^T tau.
+
+        What `tau` does along `free` no motor sees: ``free.T @ tau`` is that part.
+        """
+        return np.asarray(self.G.T @ finite("tau", tau, self.G.shape[0]))
+
+    def joint_torques(self, u: ArrayLike, joints: Sequence[str]) -> Array:
+        """Return the torques at some `joints` that do what motor torques u (k,) do.
+
+        Raises
+        ------
+        InvalidArgument
+            If these joints cannot: fewer than the motors drive, or in a dead point of them.
+        """
+        motors = finite("u", u, self.G.shape[1])
+        names = checked("joints", joints, self.scene.robot.joints, "joint")
+        rows = self.G[indices(self.scene.robot.model, names)[1]]
+        # what conflicts among the motors cancels does nothing
+        done = np.linalg.pinv(self.G, rcond=tolerances.RANK) @ self.G @ motors
+        U, S, Vt = np.linalg.svd(rows, full_matrices=False)
+        # what hardly moves with the motors cannot act on them
+        kept = tolerances.RANK * np.linalg.norm(self.G) < S
+        found: Array = U[:, kept] @ ((Vt[kept] @ done) / S[kept])
+        missing = np.abs(rows.T @ found - done).max(initial=0.0)
+        if missing > tolerances.SOLVED * np.abs(done).max(initial=0.0):
+            raise InvalidArgument(
+                f"joints {listed(names)}: torques there cannot do what the motors do, "
+                f"{missing:.3g} N m is left at one of them; name as many joints as the motors "
+                "drive, away from their dead points"
+            )
+        return found
+
+    def jacobian(self, frame: str) -> Array:
+        """Return the Jacobian (6, k) of a frame from the motors: J_frame G.
+
+        Linear velocity first [m/s, rad/s], of the origin of the frame, in the axes of the world.
+        """
+        return np.asarray(frame_jacobian(self.scene, self.q, frame) @ self.G)
+
+    def __repr__(self) -> str:
+        return (
+            f"Transmission({self.scene.robot.name}: {self.G.shape[1]} motors, "
+            f"{self.undetermined} undetermined, {self.conflicting} conflicting)"
+        )
+
+
+@one_blas_thread
+def transmission(scene: Scene, q: ArrayLike, *, actuation: Actuation | None = None) -> Transmission:
+    """Return the map between joint torques and motor torques through the loops.
+
+    v = G w,    u = G^T tau
+
+    Parameters
+    ----------
+    scene : Scene
+    q : (nq,) array_like
+    actuation : Actuation, optional
+        The motors; those of the robot by default.
+
+    Returns
+    -------
+    Transmission
+
+    Raises
+    ------
+    InvalidArgument
+        If `q` has a wrong size or is not finite, or the robot has no motors.
+
+    Notes
+    -----
+    Statics and kinematics only: what inertias take is in `inverse_dynamics`. Cost O(n^3 + m^2 n).
+
+    References
+    ----------
+    Merlet. Parallel Robots. Springer, 2006.
+    """
+    actuation = motors_of(scene, actuation)
+    state = at_state(scene, q)
+    J, A = state.terms.J, actuation.columns
+    driven = driven_by(J, A, actuation.gears, _classes(scene.robot, A))
+    held = np.setdiff1d(np.arange(scene.robot.nv), [*A, *driven.dependent])
+    model = scene.robot.model
+    names = (name for name in scene.robot.joints if np.isin(indices(model, [name])[1], held).any())
+    return Transmission(
+        driven.G, driven.free, driven.conflicting, tuple(names), actuation, scene, state.q
+    )
+
+
+class Driven(NamedTuple):
+    """How the joints follow the motors."""
+
+    G: Array  # (nv, k)
+    free: Array  # (nv, d)
+    conflicting: int
+    dependent: Indices
+
+
+def driven_by(J: Array, motors: Indices, gears: Array, classes: Sequence[Indices]) -> Driven:
+    """Return how the joints follow the motors.
+
+    Parameters
+    ----------
+    J : (m, nv) array
+    motors : (k,) int array
+        Where v holds the joints of the motors.
+    gears : (k,) array
+        Turns of each motor for one turn of its joint.
+    classes : sequence of int array
+        Where v holds the other joints: those that rather move than the ones after them.
+    """
+    n, k = J.shape[1], len(motors)
+    passive = np.sort(np.concatenate(classes))
+    least = tolerances.DEAD_POINT * float(np.linalg.norm(J))
+    U, S, Vt = np.linalg.svd(J[:, passive])
+    rank = int(np.count_nonzero(least < S))
+    free = np.zeros((n, len(passive) - rank))
+    free[passive] = Vt[rank:].T
+    # the rows that no passive joint can satisfy are conditions on the motors
+    J_A = J[:, motors] / gears
+    _, T, Wt = np.linalg.svd(U[:, rank:].T @ J_A)
+    conflicting = int(np.count_nonzero(least / np.abs(gears).min() < T))
+    fits = np.eye(k) - Wt[:conflicting].T @ Wt[:conflicting]
+    D = independent_columns(J, classes)
+    G = np.zeros((n, k))
+    G[motors] = fits / gears[:, None]
+    if len(D):
+        G[D] = -np.linalg.lstsq(J[:, D], J_A @ fits, rcond=tolerances.DEAD_POINT)[0]
+    return Driven(G, free, conflicting, D)
+
+
+def _classes(robot: Robot, motors: Indices) -> tuple[Indices, Indices]:
+    """Return the joints without motor: those without spring, and those with one."""
+    sprung = indices(robot.model, [spring.joint for spring in robot.springs])[1]
+    passive = np.setdiff1d(np.arange(robot.nv), motors)
+    return np.setdiff1d(passive, sprung), np.intersect1d(passive, sprung)

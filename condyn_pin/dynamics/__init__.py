@@ -1,0 +1,9 @@
+"""One state: the two equations, their answer, what proves it, and how it changes.
+
+    M(q) a + h(q, v) = tau + J(q)^T lam,    J(q) a + gamma(q, v) = a_ref
+
+Nouns: `Scene`, a robot and exactly its constraints; `Workspace`, which alone changes; `Solver`, one
+file each in `solvers/`; `Solution` with its `Proof`; `Derivatives`; `Impact`.
+
+To solve is not to analyse: it must not know `mechanism`, nor time.
+"""

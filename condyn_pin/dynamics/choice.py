@@ -1,0 +1,61 @@
+"""Choice of a solver: which one takes which scene."""
+
+from __future__ import annotations
+
+from condyn_pin._core.errors import UnsupportedConstraint
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers import SOLVERS
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
+from condyn_pin.dynamics.solvers.null_space import NullSpace
+from condyn_pin.dynamics.solvers.proximal import Proximal
+
+
+def default_solver(scene: Scene) -> Solver:
+    """Return the solver for those who name none.
+
+    `Proximal`; for kinds of constraints that it cannot take, `DenseKKT`, and `NullSpace` if there
+    are redundant rows besides.
+    """
+    if not scene.natives.missing:
+        return Proximal()
+    return NullSpace() if scene.audit.redundant else DenseKKT()
+
+
+def kinds_of(solver: type[Solver]) -> str:
+    """Return in words which kinds of constraints a solver takes."""
+    if solver.takes_every_kind:
+        return "every kind"
+    if solver.takes_imitated:
+        return "points, welds, hinges, edges and the planar pins of linkages in a plane"
+    return "points and welds"
+
+
+def untaken(scene: Scene, solver: Solver) -> tuple[str, ...]:
+    """Return the names of the constraints that a solver cannot take."""
+    natives = scene.natives
+    if solver.takes_every_kind:
+        return ()
+    if not solver.takes_imitated:
+        return natives.imitated + natives.missing
+    return natives.missing if solver.takes_world_first else natives.world_first + natives.missing
+
+
+def check_kinds(scene: Scene, solver: Solver) -> None:
+    """Raise `UnsupportedConstraint` if a solver cannot take a constraint of the scene."""
+    names = untaken(scene, solver)
+    if not names:
+        return
+    able = ["Proximal()"]
+    why = (
+        f"Pinocchio has constraints of 3 and of 6 rows, and {', '.join(names)} cannot be made of "
+        "those"
+    )
+    if scene.natives.missing:
+        able = [f"{k.__name__}()" for k in SOLVERS.values() if k.takes_every_kind and k.exact]
+    elif set(names) <= set(scene.natives.world_first) and solver.takes_imitated:
+        why = f"pin.lcaba crashes where the world comes first, as in {', '.join(names)}"
+        able.append("exchange its frames")
+    raise UnsupportedConstraint(
+        f"{type(solver).__name__} takes {kinds_of(type(solver))}: {why}; use {' or '.join(able)}"
+    )

@@ -1,0 +1,206 @@
+"""The two equations, linearised: how their residuals change with q and v at fixed a and lam.
+
+    r = M a + h - tau - J^T lam,        s = J a + gamma - a_ref
+
+Newton-Euler's derivatives give those of r with the constraint forces fixed in the axes of their
+bodies. What turns, and those of s, come from the constraints:
+`condyn_pin.dynamics.derivatives.pairs`, `balls` and `rolling`. A joint whose axes turn with its own
+q is taken apart (`in_series`, beside them), or carried by a free body (`carried`).
+
+References
+----------
+Carpentier, Mansard. Analytical derivatives of rigid body dynamics algorithms. RSS, 2018.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.joints import turning
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.rows.bound import AnyBound, Coupled, Rolled
+from condyn_pin.dynamics.derivatives.balls import BallPartials
+from condyn_pin.dynamics.derivatives.carried import Carried
+from condyn_pin.dynamics.derivatives.frames import Frames
+from condyn_pin.dynamics.derivatives.in_series import in_series
+from condyn_pin.dynamics.derivatives.pairs import PairPartials
+from condyn_pin.dynamics.derivatives.rolling import RollingPartials
+
+Part = PairPartials | RollingPartials | BallPartials
+
+
+@cache
+def _lapack() -> tuple[Any, Any]:
+    # imported here: scipy.linalg takes as long to import as Pinocchio
+    from scipy.linalg.lapack import dpotrf, dpotri
+
+    return dpotrf, dpotri
+
+
+class Linearised(NamedTuple):
+    """The partial derivatives at one (q, v, a, lam)."""
+
+    M: Array  # (nv, nv), the mass matrix
+    M_inv: Array  # (nv, nv), its inverse
+    J: Array  # (m, nv)
+    rhs: Array  # (nv + m, 2 nv), -[[r_q, r_v], [s_q, s_v]]: what a step of q and v leaves to solve
+
+    @property
+    def r_q(self) -> Array:
+        """(nv, nv)."""
+        n = len(self.M_inv)
+        return -self.rhs[:n, :n]
+
+    @property
+    def s_q(self) -> Array:
+        """(m, nv)."""
+        n = len(self.M_inv)
+        return -self.rhs[n:, :n]
+
+
+class Linearisation:
+    """The linearised equations of one model with its bound constraints, and their memory.
+
+    Parameters
+    ----------
+    model : pin.Model
+    bounds : sequence of AnyBound
+    drift : Baumgarte, optional
+    """
+
+    def __init__(
+        self, model: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None = None
+    ) -> None:
+        given = model
+        model, bounds = in_series(model, bounds)
+        # the model whose q, v and a are asked for, and that in which no axes turn: most often one
+        self._whole, self._whole_data = model, model.createData()
+        self._model, self._data = model, self._whole_data
+        self._carried: Carried | None = None
+        if model is not given and turning(model):
+            self._carried = Carried(model)
+            self._model = model = self._carried.model
+            self._data = model.createData()
+        self._bounds = {b.name: b for b in bounds}
+        frames = Frames(model, self._data)
+        self._pairs = PairPartials(frames, bounds, drift)
+        self._rolling = RollingPartials(frames, bounds, drift)
+        balls = BallPartials(model, self._data, bounds, drift)
+        self._others: list[Part] = [self._rolling, *([balls] if balls.k else [])]
+        self._parts: list[Part] = [self._pairs, *self._others]
+        self._couplings = [b for b in bounds if isinstance(b, Coupled)]
+        self._drift = drift
+        self._m = sum(b.size for b in bounds)
+        self._wrenches = pin.StdVec_Force()
+        for _ in range(model.njoints):
+            self._wrenches.append(pin.Force.Zero())
+        loaded = self._pairs.joints | self._rolling.joints | balls.joints
+        self._on_joint = {j: self._wrenches[j].vector for j in loaded}  # views
+        self._placed = bool(self._pairs.placed or self._rolling.joints or balls.joints)
+
+    def at(self, q: Array, v: Array, a: Array, lam: Array) -> Linearised:
+        """Return the partial derivatives at a state and an answer."""
+        if self._carried is None:
+            rhs, J = self._of_bodies(q, v, a, lam)
+        else:
+            free_q, nu, rate, chain = self._carried.state(q, v, a)
+            rhs, J = self._of_bodies(free_q, nu, rate, lam)
+            r = np.array(self._data.tau)  # as Newton-Euler's derivatives left it
+            by_a = np.vstack([pin.crba(self._model, self._data, free_q), J])
+            rhs, J = self._carried.back(chain, rhs, -by_a, -r), J @ chain.Phi
+        self._write_couplings(rhs, J)
+        M = pin.crba(self._whole, self._whole_data, q)
+        return Linearised(M, self._inverse_mass(M, q), J, rhs)
+
+    def _inverse_mass(self, M: Array, q: Array) -> Array:
+        """Return M^-1 (nv, nv) from the factor of M, U^T U.
+
+        `pin.computeMinverse` subtracts what a light body hands on from a heavy one behind it: at a
+        condition of M of 4e5 it has lost nine digits, and the factor five.
+        """
+        potrf, potri = _lapack()
+        U, info = potrf(M)
+        if info:  # M is not positive definite to working precision
+            return np.array(pin.computeMinverse(self._whole, self._whole_data, q))
+        X: Array = potri(U, overwrite_c=1)[0]  # what is below the diagonal of U, and X, is zero
+        M_inv = X + X.T
+        M_inv.flat[:: len(M) + 1] = X.diagonal()
+        return M_inv
+
+    def _of_bodies(self, q: Array, v: Array, a: Array, lam: Array) -> tuple[Array, Array]:
+        """Return -[[r_q, r_v], [s_q, s_v]] and J, but for couplings, where no axes turn."""
+        model, data, n = self._model, self._data, self._model.nv
+        self._apply(q, lam)
+        # it leaves behind all that the derivatives of frames read
+        pin.computeRNEADerivatives(model, data, q, v, a, self._wrenches)
+        rhs, J = np.zeros((n + self._m, 2 * n)), np.zeros((self._m, n))
+        # [[r_q, r_v], [s_q, s_v]] first: to copy, and to turn the sign of all at once, is quicker
+        rhs[:n, :n], rhs[:n, n:] = data.dtau_dq, data.dtau_dv
+        self._pairs.write(lam, rhs, J)
+        np.negative(rhs, out=rhs)
+        for part in self._others:
+            part.write(lam, rhs, J)
+        if self._drift:
+            rhs[n:, n:] -= self._drift.Kd * J
+        return rhs, J
+
+    def _apply(self, q: Array, lam: Array) -> None:
+        """Put the constraint forces on the bodies."""
+        if self._placed:
+            pin.forwardKinematics(self._model, self._data, q)
+        for wrench in self._on_joint.values():
+            wrench.fill(0.0)
+        for part in self._parts:
+            part.apply(lam, self._on_joint)
+
+    def _write_couplings(self, rhs: Array, J: Array) -> None:
+        """Write the rows of couplings, whose accelerations change with neither q nor v."""
+        n = self._whole.nv
+        for coupled in self._couplings:
+            J[coupled.rows, list(coupled.velocity)] = 1.0, -coupled.ratio
+            if self._drift:
+                rhs[n:, :n][coupled.rows] = -self._drift.Kp * J[coupled.rows]
+                rhs[n:, n:][coupled.rows] = -self._drift.Kd * J[coupled.rows]
+
+    def turning(self, q: Array, w: Array) -> Array:
+        """Return how J w changes with q (m, nv) while w (nv,) stays: as the slip does at v = w."""
+        if self._carried is None:
+            return self._slip_by_q(q, w)
+        q, w, still, chain = self._carried.state(q, w, np.zeros_like(w))
+        _, J = self._of_bodies(q, w, still, np.zeros(self._m))
+        return self._slip_by_q(q, w) @ chain.Phi + J @ chain.v_q
+
+    def _slip_by_q(self, q: Array, w: Array) -> Array:
+        """Return the partials of J w by q, where no axes turn."""
+        model, data = self._model, self._data
+        pin.computeRNEADerivatives(model, data, q, w, np.zeros_like(w))
+        of_rows = np.zeros((self._m, model.nv))
+        for part in self._parts:
+            part.turning(of_rows)
+        return of_rows
+
+    def by_frame(
+        self, q: Array, v: Array, a: Array, lam: Array, name: str, end: int
+    ) -> tuple[Array, Array]:
+        """Return r (nv, 6) and s (rows, 6) by a twist of c1 or c2 of a constraint, in its axes.
+
+        The frame moves as if a joint held it: its velocity turns by -x x v, and its wrench goes
+        along. The end that stays has no part in it.
+        """
+        chain = None
+        if self._carried:
+            q, v, a, chain = self._carried.state(q, v, a)
+        pin.computeForwardKinematicsDerivatives(self._model, self._data, q, v, a)
+        b = self._bounds[name]
+        assert not isinstance(b, Coupled)  # it has no frames
+        if isinstance(b, Rolled):
+            r, s = self._rolling.by_frame(b, lam[b.rows])
+        else:
+            r, s = self._pairs.by_frame(b, lam[b.rows], end)
+        return (chain.Phi.T @ r if chain else r), s

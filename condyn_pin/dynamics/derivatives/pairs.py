@@ -1,0 +1,168 @@
+"""How the rows of constraints between two frames change with q and v, one constraint at a time.
+
+Surfaces, edges and points on the world, welds, cut joints and rods. The formulas are in
+`condyn_pin.dynamics.derivatives.partials`; balls between two bodies are taken all at once, in
+`condyn_pin.dynamics.derivatives.balls`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.rows.bound import POINT, AnyBound, Bound
+from condyn_pin.dynamics.derivatives.balls import is_ball
+from condyn_pin.dynamics.derivatives.frames import Frames
+from condyn_pin.dynamics.derivatives.gaps import gap_of
+from condyn_pin.dynamics.derivatives.partials import (
+    End,
+    Partials,
+    dual_cross,
+    of_frame,
+    of_pair,
+    of_point,
+)
+
+
+class _Pair(NamedTuple):
+    """A constraint, and where its wrenches go: constant in the axes of its joints."""
+
+    b: Bound
+    on1: Array  # (6, 6), from the axes of c1 to those of joint 1
+    on2: Array  # (6, 6), the same of c2
+    held: Array | None  # (6, rows), from lam to joint 1, where nothing else feels it
+
+
+class PairPartials:
+    """The partials of all constraints between two frames in one scene, but those that are balls.
+
+    Parameters
+    ----------
+    frames : Frames
+    bounds : sequence of AnyBound
+    drift : Baumgarte, optional
+    """
+
+    def __init__(self, frames: Frames, bounds: Sequence[AnyBound], drift: Baumgarte | None) -> None:
+        self._frames, self._drift = frames, drift
+        chosen = [b for b in bounds if isinstance(b, Bound) and not is_ball(b)]
+        self._pairs = [_pair(b) for b in chosen]
+        self._between: list[Any] = []  # c1Mc2 where a force depends on it, as `apply` found it
+        self.joints = {j for b in chosen for j in (b.joint1, b.joint2) if j}
+        self.placed = not all(b.is_held for b in chosen)  # whether `apply` reads oMi
+
+    def apply(self, lam: Array, on_joint: Mapping[int, Array]) -> None:
+        """Add the forces to the wrenches on the joints."""
+        self._between = []
+        for b, on1, on2, held in self._pairs:
+            if held is not None:
+                on_joint[b.joint1][:] += held.dot(_force(b, lam))
+                self._between.append(None)
+                continue
+            c1Mc2 = self._frames.between(b)
+            at1, at2 = wrenches(b, c1Mc2, _force(b, lam))
+            if b.joint1:
+                on_joint[b.joint1][:] += on1 @ at1
+            if b.joint2:
+                on_joint[b.joint2][:] -= on2 @ at2
+            self._between.append(c1Mc2)
+
+    def write(self, lam: Array, lhs: Array, J: Array) -> None:
+        """Write the rows into J (m, nv) and [s_q, s_v], and take the turning of J^T lam off r_q."""
+        n = J.shape[1]
+        s_q, s_v = lhs[n:, :n], lhs[n:, n:]
+        for pair, c1Mc2 in zip(self._pairs, self._between, strict=True):
+            b = pair.b
+            of = self._partials(pair, _force(b, lam), c1Mc2, lhs[:n, :n])
+            J_b, by_q, by_v = J[b.rows], s_q[b.rows], s_v[b.rows]
+            J_b[:], by_q[:], by_v[:] = of.J, of.s_q, of.s_v
+            if b.sign < 0:
+                for part in (J_b, by_q, by_v):
+                    np.negative(part, out=part)
+            if self._drift:
+                gap = gap_of(b, *self._frames.ends(b), c1Mc2 or self._frames.between(b))
+                by_q += b.sign * (self._drift.Kp * gap.c_q + self._drift.Kd * gap.v_q)
+
+    def _partials(self, pair: _Pair, force: Array, c1Mc2: Any, r_q: Array) -> Partials:
+        """Return the partials of one constraint; take what turns of its J^T lam off r_q."""
+        b = pair.b
+        if pair.held is not None:
+            if b.selection != POINT:
+                return of_frame(b, *self._frames.partials(b.joint1, b.placement1))
+            return of_point(self._frames.end(b.joint1, b.placement1))
+        one, two = self._frames.ends(b)
+        of = of_pair(b, one, two, c1Mc2, force)
+        if of.w1_q is not None:
+            r_q -= one.J.T @ of.w1_q
+        if of.w2_q is not None:
+            r_q += two.J.T @ of.w2_q
+        return of
+
+    def turning(self, out: Array) -> None:
+        """Write the partials (m, nv) of J v by q."""
+        for b, *_ in self._pairs:
+            if b.is_held:
+                v_q, *_ = self._frames.partials(b.joint1, b.placement1)
+                out[b.rows] = b.sign * v_q[list(b.selection)]
+            else:
+                gap = gap_of(b, *self._frames.ends(b), self._frames.between(b))
+                out[b.rows] = b.sign * gap.v_q
+
+    def by_frame(self, b: Bound, lam: Array, end: int) -> tuple[Array, Array]:
+        """Return r (nv, 6) and s (rows, 6) by a twist of c1 or c2, of a ball too."""
+        (one, two), c1Mc2 = self._frames.ends(b), self._frames.between(b)
+        moved, rest = (one, two) if end == 1 else (two, one)
+        nothing, force = np.zeros((6, 6)), b.sign * lam
+        moving = moved.by_twist()
+        still = End(rest.v, rest.a, nothing, nothing, nothing, nothing)
+        pair = (moving, still) if end == 1 else (still, moving)
+        if not b.is_held:
+            of = of_pair(b, *pair, c1Mc2, force)
+        elif b.selection == POINT:
+            of = of_point(moving)
+        else:
+            of = of_frame(b, moving.v_q, moving.a_q, moving.a_v, moving.J)
+        w1 = nothing if of.w1_q is None else of.w1_q
+        w2 = nothing if of.w2_q is None else of.w2_q
+        at1, at2 = wrenches(b, c1Mc2, force)
+        if end == 1:
+            w1 = w1 + dual_cross(at1)
+        else:
+            w2 = w2 + dual_cross(at2)
+        s = of.s_q
+        if self._drift:
+            gap = gap_of(b, *pair, c1Mc2)
+            s = s + self._drift.Kp * gap.c_q + self._drift.Kd * gap.v_q
+        return two.J.T @ w2 - one.J.T @ w1, b.sign * s
+
+
+def wrenches(b: Bound, c1Mc2: Any, force: Array) -> tuple[Array, Array]:
+    """Return the force of a constraint at the origin of c1 in its axes, and the same for c2."""
+    six = np.zeros(6)
+    if b.is_rod:
+        six[:3] = force[0] * c1Mc2.translation / np.linalg.norm(c1Mc2.translation)
+    else:
+        six[list(b.selection)] = force
+    if b.is_held:  # nothing says where c2 is
+        return six, np.zeros(6)
+    if b.is_plain and b.size == 6:
+        return six, c1Mc2.toActionMatrix().T @ six
+    R = c1Mc2.rotation
+    at_c2 = np.concatenate([R.T @ six[:3], R.T @ six[3:]])
+    if b.is_plain:
+        return six, at_c2
+    return np.concatenate([six[:3], six[3:] + np.cross(c1Mc2.translation, six[:3])]), at_c2
+
+
+def _pair(b: Bound) -> _Pair:
+    on1, on2 = b.placement1.toDualActionMatrix(), b.placement2.toDualActionMatrix()
+    return _Pair(b, on1, on2, on1[:, list(b.selection)] if b.is_held else None)
+
+
+def _force(b: Bound, lam: Array) -> Array:
+    """Return the rows of lam that act on body 1."""
+    return lam[b.rows] if b.sign > 0 else -lam[b.rows]

@@ -1,0 +1,174 @@
+"""Pinocchio's own derivatives, behind the protocol that makes them right.
+
+`pin.computeConstraintDynamicsDerivatives` reads what `pin.constraintDynamics` left in data, at the
+same settings object. What it returns points into data. For 3 rows between two bodies it adds a
+multiple of a spurious term to column 0 whenever the first coordinate of the robot turns; that
+column is taken from `KktDerivatives` then.
+
+They are those of the damped matrix, off by mu / sigma and not iterated. Where rows are redundant
+they are taken with mu, 2 mu and 4 mu, and continued to zero:
+
+    Y(mu) = 2 X(mu) - X(2 mu) = X + O(mu / sigma)^2 + O(eps |G| / mu).
+
+Neither part is known, but Y(2 mu) has four times the first and half of the second: it is off from
+Y(mu) by three times what Y(mu) misses through damping, and by half of what it misses through
+rounding. Where twice that is more than a tenth of what derivatives are held to, they are refused.
+dlam is noise of size 1e-16/mu along redundant rows all the same.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from condyn_pin._core import _pin
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import DerivativesDisagree, InvalidArgument, UnsupportedConstraint
+from condyn_pin._core.joints import turning
+from condyn_pin._core.tolerances import DERIVATIVES
+from condyn_pin.constraints.rows.bound import POINT, Bound
+from condyn_pin.dynamics.derivatives.base import Derivatives
+from condyn_pin.dynamics.derivatives.kkt import KktDerivatives
+from condyn_pin.dynamics.derivatives.loads import load_partial
+from condyn_pin.dynamics.solution import Solution
+from condyn_pin.dynamics.solvers.proximal import Proximal
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.workspace import Workspace
+
+# What may be off, of the largest entry: torques in which that one plays a small part are no less.
+_LARGEST_OFF: Final = 0.1 * DERIVATIVES
+
+# Of a and lam by q, v and tau, each (nv + m, nv).
+Blocks = tuple[Array, Array, Array]
+
+
+class PinocchioDerivatives(Derivatives):
+    """`pin.computeConstraintDynamicsDerivatives`, copied and repaired.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        Its solver has to be `Proximal`.
+    solution : Solution
+    v, tau : (nv,) array
+    """
+
+    def __init__(self, workspace: Workspace, solution: Solution, v: Array, tau: Array) -> None:
+        super().__init__(solution)
+        _check(workspace)
+        settings, q = workspace.proximal_settings, solution.q
+        if solution.applied:
+            tau = tau + workspace.loads.at(q, solution.applied).torque
+        by_q, by_v, by_tau = _damped(workspace, q, v, tau, settings)
+        audit = workspace.scene.audit
+        if audit.rounded or not audit.independent:
+            twice, more = (_damped(workspace, q, v, tau, _weighted(settings, k)) for k in (2, 4))
+            one = (by_q, by_v, by_tau)
+            by_q, by_v, by_tau = found = _continued(one, twice)
+            _check_continued(workspace, solution, settings.mu, found, _continued(twice, more))
+        if solution.applied:  # they are torques that change with q
+            by_q += by_tau @ load_partial(workspace.loads, q, solution.applied)
+        if _first_column_is_wrong(workspace):
+            first = np.eye(self._n)[0]
+            still = np.zeros(self._n)
+            exact = KktDerivatives(workspace, solution, v, tau).jvp(first, still, still)
+            by_q[:, 0] = np.concatenate(exact)
+        self._formed = by_q, by_v, by_tau
+
+    def _form(self) -> tuple[Array, Array, Array]:
+        return self._formed
+
+
+def _damped(workspace: Workspace, q: Array, v: Array, tau: Array, settings: Any) -> Blocks:
+    """Return Pinocchio's derivatives of a and lam by q, v and tau, with the mu of the settings."""
+    model, data = workspace.model, workspace.data
+    models, datas = workspace.constraint_models, workspace.constraint_datas
+    # again, with nothing in between: the derivatives read what this leaves behind
+    pin.constraintDynamics(model, data, q, v, tau, models, datas, settings)
+    found = pin.computeConstraintDynamicsDerivatives(model, data, models, datas, settings)
+    n, m = model.nv, workspace.scene.rows
+    parts = [np.reshape(part, (-1, n)) for part in found]  # a column comes as a vector
+    empty = [np.zeros((0, n))] * 3
+    of_lam = [workspace.scene_forces(part) for part in parts[3:]] if m else empty
+    by_q, by_v, by_tau = map(np.vstack, zip(parts[:3], of_lam, strict=True))
+    return by_q, by_v, by_tau
+
+
+def _weighted(settings: Any, times: float) -> Any:
+    """Return the settings with a multiple of their mu."""
+    return _pin.proximal_settings(
+        settings.absolute_accuracy,
+        settings.relative_accuracy,
+        times * settings.mu,
+        settings.max_iter,
+    )
+
+
+def _continued(one: Blocks, twice: Blocks) -> Blocks:
+    """Return derivatives with some mu and with twice that, continued to zero."""
+    by_q, by_v, by_tau = (2.0 * x - y for x, y in zip(one, twice, strict=True))
+    return by_q, by_v, by_tau
+
+
+def _check_continued(
+    workspace: Workspace, solution: Solution, mu: float, found: Blocks, rougher: Blocks
+) -> None:
+    """Refuse derivatives of a, continued from mu, that those from 2 mu do not agree with.
+
+    Those by tau are for torques in proportion to M_jj^1/2, as each joint feels them. What they
+    accelerate are the motions that the rows leave: those by q and v are looked at along them. Sums
+    over the columns count, for rounding along one redundant row is the same in all of them.
+    """
+    audit, n = workspace.scene.audit, len(solution.a)
+    size = max(float(np.abs(solution.a).max()), audit.yardstick.gravity) / 1e3
+    felt = np.sqrt(np.diag(workspace.equations.mass(solution.q)))
+    along = found[2][:n] * felt
+    # where everything is held there is none, and what the heaviest joint feels stands for it
+    largest = max(float(np.abs(along).max()), float(audit.yardstick.weights.min()))
+    for x, y, step, least in (
+        (found[0], rougher[0], along, size * largest),
+        (found[1], rougher[1], along, size * largest),
+        (found[2], rougher[2], np.diag(felt), largest),
+    ):
+        off = 2.0 * float(np.abs((x - y)[:n] @ step).sum(axis=1).max())
+        off /= max(float((np.abs(x)[:n] @ np.abs(step)).max()), least) or 1.0
+        if not off <= _LARGEST_OFF:
+            raise DerivativesDisagree(
+                f"method = 'pinocchio': continued from mu = {mu:.1e}, and from twice that, its "
+                f"derivatives differ by {off / 2.0:.1e} of their size: mu is not small beside what "
+                "holds the constraints at this state, or rounding along redundant rows is larger; "
+                "take method='kkt'"
+            )
+
+
+def _check(workspace: Workspace) -> None:
+    """Refuse what Pinocchio's derivatives cannot be right for."""
+    if not isinstance(workspace.solver, Proximal):
+        raise InvalidArgument(
+            f"method = 'pinocchio': it differentiates Proximal(), not {workspace.solver!r}; "
+            "take that solver, or method='kkt'"
+        )
+    plain = [isinstance(b, Bound) and b.is_plain for b in workspace.bounds]
+    if not all(plain):
+        name = workspace.bounds[plain.index(False)].name
+        raise UnsupportedConstraint(
+            f"method = 'pinocchio': {name} is not a ball, a weld, a point or a surface; "
+            "take method='kkt'"
+        )
+    model = workspace.model
+    for i in turning(model):
+        raise UnsupportedConstraint(
+            f"method = 'pinocchio': its derivatives are wrong for joint {model.names[i]!r}, a "
+            f"{model.joints[i].shortname()}, whose axes turn with its own q; take method='kkt'"
+        )
+
+
+def _first_column_is_wrong(workspace: Workspace) -> bool:
+    """Whether there are 3 rows between two bodies, and the first coordinate turns."""
+    between: list[Any] = [
+        b for b in workspace.bounds if isinstance(b, Bound) and b.selection == POINT and b.joint2
+    ]
+    return bool(between) and bool(np.any(workspace.data.J[3:, 0]))

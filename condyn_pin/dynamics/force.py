@@ -1,0 +1,252 @@
+"""ConstraintForce: a force that knows on whom it acts, by whom, where, and in which axes.
+
+Of the pair of forces that a constraint is, the one on the first-named body counts; the other body
+feels the opposite. Both do the generalised force J^T lam together, over the rows of the constraint.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array, read_only
+from condyn_pin._core.as_array import AsArray
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin.constraints.constraints import Constraint, Coupling, Loop
+from condyn_pin.constraints.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
+from condyn_pin.constraints.nonholonomic import Knife, RollingBall, RollingWheel
+from condyn_pin.constraints.rows.bound import POINT, AnyBound, Bound, Coupled, Rolled
+from condyn_pin.constraints.rows.equations import Equations
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.scene import Scene
+
+# Contacts whose third axis is the normal, and those that have none: the vertical stands for it.
+WITH_NORMAL = (SurfaceContact, PlanarContact, RollingWheel, RollingBall)
+WITHOUT_NORMAL = (PointContact, LineContact)
+
+
+@dataclass(frozen=True, eq=False)
+class Sites:
+    """Where the constraints of a scene are at one configuration; found when first asked for.
+
+    Parameters
+    ----------
+    scene : Scene
+    q : (nq,) array
+    equations : Equations, optional
+        Memory to find them with; made for it otherwise.
+    """
+
+    scene: Scene
+    q: Array
+    equations: Equations | None = None
+
+    @cached_property
+    def placements(self) -> list[Any]:
+        """The frames c1 and c2 of each constraint in the world; None for a coupling."""
+        return self._equations().placements(self.q)
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """The constraint Jacobian J (m, nv)."""
+        return self._equations().jacobian(self.q)
+
+    def _equations(self) -> Equations:
+        return self.equations or Equations(self.scene.robot.unedited, self.scene.bounds)
+
+    def forces(self, lam: Array) -> dict[str, ConstraintForce]:
+        """Return the forces lam (m,) by name, each on the first-named body."""
+        pairs = zip(self.scene.constraints, self.scene.bounds, strict=True)
+        return {
+            bound.name: _force(self, i, constraint, bound, lam[bound.rows])
+            for i, (constraint, bound) in enumerate(pairs)
+        }
+
+    def direction(self, i: int) -> Array:
+        """Return the direction (3,) of rod i, from c1 to c2 in the axes of c1."""
+        oMc1, oMc2 = self.placements[i]
+        along: Array = oMc1.actInv(oMc2).translation
+        return np.asarray(along / np.linalg.norm(along))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ConstraintForce(AsArray):
+    """The force of one constraint on one of its two bodies; it works as the array of its numbers.
+
+    Attributes
+    ----------
+    name : str
+        Of the constraint.
+    components : (3,), (6,) or (1,) array
+        Force [N], or force and moment [N, N m] for kinds that transmit moments, in the axes of
+        `frame`; what a kind does not transmit is zero. One number for a coupling: the force along
+        the joint's coordinate [N m or N]. Impulses have [N s, N m s] in their place.
+    on, by : str
+        The frame on whose body it acts, and the one whose body exerts it, as the constraint names
+        them; "world" is the ground. For a coupling, joints.
+    frame : str
+        Whose axes the components are in; empty for a coupling. For a `PlanarContact` it is the
+        plane, z along its normal; for what rolls, the directions of its rows.
+    lam : (rows,) array
+        The rows of the constraint, which both forces of the pair belong to.
+    """
+
+    name: str
+    components: Array
+    on: str
+    by: str
+    frame: str
+    lam: Array
+    _sites: Sites
+    _index: int
+    _first: bool  # whether it acts on the first-named body
+
+    @property
+    def at(self) -> Array:
+        """The point of the world (3,) at which it acts [m]."""
+        b, (one, two) = self._bound, self._ends
+        if isinstance(b, Rolled):
+            return np.array(one.translation)  # the lowest point
+        first = self._first == (b.sign > 0)  # whether it acts on body 1
+        if not b.anchored and b.joint2 == 0:
+            return np.array(one.translation)  # nothing says where c2 is
+        if b.is_plain:  # a weld keeps its wrench whole, a ball acts at each body's own point
+            at_two = b.selection == POINT and not first
+            return np.array((two if at_two else one).translation)
+        return np.array(two.translation)
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that it is a force of."""
+        return self._sites.scene
+
+    @property
+    def constraint(self) -> Constraint:
+        """The constraint that exerts it."""
+        return self._sites.scene.constraints[self._index]
+
+    @property
+    def rotation(self) -> Array:
+        """The axes of its components in the world (3, 3), column by column."""
+        return np.array(self._ends[0].rotation)  # c1's axes
+
+    def in_world(self) -> Array:
+        """Return it in the axes of the world, still at `at`: (3,) or (6,)."""
+        R = self.rotation
+        return np.asarray((self.components.reshape(-1, 3) @ R.T).ravel())
+
+    def on_other(self) -> ConstraintForce:
+        """Return the opposite force: on the other body, in the same axes."""
+        b = self._sites.scene.bounds[self._index]
+        scale = 1.0
+        if isinstance(b, Coupled):
+            scale = b.ratio if self._first else 1.0 / b.ratio
+        return ConstraintForce(
+            self.name, read_only(-scale * self.components), self.by, self.on, self.frame, self.lam,
+            self._sites, self._index, not self._first,
+        )  # fmt: skip
+
+    def generalized(self) -> Array:
+        """Return the generalised force (nv,) of the pair, J^T lam over its rows [N, N m]."""
+        rows = self._sites.scene.bounds[self._index].rows
+        return np.asarray(self._sites.jacobian[rows].T @ self.lam)
+
+    @property
+    def _bound(self) -> Bound | Rolled:
+        bound = self._sites.scene.bounds[self._index]
+        if isinstance(bound, Coupled):
+            raise self._nowhere()
+        return bound
+
+    @property
+    def _ends(self) -> tuple[Any, Any]:
+        ends: tuple[Any, Any] | None = self._sites.placements[self._index]
+        if ends is None:
+            raise self._nowhere()
+        return ends
+
+    def _nowhere(self) -> InvalidArgument:
+        return InvalidArgument(f"{self.name}: a coupling acts along joints, at no point")
+
+    def __repr__(self) -> str:
+        numbers = np.array2string(self.components, precision=4, suppress_small=True)
+        axes = f", axes of {self.frame}" if self.frame else ""
+        return f"ConstraintForce({self.name}: {numbers} on {self.on} by {self.by}{axes})"
+
+
+def pulling(forces: dict[str, ConstraintForce], sites: Sites, unit: str = "N") -> tuple[str, ...]:
+    """Return a sentence for each contact with the world that pulls, as no ground does.
+
+    The normal is the z axis of a `SurfaceContact` and that of the plane of a `PlanarContact` and
+    of what rolls. A point or a line has none: the vertical stands for it, if there is gravity.
+    """
+    up = upward(sites.scene)
+    largest = max((float(np.abs(f.components).max()) for f in forces.values()), default=0.0)
+    said = []
+    for constraint in sites.scene.constraints:
+        force = forces[constraint.name]
+        if isinstance(constraint, WITH_NORMAL):
+            normal = float(force[2])
+        elif isinstance(constraint, WITHOUT_NORMAL):
+            normal = float(force.in_world()[:3] @ up)
+        else:
+            continue
+        if normal < -tolerances.SOLVED * largest:
+            said.append(pull_text(constraint, f"{-normal:.4g} {unit}"))
+    return tuple(said)
+
+
+def presses(constraint: Constraint) -> bool:
+    """Whether a constraint is a contact with a normal force."""
+    if isinstance(constraint, RollingWheel):
+        return "normal" in constraint.holds
+    return isinstance(constraint, WITH_NORMAL + WITHOUT_NORMAL)
+
+
+def upward(scene: Scene) -> Array:
+    """Return the direction against gravity (3,); zero where there is none."""
+    up = -np.array(scene.robot.model.gravity.linear)
+    return np.asarray(up / max(float(np.linalg.norm(up)), np.finfo(float).tiny))
+
+
+def pull_text(constraint: Constraint, pull: str) -> str:
+    """Return the sentence on a contact that pulls, with how much."""
+    words = " (the vertical is its normal)" if isinstance(constraint, WITHOUT_NORMAL) else ""
+    return f"{constraint.name}: the contact pulls with {pull}{words}; the ground would let go"
+
+
+def _force(
+    sites: Sites, i: int, constraint: Constraint, bound: AnyBound, lam: Array
+) -> ConstraintForce:
+    """Return the force of one constraint on its first-named body."""
+    if isinstance(bound, Coupled):
+        components = lam.copy()
+    elif isinstance(bound, Bound) and bound.is_rod:
+        components = np.asarray(lam[0] * sites.direction(i))
+    else:
+        components = bound.whole(lam)
+    on, by, frame = _names(constraint, bound)
+    return ConstraintForce(
+        bound.name, read_only(components), on, by, frame, read_only(lam.copy()), sites, i, True
+    )
+
+
+def _names(constraint: Constraint, bound: AnyBound) -> tuple[str, str, str]:
+    """Return on whom, by whom, and in whose axes."""
+    if isinstance(constraint, Loop):
+        one, two = constraint.frame_a, constraint.frame_b
+        swapped = isinstance(bound, Bound) and bound.sign < 0
+        return one, two, two if swapped else one
+    if isinstance(constraint, Coupling):
+        return constraint.joint_a, constraint.joint_b, ""
+    if isinstance(constraint, PlanarContact):
+        return constraint.frame, "world", f"{constraint.name}/plane"
+    if isinstance(constraint, RollingWheel | RollingBall):
+        return constraint.frame, "world", f"{constraint.name}/touching"
+    assert isinstance(constraint, PointContact | SurfaceContact | LineContact | Knife)
+    return constraint.frame, "world", constraint.frame

@@ -1,0 +1,64 @@
+"""Imitation: answers by Pinocchio's rows, where these stand for rows of another kind.
+
+A hinge as two points and a planar pin as a ball are exact where the loop is closed. Where it is
+open by a gap g, or slips, J and gamma of the two differ by about g omega. Pinocchio's solve leaves
+both errors behind; where they are more than an assembled loop has, the equations of the scene are
+solved as they are.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin.dynamics.solvers.base import Method
+from condyn_pin.dynamics.solvers.null_space import NullSpace
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.workspace import Workspace
+
+# Gap [m] and slip [m/s] from which on a loop counts as open; those of a loop that was assembled, or
+# is kept closed in motion, are at 1e-15 to 1e-12.
+_OPEN_SQUARED: Final = (0.1 * tolerances.CLOSED) ** 2
+
+
+def exact_where_open(workspace: Workspace, closed: Method) -> Method:
+    """Return a method that is exact on open loops too.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    closed : Method
+        Of `pin.constraintDynamics`, by the rows that Pinocchio has.
+    """
+    dense: list[Method] = []  # started at the first state that needs it
+    method = closed
+    run, squares = closed.acceleration, [(gap.dot, gap) for gap in _gaps(workspace)]
+
+    def acceleration(q: Array, v: Array, tau: Array) -> Array:
+        nonlocal method
+        a = run(q, v, tau)
+        for square, gap in squares:
+            if square(gap) > _OPEN_SQUARED:
+                if not dense:
+                    dense.append(NullSpace(tolerances.REFERENCE_RANK).start(workspace))
+                method = dense[0]
+                return method.acceleration(q, v, tau)
+        method = closed
+        return a
+
+    return Method(acceleration, lambda: method.lam(), lambda: method.iterations())
+
+
+def _gaps(workspace: Workspace) -> list[Array]:
+    """Return views of c and J v in Pinocchio's memory, of the rows that stand for others."""
+    gaps = []
+    pairs = zip(workspace.natives.constraints, workspace.constraint_datas, strict=True)
+    for native, data in pairs:
+        if not native.imitates:
+            continue
+        if native.anchored:
+            gaps.append(data.contact_placement_error.vector[: native.size])
+        gaps.append(data.contact_velocity_error.vector[: native.size])
+    return gaps

@@ -1,0 +1,254 @@
+"""Impact: the velocity after constraints are met at speed, loops and contacts together.
+
+    M (v+ - v-) = J^T lam,      J v+ = -e J v-
+
+with lam the impulses and e the restitution of each row. The kinetic energy changes by
+-1/2 w^T (I + e) G^+ (I - e) w, w = J v- and G = J M^-1 J^T: it never grows for one e between 0 and
+1, and can for different ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import InvalidArgument, unknown_name
+from condyn_pin.dynamics.at_state import at_state
+from condyn_pin.dynamics.derivatives.kkt import turning_null_space
+from condyn_pin.dynamics.derivatives.linearised import Linearisation
+from condyn_pin.dynamics.force import ConstraintForce, Sites, pulling
+from condyn_pin.dynamics.gaps import worst
+from condyn_pin.dynamics.kept import equations_of
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.mechanism.check import check
+
+Restitution = float | Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Impact:
+    """Velocity and impulses of an impact.
+
+    Attributes
+    ----------
+    v : (nv,) array
+        Velocity after it.
+    lam : (m,) array
+        Impulses, all rows, in the axes of each constraint [N s, N m s]; the smallest ones where
+        rows are redundant.
+    v_before : (nv,) array
+        Velocity before it [rad/s, m/s].
+    restitution : (m,) array
+        e of each row.
+    energy_before, energy_after : float
+        Kinetic energy [J].
+    violation : float
+        max abs(c(q)) [m, rad]: an impact does not close what is open.
+    scene : Scene
+    q : (nq,) array
+    """
+
+    v: Array
+    lam: Array
+    v_before: Array
+    restitution: Array
+    energy_before: float  # [J]
+    energy_after: float  # [J]
+    violation: float  # [m, rad]
+    scene: Scene
+    q: Array
+
+    @property
+    def energy_lost(self) -> float:
+        """Kinetic energy that is gone [J]."""
+        return self.energy_before - self.energy_after
+
+    @property
+    def impulses(self) -> dict[str, ConstraintForce]:
+        """Impulse on the first-named body by constraint [N s, N m s], in its axes."""
+        return self._sites.forces(self.lam)
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """What deserves attention, a sentence each."""
+        said = pulling(self.impulses, self._sites, "N s")
+        if self.violation > tolerances.CLOSED:
+            name, gap = worst(check(self.scene, self.q, None).gap)
+            return (f"{name} is open by {gap} at q", *said)
+        return said
+
+    @property
+    def dv_dq(self) -> Array:
+        """How v changes with q, (nv, nv), tangent columns.
+
+        Where rows are redundant, along motions that keep the constraints.
+        """
+        return self._derivatives[0][:, : self.scene.robot.nv]
+
+    @property
+    def dv_dv(self) -> Array:
+        """How v changes with the velocity before, (nv, nv)."""
+        return self._derivatives[0][:, self.scene.robot.nv :]
+
+    @property
+    def dlam_dq(self) -> Array:
+        """How the impulses change with q, (m, nv)."""
+        return self._derivatives[1][:, : self.scene.robot.nv]
+
+    @property
+    def dlam_dv(self) -> Array:
+        """How the impulses change with the velocity before, (m, nv)."""
+        return self._derivatives[1][:, self.scene.robot.nv :]
+
+    @cached_property
+    def _sites(self) -> Sites:
+        return Sites(self.scene, self.q)
+
+    @cached_property
+    def _derivatives(self) -> tuple[Array, Array]:
+        return _derivatives(self)
+
+    def __repr__(self) -> str:
+        return (
+            f"Impact({self.scene.robot.name}, {len(self.lam)} rows: {self.energy_lost:.4g} of "
+            f"{self.energy_before:.4g} J lost)"
+        )
+
+    def __str__(self) -> str:
+        lines = [repr(self)]
+        if self.scene.rows:
+            lines.append("impulses on the first-named body, axes of each constraint [N s, N m s]:")
+        for name, impulse in self.impulses.items():
+            numbers = np.array2string(impulse.components, precision=4, suppress_small=True)
+            lines.append(f"{name:<28} {numbers}")
+        lines += [f"note: {notice}" for notice in self.notices]
+        return "\n".join(lines)
+
+
+@one_blas_thread
+def impact(scene: Scene, q: ArrayLike, v: ArrayLike, *, restitution: Restitution = 0.0) -> Impact:
+    """Return velocity and impulses when the constraints of a scene are met at a velocity.
+
+    M (v+ - v-) = J^T lam,    J v+ = -e J v-
+
+    Parameters
+    ----------
+    scene : Scene
+        Every constraint takes part: loops stay closed while a foot touches down.
+    q, v : (nq,), (nv,) array_like
+        The configuration, and the velocity before.
+    restitution : float or mapping of str to float
+        e between 0 (all rows stop) and 1, for all constraints or by name; 0 for those that are
+        not named. It holds for every row of a constraint, tangential ones too: a contact whose
+        normal alone rebounds is a `PlanarContact`.
+
+    Returns
+    -------
+    Impact
+
+    Raises
+    ------
+    InvalidArgument
+        If an argument has a wrong size or is not finite, a restitution is not between 0 and 1, or
+        different restitutions contradict each other or would add energy.
+    UnknownName
+        If a name is that of no constraint.
+
+    Notes
+    -----
+    Cost O(n^3 + m^2 n). Bilateral: a contact that pulls shows in `notices`. The derivatives are
+    formed when they are asked for.
+
+    References
+    ----------
+    Featherstone. Rigid Body Dynamics Algorithms. Springer, 2008, section 11.7.
+    """
+    state = at_state(scene, q, v)
+    M, J = state.terms.M, state.terms.J
+    by_name, e = restitutions(scene, restitution), np.zeros(scene.rows)
+    for bound in scene.bounds:
+        e[bound.rows] = by_name.get(bound.name, 0.0)
+    wanted = -e * (J @ state.v)
+    after, lam = state.factors.solve(M @ state.v, wanted)
+    found = Impact(
+        v=after,
+        lam=lam,
+        v_before=state.v,
+        restitution=e,
+        energy_before=float(state.v @ M @ state.v) / 2,
+        energy_after=float(after @ M @ after) / 2,
+        violation=float(np.abs(equations_of(scene).violation(state.q)).max(initial=0.0)),
+        scene=scene,
+        q=state.q,
+    )
+    _check(found, J, wanted)
+    return found
+
+
+def restitutions(scene: Scene, restitution: Restitution) -> Mapping[str, float]:
+    """Return the restitution of each constraint that has one, by name; errors as in `impact`."""
+    if not isinstance(restitution, Mapping):
+        restitution = dict.fromkeys(scene.names, restitution) or {"": restitution}
+    elif unknown := [name for name in restitution if name not in scene.names]:
+        raise unknown_name("constraint", str(unknown[0]), scene.names)
+    for name, value in restitution.items():
+        what = f"restitution of {name!r}" if name else "restitution"
+        if not 0.0 <= float(finite(what, value, ())) <= 1.0:
+            raise InvalidArgument(f"{what} = {value!r}: a number between 0 and 1 is needed")
+    return restitution
+
+
+def _check(found: Impact, J: Array, wanted: Array) -> None:
+    """Refuse restitutions that contradict each other, or would add energy."""
+    if len(set(found.restitution.tolist())) < 2:
+        return
+    speed = float(np.abs(J @ found.v_before).max())
+    off = float(np.abs(J @ found.v - wanted).max())
+    if off > tolerances.SOLVED * speed:
+        raise InvalidArgument(
+            f"restitution: redundant rows rebound differently, {off:.3g} m/s or rad/s apart; give "
+            "the constraints that share them one value"
+        )
+    if found.energy_lost < -tolerances.SOLVED * found.energy_before:
+        raise InvalidArgument(
+            f"restitution: these values together would add {-found.energy_lost:.3g} J; give the "
+            "constraints that are met at the same time one value"
+        )
+
+
+@one_blas_thread
+def _derivatives(found: Impact) -> tuple[Array, Array]:
+    """Return the derivatives of v+ (nv, 2 nv) and lam (m, 2 nv) by q and v-.
+
+    M dv+ - J^T dlam = M dv- - d(M (v+ - v-) - J^T lam),    J dv+ = -e J dv- - d(J v+ + e J v-)
+
+    where d is that by q with all else fixed: at rest and without gravity, J a + gamma = J a and
+    M a + h = M a for any a, also one that is a velocity.
+    """
+    scene, q, e, n = found.scene, found.q, found.restitution[:, None], found.scene.robot.nv
+    linearisation = Linearisation(_weightless(scene.robot.model), scene.bounds)
+    still, no_force = np.zeros(n), np.zeros_like(found.lam)
+    r_q = linearisation.at(q, still, found.v - found.v_before, found.lam).r_q
+    s_q = linearisation.at(q, still, found.v, no_force).s_q
+    s_q = s_q + e * linearisation.at(q, still, found.v_before, no_force).s_q
+    state = at_state(scene, q)
+    M, J, factors = state.terms.M, state.terms.J, state.factors
+    dv, dlam = factors.solve(np.hstack([-r_q, M]), np.hstack([-s_q, -e * J]))
+    dlam[:, :n] += turning_null_space(linearisation, q, found.lam, J, factors)
+    return dv, dlam
+
+
+def _weightless(model: Any) -> Any:
+    """Return a copy of a model without gravity."""
+    copy = pin.Model(model)
+    copy.gravity = pin.Motion.Zero()
+    return copy

@@ -1,0 +1,158 @@
+"""Judge: what a method returned becomes a Solution, with its proof and its status."""
+
+from __future__ import annotations
+
+from math import hypot, inf, isfinite, nan
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import InvalidModel
+from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin.constraints.rows.reach import reach
+from condyn_pin.constraints.rows.terms import largest_torque
+from condyn_pin.dynamics.proof import Proof, Yardstick
+from condyn_pin.dynamics.solution import Solution, Status
+from condyn_pin.dynamics.solvers.base import Method
+from condyn_pin.model.loads import Load
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.workspace import Workspace
+
+_OK = Status.OK
+
+# | |quaternion| - 1 | that no proof need see. Accelerations of light bodies are off by hundreds of
+# times as much, relative; integration leaves 1e-16.
+_LOOSE = 1e-12
+
+
+class Judge:
+    """The judge of one method in one workspace.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    method : Method
+    """
+
+    def __init__(self, workspace: Workspace, method: Method) -> None:
+        self._workspace, self._method = workspace, method
+        self._scene = workspace.scene
+        audit = workspace.scene.audit
+        self._yardstick, self._pivots = audit.yardstick, audit.pivots
+
+    def answered(
+        self,
+        q: Array,
+        v: Array,
+        tau: Array,
+        a: Array,
+        accuracy: float,
+        solve_time: float,
+        load: Load | None = None,
+    ) -> Solution:
+        """Return the solution of a method that returned `a` just now."""
+        equations, yardstick = self._workspace.equations, self._yardstick
+        lam = self._method.lam()
+        dynamics, largest = equations.errors(q, v, tau, a, lam, load)
+        proof, doubtful = yardstick.prove(dynamics, largest, _torques(tau, load))
+        singular = False
+        # rotations by a loose quaternion are none: the residuals agree with an answer that is off
+        loose = not pin.isNormalized(self._workspace.model, q, _LOOSE)
+        doubtful = doubtful or loose
+        if not doubtful and self._pivots.may_fall:
+            doubtful = proof.bound > tolerances.SOLVED * self._pivots.left(equations.mass(q))
+        if doubtful and isfinite(proof.bound):
+            try:
+                proof = self._careful_proof(q, v, tau, a, lam, load)
+            except InvalidModel:  # M is not positive definite to working precision
+                singular, proof = True, proof._replace(bound=inf)
+        if proof.bound <= accuracy and self._forces_hold(
+            q, v, tau, proof, largest[1], accuracy, load
+        ):
+            status = _OK
+        elif singular:
+            status = Status.SINGULAR
+        else:
+            status = Status.INACCURATE if isfinite(proof.bound) else Status.NOT_FINITE
+        iterations = self._method.iterations()
+        applied = load.forces if load else ()
+        return Solution(
+            a, lam, proof, status, iterations, solve_time, self._scene, q.copy(), applied
+        )
+
+    def _forces_hold(
+        self,
+        q: Array,
+        v: Array,
+        tau: Array,
+        proof: Proof,
+        max_a: float,
+        accuracy: float,
+        load: Load | None,
+    ) -> bool:
+        """Whether J^T lam is right to FORCES, or where a may be rougher to ten times as much.
+
+        A residual along what rows hold is an error of lam that a does not show,
+
+            J^T dlam = r + M e,    |J^T dlam|_inf <= |r|_inf + bound (|M| |a|_inf)_inf.
+        """
+        size = max(max_a, self._yardstick.gravity)
+        if proof.dynamics <= self._yardstick.unheard * size:
+            return True
+        torques = tau if load is None else tau + load.torque
+        largest = largest_torque(self._workspace.equations.terms(q, v), torques, size)
+        allowed = tolerances.FORCES * max(accuracy / tolerances.SOLVED, 1.0)
+        return proof.dynamics <= (allowed - proof.bound) * largest
+
+    def failed(self, q: Array, v: Array, solve_time: float, load: Load | None) -> Solution:
+        """Return the solution of a method that met a singular matrix."""
+        nothing = np.zeros(self._workspace.model.nv)
+        lam = np.zeros(self._scene.rows)
+        with np.errstate(all="ignore"):  # what overflows was said already
+            _, (_, _, violation, velocity, *_) = self._workspace.equations.errors(
+                q, v, nothing, nothing, lam
+            )
+        return Solution(
+            np.full(self._workspace.model.nv, nan),
+            np.full(self._scene.rows, nan),
+            Proof(inf, inf, violation, velocity, inf),
+            Status.SINGULAR,
+            self._method.iterations(),
+            solve_time,
+            self._scene,
+            q.copy(),
+            load.forces if load else (),
+        )
+
+    @one_blas_thread
+    def _careful_proof(
+        self, q: Array, v: Array, tau: Array, a: Array, lam: Array, load: Load | None
+    ) -> Proof:
+        """Return the proof by the factors of the state itself, and by the rounding of J^T lam.
+
+        Quaternions are normalised, so that what is left of them in an answer is seen.
+        """
+        equations, nominal = self._workspace.equations, self._yardstick
+        q = normalised(equations.model, "q", q)
+        terms = equations.terms(q, np.zeros(self._workspace.model.nv))
+        P = reach(equations, q)
+        factors = factorise(terms.M, terms.J, tolerances.REFERENCE_RANK).above_rounding(P)
+        yardstick = Yardstick.of(factors, P, nominal.gravity, nominal.weight)
+        r, s = equations.residuals(q, v, tau, a, lam, load)
+        dynamics, largest = equations.errors(q, v, tau, a, lam, load)
+        missing = yardstick.missing(factors, r, s, P, v, a)
+        proof, _ = yardstick.prove(dynamics, largest, _torques(tau, load), missing)
+        scale = max(largest[1], nominal.gravity)
+        rounded = yardstick.rounding_of(np.abs(lam) @ P)
+        return proof._replace(bound=hypot(proof.bound, rounded / scale if scale else 0.0))
+
+
+def _torques(tau: Array, load: Load | None) -> Array:
+    """Return the torques of which rounding is a share (nv,), sizes where forces are among them."""
+    return tau if load is None else np.abs(tau) + load.size

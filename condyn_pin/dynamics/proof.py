@@ -1,0 +1,251 @@
+"""Proof: what two residuals say about the error of a.
+
+Let a be an answer with r = M a + h - tau - J^T lam and s = J a + gamma - a_ref. The exact answer
+differs by e with
+
+    M e = J^T dlam - r,     J e = -s.
+
+In the metric of M, the part of e that comes from r is a projection of M^-1 r, and the part from s
+is at most |s| / sigma, with sigma the smallest nonzero singular value of J L^-T (M = L L^T):
+
+    |e|_M <= |r|_(M^-1) + |s| / sigma <= sum_j w_j |r_j| + |s| / sigma,    w_j^2 = (M^-1)_jj
+    |e_i| <= w_i |e|_M.
+
+What rounding of tau alone does, eps max(w) sum_j w_j |tau_j|, is not held against an answer whose
+bound is larger than that: forces that balance to the last bit leave a = 0.
+
+To this comes what rounding of M itself does, eps cond(D M D) with D = diag(M_jj^-1/2).
+
+w and sigma are taken once, at the nominal state of the scene, so this is a bound there and an
+estimate elsewhere: sigma falls to zero at a singular configuration, and w grows where M nearly is.
+So unless the part of s is a thousand times smaller than SOLVED, as it is for a converged answer,
+and a and lam are of a size that the robot can have, both are computed anew at the state, and with
+them e itself, the solution of the two equations above. What rounding leaves open of it is bounded
+in the metric of M,
+
+    |e_i| <= (e_i computed^2 + (|L^-T V| S^-1 |U^T ds|)_i^2)^1/2 + w_i eps (nv + m) kappa |e|_M,
+
+with kappa = cond(D M D) + sigma_1 / sigma of the factors J L^-T = U S V^T that it comes from, and
+ds what rounding of J a and of gamma does to s. Their terms are of the sizes P_ij a_j and P_ij v_j
+|v|_inf, each is rounded by eps / 2, and independently of the others.
+Rows whose singular value is below REFERENCE_RANK count as redundant there, and rounding of J^T lam
+is added as an independent part: eps max(w) sum_j w_j (|lam| P)_j, with P what the two bodies of a
+row bring to J before they cancel. A row of which rounding is all that is left takes a lam of 1e17,
+and is found by that.
+
+Forces may be off where a is not, along what the rows hold: J^T dlam = r + M e, so that r is held
+against the largest torque in the equation of a joint as well (`Judge`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import inf, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.linalg.minimum_norm import MinimumNorm
+
+_EPS = float(np.finfo(np.float64).eps)
+_UNIT = _EPS / 2  # of one rounding
+
+# Relative errors below this are not worth a look at what rounding of tau does.
+_NEAR_ROUNDING = tolerances.SOLVED
+
+# Where sigma is not so many times the rounding of J, rows may count or not: state by state.
+_CLEAR = 100.0
+
+# Forces, as a multiple of the weight where a is of the size of gravity, that machines do not have
+# away from singular configurations.
+_HEAVY = 100.0
+
+
+class Proof(NamedTuple):
+    """Sizes of the residuals of an answer, and what they say about a."""
+
+    dynamics: float  # |M a + h - tau - J^T lam|_inf [N, N m]
+    constraint: float  # |J a + gamma - a_ref|_inf [m/s^2, rad/s^2]
+    violation: float  # |c(q)|_inf [m, rad]
+    velocity: float  # |J v|_inf [m/s, rad/s]
+    bound: float  # on the error of a, relative to the larger of |a|_inf and gravity
+
+
+@dataclass(frozen=True, eq=False)
+class Yardstick:
+    """What turns residuals of a scene into an error of its accelerations.
+
+    Attributes
+    ----------
+    weights : (nv,) array
+        w: square roots of the diagonal of M^-1.
+    sigma : float
+        Smallest nonzero singular value of J L^-T; infinite without constraints.
+    rows : int
+        m.
+    gravity : float
+        |g| [m/s^2].
+    weight : float
+        Mass times gravity [N].
+    rounding : float
+        eps cond(D M D): what no answer can be better than.
+    blur : float
+        What rounding of J may do to sigma.
+    slipping : float
+        What rounding of J a is, relative to the largest of a.
+    shaking : float
+        What rounding of J^T lam does to a, relative to gravity, where a row carries the weight.
+    """
+
+    weights: Array
+    sigma: float
+    rows: int
+    gravity: float
+    weight: float
+    rounding: float = 0.0
+    blur: float = 0.0
+    slipping: float = 0.0
+    shaking: float = 0.0
+
+    @classmethod
+    def of(cls, factors: MinimumNorm, P: Array, gravity: float, weight: float) -> Yardstick:
+        """Return the yardstick of a state, from the factors of its M and J, and `reach`."""
+        L, weights = factors.L, factors.weights  # the rows of L have the norms M_jj^1/2
+        return cls(
+            weights=weights,
+            sigma=float(factors.S[factors.rank - 1]) if factors.rank else inf,
+            rows=len(P),
+            gravity=gravity,
+            weight=weight,
+            rounding=_EPS * float(np.linalg.cond(L / np.linalg.norm(L, axis=1)[:, None])) ** 2,
+            blur=factors.blur(P),
+            slipping=_EPS * float(P.sum(axis=1).max(initial=0.0)),
+            shaking=_EPS
+            * float(weights.max() * weights.dot(P.max(axis=0, initial=0.0)))
+            * weight
+            / (gravity or 1.0),
+        )
+
+    def missing(
+        self, factors: MinimumNorm, r: Array, s: Array, P: Array, v: Array, a: Array
+    ) -> float:
+        """Return a bound on |e|_inf at the state of the factors, for the residuals of a there."""
+        with np.errstate(all="ignore"):  # what overflows is no bound, and says so
+            e, _ = factors.solve(r, s)
+            e_M = float(np.linalg.norm(factors.L.T @ e))
+            lost = self.rounding + (_EPS * float(factors.S[0]) / self.sigma if self.rows else 0.0)
+            # of J a, and of gamma, which grows with the square of v
+            sizes = np.hypot(a, v * np.abs(v).max())
+            unit = float(sizes.max()) or 1.0  # whose square overflows
+            rounded = unit * factors.moved(_UNIT * np.linalg.norm(P * (sizes / unit), axis=1))
+            open_by = (len(r) + self.rows) * lost * e_M
+            computed = float((np.hypot(e, rounded) + self.weights * open_by).max())
+            # factors of a badly conditioned M may know less of e than the residuals do
+            whole = self.weights.dot(np.abs(r)) + self.per_row * np.abs(s).max(initial=0.0)
+            return min(computed, float(np.hypot(self.weights * whole, rounded).max()))
+
+    def prove(
+        self, dynamics: Array, largest: list[float], tau: Array, e: float | None = None
+    ) -> tuple[Proof, bool]:
+        """Return the sizes of the residuals and what they say about a.
+
+        Parameters
+        ----------
+        dynamics, largest
+            As `Equations.errors` returns them.
+        tau : (nv,) array
+        e : float, optional
+            A bound on |e|_inf, where it was computed.
+
+        Returns
+        -------
+        proof : Proof
+        doubtful : bool
+            Whether w and sigma have to be computed anew, at the state itself.
+        """
+        max_dynamics, max_a, violation, velocity, constraint, max_lam = largest
+        e_M = self.weights.dot(dynamics) + self.per_row * constraint
+        error = float(self.largest_weight * e_M)
+        scale = max_a if max_a > self.gravity else self.gravity
+        if e is not None:  # relative to the exact a, which may be smaller by as much
+            error = e / (1 - min(e / scale, 0.5)) if scale else e
+        if not error <= _NEAR_ROUNDING * scale:
+            error -= self.rounding_of(np.abs(tau))
+        bound = max(error, 0.0) / scale if scale else (0.0 if error <= 0.0 else inf)
+        bound += self.rounding
+        doubtful = (
+            constraint > self.unquestioned * scale
+            or bound > tolerances.SOLVED
+            or max_a > self.no_machine
+            or max_lam > self.no_force * scale
+        )
+        return Proof(max_dynamics, constraint, violation, velocity, bound), doubtful
+
+    def rounding_of(self, torques: Array) -> float:
+        """Return what rounding of some torques (nv,), all positive, does to a: eps max(w) w.tau.
+
+        Forces that balance to the last bit leave a = 0, and a relative error means nothing there.
+        """
+        return self.largest_weight * float(self.weights.dot(torques)) * _EPS
+
+    @cached_property
+    def no_machine(self) -> float:
+        """An acceleration that only a nearly singular M explains [m/s^2, rad/s^2].
+
+        Ten times what the robot's weight, at a lever of one metre, gives to its lightest joint.
+        """
+        return 10.0 * self.largest_weight**2 * self.weight
+
+    @cached_property
+    def no_force(self) -> float:
+        """A force that only a row without grip explains, relative to the size of a [N s^2/m].
+
+        A hundred times what the robot weighs: near a singular configuration lam grows as 1 / sigma,
+        and a row that is rounding takes 1e17. Less where light joints are shaken by less.
+        """
+        most = min(_HEAVY, tolerances.SOLVED / self.shaking) if self.shaking else _HEAVY
+        return most * self.weight / (self.gravity or 1.0)
+
+    @cached_property
+    def unquestioned(self) -> float:
+        """The |s|_inf, relative to the size of a, that is never in doubt [1].
+
+        Everything is where all rows are rounding, also a residual of nothing, and where joints
+        are so light that rounding of J^T lam shakes them.
+        """
+        if self.shaking > tolerances.SOLVED:
+            return -1.0
+        if self.rows and not _CLEAR * self.blur < self.sigma < inf:
+            return -1.0
+        scale = self.largest_weight * self.per_row
+        if scale * self.slipping > tolerances.SOLVED / 10:  # a slip of nothing says nothing
+            return -1.0
+        return tolerances.SOLVED / 1000 / scale if scale else inf
+
+    @property
+    def enough(self) -> float:
+        """The largest |s|_inf that the tolerance allows at gravity's scale [m/s^2]."""
+        scale = self.largest_weight * self.per_row
+        return tolerances.SOLVED * (self.gravity or 1.0) / scale if scale else 1.0
+
+    @cached_property
+    def unheard(self) -> float:
+        """The |r|_inf, relative to the size of a, that is no error of forces [kg, kg m^2].
+
+        A hundredth of FORCES, where one would do at the nominal state: no joint feels less inertia
+        than 1 / w^2, whatever the others do.
+        """
+        return tolerances.FORCES / 100.0 / float(self.weights.min()) ** 2
+
+    @cached_property
+    def per_row(self) -> float:
+        """What |s|_inf is worth: sqrt(m) / sigma, since |s| <= sqrt(m) |s|_inf."""
+        return sqrt(self.rows) / self.sigma
+
+    @cached_property
+    def largest_weight(self) -> float:
+        """The largest of the weights."""
+        return float(self.weights.max())

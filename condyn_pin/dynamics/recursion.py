@@ -1,0 +1,143 @@
+"""Recursion: `pin.lcaba` with its state cured, bound to memory.
+
+It carries the inertias of the constraints, 1/mu at the point of each, in the axes of the world.
+Rounding of that is eps r^2 / mu, r being the distance to the origin of the world: what a light body
+feels of it grows with the square of the way that a robot has walked. Where the robot is moves
+nothing, so one that is further away than its longest chain is taken to the origin: the shifts of a
+root joint that is free are set to 0.
+
+What is left, eps / mu of the size of the robot, is made up for as in
+`condyn_pin.dynamics.refinement`: the residual r = M a + h - tau - J^T lam of Newton-Euler is taken
+for a torque on the same robot, at rest and without weight, so that rounding is a share of the
+correction,
+
+    M da - J^T dlam = -r,     J da = 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from condyn_pin._core import _pin
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.rows.native import Native
+from condyn_pin.dynamics.raw import raw_constraints
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.workspace import Workspace
+
+Acceleration = Callable[[Array, Array, Array], Array]
+
+# Coordinates of root joints that are shifts along axes of the world.
+_SHIFTS: Final = {"JointModelFreeFlyer": 3, "JointModelTranslation": 3, "JointModelPlanar": 2}
+
+# The square of a distance to the origin beyond which nothing is a place [m^2].
+_FAR: Final = 1e300
+
+
+class Recursion:
+    """`pin.lcaba` on one model.
+
+    Parameters
+    ----------
+    model, data : pin.Model, pin.Data
+    natives : sequence of Native
+    models, datas
+        Pinocchio's lists of these.
+    """
+
+    def __init__(
+        self, model: Any, data: Any, natives: Sequence[Native], models: Any, datas: Any
+    ) -> None:
+        self._solve = _pin.lcaba()
+        self._bound = model, data, models, datas
+        _pin.order_joints_for_lcaba(model, data, models)
+        # only 6 rows read `oa` before it is written
+        joints = sorted({j for b in natives if b.size == 6 for j in (b.joint1, b.joint2) if j})
+        self._clear = tuple(data.oa[joint].setZero for joint in joints)
+        # views into the memory of the datas: to fetch an entry of the list costs a microsecond
+        held = [datas[k].contact_force for k in range(len(natives))]
+        views = [f.vector[: b.size] for f, b in zip(held, natives, strict=True)]
+        self._held, self._views = held, views or [np.zeros(0)]
+        roots = [i for i in range(1, model.njoints) if model.parents[i] == 0]
+        kind = model.joints[1].shortname() if len(roots) == 1 else ""
+        self._shifts, self._near = _SHIFTS.get(kind, 0), _longest_chain(model) ** 2
+
+    def bind(self, settings: Any) -> Acceleration:
+        """Return the accelerations with some settings."""
+        solve, clear, shifts, near = self._solve, self._clear, self._shifts, self._near
+        model, data, models, datas = self._bound
+        origin = np.zeros(shifts)
+
+        def acceleration(q: Array, v: Array, tau: Array) -> Array:
+            for zero in clear:
+                zero()
+            if shifts:
+                place = q[:shifts]
+                if near < place.dot(place) < _FAR:  # what is not finite shows in the answer
+                    q = np.concatenate((origin, q[shifts:]))
+            return solve(model, data, q, v, tau, models, datas, settings)
+
+        return acceleration
+
+    def lam(self) -> Array:
+        """Return the forces of Pinocchio's rows; its own have the other sign."""
+        forces = np.asarray(np.concatenate(self._views))
+        np.negative(forces, out=forces)
+        return forces
+
+
+def _longest_chain(model: Any) -> float:
+    """Return the length of the longest chain of links from joint to joint [m]."""
+    lengths = np.zeros(model.njoints)
+    for i in range(1, model.njoints):
+        parent = model.parents[i]
+        if parent:  # where a root stands is no length of the robot
+            step = np.linalg.norm(model.jointPlacements[i].translation)
+            lengths[i] = lengths[parent] + step
+    return float(lengths.max())
+
+
+class Corrected:
+    """A recursion whose answers are corrected.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    recursion : Recursion
+    settings : pin.ProximalSettings
+    times : int
+    """
+
+    def __init__(
+        self, workspace: Workspace, recursion: Recursion, settings: Any, times: int
+    ) -> None:
+        self._workspace, self._recursion, self._times = workspace, recursion, times
+        self._run, self._latest = recursion.bind(settings), np.zeros(workspace.scene.rows)
+        weightless, natives = pin.Model(workspace.model), workspace.natives.constraints
+        weightless.gravity = pin.Motion.Zero()
+        models, datas = raw_constraints(weightless, natives, None)
+        self._still = Recursion(weightless, weightless.createData(), natives, models, datas)
+        self._correct = self._still.bind(settings)
+        self._at_rest = np.zeros(workspace.model.nv)
+
+    @np.errstate(over="ignore", invalid="ignore")  # the status says it
+    def acceleration(self, q: Array, v: Array, tau: Array) -> Array:
+        """Return a (nv,) after the corrections."""
+        workspace = self._workspace
+        a = self._run(q, v, tau)
+        lam = workspace.scene_forces(self._recursion.lam())
+        for _ in range(self._times):
+            r, _ = workspace.equations.residuals(q, v, tau, a, lam)
+            a = a + self._correct(q, self._at_rest, -r)
+            lam = lam + workspace.scene_forces(self._still.lam())
+        self._latest = lam
+        return a
+
+    def lam(self) -> Array:
+        """Return the forces of the last answer, of the scene's rows."""
+        return self._latest.copy()

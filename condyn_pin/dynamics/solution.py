@@ -1,0 +1,241 @@
+"""Solution: an answer that carries its own proof."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument, InvalidModel
+from condyn_pin.dynamics.force import ConstraintForce, Sites, pulling
+from condyn_pin.dynamics.proof import Proof
+from condyn_pin.mechanism.rank import is_singular
+from condyn_pin.model.applied_force import AppliedForce
+from condyn_pin.model.soundness import massless_motion
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.scene import Scene
+
+# Forces, as a multiple of the weight, that deserve a look at the singular values.
+_HEAVY = 1e3
+
+
+class Status(Enum):
+    """How a solve ended; the value is advice."""
+
+    OK = (
+        "both equations hold at the state given, and a solves them to the accuracy asked for; "
+        "state_error says how far that state itself is from the constraints, and Scene.rank "
+        "whether it is singular, where the equations do not determine the motion"
+    )
+    INACCURATE = (
+        "the two equations do not hold well enough for the accuracy asked for: allow more "
+        "iterations, try another mu, or solve with Reference(); if state_error is large, the state "
+        "does not satisfy the constraints and no answer can: Scene.assemble and "
+        "Scene.project_velocity repair it"
+    )
+    SINGULAR = (
+        "the matrix of this method is singular: some rows are redundant or the configuration is "
+        "singular (Scene.summary() names the rows); use Proximal(), or NullSpace() for kinds that "
+        "it does not take, or give DenseKKT a small mu"
+    )
+    NOT_FINITE = (
+        "the answer is not finite although the input is: mu is too small for redundant rows, or "
+        "the numbers overflow; use Proximal() or Reference()"
+    )
+
+    @property
+    def ok(self) -> bool:
+        """Whether the answer can be used as it is."""
+        return self is Status.OK
+
+    def __str__(self) -> str:
+        return f"{self.name.lower()}: {self.value}"
+
+    def text(self, rows: int) -> str:
+        """Return name and advice; a scene without rows has neither mu nor redundant ones."""
+        if rows or self.ok:
+            return str(self)
+        return (
+            f"{self.name.lower()}: there are no constraints, so that rounding or numbers that "
+            "overflow are to blame; look at masses, velocities and torques"
+        )
+
+
+class StateError(NamedTuple):
+    """How far a state is from satisfying the constraints."""
+
+    position: float  # |c(q)|_inf [m, rad]
+    velocity: float  # |J v|_inf [m/s, rad/s]
+
+
+@dataclass(frozen=True, eq=False, repr=False, init=False)
+class Solution:
+    """Accelerations and constraint forces at one state, with three errors recomputed.
+
+    M a + h = tau + J^T lam + sum J_f^T f,  J a + gamma = a_ref
+
+    Attributes
+    ----------
+    a : (nv,) array
+        Joint accelerations [rad/s^2, m/s^2]; the free-flyer's in its body frame, linear first.
+    lam : (m,) array
+        Constraint forces, all rows, in the axes of each constraint [N, N m].
+    proof : Proof
+        The residuals, recomputed by Newton-Euler and forward kinematics, whatever the solver was;
+        the properties below name them.
+    status : Status
+        OK if `error_bound` is within the accuracy that was asked for (1e-8 by default), and what
+        the forces do to the joints within ten times that of the largest torque on a joint.
+    iterations : int
+        Iterations of the solver; 1 for a direct method.
+    solve_time : float
+        Time of the solve without the proof [s].
+    scene : Scene
+    q : (nq,) array
+        What was solved, and where.
+    applied : tuple of AppliedForce
+        The forces from outside that were applied.
+    """
+
+    a: Array
+    lam: Array
+    proof: Proof
+    status: Status
+    iterations: int
+    solve_time: float  # [s]
+    scene: Scene
+    q: Array
+    applied: tuple[AppliedForce, ...] = ()
+
+    def __init__(
+        self,
+        a: Array,
+        lam: Array,
+        proof: Proof,
+        status: Status,
+        iterations: int,
+        solve_time: float,
+        scene: Scene,
+        q: Array,
+        applied: tuple[AppliedForce, ...] = (),
+    ) -> None:
+        # at once: the eight guarded assignments of a frozen dataclass take twice as long
+        self.__dict__.update(
+            a=a,
+            lam=lam,
+            proof=proof,
+            status=status,
+            iterations=iterations,
+            solve_time=solve_time,
+            scene=scene,
+            q=q,
+            applied=applied,
+        )
+
+    @property
+    def dynamics_error(self) -> float:
+        """|M a + h - tau - J^T lam - sum J_f^T f|_inf [N, N m], by recursive Newton-Euler."""
+        return self.proof.dynamics
+
+    @property
+    def constraint_error(self) -> float:
+        """|J a + gamma - a_ref|_inf [m/s^2, rad/s^2], by forward kinematics."""
+        return self.proof.constraint
+
+    @property
+    def state_error(self) -> StateError:
+        """|c(q)|_inf and |J v|_inf: what the given state itself leaves open."""
+        return StateError(self.proof.violation, self.proof.velocity)
+
+    @property
+    def error_bound(self) -> float:
+        """Bound on the error of a, relative to the larger of |a|_inf and gravity.
+
+        A bound, up to rounding of tau, at the nominal state of the scene and an estimate elsewhere;
+        see `condyn_pin.dynamics.proof`. Turns and shifts are compared as numbers in rad and m: in
+        another unit of length the larger of the two, which is what counts, may be the other one.
+        """
+        return self.proof.bound
+
+    @property
+    def forces(self) -> dict[str, ConstraintForce]:
+        """Force on the first-named body by constraint, in the axes of the constraint.
+
+        Each works as the array of its components, and knows where it acts and on whom.
+        """
+        return self._sites.forces(self.lam)
+
+    @property
+    def world_forces(self) -> dict[str, Array]:
+        """The same forces in the axes of the world, still at the origin of the constraint.
+
+        A coupling has no axes: it is left out.
+        """
+        return {name: force.in_world() for name, force in self.forces.items() if force.frame}
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """What deserves attention, a sentence each.
+
+        Contacts that pull, as no ground does. A singular configuration, where the equations ask for
+        less than the loops. Where the answer is not ok, rows are not met, or forces are a thousand
+        times the weight: rows that contradict each other, and those that have lost their grip.
+
+        The look at the singular values takes a few solves, when it is asked for first.
+        """
+        return pulling(self.forces, self._sites) + self._doubts
+
+    @cached_property
+    def _doubts(self) -> tuple[str, ...]:
+        """What `Scene.rank` says where it is singular, or the answer is not as it should be."""
+        if not self.status.ok:
+            share = tolerances.NEARLY_MASSLESS
+            if said := massless_motion(self.scene.robot.model, self.q, share=share):
+                return (said,)
+        if not self.scene.rows:
+            return ()
+        audit = self.scene.audit
+        heavy = np.abs(self.lam).max(initial=0.0) > _HEAVY * audit.weight
+        scale = max(float(np.abs(self.a).max()), audit.yardstick.gravity)
+        # of contradicting rows the best a is still unique, and may be ok
+        unmet = self.constraint_error > tolerances.SOLVED * scale
+        try:
+            if heavy or unmet or not self.status.ok or is_singular(self.scene, self.q):
+                return self.scene.rank(self.q).notes
+            return ()
+        except (InvalidModel, InvalidArgument):  # numbers that nothing can be said of
+            return ()
+
+    @cached_property
+    def _sites(self) -> Sites:
+        return Sites(self.scene, self.q)
+
+    def __repr__(self) -> str:
+        return (
+            f"Solution({self.scene.robot.name}, {len(self.lam)} rows: "
+            f"{self.status.name.lower()}, error bound {self.error_bound:.1e})"
+        )
+
+    def __str__(self) -> str:
+        lines = [
+            f"{self.status.name.lower()} in {1e6 * self.solve_time:.1f} us, "
+            f"{self.iterations} iterations",
+            f"dynamics error    {self.dynamics_error:.1e} N, N m",
+            f"constraint error  {self.constraint_error:.1e} m/s^2, rad/s^2",
+            f"state error       {self.state_error.position:.1e} m, rad; "
+            f"{self.state_error.velocity:.1e} m/s, rad/s",
+            f"error bound of a  {self.error_bound:.1e} (relative)",
+        ]
+        if self.scene.rows:
+            lines.append("forces on the first-named body, axes of each constraint [N, N m]:")
+        for name, force in self.forces.items():
+            numbers = np.array2string(force.components, precision=4, suppress_small=True)
+            lines.append(f"{name:<28} {numbers}")
+        lines += [f"note: {notice}" for notice in self.notices]
+        return "\n".join(lines)

@@ -1,0 +1,15 @@
+"""Solvers: frozen values whose fields are their knobs, one file each.
+
+Every module of this folder is imported once, and each solver in it registers itself, so that to
+add a solver is to add one file (`base.py` says what it must contain).
+"""
+
+from importlib import import_module
+from pkgutil import iter_modules
+
+from condyn_pin.dynamics.solvers.base import SOLVERS, Solver
+
+for _module in iter_modules(__path__):
+    import_module(f"{__name__}.{_module.name}")
+
+__all__ = ["SOLVERS", "Solver"]

@@ -1,0 +1,166 @@
+"""ConjugateGradient: the Delassus operator applied by sweeps over the tree, never formed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.knobs import (
+    ACCURACIES,
+    ITERATIONS,
+    WEIGHTS,
+    Grid,
+    check_accuracy,
+    check_damping,
+    check_iterations,
+)
+from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.tolerances import RANK
+from condyn_pin.dynamics.solvers.base import Method, Solver
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.audit import Audit
+    from condyn_pin.dynamics.workspace import Workspace
+
+
+@dataclass(frozen=True)
+class ConjugateGradient(Solver):
+    """Conjugate gradients for lam, with sweeps over the tree in place of matrices.
+
+    (G + mu I) lam = a_ref - gamma - J a_free,    G x = J ABA(J^T x),    a = ABA(tau + J^T lam)
+
+    J^T x are wrenches on the joints, ABA is the articulated body algorithm, and J a the
+    acceleration of the constraints by forward kinematics: at a state neither M nor J nor G is
+    formed. The iteration starts at lam = 0 and ends where |J a + gamma - a_ref| is small, or falls
+    no more: the best lam on the way is the answer. One matrix there is, (m, m), made once for a
+    scene: the preconditioner is the inverse of G at the nominal state.
+
+    Parameters
+    ----------
+    tolerance : float, optional
+        Iterate until |a_ref - gamma - J a - mu lam|_inf is below this [m/s^2]. By default a tenth
+        of what a status of ok allows on the scene.
+    max_iterations : int
+        Upper limit. In exact arithmetic as many as there are independent rows are enough; Cassie's
+        20 take 18, Talos's 12 take 12.
+    mu : float
+        Damping [1/kg]. Redundant rows need none: the right side lies in the range of G. With
+        mu > 0 rows that contradict each other have an answer too, and a is off by about
+        mu / sigma relative, sigma the smallest nonzero eigenvalue of G.
+
+    Notes
+    -----
+    Cost O(n + m) of sweeps and O(m^2) of the preconditioner an iteration. Below a hundred joints
+    dense methods are as fast or faster (`benchmarks/conjugate_gradient.py`). Of many lam that
+    redundant rows allow, the smallest is found where the same rows are redundant, in the same way,
+    as at the nominal state; else one near it.
+
+    References
+    ----------
+    Hestenes, Stiefel. Methods of conjugate gradients for solving linear systems. J. Res. Nat. Bur.
+    Standards 49, 1952.
+    Featherstone. Rigid body dynamics algorithms, chapter 7. Springer, 2008.
+    """
+
+    title: ClassVar[str] = "Conjugate gradient"
+    cost: ClassVar[str] = "O(n + m^2) an iteration, about as many iterations as independent rows"
+    use: ClassVar[str] = "any rows on models so large that no matrix is to be factorised"
+    takes_redundant: ClassVar[bool] = True
+    sweeps: ClassVar[tuple[Grid, ...]] = (
+        {"mu": WEIGHTS},
+        {"max_iterations": ITERATIONS},
+        {"tolerance": ACCURACIES},
+    )
+
+    tolerance: float | None = None  # [m/s^2]
+    max_iterations: int = 500
+    mu: float = 0.0  # [1/kg]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.tolerance is not None:
+            check_accuracy("tolerance", self.tolerance)
+        check_iterations(self.max_iterations)
+        check_damping(self.mu)
+
+    def start(self, workspace: Workspace) -> Method:
+        """Return the iteration bound to the memory of `workspace`."""
+        model, data = workspace.model, workspace.model.createData()
+        audit, mu = workspace.scene.audit, self.mu
+        precondition = inverse_delassus(audit)
+        enough = audit.yardstick.enough / 10 if self.tolerance is None else self.tolerance
+        # at rest and without gravity, all of tau accelerates: ABA is M^-1
+        weightless = pin.Model(model)
+        weightless.gravity = pin.Motion.Zero()
+        still = np.zeros(model.nv)
+        latest, count = np.zeros(workspace.scene.rows), [0]
+
+        @np.errstate(over="ignore", invalid="ignore")  # the status says it
+        def acceleration(q: Array, v: Array, tau: Array) -> Array:
+            equations = workspace.equations
+
+            def damped_delassus(x: Array) -> Array:
+                torque, wrenches = equations.torque(x), equations.wrenches(x)
+                a = pin.aba(weightless, data, q, still, torque, wrenches)
+                return equations.slips(q, a) + mu * x
+
+            missing = equations.target(q, v) - equations.slips(q, pin.aba(model, data, q, v, tau))
+            latest[:], count[0] = conjugate_gradients(
+                damped_delassus, missing, precondition, enough, self.max_iterations
+            )
+            forces = tau + equations.torque(latest)
+            return np.array(pin.aba(model, data, q, v, forces, equations.wrenches(latest)))
+
+        return Method(acceleration, latest.copy, lambda: count[0])
+
+
+def conjugate_gradients(
+    product: Callable[[Array], Array], b: Array, P: Array, enough: float, most: int
+) -> tuple[Array, int]:
+    """Return x with |b - A x|_inf < enough, or the best one met, and the iterations.
+
+    Parameters
+    ----------
+    product : callable
+        Returns A x; A is symmetric and positive semidefinite.
+    b : (m,) array
+    P : (m, m) array
+        Preconditioner: an approximate inverse of A.
+    enough : float
+    most : int
+        Upper limit on the iterations. It also ends where m of them in a row have brought nothing,
+        or lead far away, as they do when what is left of b is rounding outside the range of A.
+    """
+    x, r, p = np.zeros_like(b), b.copy(), np.zeros_like(b)
+    residual = smallest = np.abs(r).max(initial=0.0)
+    best, idle, last, k = x.copy(), 0, 1.0, 0
+    while smallest > enough and residual * RANK < smallest and idle < len(b) and k < most:
+        z = P @ r
+        size = float(r @ z)
+        p = z + (size / last) * p
+        Ap = product(p)
+        curvature = float(p @ Ap)
+        if not curvature > 0:
+            break
+        step, last, k = size / curvature, size, k + 1
+        x += step * p
+        r -= step * Ap
+        residual = np.abs(r).max()
+        idle = 0 if residual < smallest else idle + 1
+        if not idle:
+            smallest, best = residual, x.copy()
+    return best, k
+
+
+def inverse_delassus(audit: Audit) -> Array:
+    """Return the inverse of G at the nominal state, a multiple of I on what is redundant there."""
+    factors = factorise(audit.terms.M, audit.terms.J, RANK)
+    U, S = factors.U, factors.S
+    eigenvalues = np.full(U.shape[1], audit.delassus_norm)
+    eigenvalues[: factors.rank] = S[: factors.rank] ** 2
+    return np.asarray((U / eigenvalues) @ U.T)

@@ -1,0 +1,132 @@
+"""DenseKKT: assemble the whole matrix and factorise it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Final
+
+import numpy as np
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.knobs import WEIGHTS, Grid, check_damping, check_refinements
+from condyn_pin.dynamics.solvers.base import Method, Singular, Solver, free_force
+
+if TYPE_CHECKING:
+    from condyn_pin.constraints.rows.terms import Terms
+    from condyn_pin.dynamics.workspace import Workspace
+
+# Random right-hand sides. Near a singularity each K^-1 x is |K^-1| times a normal number: that two
+# are both below 1e-3, a tenth of what lies between a redundant row and what is called one, is one
+# in a million.
+PROBES: Final = 2
+# The matrix is scaled to entries of size one, so 1 stands for its norm.
+LARGEST: Final = PROBES / tolerances.SINGULAR**2
+# Columns that LAPACK factorises at once: what it asks for itself.
+BLOCK: Final = 64
+
+
+@dataclass(frozen=True)
+class DenseKKT(Solver):
+    """Symmetric indefinite solve of the assembled matrix: the textbook method.
+
+    [ M   J^T  ] [   a  ]   [  tau - h      ]
+    [ J  -mu I ] [ -lam ] = [ a_ref - gamma ]
+
+    Parameters
+    ----------
+    mu : float
+        Regularisation of the lower right block [1/kg]. With 0 the answer is exact where the rows
+        are independent, and `singular` where they are not. With mu > 0 it always exists, and a is
+        off by about mu / sigma relative, sigma the smallest nonzero eigenvalue of J M^-1 J^T.
+    refinements : int
+        Corrections by residuals of Newton-Euler and forward kinematics with the same factor: they
+        make up for mu and for rounding, each for the price of a look as in `solve`.
+
+    Notes
+    -----
+    Cost O((n + m)^3); Bunch-Kaufman pivoting, one call of LAPACK's dsysv. The matrix is scaled
+    first, by the diagonal of M and the rows of J at the nominal state, so that neither units nor
+    light bodies look like a singularity. How close it is to one is seen by random right-hand sides
+    that are solved beside the one that is asked for: with x of unit variance,
+
+        E |K^-1 x|^2 = |K^-1|_F^2.
+
+    References
+    ----------
+    Bunch, Kaufman. Some stable methods for calculating inertia and solving symmetric linear
+    systems. Mathematics of Computation 31, 1977.
+    """
+
+    title: ClassVar[str] = "Dense KKT"
+    cost: ClassVar[str] = "O((n + m)^3)"
+    use: ClassVar[str] = "to compare with; independent rows of any kind"
+    takes_redundant: ClassVar[bool] = False
+    sweeps: ClassVar[tuple[Grid, ...]] = ({"mu": WEIGHTS},)
+
+    mu: float = 0.0  # [1/kg]
+    refinements: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_damping(self.mu)
+        check_refinements(self.refinements)
+
+    def start(self, workspace: Workspace) -> Method:
+        """Return the assembled solve bound to the memory of `workspace`."""
+        # imported here: scipy.linalg takes as long to import as Pinocchio
+        from scipy.linalg.lapack import dsysv, dsytrs
+
+        n, d = workspace.model.nv, scaling(workspace.scene.audit.terms)
+        size, drift, corrections = len(d), workspace.drift, range(self.refinements)
+        scale = np.asfortranarray(np.outer(d, d))
+        # the lower triangle of D K D; LAPACK writes its factor over it
+        K = np.zeros((size, size), order="F")
+        M, J, corner = K[:n, :n].T, K[n:, :n], K[n:, n:]
+        damping = -self.mu * np.eye(size - n)
+        # one after the other: D times the right side, and the random ones; the answers take their
+        # places
+        sides = np.zeros((1 + PROBES) * size)
+        y, probed = sides[:size], sides[size:]
+        columns, random, work = sides.reshape(-1, size).T, probing(size), BLOCK * size
+        signed = np.concatenate([d[:n], -d[n:]])  # gamma changes sides, and so does lam
+        in_place = 1, 1, 1  # lower, overwrite_a, overwrite_b: by name they take half as long again
+        y_n, y_m, d_n, d_m = y[:n], y[n:], signed[:n], signed[n:]
+
+        @one_blas_thread
+        @np.errstate(over="ignore", invalid="ignore")  # the status says it
+        def acceleration(q: Array, v: Array, tau: Array) -> Array:
+            equations = workspace.equations
+            M_q, h, J_q, gamma = equations.parts(q, v)
+            if drift:
+                gamma -= equations.a_ref()
+            M[:], J[:], corner[:] = M_q, J_q, damping
+            np.multiply(K, scale, K)
+            free_force(tau, h, y_n)
+            y_m[:] = gamma
+            np.multiply(y, signed, y)
+            probed[:] = random
+            factor, pivots, _, info = dsysv(K, columns, work, *in_place)
+            if info > 0 or not probed.dot(probed) < LARGEST:
+                raise Singular
+            for _ in corrections:
+                left = equations.residuals(q, v, tau, d_n * y_n, d_m * y_m)
+                y[:] -= dsytrs(factor, pivots, np.concatenate(left) * d, lower=1)[0].ravel()
+            return d_n * y_n
+
+        return Method(acceleration, lambda: d_m * y_m, lambda: 1 + len(corrections))
+
+
+def probing(size: int) -> Array:
+    """Return the random right-hand sides, one after the other; the same in every process."""
+    return np.random.default_rng(0).standard_normal(PROBES * size)
+
+
+def scaling(terms: Terms) -> Array:
+    """Return d such that diag(d) K diag(d) has ones on M's diagonal and unit rows of J."""
+    of_M = 1 / np.sqrt(terms.M.diagonal())
+    norms = np.linalg.norm(terms.J * of_M, axis=1)
+    # a row that is nothing at that state is scaled like the largest, not blown up
+    largest = norms.max(initial=0.0) or 1.0
+    return np.concatenate([of_M, 1 / np.where(norms > tolerances.RANK * largest, norms, largest)])

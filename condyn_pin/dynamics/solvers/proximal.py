@@ -1,0 +1,183 @@
+"""Proximal: Pinocchio's constraintDynamics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+import numpy as np
+
+from condyn_pin._core import _pin, tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.knobs import (
+    ACCURACIES,
+    ITERATIONS,
+    WEIGHTS,
+    Grid,
+    check_accuracy,
+    check_knobs,
+    check_refinements,
+)
+from condyn_pin.dynamics.imitation import exact_where_open
+from condyn_pin.dynamics.refinement import Refinement
+from condyn_pin.dynamics.solvers.base import Method, Solver
+from condyn_pin.dynamics.weights import FEW, WeightAtState, default_accuracy, default_mu
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.audit import Audit
+    from condyn_pin.dynamics.workspace import Workspace
+
+_EPS = float(np.finfo(float).eps)
+
+# With a limit below this, an iteration that meets it is what was asked for.
+_PATIENT = 20
+
+
+@dataclass(frozen=True)
+class Proximal(Solver):
+    """Proximal iteration on the sparse Cholesky factor of the KKT matrix.
+
+    With G = J M^-1 J^T and b the acceleration that is missing, iterate
+
+        lam_(k+1) = lam_k + (G + mu I)^-1 (b - G lam_k)
+
+    from lam_0 = 0. Each step shrinks the error by mu / (sigma + mu) for every nonzero eigenvalue
+    sigma of G; the limit does not depend on mu, and is the minimum-norm lam where rows are
+    redundant.
+
+    Parameters
+    ----------
+    mu : float or "auto", optional
+        Proximal weight [1/kg]. Larger: more iterations, less noise in lam along redundant rows
+        (it is about 1e-16 |a| / mu). Zero is a plain solve and gives NaN on redundant rows. "auto",
+        the default, is a share of the largest eigenvalue of G at the nominal state of the scene, so
+        that it means the same on a hand and on an excavator: two iterations on Talos and three on
+        Cassie. 1e-6 where rows are redundant; a hundredth of the smallest nonzero eigenvalue if
+        that is less, as it is for points that are close to each other, and never less than 1e-12
+        of the largest. 1e-12 where they are not, or only as zeros, like those across the plane of
+        a planar loop; 1e-5 of the smallest if that is less, as with a body that weighs next to
+        nothing. Should six iterations not converge, as near a singular posture or where loops are
+        open, the others are made with a share of the smallest eigenvalue there that is more than
+        rounding: 0.09 for the fourteen that are left by default, 0.17 for eighteen, which is the
+        most, and 0.001 for five, where corrections follow that G needs, or where that eigenvalue
+        is more than a hundredth of the largest (`condyn_pin.dynamics.weights`).
+    max_iterations : int
+        Upper limit. It is met without harm where lam keeps a little noise; convergence is judged
+        by the errors of the `Solution`, never by this.
+    relative_accuracy : float, optional
+        Iterate until |lam_k - lam_(k-1)|_inf is below this [N]: despite its name in Pinocchio, an
+        absolute number. By default 1e-9 of the robot's weight, or 4e-9 where rows are redundant:
+        above the noise of such rows, where Pinocchio's 1e-12 never fires and doubles the time for
+        nothing, and small enough, since the next iterate is better by mu / sigma again; less where
+        that could still move a joint by 1e-9 of gravity.
+    refinements : int, optional
+        Corrections with residuals of our own and the same factor
+        (`condyn_pin.dynamics.refinement`). Each costs a look as in `solve`, and gains what rounding
+        took where M or G is badly conditioned: light bodies under heavy ones, long chains, singular
+        postures. By default one where that may be more than an answer that is `ok` may miss, eps
+        cond(M) > 1e-8 or eps cond(G) > 1e-8 at the nominal state, redundant rows left out, and none
+        anywhere else.
+    absolute_accuracy : float
+        Handed to Pinocchio as it is. Pinocchio compares it with a number that is not a residual
+        (|J a_free - 2 b|_inf), so it has no use; 0 keeps it from ever stopping the iteration.
+
+    Notes
+    -----
+    A hinge, an edge and a planar pin are points to Pinocchio, which is exact on closed loops. Where
+    they are open by more than 1e-11 m, or slip by 1e-11 m/s, the answer is that of `NullSpace`.
+
+    Cost O(n d^2 + m^2 d) with d the depth of the tree; `condyn bench` measures it.
+
+    References
+    ----------
+    Carpentier, Budhiraja, Mansard. Proximal and sparse resolution of constrained dynamic
+    equations. Robotics: Science and Systems, 2021.
+    """
+
+    title: ClassVar[str] = "Proximal"
+    cost: ClassVar[str] = "O(n d^2 + m^2 d), d the depth of the tree"
+    use: ClassVar[str] = "by default; the fastest for closed chains"
+    takes_redundant: ClassVar[bool] = True
+    takes_every_kind: ClassVar[bool] = False
+    sweeps: ClassVar[tuple[Grid, ...]] = (
+        {"mu": WEIGHTS, "max_iterations": (1, 20)},
+        {"max_iterations": ITERATIONS},
+        {"relative_accuracy": ACCURACIES},
+    )
+
+    mu: float | Literal["auto"] | None = None  # [1/kg]
+    max_iterations: int = 20
+    relative_accuracy: float | None = None  # [N]
+    absolute_accuracy: float = 0.0
+    refinements: int | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.mu == "auto":
+            object.__setattr__(self, "mu", None)
+        if self.refinements is not None:
+            check_refinements(self.refinements)
+        check_knobs(self.mu, self.max_iterations, smallest_mu=0.0)
+        if self.relative_accuracy is not None:
+            check_accuracy("relative_accuracy", self.relative_accuracy)
+        check_accuracy("absolute_accuracy", self.absolute_accuracy)
+
+    def weight(self, audit: Audit) -> float:
+        """Return mu, or what the audit of a scene says where it was left to us [1/kg]."""
+        return default_mu(audit) if self.mu is None else float(self.mu)
+
+    def start(self, workspace: Workspace) -> Method:
+        """Return `pin.constraintDynamics` bound to the memory of `workspace`."""
+        audit = workspace.scene.audit
+        mu = self.weight(audit)
+        accuracy = self.relative_accuracy
+        if accuracy is None:
+            accuracy = default_accuracy(audit, mu)
+        patient = self.mu is None and self.max_iterations >= _PATIENT
+        limit = FEW if patient else self.max_iterations
+        settings = _pin.proximal_settings(self.absolute_accuracy, accuracy, mu, limit)
+        workspace.proximal_settings = settings
+        model, data = workspace.model, workspace.data
+        models, datas = workspace.constraint_models, workspace.constraint_datas
+        needed = _refinements(audit)
+        refinements = needed if self.refinements is None else self.refinements
+        left, corrected = self.max_iterations - limit, needed > 0 and refinements > 0
+        at_state = WeightAtState(workspace, mu, accuracy, left, corrected) if patient else None
+        solve = pin.constraintDynamics
+
+        def acceleration(q: Array, v: Array, tau: Array) -> Array:
+            return solve(model, data, q, v, tau, models, datas, settings)  # type: ignore[no-any-return]
+
+        def persistent(q: Array, v: Array, tau: Array) -> Array:
+            a = solve(model, data, q, v, tau, models, datas, settings)
+            workspace.proximal_settings = settings
+            step = settings.relative_residual
+            better = None if step <= accuracy else at_state.settings(step)  # type: ignore[union-attr]
+            if better is None:
+                return a  # type: ignore[no-any-return]
+            workspace.proximal_settings = better
+            return solve(model, data, q, v, tau, models, datas, better)  # type: ignore[no-any-return]
+
+        def lam() -> Array:
+            return np.array(data.lambda_c)
+
+        def iterations() -> int:
+            last = workspace.proximal_settings
+            return int(settings.iter) + (0 if last is settings else int(last.iter))
+
+        run = persistent if patient else acceleration
+        method = Method(run, lambda: workspace.scene_forces(lam()), iterations)
+        if refinements:
+            refinement = Refinement(workspace, refinements)
+            method = Method(
+                lambda q, v, tau: refinement.correct(q, v, tau, run(q, v, tau), lam()),
+                lambda: workspace.scene_forces(refinement.lam),
+                lambda: iterations() + refinements,
+            )
+        return exact_where_open(workspace, method) if workspace.natives.imitated else method
+
+
+def _refinements(audit: Audit) -> int:
+    """Return how many corrections a scene needs: one where rounding alone spoils an answer."""
+    return int(_EPS * max(audit.condition, audit.delassus_condition) > tolerances.SOLVED)

@@ -1,0 +1,170 @@
+"""The verbs: solve, derivatives."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+
+from numpy.typing import ArrayLike
+
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.dynamics.derivatives import Derivatives
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solution import Solution
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.model.applied_force import AppliedForce
+
+# The workspace of this thread's last call: a loop over `solve` with one scene builds only one.
+_last = threading.local()
+
+
+def solve(
+    scene: Scene,
+    q: ArrayLike,
+    v: ArrayLike,
+    tau: ArrayLike,
+    *,
+    forces: Sequence[AppliedForce] = (),
+    solver: Solver | None = None,
+    drift: Baumgarte | None = None,
+    accuracy: float | None = None,
+    throw: bool = True,
+) -> Solution:
+    """Return accelerations and constraint forces at one state, with their errors.
+
+    M(q) a + h(q, v) = tau + J(q)^T lam + sum J_f(q)^T f,    J a + gamma = a_ref
+
+    Parameters
+    ----------
+    scene : Scene
+    q : (nq,) array_like
+        Configuration; quaternions x y z w, normalised.
+    v : (nv,) array_like
+        Velocity; the free-flyer's in its body frame, linear first.
+    tau : (nv,) array_like
+        Joint torques [N, N m]; zero in the rows of a free-flyer.
+    forces : sequence of AppliedForce, optional
+        Forces from outside, at frames of the robot; none by default.
+    solver : Solver, optional
+        `Proximal()` by default; for kinds of constraints that it cannot take, `DenseKKT()`, and
+        `NullSpace()` if there are redundant rows besides.
+    drift : Baumgarte, optional
+        What a_ref is; zero by default.
+    accuracy : float, optional
+        Error of a that is good enough, relative to the larger of |a|_inf and gravity: what the
+        status is judged by. That of the solver by default: 1e-8, or what `tune` was asked for. It
+        changes no number of the answer.
+    throw : bool
+        Raise if the status is not ok. With False the same Solution comes back, whatever its
+        status.
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    InvalidArgument
+        If an argument has a wrong size, is not finite, or has an unnormalised quaternion.
+    SolveFailed
+        If the status is not ok; its `solution` has everything that was computed.
+    StaleModel
+        If the robot's model was edited since it was loaded.
+    UnknownName
+        If a force is on a frame that does not exist.
+    UnsupportedConstraint
+        If the solver cannot take a kind of constraint of the scene.
+
+    Notes
+    -----
+    The first call with a scene builds a `Workspace`, which takes as long as dozens of solves; calls
+    after it with the same scene and solver, in the same thread, use it again. Cost: that of the
+    solver, which `condyn solvers` lists, and that of the three errors: together two to three times
+    that of `Workspace.acceleration`, which is for hot loops and has no errors.
+
+    References
+    ----------
+    Carpentier, Budhiraja, Mansard. Proximal and sparse resolution of constrained dynamic equations.
+    RSS, 2021; each solver names its own.
+    """
+    workspace = workspace_for(scene, solver, drift)
+    return workspace.solve(q, v, tau, forces=forces, accuracy=accuracy, throw=throw)
+
+
+def derivatives(
+    scene: Scene,
+    q: ArrayLike,
+    v: ArrayLike,
+    tau: ArrayLike,
+    *,
+    forces: Sequence[AppliedForce] = (),
+    solver: Solver | None = None,
+    drift: Baumgarte | None = None,
+    method: str = "kkt",
+    check: bool = False,
+    accuracy: float | None = None,
+) -> Derivatives:
+    """Return how accelerations and constraint forces change with the state and the torques.
+
+    M da - J^T dlam = dtau - r_q dq - r_v dv,    J da = -s_q dq - s_v dv
+
+    Parameters
+    ----------
+    scene : Scene
+    q, v, tau : (nq,), (nv,), (nv,) array_like
+    forces : sequence of AppliedForce, optional
+        As in `solve`. Their numbers stay, and J_f^T f changes with q: r_q has that too.
+    solver : Solver, optional
+        Of the answer that is differentiated; as in `solve`.
+    drift : Baumgarte, optional
+        As in `solve`.
+    method : {"kkt", "pinocchio", "differences"}
+        ``kkt`` is exact for every kind of constraint, on the constraints and off them, and gives
+        the derivative of the smallest lam where rows are redundant. ``pinocchio`` is Pinocchio's
+        own, repaired, for `Proximal` and constraints of 3 and 6 rows; where rows are redundant its
+        dlam_dq is off by internal forces, which move nothing. ``differences`` is slow, and where
+        rows are redundant its columns by q are those along the constraints: zero across.
+    check : bool
+        Compare with central differences, and raise if they disagree.
+    accuracy : float, optional
+        As in `solve`.
+
+    Returns
+    -------
+    Derivatives
+        `da_dq`, `da_dv`, `da_dtau`, `dlam_dq`, `dlam_dv`, `dlam_dtau`, with tangent columns, formed
+        when they are asked for; `jvp` and `vjp` do without them.
+
+    Raises
+    ------
+    DerivativesDisagree
+        If `check` finds an entry that differs by more than 1e-6 of the largest of its matrix.
+    SolveFailed, InvalidArgument
+        As in `solve`.
+    UnsupportedConstraint
+        If ``pinocchio`` cannot be right for a constraint or a joint.
+
+    Notes
+    -----
+    Cost O(n^3 + m^2 n) after a solve; `benchmarks/derivatives.py` measures it.
+
+    References
+    ----------
+    Carpentier, Mansard. Analytical derivatives of rigid body dynamics algorithms. RSS, 2018.
+    """
+    workspace = workspace_for(scene, solver, drift)
+    return workspace.derivatives(
+        q, v, tau, forces=forces, method=method, check=check, accuracy=accuracy
+    )
+
+
+def workspace_for(scene: Scene, solver: Solver | None, drift: Baumgarte | None) -> Workspace:
+    """Return this thread's workspace for a scene: the last one, or a new one."""
+    workspace: Workspace | None = getattr(_last, "workspace", None)
+    if workspace is None or workspace.scene is not scene or _last.asked != (solver, drift):
+        workspace = Workspace(scene, solver, drift=drift)
+        _last.workspace, _last.asked = workspace, (solver, drift)
+    else:
+        scene.robot.check_unedited()
+    return workspace

@@ -1,0 +1,163 @@
+"""Weights: the proximal weight that suits a scene, and another at states where it does not do.
+
+An eigenvalue sigma of G = J M^-1 J^T converges like mu / (sigma + mu). So mu has to be below the
+smallest sigma that is more than rounding. But not far below: rows that depend on others have a
+sigma of zero; where they contradict the others by c, as those of open loops do, lam grows along
+them by c / mu an iteration, and rounding of G, eps |G| / mu, mixes it into the rest.
+
+The smallest sigma is that of the nominal state, nearly always. It is another near singular
+postures, and where loops are open by a gap: redundant rows come to life there, with a sigma of
+about gap^2. What does not converge in a few iterations is at such a state; then the smallest sigma
+is read off the factor that is there already, and mu is the largest that gains fifteen digits in
+the iterations k that are left:
+
+    (mu / (sigma + mu))^k = 1e-15.
+
+G is that of the rows that Pinocchio has: two points in place of an edge or a hinge.
+"""
+
+from __future__ import annotations
+
+from math import frexp, inf, ldexp
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from condyn_pin._core import _pin, tolerances
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.audit import Audit
+    from condyn_pin.dynamics.workspace import Workspace
+
+# Shares of the largest eigenvalue of G, and of the smallest nonzero one. The first of each are for
+# redundant rows, the others for rows of which none depends on others, wherever the loops are. Rows
+# that are zero but for rounding are of the first kind: lam grows along them as well. That kind has
+# a least share of the largest, too. The others have none: a body of next to no mass makes the
+# largest huge, and what the last step of lam leaves, mu / sigma of it, moves that body most.
+_LARGEST, _SMALLEST, _LEAST = 1e-6, 1e-2, 1e-12
+_LARGEST_FREE, _SMALLEST_FREE = 1e-12, 1e-5
+
+# Iterations after which the default weight does not do: machines take up to six with it.
+FEW = 6
+
+# Iterations with the weight for a state, of those that are left: more would only take time. They
+# stop at a smaller step than those of the default weight, since each gains less. Five are enough
+# where corrections follow that G needs, eps |G| > SOLVED sigma: they leave a share mu / sigma of
+# rounding. And where sigma is strong: lam of rows that contradict others by c ends at 5 c / mu, and
+# eps |G| of that is the error of a, with mu = 0.001 sigma and sigma > 0.01 |G| below 1e-10 c.
+_MORE, _FEWER, _STEP, _STRONG = 18, 5, 0.01, 0.01
+
+# What those leave of an error: the last digits are not worth a smaller mu, which adds noise. And a
+# multiple of eps |G|: rows that depend on others may have a sigma of as much below zero.
+_LEFT, _NOISE = 1e-15, 4.0
+
+_EPS = 2.0**-53
+
+# The step of lam after which an iteration ends, as a share of the robot's weight. Along redundant
+# rows rounding of G lam makes lam grow by a few eps |G| / mu of itself in every step, and |lam| is
+# a few weights: a step that has to be less ends by chance, on one processor and not on another.
+_USUAL, _FINEST = 1e-9, 1e-12
+_USUAL_REDUNDANT = 32.0 * _EPS / _LARGEST
+
+
+def default_mu(audit: Audit) -> float:
+    """Return a proximal weight with which every part of lam converges in a few iterations."""
+    largest, smallest = audit.native_spectrum
+    if audit.independent and not audit.rounded:
+        return min(_LARGEST_FREE * largest, _SMALLEST_FREE * smallest)
+    return max(min(_LARGEST * largest, _SMALLEST * smallest), _LEAST * largest)
+
+
+def default_accuracy(audit: Audit, mu: float) -> float:
+    """Return the step of lam after which an iteration may end [N].
+
+    1e-9 of the robot's weight, or 4e-9 where rows are redundant. The next one is smaller by
+    mu / (sigma + mu), and moves a joint by up to max(w) sigma^1/2 of it, w the `Yardstick.weights`:
+    where that is more than 1e-9 of gravity, as along points that hold light bodies and weigh little
+    in G, the step has to be less: unless rounding of J^T lam moves that joint by more than this
+    anyway.
+    """
+    yardstick, (_, smallest) = audit.yardstick, audit.native_spectrum
+    moved = yardstick.largest_weight * smallest**0.5 * mu / (smallest + mu)
+    enough = max(tolerances.SOLVED / 10.0, yardstick.shaking) * (yardstick.gravity or 1.0)
+    free = audit.independent and not audit.rounded
+    usual = (_USUAL if free else _USUAL_REDUNDANT) * audit.weight
+    return max(min(usual, enough / moved), _FINEST * audit.weight) if moved > 0.0 else usual
+
+
+class WeightAtState:
+    """The weight for a state at which an iteration has just not converged.
+
+    With pivots on the diagonal, P^T G P = R^T R, the squares of the diagonal of R fall as the
+    eigenvalues of G do, and the last is close to the smallest. LAPACK stops where what is left is
+    rounding, m eps |G|. The last counts, however near to that: rows of loops that are open by 1e-4
+    are as near, and below the widest gap between two pivots.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    mu : float
+        Of the iteration [1/kg].
+    accuracy : float
+        As `Proximal.relative_accuracy` [N].
+    left : int
+        Iterations that may be made.
+    corrected : bool
+        Whether corrections follow that the scene needs.
+    """
+
+    def __init__(
+        self, workspace: Workspace, mu: float, accuracy: float, left: int, corrected: bool
+    ) -> None:
+        # imported here: scipy.linalg takes as long to import as Pinocchio
+        from scipy.linalg.lapack import dpstrf
+
+        self._mu, self._accuracy = mu, _STEP * accuracy
+        self._usual, self._few = _plan(min(left, _MORE)), _plan(_FEWER)
+        self._cholesky, self._factorise = _pin.constraint_cholesky(workspace.data), dpstrf
+        # a row that is rounding has sigma < m eps |G|: a force f along it moves a by w sigma^1/2 f,
+        # and ten steps of lam are more than were made
+        audit, rows = workspace.scene.audit, sum(c.size for c in workspace.natives.constraints)
+        largest, _ = audit.native_spectrum
+        rounding = _EPS * largest
+        moved = audit.yardstick.largest_weight * (rows * rounding) ** 0.5
+        self._harmless = (
+            tolerances.SOLVED * audit.yardstick.gravity / (10.0 * moved) if rows else 0.0
+        )
+        self._damping, self._least = self._mu * np.eye(rows), _NOISE * rounding
+        self._weak = rounding / tolerances.SOLVED if corrected else 0.0
+        self._strong = _STRONG * largest
+
+    def settings(self, step: float) -> Any:
+        """Return settings for a better answer, or None where nothing but rounding is left.
+
+        Parameters
+        ----------
+        step : float
+            The last of lam [N].
+        """
+        G = self._cholesky.getInverseOperationalSpaceInertiaMatrix()
+        G -= self._damping
+        R, _, rank, _ = self._factorise(G)
+        sigma = R.item(rank - 1, rank - 1) ** 2 if rank else 0.0
+        if not 0.0 < sigma < inf:
+            return None
+        few = not self._weak <= sigma <= self._strong
+        limit, share, made = self._few if few else self._usual
+        # five bits of mu will do: there are few such numbers, and settings take long to make
+        mantissa, power = frexp(max(share * sigma, self._least))
+        mu = ldexp(int(32.0 * mantissa), power - 5)
+        if self._mu <= mu and step < self._harmless:
+            return None
+        settings = made.get(mu)
+        if settings is None:
+            settings = made[mu] = _pin.proximal_settings(0.0, self._accuracy, mu, limit)
+        return settings
+
+
+def _plan(limit: int) -> tuple[int, float, dict[float, Any]]:
+    """Return a number of iterations, the mu / sigma with which they leave `_LEFT`, and no settings.
+
+    Settings are added where they are made, by their mu.
+    """
+    return limit, 1.0 / (_LEFT ** (-1.0 / limit) - 1.0), {}

@@ -1,0 +1,418 @@
+"""Workspace: the one mutable thing, where a scene is solved again and again."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from functools import cached_property, partial
+from threading import get_ident
+from time import perf_counter
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core import _pin
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import FLOAT, HIGH, LOW, Arguments, unpack_quaternion
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import InvalidArgument, SolveFailed, unknown_name
+from condyn_pin._core.knobs import check_accuracy_of_a
+from condyn_pin._core.one_thread import OneThread, alone, in_use
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.rows.bound import AnyBound
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.terms import Terms, finite_terms
+from condyn_pin.dynamics.choice import check_kinds, default_solver
+from condyn_pin.dynamics.derivatives import METHODS, Derivatives
+from condyn_pin.dynamics.derivatives.check import check_derivatives
+from condyn_pin.dynamics.derivatives.differences import DifferenceDerivatives
+from condyn_pin.dynamics.derivatives.linearised import Linearisation
+from condyn_pin.dynamics.gaps import Gap, gaps, worst
+from condyn_pin.dynamics.judge import Judge
+from condyn_pin.dynamics.raw import ConstraintDatas, ConstraintModels, raw_constraints
+from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.solution import Solution, Status
+from condyn_pin.dynamics.solvers.base import Singular, Solver
+from condyn_pin.model.applied_force import AppliedForce, applied_forces
+from condyn_pin.model.loads import Load, Loads
+from condyn_pin.model.soundness import massless_motion
+
+# No acceleration of a machine: what is larger is looked at entry by entry.
+_LARGEST: Final = 1e100
+_SMALLEST: Final = -1e100
+
+_OK = Status.OK
+
+# The default, an object that there is one of: what is false, or has no truth, may be no forces.
+_NO_FORCES: Final[tuple[AppliedForce, ...]] = ()
+
+
+class Workspace(OneThread):
+    """Memory for one scene and one solver; use one per thread.
+
+    Parameters
+    ----------
+    scene : Scene
+    solver : Solver, optional
+        What `default_solver` says by default: `Proximal()`, where it takes all constraints.
+    drift : Baumgarte, optional
+        What a_ref is; zero by default.
+
+    Attributes
+    ----------
+    scene, solver : Scene, Solver
+    model, data, constraint_models, constraint_datas, proximal_settings
+        Pinocchio's raw objects, for what this library does not offer. Between two solves you may
+        call any function of Pinocchio on `model` and `data`, and read the lists. The settings are
+        those of the last answer. You may not
+        resize the lists (`StaleModel`), edit the model, initialise `data` for other constraints,
+        or leave Baumgarte gains or `contact_acceleration_desired` behind: the next solve would
+        read them. After `LCABA` the constraint datas must not go into `pin.constraintDynamics`,
+        which reads what `lcaba` left there. `model` is a private copy: an edit of
+        ``robot.model`` does not reach it.
+
+    Notes
+    -----
+    Building one takes as long as dozens of solves (`benchmarks/startup.py`), most of it
+    Pinocchio's `createData`. Pinocchio does not release the GIL: threads do not solve in parallel,
+    processes do. A call that finds another thread at work raises `SharedWorkspace`.
+    """
+
+    _solved_by = 0  # the thread that has called `acceleration` last
+
+    def __init__(
+        self, scene: Scene, solver: Solver | None = None, *, drift: Baumgarte | None = None
+    ) -> None:
+        check_scene(scene)
+        if not isinstance(solver, Solver | None):
+            raise InvalidArgument(
+                f"solver = {solver!r}: a solver object is needed, such as Proximal() or LCABA()"
+            )
+        if not isinstance(drift, Baumgarte | None):
+            raise InvalidArgument(f"drift = {drift!r}: Baumgarte(alpha, beta) or None is needed")
+        scene.robot.check_unedited()
+        self.drift = drift
+        self.solver = default_solver(scene) if solver is None else solver
+        self.model = pin.Model(scene.robot.model)
+        self._arguments = Arguments(self.model)
+        self._quaternions, self._pairs = self._arguments.quaternions, self._arguments.pairs
+        self._roots = tuple(
+            int(joint.idx_v)
+            for joint, parent in zip(self.model.joints, self.model.parents, strict=True)
+            if parent == 0 and joint.idx_v >= 0
+        )
+        self.use(scene)
+
+    @alone
+    def use(self, scene: Scene) -> None:
+        """Switch to another scene of the same robot: other contacts, the same memory.
+
+        Everything that depends on the constraints is made anew; nothing of the old ones is left.
+        """
+        check_scene(scene)
+        if scene.robot.model != self.model:
+            raise InvalidArgument(
+                f"scene: its robot {scene.robot.name!r} has another model; make a new Workspace"
+            )
+        check_kinds(scene, self.solver)
+        self.scene = scene
+        self.bounds: tuple[AnyBound, ...] = scene.bounds
+        self.natives = scene.natives
+        self.proximal_settings: Any = None
+        for made_on_demand in ("_made", "equations", "linearisation", "loads"):
+            self.__dict__.pop(made_on_demand, None)
+        method = self.solver.start(self)
+        self._run, self._lam = method.acceleration, method.lam
+        self._judge = Judge(self, method)
+
+    def __repr__(self) -> str:
+        settings = self.proximal_settings
+        found = f", mu {settings.mu:.3g} 1/kg" if settings else ""
+        return f"Workspace({self.scene.robot.name}, {self.scene.rows} rows: {self.solver!r}{found})"
+
+    @property
+    def data(self) -> Any:
+        """Pinocchio's memory, sized for the constraints of the scene."""
+        return self._raw[0]
+
+    @property
+    def constraint_models(self) -> ConstraintModels:
+        """The constraints as Pinocchio takes them."""
+        return self._raw[1]
+
+    @property
+    def constraint_datas(self) -> ConstraintDatas:
+        """Pinocchio's memory of each constraint."""
+        return self._raw[2]
+
+    @property
+    def _raw(self) -> tuple[Any, ConstraintModels, ConstraintDatas]:
+        self.check_alone()
+        return self._made
+
+    @cached_property
+    def _made(self) -> tuple[Any, ConstraintModels, ConstraintDatas]:
+        # on demand: dense methods do without, and in long chains it takes all the memory there is
+        models, datas = raw_constraints(self.model, self.natives.constraints, self.drift)
+        _pin.init_constraint_dynamics(self.model, self._data, models, datas)
+        return self._data, models, datas
+
+    @cached_property
+    def _data(self) -> Any:
+        return self.model.createData()
+
+    def scene_forces(self, lam: Array) -> Array:
+        """Return the scene's forces from those of Pinocchio's constraints."""
+        to_scene = self.natives.to_scene
+        return lam if to_scene is None else to_scene.dot(lam)
+
+    def native_slips(self, s: Array) -> Array:
+        """Return what Pinocchio's constraints slip where the scene's rows slip by s."""
+        to_scene = self.natives.to_scene  # lam goes the other way
+        return s if to_scene is None else to_scene.T.dot(s)
+
+    @cached_property
+    def equations(self) -> Equations:
+        """The equations of the scene, in memory of their own that no solver writes to."""
+        return Equations(self.model, self.bounds, self.drift)
+
+    @cached_property
+    def loads(self) -> Loads:
+        """Forces on frames, evaluated in the memory of the equations."""
+        return Loads(self.scene.robot, self.model, self.equations.data)
+
+    def acceleration(
+        self, q: Array, v: Array, tau: Array, *, forces: Sequence[AppliedForce] = _NO_FORCES
+    ) -> Array:
+        """Return a, nothing else: the hot loop.
+
+        Sizes, finiteness and quaternions are checked; the errors of the answer are not. `solve`
+        does that; the time of the proof comes on top.
+
+        Parameters
+        ----------
+        q, v, tau : (nq,), (nv,), (nv,) array
+        forces : sequence of AppliedForce, optional
+            Forces from outside; none by default.
+
+        Returns
+        -------
+        (nv,) array
+            Owned by the caller.
+
+        Raises
+        ------
+        InvalidArgument
+            If an argument has a wrong size, is not finite, or has an unnormalised quaternion.
+        SolveFailed
+            If the answer is not finite, or the method's matrix is singular.
+        SharedWorkspace
+            If another thread is at work in it.
+
+        Notes
+        -----
+        The answer is looked at where the tree begins: what is not finite in the input always shows
+        there. Finite input beyond 1e100 may overflow elsewhere, and come back as inf.
+        """
+        if forces is not _NO_FORCES:
+            return self._pushed_acceleration(q, v, tau, forces)
+        me, user = get_ident(), self._user  # `alone` and `next_acceleration`, without their calls
+        if user and user != me:
+            raise in_use()
+        self._user = self._solved_by = me
+        try:
+            for offset in self._quaternions:
+                x, y, z, w = unpack_quaternion(q, offset)
+                if not LOW < x * x + y * y + z * z + w * w < HIGH:
+                    raise ValueError
+            if self._pairs:
+                self._arguments.check_pairs(q)
+            # Pinocchio ignores byte order: another dtype is another number. To ask whether it is
+            # the very same object is quicker, and an array that was pickled has another one.
+            same = q.dtype is v.dtype is tau.dtype is FLOAT
+            if not (same or q.dtype == v.dtype == tau.dtype == FLOAT):
+                raise ValueError
+            a = self._run(q, v, tau)
+            for i in self._roots:
+                if not _SMALLEST < a.item(i) < _LARGEST:
+                    raise ValueError
+            return a
+        except (ValueError, TypeError, AttributeError, struct.error, Singular):
+            return self._careful_acceleration(q, v, tau)
+        finally:
+            self._user = user
+
+    @alone
+    def _pushed_acceleration(
+        self, q: Array, v: Array, tau: Array, forces: Sequence[AppliedForce]
+    ) -> Array:
+        q, v, tau = self._arguments.check(q, v, tau)
+        return self.acceleration(q, v, tau + self.loads.at(q, applied_forces(forces)).torque)
+
+    def next_acceleration(self, q: Array, v: Array, tau: Array) -> Array:
+        """Return `acceleration` of a state that a step has made of one that was checked.
+
+        `pin.integrate` keeps quaternions normalised, and what is not finite shows in the answer.
+        """
+        try:
+            a = self._run(q, v, tau)
+            # A joint's acceleration depends on everything above it in the tree, and its root's on
+            # everything below: what is not finite anywhere is not finite at a root.
+            for i in self._roots:
+                if not _SMALLEST < a.item(i) < _LARGEST:
+                    raise ValueError
+            return a
+        except (ValueError, TypeError, Singular):
+            return self._careful_acceleration(q, v, tau)
+
+    def lam(self) -> Array:
+        """Return the constraint forces (m,) of the last `acceleration`; owned by the caller."""
+        if self._solved_by and self._solved_by != get_ident():
+            raise in_use("the last `acceleration` of this Workspace was another thread's")
+        return self._lam()
+
+    def _careful_acceleration(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> Array:
+        """Accept what only needs converting; say what is wrong with anything else."""
+        q, v, tau = self._arguments.check(q, v, tau)
+        solution = self.solve(q, v, tau, throw=False)
+        if not np.isfinite(solution.a).all():
+            raise self._failure(solution)
+        return solution.a
+
+    @alone
+    def solve(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        tau: ArrayLike,
+        *,
+        forces: Sequence[AppliedForce] = _NO_FORCES,
+        accuracy: float | None = None,
+        throw: bool = True,
+    ) -> Solution:
+        """Return a, lam and the proof of both.
+
+        Parameters
+        ----------
+        q, v, tau : (nq,), (nv,), (nv,) array_like
+        forces : sequence of AppliedForce, optional
+            Forces from outside; none by default.
+        accuracy : float, optional
+            Error of a that is good enough, relative to the larger of |a|_inf and gravity: what the
+            status is judged by. That of the solver by default. It changes no number of the answer.
+        throw : bool
+            Raise if the status is not ok. With False the same Solution comes back, whatever its
+            status.
+
+        Raises
+        ------
+        InvalidArgument
+            As in `acceleration`.
+        SolveFailed
+            If the status is not ok; its `solution` has everything that was computed.
+        SharedWorkspace
+            If another thread is at work in it.
+        """
+        if accuracy is None:
+            accuracy = self.solver.accuracy
+        else:
+            check_accuracy_of_a(accuracy)
+        q_, v_, tau_ = self._arguments.accept(q, v, tau)
+        load: Load | None = None
+        self._solved_by = get_ident()
+        start = perf_counter()
+        if forces is not _NO_FORCES:
+            load = self.loads.at(q_, applied_forces(forces))
+        try:
+            a = self._run(q_, v_, tau_ + load.torque if load else tau_)
+        except Singular:
+            solution = self._judge.failed(q_, v_, perf_counter() - start, load)
+        else:
+            solve_time = perf_counter() - start
+            for i in self._roots:
+                if not _SMALLEST < a.item(i) < _LARGEST:  # the status says it, so numpy need not
+                    with np.errstate(all="ignore"):
+                        solution = self._judge.answered(q_, v_, tau_, a, accuracy, solve_time, load)
+                    break
+            else:
+                solution = self._judge.answered(q_, v_, tau_, a, accuracy, solve_time, load)
+        if solution.status is not _OK:
+            self._arguments.check(q_, v_, tau_)  # what is not finite may be the input's fault
+            if throw:
+                raise self._failure(solution)
+        return solution
+
+    @alone
+    @one_blas_thread
+    def derivatives(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        tau: ArrayLike,
+        *,
+        forces: Sequence[AppliedForce] = _NO_FORCES,
+        method: str = "kkt",
+        check: bool = False,
+        accuracy: float | None = None,
+    ) -> Derivatives:
+        """Return how a and lam change with q, v and tau.
+
+        `forces`, `method`, `check` and `accuracy` are those of `condyn_pin.derivatives`.
+        """
+        if not isinstance(method, str) or method not in METHODS:
+            raise unknown_name("method", str(method), METHODS)
+        if not self.solver.exact:
+            raise InvalidArgument(
+                f"solver = {self.solver!r}: derivatives are those of hard constraints, and it "
+                "solves others; use Proximal()"
+            )
+        q_, v_, tau_ = self._arguments.accept(q, v, tau)
+        solution = self.solve(q_, v_, tau_, forces=forces, accuracy=accuracy)
+        found = METHODS[method](self, solution, v_, tau_)
+        if check:
+            check_derivatives(found, DifferenceDerivatives(self, solution, v_, tau_))
+        return found
+
+    @cached_property
+    def linearisation(self) -> Linearisation:
+        """The linearised equations, in memory of their own."""
+        return Linearisation(self.model, self.bounds, self.drift)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # a copy has memory of its own: Pinocchio 4 crashes on a copied Data
+        return partial(Workspace, drift=self.drift), (self.scene, self.solver)
+
+    def _failure(self, solution: Solution) -> SolveFailed:
+        found = gaps(self.scene, self.equations.violation(solution.q))
+        gap = worst(found)[1] if found else Gap(0.0, 0.0)
+        slip = solution.state_error.velocity
+        reason = massless_motion(self.model, solution.q, data=self.data)
+        reason = reason or solution.status.text(self.scene.rows)
+        return SolveFailed(
+            f"{self.solver!r} on {self.scene.robot.name}: {reason} "
+            f"(error bound {solution.error_bound:.1e}, state open by {gap} and slipping "
+            f"by {slip:.1e} m/s or rad/s)",
+            solution,
+        )
+
+    @alone
+    def terms(self, q: ArrayLike, v: ArrayLike) -> Terms:
+        """Return M, h, J, gamma and a_ref at a state."""
+        q_, v_, _ = self._arguments.check(q, v, np.zeros(self.model.nv))
+        return finite_terms(self.equations, q_, v_)
+
+    @alone
+    def jacobian(self, q: ArrayLike) -> Array:
+        """Return the constraint Jacobian J (m, nv)."""
+        return self.equations.jacobian(self._configuration(q))
+
+    @alone
+    def violation(self, q: ArrayLike) -> Array:
+        """Return c(q) (m,) [m, rad]."""
+        return self.equations.violation(self._configuration(q))
+
+    def _configuration(self, q: ArrayLike) -> Array:
+        still = np.zeros(self.model.nv)
+        return self._arguments.check(q, still, still)[0]

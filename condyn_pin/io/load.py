@@ -1,0 +1,132 @@
+"""load_robot: a robot by name, from a URDF, SDF or MJCF, or from a folder with a robot.toml.
+
+A folder is a robot. Its `robot.toml` says which description to read and adds what descriptions
+leave out: loops, contacts, motors, postures, the licence.
+
+    name = "..."           source = "..."           licence = "..."    ("unknown" if left out)
+    actuated = ["joint", ...]
+    [description]  file (in example-robot-data, or beside the toml), srdf, root_joint
+                   ("free_flyer" or "fixed"), rotors = true, lock = ["joint", ...];
+                   for URDF also mimic = false, for joints that then move on their own;
+                   for SDF also root, kinds, drop, cut, as_file: see `io.sdf.read_sdf`
+    [[frames]]     name, parent, translation, rotation: more frames, see `Robot.with_frame`
+    [[loops]]      kind and the fields of `Loop`; or kind = "coupling" and those of `Coupling`
+                   (an SDF and an MJCF bring their own, a URDF mimic joints, links named as
+                   halves of a loop and a YAML beside it, see `io.urdf`; an entry with the same
+                   two ends replaces theirs)
+    [[contacts]]   kind = "point", "surface", "line" or "planar", and the fields of that class
+    [postures.X]   joint = value or list of values; joints left out stay at neutral; of a joint
+                   without limits, which is (cos, sin), also its angle [rad]
+    [variants.OPTION.VALUE]  pieces of the card that are merged over it: see `variants`
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+
+from condyn_pin._core.errors import InvalidArgument, InvalidModel, unknown_name
+from condyn_pin.io.manifest.folders import example_robot_data, robots_folder
+from condyn_pin.io.manifest.reading import read_alone, read_card
+from condyn_pin.io.manifest.variants import check_variant
+from condyn_pin.io.urdf import check_root_joint
+from condyn_pin.model.mechanisms import MECHANISMS
+from condyn_pin.model.robot import Robot
+
+__all__ = ["available_robots", "example_robot_data", "load_robot", "robots_folder"]
+
+_ROOTED = (".urdf", ".sdf")  # formats that leave it open how the root link is attached
+
+
+def available_robots() -> dict[str, Callable[[], Robot]]:
+    """Return what `load_robot` knows by name: folders with a robot.toml, and built mechanisms.
+
+    Returns
+    -------
+    dict of str to callable
+        Called without arguments, each loads its `Robot`.
+    """
+    folders = sorted(path.parent for path in robots_folder().glob("*/robot.toml"))
+    cards = {folder.name: partial(read_card, folder / "robot.toml", {}) for folder in folders}
+    return cards | MECHANISMS
+
+
+def load_robot(
+    name: str | Path,
+    *,
+    root_joint: str | None = None,
+    variant: Mapping[str, str] | None = None,
+) -> Robot:
+    """Load a robot.
+
+    Parameters
+    ----------
+    name : str or Path
+        A name that `condyn robots` lists, or a path: of a URDF, of an SDF, of an MJCF (.xml), of a
+        folder with a robot.toml, or of that file.
+    root_joint : {"fixed", "free_flyer"}, optional
+        For a URDF or an SDF: how its root link is attached to the world, fixed by default. Named
+        robots and folders say it themselves.
+    variant : mapping of str to str, optional
+        Option to value, such as ``{"springs": "locked"}``, for a robot whose robot.toml has
+        variants; each option that is left out has its default.
+
+    Returns
+    -------
+    Robot
+
+    Raises
+    ------
+    UnknownName
+        If there is no such robot or variant; the text lists the nearest names.
+    InvalidArgument
+        If `root_joint` is unknown, or given for what is neither a URDF nor an SDF.
+    MissingExtra
+        If the package with the description is not installed.
+    InvalidModel
+        If a file cannot be read; the text names the file and the element.
+    """
+    if not isinstance(name, (str, Path)):
+        raise InvalidArgument(f"name = {name!r}: a name or a path is needed")
+    if root_joint is not None:
+        check_root_joint(root_joint)
+    known = available_robots()
+    path = _path(name)
+    chosen = {} if variant is None else variant
+    plain = path.suffix in _ROOTED or (path.suffix == ".xml" and root_joint is None)
+    if str(name) not in known and plain and not path.is_dir():
+        check_variant(chosen, {})
+        return read_alone(path, root_joint or "fixed")
+    if root_joint is not None:
+        raise InvalidArgument(
+            f"root_joint = {root_joint!r}: only a URDF and an SDF take it; {str(name)!r} says it "
+            "itself"
+        )
+    if str(name) in MECHANISMS:
+        check_variant(chosen, {})
+        return MECHANISMS[str(name)]()
+    card = _card(robots_folder() / str(name) if str(name) in known else path)
+    if card.is_file():
+        return read_card(card, chosen)
+    if path.suffix or path.exists():
+        raise InvalidModel(
+            f"{path}: a .urdf, an .sdf or an .xml with an MJCF is needed, or a folder with a "
+            "robot.toml"
+        )
+    raise unknown_name("robot", str(name), known)
+
+
+def _path(name: str | Path) -> Path:
+    """Return the path that a name would be, whether or not there is something."""
+    try:
+        path = Path(name).expanduser()
+        path.exists()
+    except (OSError, RuntimeError) as error:  # too long, or of a user that does not exist
+        raise InvalidArgument(f"name = {str(name)[:80]!r}: no name and no path: {error}") from error
+    return path
+
+
+def _card(path: Path) -> Path:
+    """Return where the robot.toml of a folder would be, or the path if it is one."""
+    return path if path.name == "robot.toml" and path.is_file() else path / "robot.toml"

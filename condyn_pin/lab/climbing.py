@@ -1,0 +1,226 @@
+"""Ladders: one machine, scene by scene smaller, with speed and price of each rung.
+
+The same motions are put into every rung (`condyn_pin.mechanism.reduction.same_motion`), and what is
+watched is compared with the first rung (`condyn_pin.mechanism.reduction.price`). A ladder is data:
+`condyn_pin/lab/ladders/` has one file each.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from condyn_pin._core import _pin
+from condyn_pin._core.errors import unknown_name
+from condyn_pin._core.joints import indices
+from condyn_pin._core.machine import machine
+from condyn_pin._core.timing import State, Times, time_trials, trial
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
+from condyn_pin.dynamics.solvers.lcaba import LCABA
+from condyn_pin.dynamics.solvers.proximal import Proximal
+from condyn_pin.lab.ladder_table import LadderRow, LadderTable
+from condyn_pin.mechanism.reduction.price import answers, compare
+from condyn_pin.mechanism.reduction.same_motion import same_motion, standing_torque
+from condyn_pin.mechanism.reduction.smaller_robot import free_flyers
+
+# Torque of each motor beside what standing takes, as a share of the weight at one metre.
+_PUSH = 0.02
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One step down.
+
+    Parameters
+    ----------
+    label : str
+        A few words.
+    why : str
+        What is left out, and what that presumes, in a sentence.
+    make : callable
+        From the scene of the rung above to this one.
+    """
+
+    label: str
+    why: str
+    make: Callable[[Scene], Scene]
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """A machine, scene by scene smaller.
+
+    Parameters
+    ----------
+    name : str
+    top : callable
+        Returns the scene of the first rung.
+    label : str
+        Of the first rung.
+    rungs : tuple of Rung
+    sampled : str
+        Label of the rung that random states are drawn in: the smallest whose geometry is exact.
+    """
+
+    name: str
+    top: Callable[[], Scene]
+    label: str
+    rungs: tuple[Rung, ...]
+    sampled: str
+
+    def scenes(self) -> dict[str, Scene]:
+        """Return the scene of every rung, by label, the first one first."""
+        made = {self.label: self.top()}
+        for rung in self.rungs:
+            made[rung.label] = rung.make(list(made.values())[-1])
+        return made
+
+
+@dataclass(frozen=True)
+class LadderEffort:
+    """How long to look.
+
+    Parameters
+    ----------
+    states : int
+        Random motions.
+    rounds, repeats : int
+        As in `condyn_pin._core.timing.interleaved`.
+    """
+
+    states: int = 20
+    rounds: int = 600
+    repeats: int = 10
+
+
+FULL = LadderEffort()
+QUICK = LadderEffort(states=3, rounds=20, repeats=5)
+
+
+def ladder(name: str, *, effort: LadderEffort = FULL) -> LadderTable:
+    """Climb down a ladder: nv, rows, time and error of every rung.
+
+    Parameters
+    ----------
+    name : str
+        One of `condyn_pin.LADDERS`.
+    effort : LadderEffort
+
+    Returns
+    -------
+    LadderTable
+
+    Raises
+    ------
+    UnknownName
+        If there is no such ladder.
+
+    Notes
+    -----
+    Cost: some seconds, in which every rung is solved at 20 motions and timed.
+    """
+    from condyn_pin.lab.ladders import LADDERS
+
+    if name not in LADDERS:
+        raise unknown_name("ladder", name, LADDERS)
+    return climb(LADDERS[name], effort=effort)
+
+
+def climb(chosen: Ladder, *, effort: LadderEffort) -> LadderTable:
+    """Measure every rung of a ladder: errors on the same motions, times in one interleaved run."""
+    scenes = chosen.scenes()
+    source, smallest = scenes[chosen.sampled], list(scenes.values())[-1]
+    watched = (*free_flyers(smallest.robot), *smallest.robot.actuated)
+    rng = np.random.default_rng(0)
+    motions = [_standing(source, rng) for _ in range(effort.states)]
+    states = {
+        label: [same_motion(source, scene, motion, watched) for motion in motions]
+        for label, scene in scenes.items()
+    }
+    found = {label: answers(scenes[label], states[label], watched) for label in scenes}
+    times = _fastest(scenes, states, effort)
+    first = next(iter(scenes))
+    reasons = {chosen.label: "the whole machine"} | {r.label: r.why for r in chosen.rungs}
+    rows: list[LadderRow] = []
+    for (label, scene), above in zip(scenes.items(), [first, *scenes], strict=False):
+        errors = compare(scenes[first], found[first], found[label])
+        step = compare(scenes[first], found[above], found[label])
+        best = times[label]
+        rows.append(
+            LadderRow(
+                label=label,
+                why=reasons[label],
+                nv=scene.robot.nv,
+                rows=scene.rows,
+                rank=scene.audit.rank,
+                mobility=scene.audit.mobility,
+                solver=best.solver,
+                us=best.times.median,
+                speedup=times[first].times.ratio(best.times),
+                a_worst=errors.a_worst,
+                a_median=errors.a_median,
+                force_worst=errors.force_worst,
+                force_median=errors.force_median,
+                a_step=step.a_worst,
+                force_step=step.force_worst,
+                slower_as=_why_slower(best, [times[row.label] for row in rows]),
+            )
+        )
+    return LadderTable(chosen.name, tuple(rows), effort.states, machine())
+
+
+def _standing(scene: Scene, rng: np.random.Generator) -> State:
+    """Return a random motion, under the motor torques that carry the robot and random ones."""
+    robot = scene.robot
+    q, v = scene.sample(rng)
+    _, motors = indices(robot.model, robot.actuated)
+    tau = standing_torque(scene, q)
+    tau[motors] += _PUSH * scene.audit.weight * rng.normal(size=len(motors))
+    return q, v, tau
+
+
+@dataclass(frozen=True)
+class _Best:
+    """The fastest solver of a rung that says ok at every state."""
+
+    solver: str
+    times: Times
+    refused: Mapping[str, str]  # what the solvers said that could not be timed
+
+
+def _fastest(
+    scenes: Mapping[str, Scene], states: Mapping[str, Sequence[State]], effort: LadderEffort
+) -> dict[str, _Best]:
+    """Return the fastest solver of each rung, timed in one run with all the others."""
+    trials = {
+        (label, solver.title): trial(scene, solver, states[label])
+        for label, scene in scenes.items()
+        for solver in _solvers()
+    }
+    times = time_trials(trials, rounds=effort.rounds, repeats=effort.repeats)
+    best = {}
+    for label in scenes:
+        own = {title: spent for (of, title), spent in times.items() if of == label}
+        title = min(own, key=lambda name: own[name].median, default="none says ok")
+        refused = {t: one.said for (of, t), one in trials.items() if of == label and not one.call}
+        best[label] = _Best(title, own.get(title, Times((math.nan,))), refused)
+    return best
+
+
+def _solvers() -> tuple[Solver, ...]:
+    lcaba: tuple[Solver, ...] = (LCABA(),) if _pin.HAS_LCABA else ()
+    return (*lcaba, Proximal(), DenseKKT())
+
+
+def _why_slower(rung: _Best, above: Sequence[_Best]) -> str:
+    """Return why a rung is slower than one above, if that one's solver cannot take it."""
+    timed = [best for best in above if math.isfinite(best.times.median)]
+    fastest = min(timed, key=lambda best: best.times.median, default=rung)
+    if fastest.times.median >= rung.times.median or fastest.solver not in rung.refused:
+        return ""
+    return f"{fastest.solver} {rung.refused[fastest.solver]}"

@@ -1,0 +1,25 @@
+"""Hard questions: families of scenes and states with a dial from tame to absurd, one file each.
+
+Every module of this folder is imported once, and each function marked with `extreme` enters
+`EXTREMES` under its name, so that to add a family is to add one file (`base.py` says what it must
+return).
+"""
+
+from importlib import import_module
+from pkgutil import iter_modules
+
+from condyn_pin.lab.extremes.base import EXTREMES, Case, Extreme, extreme
+
+for _module in iter_modules(__path__):
+    if _module.name not in (
+        "verdict",
+        "run_verdict",
+        "stress",
+        "worker",
+        "stress_table",
+        "stress_plot",
+        "planar_chain",
+    ):
+        import_module(f"{__name__}.{_module.name}")
+
+__all__ = ["EXTREMES", "Case", "Extreme", "extreme"]

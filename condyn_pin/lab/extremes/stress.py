@@ -1,0 +1,236 @@
+"""Stress: every method on every hard question, in a process that may die."""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from time import monotonic
+from typing import Any
+
+import numpy as np
+
+from condyn_pin._core._pin import HAS_LCABA
+from condyn_pin._core.errors import Interrupted, WorkersLost, unknown_name
+from condyn_pin._core.knobs import check_called
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.io.load import load_robot
+from condyn_pin.lab.extremes.base import EXTREMES
+from condyn_pin.lab.extremes.verdict import Outcome, Task, Verdict
+
+# The robots that families of any scene are put on: a planar loop, two spatial ones, legs.
+ROBOTS = ("four_bar", "delta", "cassie", "talos")
+
+# [s] for one method on one case: a hundred times what the slowest takes.
+PATIENCE = 60.0
+
+# How often a process may be killed from outside before its method is blamed.
+_KILLS = 3
+
+_NOT_BEGUN = (
+    "the process that runs the cases ended with exit code {} before its first one; it printed why. "
+    'It imports the main script: a script that calls stress needs `if __name__ == "__main__":`'
+)
+
+Progress = Callable[[int, int], None]
+
+
+def tasks(
+    families: Sequence[str] = (),
+    robots: Sequence[str] = ROBOTS,
+    seeds: int = 1,
+    *,
+    heavy: bool = True,
+) -> list[Task]:
+    """Return the cases of some families, seed after seed.
+
+    Parameters
+    ----------
+    families : sequence of str
+        Names in `EXTREMES`; all by default.
+    robots : sequence of str
+        What families of any scene are put on.
+    seeds : int
+    heavy : bool
+        Whether those that take gigabytes are among them.
+    """
+    for name in families:
+        if name not in EXTREMES:
+            raise unknown_name("extreme", name, EXTREMES)
+    chosen = [EXTREMES[name] for name in (families or EXTREMES)]
+    return [
+        Task(family.name, severity, seed, robot)
+        for seed in range(seeds)
+        for family in chosen
+        for robot in (robots if family.any_scene else ("",))
+        for severity in family.severities
+        if heavy or severity not in family.heavy
+    ]
+
+
+def mixed(todo: Sequence[Task]) -> list[Task]:
+    """Return the cases in an order that brings some of every family early, always the same."""
+    order = np.random.default_rng(0).permutation(len(todo))
+    return [todo[i] for i in order]
+
+
+def methods(names: Sequence[str] = ()) -> list[str]:
+    """Return the solvers of the installed Pinocchio, or those named, by their names."""
+    from condyn_pin.dynamics.solvers import SOLVERS
+
+    for name in names:
+        if name not in SOLVERS:
+            raise unknown_name("solver", name, SOLVERS)
+    able = [name for name in SOLVERS if HAS_LCABA or name != "lcaba"]
+    return list(names) or able
+
+
+def stress(
+    todo: Sequence[Task],
+    solvers: Sequence[str] = (),
+    *,
+    seconds: float = np.inf,
+    patience: float = PATIENCE,
+    scenes: Mapping[str, Scene] | None = None,
+    imports: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> list[Outcome]:
+    """Return what every method makes of every case.
+
+    Parameters
+    ----------
+    todo : sequence of Task
+    solvers : sequence of str
+        Names of methods; all by default.
+    seconds : float
+        After which no further case is begun [s].
+    patience : float
+        After which a method hangs [s].
+    scenes : mapping of str to Scene, optional
+        Scenes for the robots of the tasks; those of `load_robot` by default.
+    imports : sequence of str
+        Modules with solvers or extremes of your own, for the process that runs them.
+    progress : callable, optional
+        Called with the number of cases done and of all.
+
+    Raises
+    ------
+    UnknownName
+        If there is no such solver or robot.
+    Interrupted
+        With the outcomes before Ctrl-C.
+    WorkersLost
+        If the process that runs the cases cannot import the main script or `imports`; its ``done``
+        has the outcomes before.
+
+    Notes
+    -----
+    The cases run in a process of their own, which imports the main script again: guard it with
+    ``if __name__ == "__main__"``.
+    """
+    if progress is not None:
+        check_called("progress", progress, "done, total")
+    names, start = list(solvers) if imports else methods(solvers), monotonic()
+    scenes = scenes or {}
+    for robot in dict.fromkeys(task.robot for task in todo):
+        if robot and robot not in scenes:
+            load_robot(robot)  # a name that is none is no refusal of a method
+    found: list[Outcome] = []
+    try:
+        with _Process(scenes, imports) as process:
+            for k, task in enumerate(todo):
+                if monotonic() - start >= seconds:
+                    break
+                found += process.answers(task, names, patience)
+                if progress:
+                    progress(k + 1, len(todo))
+    except KeyboardInterrupt as stop:
+        raise Interrupted(found) from stop
+    except WorkersLost as lost:
+        lost.done = found
+        raise
+    return found
+
+
+class _Process:
+    """A worker that is started again when it dies.
+
+    Parameters
+    ----------
+    scenes : mapping of str to Scene
+    imports : sequence of str
+    """
+
+    def __init__(self, scenes: Mapping[str, Scene], imports: Sequence[str]) -> None:
+        self._scenes, self._imports = dict(scenes), tuple(imports)
+        self._context = multiprocessing.get_context("spawn")
+        self._worker: Any = None
+        self._pipe: Any = None
+
+    def __enter__(self) -> _Process:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop()
+
+    def answers(self, task: Task, methods: Sequence[str], patience: float) -> Iterator[Outcome]:
+        """Yield the outcome of every method, also of those that take the process down."""
+        left, kills = list(methods), 0
+        while left:
+            ending = Verdict.CRASHED
+            self._start()
+            self._pipe.send((task, left))
+            now = ""
+            while (answer := self._receive(patience)) is not None:
+                if isinstance(answer, Verdict):
+                    ending = answer
+                    break
+                if isinstance(answer, str):
+                    now = answer
+                else:
+                    left.remove(answer.method)
+                    yield answer
+            if answer is None:
+                return
+            code = self._stop()
+            if code == -signal.SIGKILL and ending is Verdict.CRASHED and kills < _KILLS:
+                kills += 1  # from outside, such as for lack of memory: no fault of the method
+                continue
+            blamed = [now] if now in left else list(left)
+            for method in blamed:
+                left.remove(method)
+                yield Outcome(task, method, ending, np.nan, f"exit code {code} in {now}")
+
+    def _receive(self, patience: float) -> Any:
+        """Return the next message, or how the process ended."""
+        try:
+            return self._pipe.recv() if self._pipe.poll(patience) else Verdict.HUNG
+        except (EOFError, OSError):
+            return Verdict.CRASHED
+
+    def _start(self) -> None:
+        if self._worker is not None:
+            return
+        from condyn_pin.lab.extremes.worker import work
+
+        self._pipe, other = self._context.Pipe()
+        worker = self._context.Process(
+            target=work, args=(other, self._scenes, self._imports), daemon=True
+        )
+        worker.start()
+        self._worker = worker
+        other.close()
+        # until it has imported everything, which no method is blamed for
+        if self._receive(PATIENCE) is Verdict.CRASHED:
+            raise WorkersLost(_NOT_BEGUN.format(self._stop()))
+
+    def _stop(self) -> int:
+        """End the process, if there is one; return its exit code, negative for a signal."""
+        if self._worker is None:
+            return 0
+        self._pipe.close()
+        self._worker.join(1.0)  # it may be dying by itself, of something that has a name
+        self._worker.kill()
+        self._worker.join()
+        code, self._worker = int(self._worker.exitcode), None
+        return code

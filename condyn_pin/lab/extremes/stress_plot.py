@@ -1,0 +1,82 @@
+"""Maps of severity by method in colour: the error of a, and what was said of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from textwrap import fill
+from typing import Any
+
+import numpy as np
+
+from condyn_pin._core.plot_style import write_figure
+from condyn_pin._core.plots import axes, panels
+from condyn_pin._core.tolerances import SOLVED
+from condyn_pin.lab.extremes.base import EXTREMES
+from condyn_pin.lab.extremes.stress_table import Map, short
+from condyn_pin.lab.extremes.verdict import Verdict
+
+_MARKS = {Verdict.OK: "", Verdict.SAID_SO: "s", Verdict.REFUSED: "r"}
+_BEST, _WORST = -16.0, 0.0  # of the colours, in digits
+_SMALL = 7.5  # [points]
+_LEGEND = (
+    "no letter: said ok, and is right; s: said inaccurate; r: refused; X: a defect; "
+    "white: nothing to compare with"
+)
+
+
+def severity_map(found: Map, ax: Any = None) -> Any:
+    """Draw one family: a column a severity, a line a method, dark where digits are lost.
+
+    A letter says what the answer said of itself: s inaccurate, r refused, X a defect.
+
+    Parameters
+    ----------
+    found : Map
+    ax : matplotlib axes, optional
+        A new figure by default.
+
+    Returns
+    -------
+    matplotlib axes
+    """
+    ax = axes(ax)
+    grid = np.full((len(found.methods), len(found.severities)), np.nan)
+    for i, method in enumerate(found.methods):
+        for j, severity in enumerate(found.severities):
+            cell = found.cells.get((severity, method))
+            if cell is None:
+                continue
+            if not math.isnan(cell.error):
+                grid[i, j] = math.log10(min(max(cell.error, 1e-16), 1.0))
+            mark = _MARKS.get(cell.worst, "X")
+            dark = grid[i, j] > -6
+            ax.text(
+                j, i, mark, ha="center", va="center", fontsize=_SMALL, color="w" if dark else "k"
+            )
+    ax.imshow(grid, aspect="auto", cmap="cividis_r", vmin=_BEST, vmax=_WORST)
+    ax.set_xticks(range(len(found.severities)), [short(s, 4) for s in found.severities])
+    ax.tick_params(axis="x", rotation=90)
+    ax.set_yticks(range(len(found.methods)), found.methods)
+    ax.tick_params(labelsize=_SMALL)
+    if found.family in EXTREMES:
+        ax.set_xlabel(fill(EXTREMES[found.family].title, 48), fontsize=_SMALL)
+    ax.set_title(found.label, fontsize=9, fontweight="bold")
+    return ax
+
+
+def save_maps(found: Sequence[Map], path: str | Path, note: str) -> None:
+    """Draw every map into one picture; the ending of `path` says which format."""
+    columns = min(4, len(found))
+    figure, places = panels(len(found), width=4.6, height=3.1, columns=columns, above=0.8)
+    for ax, each in zip(places, found, strict=False):
+        severity_map(each, ax)
+    drawn, shrink, pad = places[0].images[0], min(1.0, 2 / columns), 0.05 * columns / len(places)
+    colours = figure.colorbar(drawn, ax=places, location="top", shrink=shrink, aspect=40, pad=pad)
+    digits = range(int(_BEST), int(_WORST) + 1, 4)
+    colours.set_ticks(list(digits), labels=[f"1e{k}" if k else "1" for k in digits])
+    colours.set_label("error of a, relative; ok promises 1e-8")
+    colours.ax.axvline(math.log10(SOLVED), color="w")
+    figure.suptitle(fill(f"{note}{_LEGEND}", int(13 * 4.6 * columns)), fontsize=10)
+    write_figure(figure, path, dpi=120)

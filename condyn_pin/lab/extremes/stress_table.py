@@ -1,0 +1,188 @@
+"""What every method made of every family: counts, maps of severity by method, and advice."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import Final
+
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.files.beside import written_beside
+from condyn_pin._core.files.text import read_text
+from condyn_pin.lab.extremes.base import EXTREMES
+from condyn_pin.lab.extremes.verdict import Outcome, Verdict
+
+# From bad to worse: a cell with several seeds is as bad as its worst.
+_ORDER = tuple(Verdict)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One method at one severity of a family, over all seeds.
+
+    Attributes
+    ----------
+    verdicts : tuple of Verdict
+        Those that occurred, from good to bad.
+    error : float
+        The worst error of a, relative; NaN where there is none.
+    """
+
+    verdicts: tuple[Verdict, ...]
+    error: float
+
+    @property
+    def worst(self) -> Verdict:
+        """The worst verdict."""
+        return self.verdicts[-1]
+
+    def __str__(self) -> str:
+        names = "/".join(verdict.name.lower() for verdict in self.verdicts)
+        return f"{names} {self.error:.0e}"
+
+
+@dataclass(frozen=True)
+class Map:
+    """One family on one robot: severity by method.
+
+    Attributes
+    ----------
+    family, robot : str
+    severities : tuple of float
+    methods : tuple of str
+    cells : dict of (severity, method) to Cell
+    """
+
+    family: str
+    robot: str
+    severities: tuple[float, ...]
+    methods: tuple[str, ...]
+    cells: dict[tuple[float, str], Cell]
+
+    @property
+    def label(self) -> str:
+        """Family and robot."""
+        return f"{self.family}, {self.robot}" if self.robot else self.family
+
+    def advice(self, method: str) -> str:
+        """Return in one line how far a method goes in this family."""
+        cells = {s: self.cells[s, method] for s in self.severities if (s, method) in self.cells}
+        fine = [s for s, cell in cells.items() if cell.verdicts == (Verdict.OK,)]
+        said = [s for s, cell in cells.items() if Verdict.SAID_SO in cell.verdicts]
+        refused = [s for s, cell in cells.items() if cell.worst is Verdict.REFUSED]
+        bad = [s for s, cell in cells.items() if cell.worst.defect]
+        lost = max((cells[s].error for s in fine), default=0.0)
+        right = f"right to {short(lost, 1)}" if lost else "right"
+        words = ((right, fine), ("says inaccurate", said), ("refused", refused), ("WRONG", bad))
+        parts = [f"{word} at {_runs(tuple(cells), which)}" for word, which in words if which]
+        return f"{method}: {'; '.join(parts)}"
+
+
+def maps(outcomes: Iterable[Outcome]) -> list[Map]:
+    """Return a map for every family and robot, in the order of the outcomes."""
+    groups: dict[tuple[str, str], list[Outcome]] = {}
+    for outcome in outcomes:
+        groups.setdefault((outcome.task.family, outcome.task.robot), []).append(outcome)
+    found = []
+    for (family, robot), group in groups.items():
+        cells: dict[tuple[float, str], list[Outcome]] = {}
+        for outcome in group:
+            cells.setdefault((_severity(outcome), outcome.method), []).append(outcome)
+        found.append(
+            Map(
+                family,
+                robot,
+                _along_the_dial(family, dict.fromkeys(map(_severity, group))),
+                tuple(dict.fromkeys(outcome.method for outcome in group)),
+                {key: _cell(some) for key, some in cells.items()},
+            )
+        )
+    return found
+
+
+def counts(outcomes: Iterable[Outcome]) -> dict[str, int]:
+    """Return how many cases ended with each verdict; all verdicts are there."""
+    counted = Counter(outcome.verdict for outcome in outcomes)
+    return {verdict.name.lower(): counted[verdict] for verdict in Verdict}
+
+
+_NEEDED: Final = {"pinocchio", "family", "robot", "severity"}  # of each line
+
+
+def write_csv(found: Sequence[Map], path: str | Path, pinocchio: str) -> None:
+    """Write one line a severity and one column a method; lines of other Pinocchios are kept."""
+    path = Path(path)
+    kept = [row for row in read_csv(path) if row["pinocchio"] != pinocchio] if path.exists() else []
+    rows = [
+        {"pinocchio": pinocchio, "family": m.family, "robot": m.robot, "severity": repr(severity)}
+        | {method: str(m.cells[severity, method]) for method in m.methods}
+        for m in found
+        for severity in m.severities
+    ]
+    rows = sorted(kept + rows, key=lambda row: row["pinocchio"])
+    columns = dict.fromkeys(key for row in reversed(rows) for key in row)
+    with written_beside(path) as new, new.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(columns), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def read_csv(path: str | Path) -> list[dict[str, str]]:
+    """Return the lines of a file that `write_csv` wrote; InvalidArgument if it is another."""
+    try:
+        rows = list(csv.DictReader(read_text(path).splitlines()))
+    except (OSError, ValueError, csv.Error) as error:
+        raise InvalidArgument(f"{path}: no table of `condyn stress` ({error})") from error
+    for row in rows:
+        if not {key for key, value in row.items() if isinstance(value, str)} >= _NEEDED:
+            raise InvalidArgument(f"{path}: no table of `condyn stress`; choose another file")
+    return rows
+
+
+def short(number: float, digits: int = 6) -> str:
+    """Return a number as few characters as say it: 1e-8 for 1e-08."""
+    plain = f"{number:.{digits}g}"
+    mantissa, e, exponent = f"{number:.{digits - 1}e}".partition("e")
+    if not e:  # nan, inf
+        return plain
+    if "." in mantissa:
+        mantissa = mantissa.rstrip("0").rstrip(".")
+    return min(plain, f"{mantissa}e{int(exponent)}", repr(float(number)), key=len)
+
+
+def _severity(outcome: Outcome) -> float:
+    """Return the severity as a key: NaN is found in a dict only as one and the same object."""
+    severity = outcome.task.severity
+    return math.nan if math.isnan(severity) else severity
+
+
+def _along_the_dial(family: str, found: Iterable[float]) -> tuple[float, ...]:
+    """Return severities from tame to absurd: with little time, cases come in a mixed order."""
+    dial = (
+        [repr(severity) for severity in EXTREMES[family].severities] if family in EXTREMES else []
+    )
+    places = {text: i for i, text in enumerate(dial)}  # as text, for NaN is unlike itself
+    return tuple(sorted(found, key=lambda severity: places.get(repr(severity), len(places))))
+
+
+def _cell(outcomes: Sequence[Outcome]) -> Cell:
+    verdicts = {outcome.verdict for outcome in outcomes}
+    errors = [outcome.error for outcome in outcomes if not math.isnan(outcome.error)]
+    return Cell(tuple(v for v in _ORDER if v in verdicts), max(errors, default=math.nan))
+
+
+def _runs(dial: Sequence[float], some: Sequence[float]) -> str:
+    """Return some severities in words: those that follow each other on the dial as one run."""
+    places = [i for i, severity in enumerate(dial) if severity in some]
+    if len(places) == len(dial):
+        return "every severity"
+    texts = []
+    for _, group in groupby(enumerate(places), lambda pair: pair[1] - pair[0]):
+        run = [short(dial[i]) for _, i in group]
+        texts.append(f"{run[0]} ... {run[-1]}" if len(run) > 2 else ", ".join(run))
+    return ", ".join(texts)

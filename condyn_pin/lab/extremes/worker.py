@@ -1,0 +1,112 @@
+"""A process of its own for what may crash or hang: it takes tasks and sends back outcomes."""
+
+from __future__ import annotations
+
+import gc
+import signal
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from itertools import chain
+from multiprocessing.connection import Connection
+
+from condyn_pin._core.errors import CondynError
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.lab.extremes import EXTREMES
+from condyn_pin.lab.extremes.base import Case
+from condyn_pin.lab.extremes.flight_verdict import judge_flight
+from condyn_pin.lab.extremes.run_verdict import judge_run
+from condyn_pin.lab.extremes.verdict import Outcome, Task, Verdict, judge, right_answers, turned
+
+# Pinocchio's Data has 4 nv^3 numbers. Workspaces are in cycles, and from so many degrees of freedom
+# on they are not left to the collector, which counts objects.
+_LONG = 100
+
+
+@dataclass(frozen=True)
+class Memory:
+    """The scenes that families are put through, made once a process."""
+
+    scenes: dict[str, Scene]
+
+    def scene(self, robot: str) -> Scene | None:
+        """Return the scene of a robot with its loops and contacts; None for no name."""
+        if not robot:
+            return None
+        if robot not in self.scenes:
+            from condyn_pin.io.load import load_robot
+
+            found = load_robot(robot)
+            self.scenes[robot] = Scene(found, [*found.loops, *found.contacts])
+        return self.scenes[robot]
+
+
+def work(pipe: Connection, scenes: dict[str, Scene], imports: Sequence[str]) -> None:
+    """Serve tasks until the pipe closes.
+
+    For each task and each of its methods first the method's name goes out, and then its outcome:
+    who dies in between is known by name.
+    """
+    for module in imports:
+        import_module(module)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks
+    memory = Memory(dict(scenes))
+    pipe.send("ready")
+    while True:
+        try:
+            task, methods = pipe.recv()
+        except (EOFError, OSError):
+            return
+        try:
+            for answer in chain(answers(task, methods, memory), [None]):
+                pipe.send(answer)
+        except BrokenPipeError:  # nobody asks any more
+            return
+
+
+def answers(task: Task, methods: list[str], memory: Memory) -> Iterator[str | Outcome]:
+    """Yield the name of each method of a task, and then its outcome."""
+    from condyn_pin.dynamics.solvers import SOLVERS
+
+    yield "making the case"
+    case, said = make(task, memory)
+    right = right_answers(case) if case else ()
+    for method in methods:
+        yield method
+        if case is None:
+            verdict = Verdict.REFUSED if said.startswith("CondynError") else Verdict.CRASHED
+            yield Outcome(task, method, verdict, float("nan"), said)
+            continue
+        if case.scene.robot.nv >= _LONG:
+            gc.collect()
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # a library that warns has not thought of it
+            try:
+                solver = turned(SOLVERS[method], case.knobs)
+                if case.motion:
+                    verdict, error, said = judge_run(case, case.motion, solver)
+                elif case.flight:
+                    verdict, error, said = judge_flight(case, case.flight, solver)
+                else:
+                    verdict, error, said = judge(case, solver, right)
+            except CondynError as refusal:
+                verdict, error, said = Verdict.REFUSED, float("nan"), _sentence(refusal)
+            except Exception as failure:
+                verdict, error, said = Verdict.CRASHED, float("nan"), _sentence(failure)
+        yield Outcome(task, method, verdict, error, said)
+
+
+def make(task: Task, memory: Memory) -> tuple[Case | None, str]:
+    """Return the case of a task, or None and why there is none."""
+    try:
+        scene = memory.scene(task.robot)
+        return EXTREMES[task.family].case(task.severity, task.seed, scene), ""
+    except CondynError as error:
+        return None, f"CondynError {_sentence(error)}"
+    except Exception as error:
+        return None, _sentence(error)
+
+
+def _sentence(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}".split("\n", 1)[0]

@@ -1,0 +1,23 @@
+"""A ladder on the console."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.table import Table
+
+from condyn_pin._core.printing import print_whole
+from condyn_pin.lab.ladder_table import COLUMNS, LadderTable
+
+
+def print_ladder(table: LadderTable, console: Console) -> None:
+    """Print what every rung costs and saves, and why it is there."""
+    shown = Table(*COLUMNS)
+    for cells in table.cells():
+        shown.add_row(*cells)
+    print_whole(shown, console)
+    for row in table.rows:
+        console.print(f"{row.label}: {row.why}", soft_wrap=True)
+    console.print(
+        f"worst of {table.states} motions on both feet, against the first rung / the rung above",
+        soft_wrap=True,
+    )

@@ -1,0 +1,44 @@
+"""Talos on both feet: eight corners, two surfaces, no arms, nothing but legs."""
+
+from __future__ import annotations
+
+from condyn_pin.constraints.contacts import SurfaceContact
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.io.load import load_robot
+from condyn_pin.lab.climbing import Ladder, Rung
+
+
+def _corners() -> Scene:
+    talos = load_robot("talos")
+    feet = [contact for contact in talos.contacts if isinstance(contact, SurfaceContact)]
+    return Scene(talos, [corner for foot in feet for corner in foot.corners()])
+
+
+def _surfaces(scene: Scene) -> Scene:
+    return Scene(scene.robot, scene.robot.contacts)
+
+
+def _without_arms(scene: Scene) -> Scene:
+    limbs = ("arm_", "gripper_", "head_")
+    return scene.lock([name for name in scene.robot.joints if name.startswith(limbs)])
+
+
+def _legs(scene: Scene) -> Scene:
+    return scene.keep([name for name in scene.robot.joints if name.startswith("leg_")])
+
+
+LADDER = Ladder(
+    name="talos",
+    top=_corners,
+    label="eight corners",
+    rungs=(
+        Rung("two surfaces", "the same support in half the rows: exact", _surfaces),
+        Rung(
+            "arms and head locked",
+            "exact if they do not move; here their motors only carry their weight",
+            _without_arms,
+        ),
+        Rung("legs alone", "the torso is locked too", _legs),
+    ),
+    sampled="legs alone",
+)

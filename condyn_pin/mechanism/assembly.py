@@ -1,0 +1,167 @@
+"""Assembly: a configuration near a guess that closes the loops, and what is known of it.
+
+`condyn_pin.mechanism.closing` has the runs that are tried, one after the other, until the loops are
+closed on the branch of the start; `condyn_pin.mechanism.chains` says what a branch is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import InvalidArgument, unknown_name
+from condyn_pin._core.joints import Indices, indices
+from condyn_pin._core.linalg.numerical_rank import rank_of
+from condyn_pin._core.names import checked
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.dynamics.gaps import gaps
+from condyn_pin.mechanism.assembly_report import Assembly, AssemblyStatus
+from condyn_pin.mechanism.closing import Closer, Closing
+from condyn_pin.mechanism.limits import NO_LIMITS, Limits
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.scene import Scene
+    from condyn_pin.mechanism.chains import Chains
+    from condyn_pin.model.robot import Robot
+
+
+@one_blas_thread
+def assemble(
+    scene: Scene,
+    q0: ArrayLike,
+    *,
+    fixed: Sequence[str] = (),
+    within_limits: bool = True,
+    branch: Mapping[str, int] | None = None,
+    throw: bool = True,
+) -> Assembly:
+    """Close the loops of a scene; see `Scene.assemble`."""
+    robot, chains = scene.robot, scene.chains
+    robot.check_unedited()
+    start = normalised(robot.model, "q", q0)
+    moving = _moving(robot, fixed)
+    if within_limits:
+        check_held("fixed", chains.limits, start, np.flatnonzero(~moving))
+    if branch is not None:
+        _check_branch(branch, chains.home)
+    assembly = assemble_from(scene, start, moving, within_limits=within_limits, branch=branch)
+    if throw and not assembly.status.ok:
+        raise assembly.error()
+    return assembly
+
+
+@one_blas_thread
+def assemble_posture(scene: Scene, guess: Array) -> Assembly:
+    """Close a posture: within the joint limits if it starts there and that can be, or without.
+
+    On the side of its dead points where it is; or else on that of the first posture, for what a
+    rough drawing is far from closed has no side.
+    """
+    inside = not scene.chains.limits.beyond(guess)
+    for within_limits in (True, False) if inside else (False,):
+        for branch in (None, scene.chains.home):
+            found = assemble(scene, guess, within_limits=within_limits, branch=branch, throw=False)
+            if found.status is not AssemblyStatus.BRANCH_CHANGED:
+                break
+        if found.status.ok:
+            return found
+    raise found.error()
+
+
+def assemble_from(
+    scene: Scene,
+    start: Array,
+    moving: NDArray[np.bool_],
+    *,
+    within_limits: bool,
+    branch: Mapping[str, int] | None = None,
+) -> Assembly:
+    """Close the loops of a scene with the velocity indices that may move; nothing is raised."""
+    chains, equations = scene.chains, Equations(scene.robot.model, scene.bounds)
+    closer = Closer(equations, chains.rows, moving, chains.limits if within_limits else NO_LIMITS)
+    end, iterations, status, flipped = best_end(chains, closer, start, branch)
+    beyond = chains.limits.beyond(end.q)
+    if within_limits and status is AssemblyStatus.UNREACHABLE:
+        free = Closer(equations, chains.rows, moving).close(end.q)
+        iterations += free.iterations
+        if free.size <= tolerances.CLOSED:
+            status, beyond = AssemblyStatus.BEYOND_LIMITS, chains.limits.beyond(free.q)
+    J = end.J
+    S = np.linalg.svd(J[chains.rows], compute_uv=False)
+    return Assembly(
+        q=end.q,
+        gap=gaps(scene, equations.violation(end.q)),
+        iterations=iterations,
+        rank=rank_of(S),
+        smallest_singular_value=chains.smallest(J),
+        branch=chains.branch(J),
+        flipped=flipped,
+        beyond_limits=beyond,
+        status=status,
+        scene=scene,
+        start=start,
+    )
+
+
+def best_end(
+    chains: Chains, closer: Closer, start: Array, branch: Mapping[str, int] | None
+) -> tuple[Closing, int, AssemblyStatus, tuple[str, ...]]:
+    """Return the first end that is closed on the right branch, or else the best one."""
+    wanted = chains.branch(closer.equations.jacobian(start)) if branch is None else branch
+    best: Closing | None = None
+    iterations = 0
+    for end in closer.ends(start):
+        iterations += end.iterations
+        if end.size <= tolerances.CLOSED and not _across(wanted, chains.branch(end.J)):
+            return end, iterations, AssemblyStatus.CLOSED, ()
+        if best is None or (best.size > tolerances.CLOSED and end.size <= best.size):
+            best = end
+    assert best is not None
+    if best.size <= tolerances.CLOSED:
+        return (
+            best,
+            iterations,
+            AssemblyStatus.BRANCH_CHANGED,
+            _across(wanted, chains.branch(best.J)),
+        )
+    status = AssemblyStatus.UNREACHABLE if best.stationary else AssemblyStatus.STALLED
+    return best, iterations, status, ()
+
+
+def _across(one: Mapping[str, int], other: Mapping[str, int]) -> tuple[str, ...]:
+    """Return the clusters that two branches have on different sides of a dead point."""
+    return tuple(name for name, side in one.items() if side * other.get(name, 0) < 0)
+
+
+def _moving(robot: Robot, fixed: Sequence[str]) -> NDArray[np.bool_]:
+    moving = np.ones(robot.nv, dtype=bool)
+    moving[indices(robot.model, checked("fixed", fixed, robot.joints, "joint"))[1]] = False
+    return moving
+
+
+def check_held(argument: str, limits: Limits, q: Array, held: Indices) -> None:
+    """Refuse a joint that is to stay where its limits do not allow it."""
+    kept = {joint for joint, iv in zip(limits.joints, limits.iv, strict=True) if iv in held}
+    for joint, by in limits.beyond(q).items():
+        if joint in kept:
+            raise InvalidArgument(
+                f"{argument}: {joint!r} is {by} beyond its limits; "
+                "give it another value, or pass within_limits=False"
+            )
+
+
+def _check_branch(branch: Mapping[str, int], home: Mapping[str, int]) -> None:
+    if not isinstance(branch, Mapping):
+        raise InvalidArgument(f"branch = {branch!r}: the branch of an Assembly is needed")
+    for name, side in branch.items():
+        if name not in home:
+            raise unknown_name("cluster of loops", str(name), home)
+        if side not in (-1, 0, 1):
+            raise InvalidArgument(f"branch[{name!r}] = {side!r}: one of -1, 0 and 1 is needed")

@@ -1,0 +1,193 @@
+"""Chains: which joints the loops determine, and on which side of their dead points they stand.
+
+Of the joints, as many depend on the others as there are independent rows: r of them, with J_D the
+columns that belong to them. They are chosen once for a scene, those without motor or spring first.
+Motors held, the loops determine them wherever J_D has rank r. Where it has not is a dead point; on
+its two sides
+
+    sign det(Q^T J_D),     Q an orthonormal basis of the rows that J_D can move, at the reference,
+
+differs. So the sign tells the two ways to assemble a four-bar for one angle of its crank. It is
+taken for every cluster of loops that share dependent joints, if what J_D can move is the same at
+configurations nearby: so it is in planar loops and where no row is redundant. Redundant rows in
+space, such as those of Bricard's linkage, turn with the configuration; their loops have no side.
+Two configurations of different sign are on different branches; of the same sign, they are on the
+same one unless an even number of dead points lies between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.joints import Indices, indices
+from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.linalg.numerical_rank import counted
+from condyn_pin._core.linalg.pivots import pivots
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.reach import reach
+from condyn_pin.mechanism.closing import Closer
+from condyn_pin.mechanism.clusters import Cluster, clusters, isolated
+from condyn_pin.mechanism.limits import NO_LIMITS, Limits
+from condyn_pin.model.soundness import singular_mass
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.scene import Scene
+
+_NEARBY = 0.1  # where to look for a configuration that is not singular by accident [rad, m]
+_LOOKS = 2
+_PREFERENCE = 1e3  # of redundant rows that are named before those that are not
+
+
+@dataclass(frozen=True, eq=False)
+class Chains:
+    """The closed chains of a scene.
+
+    Attributes
+    ----------
+    rows : int array
+        Rows that have a position error.
+    limits : Limits
+        Of the joints.
+    actuated, dependent : int array
+        Velocity indices of the motors, and of the joints without motor that the loops determine.
+    clusters : tuple of Cluster
+        Empty if the robot has no motor, or no closed configuration was found: then there is
+        nothing to tell branches by.
+    home : dict of str to int
+        The branch of the first posture.
+    rank : int
+        Of all rows of the scene, at configurations that are not singular by accident.
+    redundant : tuple of str
+        Rows that can go at such configurations without changing the motion.
+    isolated : tuple of str
+        Loops that close at the first posture and nowhere near it.
+    """
+
+    rows: Indices
+    limits: Limits
+    actuated: Indices
+    dependent: Indices
+    clusters: tuple[Cluster, ...]
+    home: Mapping[str, int]
+    rank: int
+    redundant: tuple[str, ...]
+    isolated: tuple[str, ...]
+
+    def branch(self, J: Array) -> dict[str, int]:
+        """Return the side of every cluster that has sides, from the Jacobian (m, nv)."""
+        return {cluster.name: cluster.side(J) for cluster in self.clusters if cluster.sided}
+
+    def weakest(self, J: Array) -> str:
+        """Return the cluster that is nearest to a dead point."""
+        S = {cluster.name: cluster.singular_values(J) for cluster in self.clusters}
+        return min(S, key=lambda name: float(S[name][-1] / S[name][0]))
+
+    def smallest(self, J: Array) -> float:
+        """Return the smallest singular value of the dependent joints, or of all without motors."""
+        if self.clusters:
+            return min(float(c.singular_values(J)[-1]) for c in self.clusters)
+        S = np.linalg.svd(J[self.rows], compute_uv=False)
+        kept = S[counted(S)]
+        return float(kept[-1]) if kept.size else 0.0
+
+
+@one_blas_thread
+def chains(scene: Scene) -> Chains:
+    """Find the closed chains of a scene, near its first posture."""
+    robot = scene.robot
+    equations = Equations(robot.model, scene.bounds)
+    rows = positioned(scene)
+    _, actuated = indices(robot.model, robot.actuated)
+    _, sprung = indices(robot.model, [spring.joint for spring in robot.springs])
+    passive = np.setdiff1d(np.arange(robot.nv), actuated)
+    passive_classes = (np.setdiff1d(passive, sprung), np.intersect1d(passive, sprung))
+    limits = Limits.of(robot.model)
+    closed, tries = _nearby(equations, rows, limits, scene.guess())
+    found = []
+    for q in tries:
+        terms = equations.terms(q, np.zeros(robot.nv))
+        factors = factorise(terms.M, terms.J, tolerances.RANK, why=singular_mass(robot.model, q))
+        factors = factors.above_rounding(reach(equations, q))
+        dependent = independent_columns(terms.J[rows], passive_classes)
+        found.append((factors, terms.J, dependent))
+    jacobians = [each[1] for each in found]
+    # the first of those with the largest ranks: the first posture, unless that is singular
+    factors, J, dependent = max(found, key=lambda each: (each[0].rank, len(each[2])))
+    groups: tuple[Cluster, ...] = ()
+    if closed and actuated.size:
+        columns = independent_columns(J[rows], (*passive_classes, actuated))
+        groups = tuple(clusters(scene, J, jacobians, rows, columns))
+    moved = [np.abs(pin.difference(robot.model, tries[0], q)) for q in tries[1:]]
+    return Chains(
+        rows=rows,
+        limits=limits,
+        actuated=actuated,
+        dependent=dependent,
+        clusters=groups,
+        home={each.name: each.side(found[0][1]) for each in groups if each.sided},
+        rank=factors.rank,
+        redundant=redundant_rows(factors.U[:, factors.rank :], scene.row_names),
+        isolated=isolated(scene, np.max(moved, axis=0), jacobians, rows) if moved else (),
+    )
+
+
+def positioned(scene: Scene) -> Indices:
+    """Return the rows that have a position error."""
+    return np.array([row for b in scene.bounds for row in b.positioned], dtype=np.int_)
+
+
+def _nearby(
+    equations: Equations, rows: Indices, limits: Limits, guess: Array
+) -> tuple[bool, list[Array]]:
+    """Return whether the guess can be closed, and closed configurations at it and near it."""
+    model = equations.model
+    everything = np.ones(model.nv, dtype=bool)
+    for limited in (limits, NO_LIMITS):
+        closer = Closer(equations, rows, everything, limited)
+        ends = closer.ends(guess) if not limited.beyond(guess) else ()
+        first = next((end for end in ends if end.size <= tolerances.CLOSED), None)
+        if first is not None:
+            break
+    else:
+        return False, [guess]
+    found, rng = [first.q], np.random.default_rng(0)
+    for _ in range(_LOOKS):
+        near = np.array(pin.integrate(model, first.q, _NEARBY * rng.normal(size=model.nv)))
+        end = closer.close(near)
+        if end.size <= tolerances.CLOSED:
+            found.append(end.q)
+    return True, found
+
+
+def independent_columns(J: Array, classes: Sequence[Indices]) -> Indices:
+    """Return as many independent columns of J as there are, those of the first classes first."""
+    left = J.copy()
+    least = tolerances.DEAD_POINT * np.linalg.norm(J)
+    chosen: list[int] = []
+    for columns in classes:
+        found, Q = pivots(left[:, columns], float(least))
+        chosen.extend(columns[found].tolist())
+        left -= Q @ (Q.T @ left)
+    return np.array(sorted(chosen), dtype=np.int_)
+
+
+def redundant_rows(
+    null_space: Array, names: Sequence[str], first: Sequence[str] = ()
+) -> tuple[str, ...]:
+    """Return rows that can go without lowering the rank.
+
+    A set of k rows can go if and only if its k x k block of the left null space N (m, k) is
+    regular: pivots of N^T are such a set, the best conditioned first; those named in `first` before
+    others, if they can go. Among equals the later rows go.
+    """
+    weights = np.where(np.isin(names, first), _PREFERENCE, 1.0)[:, None]
+    order, _ = pivots((weights * null_space)[::-1].T, 0.0)
+    return tuple(names[i] for i in sorted(len(names) - 1 - np.array(order, dtype=np.int_)))

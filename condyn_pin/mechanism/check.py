@@ -1,0 +1,117 @@
+"""Check: which loop is open and by how much, and which velocity does not fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import finite
+from condyn_pin._core.errors import NotAssembled
+from condyn_pin.dynamics.gaps import Gap, beyond_text, closed, gaps, rounding, slips
+from condyn_pin.dynamics.kept import equations_of
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Check:
+    """What a state leaves open.
+
+    Attributes
+    ----------
+    gap : dict of str to Gap
+        How far each loop and each anchored contact is open [m, rad].
+    slip : dict of str to Gap
+        How fast the two sides of each constraint move apart, |J v| [m/s, rad/s].
+    speed : float
+        max abs(v), or 1, whichever is larger: what a slip is small in comparison to.
+    beyond_limits : dict of str to Gap
+        Joints outside their limits, and how far [rad, m]. The dynamics know no limits.
+    rounding : dict of str to float
+        What rounding alone may leave of a slip: 1e-13 of the velocities that it is the difference
+        of [m/s, rad/s]. Looked at where a slip is more than 1e-10 of `speed`.
+    """
+
+    gap: Mapping[str, Gap]
+    slip: Mapping[str, Gap]
+    speed: float  # [rad/s, m/s]
+    beyond_limits: Mapping[str, Gap]  # [rad, m]
+    rounding: Mapping[str, float] = field(default_factory=dict)  # [m/s, rad/s]
+
+    @property
+    def closed(self) -> bool:
+        """Whether every gap is within 1e-10."""
+        return closed(self.gap)
+
+    @property
+    def consistent(self) -> bool:
+        """Whether J v = 0 to 1e-10, relative to `speed`, or to `rounding`."""
+        return not self._slipping(tolerances.CONSISTENT)
+
+    @property
+    def ok(self) -> bool:
+        """Whether the state satisfies the constraints."""
+        return self.closed and self.consistent
+
+    def raise_if_open(
+        self, *, gap: float = tolerances.CLOSED, slip: float = tolerances.CONSISTENT
+    ) -> None:
+        """Raise if the state does not satisfy the constraints.
+
+        Parameters
+        ----------
+        gap : float
+            The largest gap that will do [m, rad].
+        slip : float
+            The largest |J v| that will do, relative to `speed`.
+
+        Raises
+        ------
+        NotAssembled
+            The text names every loop that is open, and every constraint that slips.
+        """
+        wrong = self._open(gap)
+        advice = ["Scene.assemble closes the loops"] if wrong else []
+        if slipping := self._slipping(slip):
+            wrong += slipping
+            advice.append("Scene.project_velocity makes v fit")
+        if wrong:
+            raise NotAssembled(f"{', '.join(wrong)}; {'; '.join(advice)}")
+
+    def __str__(self) -> str:
+        lines = self._open(tolerances.CLOSED) or ["every loop is closed"]
+        lines += self._slipping(tolerances.CONSISTENT) or (["J v = 0"] if self.slip else [])
+        lines += [beyond_text(self.beyond_limits)] if self.beyond_limits else []
+        return "\n".join(lines)
+
+    def _open(self, most: float) -> list[str]:
+        return [f"{name} is open by {gap}" for name, gap in self.gap.items() if gap.size > most]
+
+    def _slipping(self, most: float) -> list[str]:
+        return [
+            f"{name} slips at {slip.text('/s')}"
+            for name, slip in self.slip.items()
+            if not slip.size <= max(most * self.speed, self.rounding.get(name, 0.0))
+        ]
+
+
+def check(scene: Scene, q: ArrayLike, v: ArrayLike | None) -> Check:
+    """Return what a state leaves open; see `Scene.check`."""
+    model, equations = scene.robot.model, equations_of(scene)
+    q_ = normalised(model, "q", q)
+    slip, speed, excused = {}, 1.0, {}
+    if v is not None:
+        v_ = finite("v", v, model.nv)
+        slip = slips(scene, equations.jacobian(q_) @ v_)
+        speed = max(1.0, float(np.abs(v_).max(initial=0.0)))
+        if any(each.size > tolerances.CONSISTENT * speed for each in slip.values()):
+            excused = rounding(scene, q_, v_)
+    c = equations.violation(q_)
+    return Check(gaps(scene, c), slip, speed, scene.chains.limits.beyond(q_), excused)

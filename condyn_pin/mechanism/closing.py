@@ -1,0 +1,192 @@
+"""Closing: from a guess to a configuration near it that closes the loops.
+
+With c(q) the gap and J its Jacobian, Levenberg-Marquardt on the manifold,
+
+    dq = -J^T (J J^T + mu I)^-1 c,     q <- q (+) dq,     mu = nu |c|^2,
+
+(+) being `pin.integrate`. With mu in proportion to |c|^2 it converges quadratically also where rows
+are redundant. nu grows when a step closes less of the gap than the linear model promised, and falls
+when it keeps the promise; a joint at a limit that the step would push through is left out of it.
+
+Where this ends with a gap, or somewhere else than it should, the gap is closed in small shares,
+
+    c(q) = (1 - s) c(q0),     s from 0 to 1,
+
+and if that does not help either, from starts moved at random, further and further: a guess with the
+bars in line, or with joints at their limits, can only be left sideways.
+
+References
+----------
+Yamashita, Fukushima. On the rate of convergence of the Levenberg-Marquardt method. Computing
+Suppl. 15, 2001.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.mechanism.limits import NO_LIMITS, Limits
+
+_DONE = 1e-13  # |c|: rounding, for robots of some metres [m, rad]
+_FLOOR = 1e-15  # of mu, relative to the trace of J J^T: redundant rows leave it singular
+_STATIONARY = 1e-8  # |J^T c| relative to |J| |c|
+_STILL = 1e-10  # share of |c| that a step gains where nothing is to be gained any more
+_LONGEST_MOVE = 0.5  # of any joint in one iteration [rad, m]
+_LONGEST_SHARE_MOVE = 0.3  # of any joint while one share is closed [rad, m]
+_SMALLEST_SHARE = 1 / 256  # of the gap
+_NUDGES = (0.1, 0.2, 0.3, 0.4, 0.5)  # standard deviation of each joint [rad, m]
+_LAST_STEPS = 400  # to where the gap is stationary
+_TINY = 1e-300  # a gain is never divided by zero
+_REJECTIONS = 15  # in a row, each with ten times the damping
+
+
+def _length(x: Array) -> float:
+    return math.sqrt(x.dot(x))
+
+
+@dataclass(frozen=True, eq=False)
+class Closing:
+    """How a run ended: the configuration, its gap c, accepted steps, and whether none is better.
+
+    J (m, nv) is that of all rows of the scene at q.
+    """
+
+    q: Array
+    c: Array
+    iterations: int
+    stationary: bool
+    J: Array
+
+    @property
+    def size(self) -> float:
+        """|c| [m, rad]."""
+        return float(np.linalg.norm(self.c))
+
+
+@dataclass(frozen=True, eq=False)
+class Closer:
+    """What closes the loops of one scene: its equations, the rows with a position, and what moves.
+
+    Attributes
+    ----------
+    equations : Equations
+    rows : (k,) int array
+        Rows that have a position error; a contact that belongs wherever it is has none.
+    moving : (nv,) bool array
+        Which velocity indices may change.
+    limits : Limits
+    """
+
+    equations: Equations
+    rows: NDArray[np.int_]
+    moving: NDArray[np.bool_]
+    limits: Limits = NO_LIMITS
+
+    def gap(self, q: Array) -> Array:
+        """Return c(q) of these rows."""
+        return self._look(q)[0]
+
+    def _look(self, q: Array) -> tuple[Array, Array]:
+        """Return c(q) of these rows, and J of all rows: together they take little more than c."""
+        c, J = self.equations.position_level(q)
+        return c[self.rows], J
+
+    def ends(self, start: Array) -> Iterator[Closing]:
+        """Try one run after the other: plain, in shares, from starts nearby, on from the best."""
+        q = start.copy()
+        self.limits.clip(q)
+        found = [self.close(q)]
+        yield found[-1]
+        found.append(self.follow(q))
+        yield found[-1]
+        rng = np.random.default_rng(0)
+        for nudge in _NUDGES:
+            away = np.where(self.moving, nudge * rng.normal(size=len(self.moving)), 0.0)
+            near = np.array(pin.integrate(self.equations.model, q, away))
+            self.limits.clip(near)
+            found.append(self.close(near))
+            yield found[-1]
+        best = min(found, key=lambda end: end.size)
+        if best.size > tolerances.CLOSED and not best.stationary:
+            yield self.close(best.q, most=_LAST_STEPS)
+
+    def close(self, q: Array, *, target: Array | float = 0.0, most: int = 60) -> Closing:
+        """Return the end of one run from q towards c = target, in at most `most` steps."""
+        nu, iterations = 1.0, 0
+        c, of_all = self._look(q)
+        c = c - target
+        while (size := _length(c)) > _DONE and iterations < most:
+            J = of_all[self.rows]
+            for _ in range(_REJECTIONS):
+                step = self._step(q, J, c, nu * size**2)
+                if step is None:
+                    return Closing(q, c, iterations, True, of_all)
+                nearer = self._moved(q, step)
+                c_nearer, J_nearer = self._look(nearer)
+                c_nearer = c_nearer - target
+                size_nearer = _length(c_nearer)
+                if size_nearer < size:
+                    break
+                if size <= tolerances.CLOSED:  # at rounding
+                    return Closing(q, c, iterations, True, of_all)
+                nu *= 10.0
+            else:
+                return Closing(q, c, iterations, True, of_all)
+            # what came of the step, relative to what the linear model promised
+            promised = size**2 - _length(c + J @ step) ** 2
+            gain = (size**2 - size_nearer**2) / max(promised, _TINY)
+            nu *= 4.0 if gain < 0.25 else 0.1 if gain > 0.75 else 1.0
+            q, c, of_all = nearer, c_nearer, J_nearer
+            iterations += 1
+            if size - size_nearer < _STILL * size and size > tolerances.CLOSED:
+                return Closing(q, c, iterations, True, of_all)
+        return Closing(q, c, iterations, size <= tolerances.CLOSED, of_all)
+
+    def follow(self, q: Array) -> Closing:
+        """Return the end of a run that closes the gap in shares, no joint moving far in one."""
+        c0 = self.gap(q)
+        s, share, iterations = 0.0, 0.25, 0
+        while s < 1.0 and share > _SMALLEST_SHARE:
+            aim = min(1.0, s + share)
+            end = self.close(q, target=(1.0 - aim) * c0, most=8)
+            iterations += end.iterations
+            moved = np.abs(pin.difference(self.equations.model, q, end.q)).max()
+            if end.size < 0.01 * share * np.linalg.norm(c0) and moved < _LONGEST_SHARE_MOVE:
+                q, s, share = end.q, aim, 1.5 * share
+            else:
+                share /= 2
+        end = self.close(q)
+        return replace(end, iterations=iterations + end.iterations)
+
+    def _step(self, q: Array, J: Array, c: Array, mu: float) -> Array | None:
+        """Return the step, clamped, or None if no step of what may move closes the gap."""
+        free = self.moving
+        while True:
+            Jf = J if free.all() else np.where(free, J, 0.0)
+            A = Jf @ Jf.T
+            trace = float(A.trace())
+            if _length(Jf.T @ c) <= _STATIONARY * math.sqrt(trace) * _length(c):
+                return None
+            A.flat[:: len(c) + 1] += mu + _FLOOR * trace
+            step: Array = -Jf.T @ np.linalg.solve(A, c)
+            pushed = self.limits.pushed(q, step)
+            if not pushed.size:
+                break
+            free = free.copy()
+            free[pushed] = False
+        longest = float(np.abs(step).max())
+        return step if longest <= _LONGEST_MOVE else step * (_LONGEST_MOVE / longest)
+
+    def _moved(self, q: Array, step: Array) -> Array:
+        nearer = np.array(pin.integrate(self.equations.model, q, step))
+        self.limits.clip(nearer)
+        return nearer

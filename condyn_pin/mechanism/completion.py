@@ -1,0 +1,179 @@
+"""Completion: the state of the passive joints from those of the motors.
+
+With the columns of J split into motors A, dependent joints D and the rest,
+
+    J_D dq_D + J_A dq_A = 0,     G = dq/dq_A = ( I on A,  -J_D^+ J_A on D,  0 on the rest ).
+
+The rest is what neither motors nor loops determine, such as a floating base, springs, or the spin
+of a rod: it stays where it is. `condyn_pin.mechanism.following` moves the motors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import BranchChanged, InvalidArgument, NotAssembled
+from condyn_pin.dynamics.gaps import beyond_text
+from condyn_pin.mechanism.assembly import assemble_from, check_held
+from condyn_pin.mechanism.assembly_report import Assembly, AssemblyStatus
+from condyn_pin.mechanism.chains import Chains
+from condyn_pin.mechanism.following import Follower
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.scene import Scene
+
+_FARTHEST = 100.0  # that a motor is followed [rad, m]
+
+
+@dataclass(frozen=True, eq=False)
+class CompleteState:
+    """The whole state that belongs to a state of the motors.
+
+    Attributes
+    ----------
+    q : (nq,) array
+    v : (nv,) array
+        G times the velocities of the motors.
+    G : (nv, n_actuated) array
+        dq/dq_actuated, in tangent columns [1, m, 1/m].
+    undetermined : int
+        Directions in which the robot can still move with the motors held. Of these, q and v are
+        those of `near`, at rest.
+    conflicting : int
+        Conditions among the motors themselves: more than zero if there are more motors than
+        degrees of freedom. Then G holds only for motions of the motors that fit together.
+    residual : float
+        max abs(c(q)) [m, rad].
+    assembly : Assembly
+        The last closing, with branch and smallest singular value.
+    """
+
+    q: Array
+    v: Array
+    G: Array
+    undetermined: int
+    conflicting: int
+    residual: float  # [m, rad]
+    assembly: Assembly
+
+    def __str__(self) -> str:
+        lines = [str(self.assembly)]
+        lines.append(f"{self.undetermined} directions that neither motors nor loops determine")
+        if self.conflicting:
+            lines.append(f"{self.conflicting} conditions among the motors themselves")
+        lines += [
+            f"{label} = {np.array2string(x, precision=6, suppress_small=True)}"
+            for label, x in (("q", self.q), ("v", self.v))
+        ]
+        return "\n".join(lines)
+
+
+@one_blas_thread
+def complete_state(
+    scene: Scene,
+    q_actuated: ArrayLike,
+    v_actuated: ArrayLike | None,
+    near: ArrayLike | None,
+    within_limits: bool,
+) -> CompleteState:
+    """Return the whole state of a scene from its motors; see `Scene.complete_state`."""
+    robot, model, chains = scene.robot, scene.robot.model, scene.chains
+    robot.check_unedited()
+    A = chains.actuated
+    if not A.size:
+        raise InvalidArgument(
+            f"{robot.name} has no actuated joints: dataclasses.replace(robot, actuated=[...])"
+        )
+    v_A = np.zeros(A.size) if v_actuated is None else finite("v_actuated", v_actuated, A.size)
+    start = scene.audit.q if near is None else normalised(model, "near", near)
+    follower = Follower.of(scene)
+    target = _target(follower, start, q_actuated)
+    if within_limits:
+        check_held("q_actuated", chains.limits, target, A)
+    assembly = _drive(scene, follower, start, target)
+    if within_limits:
+        _check_dependent(chains, assembly)
+    J = follower.jacobian(assembly.q)
+    G = follower.G(J)
+    passive = np.delete(J, A, axis=1)
+    known = _rank(passive)
+    return CompleteState(
+        q=assembly.q,
+        v=G @ v_A,
+        G=G,
+        undetermined=passive.shape[1] - known,
+        conflicting=_rank(J) - known,
+        residual=max((gap.size for gap in assembly.gap.values()), default=0.0),
+        assembly=assembly,
+    )
+
+
+def _target(follower: Follower, start: Array, q_actuated: ArrayLike) -> Array:
+    """Return the start with the motors where they are to be."""
+    model, motors = follower.closer.equations.model, follower.motors
+    target = start.copy()
+    target[motors] = finite("q_actuated", q_actuated, motors.size)
+    target = normalised(model, "q_actuated", target)
+    farthest = float(np.abs(pin.difference(model, start, target)).max())
+    if not farthest <= _FARTHEST:
+        raise InvalidArgument(
+            f"q_actuated: a motor is {farthest:.3g} rad or m from where it is in `near`; "
+            f"at most {_FARTHEST:g} are followed"
+        )
+    return target
+
+
+def _drive(scene: Scene, follower: Follower, start: Array, target: Array) -> Assembly:
+    """Close the start, and move the motors from there."""
+    moving, motors = follower.closer.moving, follower.motors
+    first = assemble_from(scene, start, moving, within_limits=False)
+    if not first.status.ok:
+        error = first.error()
+        raise type(error)(f"where the motors start, {error}", first)
+    q, share = follower.follow(first.q, target)
+    there = q.copy()
+    there[motors] = target[motors]
+    last = assemble_from(scene, there, moving, within_limits=False)
+    if share == 1.0:
+        return last
+    way = f"the motors were followed for {share:.1%} of the way from `near`"
+    if not last.closed:
+        raise NotAssembled(f"{way}; {last.error()}", last)
+    J = follower.closer.equations.jacobian(q)
+    loops = scene.chains.weakest(J)
+    last = replace(last, status=AssemblyStatus.BRANCH_CHANGED, flipped=(loops,))
+    raise BranchChanged(
+        f"{loops}: {way}, up to a dead point; beyond, they lead to more than one configuration: "
+        "pass a `near` on the side that is meant",
+        last,
+    )
+
+
+def _check_dependent(chains: Chains, assembly: Assembly) -> None:
+    """Refuse a state in which the motors take a joint out of its limits."""
+    moved = {
+        joint
+        for joint, iv in zip(chains.limits.joints, chains.limits.iv, strict=True)
+        if iv in chains.dependent
+    }
+    out = {joint: by for joint, by in assembly.beyond_limits.items() if joint in moved}
+    if out:
+        raise NotAssembled(
+            f"with the motors there, {beyond_text(out)}; move them elsewhere, or pass "
+            "within_limits=False",
+            replace(assembly, status=AssemblyStatus.BEYOND_LIMITS),
+        )
+
+
+def _rank(J: Array) -> int:
+    S = np.linalg.svd(J, compute_uv=False)
+    return int(np.count_nonzero(tolerances.DEAD_POINT * S.max(initial=0.0) < S))

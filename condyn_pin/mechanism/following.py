@@ -1,0 +1,143 @@
+"""Following: closed configurations along a motion of the motors, never across a dead point.
+
+The motors go from where they are to their target, in strides. In each, the dependent joints are
+predicted and then corrected,
+
+    q (+) G dq_A,     and from there J_D dq_D = -c(q) until the loops are closed.
+
+A stride from q0 is kept if at the predicted and at the corrected configuration
+
+    |J_D(q0)^+ J_D(q) - 1| <= 1/2     (largest singular value).
+
+Then J_D stays regular in it, and the motors lead to one configuration only. Towards a dead point
+J_D(q0)^+ grows and the strides shrink to nothing: it is reached from one side, and not crossed,
+whatever the sign of det(Q^T J_D) is beyond.
+
+References
+----------
+Deuflhard. Newton Methods for Nonlinear Problems. Springer, 2011, section 5.1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.joints import Indices, indices
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.mechanism.closing import Closer
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.scene import Scene
+
+_LONGEST = 0.1  # stride of a motor [rad, m]
+_SHORTEST = 1e-5  # the same: a gap of CLOSED hides a dead point that is nearer [rad, m]
+_CHANGE = 0.5  # of J_D in a stride, relative
+_CORRECTIONS = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Follower:
+    """What moves the motors of one scene, the dependent joints following.
+
+    Attributes
+    ----------
+    closer : Closer
+        Closes the loops with the dependent joints.
+    actuated, dependent : int array
+        Velocity indices.
+    motors : int array
+        Where q holds the motors.
+    """
+
+    closer: Closer
+    actuated: Indices
+    dependent: Indices
+    motors: Indices
+
+    @classmethod
+    def of(cls, scene: Scene) -> Follower:
+        """Return that of a scene."""
+        model, chains = scene.robot.model, scene.chains
+        moving = np.zeros(model.nv, dtype=bool)
+        moving[chains.dependent] = True
+        closer = Closer(Equations(model, scene.bounds), chains.rows, moving)
+        motors, _ = indices(model, scene.robot.actuated)
+        return cls(closer, chains.actuated, chains.dependent, motors)
+
+    def jacobian(self, q: Array) -> Array:
+        """Return the rows of J that have a position."""
+        J: Array = self.closer.equations.jacobian(q)[self.closer.rows]
+        return J
+
+    def inverse(self, J: Array) -> Array:
+        """Return J_D^+."""
+        J_D = J[:, self.dependent]
+        if not J_D.size:
+            return np.zeros(J_D.shape[::-1])
+        return np.asarray(np.linalg.pinv(J_D, rcond=tolerances.DEAD_POINT), dtype=np.float64)
+
+    def G(self, J: Array) -> Array:
+        """Return dq/dq_A (nv, n_actuated) in tangent columns."""
+        A = self.actuated
+        G = np.zeros((J.shape[1], A.size))
+        G[A, np.arange(A.size)] = 1.0
+        G[self.dependent] = -self.inverse(J) @ J[:, A]
+        return G
+
+    def follow(self, start: Array, target: Array) -> tuple[Array, float]:
+        """Move the motors towards a target.
+
+        Parameters
+        ----------
+        start : (nq,) array
+            A closed configuration.
+        target : (nq,) array
+            The same with other motors.
+
+        Returns
+        -------
+        q : (nq,) array
+            The last configuration reached, closed.
+        share : float
+            Of the way; less than 1 if the strides shrank to nothing.
+        """
+        model = self.closer.equations.model
+        whole = np.array(pin.difference(model, start, target))[self.actuated]
+        length = max(float(np.abs(whole).max()), _SHORTEST)
+        q, share, stride = start, 0.0, _LONGEST / length
+        while share < 1.0 and stride * length >= _SHORTEST:
+            aim = 1.0 if share + stride >= 1.0 else share + stride
+            there = np.array(pin.interpolate(model, start, target, aim)) if aim < 1.0 else target
+            end = self._stride(q, (aim - share) * whole, there)
+            if end is None:
+                stride = (aim - share) / 2
+            else:
+                q, share, stride = end, aim, min(1.5 * stride, _LONGEST / length)
+        return q, share
+
+    def _stride(self, q: Array, dq_A: Array, there: Array) -> Array | None:
+        """Return the end of a stride, or None if it is too long."""
+        J = self.jacobian(q)
+        inverse = self.inverse(J)
+        dq = np.zeros(J.shape[1])
+        dq[self.actuated] = dq_A
+        dq[self.dependent] = -inverse @ (J[:, self.actuated] @ dq_A)
+        predicted = np.array(pin.integrate(self.closer.equations.model, q, dq))
+        predicted[self.motors] = there[self.motors]
+        if self._change(inverse, predicted) > _CHANGE:
+            return None
+        end = self.closer.close(predicted, most=_CORRECTIONS)
+        if end.size > tolerances.CLOSED or self._change(inverse, end.q) > _CHANGE:
+            return None
+        return end.q
+
+    def _change(self, inverse: Array, q: Array) -> float:
+        """Return |J_D(q0)^+ J_D(q) - 1|; 1 or more if J_D(q0) is singular."""
+        change = inverse @ self.jacobian(q)[:, self.dependent] - np.eye(len(inverse))
+        return float(np.linalg.norm(change, 2)) if change.size else 0.0

@@ -1,0 +1,145 @@
+"""Integrability: whether constraints on the velocity are constraints on the position.
+
+Let X and Y be velocities that the rows allow, A X = A Y = 0, constant in the axes of the joints.
+Moving along X, then Y, and back leads to second order along the Lie bracket
+
+    d(X, Y) = (dA X) Y - (dA Y) X - A [X, Y],
+
+which has to stay within the rows for every X and Y, at every configuration nearby: then, and only
+then (Frobenius), the rows are the rates of as many functions of q. A blade fails: by turning and
+gliding it gets sideways.
+
+dA is exact, from `condyn_pin.dynamics.derivatives.linearised`: with v = 0 and a = Y, J a + gamma =
+A Y. [X, Y] is the bracket of the joints' own groups: for a free-flyer the cross product of its
+twists, and zero for every joint whose q is a plain vector.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.linalg.numerical_rank import null_space
+from condyn_pin.dynamics.derivatives.linearised import Linearisation
+from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.mechanism.assembly import assemble
+from condyn_pin.mechanism.check import check
+
+_LOOKS = 2  # at configurations nearby: a bracket may vanish at one by accident
+_NEARBY = 0.1  # [rad, m]
+
+# What a velocity is in the axes of a twist (linear, angular), for joints whose q is no vector.
+_TWISTS: Final[dict[str, tuple[int, ...]]] = {
+    "JointModelFreeFlyer": (0, 1, 2, 3, 4, 5),
+    "JointModelSpherical": (3, 4, 5),
+    "JointModelPlanar": (0, 1, 5),
+}
+
+
+@one_blas_thread
+def is_integrable(scene: Scene, q: ArrayLike | None = None) -> bool:
+    """Return whether the rows of a scene restrict the position, and not the velocity alone.
+
+    d(X, Y) = 0 for all X, Y with A X = A Y = 0, at q and at two closed configurations near it.
+
+    Parameters
+    ----------
+    scene : Scene
+    q : (nq,) array_like, optional
+        A closed configuration; the nominal state by default.
+
+    Returns
+    -------
+    bool
+        True for loops and contacts, and for a scene without rows; False if some of the velocities
+        that the rows allow lead, one after the other, to where no allowed velocity leads.
+
+    Raises
+    ------
+    InvalidArgument
+        If `scene` is no scene, or `q` has a wrong size or is not finite.
+    NotAssembled
+        If a loop is open at q: off its own manifold a loop is not integrable, and means nothing.
+
+    Notes
+    -----
+    Where some rows are integrable and others are not, the answer is False. Cost: one linearisation
+    for each degree of freedom left, three times.
+
+    References
+    ----------
+    Murray, Li, Sastry. A Mathematical Introduction to Robotic Manipulation. CRC Press, 1994,
+    chapter 7.
+    """
+    check_scene(scene)
+    model = scene.robot.model
+    scene.robot.check_unedited()
+    q_ = scene.audit.q if q is None else normalised(model, "q", q)
+    check(scene, q_, None).raise_if_open()
+    if not scene.rows:
+        return True
+    of = Linearisation(model, scene.bounds)
+    return all(_is_involutive(model, scene.rows, of, each) for each in _at_and_near(scene, q_))
+
+
+def _at_and_near(scene: Scene, q: Array) -> Iterator[Array]:
+    """Yield q, and what can be closed near it."""
+    yield q
+    rng, model = np.random.default_rng(0), scene.robot.model
+    for _ in range(_LOOKS):
+        near = np.array(pin.integrate(model, q, _NEARBY * rng.normal(size=model.nv)))
+        found = assemble(scene, near, within_limits=False, branch={}, throw=False)
+        if found.status.ok:
+            yield found.q
+
+
+def _is_involutive(model: Any, rows: int, linearisation: Linearisation, q: Array) -> bool:
+    """Whether the brackets of the allowed velocities are allowed, at one configuration."""
+    still, no_force = np.zeros(model.nv), np.zeros(rows)
+    A = linearisation.at(q, still, still, no_force).J
+    allowed = null_space(A)
+    # turned[j] @ x = (dA x) y_j
+    turned = [linearisation.at(q, still, y, no_force).s_q for y in allowed]
+    size = max((float(np.abs(each).max(initial=0.0)) for each in turned), default=0.0)
+    size = max(size, float(np.abs(A).max(initial=0.0)))
+    for j, y in enumerate(allowed):
+        for i, x in enumerate(allowed[:j]):
+            d = turned[j] @ x - turned[i] @ y - A @ bracket(model, x, y)
+            if np.abs(d).max(initial=0.0) > tolerances.INTEGRABLE * size:
+                return False
+    return True
+
+
+def bracket(model: Any, x: Array, y: Array) -> Array:
+    """Return [x, y] (nv,) of two velocities that are constant in the axes of the joints."""
+    found = np.zeros(model.nv)
+    for joint in list(model.joints)[1:]:
+        _bracket(joint, int(joint.idx_v), x, y, found)
+    return found
+
+
+def _bracket(joint: Any, start: int, x: Array, y: Array, found: Array) -> None:
+    """Write the part of one joint that begins at a velocity index."""
+    name = joint.shortname()
+    at = slice(start, start + int(joint.nv))
+    if name == "JointModelComposite":
+        joint = joint.extract() if hasattr(joint, "extract") else joint
+        for part in joint.joints:
+            _bracket(part, start, x, y, found)
+            start += int(part.nv)
+    elif name in _TWISTS:
+        chosen = list(_TWISTS[name])
+        one, two = np.zeros((2, 6))
+        one[chosen], two[chosen] = x[at], y[at]
+        found[at] = pin.Motion(one).cross(pin.Motion(two)).vector[chosen]
+    elif joint.nv > 1 and joint.nq != joint.nv:
+        raise InvalidArgument(f"scene: the Lie bracket of a {name} is not known")

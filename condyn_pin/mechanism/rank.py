@@ -1,0 +1,236 @@
+"""Rank: what the rows of a scene ask for at one configuration.
+
+With M = L L^T and the whitened Jacobian J L^-T, whose squared singular values are the eigenvalues
+of the Delassus matrix J M^-1 J^T,
+
+    mobility = nv - rank J,          Gruebler's count = nv - m,
+
+and the two differ by the redundant rows. A row can be redundant at every configuration, as the one
+across the plane of a planar loop, or at this one only: then it is singular.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.reach import reach
+from condyn_pin.dynamics.gaps import Gap, closed, gaps, worst
+from condyn_pin.dynamics.kept import equations_of
+from condyn_pin.mechanism.chains import redundant_rows
+from condyn_pin.model.soundness import singular_mass
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.scene import Scene
+
+_NEARLY_SINGULAR = 1e-4  # of the singular values
+_EPS = float(np.finfo(float).eps)
+
+# Rows with less of a singular vector, as a share of its largest entry, are not named.
+_NAMED = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Rank:
+    """Rank, mobility and conditions at one configuration.
+
+    Attributes
+    ----------
+    q : (nq,) array
+    gap : dict of str to Gap
+        How far each loop is open at q [m, rad].
+    rows, rank, generic_rank : int
+        m; independent rows at q; independent rows at configurations near the first posture that
+        are not singular by accident.
+    mobility, gruebler : int
+        nv - rank, the degrees of freedom left, as directions of the velocity; nv - m, as if every
+        row counted.
+    redundant : tuple of str
+        Rows that can go at q without changing the motion, as ``constraint.axis``.
+    generic_redundant : tuple of str
+        Rows that can go at configurations that are not singular by accident.
+    isolated : tuple of str
+        Loops that close at the first posture and nowhere near it: bars that just reach. Then
+        singular values that such a gap hides count as zeros.
+    conflict : dict of str to float
+        Rows that want to be moved against each other, and by how much: the part of c(q) that no
+        motion takes away, to first order [m, rad].
+    weak : tuple of str
+        Rows that have all but lost their grip: those along which singular values are below 1e-4
+        of the largest, and are no zeros.
+    singular_values : (min(m, nv),) array
+        Of J L^-T [1/sqrt(kg)].
+    condition, delassus_condition : float
+        Condition numbers of M, and of the nonzero part of J M^-1 J^T.
+    """
+
+    q: Array
+    gap: Mapping[str, Gap]
+    rows: int
+    rank: int
+    generic_rank: int
+    mobility: int
+    gruebler: int
+    redundant: tuple[str, ...]
+    generic_redundant: tuple[str, ...]
+    isolated: tuple[str, ...]
+    conflict: Mapping[str, float]
+    weak: tuple[str, ...]
+    singular_values: Array  # [1/sqrt(kg)]
+    condition: float
+    delassus_condition: float
+
+    @property
+    def licq(self) -> bool:
+        """Whether every row counts: linear independence constraint qualification."""
+        return self.rank == self.rows
+
+    @property
+    def closed(self) -> bool:
+        """Whether every loop is closed to 1e-10."""
+        return closed(self.gap)
+
+    @property
+    def singular(self) -> bool:
+        """Whether the rank is lower than at configurations nearby."""
+        return self.rank < self.generic_rank
+
+    @property
+    def only_here(self) -> tuple[str, ...]:
+        """The redundant rows of a singular configuration that count nearby."""
+        kept = [name for name in self.redundant if name not in self.generic_redundant]
+        return tuple(kept) if self.singular else ()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What deserves attention, a sentence each."""
+        return tuple(self._notes())
+
+    def __str__(self) -> str:
+        lines = [
+            f"{self.rows} rows, rank {self.rank}, mobility {self.mobility} "
+            f"(Gruebler's count {self.gruebler})",
+            f"redundant rows: {', '.join(self.redundant) or 'none'}",
+            f"condition of M {self.condition:.1e}, of the Delassus matrix "
+            f"{self.delassus_condition:.1e}",
+        ]
+        return "\n".join([*lines, *self.notes])
+
+    def _notes(self) -> Iterator[str]:
+        if not self.closed:
+            name, gap = worst(self.gap)
+            yield (
+                f"{name} is open by {gap}: redundant rows of an open loop have singular values of "
+                "that size and can be counted as independent; assemble it first"
+            )
+        if self.conflict:
+            size = max(self.conflict.values())
+            yield (
+                f"{', '.join(self.conflict)} contradict each other by {size:.3g} m or rad: no "
+                "motion from here closes them all, and no acceleration satisfies them; leave one "
+                "out, or move its frames"
+            )
+        yield from self._singularity()
+        if self.closed and self.rank > self.generic_rank:
+            yield (
+                f"rank {self.rank} here, {self.generic_rank} near the first posture, which is "
+                "singular in its neighbourhood too, or on another branch"
+            )
+
+    def _singularity(self) -> Iterator[str]:
+        """Say whether the configuration is singular, or nearly."""
+        if self.singular:
+            yield (
+                f"singular configuration: rank {self.rank} here, {self.generic_rank} nearby; "
+                f"{', '.join(self.only_here)} redundant only here; J says less than the loops ask "
+                "for, and accelerations can be wrong"
+            )
+            if self.isolated:
+                yield (
+                    f"{', '.join(self.isolated)} closes here and nowhere near: no motion leads "
+                    "away, whatever J leaves free"
+                )
+        elif self.rank and self.singular_values[self.rank - 1] < (
+            _NEARLY_SINGULAR * self.singular_values[0]
+        ):
+            share = self.singular_values[self.rank - 1] / self.singular_values[0]
+            yield (
+                "nearly singular: constraint forces are large and badly determined here, along "
+                f"{', '.join(self.weak)}, and grow without bound on the way to the singular "
+                f"configuration; a and J^T lam are unique, to about {_EPS / share:.0e}"
+            )
+
+
+@one_blas_thread
+def rank(scene: Scene, q: ArrayLike | None) -> Rank:
+    """Return the rank of a scene at q; see `Scene.rank`."""
+    robot, model = scene.robot, scene.robot.model
+    robot.check_unedited()
+    q_ = scene.audit.q if q is None else normalised(model, "q", q)
+    equations = Equations(model, scene.bounds)
+    terms = equations.terms(q_, np.zeros(model.nv))
+    isolated = scene.chains.isolated
+    factors = _factors(scene, equations, q_, terms.M, terms.J)
+    S, r = factors.S, factors.rank
+    c = equations.violation(q_)
+    return Rank(
+        q=q_.copy(),
+        gap=gaps(scene, c),
+        rows=scene.rows,
+        rank=r,
+        generic_rank=scene.chains.rank,
+        mobility=robot.nv - r,
+        gruebler=robot.nv - scene.rows,
+        redundant=redundant_rows(factors.U[:, r:], scene.row_names, scene.chains.redundant),
+        generic_redundant=scene.chains.redundant,
+        isolated=isolated,
+        conflict=_conflict(factors.U[:, min(r, scene.chains.rank) :], c, scene.row_names),
+        weak=_weak(factors, scene.row_names),
+        singular_values=S,
+        condition=float(np.linalg.cond(terms.M)),
+        delassus_condition=float((S[0] / S[r - 1]) ** 2) if r else 1.0,
+    )
+
+
+def is_singular(scene: Scene, q: Array) -> bool:
+    """Whether fewer rows are independent at q than at configurations nearby, as `Rank.singular`."""
+    equations = equations_of(scene)
+    factors = _factors(scene, equations, q, equations.mass(q), equations.jacobian(q))
+    return factors.rank < scene.chains.rank
+
+
+def _factors(scene: Scene, equations: Equations, q: Array, M: Array, J: Array) -> MinimumNorm:
+    """Return M and J factorised, without the singular values that are zeros but for rounding."""
+    share = tolerances.ISOLATED if scene.chains.isolated else tolerances.RANK
+    factors = factorise(M, J, share, why=singular_mass(scene.robot.model, q))
+    return factors.above_rounding(reach(equations, q))
+
+
+def _conflict(null: Array, c: Array, names: Sequence[str]) -> dict[str, float]:
+    """Return the part of c that lies in the null space of J^T, by rows."""
+    part = np.abs(null @ (null.T @ c))
+    largest = float(part.max(initial=0.0))
+    if largest <= tolerances.CLOSED:
+        return {}
+    rows = np.flatnonzero(part > _NAMED * largest).tolist()
+    return {names[i]: float(part[i]) for i in rows}
+
+
+def _weak(factors: MinimumNorm, names: Sequence[str]) -> tuple[str, ...]:
+    """Return the rows along which singular values are small."""
+    S = factors.S[: factors.rank]
+    along = np.abs(factors.U[:, : factors.rank][:, _NEARLY_SINGULAR * S.max(initial=0.0) > S])
+    if not along.size:
+        return ()
+    rows = np.flatnonzero((along > _NAMED * along.max(axis=0)).any(axis=1)).tolist()
+    return tuple(names[i] for i in rows)

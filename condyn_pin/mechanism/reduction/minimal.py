@@ -1,0 +1,227 @@
+"""The smallest scene that still answers the question, found by trying.
+
+Each simplification is made, the accelerations and forces that are asked for are compared with those
+of the full scene at the states of the question, and it stays if the errors stay within the limit.
+
+What was chosen by a few random states looks better at them than elsewhere. So the result is asked
+again at fresh ones; while the limit does not hold there, the last simplification is undone, and
+what it was in the way of is tried.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import Arguments
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import CondynError, InvalidArgument, NotAssembled
+from condyn_pin._core.joints import indices
+from condyn_pin._core.timing import State, time_trials, trial
+from condyn_pin.dynamics.catalogue import motor_torque
+from condyn_pin.dynamics.choice import default_solver
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.mechanism.reduction.minimal_report import Minimal, Step
+from condyn_pin.mechanism.reduction.price import Errors, answers, compare, watched_joints
+from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
+from condyn_pin.mechanism.reduction.smaller_robot import free_flyers
+from condyn_pin.mechanism.reduction.suggestions import Suggestion, suggestions
+from condyn_pin.model.robot import Robot
+
+_SAMPLES = 10  # states that simplifications are chosen by
+_FRESH = 50  # states that the result is judged by
+_ROUNDS = 100
+_NONE = Errors(0.0, 0.0, 0.0, 0.0)
+
+
+@one_blas_thread
+def minimal(
+    scene: Scene,
+    *,
+    error: float,
+    motion: Sequence[Any] | None = None,
+    watch: Sequence[str] | None = None,
+    solver: Solver | None = None,
+) -> Minimal:
+    """Return the smaller scene with its report; see `Scene.minimal`."""
+    if not 0 <= finite("error", error, ()) < 1:
+        raise InvalidArgument(f"error = {error!r}: a number from 0 to below 1 is needed")
+    limit = max(float(error), tolerances.EXACT)
+    solver = default_solver(scene) if solver is None else solver
+    if not isinstance(solver, Solver):
+        raise InvalidArgument(f"solver = {solver!r}: a solver object is needed")
+    states = _sampled(scene, 0, _SAMPLES) if motion is None else _checked(scene, motion)
+    asked = _asked(scene, states, watch)
+    question = _Question.of(scene, states, asked)
+    judge = question
+    if motion is None:
+        judge = _Question.of(scene, _sampled(scene, 1, _FRESH), asked)
+    scenes = [reduced(scene, scene.robot, scene.constraints, states[0][0], ())]
+    steps: list[Step] = []
+    errors = None
+    while errors is None:
+        _search(question, solver, limit, scenes, steps)
+        errors = _judged(judge, limit, scenes, steps)
+    small = scenes[-1]
+    us, said = _times(scene, small, solver, states)
+    return Minimal(
+        scene=small,
+        nv=(scene.robot.nv, small.robot.nv),
+        rows=(scene.rows, small.rows),
+        us=us,
+        said=said,
+        solver=solver,
+        errors=errors,
+        limit=limit,
+        states=len(judge.states),
+        watch=asked,
+        steps=tuple(steps),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Question:
+    """What every smaller scene is asked, and what the full one answers."""
+
+    scene: Scene
+    states: Sequence[State]
+    asked: tuple[str, ...]
+    full: tuple[Array, Array]
+
+    @classmethod
+    def of(cls, scene: Scene, states: Sequence[State], asked: tuple[str, ...]) -> _Question:
+        return cls(scene, states, asked, answers(scene, states, asked))
+
+    def errors(self, small: ReducedScene) -> Errors:
+        """Return the errors of a smaller scene, or raise the CondynError that prevents them."""
+        found = answers(small, [_reduce(small, state) for state in self.states], self.asked)
+        return compare(self.scene, self.full, found)
+
+
+def _search(
+    question: _Question,
+    solver: Solver,
+    limit: float,
+    scenes: list[ReducedScene],
+    steps: list[Step],
+) -> None:
+    """Try what was not tried yet; add every step, and the scene after each that is kept."""
+    while (suggestion := _untried(scenes[-1], question, steps, solver)) is not None:
+        try:
+            after = suggestion.make(scenes[-1])
+            Workspace(after, solver)
+            errors = question.errors(after)
+        except CondynError as refusal:
+            steps.append(Step(suggestion.what, kept=False, errors=None, reason=f"; {refusal}"))
+            continue
+        good = errors.worst <= limit
+        reason = "" if good else f"; {limit:g} is allowed"
+        steps.append(Step(suggestion.what, kept=good, errors=errors, reason=reason))
+        if good:
+            scenes.append(after)
+
+
+def _untried(
+    small: ReducedScene, question: _Question, steps: Sequence[Step], solver: Solver
+) -> Suggestion | None:
+    tried = {step.what for step in steps}
+    moving = _moving(small.full.robot, small.robot.joints, question.states)
+    proposed = suggestions(small, moving, question.asked, exact_rows=solver.takes_every_kind)
+    return next((s for s in proposed if s.what not in tried), None)
+
+
+def _judged(
+    judge: _Question, limit: float, scenes: list[ReducedScene], steps: list[Step]
+) -> Errors | None:
+    """Return the errors of the last scene if they are within the limit, or else take it back."""
+    if len(scenes) == 1:
+        return _NONE
+    errors, said = None, ""
+    try:
+        errors = judge.errors(scenes[-1])
+    except CondynError as refusal:
+        said = f"; {refusal}"
+    if errors is not None and errors.worst <= limit:
+        return errors
+    scenes.pop()
+    last = max(i for i, step in enumerate(steps) if step.kept)
+    said = said or f" at {len(judge.states)} other states; {limit:g} is allowed, so undone"
+    steps[last] = replace(steps[last], kept=False, errors=errors, reason=said)
+    return None
+
+
+def _asked(scene: Scene, states: Sequence[State], watch: Sequence[str] | None) -> tuple[str, ...]:
+    """Return the joints to watch; by default those of base and motors that the motion moves."""
+    joints = watched_joints(scene, watch)
+    if watch is not None:
+        return joints
+    moving = _moving(scene.robot, scene.robot.joints, states)
+    kept = (*free_flyers(scene.robot), *(name for name in joints if name in moving))
+    return tuple(dict.fromkeys(kept)) or tuple(n for n in scene.robot.joints if n in moving)
+
+
+def _reduce(small: ReducedScene, state: State) -> State:
+    q, v, tau = state
+    return (*small.reduce_state(q, v), small.reduce_torque(tau))
+
+
+def _moving(robot: Robot, joints: Sequence[str], states: Sequence[State]) -> set[str]:
+    """Return which of some joints the motion moves."""
+    model = robot.model
+    away = np.zeros(model.nv)
+    for q, v, _ in states:
+        step = np.array(pin.difference(model, states[0][0], q))
+        away = np.maximum(away, np.maximum(np.abs(step), np.abs(v)))
+    return {n for n in joints if away[indices(model, [n])[1]].max() > tolerances.CLOSED}
+
+
+def _sampled(scene: Scene, seed: int, count: int) -> list[State]:
+    rng = np.random.default_rng(seed)
+    return [(*scene.sample(rng), motor_torque(scene.robot, rng)) for _ in range(count)]
+
+
+def _checked(scene: Scene, motion: Any) -> list[State]:
+    if isinstance(motion, str) or not isinstance(motion, Iterable):
+        raise InvalidArgument(f"motion = {motion!r}: a list of (q, v, tau) is needed")
+    check = Arguments(scene.robot.model).check
+    states = []
+    for k, state in enumerate(motion):
+        try:
+            q, v, tau = check(*_three(state))
+            scene.check(q, v).raise_if_open()
+        except InvalidArgument as error:
+            raise InvalidArgument(f"motion[{k}]: {error}") from error
+        except NotAssembled as error:
+            raise NotAssembled(f"motion[{k}]: {error}", error.assembly) from error
+        states.append((q, v, tau))
+    if not states:
+        raise InvalidArgument("motion: it is empty; one state (q, v, tau) at least is needed")
+    return states
+
+
+def _three(state: Any) -> tuple[Any, Any, Any]:
+    try:
+        q, v, tau = state
+    except (TypeError, ValueError) as error:
+        raise InvalidArgument(f"(q, v, tau) is needed ({error})") from error
+    return q, v, tau
+
+
+def _times(
+    scene: Scene, small: ReducedScene, solver: Solver, states: Sequence[State]
+) -> tuple[tuple[float, float], tuple[str, str]]:
+    """Return times before and after [us], and what the solver said."""
+    before = trial(scene, solver, states)
+    after = trial(small, solver, [_reduce(small, state) for state in states])
+    times = time_trials({"before": before, "after": after}, rounds=_ROUNDS)
+    first, then = (times[k].median if k in times else math.nan for k in ("before", "after"))
+    return (first, then), (before.said, after.said)

@@ -1,0 +1,181 @@
+"""ReducedScene: a smaller scene that knows the one that it comes from, and the way back.
+
+With the joints of the smaller scene first, and the others held still or following from the loops,
+
+    q_full = (q, q_held, q_found(q)),        v_full = (v, 0, v_found(q, v)).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.joints import Indices, indices
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.mechanism.reduction.smaller_robot import sides
+from condyn_pin.mechanism.summary import Summary
+from condyn_pin.model.robot import Robot
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReducedScene(Scene):
+    """A scene made smaller: it knows the one that it comes from.
+
+    Attributes
+    ----------
+    full : Scene
+        The scene before the first step.
+    held : tuple of float
+        A configuration of the full robot: locked joints are there.
+    found : tuple of str
+        Joints of the full robot whose bodies were cut off: where they are follows from the loops.
+    dropped : tuple of str
+        What was left out, and why, a sentence each.
+    """
+
+    full: Scene
+    held: tuple[float, ...]
+    found: tuple[str, ...] = ()
+    dropped: tuple[str, ...] = ()
+
+    def reduce_state(self, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
+        """Return (q, v) of this scene from those of the full one.
+
+        Raises
+        ------
+        InvalidArgument
+            If a locked joint is elsewhere than it is locked, or moves.
+        """
+        robot = self.full.robot
+        q_, v_ = normalised(robot.model, "q", q), finite("v", v, robot.nv)
+        away = np.abs(np.array(pin.difference(robot.model, np.array(self.held), q_)))
+        for name in robot.joints:
+            if name in self.robot.joints or name in self.found:
+                continue
+            _, index = indices(robot.model, [name])
+            for what, size in (("away from where it is locked", away), ("moving", np.abs(v_))):
+                if size[index].max() > tolerances.CLOSED:
+                    raise InvalidArgument(
+                        f"joint {name!r} is {what} by {size[index].max():.3g}; lock it at this q, "
+                        "or start from a state in which it is at rest there"
+                    )
+        index_q, index_v = self._places
+        return q_[index_q], v_[index_v]
+
+    def expand_state(self, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
+        """Return (q, v) of the full scene from those of this one.
+
+        Locked joints stand still; joints of bodies that were cut off are found from the loops. What
+        these leave open, such as the spin of a rod about itself, keeps its nominal value, at rest.
+
+        Raises
+        ------
+        NotAssembled
+            If the loops of what was cut off cannot be closed at q.
+        """
+        index_q, index_v = self._places
+        q_, v_ = np.array(self.held), np.zeros(self.full.robot.nv)
+        q_[index_q] = normalised(self.robot.model, "q", q)
+        v_[index_v] = finite("v", v, self.robot.nv)
+        return self._find(q_, v_) if self.found else (q_, v_)
+
+    def reduce_torque(self, tau: ArrayLike) -> Array:
+        """Return the torques of the joints that are left; those on locked joints do nothing."""
+        return finite("tau", tau, self.full.robot.nv)[self._places[1]]
+
+    def summary(self, q: ArrayLike | None = None) -> Summary:
+        """Return the summary of the smaller scene; its notes say what was left out."""
+        summary = super().summary(q)
+        said = tuple(text for text in self.dropped if text not in summary.unused)
+        return replace(summary, notes=(*said, *summary.notes))
+
+    def __str__(self) -> str:
+        left_out = [*self.dropped] or ["nothing is left out"]
+        sizes = (
+            f"{self.robot.name}: nv {self.full.robot.nv} -> {self.robot.nv}, "
+            f"rows {self.full.rows} -> {self.rows}"
+        )
+        return "\n".join([sizes, *left_out])
+
+    @cached_property
+    def _places(self) -> tuple[Indices, Indices]:
+        return indices(self.full.robot.model, self.robot.joints)
+
+    def _find(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return the state with the joints of cut-off bodies where their loops want them."""
+        full, scene = self.full, self._cut_off
+        if not scene.constraints:
+            return q, v
+        known = [name for name in full.robot.joints if name not in self.found]
+        q = scene.assemble(q, fixed=known, within_limits=False).q
+        _, index = indices(full.robot.model, self.found)
+        J = Equations(full.robot.model, scene.bounds).jacobian(q)
+        v[index] = -np.linalg.lstsq(J[:, index], J @ v, rcond=tolerances.RANK)[0]
+        return q, v
+
+    @cached_property
+    def _cut_off(self) -> Scene:
+        """The full robot with the loops of the bodies that were cut off."""
+        full = self.full
+        numbers = {full.robot.model.getJointId(name) for name in self.found}
+        return Scene(
+            full.robot, [c for c in full.constraints if numbers & set(sides(full.robot, c))]
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        rest = {key: getattr(self, key) for key in ("full", "held", "found", "dropped")}
+        return partial(ReducedScene, **rest), (self.robot, self.constraints)
+
+
+@one_blas_thread
+def reduced(
+    scene: Scene,
+    robot: Robot,
+    constraints: Sequence[Any],
+    q: Array,
+    dropped: Sequence[str],
+    *,
+    found: Sequence[str] = (),
+) -> ReducedScene:
+    """Return the reduced scene after one more step, its origin being that of the first step.
+
+    Parameters
+    ----------
+    scene : Scene
+        Before the step.
+    robot, constraints
+        After it.
+    q : (nq,) array
+        Configuration of `scene` at which the step was made.
+    dropped : sequence of str
+        What the step left out.
+    found : sequence of str
+        Joints whose bodies it cut off.
+    """
+    if not isinstance(scene, ReducedScene):
+        held, before = tuple(q.tolist()), Scene(scene.robot, scene.constraints)
+        return ReducedScene(
+            robot, constraints, full=before, held=held, found=tuple(found), dropped=tuple(dropped)
+        )
+    all_held = np.array(scene.held)
+    all_held[indices(scene.full.robot.model, scene.robot.joints)[0]] = q
+    return ReducedScene(
+        robot,
+        constraints,
+        full=scene.full,
+        held=tuple(all_held.tolist()),
+        found=(*scene.found, *found),
+        dropped=(*scene.dropped, *dropped),
+    )

@@ -1,0 +1,147 @@
+"""The same motion in another scene of the same machine.
+
+The joints that are named are where they are in the source and move as they do there. The others
+follow from the loops,
+
+    c(q) = 0,    J v = 0.
+
+Springs of the target that are locked in the source are bent as far as they have to be to carry the
+load: by d = -lam_s / k, where lam_s is the torque that holds them still, so that they do not
+accelerate either. Where the two scenes differ in geometry, v is the nearest one with J v = 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.joints import Indices, indices
+from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.timing import State
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.terms import Terms
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.reference import Reference
+from condyn_pin.mechanism.reduction.smaller_robot import free_flyers
+from condyn_pin.model.soundness import singular_mass
+from condyn_pin.model.spring import Spring
+
+_ROUNDS = 30  # of the load on the springs; it settles by a factor of ten and more in each
+_SETTLED = 1e-12  # [rad]
+_LEVER = 0.1  # [m]; a force of 10 N is as dear as a torque of 1 N m
+
+
+@one_blas_thread
+def same_motion(source: Scene, target: Scene, state: State, joints: Sequence[str]) -> State:
+    """Return the motion of `source` in `target`.
+
+    Parameters
+    ----------
+    source, target : Scene
+    state : (q, v, tau)
+        A closed state of the source; tau are the torques of the motors, springs and damping not
+        among them.
+    joints : sequence of str
+        Joints of both scenes that decide where the machine is: the floating base and the motors.
+
+    Returns
+    -------
+    q, v, tau
+        tau with springs and damping. Motors that the source does not have hold their joints against
+        gravity.
+
+    Raises
+    ------
+    NotAssembled
+        If the target cannot be closed there.
+    """
+    q, v, tau = state
+    robot = target.robot
+    common = [name for name in source.robot.joints if name in robot.joints]
+    guess, wanted, motors = target.guess(), np.zeros(robot.nv), np.zeros(robot.nv)
+    guess[indices(robot.model, common)[0]] = q[indices(source.robot.model, common)[0]]
+    _, from_v = indices(source.robot.model, joints)
+    _, to_v = indices(robot.model, joints)
+    wanted[to_v], motors[to_v] = v[from_v], tau[from_v]
+    springs = [s for s in robot.springs if s.joint not in source.robot.joints]
+    bent = [spring.joint for spring in springs]
+    fixed = [*joints, *bent]
+    equations = Equations(robot.model, target.bounds)
+    bent_q, of_springs = indices(robot.model, bent)
+    known = np.concatenate([to_v, of_springs])
+    for _ in range(_ROUNDS):
+        q_ = target.assemble(guess, fixed=fixed, within_limits=False).q
+        v_ = _follow(equations, q_, wanted, known, of_springs)
+        tau_ = motors + _hold(target, q_, joints) + robot.passive_torque(q_, v_)
+        if not springs:
+            break
+        step = _bend(equations, (q_, v_, tau_), springs, of_springs)
+        guess = q_
+        guess[bent_q] += step
+        if np.abs(step).max() < _SETTLED:
+            break
+    return q_, v_, tau_
+
+
+def loaded(scene: Scene) -> Array:
+    """Return the nominal configuration with the springs bent by what standing there takes."""
+    rigid = scene.lock([spring.joint for spring in scene.robot.springs])
+    q, v = rigid.state()
+    joints = (*free_flyers(rigid.robot), *rigid.robot.actuated)
+    return same_motion(rigid, scene, (q, v, standing_torque(rigid, q)), joints)[0]
+
+
+def standing_torque(scene: Scene, q: Array) -> Array:
+    """Return the torque of the motors that keeps the robot at q, at rest.
+
+    The smallest one with  S tau + J^T lam = h(q, 0), a force counting by `_LEVER`.
+    """
+    robot = scene.robot
+    _, motors = indices(robot.model, robot.actuated)
+    terms = Equations(robot.model, scene.bounds).terms(q, np.zeros(robot.nv))
+    A = np.hstack([np.eye(robot.nv)[:, motors], terms.J.T / _LEVER])
+    tau = np.zeros(robot.nv)
+    tau[motors] = np.linalg.lstsq(A, terms.h, rcond=tolerances.RANK)[0][: len(motors)]
+    return tau
+
+
+def _follow(equations: Equations, q: Array, wanted: Array, known: Indices, still: Indices) -> Array:
+    """Return the velocity with J v = 0 that keeps the known entries, or is nearest to them."""
+    terms = equations.terms(q, 0 * wanted)
+    free = np.setdiff1d(np.arange(len(wanted)), known)
+    v = wanted.copy()
+    v[free] = -np.linalg.lstsq(terms.J[:, free], terms.J @ wanted, rcond=tolerances.RANK)[0]
+    J = np.vstack([terms.J, np.eye(len(wanted))[still]])
+    return factorise(terms.M, J, tolerances.RANK, why=singular_mass(equations.model, q)).tangent(v)
+
+
+def _hold(target: Scene, q: Array, joints: Sequence[str]) -> Array:
+    """Return the torque against gravity in the motors that are not among `joints`."""
+    robot = target.robot
+    others = [name for name in robot.actuated if name not in joints]
+    _, index = indices(robot.model, others)
+    torque = np.zeros(robot.nv)
+    h = Equations(robot.model, ()).terms(q, torque).h
+    torque[index] = h[index]
+    return torque
+
+
+def _bend(equations: Equations, state: State, springs: Sequence[Spring], index: Indices) -> Array:
+    """Return how much further the springs have to bend to carry what holding them takes."""
+    q, v, tau = state
+    terms = equations.terms(q, v)
+    n, k = len(v), len(index)
+    held = Terms(
+        terms.M,
+        terms.h,
+        np.vstack([terms.J, np.eye(n)[index]]),
+        np.concatenate([terms.gamma, np.zeros(k)]),
+        np.concatenate([terms.a_ref, np.zeros(k)]),
+    )
+    _, lam = Reference(refinements=0).solve(held, tau)
+    step: Array = -lam[-k:] / np.array([spring.stiffness for spring in springs])
+    return step

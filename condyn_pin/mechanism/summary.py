@@ -1,0 +1,215 @@
+"""Summary: a scene in one screen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from numpy.typing import ArrayLike
+
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.names import few
+from condyn_pin.constraints.nonholonomic import Nonholonomic
+from condyn_pin.mechanism.freedom import base_freedom
+from condyn_pin.mechanism.rank import Rank
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.scene import Scene
+
+_ROWS_SHOWN = 12
+_ILL_CONDITIONED = 1e12
+_OPEN = "the loops cannot be closed from the first posture: figures are of it, open"
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a scene contains, what it asks for twice, and what it leaves out.
+
+    Attributes
+    ----------
+    robot : str
+    nq, nv : int
+    mass : float
+        [kg]
+    constraints : tuple of (name, kind, rows)
+    rows, rank, mobility : int
+        m; independent rows; nv - rank, the degrees of freedom left.
+    gruebler : int
+        nv - m: the mobility if every row counted.
+    redundant : tuple of str
+        Rows that can go here without changing the motion.
+    only_here : tuple of str
+        Those of them that are redundant at this configuration and not nearby: it is singular.
+    singular : bool
+        Whether the rank is lower here than nearby.
+    singular_values : tuple of float
+        Smallest and largest nonzero one of the constraint Jacobian in the metric of M [kg^-1/2].
+    condition, delassus_condition : float
+        Condition numbers of the mass matrix, and of the nonzero part of J M^-1 J^T.
+    notes : tuple of str
+        What deserves attention.
+    unused : tuple of str
+        What the description has and the dynamics do not use.
+    source, licence : str
+    """
+
+    robot: str
+    nq: int
+    nv: int
+    mass: float  # [kg]
+    constraints: tuple[tuple[str, str, int], ...]
+    rows: int
+    rank: int
+    mobility: int
+    gruebler: int
+    redundant: tuple[str, ...]
+    only_here: tuple[str, ...]
+    singular: bool
+    singular_values: tuple[float, float]
+    condition: float
+    delassus_condition: float
+    notes: tuple[str, ...]
+    unused: tuple[str, ...]
+    source: str
+    licence: str
+
+    def facts(self) -> dict[str, str]:
+        """Return the summary as label and text, for printing."""
+        rows = [f"{n} (only here)" if n in self.only_here else n for n in self.redundant]
+        redundant = ", ".join(rows[:_ROWS_SHOWN]) or "none"
+        if len(self.redundant) > _ROWS_SHOWN:
+            redundant += f", and {len(self.redundant) - _ROWS_SHOWN} more"
+        facts = {
+            "robot": f"{self.robot}: nq {self.nq}, nv {self.nv}, {self.mass:.6g} kg",
+            "rows": f"{self.rows}, rank {self.rank}, mobility {self.mobility}",
+            "Gruebler's count": f"{self.gruebler}",
+            "redundant rows": redundant,
+            "singular values": "{:.3g} ... {:.3g} 1/sqrt(kg)".format(*self.singular_values),
+            "condition of M": f"{self.condition:.1e}",
+            "Delassus matrix": f"condition {self.delassus_condition:.1e}, zeros left out",
+            "source": self.source or "unknown",
+            "licence": self.licence or "unknown",
+        }
+        if not self.rows:
+            del facts["singular values"], facts["Delassus matrix"]
+        return facts
+
+    def __str__(self) -> str:
+        lines = [f"{label:<16} {text}" for label, text in self.facts().items()]
+        lines += [
+            f"{'constraint':<16} {n}: {kind}, {rows} rows" for n, kind, rows in self.constraints
+        ]
+        lines += [f"{'not used':<16} {text}" for text in self.unused]
+        lines += [f"{'note':<16} {text}" for text in self.notes]
+        return "\n".join(lines)
+
+
+def summarise(scene: Scene, q: ArrayLike | None) -> Summary:
+    """Return the summary of a scene at q, the nominal state if it is None."""
+    robot, at = scene.robot, scene.rank(q)
+    notes = [*_notes(scene, at)]
+    if q is None and not scene.audit.closed:
+        notes.insert(0, _OPEN)
+    S = at.singular_values
+    return Summary(
+        robot=robot.name,
+        nq=robot.nq,
+        nv=robot.nv,
+        mass=robot.mass,
+        constraints=tuple((c.name, _kind(c), c.rows) for c in scene.constraints),
+        rows=at.rows,
+        rank=at.rank,
+        mobility=at.mobility,
+        gruebler=at.gruebler,
+        redundant=at.redundant,
+        only_here=at.only_here,
+        singular=at.singular,
+        singular_values=(float(S[at.rank - 1]), float(S[0])) if at.rank else (0.0, 0.0),
+        condition=at.condition,
+        delassus_condition=at.delassus_condition,
+        notes=tuple(notes),
+        unused=tuple(_unused(scene)),
+        source=robot.source,
+        licence=robot.licence,
+    )
+
+
+def _kind(constraint: object) -> str:
+    kind = getattr(constraint, "kind", None)
+    name = type(constraint).__name__
+    return f"{name} ({kind})" if kind else name
+
+
+def _unused(scene: Scene) -> Iterator[str]:
+    robot = scene.robot
+    yield from robot.unused
+    for what, advice in (("damping", ": add Robot.passive_torque to tau"), ("friction", "")):
+        where = _where(robot.model, getattr(robot.model, what))
+        if where and not any(what in text for text in robot.unused):  # else the reader said it
+            yield f"joint {what} ({few(where)}){advice}"
+    if robot.springs:
+        joints = ", ".join(spring.joint for spring in robot.springs)
+        yield f"springs ({joints}): add Robot.passive_torque to tau"
+    if robot.spring_dampers:
+        ends = ", ".join(f"{each.frame_a} - {each.frame_b}" for each in robot.spring_dampers)
+        yield f"spring-dampers ({ends}): add Robot.passive_torque to tau"
+    left_out = [loop.name for loop in robot.loops if loop not in scene.constraints]
+    if left_out:
+        yield f"loops that are not in this scene ({', '.join(left_out)})"
+
+
+def _where(model: Any, values: Array) -> list[str]:
+    """Return the joints where a value of each velocity is not zero."""
+    pairs = zip(model.names, model.joints, strict=True)
+    return [
+        name
+        for name, joint in pairs
+        if joint.idx_v >= 0 and values[joint.idx_v : joint.idx_v + joint.nv].any()
+    ]
+
+
+def _notes(scene: Scene, at: Rank) -> Iterator[str]:
+    yield from at.notes
+    if at.condition > _ILL_CONDITIONED:
+        yield (
+            f"M has a condition number of {at.condition:.0e}: look for bodies of next to no "
+            "inertia; no method can be accurate on them"
+        )
+    if massless := _massless(scene.robot.model):
+        yield (
+            f"nothing beyond {', '.join(massless)} has a mass: only an armature, or what the "
+            "loops hang on it, moves there"
+        )
+    if at.mobility == 0:
+        yield "mobility 0: nothing can move; a weld in place of a hinge does this"
+    yield from base_freedom(scene, at.q)
+    if at.redundant and not at.singular:
+        yield (
+            f"{len(at.redundant)} redundant rows: a is unique, lam is the smallest of many; "
+            "DenseKKT needs mu > 0"
+        )
+    if missing := scene.natives.missing:
+        yield (
+            f"{', '.join(missing)}: Pinocchio has no such rows, so that Proximal and LCABA refuse "
+            "the scene; what solves it instead takes five times as long, or more"
+        )
+    if rolling := [c.name for c in scene.constraints if isinstance(c, Nonholonomic)]:
+        yield (
+            f"{', '.join(rolling)}: rows on the velocity; mobility counts directions of motion, "
+            "and they may lead to more places than that (is_integrable)"
+        )
+    outside = scene.chains.limits.beyond(at.q)
+    if outside:
+        joints = ", ".join(f"{joint} by {by}" for joint, by in outside.items())
+        yield f"beyond joint limits, which the dynamics do not know: {joints}"
+
+
+def _massless(model: Any) -> list[str]:
+    """Return the joints whose whole subtree has no mass."""
+    masses = [inertia.mass for inertia in model.inertias]
+    return [
+        model.names[i]
+        for i in range(1, model.njoints)
+        if not any(masses[j] for j in model.subtrees[i])
+    ]

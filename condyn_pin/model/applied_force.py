@@ -1,0 +1,169 @@
+"""AppliedForce: a force from outside, at a frame of the robot.
+
+    M a + h = tau + J^T lam + sum_f J_f^T f
+
+with J_f the Jacobian of the frame, in the axes that f is in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Any, Final, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.knobs import check_called
+from condyn_pin.constraints.constraint_fields import check_size, text
+
+Axes = Literal["world", "body"]
+ForceFunction = Callable[[float, Array, Array], ArrayLike]  # (t, q, v) -> (3,) or (6,) [N, N m]
+
+_SHAPES: Final = ((3,), (6,))
+
+
+@dataclass(frozen=True, eq=False)
+class AppliedForce:
+    """A force, or a force with a moment, on the body of a frame; it acts at the frame's origin.
+
+    Parameters
+    ----------
+    frame : str
+        On whose body, and where: at its origin. `Robot.with_frame` makes one where none is.
+    force : (3,) or (6,) array_like, or callable
+        Force [N], or force and moment about the frame's origin, force first [N, N m]. For batches
+        also (N, 3) or (N, 6), a row a state. For `simulate` and `simulate_batch` also a function of
+        (t, q, v) that returns (3,) or (6,).
+    frame_of : {"world", "body"}
+        Whose axes its components are in. Those of the ``world``, as of a wind or a hanging weight:
+        it keeps its direction while the body turns. Or those of the frame itself, ``body``, as of a
+        thruster: it turns with it.
+
+    Raises
+    ------
+    InvalidArgument
+        If a number is not finite, a shape is another, a function takes other arguments, or
+        `frame_of` is neither.
+    """
+
+    frame: str
+    force: ArrayLike | ForceFunction
+    frame_of: Axes = "world"
+
+    def __post_init__(self) -> None:
+        text("frame", self.frame)
+        if self.frame_of not in get_args(Axes):
+            raise InvalidArgument(
+                f"frame_of = {self.frame_of!r}: 'world' or 'body' is needed, whose axes the "
+                "components are in"
+            )
+        if callable(self.force):
+            check_called(self._what, self.force, "t, q, v")
+        else:
+            object.__setattr__(self, "force", _numbers(self._what, self.force))
+
+    @property
+    def is_function(self) -> bool:
+        """Whether it is a function of (t, q, v)."""
+        return callable(self.force)
+
+    @property
+    def has_rows(self) -> bool:
+        """Whether it has a row a state, for a batch."""
+        return not self.is_function and self.numbers.ndim == 2
+
+    @property
+    def numbers(self) -> Array:
+        """Its numbers, where it is no function: (3,), (6,), or a row of these a state [N, N m]."""
+        return self.force  # type: ignore[return-value]
+
+    def at(self, t: float, q: Array, v: Array) -> AppliedForce:
+        """Return what it is at a time and a state."""
+        if not callable(self.force):
+            return self
+        found = _numbers(f"{self._what}({t:g}, q, v)", self.force(t, q, v))
+        if found.ndim != 1:
+            raise _of_another_shape(f"{self._what}({t:g}, q, v)", found.shape)
+        return replace(self, force=found)
+
+    def row(self, i: Any) -> AppliedForce:
+        """Return what it is at state i of a batch, or at some states."""
+        return replace(self, force=self.numbers[i]) if self.has_rows else self
+
+    @property
+    def _what(self) -> str:
+        return f"force on {self.frame!r}"
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, AppliedForce):
+            return NotImplemented
+        same = (self.frame, self.frame_of) == (other.frame, other.frame_of)
+        if callable(self.force) or callable(other.force):
+            return same and self.force is other.force
+        return same and np.array_equal(self.numbers, other.numbers)
+
+    def __hash__(self) -> int:
+        return hash((self.frame, self.frame_of))
+
+
+def applied_forces(
+    forces: object, *, functions: bool = False, rows: int | None = None
+) -> tuple[AppliedForce, ...]:
+    """Return the forces that a caller handed in, or raise InvalidArgument.
+
+    Parameters
+    ----------
+    forces
+        What should be a list of them.
+    functions : bool
+        Whether they may be functions of (t, q, v).
+    rows : int, optional
+        The number of states, where a force may have a row each.
+    """
+    if isinstance(forces, AppliedForce):
+        raise InvalidArgument("forces: a list is needed, also for a single force")
+    if isinstance(forces, str) or not isinstance(forces, Iterable):
+        raise InvalidArgument(f"forces = {forces!r}: a list of AppliedForce is needed")
+    found = tuple(forces)
+    for i, force in enumerate(found):
+        if not isinstance(force, AppliedForce):
+            raise InvalidArgument(f"forces[{i}] = {force!r}: an AppliedForce is needed")
+        name = f"forces[{i}], on {force.frame!r}"
+        if force.is_function and not functions:
+            raise InvalidArgument(
+                f"{name}: it is a function of (t, q, v), and nothing moves here; its value at the "
+                "state is needed"
+            )
+        if force.has_rows and rows is None:
+            raise InvalidArgument(
+                f"{name} has shape {force.numbers.shape}: (3,) or (6,) is needed; rows are for the "
+                "verbs of batches"
+            )
+        if force.has_rows and len(force.numbers) != rows:
+            raise InvalidArgument(
+                f"{name} has {len(force.numbers)} rows, and there are {rows} states"
+            )
+    return found
+
+
+def _numbers(name: str, force: Any) -> Array:
+    """Return a force as an array of its own, not to be written to."""
+    try:
+        shape = np.shape(force)
+    except ValueError:  # of lists that differ in length, and `finite` says so
+        shape = (3,)
+    if shape[-1:] not in _SHAPES or len(shape) > 2:
+        raise _of_another_shape(name, shape)
+    array = np.array(finite(name, force, shape))
+    check_size(name, *np.abs(array).reshape(-1).tolist())
+    array.flags.writeable = False
+    return array
+
+
+def _of_another_shape(name: str, shape: tuple[int, ...]) -> InvalidArgument:
+    return InvalidArgument(
+        f"{name} has shape {shape}: (3,), a force, or (6,), a force and a moment, is needed"
+    )

@@ -1,0 +1,94 @@
+"""The registry of mechanisms, and the slender rods that most of them are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final, TypeVar, cast
+
+import numpy as np
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.registry import enter
+from condyn_pin.model.robot import Robot
+
+LICENCE: Final = "BSD-2-Clause (this project)"
+
+MECHANISMS: dict[str, Callable[[], Robot]] = {}
+
+Builder = TypeVar("Builder", bound=Callable[..., Robot])
+
+
+def mechanism(build: Builder) -> Builder:
+    """Enter a function into `MECHANISMS`; each of its parameters needs a default."""
+    name, by_default = build.__name__, cast(Callable[[], Robot], build)
+    enter(MECHANISMS, name, by_default, f"a mechanism named {name}")
+    return build
+
+
+def source(name: str) -> str:
+    """Return the source of a mechanism, as its robot names it."""
+    return f"built in condyn_pin/model/mechanisms/{name}.py"
+
+
+def add_rod(model: Any, name: str, parent: int, at: float, length: float, mass: float) -> int:
+    """Add a slender rod that turns about -y, and a frame ``<name>_tip`` at its end.
+
+    Its angle counts from the x axis of the parent towards z.
+
+    Parameters
+    ----------
+    model : pin.Model
+        Written to.
+    name : str
+        Name of the joint.
+    parent : int
+        Joint that carries it; 0 for the world.
+    at : float
+        Its pivot, along x of the parent [m].
+    length : float
+        [m].
+    mass : float
+        [kg].
+
+    Returns
+    -------
+    int
+        The joint.
+    """
+    axis = np.array([0.0, -1.0, 0.0])
+    joint = int(model.addJoint(parent, pin.JointModelRevoluteUnaligned(axis), along_x(at), name))
+    model.appendBodyToJoint(joint, rod(length, mass), pin.SE3.Identity())
+    model.addFrame(pin.Frame(f"{name}_tip", joint, 0, along_x(length), pin.FrameType.OP_FRAME))
+    return joint
+
+
+def along_x(x: float) -> Any:
+    """Return the placement of a frame that is shifted along x [m]."""
+    return pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
+
+
+def rod(length: float, mass: float) -> Any:
+    """Return the inertia of a slender rod that lies along x from the origin: m L^2 / 12 across.
+
+    It is a thousandth of its length thick, so that no inertia is zero.
+    """
+    across = mass * length**2 / 12
+    return pin.Inertia(
+        mass, np.array([length / 2, 0.0, 0.0]), np.diag([1e-6 * across, across, across])
+    )
+
+
+def floating_body(name: str, inertia: Any) -> Any:
+    """Return the model of one body on a free-flyer, with a frame ``centre`` at its origin."""
+    model = pin.Model()
+    model.name = name
+    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "floating")
+    model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+    model.addFrame(pin.Frame("centre", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    return model
+
+
+def disc(radius: float, mass: float) -> Any:
+    """Return the inertia of a thin disc with its axle along y: m r^2 / 2, and half of it across."""
+    across = mass * radius**2 / 4
+    return pin.Inertia(mass, np.zeros(3), np.diag([across, 2 * across, across]))

@@ -1,0 +1,254 @@
+"""Robot: a Pinocchio model with what its description says beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
+from condyn_pin.constraints.constraints import Constraint, Coupling, Loop
+from condyn_pin.model.robot_fields import MEMBERS, check_ends, members, postures
+from condyn_pin.model.robot_frames import find_frame, model_with_frame
+from condyn_pin.model.soundness import check_model
+from condyn_pin.model.spring import Spring, SpringDamper
+from condyn_pin.model.spring_dampers import spring_dampers_of
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A robot: a kinematic tree, its loops, its postures, and where all this comes from.
+
+    Parameters
+    ----------
+    name : str
+        Name of the robot.
+    model : pin.Model
+        The tree. A robot is a value: to change the model, change a copy of it and make another
+        robot from that. An edit in place is noticed and refused (`StaleModel`).
+    postures : mapping of str to (nq,) array, optional
+        Configurations by name. Loops need not be closed in them: `Scene.state` closes them.
+    loops : sequence of Loop or Coupling, optional
+        The closures of the description, and its gears.
+    contacts : sequence of Constraint, optional
+        Ready-made contacts, where the robot usually touches the ground.
+    actuated : sequence of str, optional
+        Names of the joints with a motor.
+    springs : sequence of Spring, optional
+        Springs of the description. They act only if you add `passive_torque` to tau.
+    unused : sequence of str, optional
+        What the description has and the dynamics do not use, a sentence each.
+    source, licence : str, optional
+        Where the description comes from, and its licence.
+    description : str, optional
+        Path of the file that it was read from, where `view` finds its shapes.
+    spring_dampers : sequence of SpringDamper, optional
+        Springs and dampers between two frames. They act as `springs` do.
+
+    Raises
+    ------
+    InvalidModel
+        If Pinocchio's algorithms would be silently wrong on the model: joints not added
+        depth-first, mimic joints, a joint that moves no inertia. Or if a spring-damper has both
+        its ends on one body.
+    """
+
+    name: str
+    model: Any
+    postures: Mapping[str, Array] = field(default_factory=dict)
+    loops: Sequence[Loop | Coupling] = ()
+    contacts: Sequence[Constraint] = ()
+    actuated: Sequence[str] = ()
+    springs: Sequence[Spring] = ()
+    unused: Sequence[str] = ()
+    source: str = ""
+    licence: str = ""
+    description: str = ""
+    spring_dampers: Sequence[SpringDamper] = ()
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.model, pin.Model):
+            raise InvalidArgument(
+                f"model = {type(self.model).__name__}: a pinocchio.Model is needed; "
+                "load_robot reads one from a file"
+            )
+        if not isinstance(self.name, str):
+            raise InvalidArgument(f"name = {self.name!r}: a text is needed")
+        check_model(self.model)
+        for key, kind in MEMBERS.items():
+            object.__setattr__(self, key, members(key, getattr(self, key), kind))
+        for joint in self.actuated:
+            self._joint(joint)
+            if self.actuated.count(joint) > 1:
+                raise InvalidArgument(f"actuated: {joint!r} is there twice; name it once")
+        for spring in self.springs:
+            if self._joint(spring.joint).nq != 1:
+                raise InvalidModel(
+                    f"spring on {spring.joint!r}: a joint with one degree of freedom is needed"
+                )
+        check_ends(self)
+        object.__setattr__(self, "postures", postures(self.model, self.postures))
+        # A private copy: what the model was when it was checked.
+        object.__setattr__(self, "_pristine", pin.Model(self.model))
+        if self.model != self.unedited:
+            raise InvalidModel(
+                "the model differs from its own copy: one of its numbers is NaN, such as a limit; "
+                "use infinity for a limit that does not exist"
+            )
+
+    @property
+    def unedited(self) -> Any:
+        """A copy of the model as it was when it was checked: no edit reaches it."""
+        return self._pristine  # type: ignore[attr-defined]
+
+    @property
+    def nq(self) -> int:
+        """Size of a configuration."""
+        return int(self.model.nq)
+
+    @property
+    def nv(self) -> int:
+        """Size of a velocity: the degrees of freedom of the tree."""
+        return int(self.model.nv)
+
+    @property
+    def mass(self) -> float:
+        """Total mass [kg], with what is fixed to the world."""
+        return float(sum(inertia.mass for inertia in self.model.inertias))
+
+    @cached_property
+    def longest_link(self) -> float:
+        """The longest way from a joint to the next one [m]."""
+        return max(float(np.linalg.norm(p.translation)) for p in self.model.jointPlacements)
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Names of the frames that constraints can use."""
+        return tuple(dict.fromkeys(frame.name for frame in self.model.frames))
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, the world's not among them."""
+        return tuple(self.model.names)[1:]
+
+    def frame(self, name: str) -> tuple[int, Any]:
+        """Return the joint that carries a frame and the frame's placement on it.
+
+        Raises
+        ------
+        UnknownName
+            If there is no such frame; the text lists the nearest names.
+        InvalidModel
+            If several frames of this name are in different places, or one with the world's name
+            is elsewhere.
+        """
+        return find_frame(self, name)
+
+    def with_frame(
+        self, name: str, parent: str, translation: ArrayLike, rotation: ArrayLike | None = None
+    ) -> Robot:
+        """Return a robot with one more frame, for a constraint to use.
+
+        Parameters
+        ----------
+        name : str
+            Name of the new frame.
+        parent : str
+            Frame that it is fixed to; "world" for a point of the world.
+        translation : (3,) array_like
+            Its origin in the parent frame [m].
+        rotation : (3, 3) array_like, optional
+            Its axes in the parent frame; the same axes by default.
+        """
+        model = model_with_frame(self, name, parent, translation, rotation)
+        return replace(self, model=model)
+
+    def passive_torque(self, q: ArrayLike, v: ArrayLike) -> Array:
+        """Return the torque of springs, joint damping and spring-dampers, to be added to tau.
+
+        tau_i = -k_i (q_i - q0_i) - d_i v_i - sum_s (J_s^T n_s f_s)_i
+
+        Pinocchio reads stiffness and damping from the file and leaves them out of its dynamics.
+        """
+        q_, v_ = finite("q", q, self.nq), finite("v", v, self.nv)
+        tau: Array = -np.asarray(self.model.damping, dtype=float) * v_
+        for spring in self.springs:
+            joint = self._joint(spring.joint)
+            tau[joint.idx_v] -= spring.stiffness * (q_[joint.idx_q] - spring.reference)
+        if self.spring_dampers:
+            tau += spring_dampers_of(self).torque(q_, v_)
+        return tau
+
+    def to_mjcf(self, *, without: Sequence[str] = ()) -> str:
+        """Return the robot with its loops as MJCF, for MuJoCo.
+
+        Joints with armature, damping, springs and limits, frames as sites, loops and couplings as
+        equalities, spring-dampers as tendons, motors, and postures as keyframes. A hinge loop is
+        two points of its axis, and `load_robot` reads these as two balls. Contacts have no place
+        in such a file.
+
+        Parameters
+        ----------
+        without : sequence of str
+            Names of loops to leave out, such as sliders, for which MuJoCo has no equality.
+
+        Raises
+        ------
+        InvalidModel
+            If MuJoCo has nothing like a joint or a loop of the robot; the text names it.
+        UnknownName
+            If `without` names no loop.
+        """
+        from condyn_pin.io.mjcf_write import to_mjcf
+
+        return to_mjcf(self, without=without)
+
+    def _joint(self, name: str) -> Any:
+        if name not in self.joints:
+            raise unknown_name("joint", name, self.joints)
+        return self.model.joints[self.model.getJointId(name)]
+
+    def check_unedited(self) -> None:
+        """Raise `StaleModel` if the model was edited since the robot was made."""
+        if self.model != self.unedited:
+            raise StaleModel(
+                f"the model of {self.name} was edited after the robot was made; "
+                "edit a copy, pin.Model(robot.model), and make a new one: "
+                "dataclasses.replace(robot, model=edited)"
+            )
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Robot):
+            return NotImplemented
+        if self is other:
+            return True
+        plain = ("name", *MEMBERS, "source", "licence")
+        return (
+            all(getattr(self, key) == getattr(other, key) for key in plain)
+            and self.postures.keys() == other.postures.keys()
+            and all(np.array_equal(self.postures[k], other.postures[k]) for k in self.postures)
+            and self.model == other.model
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.nq, self.nv, self.loops))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        state = (self.name, self.model, dict(self.postures), self.loops, self.contacts)
+        origin = (self.source, self.licence, self.description)
+        rest = (*origin, self.spring_dampers)
+        return Robot, (*state, self.actuated, self.springs, self.unused, *rest)
+
+    def __repr__(self) -> str:
+        count = len(self.loops)
+        return (
+            f"Robot({self.name!r}: nq {self.nq}, nv {self.nv}, {self.mass:.4g} kg, "
+            f"{count} loop{'' if count == 1 else 's'}, "
+            f"postures: {', '.join(self.postures) or 'none'})"
+        )

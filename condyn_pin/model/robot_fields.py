@@ -1,0 +1,65 @@
+"""What the fields of a Robot have to be."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Final
+
+from numpy.typing import ArrayLike
+
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument, InvalidModel
+from condyn_pin.constraints.constraints import Constraint, Coupling, Loop
+from condyn_pin.model.spring import Spring, SpringDamper
+
+if TYPE_CHECKING:
+    from condyn_pin.model.robot import Robot
+
+# The fields that are lists, and what is in them.
+MEMBERS: Final[Mapping[str, tuple[type, ...]]] = {
+    "loops": (Loop, Coupling),
+    "contacts": (Constraint,),
+    "actuated": (str,),
+    "springs": (Spring,),
+    "spring_dampers": (SpringDamper,),
+    "unused": (str,),
+}
+
+
+def members(argument: str, value: Any, kinds: tuple[type, ...]) -> tuple[Any, ...]:
+    """Return a list of things of some kinds as a tuple, or raise InvalidArgument."""
+    wanted = " or ".join(kind.__name__ for kind in kinds)
+    if isinstance(value, (str, Mapping)) or not isinstance(value, Iterable):
+        raise InvalidArgument(f"{argument} = {value!r}: a list of {wanted} is needed")
+    found = tuple(value)
+    for member in found:
+        if not isinstance(member, kinds):
+            raise InvalidArgument(f"{argument}: {member!r} is not a {wanted}")
+    return found
+
+
+def check_ends(robot: Robot) -> None:
+    """Raise UnknownName or InvalidModel unless spring-dampers are between frames of two bodies."""
+    for each in robot.spring_dampers:
+        if robot.frame(each.frame_a)[0] == robot.frame(each.frame_b)[0]:
+            raise InvalidModel(
+                f"spring-damper between {each.frame_a!r} and {each.frame_b!r}: both are on one "
+                "body, where it does nothing; frames of two bodies are needed"
+            )
+
+
+def postures(model: Any, value: Any) -> Mapping[str, Array]:
+    """Return configurations by name, normalised and not to be written, or raise InvalidArgument."""
+    if not isinstance(value, Mapping):
+        raise InvalidArgument(f"postures = {value!r}: a mapping of names is needed")
+    return MappingProxyType({name: _posture(model, name, q) for name, q in value.items()})
+
+
+def _posture(model: Any, name: str, q: ArrayLike) -> Array:
+    if not isinstance(name, str):
+        raise InvalidArgument(f"postures: {name!r} is not the name of a posture")
+    array = normalised(model, f"posture {name!r}", q)
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,234 @@
+"""Models on which Pinocchio's algorithms are silently wrong, or crash: they are refused."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from functools import partial
+from math import inf
+from typing import Any, Final
+
+import numpy as np
+
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidModel
+from condyn_pin._core.rotations import rotation_fault
+from condyn_pin._core.tolerances import HUGE
+
+# Joints of a robot.
+MOST_JOINTS: Final = 2000  # the Data of Pinocchio takes 32 GB of half as many
+
+
+def check_model(model: Any) -> None:
+    """Refuse a model on which Pinocchio's algorithms are silently wrong or crash.
+
+    Cost: one pin.Data, which is what takes time and memory in a long chain.
+    """
+    if len(model.mimicking_joints):
+        names = ", ".join(model.names[i] for i in model.mimicking_joints)
+        raise InvalidModel(
+            f"mimic joints ({names}): Pinocchio's constrained dynamics refuse them; "
+            "load the model without mimic, as independent joints"
+        )
+    if model.nv == 0:
+        raise InvalidModel("the model has no degree of freedom")
+    _check_placements(model)
+    _check_forces(model)
+    data = _data(model)
+    if not model.check(data):
+        raise InvalidModel(
+            "the joints were not added depth-first, and Pinocchio's crba is silently wrong on "
+            "such a model; add the children of a joint before its siblings"
+        )
+    _check_bodies(model)
+    _check_mass_matrix(model, data)
+
+
+def _check_placements(model: Any) -> None:
+    """Refuse joints and frames whose axes are no rotation: lengths would depend on direction."""
+    joints = zip(model.names, model.jointPlacements, strict=True)
+    placements = [(f"joint {name!r}", M) for name, M in joints]
+    placements += [(f"frame {frame.name!r}", frame.placement) for frame in model.frames]
+    for who, M in placements:
+        if np.abs(M.translation).max() > HUGE:
+            raise InvalidModel(
+                f"{who} is {np.abs(M.translation).max():g} m from its parent: what is computed "
+                f"from that overflows; {HUGE:g} is the largest number"
+            )
+        fault = rotation_fault(M.rotation)
+        if fault:
+            raise InvalidModel(f"the placement of {who} has no rotation: {fault}")
+
+
+def _check_forces(model: Any) -> None:
+    """Refuse gravity that turns or overflows, and damping that drives."""
+    gravity, turning = model.gravity.linear, model.gravity.angular
+    if (np.abs(gravity) > HUGE).any() or turning.any():
+        raise InvalidModel(
+            f"gravity = {gravity.tolist()} m/s^2 with an angular part of {turning.tolist()}: three "
+            f"finite numbers up to {HUGE:g} are needed, and no angular part"
+        )
+    for what, unit in (("damping", "N s/m or N m s/rad"), ("armature", "kg or kg m^2")):
+        values = getattr(model, what)
+        bad = np.flatnonzero((values > HUGE) | (values < 0))
+        if bad.size:
+            raise InvalidModel(
+                f"the {what} of joint {_joint_of(model, int(bad[0]))!r} is {values[bad[0]]:g} "
+                f"{unit}: a number from 0 to {HUGE:g} is needed"
+            )
+
+
+def _data(model: Any) -> Any:
+    """Return the Data of a model; its tensors for second derivatives are 4 x nv x nv x nv."""
+    needed = 4 * 8 * model.nv**3  # [bytes]
+    try:
+        if needed > _memory():
+            raise MemoryError
+        return model.createData()
+    except MemoryError as error:
+        raise InvalidModel(
+            f"the model has {model.nv} degrees of freedom, and Pinocchio's Data of it would take "
+            f"{needed / 1e9:.0f} GB, more than this machine has; fix or lock joints"
+        ) from error
+
+
+def _memory() -> float:
+    """Return the memory of this machine [bytes]: to ask for more may end the process."""
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):  # Windows, where such a request fails
+        return inf
+
+
+def _check_bodies(model: Any) -> None:
+    """Refuse what moves with a joint and is no body."""
+    largest = max(float(np.abs(Y.inertia).max()) for Y in model.inertias)
+    for name, Y in zip(model.names, model.inertias, strict=True):
+        if not np.isfinite([Y.mass, *Y.lever, *Y.inertia.ravel()]).all():
+            raise InvalidModel(f"what moves with joint {name!r} has a mass or inertia that is NaN")
+        if Y.mass < 0:
+            raise InvalidModel(f"the mass on {name} is negative, {Y.mass:g} kg: it must be >= 0")
+        if max(Y.mass, *np.abs(Y.lever), np.abs(Y.inertia).max() / HUGE**2) > HUGE:
+            raise InvalidModel(
+                f"what moves with joint {name!r} has a mass or a centre beyond {HUGE:g}, or an "
+                f"inertia beyond {HUGE**3:g}: what is computed from that overflows"
+            )
+        if 0 < Y.mass < tolerances.LIGHTEST:
+            raise InvalidModel(
+                f"what moves with joint {name!r} has a mass of {Y.mass:g} kg, and Pinocchio loses "
+                f"centres of mass below {tolerances.LIGHTEST:.1e} kg; make it zero, or count "
+                "masses in a smaller unit"
+            )
+        if name == model.names[0]:  # what is fixed to the world moves nothing
+            continue
+        least, _, most = np.linalg.eigvalsh(Y.inertia)
+        if least < -max(tolerances.MOMENT * most, tolerances.MASSLESS * largest):
+            raise InvalidModel(
+                f"what moves with joint {name!r} has the principal moment {least:g} kg m^2, which "
+                "is negative, and no solid has that; correct the inertia of its bodies"
+            )
+        if Y.mass == 0 and most > tolerances.MASSLESS * largest:
+            raise InvalidModel(
+                f"what moves with joint {name!r} has a moment of inertia, {most:g} kg m^2, and no "
+                "mass; give it one, or the joint an armature in place of the inertia"
+            )
+
+
+def _check_mass_matrix(model: Any, data: Any) -> None:
+    """Refuse a joint that moves no inertia: M would be singular.
+
+    Turns are compared with turns [kg m^2], and shifts with shifts [kg]: in millimetres a machine is
+    as sound as in metres.
+    """
+    q = pin.neutral(model)
+    M = np.array(pin.crba(model, data, q))
+    diagonal = np.diag(M)
+    if not np.isfinite(M).all():
+        raise InvalidModel("the mass matrix is not finite: a mass, inertia or placement is NaN")
+    turns = np.abs(pin.computeJointJacobians(model, data, q)[3:]).max(axis=0) > 0
+    largest = [diagonal[turns == kind].max(initial=0.0) for kind in (False, True)]
+    least = tolerances.MASSLESS * np.where(turns, *largest[::-1])
+    bad = np.flatnonzero(diagonal <= np.maximum(least, HUGE**-3))  # no inverse below that
+    if bad.size:
+        names = dict.fromkeys(_joint_of(model, int(i)) for i in bad)
+        raise InvalidModel(
+            f"no inertia moves with {', '.join(names)}: M is singular there; give the body a mass "
+            "and an inertia, give the joint an armature, or lock it"
+        )
+    _check_combinations(model, data)
+
+
+def _check_combinations(model: Any, data: Any) -> None:
+    """Refuse joints that move no inertia together.
+
+    A massless body between two joints is fine unless one can turn without the other: then M is
+    singular at every configuration, also at this one, which has nothing special.
+    """
+    q = pin.integrate(model, pin.neutral(model), np.linspace(0.3, 0.7, model.nv))
+    least, names = _least_moved(model, np.array(pin.crba(model, data, q)))
+    if least <= tolerances.MASSLESS:
+        raise InvalidModel(
+            f"{names} can move together without moving inertia: M is singular or indefinite; look "
+            "for a body between them without mass, or an inertia below zero"
+        )
+
+
+def massless_motion(
+    model: Any, q: Array, *, share: float = tolerances.MASSLESS, data: Any = None
+) -> str:
+    """Return which joints can move at q without moving inertia; nothing if M is definite.
+
+    Parameters
+    ----------
+    model : pin.Model
+    q : (nq,) array
+    share : float
+        The least inertia that counts, relative to those that each joint alone moves.
+    data : pin.Data, optional
+        Memory that may be written to; that of a long chain is large.
+
+    Notes
+    -----
+    Hinges with massless links between them stand in for a ball until two of their axes fall
+    together: there they can turn against each other, and M is singular.
+    """
+    M = np.array(pin.crba(model, data or model.createData(), q))
+    if not np.isfinite(M).all():
+        return ""
+    least, names = _least_moved(model, M)
+    if least > share:
+        return ""
+    singular = least <= tolerances.MASSLESS
+    what, almost = ("not positive definite", "") if singular else ("nearly singular", "almost ")
+    values = np.array2string(q, precision=4, separator=", ", max_line_width=10**6)
+    return (
+        f"the mass matrix is {what} at q = {values}: {names} can move there "
+        f"{almost}without moving inertia, as hinges in the place of a ball where two of their axes "
+        "fall together; "
+        "give the links between them an inertia or the joints an armature, make them a ball, or "
+        "stay away from that q"
+    )
+
+
+def singular_mass(model: Any, q: Array) -> Callable[[], str]:
+    """Return what says, if asked, which joints move no inertia at q: to look takes a while."""
+    return partial(massless_motion, model, q)
+
+
+def _least_moved(model: Any, M: Array) -> tuple[float, str]:
+    """Return the least eigenvalue of M with a unit diagonal, and the joints that it is of."""
+    scale = 1 / np.sqrt(np.maximum(M.diagonal(), HUGE**-3))
+    values, vectors = np.linalg.eigh(M * scale * scale[:, None])  # scale^2 may overflow
+    moved = np.flatnonzero(np.abs(vectors[:, 0]) > 0.1)
+    names = dict.fromkeys(_joint_of(model, int(i)) for i in moved)
+    return float(values[0]), ", ".join(names)
+
+
+def _joint_of(model: Any, velocity_index: int) -> str:
+    for i in range(1, model.njoints):
+        joint = model.joints[i]
+        if joint.idx_v <= velocity_index < joint.idx_v + joint.nv:
+            return str(model.names[i])
+    raise IndexError(velocity_index)

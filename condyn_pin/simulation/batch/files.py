@@ -1,0 +1,128 @@
+"""Files of batches of motions: the archives that trajectories are in, a row a motion."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._core.arrays import Array, finite, read_only
+from condyn_pin._core.knobs import check_count
+from condyn_pin._core.parallel.outcome import MISSING
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers import Solver
+from condyn_pin.model.robot import Robot
+from condyn_pin.simulation.archive import MOTIONS, Content, Header, Path_, check_times, read, write
+from condyn_pin.simulation.batch.motions import ENDS, SAMPLED, of_ends, of_samples, samples_of
+from condyn_pin.simulation.batch.states import loose
+from condyn_pin.simulation.batch.trajectory import RUN_STATUSES, BatchTrajectory, Samples
+from condyn_pin.simulation.coding import decode, encode
+from condyn_pin.simulation.drift import Drift
+from condyn_pin.simulation.integrators import Integrator
+from condyn_pin.simulation.outcome import RunStatus
+
+_PLAIN = ("duration", "dt", "steps", "seconds")
+_NAMES = (*ENDS, *(f"samples_{name}" for name in SAMPLED))
+_CHOICES = {"integrator": Integrator, "drift": Drift, "solver": Solver}
+
+
+def save(batch: BatchTrajectory, path: Path_) -> None:
+    """Write a batch; see `BatchTrajectory.save`."""
+    header = {
+        "constraints": [encode(c) for c in batch.scene.constraints],
+        **{key: getattr(batch, key) for key in _PLAIN},
+        **{key: encode(getattr(batch, key)) for key in _CHOICES},
+        "endings": [status.name for status in RUN_STATUSES],
+        "reasons": {int(i): batch.reasons[i] for i in np.flatnonzero(batch.reasons)},
+    }
+    arrays = {name: getattr(batch, name) for name in of_ends(batch.scene)}
+    if batch.samples:
+        arrays |= {f"samples_{name}": array for name, array in vars(batch.samples).items()}
+    write(path, MOTIONS, batch.scene.robot, header, arrays)
+
+
+def load(path: Path_) -> BatchTrajectory:
+    """Return a batch from a file; see `BatchTrajectory.load`."""
+    return read(path, MOTIONS, _NAMES, _batch)
+
+
+def _batch(robot: Robot, header: Header, content: Content) -> BatchTrajectory:
+    scene = Scene(robot, [decode(c) for c in header["constraints"]])
+    kept = content["samples_t"].shape[-1] if "samples_t" in content else 0
+    kinds = of_ends(scene) | (of_samples(scene, kept) if kept else {})
+    arrays, count = {name: content[name] for name in kinds}, len(content["t"])
+    for name, kind in kinds.items():
+        there, wanted = arrays[name], kind.times(count)
+        if there.shape != wanted.shape or there.dtype != wanted.dtype:
+            raise ValueError(
+                f"{name} has shape {there.shape} of {there.dtype}: {wanted.shape} of "
+                f"{np.dtype(wanted.dtype)} is needed"
+            )
+    arrays["statuses"] = _statuses(header["endings"], arrays["statuses"])
+    samples = dict(samples_of(arrays))
+    parts: dict[str, Any] = {key: decode(header[key]) for key in _CHOICES}
+    parts |= {key: header[key] for key in _PLAIN}
+    parts |= {name: arrays[name] for name in of_ends(scene)}
+    parts |= {"reasons": _reasons(header["reasons"], count)}
+    batch = BatchTrajectory(scene, **parts, samples=Samples(**samples) if samples else None)
+    _check(batch)
+    read_only((*arrays.values(), batch.reasons))
+    return batch
+
+
+def _statuses(endings: list[str], codes: NDArray[np.int8]) -> NDArray[np.int8]:
+    """Return places in `RUN_STATUSES` for those in the list of a file."""
+    known = {place: RUN_STATUSES.index(RunStatus[name]) for place, name in enumerate(endings)}
+    known[MISSING] = MISSING
+    return np.array([known[code] for code in codes.tolist()], np.int8)
+
+
+def _reasons(words: dict[str, str], count: int) -> NDArray[np.object_]:
+    reasons = np.full(count, "", object)
+    for i, text in words.items():
+        if int(i) not in range(count) or not isinstance(text, str):
+            raise ValueError(f"reason {text!r} of motion {i}: there are {count} motions")
+        reasons[int(i)] = text
+    return reasons
+
+
+def _check(batch: BatchTrajectory) -> None:
+    """Refuse what is none of the choices, and motions that do not go together with their ends."""
+    for name, kind in _CHOICES.items():
+        if not isinstance(getattr(batch, name), kind):
+            raise TypeError(f"{name} = {getattr(batch, name)!r}")
+    check_count("steps", batch.steps)
+    check_times(duration=batch.duration, dt=batch.dt, seconds=batch.seconds)
+    done = np.flatnonzero(batch.statuses != MISSING)
+    for name in ("t", "q", "v"):
+        ends = getattr(batch, name)[done]
+        finite(f"{name} at the ends", ends, ends.shape)
+    _check_units("q at the ends", batch, batch.q[done])
+    if batch.samples:
+        _check_samples(batch, batch.samples)
+
+
+def _check_samples(batch: BatchTrajectory, samples: Samples) -> None:
+    """Refuse samples that are not numbers to the end of a motion, and NaN from there."""
+    kept = np.isfinite(samples.t)
+    counts = np.count_nonzero(kept, axis=1)
+    motions = np.flatnonzero(counts)
+    if (kept[:, 1:] & ~kept[:, :-1]).any() or (np.diff(samples.t) <= 0).any():
+        raise ValueError("samples_t goes back, or has a gap")
+    if not counts[batch.statuses == 0].all():
+        raise ValueError("samples_t has no sample of a motion that went to its end")
+    for name, array in vars(samples).items():
+        if not np.isfinite(array[kept]).all():
+            raise ValueError(f"samples_{name}: a sample is not finite")
+    for name in ("t", "q", "v"):
+        last = getattr(samples, name)[motions, counts[motions] - 1]
+        if not np.array_equal(last, getattr(batch, name)[motions]):
+            raise ValueError(f"samples_{name} do not lead to {name} at the ends")
+    _check_units("samples_q", batch, samples.q[kept])
+
+
+def _check_units(name: str, batch: BatchTrajectory, q: Array) -> None:
+    """Refuse quaternions that are not normalised, of configurations (k, nq)."""
+    if any(loose(batch.scene.robot.model, q)):
+        raise ValueError(f"{name} has a quaternion that is not normalised")

@@ -1,0 +1,181 @@
+"""Rows of arrays over an executor: the common part of everything that is done to many states."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import closing
+from dataclasses import dataclass
+from math import nan
+from typing import Any, Final, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._core.arrays import read_only
+from condyn_pin._core.errors import Interrupted, InvalidArgument, WorkersLost
+from condyn_pin._core.knobs import check_called
+from condyn_pin._core.parallel.chunks import Progress, in_flight, silent
+from condyn_pin._core.parallel.memory import CAN_SHARE, Arrays, Kinds
+from condyn_pin._core.parallel.outcome import MISSING
+from condyn_pin._core.parallel.processes import Processes, workers_of
+from condyn_pin._core.parallel.ways import ByCopies, ByMemory, InPlace, Kernel, Way
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.verbs import workspace_for
+from condyn_pin.simulation.batch.recipe import Recipe
+
+Batch = TypeVar("Batch")
+
+# A chunk is this part of what is left at most, so that several workers end at about the same time;
+_SHARES: Final = 16
+# but not smaller than this part of a full one, unless all are.
+_SMALLER: Final = 5
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What is done to the rows of arrays, and by whom.
+
+    Parameters
+    ----------
+    kernel : Kernel
+    scene, solver, drift
+        Of the workspace.
+    executor : Executor, optional
+    chunk : int, optional
+        Rows that a worker is handed at a time; by default a sixteenth of what is left, up to
+        `most`.
+    most : int
+        Rows that take a tenth of a second or less.
+    progress : callable
+        Called with the number of rows done and that of all.
+    """
+
+    kernel: Kernel
+    scene: Scene
+    solver: Solver | None = None
+    drift: Baumgarte | None = None
+    executor: Executor | None = None
+    chunk: int | None = None
+    most: int = 1000
+    progress: Progress = silent
+
+    def __post_init__(self) -> None:
+        check_called("progress", self.progress, "done, total")
+
+    def fill(
+        self, count: int, inputs: Arrays, kinds: Kinds, batch: Callable[[Arrays], Batch]
+    ) -> Batch:
+        """Return the batch that is made of the outputs, a row a state.
+
+        Parameters
+        ----------
+        count : int
+            Number of states.
+        inputs : mapping of str to array
+            With two axes, a row a state; with one, the same for all.
+        kinds : mapping of str to Kind
+            What a row of each output is; one of them is ``statuses``.
+        batch : callable
+            Makes a value of the outputs, to which nobody writes any more. Where a row was not
+            worked on, ``statuses`` is MISSING, and floats are NaN; ``words`` has what the kernel
+            said of each, a text that may be empty.
+
+        Raises
+        ------
+        WorkersLost, Interrupted
+            Its `done`, or its `table`, is the batch of what was worked on.
+        """
+        kinds = {name: kind.times(count) for name, kind in kinds.items()}
+        outputs = {name: np.zeros(kind.shape, kind.dtype) for name, kind in kinds.items()}
+        words, chunks = np.full(count, "", object), self._chunks(count)
+        done = np.zeros(count, bool)
+
+        def found() -> Batch:
+            return batch(_sealed(outputs | {"words": words}, done))
+
+        try:
+            with closing(self._way(inputs, outputs, chunks)) as way:
+                self._drain(chunks, way, words, done)
+        except WorkersLost as lost:
+            lost.done = found()
+            raise
+        except KeyboardInterrupt as stop:
+            raise Interrupted(found()) from stop
+        return found()
+
+    def _way(self, inputs: Arrays, outputs: Arrays, chunks: list[slice]) -> Way:
+        """Return the way to whoever does the work."""
+        if self.executor is None:
+            workspace = workspace_for(self.scene, self.solver, self.drift)
+            return InPlace(self.kernel, workspace, inputs, outputs)
+        recipe = Recipe.of(self.scene, self.solver, self.drift)
+        if not isinstance(self.executor, ProcessPoolExecutor | Processes):
+            return ByCopies(self.kernel, recipe, inputs, outputs)
+        self._check_travels()
+        if CAN_SHARE:
+            try:
+                return ByMemory(
+                    self.kernel, recipe, inputs, outputs,
+                    most=max((rows.stop - rows.start for rows in chunks), default=0),
+                    places=min(2 * workers_of(self.executor) + 1, len(chunks)),
+                )  # fmt: skip
+            except OSError:  # not so much memory at once: copies, then
+                pass
+        return ByCopies(self.kernel, recipe, inputs, outputs)
+
+    def _check_travels(self) -> None:
+        """Refuse what cannot be sent to a process: its chunks would only be called lost."""
+        try:
+            pickle.dumps(self.kernel)
+        except (pickle.PicklingError, AttributeError, TypeError) as error:
+            raise InvalidArgument(
+                f"executor = {self.executor!r}: its processes need what pickles, such as torques "
+                f"that are a function of a module, no lambda ({error})"
+            ) from error
+
+    def _chunks(self, count: int) -> list[slice]:
+        """Return the rows of each chunk.
+
+        The last ones are small, since nobody works while the last worker ends.
+        """
+        chunks, start = [], 0
+        least = min(_part(count, _SHARES), _part(self.most, _SMALLER))
+        while start < count:
+            share = min(self.most, max(least, _part(count - start, _SHARES)))
+            stop = min(start + (self.chunk or share), count)
+            chunks.append(slice(start, stop))
+            start = stop
+        return chunks
+
+    def _drain(
+        self, chunks: list[slice], way: Way, words: NDArray[Any], done: NDArray[np.bool_]
+    ) -> None:
+        """Have all chunks done; put down what is said of rows, and which of them are done."""
+        results = in_flight(
+            way.work, len(chunks), lambda i, place: way.send(chunks[i], place), self.executor,
+            way.places,
+        )  # fmt: skip
+        with closing(results):  # an interrupt cancels what nobody has begun
+            for i, found in results:
+                for k, text in way.receive(chunks[i], found).items():
+                    words[chunks[i].start + k] = text
+                done[chunks[i]] = True
+                self.progress(int(np.count_nonzero(done)), len(done))
+
+
+def _sealed(outputs: Arrays, done: NDArray[np.bool_]) -> Arrays:
+    """Return the outputs, NaN where they are missing, and read-only."""
+    outputs["statuses"][~done] = MISSING
+    for array in outputs.values():
+        if array.dtype.kind == "f" and not done.all():
+            array[~done] = nan
+        read_only(array)
+    return outputs
+
+
+def _part(rows: int, of: int) -> int:
+    return -(-rows // of)

@@ -1,0 +1,141 @@
+"""The verb simulate_batch: many motions of one scene."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from functools import partial
+from time import perf_counter
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core.parallel.chunks import Progress, silent
+from condyn_pin._core.parallel.memory import Arrays
+from condyn_pin.constraints.drift import Drift
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.model.applied_force import AppliedForce
+from condyn_pin.simulation.batch.forces import split
+from condyn_pin.simulation.batch.motions import Motions, of_ends, of_samples, samples_of
+from condyn_pin.simulation.batch.rows import Rows
+from condyn_pin.simulation.batch.states import check_states
+from condyn_pin.simulation.batch.trajectory import BatchTrajectory, Samples
+from condyn_pin.simulation.batch.verbs import check_chunk
+from condyn_pin.simulation.defaults import default_solver
+from condyn_pin.simulation.integrators import Integrator
+from condyn_pin.simulation.plan import Plan, plan
+from condyn_pin.simulation.slopes import TorqueJacobian
+from condyn_pin.simulation.torques import Torque
+
+# Samples that are looked at where none is to be kept, at most, and how many steps are between two
+# of them, at least: gaps and energies change slowly, and a look costs half a step.
+_LOOKS: Final = 50
+_APART: Final = 10
+
+# A chunk that takes about a tenth of a second, for steps of some microseconds a solve.
+_SOLVES: Final = 10_000
+
+
+def simulate_batch(
+    scene: Scene,
+    Q0: ArrayLike,
+    V0: ArrayLike,
+    TAU: float | ArrayLike | Torque = 0.0,
+    *,
+    forces: Sequence[AppliedForce] = (),
+    jacobian: TorqueJacobian | None = None,
+    duration: float,
+    dt: float = 1e-3,
+    integrator: Integrator | None = None,
+    drift: Drift | None = None,
+    solver: Solver | None = None,
+    record: int | None = None,
+    executor: Executor | None = None,
+    chunk: int | None = None,
+    progress: Progress = silent,
+) -> BatchTrajectory:
+    """Return the motions of a scene from many states.
+
+    M(q) a + h(q, v) = tau - k (q - q0) - d v + J(q)^T lam + sum J_f(q)^T f,
+    J a + gamma = a_ref,    row by row
+
+    Parameters
+    ----------
+    scene : Scene
+        Contacts without an anchor are anchored where they are at the start of each motion.
+    Q0, V0 : (N, nq), (N, nv) array_like
+        States that satisfy the constraints, up to 1e-4 m and rad. As all numbers here they are
+        taken in double precision: those of float32 have its 1e-7.
+    TAU : 0, (nv,) or (N, nv) array_like, or callable, optional
+        The torques applied [N, N m]: the same for all, constant for each, or tau(t, q, v), a
+        function of a module, or an object of its class, if there are processes.
+    forces : sequence of AppliedForce, optional
+        Forces from outside, as in `simulate`; with two axes a row a motion. None by default.
+    jacobian, duration, dt, integrator, drift, solver
+        As in `simulate`.
+    record : int, optional
+        Every which sample is kept, in 8 (1 + nq + 3 nv + m) bytes each: 1.2 kB of Cassie on its
+        loops. By default none is: every tenth is looked at, or fifty of each motion.
+    executor, chunk, progress
+        As in `solve_batch`; a chunk takes about a tenth of a second by default.
+
+    Returns
+    -------
+    BatchTrajectory
+        To the bit what `simulate` returns, whoever did the work. Motions that break down, or
+        cannot begin, raise nothing: ``failed`` has their indices, ``counts`` their number.
+
+    Raises
+    ------
+    InvalidArgument
+        If an argument cannot be used; the text names the row.
+    WorkersLost
+        As in `solve_batch`; its ``done`` is the BatchTrajectory of what was simulated.
+    Interrupted
+        After Ctrl-C; its ``table`` is the same.
+    UnknownName, UnsupportedConstraint, StaleModel
+        As in `solve_batch`.
+
+    Notes
+    -----
+    Cost: that of the steps, divided by the workers, and half a millisecond a motion; two where
+    contacts are anchored anew. Events, and effects that are off, only `simulate` has.
+    """
+    begun = perf_counter()
+    function = TAU if callable(TAU) else None
+    every = 1 if record is None else record
+    planned = plan(
+        scene, 0.0 if function is None else function, duration=duration, dt=dt,
+        integrator=integrator, drift=drift, solver=solver, record=every,
+        jacobian=jacobian,
+    )  # fmt: skip
+    every = max(planned.steps // _LOOKS, _APART) if record is None else record
+    nv = scene.robot.nv
+    zero = function is not None or (isinstance(TAU, int | float) and TAU == 0)
+    given: ArrayLike = np.zeros(nv) if zero else TAU  # type: ignore[assignment]
+    q, v, tau = check_states(scene.robot.model, Q0, V0, given, suffix="0")
+    method = planned.method
+    _, of_rows, more = split(scene.robot, forces, len(q), functions=True)
+    kernel = Motions(
+        function, jacobian, duration, dt, method.integrator, method.drift, solver, every, of_rows
+    )
+    most = max(1, int(_SOLVES / planned.steps / max(method.integrator.solves_per_step, 1)))
+    rows = Rows(kernel, scene, solver, None, executor, check_chunk(chunk), most, progress)
+    kept = len(range(0, planned.steps, every)) + 1 if record is not None else 0
+    kinds = of_ends(scene) | (of_samples(scene, kept) if kept else {})
+    inputs = {"q0": q, "v0": v, "tau0": tau} | more
+    return rows.fill(len(q), inputs, kinds, partial(_batch, planned, begun))
+
+
+def _batch(planned: Plan, begun: float, outputs: Arrays) -> BatchTrajectory:
+    """Return the outputs as a value."""
+    method, samples = planned.method, dict(samples_of(outputs))
+    solver = default_solver(planned.scene) if method.solver is None else method.solver
+    return BatchTrajectory(
+        planned.scene, method.integrator, method.drift, solver, planned.duration, method.dt,
+        planned.steps, **{name: outputs[name] for name in of_ends(planned.scene)},
+        reasons=outputs["words"],
+        samples=Samples(**samples) if samples else None, seconds=perf_counter() - begun,
+    )  # fmt: skip

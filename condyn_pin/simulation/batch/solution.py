@@ -1,0 +1,158 @@
+"""BatchSolution: the answers at many states, each with its proof and its status."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Any, ClassVar, Final, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._core.arrays import Array, read_only
+from condyn_pin._core.errors import WorkersLost
+from condyn_pin._core.parallel.outcome import MISSING, Outcome
+from condyn_pin.dynamics.proof import Proof
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solution import Solution, Status
+from condyn_pin.model.applied_force import AppliedForce
+
+# A status as a number is its place here.
+STATUSES: Final = tuple(Status)
+
+# The arrays with a row a state.
+_ROWS: Final = ("q", "a", "lam", "proofs", "statuses", "iterations", "solve_times")
+
+Some = slice | list[int] | NDArray[Any]  # of the rows, as NumPy takes them
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BatchSolution(Outcome):
+    """Accelerations and constraint forces at N states, with the errors of each recomputed.
+
+    M a + h = tau + J^T lam + sum J_f^T f,  J a + gamma = a_ref,  in every row
+
+    Attributes
+    ----------
+    scene : Scene
+    q : (N, nq) array
+    a : (N, nv) array
+        Joint accelerations [rad/s^2, m/s^2].
+    lam : (N, m) array
+        Constraint forces in the axes of each constraint [N, N m].
+    proofs : (N, 5) array
+        A `Proof` a row; the properties below name its columns.
+    statuses : (N,) int8 array
+        Place in ``tuple(Status)``: 0 is ok. -1 where no worker got that far, which only the
+        batch of a `WorkersLost` or an `Interrupted` has.
+    iterations : (N,) int32 array
+        Of the solver.
+    solve_times : (N,) array
+        Of each solve without its proof [s], while other processes used the machine too.
+    seconds : float
+        Wall time of the whole batch [s].
+    applied : tuple of AppliedForce
+        The forces from outside that were applied.
+
+    Notes
+    -----
+    ``batch[i]`` is the `Solution` of state i, and iterating gives all of them; ``batch[2:4]`` and
+    ``batch[batch.failed]`` are batches of some. Rows that are not ok are in the arrays like all
+    others, NaN where there is no answer: `failed` has their indices.
+    """
+
+    scene: Scene
+    q: Array
+    a: Array
+    lam: Array
+    proofs: Array
+    statuses: NDArray[np.int8]
+    iterations: NDArray[np.int32]
+    solve_times: Array  # [s]
+    seconds: float  # [s]
+    applied: tuple[AppliedForce, ...] = ()
+
+    _endings: ClassVar[Sequence[Enum]] = STATUSES
+
+    @property
+    def dynamics_error(self) -> Array:
+        """|M a + h - tau - J^T lam - sum J_f^T f|_inf [N, N m], (N,)."""
+        return self.proofs[:, 0]
+
+    @property
+    def constraint_error(self) -> Array:
+        """|J a + gamma - a_ref|_inf [m/s^2, rad/s^2], (N,)."""
+        return self.proofs[:, 1]
+
+    @property
+    def violation(self) -> Array:
+        """|c(q)|_inf [m, rad] of each state given, (N,)."""
+        return self.proofs[:, 2]
+
+    @property
+    def velocity_violation(self) -> Array:
+        """|J v|_inf [m/s, rad/s] of each state given, (N,)."""
+        return self.proofs[:, 3]
+
+    @property
+    def error_bound(self) -> Array:
+        """Bound on the error of a, relative to the larger of |a|_inf and gravity, (N,)."""
+        return self.proofs[:, 4]
+
+    @property
+    def forces(self) -> dict[str, Array]:
+        """Force on the first-named body by constraint, (N, rows of it), views of `lam`."""
+        found, row = {}, 0
+        for bound in self.scene.bounds:
+            found[bound.name] = self.lam[:, row : row + bound.size]
+            row += bound.size
+        return found
+
+    def __len__(self) -> int:
+        return len(self.a)
+
+    @overload
+    def __getitem__(self, i: int | np.integer[Any]) -> Solution: ...
+
+    @overload
+    def __getitem__(self, i: Some) -> BatchSolution: ...
+
+    def __getitem__(self, i: int | np.integer[Any] | Some) -> Solution | BatchSolution:
+        if isinstance(i, slice | list | np.ndarray):
+            some = {name: read_only(getattr(self, name)[i]) for name in _ROWS}
+            return replace(self, **some, applied=self._applied(i))
+        status = int(self.statuses[i])
+        if status == MISSING:
+            raise WorkersLost(f"no worker got to state {i}; `missing` has all of them", self)
+        proof = Proof(*self.proofs[i].tolist())
+        return Solution(
+            self.a[i],
+            self.lam[i],
+            proof,
+            STATUSES[status],
+            int(self.iterations[i]),
+            float(self.solve_times[i]),
+            self.scene,
+            self.q[i],
+            self._applied(int(i)),
+        )
+
+    def _applied(self, i: int | Some) -> tuple[AppliedForce, ...]:
+        return tuple(force.row(i) for force in self.applied)
+
+    def __iter__(self) -> Iterator[Solution]:
+        return (self[i] for i in range(len(self)))
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{number} {name}" for name, number in self.counts.items())
+        return f"BatchSolution({self.scene.robot.name}, {len(self)} states: {counts or 'none'})"
+
+    def __str__(self) -> str:
+        worst = float(self.error_bound.max(initial=0.0))
+        lines = [
+            f"{repr(self)[len('BatchSolution(') : -1]}, in {self.seconds:.3g} s",
+            f"largest error bound of a  {worst:.1e} (relative)",
+            *self._not_ok(),
+        ]
+        return "\n".join(lines)

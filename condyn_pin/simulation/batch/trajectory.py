@@ -1,0 +1,211 @@
+"""BatchTrajectory: many motions of one scene, each with its errors and its status."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from math import nan
+from os import PathLike
+from typing import Any, ClassVar, Final, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._core.arrays import Array, read_only
+from condyn_pin._core.errors import NotRecorded, WorkersLost
+from condyn_pin._core.parallel.outcome import MISSING, Outcome
+from condyn_pin.constraints.drift import Drift
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.simulation.anchoring import anchored
+from condyn_pin.simulation.batch.solution import Some
+from condyn_pin.simulation.integrators.base import Integrator
+from condyn_pin.simulation.outcome import Run, RunStatus
+from condyn_pin.simulation.recorder import Phase
+from condyn_pin.simulation.trajectory import Trajectory
+
+# A status as a number is its place here.
+RUN_STATUSES: Final = tuple(RunStatus)
+
+# The arrays with a row a motion.
+_ROWS: Final = (
+    *("t", "q", "v", "violation", "slip", "energy_error"),
+    *("statuses", "reasons", "run_times"),
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Samples:
+    """The samples of N motions; NaN after the end of one that broke down.
+
+    Attributes
+    ----------
+    t : (N, k) array
+        [s]
+    q, v, a : (N, k, nq), (N, k, nv), (N, k, nv) array
+    lam : (N, k, m) array
+        Constraint forces in the axes of each constraint [N, N m].
+    tau : (N, k, nv) array
+        Torques applied, those of forces from outside with them, without springs and damping
+        [N, N m].
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    a: Array
+    lam: Array
+    tau: Array
+
+    def of(self, motions: Some) -> Samples:
+        """Return those of some motions."""
+        return Samples(*(read_only(array[motions]) for array in vars(self).values()))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BatchTrajectory(Outcome):
+    """The ends of N motions, and how well each kept constraints and energy.
+
+    Attributes
+    ----------
+    scene : Scene
+    integrator, drift, solver
+        What was used.
+    duration, dt : float
+        What was asked for, and the step [s].
+    steps : int
+        Of each motion that went to its end.
+    t : (N,) array
+        How far each motion went [s]; 0 where it could not begin.
+    q, v : (N, nq), (N, nv) array
+        Where it ended.
+    violation, slip : (N,) array
+        The largest abs(c(q)) [m, rad] and abs(J v) [m/s, rad/s] among the samples looked at.
+    energy_error : (N,) array
+        The largest energy that came or went without work, among the samples looked at [J]. Work is
+        integrated over them: where torques or damping act, ``record=1`` makes it accurate.
+    statuses : (N,) int8 array
+        Place in ``tuple(RunStatus)``: 0 is finished. -1 where no worker got that far, which only
+        the batch of a `WorkersLost` or an `Interrupted` has.
+    reasons : (N,) array of str
+        Why each ended where it did; empty where it went to its end.
+    run_times : (N,) array
+        Of each motion [s], while other processes used the machine too.
+    samples : Samples or None
+        None if nothing was to be recorded.
+    seconds : float
+        Wall time of the whole batch [s].
+
+    Notes
+    -----
+    Printing it names the motions that are not ok. Of samples that were kept, ``batch[i]`` is the
+    `Trajectory` that `simulate` returns, to the bit, but for its wall time: with energies, gaps,
+    forces, notices, and why it ended. `NotRecorded` says of others why there is none.
+    ``batch[2:4]`` and ``batch[batch.failed]`` are batches of some.
+    """
+
+    scene: Scene
+    integrator: Integrator
+    drift: Drift
+    solver: Solver
+    duration: float  # [s]
+    dt: float  # [s]
+    steps: int
+    t: Array
+    q: Array
+    v: Array
+    violation: Array
+    slip: Array
+    energy_error: Array
+    statuses: NDArray[np.int8]
+    reasons: NDArray[np.object_]
+    run_times: Array  # [s]
+    samples: Samples | None
+    seconds: float  # [s]
+
+    _endings: ClassVar[Sequence[Enum]] = RUN_STATUSES
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write all of it to a file (npz), as `Trajectory.save` does."""
+        from condyn_pin.simulation.batch.files import save
+
+        save(self, path)
+
+    @staticmethod
+    def load(path: str | PathLike[str]) -> BatchTrajectory:
+        """Return a batch that was saved.
+
+        Raises
+        ------
+        InvalidArgument
+            If the file is missing, or is none of a batch of motions.
+        """
+        from condyn_pin.simulation.batch.files import load
+
+        return load(path)
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @overload
+    def __getitem__(self, i: int | np.integer[Any]) -> Trajectory: ...
+
+    @overload
+    def __getitem__(self, i: Some) -> BatchTrajectory: ...
+
+    def __getitem__(self, i: int | np.integer[Any] | Some) -> Trajectory | BatchTrajectory:
+        if not isinstance(i, slice | list | np.ndarray):
+            return self._motion(range(len(self))[i])
+        some = {name: read_only(getattr(self, name)[i]) for name in _ROWS}
+        return replace(self, samples=self.samples and self.samples.of(i), **some)
+
+    def __iter__(self) -> Iterator[Trajectory]:
+        return (self[i] for i in range(len(self)))
+
+    def _motion(self, i: int) -> Trajectory:
+        if self.statuses[i] == MISSING:
+            raise WorkersLost(f"no worker got to motion {i}; `missing` has all of them", self)
+        if self.samples is None:
+            raise NotRecorded(
+                f"motion {i}: no samples were kept; simulate_batch(..., record=1) keeps them all"
+            )
+        columns = {name: array[i] for name, array in vars(self.samples).items()}
+        kept = np.count_nonzero(np.isfinite(columns["t"]))
+        if not kept:
+            raise NotRecorded(f"motion {i} could not begin: {self.reasons[i]}")
+        samples = {name: column[:kept] for name, column in columns.items()}
+        scene = anchored(self.scene, samples["q"][0])
+        run = Run(
+            duration=self.duration, dt=self.dt, integrator=self.integrator, drift=self.drift,
+            solver=self.solver, status=RUN_STATUSES[self.statuses[i]], reason=self.reasons[i],
+            wall_time=float(self.run_times[i]),
+        )  # fmt: skip
+        phase = Phase(scene, slice(0, int(kept)), tuple(range(scene.rows)))
+        return Trajectory((phase,), run=run, **samples)
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{number} {name}" for name, number in self.counts.items())
+        return f"BatchTrajectory({self.scene.robot.name}, {len(self)} motions: {counts or 'none'})"
+
+    def __str__(self) -> str:
+        steps = float(self.t.sum()) / self.dt
+        speed = steps / self.seconds if self.seconds else nan
+        return "\n".join(
+            (
+                f"{repr(self)[len('BatchTrajectory(') : -1]}, {self.steps} steps of "
+                f"{1e3 * self.dt:.4g} ms, in {self.seconds:.3g} s: {speed:.4g} steps/s",
+                f"violation   {self._worst(self.violation)} m, rad at most; "
+                f"{self._worst(self.slip)} m/s, rad/s",
+                f"unexplained {self._worst(self.energy_error)} J at most",
+                *self._not_ok(),
+            )
+        )
+
+    def _named(self, i: int) -> str:
+        return str(i) if self.statuses[i] == MISSING else f"{i} after {self.t[i]:.4g} s"
+
+    @staticmethod
+    def _worst(values: Array) -> str:
+        known = values[np.isfinite(values)]
+        return f"{known.max():.1e}" if known.size else "?"

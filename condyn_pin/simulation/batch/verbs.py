@@ -1,0 +1,269 @@
+"""The verbs for many states: solve_batch, derivatives_batch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from functools import partial
+from math import nan
+from time import perf_counter
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core.arrays import Array, read_only
+from condyn_pin._core.errors import SolveFailed, unknown_name
+from condyn_pin._core.knobs import check_accuracy_of_a, check_count
+from condyn_pin._core.parallel.chunks import Progress, silent
+from condyn_pin._core.parallel.memory import Arrays, Kind
+from condyn_pin._core.parallel.ways import Words
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.dynamics.derivatives import METHODS
+from condyn_pin.dynamics.derivatives.check import BLOCKS
+from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.solution import Solution
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.model.applied_force import AppliedForce
+from condyn_pin.simulation.batch.derivatives import BatchDerivatives
+from condyn_pin.simulation.batch.forces import RowForces, split
+from condyn_pin.simulation.batch.rows import Rows
+from condyn_pin.simulation.batch.solution import STATUSES, BatchSolution
+from condyn_pin.simulation.batch.states import check_states
+
+_CODES: Final = {status: code for code, status in enumerate(STATUSES)}
+
+
+def solve_batch(
+    scene: Scene,
+    Q: ArrayLike,
+    V: ArrayLike,
+    TAU: ArrayLike,
+    *,
+    forces: Sequence[AppliedForce] = (),
+    solver: Solver | None = None,
+    drift: Baumgarte | None = None,
+    accuracy: float | None = None,
+    executor: Executor | None = None,
+    chunk: int | None = None,
+    progress: Progress = silent,
+) -> BatchSolution:
+    """Return accelerations and constraint forces at many states, with the errors of each.
+
+    M(q) a + h(q, v) = tau + J(q)^T lam + sum J_f(q)^T f,    J a + gamma = a_ref,    row by row
+
+    Parameters
+    ----------
+    scene : Scene
+    Q : (N, nq) array_like
+        Configurations, a row a state; quaternions x y z w, normalised. As all numbers here they
+        are taken in double precision: those of float32 have its 1e-7.
+    V : (N, nv) array_like
+        Velocities.
+    TAU : (N, nv) or (nv,) array_like, or 0
+        Joint torques [N, N m]; with one axis the same for all states.
+    forces : sequence of AppliedForce, optional
+        Forces from outside; with two axes a row a state, else the same for all. None by default.
+    solver, drift, accuracy
+        As in `solve`.
+    executor : Executor, optional
+        Who does the work: `Processes(2)`, any other `concurrent.futures.Executor`, or Dask's
+        ``client.get_executor()``. This process by default. Threads gain nothing: Pinocchio does
+        not release the GIL.
+    chunk : int, optional
+        States that a worker is handed at a time; by default a sixteenth of what is left, 1000 at
+        most.
+    progress : callable
+        Called with the number of states done and that of all, after each chunk.
+
+    Returns
+    -------
+    BatchSolution
+        To the bit what `solve` returns, whoever did the work. States that are not ok raise
+        nothing: ``failed`` has their indices, ``counts`` their number.
+
+    Raises
+    ------
+    InvalidArgument
+        If an argument has a wrong shape, is not finite, or has an unnormalised quaternion; the
+        text names the row.
+    UnknownName
+        If a force is on a frame that does not exist.
+    WorkersLost
+        If workers were lost and the executor cannot go on, or it is shut down; its ``done`` is the
+        BatchSolution of what was solved (`map_chunks` says when).
+    Interrupted
+        After Ctrl-C; its ``table`` is the same.
+    UnsupportedConstraint, StaleModel
+        As in `solve`.
+
+    Notes
+    -----
+    Cost: that of N solves, divided by the workers. A worker makes its workspace when it meets a
+    scene and solver first, and keeps it for later chunks and calls. Processes of this machine read
+    and write arrays in shared memory (Linux); other workers are sent copies of their rows.
+    """
+    start = perf_counter()
+    inputs, count = _inputs(scene, Q, V, TAU, accuracy)
+    applied, of_rows, more = split(scene.robot, forces, count)
+    kernel = partial(_solve_rows, accuracy, of_rows)
+    rows = Rows(kernel, scene, solver, drift, executor, check_chunk(chunk), 1000, progress)
+    batch = partial(_batch, scene, inputs["q"], applied, start)
+    return rows.fill(count, inputs | more, _of_solution(scene), batch)
+
+
+def derivatives_batch(
+    scene: Scene,
+    Q: ArrayLike,
+    V: ArrayLike,
+    TAU: ArrayLike,
+    *,
+    forces: Sequence[AppliedForce] = (),
+    solver: Solver | None = None,
+    drift: Baumgarte | None = None,
+    method: str = "kkt",
+    accuracy: float | None = None,
+    executor: Executor | None = None,
+    chunk: int | None = None,
+    progress: Progress = silent,
+) -> BatchDerivatives:
+    """Return how accelerations and constraint forces change, at many states.
+
+    M da - J^T dlam = dtau - r_q dq - r_v dv,    J da = -s_q dq - s_v dv,    state by state
+
+    Parameters
+    ----------
+    scene, Q, V, TAU, forces, executor, progress
+        As in `solve_batch`.
+    solver, drift, method, accuracy
+        As in `derivatives`.
+    chunk : int, optional
+        As in `solve_batch`, but 100 states at most.
+
+    Returns
+    -------
+    BatchDerivatives
+        Six arrays, which take 24 nv (nv + m) bytes a state: 45 kB for Talos on two feet.
+
+    Raises
+    ------
+    InvalidArgument, WorkersLost, UnsupportedConstraint, StaleModel
+        As in `solve_batch` and `derivatives`. States that are not ok raise nothing.
+    Interrupted
+        As in `solve_batch`, with a BatchDerivatives.
+
+    Notes
+    -----
+    Cost: that of `derivatives` a state, over the number of workers.
+    """
+    start = perf_counter()
+    if method not in METHODS:
+        raise unknown_name("method", str(method), METHODS)
+    inputs, count = _inputs(scene, Q, V, TAU, accuracy)
+    applied, of_rows, more = split(scene.robot, forces, count)
+    kernel = partial(_derivatives_rows, method, accuracy, of_rows)
+    rows = Rows(kernel, scene, solver, drift, executor, check_chunk(chunk), 100, progress)
+    kinds = _of_solution(scene) | _of_derivatives(scene)
+    batch = partial(_derivatives, scene, inputs["q"], applied, start)
+    return rows.fill(count, inputs | more, kinds, batch)
+
+
+def _inputs(
+    scene: Scene, Q: ArrayLike, V: ArrayLike, TAU: ArrayLike, accuracy: float | None
+) -> tuple[Arrays, int]:
+    check_scene(scene)
+    if accuracy is not None:
+        check_accuracy_of_a(accuracy)
+    q, v, tau = check_states(scene.robot.model, Q, V, TAU)
+    return {"q": q, "v": v, "tau": tau}, len(q)
+
+
+def check_chunk(chunk: int | None) -> int | None:
+    """Return the number of states in a chunk, if it is one."""
+    if chunk is not None:
+        check_count("chunk", chunk)
+    return chunk
+
+
+def _of_solution(scene: Scene) -> dict[str, Kind]:
+    """Return what a row of each array of a `BatchSolution` is."""
+    return {
+        "a": Kind((scene.robot.nv,)),
+        "lam": Kind((scene.rows,)),
+        "proofs": Kind((5,)),
+        "statuses": Kind((), "i1"),
+        "iterations": Kind((), "i4"),
+        "solve_times": Kind(()),
+    }
+
+
+def _of_derivatives(scene: Scene) -> dict[str, Kind]:
+    n, m = scene.robot.nv, scene.rows
+    return {name: Kind((n if name.startswith("da") else m, n)) for name in BLOCKS}
+
+
+def _solve_rows(
+    accuracy: float | None, forces: RowForces, workspace: Workspace, inputs: Arrays, outputs: Arrays
+) -> Words:
+    """Solve some rows."""
+    for i, state in enumerate(_states(inputs)):
+        applied = forces.at(inputs, i)
+        _put(outputs, i, workspace.solve(*state, forces=applied, accuracy=accuracy, throw=False))
+    return {}
+
+
+def _derivatives_rows(
+    method: str,
+    accuracy: float | None,
+    forces: RowForces,
+    workspace: Workspace,
+    inputs: Arrays,
+    outputs: Arrays,
+) -> Words:
+    """Differentiate some rows."""
+    for i, state in enumerate(_states(inputs)):
+        applied = forces.at(inputs, i)
+        try:
+            found = workspace.derivatives(*state, forces=applied, method=method, accuracy=accuracy)
+        except SolveFailed as failed:
+            _put(outputs, i, failed.solution)
+            for name in BLOCKS:
+                outputs[name][i] = nan
+        else:
+            _put(outputs, i, found.solution)
+            for name in BLOCKS:
+                outputs[name][i] = getattr(found, name)
+    return {}
+
+
+def _states(inputs: Arrays) -> zip[tuple[Array, Array, Array]]:
+    q, v, tau = inputs["q"], inputs["v"], inputs["tau"]
+    return zip(q, v, np.broadcast_to(tau, v.shape), strict=True)
+
+
+def _put(outputs: Arrays, i: int, solution: Solution) -> None:
+    outputs["a"][i] = solution.a
+    outputs["lam"][i] = solution.lam
+    outputs["proofs"][i] = solution.proof
+    outputs["statuses"][i] = _CODES[solution.status]
+    outputs["iterations"][i] = solution.iterations
+    outputs["solve_times"][i] = solution.solve_time
+
+
+def _batch(
+    scene: Scene, q: Array, applied: tuple[AppliedForce, ...], start: float, outputs: Arrays
+) -> BatchSolution:
+    """Return the outputs as a value."""
+    parts = {name: outputs[name] for name in _of_solution(scene)}
+    return BatchSolution(
+        scene, read_only(q.copy()), **parts, seconds=perf_counter() - start, applied=applied
+    )
+
+
+def _derivatives(
+    scene: Scene, q: Array, applied: tuple[AppliedForce, ...], start: float, outputs: Arrays
+) -> BatchDerivatives:
+    solution = _batch(scene, q, applied, start, outputs)
+    blocks = {name: outputs[name] for name in BLOCKS}
+    return BatchDerivatives(solution, **blocks, seconds=solution.seconds)

@@ -1,1 +1,0 @@
-"""States that satisfy the constraints: closing loops, and what is known of them."""

@@ -1,0 +1,162 @@
+"""Case: a scene at some states with the truth there, and what solvers make of it."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import CondynError
+from condyn_pin._core.machine import machine
+from condyn_pin._core.timing import State
+from condyn_pin._core.tolerances import SOLVED
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.base import Solver, knob_fields
+from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.study.measures.base import Answer, Measure
+from condyn_pin.study.row import Key, Knob, Row, key
+from condyn_pin.study.states import States
+
+# Statuses of a state that no solution was returned for.
+REFUSED, RAISED = "refused", "raised"
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A scene at some states, and the truth there.
+
+    Attributes
+    ----------
+    label : str
+    scene : Scene
+    measure : Measure
+    accuracy : float
+        What statuses are judged by.
+    set_name : str
+        Name of the set of states.
+    states : tuple of (q, v, tau)
+    truth : tuple of array
+        One a state.
+    floor : float
+        Error that rounding of M alone can make: what `Reference` may be off by.
+    """
+
+    label: str
+    scene: Scene
+    measure: Measure
+    accuracy: float
+    set_name: str
+    states: tuple[State, ...]
+    truth: tuple[Array, ...]
+    floor: float
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """A text that changes with all that errors and times depend on, but for the solver."""
+        here = {name: value for name, value in machine().items() if name != "date"}
+        digest = hashlib.sha256(f"{here} {self.accuracy!r}".encode())
+        for array in (*(x for state in self.states for x in state), *self.truth):
+            digest.update(np.ascontiguousarray(array).tobytes())
+        return digest.hexdigest()[:16]
+
+    def key(self, solver: Solver) -> Key:
+        """Return the key of the row of a solver."""
+        measure = self.measure
+        return key(self.label, repr(solver), measure.label, measure.how, self.set_name)
+
+
+def prepare(label: str, scene: Scene, measure: Measure, states: States, accuracy: float) -> Case:
+    """Return the case of a scene: its states, and the truth at each."""
+    chosen = states.of(scene)
+    truth = tuple(measure.truth(scene, state) for state in chosen)
+    floor = scene.audit.yardstick.rounding
+    return Case(label, scene, measure, accuracy, states.name, chosen, truth, floor)
+
+
+def measure_errors(case: Case, solver: Solver) -> Row:
+    """Return the row of a solver, without times.
+
+    A refusal and an exception are statuses like others, and their text is kept: one bad solver does
+    not end a study.
+    """
+    answers, statuses, notes = _answers(case, solver)
+    missing = len(case.states) - len(answers)
+    errors = [found.error for found in answers] + [inf] * missing
+    return Row(
+        scene=case.label,
+        rows=case.scene.rows,
+        nv=case.scene.robot.nv,
+        method=solver.title,
+        solver=repr(solver),
+        knobs=knobs_of(solver),
+        measure=case.measure.label,
+        states=case.set_name,
+        n=len(case.states),
+        error_median=_median(errors),
+        error_worst=max(errors),
+        dynamics_error=max((found.dynamics_error for found in answers), default=inf),
+        constraint_error=max((found.constraint_error for found in answers), default=inf),
+        iterations=max((found.iterations for found in answers), default=0),
+        statuses=dict(sorted(statuses.items())),
+        note="; ".join(notes),
+        how=dict(case.measure.how),
+    )
+
+
+def _answers(case: Case, solver: Solver) -> tuple[list[Answer], Counter[str], list[str]]:
+    """Return a solver's answers, how many states have which status, and what was said of them."""
+    answers: list[Answer] = []
+    statuses: Counter[str] = Counter()
+    notes: dict[str, None] = {}
+    try:
+        workspace = Workspace(case.scene, solver)
+    except Exception as error:
+        statuses[_kind(error)] = len(case.states)
+        notes[_text(error)] = None
+    else:
+        for state, truth in zip(case.states, case.truth, strict=True):
+            try:
+                found = case.measure.answer(workspace, state, truth, case.accuracy)
+            except Exception as error:
+                statuses[_kind(error)] += 1
+                notes[_text(error)] = None
+            else:
+                answers.append(found)
+                statuses[found.status] += 1
+    return answers, statuses, list(notes)
+
+
+def knobs_of(solver: Solver) -> dict[str, Knob]:
+    """Return the knobs of a solver by name; one that is no plain value as text.
+
+    Its accuracy is among them where it is not the usual one.
+    """
+    names = [knob.name for knob in knob_fields(type(solver))]
+    names += ["accuracy"] if solver.accuracy != SOLVED else []
+    return {name: _plain(getattr(solver, name)) for name in names}
+
+
+def _plain(value: Any) -> Knob:
+    if isinstance(value, np.generic):
+        value = value.item()
+    return value if isinstance(value, float | int | str | bool | None) else repr(value)
+
+
+def _kind(error: Exception) -> str:
+    return REFUSED if isinstance(error, CondynError) else RAISED
+
+
+def _text(error: Exception) -> str:
+    return str(error) if isinstance(error, CondynError) else f"{type(error).__name__}: {error}"
+
+
+def _median(errors: Sequence[float]) -> float:
+    """Return the median, the larger of the middle two: a mean of them may be no error at all."""
+    return sorted(errors)[len(errors) // 2]

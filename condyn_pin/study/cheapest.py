@@ -1,0 +1,210 @@
+"""cheapest: the fastest solver of a table that meets an error, where it was not chosen too."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from typing import Any, Final
+
+from condyn_pin._core.arrays import finite
+from condyn_pin._core.errors import CondynError, InvalidArgument, NotReached, unknown_name
+from condyn_pin._core.knobs import read_call
+from condyn_pin._core.tolerances import SOLVED
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers import SOLVERS
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.study.exports import short
+from condyn_pin.study.fresh import Fresh, FreshErrors, as_fresh
+from condyn_pin.study.front import answered, comparable, microseconds
+from condyn_pin.study.measures import MEASURES, Measure
+from condyn_pin.study.row import Knob, Row
+from condyn_pin.study.states import States
+
+# Several errors are asked of one table after the other: the states and the truth stay the same.
+_fresh_errors = lru_cache(maxsize=1)(FreshErrors)
+
+_LONGEST: Final = 1000  # characters of a tuple as text
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A solver chosen by measurement.
+
+    Attributes
+    ----------
+    solver : Solver
+        Its `accuracy` is what was asked for, or 1e-8 where that was less.
+    error : float
+        What was asked for, relative.
+    row : Row
+        What the study found of it.
+    fresh : Fresh
+        What it gave at states that it was not chosen by.
+    rejected : tuple of (Row, Fresh)
+        What is faster, met the error in the study, and not at the fresh states.
+    """
+
+    solver: Solver
+    error: float
+    row: Row
+    fresh: Fresh
+    rejected: tuple[tuple[Row, Fresh], ...]
+
+    def __str__(self) -> str:
+        lines = [
+            f"{self.row.scene}, {self.row.measure} to {self.error:g}: {short(self.row)}",
+            f"{microseconds(self.row):.1f} us; {self.fresh}",
+        ]
+        lines += [f"not {short(row)}: {fresh}" for row, fresh in self.rejected]
+        return "\n".join(lines)
+
+
+def cheapest(
+    rows: Sequence[Row],
+    scenes: Mapping[str, Scene],
+    *,
+    error: float,
+    measure: str,
+    scene: str | None,
+    states: States | int,
+) -> Choice:
+    """Return the fastest solver that meets an error; see `Table.cheapest`."""
+    check_error(error)
+    label = _label(rows, scene)
+    asked = [row for row in rows if (row.scene, row.measure) == (label, measure)]
+    if not asked:
+        known = dict.fromkeys(row.measure for row in rows if row.scene == label)
+        raise unknown_name(f"measure of {label!r} in this table", measure, known)
+    rivals = sorted(filter(comparable, asked), key=microseconds)
+    meeting = [row for row in rivals if row.error_worst <= error]
+    if not meeting:
+        raise _not_reached(asked, error, [])
+    if label not in scenes:
+        raise InvalidArgument(
+            f"this table has no scene {label!r} to make fresh states with; "
+            f"hand it in: table.with_scenes({{{label!r}: scene}})"
+        )
+    return _first_that_holds(meeting, asked, scenes[label], error, states)
+
+
+def check_error(error: float) -> None:
+    """Refuse an error that cannot be asked for."""
+    if not finite("error", error, ()) > 0:
+        raise InvalidArgument(f"error = {error!r}: a number > 0 is needed, relative")
+
+
+def _first_that_holds(
+    meeting: Sequence[Row],
+    asked: Sequence[Row],
+    scene: Scene,
+    error: float,
+    states: States | int,
+) -> Choice:
+    fresh_states = as_fresh(states)
+    for name in {row.states for row in meeting}:
+        if fresh_states.overlaps(name):
+            raise InvalidArgument(
+                f"states: {fresh_states.name} are not fresh, the study looked at {name}; another "
+                "seed gives other states"
+            )
+    judge = _fresh_errors(scene, measure_of(meeting[0].measure), fresh_states)
+    rejected: list[tuple[Row, Fresh]] = []
+    for row in meeting:
+        solver = solver_of(row)
+        fresh = judge(solver, measured_as(row))
+        if fresh.expected <= error:
+            return Choice(promising(solver, error), error, row, fresh, tuple(rejected))
+        rejected.append((row, fresh))
+    raise _not_reached(asked, error, rejected)
+
+
+def promising(solver: Solver, error: float) -> Solver:
+    """Return a solver that says ok to an error that it was chosen for."""
+    return replace(solver, accuracy=max(error, SOLVED))
+
+
+def solver_of(row: Row) -> Solver:
+    """Return the solver of a row, with its knobs."""
+    solver = made(row.solver.split("(")[0], row.knobs)
+    if repr(solver) != row.solver:
+        raise InvalidArgument(f"{row.solver}: with its knobs it is {solver!r}; run the study again")
+    return solver
+
+
+def made(name: str, knobs: Mapping[str, Knob]) -> Solver:
+    """Return the solver of a class with knobs as rows keep them: a tuple as text."""
+    if name.lower() not in SOLVERS:
+        raise unknown_name("solver", name, [kind.__name__ for kind in SOLVERS.values()])
+    kind = SOLVERS[name.lower()]
+    usual = {f.name: f.default for f in fields(kind)}
+    try:
+        return kind(**{key: _value(knob, usual[key]) for key, knob in knobs.items()})
+    except (KeyError, TypeError, SyntaxError, ValueError) as error:
+        if isinstance(error, CondynError):
+            raise
+        raise InvalidArgument(f"{dict(knobs)}: not the knobs of {kind.__name__}") from error
+
+
+def _value(knob: Knob, usual: Any) -> Any:
+    is_text = isinstance(knob, str) and not isinstance(usual, str)
+    if is_text and len(knob) > _LONGEST:  # type: ignore[arg-type]
+        raise ValueError("a text of this length")
+    return ast.literal_eval(knob) if is_text else knob  # type: ignore[arg-type]
+
+
+def measure_of(label: str) -> Measure:
+    """Return the measure that tables call so: a name, with the knobs that are not as usual."""
+    if label in MEASURES:  # a name may be more than one word
+        return MEASURES[label]()
+    try:
+        name, knobs = read_call(label)
+        return MEASURES[name](**knobs)
+    except (ValueError, KeyError, TypeError) as error:
+        raise unknown_name("measure", label, MEASURES) from error
+
+
+def measured_as(row: Row) -> Measure:
+    """Return the measure of a row, with the knobs that belong to its answer."""
+    measure = measure_of(row.measure)
+    if not row.how:
+        return measure
+    try:
+        again = measure.with_how(row.how)
+    except (ValueError, KeyError, TypeError) as error:
+        if isinstance(error, CondynError):
+            raise
+        raise InvalidArgument(f"{row.measure}: it has no knobs {row.how}") from error
+    if dict(again.how) != row.how:
+        raise InvalidArgument(f"{row.measure}: {row.how} in a table do not make it again")
+    return again
+
+
+def _label(rows: Sequence[Row], scene: str | None) -> str:
+    labels = list(dict.fromkeys(row.scene for row in rows))
+    if scene is None:
+        if len(labels) == 1:
+            return labels[0]
+        raise InvalidArgument(f"scene: this table has {len(labels)}, name one: {labels}")
+    if scene not in labels:
+        raise unknown_name("scene in this table", scene, labels)
+    return scene
+
+
+def _not_reached(
+    asked: Sequence[Row], error: float, rejected: Sequence[tuple[Row, Fresh]]
+) -> NotReached:
+    row = min(filter(answered, asked), key=lambda r: r.error_worst, default=None)
+    text = f"nothing in this table meets {asked[0].measure} to {error:g} on {asked[0].scene!r}"
+    if rejected:
+        best, fresh = min(rejected, key=lambda pair: pair[1].expected)
+        text += f" at fresh states too; the best there is {short(best)}, {fresh}"
+    elif row is None:
+        text += ": no solver answers every state"
+    elif row.error_worst <= error:
+        text = f"{short(row)} meets {row.measure} to {error:g} on {row.scene!r}, but has no time "
+        return NotReached(f"{text}({row.timed}); run the study with timed=True", row)
+    else:
+        text += f"; the best is {short(row)} with {row.error_worst:.1e}"
+    return NotReached(f"{text}; ask for less, or try more knobs", row)

@@ -1,0 +1,50 @@
+"""Accelerations against those of `Reference`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import SolveFailed
+from condyn_pin._core.timing import Call, State
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.reference import Reference
+from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.study.measures.base import Answer, Measure, relative
+from condyn_pin.study.timed_calls import bare, unthrown
+
+
+@dataclass(frozen=True)
+class AccelerationMeasure(Measure):
+    """The error of a, relative to the larger of |a|_inf and gravity.
+
+    Both ways to an answer are judged, `Workspace.acceleration` and `Workspace.solve`, and the
+    larger error counts: what is right on its first call only is found out.
+    """
+
+    name: ClassVar[str] = "acceleration"
+
+    def truth(self, scene: Scene, state: State) -> Array:
+        """Return a by `Reference`."""
+        return Workspace(scene, Reference()).solve(*state, throw=False).a
+
+    def answer(self, workspace: Workspace, state: State, truth: Array, accuracy: float) -> Answer:
+        """Return the answer of a workspace's solver at a state."""
+        try:
+            hot = workspace.acceleration(*state)
+        except SolveFailed:
+            hot = np.full(workspace.model.nv, np.nan)
+        solution = workspace.solve(*state, accuracy=accuracy, throw=False)
+        gravity = workspace.scene.audit.yardstick.gravity
+        error = max(relative(a, truth, gravity) for a in (hot, solution.a))
+        return Answer.of(solution, error, accuracy)
+
+    def calls(self, workspace: Workspace) -> Mapping[str, Call]:
+        """Return the hot loop, the solve with its proof, and Pinocchio's own call."""
+        calls: dict[str, Call] = {"once": workspace.acceleration, "solve": unthrown(workspace)}
+        pinocchio = bare(workspace)
+        return calls if pinocchio is None else calls | {"bare": pinocchio}

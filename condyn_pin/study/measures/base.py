@@ -1,0 +1,138 @@
+"""The contract of a measure, and how to write one.
+
+1. Add one file to this folder with one frozen dataclass that inherits from `Measure`. Its fields
+   are its knobs, each with a default. Set `name`: the class registers itself under it in
+   `MEASURES`, and studies and the command line find it there.
+2. `truth(scene, state)` is what an answer is compared with: an array, by `Reference`, by a closed
+   form, or by a computation that is converged far beyond what is measured. It may take
+   milliseconds.
+3. `answer(workspace, state, truth, accuracy)` lets the solver of a workspace answer one state, and
+   returns an `Answer`. An answer that is not finite has an infinite error. A `CondynError` that is
+   raised counts as a refusal, and its text is kept.
+4. `calls(workspace)` returns what is timed, each called with (q, v, tau): "once", what a user of
+   this measure would call; and, where they exist, "bare", Pinocchio's own call behind it, and
+   "solve", with the proof. None of them may raise at a state that `answer` took.
+5. Knobs that change the question are in `label`, by default all: rows of one label are compared
+   with each other. Those that belong to the answer, such as a step size, are in `how`.
+6. A relative error is relative to something that cannot be zero by accident, and says so.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from math import inf, isfinite
+from typing import ClassVar
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import unknown_name
+from condyn_pin._core.knobs import Grid
+from condyn_pin._core.registry import enter
+from condyn_pin._core.timing import Call, State
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solution import Solution
+from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.study.row import Knob
+
+MEASURES: dict[str, type[Measure]] = {}
+
+# The status of an answer that says ok and is wrong.
+WRONG = "wrong"
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One answer, compared with the truth.
+
+    Attributes
+    ----------
+    error : float
+        Relative; infinite if the answer is not finite.
+    status : str
+        Of the solution, in small letters; "wrong" if it is ok and the error is not.
+    dynamics_error, constraint_error : float
+        Residuals of the solution [N, N m] and [m/s^2, rad/s^2].
+    iterations : int
+    """
+
+    error: float
+    status: str
+    dynamics_error: float  # [N, N m]
+    constraint_error: float  # [m/s^2, rad/s^2]
+    iterations: int
+
+    @classmethod
+    def of(cls, solution: Solution, error: float, promised: float) -> Answer:
+        """Return the answer of a solution; one that says ok has promised an error."""
+        status = solution.status.name.lower()
+        return cls(
+            error=error,
+            status=WRONG if status == "ok" and not error <= promised else status,
+            dynamics_error=_or_inf(solution.dynamics_error),
+            constraint_error=_or_inf(solution.constraint_error),
+            iterations=solution.iterations,
+        )
+
+
+class Measure(ABC):
+    """What the error of a study is one of; a frozen value."""
+
+    name: ClassVar[str]
+    sweeps: ClassVar[tuple[Grid, ...]] = ()  # values of knobs that are worth a look
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        enter(MEASURES, cls.name, cls, f"a measure named {cls.name!r}")
+
+    @property
+    def label(self) -> str:
+        """What tables call it: the name, and the knobs that are not as usual."""
+        mine = [f.name for f in fields(self) if getattr(self, f.name) != f.default]  # type: ignore[arg-type]
+        knobs = ", ".join(f"{name}={getattr(self, name)!r}" for name in mine)
+        return f"{self.name}({knobs})" if knobs else self.name
+
+    @property
+    def how(self) -> Mapping[str, Knob]:
+        """The knobs that belong to the answer, as rows keep them; none by default."""
+        return {}
+
+    def with_how(self, how: Mapping[str, Knob]) -> Measure:
+        """Return the measure with knobs of the answer, as `how` has them."""
+        return replace(self, **how)  # type: ignore[type-var]
+
+    @abstractmethod
+    def truth(self, scene: Scene, state: State) -> Array:
+        """Return what an answer at a state is compared with."""
+
+    @abstractmethod
+    def answer(self, workspace: Workspace, state: State, truth: Array, accuracy: float) -> Answer:
+        """Return the answer of a solver at a state, judged by `truth` and `accuracy`."""
+
+    @abstractmethod
+    def calls(self, workspace: Workspace) -> Mapping[str, Call]:
+        """Return what is timed, by "once", "bare" and "solve"."""
+
+
+def as_measure(measure: Measure | str) -> Measure:
+    """Return a measure, or the one of a name with its usual knobs."""
+    if isinstance(measure, Measure):
+        return measure
+    if measure not in MEASURES:
+        raise unknown_name("measure", str(measure), MEASURES)
+    return MEASURES[measure]()
+
+
+def relative(x: Array, truth: Array, least: float) -> float:
+    """Return |x - truth|_inf over the larger of |truth|_inf and `least`; inf if not finite."""
+    with np.errstate(all="ignore"):
+        worst = float(np.abs(x - truth).max(initial=0.0))
+    if not isfinite(worst):
+        return inf
+    return worst / (max(float(np.abs(truth).max(initial=0.0)), least) or 1.0)
+
+
+def _or_inf(x: float) -> float:
+    return float(x) if isfinite(x) else inf

@@ -1,0 +1,94 @@
+"""Derivatives of the accelerations, against those at the answer of `Reference`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import inf, isfinite
+from typing import ClassVar
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument, unknown_name
+from condyn_pin._core.knobs import Grid
+from condyn_pin._core.timing import Call, State
+from condyn_pin.dynamics.derivatives import METHODS
+from condyn_pin.dynamics.derivatives.differences import directions
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solution import Solution
+from condyn_pin.dynamics.solvers.reference import Reference
+from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.study.measures.base import Answer, Measure, relative
+from condyn_pin.study.timed_calls import unthrown
+
+
+@dataclass(frozen=True)
+class DerivativeMeasure(Measure):
+    """The error of da/dq, da/dv and da/dtau, each relative to its largest entry, or to 1.
+
+    The worst of the three. Where rows are redundant da/dq counts along the constraints only: across
+    them a has no derivative. The truth is the implicit function theorem at the answer of
+    `Reference`, which central differences confirm (`derivatives(check=True)`).
+
+    Parameters
+    ----------
+    method : {"kkt", "pinocchio", "differences"}
+        As in `condyn_pin.derivatives`.
+    """
+
+    name: ClassVar[str] = "derivatives"
+    sweeps: ClassVar[tuple[Grid, ...]] = ({"method": tuple(METHODS)},)
+
+    method: str = "kkt"
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise unknown_name("method", str(self.method), METHODS)
+
+    def truth(self, scene: Scene, state: State) -> Array:
+        """Return da/dq, da/dv and da/dtau at the answer of `Reference`, (nv, 3 nv)."""
+        workspace = Workspace(scene, Reference())
+        solution = workspace.solve(*state, throw=False)
+        return _blocks(workspace, solution, state, "kkt")
+
+    def answer(self, workspace: Workspace, state: State, truth: Array, accuracy: float) -> Answer:
+        """Return the answer of a workspace's solver at a state."""
+        if not workspace.solver.exact:
+            raise InvalidArgument(
+                f"{workspace.solver.title} solves other equations: derivatives are those of hard "
+                "constraints"
+            )
+        solution = workspace.solve(*state, accuracy=accuracy, throw=False)
+        error = inf
+        if isfinite(solution.error_bound):
+            found = self._formed(workspace, solution, state)
+            J, redundant = workspace.jacobian(solution.q), bool(workspace.scene.audit.redundant)
+            error = _worst(found, truth, directions(J, redundant))
+        return Answer.of(solution, error, promised=inf)
+
+    def calls(self, workspace: Workspace) -> Mapping[str, Call]:
+        """Return solve and derivatives, all matrices formed."""
+
+        def once(q: Array, v: Array, tau: Array) -> Array:
+            solution = workspace.solve(q, v, tau, throw=False)
+            return self._formed(workspace, solution, (q, v, tau))
+
+        return {"once": once, "solve": unthrown(workspace)}
+
+    def _formed(self, workspace: Workspace, solution: Solution, state: State) -> Array:
+        return _blocks(workspace, solution, state, self.method)
+
+
+def _blocks(workspace: Workspace, solution: Solution, state: State, method: str) -> Array:
+    """Return the derivatives of a by q, v and tau, (nv, 3 nv)."""
+    _, v, tau = state
+    found = METHODS[method](workspace, solution, v, tau)
+    return np.hstack([found.da_dq, found.da_dv, found.da_dtau])
+
+
+def _worst(found: Array, truth: Array, along: Array) -> float:
+    """Return the largest error of the three blocks; by q, in the directions given."""
+    pairs = zip(np.hsplit(found, 3), np.hsplit(truth, 3), strict=True)
+    (q, true_q), *others = pairs
+    return max(relative(x, y, 1.0) for x, y in [(q @ along.T, true_q @ along.T), *others])

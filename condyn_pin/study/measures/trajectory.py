@@ -1,0 +1,174 @@
+"""Motions: where a simulation ends, against the same motion in steps that are far smaller."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, fields, replace
+from functools import lru_cache
+from math import isfinite
+from typing import Any, ClassVar, TypeVar
+
+import numpy as np
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.knobs import Grid, read_call
+from condyn_pin._core.timing import Call, State
+from condyn_pin.dynamics.choice import default_solver
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.simulation.drift import DRIFTS, Drift
+from condyn_pin.simulation.drift.no_drift import NoDrift
+from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
+from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
+from condyn_pin.simulation.run import simulate
+from condyn_pin.simulation.trajectory import Trajectory
+from condyn_pin.simulation.uninterrupted import uninterrupted
+from condyn_pin.study.measures.base import Answer, Measure, relative
+from condyn_pin.study.row import Knob
+
+# As far as doubles go: a thousandth of what any integrator with a fixed step reaches.
+_CONVERGED = DormandPrince(relative_tolerance=1e-13, absolute_tolerance=1e-14)
+_PARTS = 10
+
+_T = TypeVar("_T")
+
+
+def _usual(registry: Mapping[str, type[_T]]) -> tuple[_T, ...]:
+    """Return what a registry has, with its defaults; not what has none for a knob."""
+    kinds = registry.values()
+    return tuple(kind() for kind in kinds if not any(f.default is MISSING for f in fields(kind)))  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class TrajectoryMeasure(Measure):
+    """The error of q and v at the end of a motion, under the torques of the state, held constant.
+
+    Of q relative to the larger of the way that was made and that of a free fall, of v relative to
+    the larger of |v|_inf and the speed of a free fall; the larger of the two. The truth is the same
+    motion by an adaptive method of order 8 with tolerances of rounding, and without drift control.
+
+    In a row of this measure `constraint_error` is the largest gap on the way [m, rad],
+    `dynamics_error` the largest error of the energy balance [J], and `iterations` the steps.
+
+    Parameters
+    ----------
+    duration : float
+        [s]. The only knob that changes the question.
+    dt : float
+        Step [s].
+    integrator, drift : Integrator, Drift, optional
+        As in `simulate`.
+    """
+
+    name: ClassVar[str] = "trajectory"
+    sweeps: ClassVar[tuple[Grid, ...]] = (
+        {
+            "dt": (1e-2, 3e-3, 1e-3, 3e-4),
+            "integrator": _usual(INTEGRATORS),
+            "drift": (None, *_usual(DRIFTS)),
+        },
+    )
+
+    duration: float = 0.1  # [s]
+    dt: float = 1e-3  # [s]
+    integrator: Integrator | None = None
+    drift: Drift | None = None
+
+    def __post_init__(self) -> None:
+        for knob in ("duration", "dt"):
+            value = getattr(self, knob)
+            if not isinstance(value, (int, float)) or not 0 < value < np.inf:
+                raise InvalidArgument(f"{knob} = {value!r}: a number > 0 [s] is needed")
+
+    @property
+    def label(self) -> str:
+        """The name, with the duration if it is not as usual."""
+        usual = self.duration == type(self).duration
+        return self.name if usual else f"{self.name}(duration={self.duration!r})"
+
+    @property
+    def how(self) -> Mapping[str, Knob]:
+        """Step, integrator and drift scheme; None where `simulate` chooses."""
+        chosen = {"integrator": self.integrator, "drift": self.drift}
+        return {"dt": self.dt} | {k: v if v is None else repr(v) for k, v in chosen.items()}
+
+    def with_how(self, how: Mapping[str, Knob]) -> Measure:
+        """Return the measure with a step, an integrator and a drift scheme, as `how` has them."""
+        made: dict[str, Any] = {
+            name: _made(knob) if isinstance(knob, str) else knob for name, knob in how.items()
+        }
+        return replace(self, **made)
+
+    def truth(self, scene: Scene, state: State) -> Array:
+        """Return q and v at the end (nq + nv,)."""
+        return _end(scene, self.duration, *(x.tobytes() for x in state))
+
+    def answer(self, workspace: Workspace, state: State, truth: Array, accuracy: float) -> Answer:
+        """Return the answer of a motion with a workspace's solver."""
+        motion = self._motion(workspace, state)
+        nq = workspace.model.nq
+        q, v = truth[:nq], truth[nq:]
+        off = np.array(pin.difference(workspace.model, q, motion.q[-1]))
+        way = np.array(pin.difference(workspace.model, state[0], q))
+        gravity = workspace.scene.audit.yardstick.gravity
+        return Answer(
+            error=max(
+                relative(way + off, way, gravity * self.duration**2 / 2),
+                relative(motion.v[-1], v, gravity * self.duration),
+            ),
+            status="ok" if motion.status.ok else motion.status.name.lower(),
+            dynamics_error=_largest(motion.energy.error),
+            constraint_error=_largest(motion.violation),
+            iterations=len(motion.t) - 1,
+        )
+
+    def calls(self, workspace: Workspace) -> Mapping[str, Call]:
+        """Return the whole simulation, its workspace included."""
+
+        def once(q: Array, v: Array, tau: Array) -> Trajectory:
+            return self._motion(workspace, (q, v, tau))
+
+        return {"once": once}
+
+    def _motion(self, workspace: Workspace, state: State) -> Trajectory:
+        motion = simulate(
+            workspace.scene,
+            *state,
+            duration=self.duration,
+            dt=self.dt,
+            integrator=self.integrator,
+            drift=self.drift,
+            solver=workspace.solver,
+        )
+        return uninterrupted(motion)
+
+
+def _made(text: str) -> Integrator | Drift:
+    """Return the integrator or the drift scheme that has this repr."""
+    name, knobs = read_call(text)
+    kinds: Mapping[str, type[Integrator | Drift]] = {**INTEGRATORS, **DRIFTS}
+    return kinds[name.lower()](**knobs)
+
+
+@lru_cache(maxsize=1000)
+def _end(scene: Scene, duration: float, q: bytes, v: bytes, tau: bytes) -> Array:
+    """Return the end of a motion, converged; every step, integrator and scheme asks for it."""
+    motion = simulate(
+        scene,
+        *map(np.frombuffer, (q, v, tau)),
+        duration=duration,
+        dt=duration / _PARTS,
+        integrator=_CONVERGED,
+        drift=NoDrift(),
+        solver=default_solver(scene),
+    )
+    if not uninterrupted(motion).status.ok:
+        raise InvalidArgument(f"duration = {duration!r}: no converged motion: {motion.reason}")
+    return np.concatenate([motion.q[-1], motion.v[-1]])
+
+
+def _largest(x: Array) -> float:
+    worst = float(np.abs(x).max(initial=0.0))
+    return worst if isfinite(worst) else np.inf

@@ -1,0 +1,135 @@
+"""Scenes of a study: their labels, and other ways to model the same machine."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin.constraints.constraints import Constraint, Loop
+from condyn_pin.constraints.contacts import LineContact, SurfaceContact
+from condyn_pin.dynamics.catalogue import standard_scenes
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.io.load import load_robot
+from condyn_pin.model.robot import Robot
+
+# From the middle of a hinge or a weld to the points that stand for it.
+_LEVER: Final = 0.1  # [m]
+
+Scenes = Scene | str | Mapping[str, Scene] | Iterable[Scene | str]
+
+
+def labelled(scenes: Scenes) -> dict[str, Scene]:
+    """Return scenes by label.
+
+    Parameters
+    ----------
+    scenes : Scene, name of a robot, mapping of labels to Scene, or several of the first two
+        The name of a robot stands for its standard scenes.
+
+    Raises
+    ------
+    InvalidArgument
+        If there is none, or two have the same label: a mapping gives them others.
+    """
+    if isinstance(scenes, Mapping):
+        pairs = list(scenes.items())
+    else:
+        if not isinstance(scenes, Scene | Iterable):
+            raise InvalidArgument(
+                f"scenes = {scenes!r}: a Scene, or the name of a robot, is needed"
+            )
+        several = [scenes] if isinstance(scenes, Scene | str) else list(scenes)
+        pairs = [pair for one in several for pair in _pairs(one)]
+    found = dict(pairs)
+    if not pairs or not all(isinstance(scene, Scene) for scene in found.values()):
+        raise InvalidArgument(
+            f"scenes = {scenes!r}: scenes, or names of robots, and at least one are needed"
+        )
+    if len(found) < len(pairs):
+        twice = Counter(label for label, _ in pairs).most_common(1)[0][0]
+        raise InvalidArgument(
+            f"scenes: two of them are called {twice!r}; a dict {{label: scene}} gives them names"
+        )
+    return found
+
+
+def modellings(scene: Scene) -> dict[str, Scene]:
+    """Return a scene as it is, and the same machine with other constraints that hold the same.
+
+    A surface is its four corners, 12 rows for 6; an edge its two ends, 6 rows for 5; a hinge two
+    points of its axis, 6 rows for 5; and a weld three points, 9 rows for 6. All are exact, the
+    points at the price of redundant rows.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    dict of str to Scene
+        "as it is", and one for each of the four that the scene has.
+    """
+    made = {"as it is": scene}
+    for label, kind in _POINTS.items():
+        robot, constraints = scene.robot, list[Constraint]()
+        for constraint in scene.constraints:
+            robot, points = kind(robot, constraint)
+            constraints += points
+        if tuple(constraints) != scene.constraints:
+            made[label] = Scene(robot, constraints)
+    return made
+
+
+def _corners(robot: Robot, c: Constraint) -> _Points:
+    known = isinstance(c, SurfaceContact) and c.half_length and c.half_width
+    return robot, c.corners() if known else (c,)  # type: ignore[attr-defined]
+
+
+def _ends(robot: Robot, c: Constraint) -> _Points:
+    return robot, c.ends() if isinstance(c, LineContact) and c.half_length else (c,)
+
+
+def _hinge(robot: Robot, c: Constraint) -> _Points:
+    if not isinstance(c, Loop) or c.kind != "hinge":
+        return robot, (c,)
+    along = np.eye(3)["xyz".index(c.axis)]
+    return _balls(robot, c, (_LEVER * along, -_LEVER * along))
+
+
+def _weld(robot: Robot, c: Constraint) -> _Points:
+    if not isinstance(c, Loop) or c.kind != "weld":
+        return robot, (c,)
+    return _balls(robot, c, tuple(_LEVER * np.eye(3)))
+
+
+def _balls(robot: Robot, loop: Loop, places: Sequence[Array]) -> _Points:
+    """Return a robot with frames at some places of both halves of a loop, and balls there."""
+    balls = []
+    for number, place in enumerate(places):
+        a, b = (f"{frame} of {loop.name}, {number}" for frame in (loop.frame_a, loop.frame_b))
+        robot = robot.with_frame(a, loop.frame_a, place).with_frame(b, loop.frame_b, place)
+        balls.append(Loop(a, b, name=f"{loop.name}, {number}"))
+    return robot, tuple(balls)
+
+
+_Points = tuple[Robot, Sequence[Constraint]]
+
+_POINTS: dict[str, Callable[[Robot, Constraint], _Points]] = {
+    "corners for surfaces": _corners,
+    "ends for edges": _ends,
+    "two points for hinges": _hinge,
+    "three points for welds": _weld,
+}
+
+
+def _pairs(one: Scene | str) -> list[tuple[str, Scene]]:
+    if isinstance(one, str):
+        return list(standard_scenes(load_robot(one)).items())
+    if not isinstance(one, Scene):
+        raise InvalidArgument(f"scenes: {one!r} is no scene, and not the name of a robot")
+    return [(f"{one.robot.name}, {one.rows} rows", one)]

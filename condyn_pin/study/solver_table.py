@@ -1,0 +1,55 @@
+"""What each solver takes, costs and is good for, as it declares itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from condyn_pin.dynamics.choice import kinds_of
+from condyn_pin.dynamics.solvers import SOLVERS, Solver
+from condyn_pin.dynamics.solvers.base import knob_fields
+
+
+@dataclass(frozen=True)
+class SolverRow:
+    """One solver in words.
+
+    Attributes
+    ----------
+    name : str
+        As `cp.NAME()` and, in any case of letters, for ``--solver``.
+    kinds : str
+        The kinds of constraints that it takes.
+    redundant : str
+        What it makes of redundant rows, and of states where rows become so.
+    cost, use : str
+    knobs : str
+        Its fields with their defaults, one a line; None is found on the scene.
+    """
+
+    name: str
+    kinds: str
+    redundant: str
+    cost: str
+    use: str
+    knobs: str
+
+
+def solver_rows() -> tuple[SolverRow, ...]:
+    """Return a row for every solver."""
+    return tuple(
+        SolverRow(
+            kind.__name__, kinds_of(kind), _redundant(kind), kind.cost, kind.use, _knobs(kind)
+        )
+        for kind in SOLVERS.values()
+    )
+
+
+def _redundant(kind: type[Solver]) -> str:
+    if kind.takes_redundant:
+        return "yes"
+    return "mu > 0, else singular" if hasattr(kind, "mu") else "singular"
+
+
+def _knobs(kind: type[Solver]) -> str:
+    default = kind()
+    return "\n".join(f"{f.name}={getattr(default, f.name)!r}" for f in knob_fields(kind))

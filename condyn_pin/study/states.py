@@ -1,0 +1,223 @@
+"""Sets of states that a study looks at: closed, consistent, and the same every time."""
+
+from __future__ import annotations
+
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import cycle
+from typing import Final
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.errors import InvalidArgument, unknown_name
+from condyn_pin._core.knobs import check_count, is_whole
+from condyn_pin._core.timing import State
+from condyn_pin.control.inverse import gravity_compensation
+from condyn_pin.dynamics.catalogue import motor_torque
+from condyn_pin.dynamics.scene import Scene
+
+
+class States(ABC):
+    """A way to get states (q, v, tau) of a scene; a frozen value."""
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """What tables call the set."""
+
+    @abstractmethod
+    def of(self, scene: Scene) -> tuple[State, ...]:
+        """Return the states of a scene."""
+
+    def overlaps(self, name: str) -> bool:
+        """Whether the set that tables call so has states of this one in it."""
+        return name == self.name
+
+
+def _random(scene: Scene, q: Array, v: Array, tau: Array) -> State:
+    return q, v, tau
+
+
+def _zero(scene: Scene, q: Array, v: Array, tau: Array) -> State:
+    return q, v, 0 * tau
+
+
+def _compensated(scene: Scene, q: Array, v: Array, tau: Array) -> State:
+    has_motors = bool(scene.robot.actuated)
+    return q, 0 * v, gravity_compensation(scene, q).tau if has_motors else 0 * tau
+
+
+def _rest(scene: Scene, q: Array, v: Array, tau: Array) -> State:
+    return q, 0 * v, 0 * tau
+
+
+# What is done with a random closed q, v and motor torque.
+LOADS: Final = {"random": _random, "zero": _zero, "compensated": _compensated, "rest": _rest}
+
+
+@dataclass(frozen=True)
+class SampledStates(States):
+    """Random states of `Scene.sample`, under one load after the other.
+
+    A method is not as accurate under all of them: what is small of a is relative to gravity, and
+    what large random torques hide is seen where none acts.
+
+    Parameters
+    ----------
+    count : int
+    seed : int
+        The same seed gives the same states.
+    spread, speed : float
+        As in `Scene.sample`.
+    loads : sequence of str
+        In turn: in motion under ``random`` torques in the motors, and under ``zero`` torques; at
+        rest under torques that are ``compensated`` for gravity, as far as the motors can, and at
+        ``rest`` without any.
+    """
+
+    count: int = 20
+    seed: int = 0
+    spread: float = 0.2  # [rad, m]
+    speed: float = 1.0  # [rad/s, m/s]
+    loads: Sequence[str] = tuple(LOADS)
+
+    def __post_init__(self) -> None:
+        check_count("count", self.count)
+        loads = (self.loads,) if isinstance(self.loads, str) else tuple(self.loads)
+        if not loads:
+            raise InvalidArgument(f"loads = {self.loads!r}: some of {', '.join(LOADS)} are needed")
+        for load in loads:
+            if load not in LOADS:
+                raise unknown_name("load", str(load), LOADS)
+        object.__setattr__(self, "loads", loads)
+        check_count("seed", self.seed, least=0)
+
+    @property
+    def name(self) -> str:
+        """Count, loads and seed, and what is not as usual."""
+        usual = (self.spread, self.speed) == (0.2, 1.0)
+        other = "" if usual else f", spread {self.spread:g}, speed {self.speed:g}"
+        loads = "all loads" if self.loads == tuple(LOADS) else ", ".join(self.loads)
+        return f"{self.count} sampled under {loads}, seed {self.seed}{other}"
+
+    def overlaps(self, name: str) -> bool:
+        """Whether the set of that name was drawn alike: the larger one begins as the other.
+
+        Other loads are put on the same q and v.
+        """
+        return _drawn(name) == _drawn(self.name)
+
+    def of(self, scene: Scene) -> tuple[State, ...]:
+        """Return the states of a scene."""
+        rng = np.random.default_rng(self.seed)
+        made = []
+        for _, load in zip(range(self.count), cycle(self.loads), strict=False):
+            q, v = scene.sample(rng, spread=self.spread, speed=self.speed)
+            made.append(LOADS[load](scene, q, v, motor_torque(scene.robot, rng)))
+        return tuple(made)
+
+
+@dataclass(frozen=True)
+class NominalStates(States):
+    """The nominal configuration: at rest, and moving along the constraints under torques."""
+
+    @property
+    def name(self) -> str:
+        """``nominal``."""
+        return "nominal"
+
+    def of(self, scene: Scene) -> tuple[State, ...]:
+        """Return the states of a scene."""
+        return tuple((s.q, s.v, s.tau) for s in scene.audit.states)
+
+
+@dataclass(frozen=True)
+class PostureStates(States):
+    """The postures of the robot, closed, at rest and without torques.
+
+    Parameters
+    ----------
+    postures : sequence of str, optional
+        All of them by default.
+    """
+
+    postures: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        if isinstance(self.postures, str):
+            raise InvalidArgument(f"postures = {self.postures!r}: a list is needed")
+        object.__setattr__(self, "postures", tuple(self.postures))
+
+    @property
+    def name(self) -> str:
+        """The names of the postures."""
+        return f"postures: {', '.join(self.postures) or 'all'}"
+
+    def of(self, scene: Scene) -> tuple[State, ...]:
+        """Return the states of a scene."""
+        names = self.postures or tuple(scene.robot.postures) or (None,)
+        return tuple((*scene.state(name), np.zeros(scene.robot.nv)) for name in names)
+
+
+@dataclass(frozen=True, eq=False)
+class GivenStates(States):
+    """States of your own: loops closed, and velocities along the constraints.
+
+    Parameters
+    ----------
+    label : str
+        What tables call the set.
+    states : sequence of (q, v, tau)
+    """
+
+    label: str
+    states: Sequence[State]
+
+    @property
+    def name(self) -> str:
+        """The label."""
+        return self.label
+
+    def of(self, scene: Scene) -> tuple[State, ...]:
+        """Return the states.
+
+        Raises
+        ------
+        InvalidArgument
+            If there is none, or one has a wrong size.
+        NotAssembled
+            If a loop is open, or a velocity not along the constraints: off the constraints correct
+            methods differ, and there is no error to speak of.
+        """
+        if not self.states:
+            raise InvalidArgument(f"states {self.label!r}: at least one is needed")
+        for state in self.states:
+            if not isinstance(state, Sequence) or len(state) != 3:
+                raise InvalidArgument(f"states {self.label!r}: {state!r} is no (q, v, tau)")
+            scene.check(*state[:2]).raise_if_open()
+        nv = scene.robot.nv
+        return tuple(
+            (np.array(q, dtype=np.float64), np.array(v, dtype=np.float64), finite("tau", tau, nv))
+            for q, v, tau in self.states
+        )
+
+
+def _drawn(name: str) -> str:
+    """Return the seed, and what is not as usual, of the name of a sampled set; else the name."""
+    found = re.fullmatch(r"\d+ sampled.*?(, seed .*)", name)
+    return found[1] if found else name
+
+
+def as_states(states: States | int) -> States:
+    """Return a set of states; a number is that many sampled ones."""
+    if isinstance(states, States):
+        return states
+    if not is_whole(states):
+        raise InvalidArgument(
+            f"states = {states!r}: a number of them is needed, or a set such as "
+            "SampledStates(20, seed=0) or NominalStates()"
+        )
+    return SampledStates(int(states))

@@ -1,0 +1,137 @@
+"""Study: which solver with which knobs costs how much, and is how wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.knobs import check_accuracy_of_a
+from condyn_pin._core.tolerances import SOLVED
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.study.bench import Progress, silent
+from condyn_pin.study.clocks import TimingEffort
+from condyn_pin.study.measures import Measure
+from condyn_pin.study.measures.base import as_measure
+from condyn_pin.study.scenes import Scenes, labelled
+from condyn_pin.study.states import States, as_states
+from condyn_pin.study.sweeps import default_sweep
+from condyn_pin.study.table import Table
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """Some solvers on some scenes, to be measured: time and error in the same run.
+
+    Parameters
+    ----------
+    scenes : Scene, name of a robot, mapping of labels to Scene, or several of the first two
+        The name of a robot stands for its standard scenes; `modellings` gives other ways to model
+        the same machine, and ``LADDERS[name].scenes()`` smaller ones.
+    solvers : sequence of Solver, optional
+        By default all but `Reference`, each with the knobs that it declares worth a look; `sweep`
+        makes others.
+    states : States or int
+        Where to look; a number is that many of `SampledStates`.
+    measure : name of `MEASURES`, Measure, or several
+        What the error is one of.
+    accuracy : float
+        Error of a that a status of ok promises.
+    effort : TimingEffort
+        How long to time.
+
+    Examples
+    --------
+    ::
+
+        table = Study("cassie", sweep(Proximal(), mu=[1e-8, 1e-6, 1e-4])).run()
+    """
+
+    scenes: Scenes
+    solvers: Sequence[Solver] | None = None
+    states: States | int = 20
+    measure: Measure | str | Sequence[Measure | str] = "acceleration"
+    accuracy: float = SOLVED
+    effort: TimingEffort = field(default_factory=TimingEffort)
+
+    def __post_init__(self) -> None:
+        check_accuracy_of_a(self.accuracy)
+        if self.solvers is not None:
+            object.__setattr__(self, "solvers", _solvers(self.solvers))
+        if not self.measures:
+            raise InvalidArgument("measure = []: at least one is needed")
+        if not isinstance(self.effort, TimingEffort):
+            raise InvalidArgument(f"effort = {self.effort!r}: TimingEffort(rounds=...) is needed")
+        object.__setattr__(self, "scenes", labelled(self.scenes))
+        object.__setattr__(self, "states", as_states(self.states))
+
+    @property
+    def measures(self) -> tuple[Measure, ...]:
+        """The measures, each once."""
+        several = [self.measure] if isinstance(self.measure, Measure | str) else self.measure
+        return tuple(dict.fromkeys(as_measure(one) for one in several))
+
+    def solvers_on(self, scene: Scene) -> tuple[Solver, ...]:
+        """Return the solvers that a scene is measured with."""
+        return default_sweep(scene) if self.solvers is None else tuple(self.solvers)
+
+    def run(
+        self,
+        *,
+        executor: Executor | None = None,
+        progress: Progress = silent,
+        timed: bool = True,
+        results: str | Path | None = None,
+    ) -> Table:
+        """Measure.
+
+        Errors first, then times, all solvers of a scene interleaved. The same study gives the same
+        errors to the bit, with an executor or without.
+
+        Parameters
+        ----------
+        executor : concurrent.futures.Executor, optional
+            Where errors are computed: `Processes`, Dask's ``Client.get_executor()``. Threads bring
+            nothing, Pinocchio holds the lock of the interpreter. Times are always taken here, after
+            the last error, and say whether this process had a core for itself.
+        progress : callable
+            Called with (what, done, total).
+        timed : bool
+            Take times too.
+        results : str or Path, optional
+            A file that rows are appended to as they are measured. Those that are in it already are
+            not measured again: a study that was stopped goes on.
+
+        Returns
+        -------
+        Table
+            A row a scene, measure and solver, in this order.
+
+        Raises
+        ------
+        NotAssembled
+            If the loops of a scene cannot be closed; before anything is measured.
+        Interrupted
+            On Ctrl-C; its `table` has what was measured.
+        WorkersLost
+            If the executor cannot go on after the loss of a worker, as a ``ProcessPoolExecutor``
+            cannot; its `done` is a table of what was measured.
+        InvalidArgument
+            If `results` is not such a file.
+        """
+        from condyn_pin.study.running import Run
+
+        return Run(self, executor, progress, timed, results).table()
+
+
+def _solvers(given: Sequence[Solver]) -> tuple[Solver, ...]:
+    several = [given] if isinstance(given, Solver) else list(given)
+    for solver in several:
+        if not isinstance(solver, Solver):
+            raise InvalidArgument(f"solvers: {solver!r} is no solver such as Proximal()")
+    if not several:
+        raise InvalidArgument("solvers = []: at least one is needed")
+    return tuple(dict.fromkeys(several))

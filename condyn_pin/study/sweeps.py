@@ -1,0 +1,73 @@
+"""Sweeps: a solver, or a measure, with its knobs turned."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from itertools import product
+from typing import Any, TypeVar
+
+from condyn_pin._core import _pin
+from condyn_pin._core.errors import InvalidArgument, unknown_name
+from condyn_pin.dynamics.choice import untaken
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers import SOLVERS, Solver
+from condyn_pin.dynamics.solvers.lcaba import LCABA
+from condyn_pin.dynamics.solvers.reference import Reference
+from condyn_pin.study.measures import Measure
+
+_Knobbed = TypeVar("_Knobbed", Solver, Measure)
+
+
+def sweep(one: _Knobbed, **knobs: Sequence[Any]) -> tuple[_Knobbed, ...]:
+    """Return a solver, or a measure, with every combination of some knobs.
+
+    Parameters
+    ----------
+    one : Solver or Measure
+        Knobs that are not named keep the values that they have here.
+    **knobs : sequence
+        Values by name: ``sweep(Proximal(), mu=[1e-8, 1e-4], max_iterations=[1, 20])``.
+        Without any, `one` itself and what its class declares to be worth a look.
+
+    Returns
+    -------
+    tuple of Solver or Measure
+        Each once, the first knob slowest.
+
+    Raises
+    ------
+    InvalidArgument
+        If a value cannot be used, or is no sequence.
+    UnknownName
+        If there is no such knob.
+    """
+    if not isinstance(one, Solver | Measure):
+        raise InvalidArgument(f"{one!r}: a solver such as Proximal(), or a measure, is needed")
+    grids = ({}, *one.sweeps) if not knobs else (knobs,)
+    known = [field.name for field in fields(one)]  # type: ignore[arg-type]
+    for name, values in knobs.items():
+        if name not in known:
+            raise unknown_name(f"knob of {type(one).__name__}", name, known)
+        if isinstance(values, str) or not hasattr(values, "__iter__"):
+            raise InvalidArgument(f"{name} = {values!r}: a list of values is needed")
+    made = [
+        replace(one, **dict(zip(grid, values, strict=True)))  # type: ignore[type-var]
+        for grid in grids
+        for values in product(*grid.values())
+    ]
+    return tuple(dict.fromkeys(made))
+
+
+def default_sweep(scene: Scene) -> tuple[Solver, ...]:
+    """Return every solver with its knobs turned; those that do not take the scene once.
+
+    `Reference` judges the others, and is not among them.
+    """
+    chosen: list[Solver] = []
+    for kind in SOLVERS.values():
+        solver = kind()
+        missing = isinstance(solver, LCABA) and not _pin.HAS_LCABA
+        if not isinstance(solver, Reference):
+            chosen += [solver] if missing or untaken(scene, solver) else sweep(solver)
+    return tuple(chosen)

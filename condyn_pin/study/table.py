@@ -1,0 +1,172 @@
+"""Table: the rows of a study, and the answers that are in them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from condyn_pin._core.errors import InvalidArgument, unknown_name
+from condyn_pin._core.machine import machine
+from condyn_pin._core.tolerances import SOLVED
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.study import exports
+from condyn_pin.study.cheapest import Choice, cheapest
+from condyn_pin.study.comparison import Comparison, compare
+from condyn_pin.study.front import front
+from condyn_pin.study.row import Row
+from condyn_pin.study.states import States
+
+
+@dataclass(frozen=True)
+class Table:
+    """What a study found.
+
+    Attributes
+    ----------
+    rows : tuple of Row
+    machine : dict of str to str
+        Processor, system, versions and date.
+    floors : dict of str to float
+        By label of a scene, the error that `Reference` itself may have: rounding of M.
+    scenes : dict of str to Scene
+        By label, where fresh states come from. Files do not keep them.
+    """
+
+    rows: tuple[Row, ...]
+    machine: dict[str, str] = field(default_factory=machine)
+    floors: dict[str, float] = field(default_factory=dict)
+    scenes: Mapping[str, Scene] = field(default_factory=dict, compare=False, repr=False)
+
+    def of(self, *, scene: str | None = None, measure: str | None = None) -> Table:
+        """Return the table of one scene, of one measure, or of both.
+
+        Raises
+        ------
+        UnknownName
+            If there is no such scene or measure in the table.
+        """
+        for what, name in (("scene", scene), ("measure", measure)):
+            known = list(dict.fromkeys(getattr(row, what) for row in self.rows))
+            if name is not None and name not in known:
+                raise unknown_name(f"{what} in this table", name, known)
+        kept = (r for r in self.rows if scene in (None, r.scene) and measure in (None, r.measure))
+        return replace(self, rows=tuple(kept))
+
+    def with_scenes(self, scenes: Mapping[str, Scene]) -> Table:
+        """Return the table with the scenes of its labels, for one that comes from a file."""
+        return replace(self, scenes={**self.scenes, **scenes})
+
+    def pareto(self) -> Table:
+        """Return the rows that no other beats in time and worst error, of each scene and measure.
+
+        Fastest first. Rows without a time, and solvers that failed at a state, are not among them.
+        """
+        questions = dict.fromkeys((row.scene, row.measure) for row in self.rows)
+        kept = [
+            row
+            for question in questions
+            for row in front([r for r in self.rows if (r.scene, r.measure) == question])
+        ]
+        return replace(self, rows=tuple(kept))
+
+    def cheapest(
+        self,
+        error: float = SOLVED,
+        *,
+        measure: str = "acceleration",
+        scene: str | None = None,
+        states: States | int = 200,
+    ) -> Choice:
+        """Return the fastest solver that meets an error, at fresh states too.
+
+        Parameters
+        ----------
+        error : float
+            The worst that is good enough, relative, as in `Row.error_worst`.
+        measure : str
+            A name of `MEASURES` that the study took.
+        scene : str, optional
+            A label; the only one by default.
+        states : States or int
+            The fresh states that have to meet the error; a number is that many sampled ones. What
+            is expected over a hundred times as many has to meet it as well
+            (`condyn_pin.study.fresh`).
+
+        Returns
+        -------
+        Choice
+            The solver, its row, what the fresh states gave, and what they rejected.
+
+        Raises
+        ------
+        NotReached
+            If nothing in the table meets the error; the text and `row` say what comes nearest.
+        InvalidArgument
+            If the scene is not in `scenes`, or there are several and none is named, or the states
+            are those of the study, or some of them.
+        """
+        return cheapest(
+            self.rows, self.scenes, error=error, measure=measure, scene=scene, states=states
+        )
+
+    def compare(self, old: Table) -> Comparison:
+        """Return what changed since an `old` table, row by row, and what became worse.
+
+        Raises
+        ------
+        InvalidArgument
+            If `old` is no table.
+        """
+        if not isinstance(old, Table):
+            raise InvalidArgument(f"old = {type(old).__name__}: a Table is needed, of from_json")
+        return compare(self, old)
+
+    def plot(self, scene: str | None = None, measure: str | None = None, ax: Any = None) -> Any:
+        """Draw error against time, a line a method, on `ax` or new axes, and return them.
+
+        `scene` is a label and `measure` a name, where the table has several;
+        `condyn_pin.study.plots_trade` says what is drawn.
+        """
+        from condyn_pin.study.plots_trade import work_precision
+
+        return work_precision(self, scene, measure, ax)
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the rows, after comment lines with the machine."""
+        exports.write_csv(self, path)
+
+    def to_json(self, path: str | Path) -> None:
+        """Write machine, floors and rows; what was not measured is null."""
+        exports.write_json(self, path)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what `to_json` writes, as plain values."""
+        return exports.as_dict(self)
+
+    @classmethod
+    def from_json(cls, path: str | Path, scenes: Mapping[str, Scene] | None = None) -> Table:
+        """Return the table that `to_json` wrote.
+
+        `scenes` are those of the table by label, where it is to choose among solvers again.
+
+        Raises
+        ------
+        InvalidArgument
+            If the file is not one, or of another version of the format.
+        """
+        return cls(*exports.read_json(path), scenes=scenes or {})
+
+    def to_markdown(self) -> str:
+        """Return the rows as a table in Markdown."""
+        return exports.markdown(self.rows)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __bool__(self) -> bool:
+        return True
+
+    def __str__(self) -> str:
+        return self.to_markdown()

@@ -1,1 +1,0 @@
-"""What accuracy costs: studies, their tables, and what they answer."""

@@ -1,0 +1,122 @@
+"""Diagrams of a motion: how far its constraints open, its energy, its forces, over time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from condyn_pin._core.errors import unknown_name
+from condyn_pin._core.plot_style import finished, line
+from condyn_pin._core.plots import axes
+from condyn_pin.simulation.trajectory import Trajectory
+
+_LEAST: Final = 1e-17  # where zero is drawn on a scale of logarithms
+
+_TIME: Final = "t [s]"
+
+
+def violation(trajectory: Trajectory, ax: Any = None) -> Any:
+    """Draw max abs(c(q)) and max abs(J v) over time, on a scale of logarithms.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    ax : matplotlib axes, optional
+        A new figure by default.
+
+    Returns
+    -------
+    matplotlib axes
+    """
+    ax = axes(ax)
+    for i, (values, label) in enumerate(
+        [
+            (trajectory.violation, "max |c(q)| [m, rad]"),
+            (trajectory.slip, "max |J v| [m/s, rad/s]"),
+        ]
+    ):
+        ax.plot(trajectory.t, np.maximum(values, _LEAST), label=label, **line(i))
+    ax.set_yscale("log")
+    _mark_events(trajectory, ax)
+    return finished(ax, title=_title(trajectory), x=_TIME, y="violation")
+
+
+def energy(trajectory: Trajectory, ax: Any = None) -> Any:
+    """Draw the energies over time, the work that explains them, and what nothing explains.
+
+    The total is drawn against its start, and so are work, damping and impacts: with a good
+    integrator `unexplained` is a line along zero.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    ax : matplotlib axes, optional
+        A new figure by default.
+
+    Returns
+    -------
+    matplotlib axes
+    """
+    ax, found = axes(ax), trajectory.energy
+    lines = {
+        "kinetic": found.kinetic,
+        "potential, from the start": found.potential - found.potential[0],
+        "springs": found.springs,
+        "total, from the start": found.total - found.total[0],
+        "work of tau": found.work,
+        "damping": found.damping,
+        "impacts": found.impacts,
+        "unexplained": found.error,
+    }
+    shown = {k: x for k, x in lines.items() if x.any() or k == "unexplained"}
+    for i, (label, values) in enumerate(shown.items()):
+        ax.plot(trajectory.t, values, label=label, **line(i))
+    _mark_events(trajectory, ax)
+    return finished(ax, title=_title(trajectory), x=_TIME, y="energy [J]")
+
+
+def forces(trajectory: Trajectory, names: Sequence[str] | None = None, ax: Any = None) -> Any:
+    """Draw the size of constraint forces over time.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    names : sequence of str, optional
+        Of constraints; all of them by default.
+    ax : matplotlib axes, optional
+        A new figure by default.
+
+    Returns
+    -------
+    matplotlib axes
+        One line a constraint: the Euclidean norm of the force, moments left out [N]; of a coupling
+        the force along its joint [N m or N].
+
+    Raises
+    ------
+    UnknownName
+        If there is no such constraint.
+    """
+    found = trajectory.forces
+    for name in names or ():
+        if name not in found:
+            raise unknown_name("constraint", name, found)
+    ax = axes(ax)
+    for i, name in enumerate(found if names is None else names):
+        ax.plot(trajectory.t, np.linalg.norm(found[name][:, :3], axis=1), label=name, **line(i))
+    ax.update_datalim([(trajectory.t[0], 0.0)])  # from zero: a steady force is a level line
+    ax.autoscale_view()
+    _mark_events(trajectory, ax)
+    return finished(ax, title=_title(trajectory), x=_TIME, y="force [N]")
+
+
+def _mark_events(trajectory: Trajectory, ax: Any) -> None:
+    for event in trajectory.run.happened:
+        ax.axvline(event.t, color="0.6", lw=0.8, ls=":")
+
+
+def _title(trajectory: Trajectory) -> str:
+    run = trajectory.run
+    return f"{trajectory.scene.robot.name}: {type(run.integrator).__name__}, dt {run.dt:g} s"
