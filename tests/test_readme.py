@@ -246,5 +246,12 @@ def test_sentences_say_what_the_committed_results_say():
     assert "take four times as long as Pinocchio's on Cassie" in text
 
 
-def test_changelog_has_this_version():
-    assert f"## [{cp.__version__}]" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+def test_changelog_has_this_version_and_a_line_an_entry():
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert re.search(rf"^## \[{re.escape(cp.__version__)}\] - \d{{4}}-\d\d-\d\d$", text, re.M)
+    assert text.index("## [Unreleased]") < text.index(f"## [{cp.__version__}]")
+    assert set(re.findall(r"^### (.*)$", text, re.M)) <= {"Added", "Changed", "Fixed"}
+    entries = text.partition("## [Unreleased]")[2].splitlines()
+    assert all(line[:2] in ("- ", "##", "") for line in entries if line[:3] != "###")
+    long = [line for line in entries if line[:2] == "- " and len(line[2:].split()) > 12]
+    assert not long
