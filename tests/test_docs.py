@@ -79,6 +79,16 @@ def test_links_between_pages_and_to_files_lead_somewhere():
             assert known, f"{page.name}: {link}"
 
 
+def test_headings_that_links_name_are_there():
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        for target, heading in re.findall(r"\]\(([\w-]*\.md|)#([\w-]+)\)", text):
+            there = (page.parent / (target or page.name)).read_text(encoding="utf-8")
+            titles = re.findall(r"^#+ (.*)", there, flags=re.MULTILINE)
+            slugs = [re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles]
+            assert heading in slugs, f"{page.name}: {target}#{heading}"
+
+
 def test_paths_that_are_named_exist():
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
