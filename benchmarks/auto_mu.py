@@ -1,4 +1,4 @@
-"""Proximal's own mu against every mu by hand; write results/auto_mu.{json,md}, README.
+"""Proximal's own mu against every mu by hand; write results/auto_mu.{json,md}, docs.
 
     python benchmarks/auto_mu.py [--seeds 3] [--families mass_ratio,parallelogram] [--from-json]
 
@@ -213,7 +213,7 @@ def load(path: Path) -> tuple[list[Comparison], dict[str, Any]]:
 
 
 def pages(found: Sequence[Comparison], where: dict[str, Any]) -> dict[str, dict[str, str]]:
-    """Return the README's sentence."""
+    """Return the sentence of the page on solvers."""
     families = len({c.task.family for c in found})
     errors, times = sum(c.error_is_good for c in found), sum(c.time_is_good for c in found)
     said = (
@@ -225,7 +225,7 @@ def pages(found: Sequence[Comparison], where: dict[str, Any]) -> dict[str, dict[
         "(`benchmarks/auto_mu.py` on {processor}, {system}, Python {python}, Pinocchio "
         "{pinocchio}, {date})."
     )
-    return {marks.README: {"auto_mu": said.format(**where)}}
+    return {marks.SOLVERS: {"auto_mu": said.format(**where)}}
 
 
 def main() -> None:

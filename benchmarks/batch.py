@@ -2,7 +2,7 @@
 
     python benchmarks/batch.py [--quick]
 
-Writes benchmarks/results/batch.json, the README's sentence and docs/results.md; with --from-json
+Writes benchmarks/results/batch.json and docs/results.md; with --from-json
 the table is made from the committed results, without running anything.
 
 Answers: one and two processes take turns on the same 100 000 closed, moving states; the ratio is
@@ -137,7 +137,7 @@ def pairs(saved: dict[str, Any]) -> list[tuple[Motions, Motions | None]]:
 
 
 def essence(saved: dict[str, Any]) -> str:
-    """Return the README's sentences."""
+    """Return in two sentences what the tables say."""
     rows = [Answers(**row) for row in saved["answers"] if "derivatives" not in row["name"]]
     ratios, states = [row.ratio for row in rows], rows[0].states
     times = [mine.simulated / row.simulated if mine else 0.0 for row, mine in pairs(saved)]
@@ -153,7 +153,7 @@ def essence(saved: dict[str, Any]) -> str:
 
 
 def markdown(saved: dict[str, Any]) -> str:
-    """Return all tables."""
+    """Return what the tables say, and the tables."""
     where = (
         "`python benchmarks/batch.py` on {processor} ({cores} cores), {system}, Python {python}, "
         "Pinocchio {pinocchio}, {date}; load {load:.1f} when it began. What errors are measured by "
@@ -161,7 +161,8 @@ def markdown(saved: dict[str, Any]) -> str:
     )
     return "\n".join(
         [
-            *answers_table(saved), "", *motions_table(saved), "", *pairs_table(saved), "",
+            essence(saved), "", *answers_table(saved), "", *motions_table(saved), "",
+            *pairs_table(saved), "",
             where.format(**saved["machine"], load=saved["load"], error=saved["error"]),
         ]
     )  # fmt: skip
@@ -212,12 +213,12 @@ def pairs_table(saved: dict[str, Any]) -> list[str]:
 
 
 def pages(saved: dict[str, Any]) -> dict[str, dict[str, str]]:
-    """Return the blocks of README and docs."""
-    return {marks.README: {"batch": essence(saved)}, marks.RESULTS: {"batch": markdown(saved)}}
+    """Return the block of docs/results.md."""
+    return {marks.RESULTS: {"batch": markdown(saved)}}
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    """Run, write, and update README and docs."""
+    """Run, write, and update the docs."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="10 000 states, nothing is written")
     parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")

@@ -42,8 +42,32 @@ def load(path: Path) -> dict[str, Line]:
 
 
 def pages(summaries: Mapping[str, Line]) -> dict[str, dict[str, str]]:
-    """Return the block of docs/results.md."""
-    return {marks.RESULTS: {"campaign": essence(summaries)}}
+    """Return the blocks of README and docs."""
+    return {
+        marks.README: {"campaign": sentence(summaries)},
+        marks.RESULTS: {"campaign": essence(summaries)},
+    }
+
+
+def sentence(summaries: Mapping[str, Line]) -> str:
+    """Return how many answers said ok, and how many of them were wrong, by method."""
+    ok: Counter[str] = Counter()
+    for found in summaries.values():
+        for name, counts in found["statuses"].items():
+            ok["derivatives" if name.startswith("derivatives") else "solves"] += counts.get("ok", 0)
+    lists = (cases for found in summaries.values() for cases in found["wrong"].values())
+    wrong = [case.partition(", ")[2] for cases in lists for case in cases]
+    methods = Counter(case.partition(":")[0] for case in wrong)
+    named = "; ".join(f"{n} of `{name}`" for name, n in methods.most_common())
+    parts = [dict.fromkeys(each) for each in zip(*(n.split("-") for n in summaries), strict=True)]
+    return (
+        f"{sum(found['problems'] for found in summaries.values())} random problems against an "
+        f"oracle that knows positions only: of {ok['solves']} answers and {ok['derivatives']} "
+        f"derivatives that said ok **{len(wrong)} were wrong**{f' ({named})' if named else ''}.\n"
+        f"`benchmarks/campaign.py`, Pinocchio {' and '.join(parts[0])}, kernels "
+        f"{' and '.join(parts[1])}; limits: a {SOLVED:.0e}, forces {FORCES:.0e}, derivatives "
+        f"{DERIVATIVES:.0e}."
+    )
 
 
 def essence(summaries: Mapping[str, Line]) -> str:

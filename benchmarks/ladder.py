@@ -1,4 +1,4 @@
-"""Climb down every ladder, write benchmarks/results/ladder.{csv,json,png}, README, docs.
+"""Climb down every ladder, write benchmarks/results/ladder.{csv,json,png}, docs.
 
     python benchmarks/ladder.py [--quick]
 
@@ -25,7 +25,7 @@ from condyn_pin.lab.ladders import LADDERS
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
-GOOD = 0.01  # the error that the README names the fastest rung for
+GOOD = 0.01  # the error that the docs name the fastest rung for
 
 
 def load(path: Path) -> list[LadderTable]:
@@ -44,8 +44,8 @@ def load(path: Path) -> list[LadderTable]:
     ]
 
 
-def markdown(tables: Sequence[LadderTable], shown: Sequence[LadderTable] | None = None) -> str:
-    """Return the fastest good rung of every ladder, and all rungs of those that are shown."""
+def markdown(tables: Sequence[LadderTable]) -> str:
+    """Return the fastest good rung of every ladder, and all rungs."""
     lines = []
     for table in tables:
         best = table.fastest(GOOD)
@@ -54,9 +54,9 @@ def markdown(tables: Sequence[LadderTable], shown: Sequence[LadderTable] | None 
             f"**{best.label}** (nv {best.nv}, {best.rows} rows, {best.solver}): "
             f"{best.speedup:.2f} times as fast, a off by {best.a_worst:.2g}.",
             "",
+            table.to_markdown(),
+            "",
         ]
-        if shown is None or table in shown:
-            lines += [table.to_markdown(), ""]
     where = (
         "`python benchmarks/ladder.py` on {processor} ({cores} cores, one thread), "
         "{system}, Python {python}, Pinocchio {pinocchio}, {date}."
@@ -65,15 +65,12 @@ def markdown(tables: Sequence[LadderTable], shown: Sequence[LadderTable] | None 
 
 
 def pages(tables: Sequence[LadderTable]) -> dict[str, dict[str, str]]:
-    """Return the blocks of README and docs: the first ladder, and all."""
-    return {
-        marks.README: {"ladder": markdown(tables, tables[:1])},
-        marks.RESULTS: {"ladder": markdown(tables)},
-    }
+    """Return the block of docs/results.md."""
+    return {marks.RESULTS: {"ladder": markdown(tables)}}
 
 
 def main() -> None:
-    """Run, write, and update README and docs."""
+    """Run, write, and update the docs."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="fewer states and rounds")
     parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")

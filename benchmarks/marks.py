@@ -1,7 +1,7 @@
 """Blocks of pages that scripts write, so that a figure is copied by no hand.
 
-A block stands between ``<!-- NAME:begin -->`` and ``<!-- NAME:end -->``. The README has the rows
-that say most; docs/results.md has whole tables. Both are made from the same committed results.
+A block stands between ``<!-- NAME:begin -->`` and ``<!-- NAME:end -->``. docs/results.md has whole
+tables, the README the few rows that say how fast and how true; all are made from committed results.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 README = "README.md"
 RESULTS = "docs/results.md"
+SOLVERS = "docs/how-to-choose-a-solver.md"
+SIMULATORS = "docs/simulators.md"
 
 
 def filled(page: str, blocks: Mapping[str, str]) -> str:

@@ -2,7 +2,7 @@
 
     python benchmarks/problems.py [--quick] [--only A02 A04]
 
-writes benchmarks/results/problems.{csv,json,png}, README and docs/results.md. Every row is one run
+writes benchmarks/results/problems.{csv,json,png} and docs/results.md. Every row is one run
 in this process; CPU time is that of `simulate`. Times of other codes are as published, on other
 machines, and stand beside ours for their order of magnitude only. With --from-json the
 tables are made from the committed results, without running anything.
@@ -133,8 +133,8 @@ def _method(row: dict[str, Any]) -> str:
     return f"{row['integrator'].split('(')[0]}, {row['drift'].split('(')[0]}"
 
 
-def essence(saved: dict[str, Any]) -> str:
-    """Return the README's table: the problems as they are set."""
+def as_set(saved: dict[str, Any]) -> str:
+    """Return the problems as they are set."""
     lines = [
         "| problem | integrator, drift control | dt [s] | error | energy [J] | CPU [s] | "
         "evaluations |",
@@ -157,7 +157,7 @@ def essence(saved: dict[str, Any]) -> str:
 def markdown(saved: dict[str, Any]) -> str:
     """Return the problems as they are set, and what others published."""
     lines = [
-        essence(saved),
+        as_set(saved),
         "",
         "As published by others, on their machines:",
         "",
@@ -174,11 +174,8 @@ def markdown(saved: dict[str, Any]) -> str:
 
 
 def pages(saved: dict[str, Any]) -> dict[str, dict[str, str]]:
-    """Return the blocks of README and docs."""
-    return {
-        marks.README: {"problems": essence(saved)},
-        marks.RESULTS: {"problems": markdown(saved)},
-    }
+    """Return the block of docs/results.md."""
+    return {marks.RESULTS: {"problems": markdown(saved)}}
 
 
 def measure(names: list[str], quick: bool) -> dict[str, Any]:
@@ -193,7 +190,7 @@ def measure(names: list[str], quick: bool) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Run everything, write the results, and update README and docs."""
+    """Run everything, write the results, and update the docs."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="two steps a method")
     parser.add_argument("--only", nargs="*", default=list(cp.PROBLEMS), help="problems by name")

@@ -2,7 +2,7 @@
 
     python benchmarks/simulation_vs_mujoco.py [--quick]
 
-Writes benchmarks/results/simulation_vs_mujoco.{json,png}, README and docs/results.md; with
+Writes benchmarks/results/simulation_vs_mujoco.{json,png} and docs/results.md; with
 --from-json the tables are made from the committed results, without running anything.
 
 Both engines read one file (`Robot.to_mjcf`), start from one state, and are measured with one
@@ -233,32 +233,7 @@ def answer(rows: Sequence[Row], to: Row) -> Row | None:
 
 def markdown(rows: Sequence[Row], about: dict[str, str]) -> str:
     """Return the whole table, and what it says: every way of MuJoCo with steps of 1 and 4 ms."""
-    return _table(rows, about, [row for row in _theirs(rows) if row.dt in (1e-3, 4e-3)])
-
-
-def essence(rows: Sequence[Row], about: dict[str, str]) -> str:
-    """Return the README's table: MuJoCo's Euler and RK4, default and stiffest constraints."""
-    shown = [
-        row
-        for row in _theirs(rows)
-        if row.dt in (1e-3, 4e-3)
-        if row.method.startswith(("Euler", "RK4"))
-        if "default" in row.method or "solref .002" in row.method
-    ]
-    return _table(rows, about, shown)
-
-
-def _theirs(rows: Sequence[Row]) -> list[Row]:
-    return [r for r in rows if r.engine == "MuJoCo" and r.status == "finished" and r.gap < LOST]
-
-
-def _ratio(rows: Sequence[Row], row: Row) -> float:
-    """Return MuJoCo's time over ours at no larger errors; 0 where ours are all larger."""
-    found = answer(rows, row)
-    return row.us / found.us if found else 0.0
-
-
-def _table(rows: Sequence[Row], about: dict[str, str], shown: Sequence[Row]) -> str:
+    shown = [row for row in _theirs(rows) if row.dt in (1e-3, 4e-3)]
     lines = [
         "| linkage | MuJoCo | gap [m] | energy [J] | us/ms | condyn_pin, no less accurate | gap "
         "[m] | energy [J] | us/ms | x |",
@@ -295,12 +270,19 @@ def _table(rows: Sequence[Row], about: dict[str, str], shown: Sequence[Row]) -> 
     return "\n".join([*lines, where.format(**about)])
 
 
+def _theirs(rows: Sequence[Row]) -> list[Row]:
+    return [r for r in rows if r.engine == "MuJoCo" and r.status == "finished" and r.gap < LOST]
+
+
+def _ratio(rows: Sequence[Row], row: Row) -> float:
+    """Return MuJoCo's time over ours at no larger errors; 0 where ours are all larger."""
+    found = answer(rows, row)
+    return row.us / found.us if found else 0.0
+
+
 def pages(rows: Sequence[Row], about: dict[str, str]) -> dict[str, dict[str, str]]:
-    """Return the blocks of README and docs."""
-    return {
-        marks.README: {"mujoco": essence(rows, about)},
-        marks.RESULTS: {"mujoco": markdown(rows, about)},
-    }
+    """Return the block of docs/results.md."""
+    return {marks.RESULTS: {"mujoco": markdown(rows, about)}}
 
 
 # MuJoCo's ways, all without lines: colours of its constraints, and markers of its integrators.
@@ -354,7 +336,7 @@ def load(path: Path) -> tuple[list[Row], dict[str, str]]:
 
 
 def main() -> None:
-    """Run, write, and update README and docs."""
+    """Run, write, and update the docs."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="one step size, nothing is written")
     parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")

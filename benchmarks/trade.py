@@ -1,12 +1,12 @@
-"""Measure the trade on every robot, write benchmarks/results/trade.*, README and docs.
+"""Measure the trade on every robot, write benchmarks/results/trade.*, docs.
 
     python benchmarks/trade.py [--from-results]
     python benchmarks/trade.py [--quick] [--states 1000] [robot ...]    # printed, nothing written
 
 runs the study of all solvers with all knobs on the standard scenes, chooses the cheapest solver of
 each scene to three errors, verifies the choices (`cheapest.py`), and writes from these results the
-picture, the README's table and the tables of docs/how-to-choose-a-solver.md. With --from-results
-only the last three are made anew, without running anything.
+picture and the tables of docs/how-to-choose-a-solver.md. With --from-results only these are made
+anew, without running anything.
 
 Errors and choices are computed on all cores, and do not care what else the machine does; times are
 taken in between, by this process alone. A run that is stopped goes on from demo/trade.jsonl when it
@@ -55,7 +55,7 @@ def study(scenes: Mapping[str, cp.Scene], effort: cp.TimingEffort, resume: Path 
 
 
 def rewrite() -> None:
-    """Make the picture, the README's table and the page from the results."""
+    """Make the picture and the page from the results."""
     table, found = cp.Table.from_json(RESULTS / "trade.json"), read()
     shown = [label for label in SHOWN if any(row.scene == label for row in table.rows)]
     picture = cp.Table(
@@ -83,7 +83,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def main() -> int:
-    """Run, write, and update README and docs."""
+    """Run, write, and update the docs."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("robots", nargs="*")
     parser.add_argument("--quick", action="store_true", help="fewer rounds")

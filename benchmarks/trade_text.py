@@ -1,4 +1,4 @@
-"""What README and docs say of the study: tables made of committed rows, between marks.
+"""What the docs say of the study: tables made of committed rows, between marks.
 
 Every figure in a block is one of a row of results/trade.json or of results/cheapest.csv.
 """
@@ -9,22 +9,19 @@ from collections import Counter
 from collections.abc import Sequence
 
 from cheapest import LEVELS, Verdict
-from marks import README
+from marks import SOLVERS as PAGE
 
 import condyn_pin as cp
 from condyn_pin.study.exports import short
 from condyn_pin.study.front import answered, comparable, front, microseconds
 from condyn_pin.study.printing import timed
 
-PAGE = "docs/how-to-choose-a-solver.md"
-
 
 def pages(
     table: cp.Table, found: Sequence[Verdict], shown: Sequence[str]
 ) -> dict[str, dict[str, str]]:
-    """Return the blocks of every page, by name."""
+    """Return the blocks of the page on solvers, by name."""
     return {
-        README: {"trade": f"{choices([v for v in found if v.scene in shown])}\n\n{where(table)}"},
         PAGE: {
             "choices": f"{choices(found)}\n\n{where(table)}",
             "wins": wins(found),

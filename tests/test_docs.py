@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+import condyn_pin as cp
 from condyn_pin._core import _pin
 from condyn_pin.cli.main import app
 
@@ -56,6 +57,13 @@ def test_python_blocks_run_in_one_session(page, tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize("line", [line for line in commands() if line.startswith("condyn ")])
 def test_condyn_commands_run(line, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # where plans are kept
+    if "compare" in line:  # what the lines above it have written
+        Path("cassie.xml").write_text(cp.load_robot("cassie").to_mjcf(), encoding="utf-8")
+    if line.startswith("condyn view run.npz"):
+        bar = cp.load_robot("four_bar")
+        scene = cp.Scene(bar, bar.loops)
+        cp.simulate(scene, *scene.state(), duration=0.05).save("run.npz")
     result = CliRunner().invoke(app, shlex.split(line)[1:])
     assert result.exit_code in (0, 1), result.output
 
@@ -69,6 +77,16 @@ def test_links_between_pages_and_to_files_lead_somewhere():
         for link in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
             known = link.startswith(("https://", "_figures/")) or (page.parent / link).is_file()
             assert known, f"{page.name}: {link}"
+
+
+def test_headings_that_links_name_are_there():
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        for target, heading in re.findall(r"\]\(([\w-]*\.md|)#([\w-]+)\)", text):
+            there = (page.parent / (target or page.name)).read_text(encoding="utf-8")
+            titles = re.findall(r"^#+ (.*)", there, flags=re.MULTILINE)
+            slugs = [re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles]
+            assert heading in slugs, f"{page.name}: {target}#{heading}"
 
 
 def test_paths_that_are_named_exist():

@@ -277,7 +277,7 @@ def test_a_problem_meets_its_finest_limit_as_it_is_set(label):
 
 
 def test_what_is_promised():
-    """The figures of the README."""
+    """The figures of docs/results.md."""
     pendulum, four_bar, bricard = as_set("A01"), as_set("A02"), as_set("A04")
     assert pendulum.energy_drift < 1e-10
     last = four_bar.trajectory

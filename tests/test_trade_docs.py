@@ -1,4 +1,4 @@
-"""README and docs quote the committed study, and nothing else."""
+"""The page on solvers quotes the committed study, and nothing else."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Time condyn_pin and its peers on the same states; write results/peers.{json,md}, README, docs.
+"""Time condyn_pin and its peers on the same states; write results/peers.{json,md} and docs.
 
     python benchmarks/peers/run.py [--quick] [--passes 5] [--only mujoco] [--folder build/peers]
 
@@ -104,16 +104,16 @@ def measure(
 
 
 def pages(table: PeerTable) -> dict[str, dict[str, str]]:
-    """Return the blocks of README and docs: the first error that is asked for, and every one."""
+    """Return the blocks of the docs: the first error that is asked for, and every one."""
     first = {quantity: targets[:1] for quantity, targets in TARGETS.items()}
     return {
-        marks.README: {"peers": table.at_equal_error(first)},
+        marks.SIMULATORS: {"peers": table.at_equal_error(first)},
         marks.RESULTS: {"peers": table.at_equal_error()},
     }
 
 
 def main() -> None:
-    """Run, write, and update README and docs."""
+    """Run, write, and update the docs."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="one pass with few rounds")
     parser.add_argument("--passes", type=int, default=5, help="passes over all peers")
