@@ -24,6 +24,7 @@ from condyn_pin._core.errors import UnsupportedConstraint as UnsupportedConstrai
 from condyn_pin._core.errors import WorkersLost as WorkersLost
 from condyn_pin._core.parallel.chunks import map_chunks as map_chunks
 from condyn_pin._core.parallel.processes import Processes as Processes
+from condyn_pin.constraints.applied_force import AppliedForce as AppliedForce
 from condyn_pin.constraints.baumgarte import Baumgarte as Baumgarte
 from condyn_pin.constraints.constraints import Constraint as Constraint
 from condyn_pin.constraints.constraints import Coupling as Coupling
@@ -103,7 +104,6 @@ from condyn_pin.mechanism.reduction.minimal_report import Step as Step
 from condyn_pin.mechanism.reduction.price import Errors as Errors
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene as ReducedScene
 from condyn_pin.mechanism.summary import Summary as Summary
-from condyn_pin.model.applied_force import AppliedForce as AppliedForce
 from condyn_pin.model.mechanisms.chain import chain as chain
 from condyn_pin.model.mechanisms.four_bar import four_bar as four_bar
 from condyn_pin.model.mechanisms.n_four_bar import n_four_bar as n_four_bar

@@ -17,7 +17,7 @@ _AREAS = {
     "Constraints": ("constraints",),
     "Scenes and states": ("dynamics.scene", "dynamics.audit", "dynamics.gaps", "mechanism"),
     "Smaller scenes": ("mechanism.reduction", "lab"),
-    "Answers": ("dynamics", "model.applied_force", "constraints.rows"),
+    "Answers": ("dynamics", "constraints.applied_force", "constraints.rows"),
     "Friction cones": ("contact",),
     "Solvers": ("dynamics.solvers",),
     "Derivatives": ("dynamics.derivatives",),

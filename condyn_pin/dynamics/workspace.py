@@ -20,7 +20,9 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.errors import InvalidArgument, SolveFailed, unknown_name
 from condyn_pin._core.knobs import check_accuracy_of_a
 from condyn_pin._core.one_thread import OneThread, alone, in_use
+from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.loads import Load, Loads
 from condyn_pin.constraints.rows.bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms, finite_terms
@@ -35,8 +37,6 @@ from condyn_pin.dynamics.raw import ConstraintDatas, ConstraintModels, raw_const
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solution import Solution, Status
 from condyn_pin.dynamics.solvers.base import Singular, Solver
-from condyn_pin.model.applied_force import AppliedForce, applied_forces
-from condyn_pin.model.loads import Load, Loads
 from condyn_pin.model.soundness import massless_motion
 
 # No acceleration of a machine: what is larger is looked at entry by entry.
