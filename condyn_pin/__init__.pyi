@@ -33,6 +33,7 @@ from condyn_pin.constraints.contacts import LineContact as LineContact
 from condyn_pin.constraints.contacts import PlanarContact as PlanarContact
 from condyn_pin.constraints.contacts import PointContact as PointContact
 from condyn_pin.constraints.contacts import SurfaceContact as SurfaceContact
+from condyn_pin.constraints.gap import Gap as Gap
 from condyn_pin.constraints.nonholonomic import Knife as Knife
 from condyn_pin.constraints.nonholonomic import RollingBall as RollingBall
 from condyn_pin.constraints.nonholonomic import RollingWheel as RollingWheel
@@ -54,7 +55,6 @@ from condyn_pin.control.transmissions import transmission as transmission
 from condyn_pin.dynamics.audit import Audit as Audit
 from condyn_pin.dynamics.derivatives.base import Derivatives as Derivatives
 from condyn_pin.dynamics.force import ConstraintForce as ConstraintForce
-from condyn_pin.dynamics.gaps import Gap as Gap
 from condyn_pin.dynamics.impacts import Impact as Impact
 from condyn_pin.dynamics.impacts import impact as impact
 from condyn_pin.dynamics.proof import Proof as Proof

@@ -22,6 +22,7 @@ from condyn_pin._core.knobs import check_accuracy_of_a
 from condyn_pin._core.one_thread import OneThread, alone, in_use
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.gap import Gap, worst
 from condyn_pin.constraints.loads import Load, Loads
 from condyn_pin.constraints.rows.bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
@@ -31,7 +32,7 @@ from condyn_pin.dynamics.derivatives import METHODS, Derivatives
 from condyn_pin.dynamics.derivatives.check import check_derivatives
 from condyn_pin.dynamics.derivatives.differences import DifferenceDerivatives
 from condyn_pin.dynamics.derivatives.linearised import Linearisation
-from condyn_pin.dynamics.gaps import Gap, gaps, worst
+from condyn_pin.dynamics.gaps import gaps
 from condyn_pin.dynamics.judge import Judge
 from condyn_pin.dynamics.raw import ConstraintDatas, ConstraintModels, raw_constraints
 from condyn_pin.dynamics.scene import Scene, check_scene

@@ -35,7 +35,7 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.reach import reach
 from condyn_pin.mechanism.closing import Closer
 from condyn_pin.mechanism.clusters import Cluster, clusters, isolated
-from condyn_pin.mechanism.limits import NO_LIMITS, Limits
+from condyn_pin.model.limits import NO_LIMITS, Limits
 from condyn_pin.model.soundness import singular_mass
 
 if TYPE_CHECKING:
