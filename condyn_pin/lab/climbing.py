@@ -26,7 +26,7 @@ from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.lab.ladder_table import LadderRow, LadderTable
 from condyn_pin.mechanism.reduction.price import answers, compare
 from condyn_pin.mechanism.reduction.same_motion import same_motion, standing_torque
-from condyn_pin.mechanism.reduction.smaller_robot import free_flyers
+from condyn_pin.model.smaller_robot import free_flyers
 
 # Torque of each motor beside what standing takes, as a share of the weight at one metre.
 _PUSH = 0.02

@@ -33,9 +33,9 @@ from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.mechanism.reduction.minimal_report import Minimal, Step
 from condyn_pin.mechanism.reduction.price import Errors, answers, compare, watched_joints
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
-from condyn_pin.mechanism.reduction.smaller_robot import free_flyers
 from condyn_pin.mechanism.reduction.suggestions import Suggestion, suggestions
 from condyn_pin.model.robot import Robot
+from condyn_pin.model.smaller_robot import free_flyers
 
 _SAMPLES = 10  # states that simplifications are chosen by
 _FRESH = 50  # states that the result is judged by
