@@ -97,4 +97,4 @@ $(VENV3)/ready: pyproject.toml
 	touch $@
 
 clean:
-	rm -rf $(VENV) $(VENV3) $(VENVW) dist build demo docs/_build docs/_figures docs/api .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(VENV3) $(VENVW) dist build demo docs/_build docs/_figures docs/api .import_linter_cache .mypy_cache .pytest_cache .ruff_cache

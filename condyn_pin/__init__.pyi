@@ -24,6 +24,7 @@ from condyn_pin._core.errors import UnsupportedConstraint as UnsupportedConstrai
 from condyn_pin._core.errors import WorkersLost as WorkersLost
 from condyn_pin._core.parallel.chunks import map_chunks as map_chunks
 from condyn_pin._core.parallel.processes import Processes as Processes
+from condyn_pin.constraints.applied_force import AppliedForce as AppliedForce
 from condyn_pin.constraints.baumgarte import Baumgarte as Baumgarte
 from condyn_pin.constraints.constraints import Constraint as Constraint
 from condyn_pin.constraints.constraints import Coupling as Coupling
@@ -32,6 +33,7 @@ from condyn_pin.constraints.contacts import LineContact as LineContact
 from condyn_pin.constraints.contacts import PlanarContact as PlanarContact
 from condyn_pin.constraints.contacts import PointContact as PointContact
 from condyn_pin.constraints.contacts import SurfaceContact as SurfaceContact
+from condyn_pin.constraints.gap import Gap as Gap
 from condyn_pin.constraints.nonholonomic import Knife as Knife
 from condyn_pin.constraints.nonholonomic import RollingBall as RollingBall
 from condyn_pin.constraints.nonholonomic import RollingWheel as RollingWheel
@@ -53,7 +55,6 @@ from condyn_pin.control.transmissions import transmission as transmission
 from condyn_pin.dynamics.audit import Audit as Audit
 from condyn_pin.dynamics.derivatives.base import Derivatives as Derivatives
 from condyn_pin.dynamics.force import ConstraintForce as ConstraintForce
-from condyn_pin.dynamics.gaps import Gap as Gap
 from condyn_pin.dynamics.impacts import Impact as Impact
 from condyn_pin.dynamics.impacts import impact as impact
 from condyn_pin.dynamics.proof import Proof as Proof
@@ -103,7 +104,6 @@ from condyn_pin.mechanism.reduction.minimal_report import Step as Step
 from condyn_pin.mechanism.reduction.price import Errors as Errors
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene as ReducedScene
 from condyn_pin.mechanism.summary import Summary as Summary
-from condyn_pin.model.applied_force import AppliedForce as AppliedForce
 from condyn_pin.model.mechanisms.chain import chain as chain
 from condyn_pin.model.mechanisms.four_bar import four_bar as four_bar
 from condyn_pin.model.mechanisms.n_four_bar import n_four_bar as n_four_bar

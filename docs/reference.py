@@ -15,9 +15,9 @@ import condyn_pin
 _AREAS = {
     "Robots": ("io", "model"),
     "Constraints": ("constraints",),
-    "Scenes and states": ("dynamics.scene", "dynamics.audit", "dynamics.gaps", "mechanism"),
+    "Scenes and states": ("dynamics.scene", "dynamics.audit", "constraints.gap", "mechanism"),
     "Smaller scenes": ("mechanism.reduction", "lab"),
-    "Answers": ("dynamics", "model.applied_force", "constraints.rows"),
+    "Answers": ("dynamics", "constraints.applied_force", "constraints.rows"),
     "Friction cones": ("contact",),
     "Solvers": ("dynamics.solvers",),
     "Derivatives": ("dynamics.derivatives",),

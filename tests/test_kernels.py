@@ -15,8 +15,8 @@ import pytest
 from shared import all_scenes, states
 
 import condyn_pin as cp
-from condyn_pin._core.linalg.pivots import pivots
-from condyn_pin.mechanism.chains import independent_columns, redundant_rows
+from condyn_pin._core.linalg.pivots import pivots, redundant_rows
+from condyn_pin.mechanism.chains import independent_columns
 from condyn_pin.mechanism.reduction.planar import _axes
 from condyn_pin.simulation.stiffness import _fastest
 

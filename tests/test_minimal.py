@@ -16,9 +16,9 @@ import condyn_pin as cp
 from condyn_pin._core.timing import Times
 from condyn_pin._core.tolerances import EXACT
 from condyn_pin.dynamics.catalogue import motor_torque
+from condyn_pin.lab import climbing
 from condyn_pin.lab.climbing import climb
 from condyn_pin.lab.ladder_plot import draw_ladder, save_ladders
-from condyn_pin.mechanism.reduction import climbing
 from condyn_pin.mechanism.reduction.same_motion import loaded, same_motion, standing_torque
 
 FEW = cp.LadderEffort(states=2, rounds=5, repeats=2)

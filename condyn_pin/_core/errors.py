@@ -2,19 +2,15 @@
 
 Every error that the library raises is a `CondynError`. Its text names the argument or the file, the
 value that was found, and what would do instead. Errors that answer a failed solve or
-assembly carry the `Solution` or the `Assembly`, so nothing that was computed is lost.
+assembly carry the `Solution` or the `Assembly`, so nothing that was computed is lost. What they
+carry is of rooms above this one: it is handed on, and not looked at.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.solution import Solution
-    from condyn_pin.mechanism.assembly_report import Assembly
-    from condyn_pin.study.row import Row
+from typing import Any
 
 
 class CondynError(Exception):
@@ -80,7 +76,7 @@ class NotAssembled(CondynError):
         The configuration with the smallest gap that was found, where one was looked for.
     """
 
-    def __init__(self, message: str, assembly: Assembly | None = None) -> None:
+    def __init__(self, message: str, assembly: Any = None) -> None:
         super().__init__(message)
         self.assembly = assembly
 
@@ -97,9 +93,7 @@ class BranchChanged(NotAssembled):
         The configuration, closed, on the other branch.
     """
 
-    assembly: Assembly
-
-    def __init__(self, message: str, assembly: Assembly) -> None:
+    def __init__(self, message: str, assembly: Any) -> None:
         super().__init__(message, assembly)
 
 
@@ -116,11 +110,11 @@ class SolveFailed(CondynError):
         What was computed, with its errors and its status.
     """
 
-    def __init__(self, message: str, solution: Solution) -> None:
+    def __init__(self, message: str, solution: Any) -> None:
         super().__init__(message)
         self.solution = solution
 
-    def __reduce__(self) -> tuple[type[SolveFailed], tuple[str, Solution]]:
+    def __reduce__(self) -> tuple[type[SolveFailed], tuple[str, Any]]:
         return SolveFailed, (str(self), self.solution)
 
 
@@ -133,7 +127,7 @@ class NotReached(CondynError):
         The row with the smallest error; None if no solver answers every state.
     """
 
-    def __init__(self, message: str, row: Row | None = None) -> None:
+    def __init__(self, message: str, row: Any = None) -> None:
         super().__init__(message)
         self.row = row
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import gc
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import cycle
 from math import inf
 from time import perf_counter
 from typing import TypeVar
@@ -17,11 +16,6 @@ from typing import TypeVar
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import UnsupportedConstraint
-from condyn_pin.dynamics.choice import untaken
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solvers.base import Solver
-from condyn_pin.dynamics.workspace import Workspace
 
 State = tuple[Array, Array, Array]
 Call = Callable[[Array, Array, Array], object]
@@ -112,45 +106,3 @@ def _warm_up(call: Call, states: Sequence[State], most: int, enough: float) -> i
         call(*state)
         spent.append(perf_counter() - start)
     return max(1, int(min(most, enough / min(spent))))
-
-
-@dataclass(frozen=True)
-class Trial:
-    """A solver tried on a scene.
-
-    Attributes
-    ----------
-    call : callable or None
-        What to time: its accelerations at one state after the other; the arguments are not looked
-        at, since scenes to be compared do not share their states. None if a time would say nothing.
-    said : str
-        "ok", or why there is nothing to time.
-    """
-
-    call: Call | None
-    said: str
-
-
-def trial(scene: Scene, solver: Solver, states: Sequence[State]) -> Trial:
-    """Return what to time, if the solver takes the scene and says ok at every state."""
-    try:
-        workspace = Workspace(scene, solver)
-    except UnsupportedConstraint:
-        missing = [c for c in scene.constraints if c.name in untaken(scene, solver)]
-        kinds = dict.fromkeys(str(getattr(c, "kind", type(c).__name__)) for c in missing)
-        return Trial(None, f"takes no {' and no '.join(kinds)}")
-    for state in states:
-        status = workspace.solve(*state, throw=False).status
-        if not status.ok:
-            return Trial(None, status.name.lower())
-    turn = cycle(states)
-    return Trial(lambda q, v, tau: workspace.acceleration(*next(turn)), "ok")
-
-
-def time_trials(
-    trials: Mapping[_Key, Trial], *, rounds: int, repeats: int = 10
-) -> dict[_Key, Times]:
-    """Time what can be timed of some trials, in one interleaved run."""
-    calls = {name: one.call for name, one in trials.items() if one.call is not None}
-    nothing = (np.zeros(0),) * 3
-    return interleaved(calls, [nothing], rounds=rounds, repeats=repeats)

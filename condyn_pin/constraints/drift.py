@@ -4,17 +4,17 @@ Integrators solve J a + gamma = 0, and what they leave in J v and c(q) adds up. 
 changes what is asked of the rows, J a + gamma = a_ref; one of the other kind moves the state back
 after a step.
 
-1. Add one file to this folder with one frozen dataclass that inherits from `Drift`. Its fields are
-   its knobs, each with a default and a unit. Set `title`, `cost` and `use`. The class registers
-   itself under its lower-case name in `DRIFTS`.
+1. Add one file to `simulation/drift/` with one frozen dataclass that inherits from `Drift`. Its
+   fields are its knobs, each with a default and a unit. Set `title`, `cost` and `use`. The class
+   registers itself under its lower-case name in `DRIFTS`.
 2. A scheme of the first kind returns what it asks for from `rows`. Only `Baumgarte` can be asked
    for: Pinocchio's own methods know nothing else.
 3. A scheme of the second kind returns a `Correction` from `start(system, dt)`. It runs after every
    step, takes (t, q, v) at its end, returns (q, v) and writes to neither of its arguments. What it
    remembers from step to step it keeps in its closure; after an event it is started again. It
    sets `corrects`. One that leaves gaps of configurations alone overrides `closes`.
-4. The equations import this folder: import nothing of `rows`, `states`, `scene` or `simulation` at
-   the top of a file. `system` brings what a correction needs.
+4. `system`, a `System` of the simulation, brings what a correction needs; the equations import this
+   file, which knows nothing of it.
 5. A correction that cannot reach the constraints returns the best state that it found; it raises
    `NotAssembled` only where going on has no meaning. The run then ends with what it has.
 6. Sources: cite the paper in the docstring.
@@ -24,14 +24,13 @@ from __future__ import annotations
 
 from abc import ABC
 from collections.abc import Callable
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.registry import enter
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.baumgarte import Baumgarte
-    from condyn_pin.simulation.system import System
 
 DRIFTS: dict[str, type[Drift]] = {}
 
@@ -62,6 +61,6 @@ class Drift(ABC):
         """Whether it closes a gap that a motion begins with."""
         return self.corrects
 
-    def start(self, system: System, dt: float) -> Correction | None:
+    def start(self, system: Any, dt: float) -> Correction | None:
         """Return what corrects the state after each step of size dt; None for nothing."""
         return None

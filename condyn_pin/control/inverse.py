@@ -18,12 +18,12 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.control.actuation import Actuation, motors_of
 from condyn_pin.control.drive import Drive
 from condyn_pin.dynamics.at_state import at_state, load_on
 from condyn_pin.dynamics.force import ConstraintForce, Sites, pulling
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.model.applied_force import AppliedForce, applied_forces
 
 # Torques are large where motors drive a direction this much more weakly than their strongest.
 _WEAK = 1e-3

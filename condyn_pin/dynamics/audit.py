@@ -13,6 +13,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.errors import BranchChanged, InvalidModel, NotAssembled
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
+from condyn_pin._core.linalg.pivots import redundant_rows
 from condyn_pin._core.linalg.range_space import whiten
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.mass_pivots import MassPivots
@@ -21,7 +22,6 @@ from condyn_pin.constraints.rows.reach import ROUNDED, reach
 from condyn_pin.constraints.rows.terms import Terms, largest_torque
 from condyn_pin.dynamics.proof import Yardstick
 from condyn_pin.dynamics.solvers.reference import Reference
-from condyn_pin.mechanism.chains import redundant_rows
 from condyn_pin.model.soundness import massless_motion, singular_mass
 
 if TYPE_CHECKING:

@@ -1,69 +1,18 @@
-"""Gaps: how far each loop is open, in metres and radians."""
+"""Gaps of a scene: how far each loop is open, and how fast its sides move apart."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from condyn_pin._core import tolerances
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.joints import lengths
-from condyn_pin.constraints.rows.bound import FRAME, AnyBound, Bound, Coupled
+from condyn_pin.constraints.gap import Gap, gap_of, slip_of
 from condyn_pin.constraints.rows.reach import ROUNDED, reach
 from condyn_pin.dynamics.kept import equations_of
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
-
-
-_TINY = 1e-3  # [mm, deg]
-
-
-class Gap(NamedTuple):
-    """How far apart the two sides of a constraint are, or how far a joint is beyond its limits."""
-
-    length: float  # [m], or [m/s] of a velocity
-    angle: float  # [rad], or [rad/s]
-
-    @property
-    def size(self) -> float:
-        """The larger of the two numbers."""
-        return max(self.length, self.angle)
-
-    def text(self, per: str = "") -> str:
-        """Return it in mm and degrees, `per` behind the units, such as "/s".
-
-        A part that is rounding beside the other is left out.
-        """
-        least = tolerances.CLOSED if self.size > tolerances.CLOSED else 0.0
-        parts = []
-        if self.length > least or not self.angle > least:
-            parts.append(f"{_digits(1e3 * self.length)} mm{per}")
-        if self.angle > least:
-            parts.append(f"{_digits(math.degrees(self.angle))} deg{per}")
-        return " and ".join(parts)
-
-    def __str__(self) -> str:
-        return self.text()
-
-
-def beyond_text(beyond: Mapping[str, Gap]) -> str:
-    """Return for a sentence which joints are beyond their limits, and how far."""
-    return ", ".join(f"{joint} is {by} beyond its limits" for joint, by in beyond.items())
-
-
-def closed(gap: Mapping[str, Gap]) -> bool:
-    """Whether every gap is within tolerance (1e-10)."""
-    return all(each.size <= tolerances.CLOSED for each in gap.values())
-
-
-def worst(gap: Mapping[str, Gap]) -> tuple[str, Gap]:
-    """Return the name and the gap of what is open furthest."""
-    return max(gap.items(), key=lambda item: item[1].size)
 
 
 def gaps(scene: Scene, c: Array) -> dict[str, Gap]:
@@ -72,21 +21,9 @@ def gaps(scene: Scene, c: Array) -> dict[str, Gap]:
     return {b.name: gap_of(model, b, c[b.rows]) for b in scene.bounds if b.positioned}
 
 
-def gap_of(model: Any, bound: AnyBound, c: Array) -> Gap:
-    """Return how far one constraint is open, from its rows of c.
-
-    Those of a weld are log6 of the placement of one frame in the other: the length of that is no
-    distance, but along a screw. What is told is how far the frames are apart, and turned.
-    """
-    if isinstance(bound, Bound) and bound.selection == FRAME:
-        apart = pin.exp6(pin.Motion(np.ascontiguousarray(c))).translation
-        return Gap(math.hypot(*apart), math.hypot(*c[3:]))
-    return _gap(model, bound, c)
-
-
 def slips(scene: Scene, velocity: Array) -> dict[str, Gap]:
     """Return how fast the sides of each constraint move apart, from J v (m,)."""
-    return {b.name: _gap(scene.robot.model, b, velocity[b.rows]) for b in scene.bounds}
+    return {b.name: slip_of(scene.robot.model, b, velocity[b.rows]) for b in scene.bounds}
 
 
 def rounding(scene: Scene, q: Array, x: Array) -> dict[str, float]:
@@ -96,25 +33,3 @@ def rounding(scene: Scene, q: Array, x: Array) -> dict[str, float]:
     """
     sides = ROUNDED * (reach(equations_of(scene), q) @ np.abs(x))
     return {b.name: float(sides[b.rows].max()) for b in scene.bounds}
-
-
-def _gap(model: Any, bound: AnyBound, rows: Array) -> Gap:
-    """Return the norms of the linear and of the angular rows of one constraint."""
-    if isinstance(bound, Coupled):
-        angular = np.array([not _slides(model, bound.velocity[0])])
-    else:
-        angular = np.array([row > 2 for row in bound.selection] or [False])
-    return Gap(math.hypot(*rows[~angular]), math.hypot(*rows[angular]))  # no square overflows
-
-
-def _slides(model: Any, iv: int) -> bool:
-    """Whether the coordinate at a velocity index is a length."""
-    joint = next(j for j in model.joints if j.idx_v <= iv < j.idx_v + j.nv)
-    return lengths(joint)[iv - int(joint.idx_v)]
-
-
-def _digits(x: float) -> str:
-    """Return three digits of a number, as a decimal fraction unless it is tiny."""
-    if not _TINY <= x < math.inf:
-        return f"{x:.3g}"
-    return np.format_float_positional(float(f"{x:.3g}"), trim="-")

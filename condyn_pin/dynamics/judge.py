@@ -14,12 +14,12 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.errors import InvalidModel
 from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin.constraints.loads import Load
 from condyn_pin.constraints.rows.reach import reach
 from condyn_pin.constraints.rows.terms import largest_torque
 from condyn_pin.dynamics.proof import Proof, Yardstick
 from condyn_pin.dynamics.solution import Solution, Status
 from condyn_pin.dynamics.solvers.base import Method
-from condyn_pin.model.loads import Load
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.workspace import Workspace

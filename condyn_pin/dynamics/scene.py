@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
@@ -16,12 +16,14 @@ from condyn_pin.constraints.rows.binding import bind
 from condyn_pin.constraints.rows.bound import AnyBound
 from condyn_pin.constraints.rows.natives import Natives, natives
 from condyn_pin.dynamics.audit import Audit, audit, whitened_rows
-from condyn_pin.mechanism.chains import Chains, chains
-from condyn_pin.mechanism.methods import States
-from condyn_pin.mechanism.rank import Rank, rank
-from condyn_pin.mechanism.reduction.methods import Smaller
-from condyn_pin.mechanism.summary import Summary, summarise
+from condyn_pin.dynamics.scene_reduction import Smaller
+from condyn_pin.dynamics.scene_states import States
 from condyn_pin.model.robot import Robot
+
+if TYPE_CHECKING:
+    from condyn_pin.mechanism.chains import Chains
+    from condyn_pin.mechanism.rank import Rank
+    from condyn_pin.mechanism.summary import Summary
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,8 @@ class Scene(States, Smaller):
     @cached_property
     def chains(self) -> Chains:
         """Which joints the loops determine, and where their dead points are; found on first use."""
+        from condyn_pin.mechanism.chains import chains
+
         return read_only(chains(self))
 
     @cached_property
@@ -102,6 +106,8 @@ class Scene(States, Smaller):
 
         Everything is measured at q, or at the first posture with the loops closed.
         """
+        from condyn_pin.mechanism.summary import summarise
+
         return summarise(self, q)
 
     def rank(self, q: ArrayLike | None = None) -> Rank:
@@ -109,6 +115,8 @@ class Scene(States, Smaller):
 
         q is taken as it is: `Rank.gap` says how far it is from being closed.
         """
+        from condyn_pin.mechanism.rank import rank
+
         return rank(self, q)
 
     def __reduce__(self) -> tuple[Any, ...]:

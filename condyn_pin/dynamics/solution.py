@@ -12,10 +12,10 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument, InvalidModel
+from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.dynamics.force import ConstraintForce, Sites, pulling
 from condyn_pin.dynamics.proof import Proof
-from condyn_pin.mechanism.rank import is_singular
-from condyn_pin.model.applied_force import AppliedForce
+from condyn_pin.dynamics.singularity import is_singular
 from condyn_pin.model.soundness import massless_motion
 
 if TYPE_CHECKING:

@@ -20,7 +20,10 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.errors import InvalidArgument, SolveFailed, unknown_name
 from condyn_pin._core.knobs import check_accuracy_of_a
 from condyn_pin._core.one_thread import OneThread, alone, in_use
+from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.gap import Gap, worst
+from condyn_pin.constraints.loads import Load, Loads
 from condyn_pin.constraints.rows.bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms, finite_terms
@@ -29,14 +32,12 @@ from condyn_pin.dynamics.derivatives import METHODS, Derivatives
 from condyn_pin.dynamics.derivatives.check import check_derivatives
 from condyn_pin.dynamics.derivatives.differences import DifferenceDerivatives
 from condyn_pin.dynamics.derivatives.linearised import Linearisation
-from condyn_pin.dynamics.gaps import Gap, gaps, worst
+from condyn_pin.dynamics.gaps import gaps
 from condyn_pin.dynamics.judge import Judge
 from condyn_pin.dynamics.raw import ConstraintDatas, ConstraintModels, raw_constraints
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solution import Solution, Status
 from condyn_pin.dynamics.solvers.base import Singular, Solver
-from condyn_pin.model.applied_force import AppliedForce, applied_forces
-from condyn_pin.model.loads import Load, Loads
 from condyn_pin.model.soundness import massless_motion
 
 # No acceleration of a machine: what is larger is looked at entry by entry.

@@ -25,7 +25,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidModel, unknown_name
 from condyn_pin._core.names import few
 from condyn_pin.constraints.constraints import WORLD, Coupling, Loop
-from condyn_pin.dynamics.gaps import Gap
+from condyn_pin.constraints.gap import Gap
 from condyn_pin.io.mjcf_posture import DRAWN, hidden, postures
 from condyn_pin.io.mjcf_types import (
     COORDINATES,

@@ -17,7 +17,7 @@ from condyn_pin._core import _pin
 from condyn_pin._core.errors import unknown_name
 from condyn_pin._core.joints import indices
 from condyn_pin._core.machine import machine
-from condyn_pin._core.timing import State, Times, time_trials, trial
+from condyn_pin._core.timing import State, Times
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
@@ -26,7 +26,8 @@ from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.lab.ladder_table import LadderRow, LadderTable
 from condyn_pin.mechanism.reduction.price import answers, compare
 from condyn_pin.mechanism.reduction.same_motion import same_motion, standing_torque
-from condyn_pin.mechanism.reduction.smaller_robot import free_flyers
+from condyn_pin.mechanism.reduction.trials import time_trials, trial
+from condyn_pin.model.smaller_robot import free_flyers
 
 # Torque of each motor beside what standing takes, as a share of the weight at one metre.
 _PUSH = 0.02

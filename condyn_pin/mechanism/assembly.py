@@ -24,7 +24,7 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.gaps import gaps
 from condyn_pin.mechanism.assembly_report import Assembly, AssemblyStatus
 from condyn_pin.mechanism.closing import Closer, Closing
-from condyn_pin.mechanism.limits import NO_LIMITS, Limits
+from condyn_pin.model.limits import NO_LIMITS, Limits
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene

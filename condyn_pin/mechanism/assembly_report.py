@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import BranchChanged, NotAssembled
-from condyn_pin.dynamics.gaps import Gap, beyond_text, closed, worst
+from condyn_pin.constraints.gap import Gap, beyond_text, closed, worst
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene

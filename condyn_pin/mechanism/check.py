@@ -13,7 +13,8 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import finite
 from condyn_pin._core.errors import NotAssembled
-from condyn_pin.dynamics.gaps import Gap, beyond_text, closed, gaps, rounding, slips
+from condyn_pin.constraints.gap import Gap, beyond_text, closed
+from condyn_pin.dynamics.gaps import gaps, rounding, slips
 from condyn_pin.dynamics.kept import equations_of
 
 if TYPE_CHECKING:

@@ -34,7 +34,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.mechanism.limits import NO_LIMITS, Limits
+from condyn_pin.model.limits import NO_LIMITS, Limits
 
 _DONE = 1e-13  # |c|: rounding, for robots of some metres [m, rad]
 _FLOOR = 1e-15  # of mu, relative to the trace of J J^T: redundant rows leave it singular

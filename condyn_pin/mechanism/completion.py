@@ -22,7 +22,7 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.errors import BranchChanged, InvalidArgument, NotAssembled
-from condyn_pin.dynamics.gaps import beyond_text
+from condyn_pin.constraints.gap import beyond_text
 from condyn_pin.mechanism.assembly import assemble_from, check_held
 from condyn_pin.mechanism.assembly_report import Assembly, AssemblyStatus
 from condyn_pin.mechanism.chains import Chains

@@ -30,8 +30,9 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.errors import InvalidArgument, NotAssembled
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin._core.linalg.numerical_rank import rank_of
+from condyn_pin.constraints.gap import worst
 from condyn_pin.constraints.rows.reach import reach
-from condyn_pin.dynamics.gaps import rounding, slips, worst
+from condyn_pin.dynamics.gaps import rounding, slips
 from condyn_pin.dynamics.kept import equations_of
 from condyn_pin.mechanism.check import Check, check
 from condyn_pin.model.soundness import singular_mass

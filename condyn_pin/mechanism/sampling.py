@@ -14,8 +14,8 @@ from condyn_pin._core.errors import InvalidArgument, NotAssembled
 from condyn_pin.dynamics.kept import equations_of
 from condyn_pin.mechanism.assembly import assemble, best_end
 from condyn_pin.mechanism.closing import Closer
-from condyn_pin.mechanism.limits import NO_LIMITS
 from condyn_pin.mechanism.projection import check_rows, nearest_velocity
+from condyn_pin.model.limits import NO_LIMITS
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene

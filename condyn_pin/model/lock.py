@@ -12,11 +12,11 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidModel
 from condyn_pin._core.names import checked
 from condyn_pin.constraints.constraints import Coupling
+from condyn_pin.constraints.gap import gap_of
 from condyn_pin.constraints.rows.binding import bind
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.dynamics.gaps import gap_of
-from condyn_pin.mechanism.reduction.smaller_robot import smaller_robot
 from condyn_pin.model.robot import Robot
+from condyn_pin.model.smaller_robot import smaller_robot
 
 
 def lock_joints(robot: Robot, names: Sequence[str]) -> Robot:

@@ -23,7 +23,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.model.loads import frame_jacobian
+from condyn_pin.constraints.loads import frame_jacobian
 from condyn_pin.model.spring import SpringDamper
 
 if TYPE_CHECKING:

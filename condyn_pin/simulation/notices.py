@@ -9,10 +9,10 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.joints import lengths
-from condyn_pin.dynamics.gaps import Gap, beyond_text, worst
+from condyn_pin.constraints.gap import Gap, beyond_text, worst
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.mechanism.check import check
-from condyn_pin.mechanism.limits import Limits
+from condyn_pin.model.limits import Limits
 from condyn_pin.simulation.pulls import pull_notices
 from condyn_pin.simulation.verify import solver_notices
 

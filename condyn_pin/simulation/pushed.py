@@ -12,9 +12,9 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.applied_force import AppliedForce
+from condyn_pin.constraints.loads import Loads
 from condyn_pin.dynamics.derivatives.loads import load_partial
-from condyn_pin.model.applied_force import AppliedForce
-from condyn_pin.model.loads import Loads
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.slopes import Slopes
 from condyn_pin.simulation.torques import Applied

@@ -16,11 +16,11 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.errors import CondynError, InvalidArgument
 from condyn_pin._core.knobs import check_called
+from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.constraints.rows.bound import is_scalar
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solvers.base import Solver
-from condyn_pin.model.applied_force import AppliedForce
 from condyn_pin.simulation.driver import Driver
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Ended, Event, PiledUp

@@ -9,7 +9,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.constraints import Loop
-from condyn_pin.dynamics.gaps import Gap
+from condyn_pin.constraints.gap import Gap
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.viewing import meshes
 from condyn_pin.viewing.labels import label

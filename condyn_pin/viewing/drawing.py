@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.dynamics.gaps import Gap
+from condyn_pin.constraints.gap import Gap
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.model.robot import Robot
 from condyn_pin.viewing import palette, three

@@ -10,10 +10,11 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.gap import Gap
 from condyn_pin.constraints.rows.bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.force import ConstraintForce
-from condyn_pin.dynamics.gaps import Gap, gaps
+from condyn_pin.dynamics.gaps import gaps
 from condyn_pin.dynamics.scene import Scene
 
 

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.gap import Gap
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.force import Sites
-from condyn_pin.dynamics.gaps import Gap, gaps
+from condyn_pin.dynamics.gaps import gaps
 from condyn_pin.simulation.recorder import Phase
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.viewing import three

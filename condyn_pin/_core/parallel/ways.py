@@ -15,21 +15,26 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from condyn_pin._core.parallel.chunks import IN_FLIGHT
 from condyn_pin._core.parallel.memory import Address, Arrays, Kind, Kinds, SharedArrays
-from condyn_pin.dynamics.workspace import Workspace
-from condyn_pin.simulation.batch.recipe import Recipe
 
 # What there is to say of some rows, by their place in the chunk: most have nothing.
 Words = dict[int, str]
 
 # It writes every number of its outputs, where those of another chunk may have been, and returns
 # words. To travel to workers it has to pickle: a function of a module, or a partial of one.
-Kernel = Callable[[Workspace, Arrays, Arrays], Words]
+Kernel = Callable[[Any, Arrays, Arrays], Words]
+
+
+class Recipe(Protocol):
+    """What makes the workspace of a kernel where it is needed; it pickles."""
+
+    def workspace(self) -> Any:
+        """Return the workspace of this thread, made when it is first asked for."""
 
 
 class Way(ABC):
@@ -61,9 +66,7 @@ class Way(ABC):
 class InPlace(Way):
     """In this process: there is nothing to send."""
 
-    def __init__(
-        self, kernel: Kernel, workspace: Workspace, inputs: Arrays, outputs: Arrays
-    ) -> None:
+    def __init__(self, kernel: Kernel, workspace: Any, inputs: Arrays, outputs: Arrays) -> None:
         self.work = partial(_fill, kernel, lambda: workspace, inputs, outputs)
 
     def send(self, rows: slice, place: int) -> slice:
@@ -193,7 +196,7 @@ class _OnCopies:
 
 def _fill(
     kernel: Kernel,
-    workspace: Callable[[], Workspace],
+    workspace: Callable[[], Any],
     inputs: Arrays,
     outputs: Arrays,
     rows: slice,

@@ -18,6 +18,7 @@ import numpy as np
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.loads import Load
 from condyn_pin.constraints.rows.bound import FRAME, POINT, AnyBound, Bound, Coupled, Rolled
 from condyn_pin.constraints.rows.couplings import Couplings
 from condyn_pin.constraints.rows.cut_joints import CutJoints
@@ -30,7 +31,6 @@ from condyn_pin.constraints.rows.rods import Rods
 from condyn_pin.constraints.rows.rolling import Rolling, touching
 from condyn_pin.constraints.rows.sorting import sorted_by_rows
 from condyn_pin.constraints.rows.terms import Terms
-from condyn_pin.model.loads import Load
 
 # bound once: these are called in every proof, which is to cost little more than they do
 _rnea, _crba, _bias = pin.rnea, pin.crba, pin.nonLinearEffects

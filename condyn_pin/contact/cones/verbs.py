@@ -6,7 +6,7 @@ Contacts stay bilateral: a cone is judged here, and enforced nowhere.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,22 +20,11 @@ from condyn_pin.contact.cones.margin import FAULTS, ConeRows, Margin
 from condyn_pin.dynamics.force import presses, upward
 from condyn_pin.dynamics.kept import equations_of
 from condyn_pin.dynamics.scene import Scene, check_scene
-from condyn_pin.simulation.trajectory import Trajectory
 
-if TYPE_CHECKING:
-    from condyn_pin.control.inverse import InverseDynamics
-    from condyn_pin.dynamics.impacts import Impact
-    from condyn_pin.dynamics.solution import Solution
-    from condyn_pin.simulation.batch.solution import BatchSolution
-    from condyn_pin.simulation.batch.trajectory import BatchTrajectory
-
-Answer: TypeAlias = (
-    "Solution | BatchSolution | Trajectory | BatchTrajectory | InverseDynamics | Impact"
-)
 Cones: TypeAlias = Cone | Mapping[str, Cone]
 
 
-def margins(answer: Answer, cones: Cones) -> dict[str, Margin]:
+def margins(answer: Any, cones: Cones) -> dict[str, Margin]:
     """Judge the contact forces of an answer, or of a motion, by friction cones.
 
     Parameters
@@ -63,7 +52,7 @@ def margins(answer: Answer, cones: Cones) -> dict[str, Margin]:
     -----
     Costs half a millisecond, and for many states tens of microseconds each.
     """
-    if isinstance(answer, Trajectory):
+    if hasattr(answer, "phases"):  # a motion, in which contacts come and go
         return _margins_of_motion(answer, cones)
     at: Any = getattr(answer, "samples", answer)  # of a batch of motions
     if not (hasattr(answer, "scene") and hasattr(at, "q") and hasattr(at, "lam")):
@@ -120,7 +109,7 @@ def _margins(scene: Scene, q: Array, lam: Array, noise: Array, cones: Cones) -> 
     }
 
 
-def _margins_of_motion(motion: Trajectory, cones: Cones) -> dict[str, Margin]:
+def _margins_of_motion(motion: Any, cones: Cones) -> dict[str, Margin]:
     """Return margins for each sample, infinite while a contact is away."""
     _check(cones, [phase.scene for phase in motion.phases])
     noise = np.full(len(motion), _noise(motion.lam, axis=None))

@@ -15,9 +15,9 @@ from condyn_pin._core.errors import CondynError, InvalidModel
 from condyn_pin._core.files.text import parse_toml, read_text
 from condyn_pin._core.names import few
 from condyn_pin.constraints.constraints import Constraint, Coupling, Loop
+from condyn_pin.constraints.gap import gap_of
 from condyn_pin.constraints.rows.binding import bind
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.dynamics.gaps import gap_of
 from condyn_pin.io.manifest.entries import FOR_SDF, check_card, contacts_of, loops_of, said
 from condyn_pin.io.manifest.folders import description_file
 from condyn_pin.io.manifest.postures import posture, srdf_postures
@@ -25,7 +25,7 @@ from condyn_pin.io.manifest.variants import chosen_card
 from condyn_pin.io.mjcf import read_mjcf
 from condyn_pin.io.sdf import read_sdf
 from condyn_pin.io.urdf import check_root_joint, read_urdf
-from condyn_pin.mechanism.limits import Limits
+from condyn_pin.model.limits import Limits
 from condyn_pin.model.lock import lock_joints
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.spring import Spring

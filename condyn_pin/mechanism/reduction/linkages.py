@@ -30,8 +30,8 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.frames import rows_of
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
-from condyn_pin.mechanism.reduction.smaller_robot import free_flyers, sifted, smaller_robot
 from condyn_pin.model.robot import Robot
+from condyn_pin.model.smaller_robot import free_flyers, sifted, smaller_robot
 
 
 def without_linkage(scene: Scene, loops: Sequence[str], joints: Sequence[str]) -> ReducedScene:

@@ -24,7 +24,7 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.errors import CondynError, InvalidArgument, NotAssembled
 from condyn_pin._core.joints import indices
-from condyn_pin._core.timing import State, time_trials, trial
+from condyn_pin._core.timing import State
 from condyn_pin.dynamics.catalogue import motor_torque
 from condyn_pin.dynamics.choice import default_solver
 from condyn_pin.dynamics.scene import Scene
@@ -33,9 +33,10 @@ from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.mechanism.reduction.minimal_report import Minimal, Step
 from condyn_pin.mechanism.reduction.price import Errors, answers, compare, watched_joints
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
-from condyn_pin.mechanism.reduction.smaller_robot import free_flyers
 from condyn_pin.mechanism.reduction.suggestions import Suggestion, suggestions
+from condyn_pin.mechanism.reduction.trials import time_trials, trial
 from condyn_pin.model.robot import Robot
+from condyn_pin.model.smaller_robot import free_flyers
 
 _SAMPLES = 10  # states that simplifications are chosen by
 _FRESH = 50  # states that the result is judged by

@@ -24,9 +24,9 @@ from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.joints import Indices, indices
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.mechanism.reduction.smaller_robot import sides
 from condyn_pin.mechanism.summary import Summary
 from condyn_pin.model.robot import Robot
+from condyn_pin.model.smaller_robot import sides
 
 
 @dataclass(frozen=True, kw_only=True)

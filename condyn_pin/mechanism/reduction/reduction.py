@@ -19,7 +19,7 @@ from condyn_pin._core.names import checked, listed
 from condyn_pin.constraints.constraints import Coupling
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
-from condyn_pin.mechanism.reduction.smaller_robot import free_flyers, sifted, smaller_robot
+from condyn_pin.model.smaller_robot import free_flyers, sifted, smaller_robot
 
 
 def lock(scene: Scene, joints: Sequence[str], q: ArrayLike | None = None) -> ReducedScene:

@@ -30,8 +30,8 @@ from condyn_pin.constraints.constraints import Constraint, Loop
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.mechanism.reduction.linkages import check_passive
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
-from condyn_pin.mechanism.reduction.smaller_robot import sides, smaller_robot
 from condyn_pin.model.robot import Robot
+from condyn_pin.model.smaller_robot import sides, smaller_robot
 
 RodMass = Literal["ends", "drop"]
 

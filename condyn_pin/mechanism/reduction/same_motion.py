@@ -26,7 +26,7 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.reference import Reference
-from condyn_pin.mechanism.reduction.smaller_robot import free_flyers
+from condyn_pin.model.smaller_robot import free_flyers
 from condyn_pin.model.soundness import singular_mass
 from condyn_pin.model.spring import Spring
 

@@ -20,7 +20,7 @@ from condyn_pin.mechanism.reduction.merging import merge_points
 from condyn_pin.mechanism.reduction.planar import as_planar
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene
 from condyn_pin.mechanism.reduction.rods import is_rod
-from condyn_pin.mechanism.reduction.smaller_robot import free_flyers, sides
+from condyn_pin.model.smaller_robot import free_flyers, sides
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from condyn_pin._core.parallel.memory import Arrays
-from condyn_pin.model.applied_force import AppliedForce, applied_forces
+from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.model.robot import Robot
 
 

@@ -17,11 +17,11 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import NotAssembled, SolveFailed, StepFailed
 from condyn_pin._core.parallel.memory import Arrays, Kind
 from condyn_pin._core.parallel.ways import Words
+from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
-from condyn_pin.model.applied_force import AppliedForce
 from condyn_pin.simulation.batch.forces import RowForces
 from condyn_pin.simulation.batch.trajectory import RUN_STATUSES
 from condyn_pin.simulation.integrators import Integrator

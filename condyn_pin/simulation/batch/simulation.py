@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core.parallel.chunks import Progress, silent
 from condyn_pin._core.parallel.memory import Arrays
+from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
-from condyn_pin.model.applied_force import AppliedForce
 from condyn_pin.simulation.batch.forces import split
 from condyn_pin.simulation.batch.motions import Motions, of_ends, of_samples, samples_of
 from condyn_pin.simulation.batch.rows import Rows

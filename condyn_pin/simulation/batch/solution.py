@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.errors import WorkersLost
 from condyn_pin._core.parallel.outcome import MISSING, Outcome
+from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.dynamics.proof import Proof
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Solution, Status
-from condyn_pin.model.applied_force import AppliedForce
 
 # A status as a number is its place here.
 STATUSES: Final = tuple(Status)

@@ -18,6 +18,7 @@ from condyn_pin._core.knobs import check_accuracy_of_a, check_count
 from condyn_pin._core.parallel.chunks import Progress, silent
 from condyn_pin._core.parallel.memory import Arrays, Kind
 from condyn_pin._core.parallel.ways import Words
+from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.dynamics.derivatives import METHODS
 from condyn_pin.dynamics.derivatives.check import BLOCKS
@@ -25,7 +26,6 @@ from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
-from condyn_pin.model.applied_force import AppliedForce
 from condyn_pin.simulation.batch.derivatives import BatchDerivatives
 from condyn_pin.simulation.batch.forces import RowForces, split
 from condyn_pin.simulation.batch.rows import Rows

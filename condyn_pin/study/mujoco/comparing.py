@@ -23,8 +23,9 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.linalg.numerical_rank import counted
 from condyn_pin._core.names import listed
+from condyn_pin.constraints.gap import Gap
 from condyn_pin.constraints.rows.terms import Terms
-from condyn_pin.dynamics.gaps import Gap, gaps
+from condyn_pin.dynamics.gaps import gaps
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.study.mujoco.causes import causes

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.dynamics.gaps import Gap
+from condyn_pin.constraints.gap import Gap
 
 if TYPE_CHECKING:
     from condyn_pin.study.mujoco.mujoco_bridge import MujocoBridge

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import lengths
-from condyn_pin.dynamics.gaps import Gap
+from condyn_pin.constraints.gap import Gap
 
 
 @dataclass(frozen=True, eq=False)

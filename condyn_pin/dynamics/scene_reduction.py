@@ -1,4 +1,8 @@
-"""The methods of a scene that return a smaller one; each module of this package has one in full."""
+"""The methods of a scene that return a smaller one.
+
+Each is found by a module of `mechanism.reduction`, which stands above: it is imported when it is
+called.
+"""
 
 from __future__ import annotations
 

@@ -18,10 +18,10 @@ from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.joints import turning
-from condyn_pin.model.applied_force import AppliedForce
+from condyn_pin.constraints.applied_force import AppliedForce
 
 if TYPE_CHECKING:
-    from condyn_pin.model.robot import Robot
+    from condyn_pin.constraints.rows.binding import Machine
 
 _ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
@@ -74,12 +74,12 @@ class Loads:
 
     Parameters
     ----------
-    robot : Robot
+    robot : Robot, or what has frames by name
     model, data : pin.Model, pin.Data
         The model, or one that moves like it. The data is written to.
     """
 
-    def __init__(self, robot: Robot, model: Any, data: Any) -> None:
+    def __init__(self, robot: Machine, model: Any, data: Any) -> None:
         self._robot, self.model, self.data = robot, model, data
         self._places: dict[str, Place] = {}  # to look through all frames takes its time
 

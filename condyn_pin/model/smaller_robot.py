@@ -10,8 +10,8 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import UnknownName, unknown_name
 from condyn_pin._core.joints import indices
 from condyn_pin.constraints.constraints import Constraint, Coupling, Loop
-from condyn_pin.mechanism.reduction.smaller_tree import smaller_tree
 from condyn_pin.model.robot import Robot
+from condyn_pin.model.smaller_tree import smaller_tree
 from condyn_pin.model.spring import SpringDamper
 
 _AnyConstraint = TypeVar("_AnyConstraint", bound=Constraint)

@@ -1,4 +1,7 @@
-"""The methods of a scene that return its states; each module of this package has one in full."""
+"""The methods of a scene that return its states.
+
+Each is found by a module of `mechanism`, which stands above: it is imported when it is called.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +15,13 @@ from numpy.typing import ArrayLike
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument, unknown_name
-from condyn_pin.mechanism.assembly import assemble, assemble_posture
-from condyn_pin.mechanism.assembly_report import Assembly
-from condyn_pin.mechanism.check import Check, check
-from condyn_pin.mechanism.completion import CompleteState, complete_state
-from condyn_pin.mechanism.projection import Metric, project_acceleration, project_velocity
-from condyn_pin.mechanism.sampling import sample
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
+    from condyn_pin.mechanism.assembly_report import Assembly
+    from condyn_pin.mechanism.check import Check
+    from condyn_pin.mechanism.completion import CompleteState
+    from condyn_pin.mechanism.projection import Metric
 
 
 class States:
@@ -67,6 +68,8 @@ class States:
             If the loops cannot be closed from there; the text says which one is open, and how far.
         """
         self._scene.robot.check_unedited()
+        from condyn_pin.mechanism.assembly import assemble_posture
+
         q = assemble_posture(self._scene, self.guess(posture)).q
         return q, np.zeros(self._scene.robot.nv)
 
@@ -104,6 +107,8 @@ class States:
         BranchChanged
             If they are closed on the other side of a dead point; its `assembly` is there.
         """
+        from condyn_pin.mechanism.assembly import assemble
+
         return assemble(
             self._scene, q0, fixed=fixed, within_limits=within_limits, branch=branch, throw=throw
         )
@@ -129,6 +134,8 @@ class States:
         NotAssembled
             If the loops cannot be closed at the nominal state, or from none of 50 random guesses.
         """
+        from condyn_pin.mechanism.sampling import sample
+
         return sample(self._scene, rng, spread, speed)
 
     def sample_batch(
@@ -169,7 +176,7 @@ class States:
         WorkersLost
             As in `solve_batch`.
         """
-        from condyn_pin.simulation.batch.sampling import sample_batch  # it needs this module
+        from condyn_pin.simulation.batch.sampling import sample_batch
 
         return sample_batch(self._scene, n, rng, spread, speed, executor)
 
@@ -190,6 +197,8 @@ class States:
             If a loop is open by more than 1e-4 m or rad, or by less but no velocity satisfies its
             rows there; the text names it.
         """
+        from condyn_pin.mechanism.projection import project_velocity
+
         return project_velocity(self._scene, q, v, metric)
 
     def project_acceleration(
@@ -212,6 +221,8 @@ class States:
         NotAssembled
             As `project_velocity`; also if v does not fit and no acceleration satisfies its rows.
         """
+        from condyn_pin.mechanism.projection import project_acceleration
+
         return project_acceleration(self._scene, q, v, a, metric)
 
     def complete_state(
@@ -247,8 +258,12 @@ class States:
         BranchChanged
             If a dead point lies on the way, whether or not the loops close beyond it.
         """
+        from condyn_pin.mechanism.completion import complete_state
+
         return complete_state(self._scene, q_actuated, v_actuated, near, within_limits)
 
     def check(self, q: ArrayLike, v: ArrayLike | None = None) -> Check:
         """Return how far each loop is open at q, and which constraints slip with v."""
+        from condyn_pin.mechanism.check import check
+
         return check(self._scene, q, v)
