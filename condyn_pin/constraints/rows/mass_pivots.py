@@ -10,6 +10,7 @@ links without inertia hold hinges in the place of a ball, and two of the axes me
 
 from __future__ import annotations
 
+from math import isnan
 from typing import Any, Final
 
 import numpy as np
@@ -48,8 +49,8 @@ class MassPivots:
 
         Accelerations are off by 1 over it times what an estimate at the nominal state says.
         """
-        shares = pivots(M)[self._watched] / self._nominal
-        return float(np.nan_to_num(shares, nan=0.0).min(initial=1.0))
+        least = float((pivots(M)[self._watched] / self._nominal).min(initial=1.0))
+        return 0.0 if isnan(least) else least
 
 
 def pivots(M: Array) -> Array:
