@@ -91,7 +91,7 @@ from condyn_pin.rows.terms import Terms as Terms
 from condyn_pin.scene import Scene as Scene
 from condyn_pin.simulation.effects import Effects as Effects
 from condyn_pin.simulation.events import Event as Event
-from condyn_pin.simulation.events import Moment as Moment
+from condyn_pin.simulation.events import Snapshot as Snapshot
 from condyn_pin.simulation.integrators import INTEGRATORS as INTEGRATORS
 from condyn_pin.simulation.integrators import Integrator as Integrator
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince as DormandPrince

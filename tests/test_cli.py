@@ -281,27 +281,27 @@ def test_ctrl_c_keeps_the_runs_of_the_pendulum(monkeypatch):
 
 @pytest.mark.parametrize("words", [("simulate", "four_bar"), ("problem", "A01")])
 def test_ctrl_c_keeps_the_motion_so_far(words, monkeypatch):
-    from condyn_pin.simulation.driver import Driver
+    from condyn_pin.simulation.hybrid_simulator import HybridSimulator
 
-    whole = Driver.run
+    whole = HybridSimulator.run
 
     def interrupted(self, steps, *rest):
         whole(self, 3, *rest)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Driver, "run", interrupted)
+    monkeypatch.setattr(HybridSimulator, "run", interrupted)
     result = run(*words)
     assert result.exit_code == 130
     assert "interrupted after t = " in result.output
 
 
 def test_ctrl_c_in_one_motion_stops_the_whole_study(monkeypatch):
-    from condyn_pin.simulation.driver import Driver
+    from condyn_pin.simulation.hybrid_simulator import HybridSimulator
 
     def interrupted(self, *_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Driver, "run", interrupted)
+    monkeypatch.setattr(HybridSimulator, "run", interrupted)
     study = cp.Study("four_bar", [cp.NullSpace()], states=2, measure="trajectory")
     with pytest.raises(cp.Interrupted):
         study.run()
