@@ -10,8 +10,8 @@
        |              stage after stage
     System            tau, and by the solver a of M a + h = tau + J^T lam, J a + gamma = a_ref
 
-Each knows the one below it only. Integrators, drift schemes and solvers are frozen values; they
-come in as functions, bound to the memory of one system: `Stepper`, `Correction`, `Method`.
+Integrators, drift schemes and solvers are frozen values: they come in as functions, bound to
+the memory of one system: `Stepper`, `Correction`, `Method`.
 """
 
 from __future__ import annotations

@@ -51,8 +51,8 @@ class System:
 
     Attributes
     ----------
-    model : pin.Model
-        The workspace's own.
+    workspace, model, manifold : Workspace, pin.Model, Manifold
+        The last two are the workspace's own.
     passive : Passive
         Springs and damping, those that are on.
     applied, torque : callable
