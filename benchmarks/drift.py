@@ -41,7 +41,7 @@ from condyn_pin._core.machine import machine
 from condyn_pin.lab.contest import contest
 from condyn_pin.lab.laboratory import errors, gap_growth
 from condyn_pin.lab.plots_drift import save_laboratory, title
-from condyn_pin.simulation.walls import wall
+from condyn_pin.simulation.stability_limit import stability_limit
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.system import System
@@ -182,6 +182,12 @@ class Squared:
         """Return r moved by a step."""
         return r + step
 
+    def slope(
+        self, t: float, r0: np.ndarray, theta: np.ndarray, v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rates of r and v."""
+        return v, self.acceleration(t, self.integrate(r0, theta), v)
+
     def rate(self, theta: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the rate of r."""
         return v
@@ -284,7 +290,7 @@ def long_runs(steps: int) -> dict[str, Any]:
     found = contest(1e-2, steps)
     save_laboratory(growths, (SEMI, RK4), found, RESULTS / "drift.png")
     return {
-        "walls": {i.title: wall(i) for i in (cp.ExplicitEuler(), SEMI, RK4)},
+        "walls": {i.title: stability_limit(i) for i in (cp.ExplicitEuler(), SEMI, RK4)},
         "growth": {name: growth.power for name, growth in growths.items()},
         "contest": [
             {"label": title(one), "dt": one.dt, "steps": steps, "area": one.area}

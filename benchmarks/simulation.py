@@ -17,9 +17,8 @@ import condyn_pin as cp
 from condyn_pin._core.machine import machine
 from condyn_pin._core.timing import interleaved
 from condyn_pin.simulation.anchoring import anchored
-from condyn_pin.simulation.defaults import default_drift
-from condyn_pin.simulation.leg import Leg, Method
-from condyn_pin.simulation.torques import Applied
+from condyn_pin.simulation.hybrid_phase import HybridPhase
+from condyn_pin.simulation.plan import plan
 
 DT = 1e-3  # [s]
 
@@ -63,10 +62,12 @@ def steps(
     scene: cp.Scene, q: np.ndarray, v: np.ndarray, integrator: cp.Integrator
 ) -> Callable[..., object]:
     """Return a step as `simulate` takes it, its sample kept."""
-    drift = default_drift(scene, integrator, None)
-    leg = Leg(scene, Method(Applied(len(v), 0.0), DT, integrator, drift, None, cp.Effects()))
-    leg.begin(0.0, q, v)
-    return lambda q, v, tau: leg.step(0.0, q, v, 0, 1)
+    planned = plan(
+        scene, 0.0, duration=DT, dt=DT, integrator=integrator, drift=None, solver=None, record=1
+    )
+    phase = HybridPhase(scene, planned)
+    phase.begin(0.0, q, v)
+    return lambda q, v, tau: phase.step(0.0, q, v, 0)
 
 
 if __name__ == "__main__":

@@ -123,7 +123,7 @@ def ours(problem: Problem, integrator: Any, drift: Any, dt: float) -> tuple[Row,
     whole = planned(problem.duration, max(round(SAMPLED / dt), 1))
     begun = thread_time()
     try:
-        found, leg = follow(whole, problem.q, problem.v)
+        found, phase = follow(whole, problem.q, problem.v)
     except cp.StepFailed as failed:
         print(f"{problem.name}: not even the first step: {failed}")
         return None
@@ -133,9 +133,9 @@ def ours(problem: Problem, integrator: Any, drift: Any, dt: float) -> tuple[Row,
     part = planned(steps * dt, steps)
 
     def block() -> float:
-        nonlocal leg
+        nonlocal phase
         begun = thread_time()
-        _, leg = follow(part, problem.q, problem.v, leg=leg)
+        _, phase = follow(part, problem.q, problem.v, phase=phase)
         return 1e3 * (thread_time() - begun) / (steps * dt)
 
     chosen = whole.method.drift

@@ -12,6 +12,7 @@ import ast
 from importlib import import_module
 from pathlib import Path
 from typing import Any
+from warnings import warn
 
 __version__ = "0.2.0"
 
@@ -25,10 +26,17 @@ def _modules() -> dict[str, str]:
 
 _MODULE_OF = _modules()
 
+# Names of the last version and what they are now; they go with the next.
+_RENAMED = {"Moment": "Snapshot"}
+
 __all__ = sorted(_MODULE_OF)
 
 
 def __getattr__(name: str) -> Any:
+    if name in _RENAMED:
+        now = _RENAMED[name]
+        warn(f"condyn_pin.{name} is condyn_pin.{now} now", DeprecationWarning, stacklevel=2)
+        return globals()[now] if now in globals() else __getattr__(now)
     if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(import_module(_MODULE_OF[name]), name)

@@ -128,7 +128,7 @@ from condyn_pin.simulation.drift.post_stabilization import PostStabilization as 
 from condyn_pin.simulation.drift.projection import Projection as Projection
 from condyn_pin.simulation.effects import Effects as Effects
 from condyn_pin.simulation.events import Event as Event
-from condyn_pin.simulation.events import Moment as Moment
+from condyn_pin.simulation.events import Snapshot as Snapshot
 from condyn_pin.simulation.integrators import INTEGRATORS as INTEGRATORS
 from condyn_pin.simulation.integrators import Integrator as Integrator
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince as DormandPrince

@@ -11,7 +11,7 @@ import condyn_pin as cp
 from condyn_pin.lab.contest import contest
 from condyn_pin.lab.laboratory import area, gap_growth, rod_pendulum
 from condyn_pin.lab.plots_drift import save_laboratory, title
-from condyn_pin.simulation.walls import wall
+from condyn_pin.simulation.stability_limit import stability_limit
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--plot", help="draw it into this file")
@@ -39,7 +39,8 @@ for name, growth in growths.items():
 
 # 2. Baumgarte pulls the gap back like a spring. A spring that is too stiff for the step explodes.
 euler = cp.SemiImplicitEuler()
-print(f"\nsemi-implicit Euler: alpha dt below {wall(euler):.4f}, theory {2 * np.sqrt(2) - 2:.4f}")
+limit, theory = stability_limit(euler), 2 * np.sqrt(2) - 2
+print(f"\nsemi-implicit Euler: alpha dt below {limit:.4f}, theory {theory:.4f}")
 popular = cp.Baumgarte(1e3, np.sqrt(2) * 1e3)  # alpha = 1 / dt, beta = sqrt(2) / dt
 try:
     cp.simulate(scene, q, v, duration=1.0, dt=1e-3, integrator=euler, drift=popular)

@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 from contextlib import contextmanager
+from dataclasses import replace
 
 import pytest
 from shared import SOLVERS
@@ -281,27 +282,28 @@ def test_ctrl_c_keeps_the_runs_of_the_pendulum(monkeypatch):
 
 @pytest.mark.parametrize("words", [("simulate", "four_bar"), ("problem", "A01")])
 def test_ctrl_c_keeps_the_motion_so_far(words, monkeypatch):
-    from condyn_pin.simulation.driver import Driver
+    from condyn_pin.simulation.hybrid_simulator import HybridSimulator
 
-    whole = Driver.run
+    whole = HybridSimulator.run
 
-    def interrupted(self, steps, *rest):
-        whole(self, 3, *rest)
+    def interrupted(self, *rest):
+        self.plan = replace(self.plan, steps=3)
+        whole(self, *rest)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Driver, "run", interrupted)
+    monkeypatch.setattr(HybridSimulator, "run", interrupted)
     result = run(*words)
     assert result.exit_code == 130
     assert "interrupted after t = " in result.output
 
 
 def test_ctrl_c_in_one_motion_stops_the_whole_study(monkeypatch):
-    from condyn_pin.simulation.driver import Driver
+    from condyn_pin.simulation.hybrid_simulator import HybridSimulator
 
     def interrupted(self, *_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Driver, "run", interrupted)
+    monkeypatch.setattr(HybridSimulator, "run", interrupted)
     study = cp.Study("four_bar", [cp.NullSpace()], states=2, measure="trajectory")
     with pytest.raises(cp.Interrupted):
         study.run()

@@ -20,7 +20,8 @@ from condyn_pin.simulation.drift.projection import Projection
 from condyn_pin.simulation.integrators import INTEGRATORS, dormand_prince
 from condyn_pin.simulation.integrators.generalised_alpha import GeneralisedAlpha
 from condyn_pin.simulation.measures import work
-from condyn_pin.simulation.walls import growth, is_beyond, wall
+from condyn_pin.simulation.stability_limit import growth, is_beyond, stability_limit
+from condyn_pin.simulation.system import System
 
 G = 9.81
 
@@ -234,10 +235,8 @@ def test_leapfrog_keeps_an_oscillation_up_to_its_limit(omega_dt, stable):
 )
 def test_one_solve_a_step(monkeypatch, integrator, more):
     calls = []
-    solve = cp.Workspace.next_acceleration
-    monkeypatch.setattr(
-        cp.Workspace, "next_acceleration", lambda *given: calls.append(1) or solve(*given)
-    )
+    solve = System.solve
+    monkeypatch.setattr(System, "solve", lambda *given: calls.append(1) or solve(*given))
     scene, q, v = bar()
     cp.simulate(
         scene, q, v, duration=0.1, integrator=integrator, drift=cp.NoDrift(), record=100
@@ -378,10 +377,10 @@ def test_growth_of_gaps_that_nothing_closes(integrator, dt, power):
 
 
 def test_walls_are_those_of_linear_theory():
-    assert wall(cp.ExplicitEuler()) == pytest.approx(2.0, abs=2e-4)
-    assert wall(cp.SemiImplicitEuler()) == pytest.approx(2 * np.sqrt(2) - 2, abs=2e-4)
-    assert wall(cp.RungeKutta4()) == pytest.approx(2.7853, abs=2e-4)
-    assert wall(cp.DormandPrince()) == np.inf
+    assert stability_limit(cp.ExplicitEuler()) == pytest.approx(2.0, abs=2e-4)
+    assert stability_limit(cp.SemiImplicitEuler()) == pytest.approx(2 * np.sqrt(2) - 2, abs=2e-4)
+    assert stability_limit(cp.RungeKutta4()) == pytest.approx(2.7853, abs=2e-4)
+    assert stability_limit(cp.DormandPrince()) == np.inf
     popular = cp.Baumgarte(1e3, np.sqrt(2) * 1e3)  # Taylor's rule
     assert growth(cp.SemiImplicitEuler(), popular, 1e-3) == pytest.approx(1 + np.sqrt(2))
     assert growth(cp.ExplicitEuler(), popular, 1e-3) == pytest.approx(1.0)
@@ -407,7 +406,7 @@ def test_the_wall_is_where_gaps_grow(share, stable):
 def test_torques_of_a_function_that_are_stiff():
     """Springs and dampers that the integrator does not know of, as its docstring says."""
     middle = cp.LinearlyImplicitMidpoint()
-    assert 2 * wall(middle, beta_per_alpha=0.0) == pytest.approx(1.0, abs=2e-4)
+    assert 2 * stability_limit(middle, beta_per_alpha=0.0) == pytest.approx(1.0, abs=2e-4)
     oscillating = [growth(middle, cp.Baumgarte(0.0, omega), 1.0) for omega in (0.1, 1.4, 1.42)]
     assert 1 - 1e-4 < oscillating[0] < 1.0
     assert oscillating[1] < 1.0 < oscillating[2]
@@ -416,12 +415,12 @@ def test_torques_of_a_function_that_are_stiff():
 @pytest.mark.parametrize("integrator", [cp.Leapfrog(), cp.LinearlyImplicitMidpoint()], ids=repr)
 @pytest.mark.parametrize(("share", "stable"), [(0.95, True), (1.05, False)])
 def test_the_wall_of_integrators_that_remember_a_step(integrator, share, stable, monkeypatch):
-    monkeypatch.setattr("condyn_pin.simulation.plan.check_wall", lambda *_: None)
+    monkeypatch.setattr("condyn_pin.simulation.plan.check_stability_limit", lambda *_: None)
     scene, q, v = rod_pendulum()
     dt = 1e-2
     found = cp.simulate(
         scene, q, v, duration=20.0, dt=dt, integrator=integrator,
-        drift=cp.Baumgarte.critical(share * wall(integrator) / dt),
+        drift=cp.Baumgarte.critical(share * stability_limit(integrator) / dt),
     )  # fmt: skip
     assert (found.status.ok and found.violation.max() < 0.1) == stable
 
@@ -486,7 +485,7 @@ def test_gains_at_the_wall_are_refused(integrator, alpha, beta):
 def test_the_walls_of_all_integrators_are_open(name):
     """What is refused begins at the wall that is told, whatever it is."""
     integrator = cp.INTEGRATORS[name]()
-    limit = wall(integrator)
+    limit = stability_limit(integrator)
     assert is_beyond(integrator, cp.Baumgarte.critical(limit + 2e-4), 1.0)
     assert not is_beyond(integrator, cp.Baumgarte.critical(limit - 2e-4), 1.0)
     for slow in (1e-9, 1e-6, 1e-3):  # gains that hardly do anything are no walls

@@ -10,7 +10,7 @@ import pytest
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin.simulation.leg import Leg
+from condyn_pin.simulation.hybrid_phase import HybridPhase
 
 N, DURATION = 5, 0.05
 
@@ -142,8 +142,8 @@ def test_float32_is_taken_in_double_precision():
 
 def test_what_motions_share_is_made_once(monkeypatch):
     made = []
-    start = Leg.__init__
-    monkeypatch.setattr(Leg, "__init__", lambda *given: made.append(1) or start(*given))
+    start = HybridPhase.__init__
+    monkeypatch.setattr(HybridPhase, "__init__", lambda *given: made.append(1) or start(*given))
     scene = cp.Scene(robot("four_bar"), robot("four_bar").loops)
     Q, V = states(scene)
     options = {"duration": DURATION, "integrator": cp.SemiImplicitEuler()}

@@ -17,7 +17,8 @@ from viewed import drawing
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.model.spring_dampers import SpringDampers
-from condyn_pin.simulation.system import System, with_rows
+from condyn_pin.simulation.implicit import with_rows
+from condyn_pin.simulation.system import System
 from condyn_pin.simulation.torques import Passive
 from condyn_pin.study.fingerprint import fingerprint
 
@@ -266,7 +267,7 @@ def test_the_implicit_system_solves_its_equations(label):
     tau = np.linspace(-1, 1, made.nv)
     system = System(cp.Workspace(scene), tau)
     found = system.implicit(dt).acceleration(0.0, q, v)
-    terms, passive = system.terms(q, v), system.passive
+    terms, passive = system.equations.terms(q, v), system.passive
     K, D = passive.stiffness_matrix(q), passive.damping_matrix(q)
     assert np.abs(K - K.T).max() <= 1e-12 * np.abs(K).max()
     assert np.linalg.eigvalsh(K).min() > -1e-9 * np.abs(K).max()

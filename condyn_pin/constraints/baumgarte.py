@@ -36,7 +36,9 @@ class Baumgarte(Drift):
 
     title: ClassVar[str] = "Baumgarte"
     cost: ClassVar[str] = "two products a row"
-    use: ClassVar[str] = "to compare, and in solve; gains far from the wall of the integrator"
+    use: ClassVar[str] = (
+        "to compare, and in solve; gains far from the stability limit of the integrator"
+    )
 
     alpha: float  # [1/s]
     beta: float  # [1/s]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import warnings
 from collections.abc import Sequence
 from functools import cached_property, partial
 from threading import get_ident
@@ -41,8 +42,8 @@ from condyn_pin.dynamics.solvers.base import Singular, Solver
 from condyn_pin.model.soundness import massless_motion
 
 # No acceleration of a machine: what is larger is looked at entry by entry.
-_LARGEST: Final = 1e100
-_SMALLEST: Final = -1e100
+LARGEST: Final = 1e100
+SMALLEST: Final = -1e100
 
 _OK = Status.OK
 
@@ -99,7 +100,7 @@ class Workspace(OneThread):
         self.model = pin.Model(scene.robot.model)
         self._arguments = Arguments(self.model)
         self._quaternions, self._pairs = self._arguments.quaternions, self._arguments.pairs
-        self._roots = tuple(
+        self.roots = tuple(
             int(joint.idx_v)
             for joint, parent in zip(self.model.joints, self.model.parents, strict=True)
             if parent == 0 and joint.idx_v >= 0
@@ -125,6 +126,7 @@ class Workspace(OneThread):
         for made_on_demand in ("_made", "equations", "linearisation", "loads"):
             self.__dict__.pop(made_on_demand, None)
         method = self.solver.start(self)
+        self.bound = method  # what a simulation calls in every stage of a step
         self._run, self._lam = method.acceleration, method.lam
         self._judge = Judge(self, method)
 
@@ -219,7 +221,7 @@ class Workspace(OneThread):
         """
         if forces is not _NO_FORCES:
             return self._pushed_acceleration(q, v, tau, forces)
-        me, user = get_ident(), self._user  # `alone` and `next_acceleration`, without their calls
+        me, user = get_ident(), self._user  # `alone`, without its call
         if user and user != me:
             raise in_use()
         self._user = self._solved_by = me
@@ -236,12 +238,12 @@ class Workspace(OneThread):
             if not (same or q.dtype == v.dtype == tau.dtype == FLOAT):
                 raise ValueError
             a = self._run(q, v, tau)
-            for i in self._roots:
-                if not _SMALLEST < a.item(i) < _LARGEST:
+            for i in self.roots:
+                if not SMALLEST < a.item(i) < LARGEST:
                     raise ValueError
             return a
         except (ValueError, TypeError, AttributeError, struct.error, Singular):
-            return self._careful_acceleration(q, v, tau)
+            return self.careful_acceleration(q, v, tau)
         finally:
             self._user = user
 
@@ -253,20 +255,10 @@ class Workspace(OneThread):
         return self.acceleration(q, v, tau + self.loads.at(q, applied_forces(forces)).torque)
 
     def next_acceleration(self, q: Array, v: Array, tau: Array) -> Array:
-        """Return `acceleration` of a state that a step has made of one that was checked.
-
-        `pin.integrate` keeps quaternions normalised, and what is not finite shows in the answer.
-        """
-        try:
-            a = self._run(q, v, tau)
-            # A joint's acceleration depends on everything above it in the tree, and its root's on
-            # everything below: what is not finite anywhere is not finite at a root.
-            for i in self._roots:
-                if not _SMALLEST < a.item(i) < _LARGEST:
-                    raise ValueError
-            return a
-        except (ValueError, TypeError, Singular):
-            return self._careful_acceleration(q, v, tau)
+        """Return `acceleration`, which it forwards to; it goes with the next version."""
+        text = "Workspace.next_acceleration is Workspace.acceleration"
+        warnings.warn(text, DeprecationWarning, stacklevel=2)
+        return self.acceleration(q, v, tau)
 
     def lam(self) -> Array:
         """Return the constraint forces (m,) of the last `acceleration`; owned by the caller."""
@@ -274,7 +266,7 @@ class Workspace(OneThread):
             raise in_use("the last `acceleration` of this Workspace was another thread's")
         return self._lam()
 
-    def _careful_acceleration(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> Array:
+    def careful_acceleration(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> Array:
         """Accept what only needs converting; say what is wrong with anything else."""
         q, v, tau = self._arguments.check(q, v, tau)
         solution = self.solve(q, v, tau, throw=False)
@@ -332,8 +324,8 @@ class Workspace(OneThread):
             solution = self._judge.failed(q_, v_, perf_counter() - start, load)
         else:
             solve_time = perf_counter() - start
-            for i in self._roots:
-                if not _SMALLEST < a.item(i) < _LARGEST:  # the status says it, so numpy need not
+            for i in self.roots:
+                if not SMALLEST < a.item(i) < LARGEST:  # the status says it, so numpy need not
                     with np.errstate(all="ignore"):
                         solution = self._judge.answered(q_, v_, tau_, a, accuracy, solve_time, load)
                     break

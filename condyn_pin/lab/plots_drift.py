@@ -13,7 +13,7 @@ from condyn_pin._core.plots import axes, panels
 from condyn_pin.lab.contest import Contest
 from condyn_pin.lab.laboratory import Growth, stability_map
 from condyn_pin.simulation.integrators import Integrator
-from condyn_pin.simulation.walls import wall
+from condyn_pin.simulation.stability_limit import stability_limit
 
 # Okabe and Ito's colours; the lines tell them apart in print.
 _LINES = ("-", "--", "-.", ":", "-", "--")
@@ -62,7 +62,7 @@ def draw_stability(integrator: Integrator, ax: Any = None, *, points: int = 60) 
     matplotlib axes
     """
     ax = axes(ax)
-    end = 1.3 * wall(integrator)
+    end = 1.3 * stability_limit(integrator)
     alphas, betas = np.linspace(end / points, end, points), np.linspace(end / points, end, points)
     factor = stability_map(integrator, alphas.tolist(), betas.tolist())
     levels = [0.0, 0.25, 0.5, 0.75, 0.9, 1.0]

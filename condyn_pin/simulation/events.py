@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
-    """A state on the way, as the condition of an event sees it.
+class Snapshot:
+    """A snapshot of the motion, as the condition of an event sees it.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class Event:
     at : float, optional
         The time [s].
     when : callable, optional
-        A function of a `Moment`; the event is where it falls from above zero to zero or below,
+        A function of a `Snapshot`; the event is where it falls from above zero to zero or below,
         such as a height or a normal force. It is looked at after every step, unless it would
         change nothing because its scene goes on already: what falls and rises again within one is
         not seen. It happens as often as it falls, by more than 1e-9; what is not above zero has
@@ -109,7 +109,7 @@ class Event:
 
     name: str
     at: float | None = None  # [s]
-    when: Callable[[Moment], float] | None = None
+    when: Callable[[Snapshot], float] | None = None
     scene: Scene | None = None
     met: Scene | None = None
     restitution: Restitution = 0.0
@@ -156,7 +156,7 @@ class Event:
             return f"its condition is {value:.3g} at the end, and has not fallen to zero"
         return f"its condition is {value:.3g} at the end, and has not been above zero"
 
-    def value(self, moment: Moment) -> float:
+    def value(self, moment: Snapshot) -> float:
         """Return, at a `moment`, what falls to zero at the event."""
         if self.at is not None:
             return self.at - moment.t
@@ -213,5 +213,5 @@ class Ended(Exception):
     """An event has ended the run."""
 
 
-class PiledUp(Exception):
-    """An event happens again at once."""
+class ZenoDetected(Exception):
+    """Events follow one another without end, as the rebounds of a ball do."""

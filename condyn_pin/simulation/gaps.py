@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from condyn_pin._core import _pin, tolerances
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin.dynamics.solvers.proximal import Proximal
@@ -45,14 +46,14 @@ class Gaps(Protocol):
         `again` says that these are what the step before has left.
         """
 
-    def moved(self, q: Array, v: Array) -> None:
-        """Take what was found at the last look for that of (q, v), right beside it."""
+    def newton_step(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return q and v one step nearer to the constraints; what was found is taken for theirs."""
 
 
 def gaps_of(system: System, metric: str) -> Gaps:
     """Return the gaps of a system, from what its solver leaves behind if that closes them."""
     solver = system.workspace.solver
-    if metric == "mass" and isinstance(solver, Proximal) and system.m:
+    if metric == "mass" and isinstance(solver, Proximal) and system.scene.rows:
         audit, mu = system.scene.audit, solver.weight(system.scene.audit)
         smallest = float(audit.singular_values[audit.rank - 1]) ** 2 if audit.rank else 0.0
         if solver.mu is None or mu <= _LEFT * smallest:
@@ -71,6 +72,7 @@ class SolvedGaps:
     def __init__(self, system: System, mu: float) -> None:
         workspace = system.workspace
         self._solve, self._carry_over = system.acceleration, system.carry_over
+        self._integrate = system.integrate
         self._workspace, self._mu = workspace, mu
         self._cholesky = _pin.constraint_cholesky(workspace.data)
         natives = workspace.natives.constraints
@@ -100,9 +102,13 @@ class SolvedGaps:
         steps = -self._cholesky.solve(self._rhs)
         return steps[self._m :, 0], steps[self._m :, 1]
 
-    def moved(self, q: Array, v: Array) -> None:
-        """Take the acceleration of the last look for that of (q, v), right beside it."""
+    def newton_step(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return q and v one step nearer; the acceleration of the look counts for them too."""
+        self.look(t, q, v)
+        steps = -self._cholesky.solve(self._rhs)
+        q, v = self._integrate(q, steps[self._m :, 0]), v + steps[self._m :, 1]
         self._carry_over(q, v)
+        return q, v
 
 
 class FactorisedGaps:
@@ -111,7 +117,7 @@ class FactorisedGaps:
     def __init__(self, system: System, metric: str) -> None:
         self._system, self._metric = system, metric
         self._nearest: Array | None = None  # (nv, m), W^-1 J^T G^+
-        self._gaps, self._size = np.zeros((system.m, 2)), 0.0
+        self._gaps, self._size = np.zeros((system.scene.rows, 2)), 0.0
         self._q = self._made_at = np.zeros(0)
 
     def look(self, t: float, q: Array, v: Array) -> Array:
@@ -129,18 +135,21 @@ class FactorisedGaps:
         steps = self._nearest @ self._gaps
         return -steps[:, 0], -steps[:, 1]
 
-    def moved(self, q: Array, v: Array) -> None:
-        """Nothing was found that could be taken over."""
+    def newton_step(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return q and v one step nearer."""
+        self.look(t, q, v)
+        dq, dv = self.step(again=False)
+        return self._system.integrate(q, dq), v + dv
 
     def _is_far(self) -> bool:
         """Whether the factor is that of another place."""
-        moved = self._system.difference(self._made_at, self._q)
+        moved = pin.difference(self._system.model, self._made_at, self._q)
         return bool(np.abs(moved).max(initial=0.0) > _NEAR)
 
     def _factorise(self) -> Array:
         system = self._system
-        n, m = system.model.nv, system.m
-        J = system.jacobian(self._q)
+        n, m = system.model.nv, system.scene.rows
+        J = system.equations.jacobian(self._q)
         W = system.mass(self._q) if self._metric == "mass" else np.eye(n)
         factors = factorise(W, J, tolerances.RANK, why=singular_mass(system.model, self._q))
         # open loops make redundant rows look independent: they are the smallest, and are left out

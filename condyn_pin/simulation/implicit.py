@@ -1,4 +1,4 @@
-"""Torques of a function at the end of a step: their slopes join the inertia.
+"""Torques at the end of a step: springs, damping and the slopes of functions join the inertia.
 
     (M + X) a + h = tau + tau_ahead + J^T lam,    J a + gamma = a_ref,    X = -dt tau_v - dt^2 tau_q
 
@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -23,18 +24,125 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import StepFailed
 from condyn_pin._core.linalg.inverse import inverse
 from condyn_pin._core.linalg.minimum_norm import factorise
-from condyn_pin.simulation.system import System
+from condyn_pin.simulation.system import System, total_torque
+from condyn_pin.simulation.torques import Torque
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.slopes import Slopes
 
-# Rates of torques, times dt, beyond which a step that takes them as they are is near its wall:
-# 1 for damping and 2 for the square of a frequency in `LinearlyImplicitMidpoint`.
+# Rates of torques, times dt, beyond which a step that takes them as they are is near its stability
+# limit: 1 for damping and 2 for the square of a frequency in `LinearlyImplicitMidpoint`.
 _STIFF: Final = 0.5
 
 # Corrections of a where a solver gives way, and P is not its own: each leaves a share of the last.
 _CORRECTIONS: Final = 20
 _LEFT: Final = 1e-6
+
+
+def implicit_system(system: System, dt: float) -> System:
+    """Return the system whose springs and damping act at the end of a step of size dt.
+
+    With v1 = v + dt a and q1 = q + dt v1 in the torques -D v1 - K (q1 - q0),
+
+        (M + dt D + dt^2 K) a + h = tau - (D + dt K) v - K (q - q0) + J^T lam,
+
+    which is stable however large D and K are. All of them share the memory of `System.spare`.
+    Torques of a function that comes with its derivatives act there too.
+    """
+    applied, passive, slopes = system.applied, system.passive, system.slopes
+    if not passive.is_nothing:
+        system = _Heavier(system, dt, total_torque(applied, passive, dt))
+    return system if applied.jacobian is None else AtTheEnd(system, slopes, dt)
+
+
+def iterated_system(system: System, dt: float, last: Callable[[], Array]) -> System:
+    """Return the system of an iteration on a, where v changes with dt a and q with dt^2 a.
+
+    Its solution is that of the system where a is the `last` one,
+
+        (M + dt D + dt^2 K) a + h = tau - D v - K (q - q0) + (dt D + dt^2 K) last + J^T lam,
+
+    and however large D and K are, they do not keep the iteration from it; nor do those of the
+    torques of a function, once their slopes are known.
+    """
+    slopes, passive = system.slopes, system.passive
+    if not passive.is_nothing:
+        system = _Heavier(system, dt, _torque_of_last(system, dt, last))
+    if system.applied.constant is not None:
+        return system
+    return Iterated(system, slopes, dt, last)
+
+
+def _torque_of_last(system: System, dt: float, last: Callable[[], Array]) -> Torque:
+    """Return the torques with what the added inertia takes of the last a."""
+    inertia, between = system.passive.inertia(dt), system.passive.between
+
+    def torque(t: float, q: Array, v: Array) -> Array:
+        tau = system.torque(t, q, v) + inertia * last()
+        if between:
+            rows, weights = between.inertia_rows(q, dt)
+            tau += rows.T @ (weights * (rows @ last()))
+        return tau
+
+    return torque
+
+
+class _Heavier(System):
+    """A system with more inertia, dt D + dt^2 K, and another torque."""
+
+    def __init__(self, system: System, dt: float, torque: Torque) -> None:
+        super().__init__(system.spare, system.applied)
+        self.torque = torque
+        self._armature = self.model.armature  # a view: Pinocchio reads it in every call
+        self._heavier = np.array(system.model.armature) + system.passive.inertia(dt)
+        between = system.passive.between
+        self._rows = between and partial(between.inertia_rows, dt=dt)
+
+    def solve(self, q: Array, v: Array, tau: Array) -> Array:
+        """Return a (nv,) for these torques."""
+        self._armature[:] = self._heavier  # the workspace is that of others, too
+        if not self._rows:
+            return super().solve(q, v, tau)
+        return with_rows(partial(super().solve, q, v), tau, *self._rows(q))
+
+    def mass(self, q: Array) -> Array:
+        """Return M (nv, nv) with all that is added to it."""
+        M = super().mass(q)
+        if self._rows:
+            rows, weights = self._rows(q)
+            M += rows.T @ (weights[:, None] * rows)
+        return M
+
+
+def with_rows(solve: Callable[[Array], Array], tau: Array, rows: Array, weights: Array) -> Array:
+    """Return the a of (M + U^T w U) a + h = tau + J^T lam, by solves of M a + h = tau + J^T lam.
+
+    What the rows U (r, nv) take is U^T f with f = w U a, and a falls with f as the solves say:
+
+        U a = U a0 - G f,    G = U P U^T,    (1 / w + G) f = U a0,
+
+    with a0 that of f = 0, and P the inverse inertia that the constraints leave. A solve a row finds
+    G; the last one is that of the answer, and leaves its lam behind.
+
+    Parameters
+    ----------
+    solve : callable
+        Returns a (nv,) of tau (nv,).
+    tau : (nv,) array
+    rows : (r, nv) array
+        U.
+    weights : (r,) array
+        w, positive [kg, kg m^2].
+    """
+    a0 = solve(tau)
+    free = rows @ a0
+    scale = weights * np.abs(free).max(initial=0.0)  # forces as they come: G is known as well as a0
+    pushed = [(solve(tau + f * row) - a0) / f for f, row in zip(scale, rows, strict=True) if f]
+    if not pushed:
+        return a0
+    G = rows @ np.array(pushed).T
+    force = np.linalg.solve(np.diag(1 / weights) + G, free)
+    return solve(tau - rows.T @ force)
 
 
 class _WithSlopes(System):
@@ -62,10 +170,12 @@ class _WithSlopes(System):
 
     def _answer(self, q: Array, v: Array, tau: Array, X: Array) -> Array:
         """Return a of (M + X) a + h = tau + J^T lam, after a solve that leaves its lam."""
-        solve = self._system._solve
+        solve = self._system.solve
         free = solve(q, v, tau)
-        factors = factorise(self._system.mass(q), self._system.jacobian(q), tolerances.RANK)
-        PX, _ = factors.solve(X, np.zeros((self.m, len(v))))
+        factors = factorise(
+            self._system.mass(q), self._system.equations.jacobian(q), tolerances.RANK
+        )
+        PX, _ = factors.solve(X, np.zeros((self.scene.rows, len(v))))
         correct = inverse(np.eye(len(v)) + PX)
         a = correct @ free
         if not np.isfinite(a).all():
@@ -120,9 +230,9 @@ class Iterated(_WithSlopes):
         if not self.slopes.could_be_differenced:
             return
         by_q, by_v = self.slopes.at(t, q, v)
-        factors = factorise(self.mass(q), self.jacobian(q), tolerances.RANK)
-        P_q, _ = factors.solve(by_q, np.zeros_like(self.jacobian(q)))
-        P_v, _ = factors.solve(by_v, np.zeros_like(self.jacobian(q)))
+        factors = factorise(self.mass(q), self.equations.jacobian(q), tolerances.RANK)
+        P_q, _ = factors.solve(by_q, np.zeros_like(self.equations.jacobian(q)))
+        P_v, _ = factors.solve(by_v, np.zeros_like(self.equations.jacobian(q)))
         rates = [np.abs(np.linalg.eigvals(each)).max(initial=0.0) for each in (P_q, P_v)]
         h = 2 * self._dt  # it is half a step
         self.slopes.differencing = bool(max(h**2 * rates[0], h * rates[1]) > _STIFF)

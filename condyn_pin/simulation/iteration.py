@@ -15,7 +15,7 @@ _ROUNDING = 1e-15
 _MOST = 60
 
 
-def to_the_end(
+def fixed_point_iteration(
     iteration: Callable[[], float], title: str, t: float, dt: float, size: float
 ) -> None:
     """Iterate until what is left no longer halves in two iterations: some take turns.

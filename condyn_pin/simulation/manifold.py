@@ -17,12 +17,15 @@ Munthe-Kaas. High order Runge-Kutta methods on manifolds. Applied Numerical Math
 
 from __future__ import annotations
 
+from functools import cached_property
+from math import pi
 from typing import Any
 
 import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import StepFailed
 
 # Joints whose velocities do not commute, and which of their coordinates turn.
 _CURVED = {
@@ -43,10 +46,12 @@ class Manifold:
     ----------
     is_flat : bool
         Whether Jr is the identity everywhere.
+    origin : (nq,) array
+        A configuration, not to be written to.
     """
 
     def __init__(self, model: Any) -> None:
-        self._model, self._origin = model, pin.neutral(model)
+        self._model, self.origin = model, pin.neutral(model)
         self._turns = {
             model.names[i]: [joint.idx_v + k for k in _CURVED[joint.shortname()]]
             for i, joint in enumerate(model.joints)
@@ -67,11 +72,22 @@ class Manifold:
                 largest = name, angle
         return largest
 
-    def rate(self, theta: Array, v: Array) -> Array:
-        """Return theta' = Jr(theta)^-1 v (nv,)."""
-        if self.is_flat:
-            return v
-        # Jr^-1 is the derivative of difference(q0, q) by q, whatever q0 is
-        moved = pin.integrate(self._model, self._origin, theta)
-        Jr_inv = pin.dDifference(self._model, self._origin, moved, pin.ARG1)
-        return np.asarray(Jr_inv.dot(v))
+    def slow(self, dt: float) -> float | None:
+        """Return the v^T v below which no step of dt leaves its chart; None if there is no end."""
+        return None if self.is_flat else (pi / dt) ** 2
+
+    def check_turn(self, v: Array, dt: float) -> None:
+        """Refuse a step of dt in which a body turns further than one chart goes."""
+        joint, speed = self.largest_turn(v)
+        if speed * dt > pi:
+            raise StepFailed(
+                f"joint {joint!r} turns by {speed * dt:.3g} rad in a step of {dt:.3g} s, and the "
+                f"coordinates of a step end at pi: take dt below {pi / speed:.2g} s, better a "
+                "tenth of that, or DormandPrince(), which takes smaller steps where it must"
+            )
+
+    @cached_property
+    def reach(self) -> float:
+        """How far joints may be from the world's origin, all shifts at zero [m], at most."""
+        placements = self._model.jointPlacements
+        return sum(float(np.abs(p.translation).max()) for p in placements)

@@ -93,7 +93,7 @@ class Momentum:
 
     def place(self, q: Array) -> Place:
         """Return what belongs to q."""
-        M, J = self._system.mass(q), self._system.jacobian(q)
+        M, J = self._system.mass(q), self._system.equations.jacobian(q)
         M_inv = inverse(M)
         both = M_inv, between(J, M_inv, J)
         passive = self._passive

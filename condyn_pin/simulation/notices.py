@@ -13,7 +13,7 @@ from condyn_pin.constraints.gap import Gap, beyond_text, worst
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.mechanism.check import check
 from condyn_pin.model.limits import Limits
-from condyn_pin.simulation.pulls import pull_notices
+from condyn_pin.simulation.tensile_contacts import tensile_contact_notices
 from condyn_pin.simulation.verify import solver_notices
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
         said.append(f"{trajectory.status}; {trajectory.reason}")
     said += _open_constraints(trajectory)
     said += _coarse_turns(trajectory) + _differenced(trajectory)
-    said += solver_notices(trajectory) + pull_notices(trajectory)
+    said += solver_notices(trajectory) + tensile_contact_notices(trajectory)
     energy = trajectory.energy
     error, scale = float(np.abs(energy.error).max()), energy.scale
     if error > max(tolerances.BALANCED * scale, energy.kept, _hardly_lifted(trajectory.scene)):

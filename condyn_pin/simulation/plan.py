@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from math import ceil
 
 from numpy.typing import ArrayLike
@@ -13,17 +13,17 @@ from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.knobs import check_called, check_count
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.constraints.drift import Drift
+from condyn_pin.constraints.rows.bound import is_scalar
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.simulation.defaults import default_drift, default_integrator
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Event
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
-from condyn_pin.simulation.leg import Method
 from condyn_pin.simulation.pushed import Pushed
 from condyn_pin.simulation.slopes import TorqueJacobian
+from condyn_pin.simulation.stability_limit import check_stability_limit
 from condyn_pin.simulation.torques import Applied, Torque
-from condyn_pin.simulation.walls import check_wall
 
 # More samples do not fit into a memory.
 _MOST_STEPS = 10**9
@@ -39,20 +39,30 @@ class Plan:
     Attributes
     ----------
     scene : Scene
-    method : Method
-    duration : float
-        What was asked for [s].
+    tau : Applied
+    duration, dt : float
+        What was asked for, and the step [s].
     steps, every : int
         How many steps there are, and every which sample is kept.
+    integrator, drift, solver
+        Without a solver each scene takes its own by default.
+    effects : Effects
+    events : tuple of Event
     pushed : Pushed or None
-        The torques with the forces from outside, where there are any: what `method` applies.
+        The torques with the forces from outside, where there are any: what `tau` applies.
     """
 
     scene: Scene
-    method: Method
+    tau: Applied
     duration: float  # [s]
+    dt: float  # [s]
     steps: int
     every: int
+    integrator: Integrator
+    drift: Drift
+    solver: Solver | None
+    effects: Effects
+    events: tuple[Event, ...]
     pushed: Pushed | None = None
 
 
@@ -65,14 +75,14 @@ def plan(
 ) -> Plan:  # fmt: skip
     """Return the plan of a run; arguments and errors are those of `simulate`."""
     check_scene(scene)
-    effects = Effects() if effects is None else effects
+    effects, checked_events = effects or Effects(), _events(scene, events)
     steps, dt = _steps(duration, dt)
     integrator = default_integrator() if integrator is None else integrator
     if not isinstance(integrator, Integrator):
         raise InvalidArgument(
             f"integrator = {integrator!r}: an integrator is needed, such as RungeKutta4()"
         )
-    drift = default_drift(scene, integrator, solver, events) if drift is None else drift
+    drift = default_drift(scene, integrator, solver, checked_events) if drift is None else drift
     if not isinstance(drift, Drift):
         raise InvalidArgument(f"drift = {drift!r}: a drift scheme is needed, such as Baumgarte")
     _check_drift(integrator, drift, dt)
@@ -82,8 +92,10 @@ def plan(
     pushed = Pushed(scene.robot, torque, checked) if checked else None
     if pushed:
         torque = Applied(scene.robot.nv, pushed, pushed.jacobian)
-    method = Method(torque, dt, integrator, drift, solver, effects)
-    return Plan(scene, method, duration, steps, record, pushed)
+    return Plan(
+        scene, torque, duration, dt, steps, record, integrator, drift, solver, effects,
+        checked_events, pushed,
+    )  # fmt: skip
 
 
 def _steps(duration: float, dt: float) -> tuple[int, float]:
@@ -147,4 +159,58 @@ def _check_drift(integrator: Integrator, drift: Drift, dt: float) -> None:
         raise InvalidArgument(
             f"drift = {drift!r}: {integrator.title} keeps the constraints itself; use NoDrift()"
         )
-    check_wall(integrator, drift.rows, dt)
+    check_stability_limit(integrator, drift.rows, dt)
+
+
+def _events(scene: Scene, events: Sequence[Event]) -> tuple[Event, ...]:
+    """Return the events, which have to fit the scene and to have names of their own."""
+    if isinstance(events, Event) or not isinstance(events, Iterable):
+        raise InvalidArgument("events: a list is needed, also for a single event")
+    checked = tuple(events)
+    scalar = {bound.name: is_scalar(bound) for bound in scene.bounds}
+    for event in checked:
+        if not isinstance(event, Event):
+            raise InvalidArgument(f"events: {event!r} is not an Event")
+        if sum(other.name == event.name for other in checked) > 1:
+            raise InvalidArgument(f"two events are named {event.name!r}")
+        for other in (event.scene, event.met):
+            if other is not None:
+                _check_scene(event.name, other, scene, scalar)
+        if event.at is not None and event.at <= 0:
+            raise InvalidArgument(f"event {event.name!r}: at = {event.at:g}: after the start")
+    return _shared(scene, checked)
+
+
+def _check_scene(event: str, its: Scene, simulated: Scene, scalar: dict[str, bool]) -> None:
+    """Refuse the scene of an event that does not go with the one simulated.
+
+    `scalar` says of the constraints so far whether their force is one number; it gets those of this
+    scene.
+    """
+    if its.robot.model != simulated.robot.model:
+        raise InvalidArgument(
+            f"event {event!r}: its scene is of another model than the one simulated"
+        )
+    one, other = its.robot, simulated.robot
+    if (one.springs, one.spring_dampers) != (other.springs, other.spring_dampers):
+        raise InvalidArgument(
+            f"event {event!r}: its scene has other springs than the one simulated; "
+            "what changes on the way is a torque: tau(t, q, v)"
+        )
+    for bound in its.bounds:
+        if scalar.setdefault(bound.name, is_scalar(bound)) != is_scalar(bound):
+            raise InvalidArgument(
+                f"event {event!r}: {bound.name!r} has a force of one number in one "
+                "scene and a vector in another; give one of the two another name"
+            )
+
+
+def _shared(scene: Scene, events: tuple[Event, ...]) -> tuple[Event, ...]:
+    """Return the events with one scene where several have the same constraints: it is one place."""
+    known = {scene.constraints: scene}
+    return tuple(
+        replace(event, scene=known.setdefault(event.scene.constraints, event.scene))
+        if event.scene
+        else event
+        for event in events
+    )

@@ -12,7 +12,7 @@ from condyn_pin.dynamics.scene import Scene
 
 # Rows are packed into one array each time there are so many: a small array takes a hundred bytes
 # more than its numbers.
-_BLOCK = 4096
+BLOCK = 4096
 
 Row = tuple[float, Array, Array, Array, Array, Array]  # t, q, v, a, lam, tau
 
@@ -42,41 +42,54 @@ class Recorder:
     Parameters
     ----------
     scene : Scene
+
+    Attributes
+    ----------
+    rows : list of Row
+        The last samples, whose arrays are not written to later. Who appends packs at `BLOCK`.
     """
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
-        self.count = 0
-        self._rows: list[Row] = []
+        self.rows: list[Row] = []
         self._blocks: list[tuple[Array, ...]] = []
+        self._packed = 0
 
     def add(self, row: Row) -> None:
-        """Keep a sample; its arrays are not written to later."""
-        if len(self._rows) == _BLOCK:
-            self._pack()
-        self._rows.append(row)
-        self.count += 1
+        """Keep a sample."""
+        if len(self.rows) >= BLOCK:
+            self.pack()
+        self.rows.append(row)
+
+    @property
+    def count(self) -> int:
+        """How many samples there are."""
+        return self._packed + len(self.rows)
 
     @property
     def last(self) -> float | None:
         """The time of the last sample [s]."""
-        return self._rows[-1][0] if self._rows else None
+        return self.rows[-1][0] if self.rows else None
 
     def drop_after(self, t: float) -> None:
         """Drop the last sample if it is later than t."""
-        if self._rows and self._rows[-1][0] > t:
-            self._rows.pop()
-            self.count -= 1
+        if self.rows and self.rows[-1][0] > t:
+            self.rows.pop()
 
     def columns(self) -> tuple[Array, ...]:
         """Return t, q, v, a, lam and tau, a sample a row."""
-        self._pack()
-        return tuple(np.concatenate(parts) for parts in zip(*self._blocks, strict=True))
+        blocks = [*self._blocks, _columns(self.rows)]
+        return tuple(np.concatenate(parts) for parts in zip(*blocks, strict=True))
 
-    def _pack(self) -> None:
-        if self._rows:
-            self._blocks.append(tuple(np.array(c) for c in zip(*self._rows, strict=True)))
-            self._rows.clear()
+    def pack(self) -> None:
+        """Put the rows into arrays, but for the last one, which may have to be dropped."""
+        self._blocks.append(_columns(self.rows[:-1]))
+        self._packed += len(self.rows) - 1
+        del self.rows[:-1]
+
+
+def _columns(rows: Sequence[Row]) -> tuple[Array, ...]:
+    return tuple(np.array(column) for column in zip(*rows, strict=True))
 
 
 def merge(recorders: Sequence[Recorder]) -> tuple[tuple[Phase, ...], tuple[Array, ...]]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from math import isfinite
 from time import perf_counter
 
@@ -18,15 +17,14 @@ from condyn_pin._core.errors import CondynError, InvalidArgument
 from condyn_pin._core.knobs import check_called
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.drift import Drift
-from condyn_pin.constraints.rows.bound import is_scalar
 from condyn_pin.dynamics.scene import Scene, check_scene
-from condyn_pin.dynamics.solvers.base import Solver
-from condyn_pin.simulation.driver import Driver
+from condyn_pin.dynamics.solvers import Solver
 from condyn_pin.simulation.effects import Effects
-from condyn_pin.simulation.events import Ended, Event, PiledUp
+from condyn_pin.simulation.events import Ended, Event, ZenoDetected
 from condyn_pin.simulation.fit import check_fit
+from condyn_pin.simulation.hybrid_phase import HybridPhase
+from condyn_pin.simulation.hybrid_simulator import HybridSimulator
 from condyn_pin.simulation.integrators import Integrator
-from condyn_pin.simulation.leg import Leg
 from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.plan import Plan, check_closing, plan
 from condyn_pin.simulation.recorder import merge
@@ -119,8 +117,8 @@ def simulate(
     Raises
     ------
     InvalidArgument
-        If an argument cannot be used, gains of `drift` are beyond the wall of the integrator, or
-        `drift` cannot close the start.
+        If an argument cannot be used, gains of `drift` are beyond the stability limit of the
+        integrator, or `drift` cannot close the start.
     UnknownName
         If a force is on a frame that does not exist.
     NotAssembled
@@ -141,81 +139,80 @@ def simulate(
     effects = Effects(gravity=gravity, springs=springs, damping=damping, armature=armature)
     if not isinstance(close_start, bool):
         raise InvalidArgument(f"close_start = {close_start!r}: True or False is needed")
-    state, happenings = start(scene, q, v, closed=close_start), _events(scene, events)
+    state = start(scene, q, v, closed=close_start)
     planned = plan(
         scene, tau, duration=duration, dt=dt, integrator=integrator, drift=drift, solver=solver,
-        record=record, effects=effects, events=happenings, forces=forces, jacobian=jacobian,
+        record=record, effects=effects, events=events, forces=forces, jacobian=jacobian,
     )  # fmt: skip
     if scene.rows and not close_start:
-        check_closing(planned.method.integrator, planned.method.drift)
-    return follow(planned, *state, happenings, progress)[0]
+        check_closing(planned.integrator, planned.drift)
+    return follow(planned, *state, progress)[0]
 
 
 @one_blas_thread
 def follow(
-    planned: Plan,
+    plan: Plan,
     q: Array,
     v: Array,
-    events: tuple[Event, ...] = (),
     progress: Callable[[float], object] | None = None,
-    leg: Leg | None = None,
-) -> tuple[Trajectory, Leg]:
-    """Return the motion from a state that was checked, and the leg that it ended on.
+    phase: HybridPhase | None = None,
+) -> tuple[Trajectory, HybridPhase]:
+    """Return the motion from a state that was checked, and the phase that it ended on.
 
-    A leg of the same plan, on which no event has changed the scene, spares the work of making
+    A phase of the same plan, on which no event has changed the scene, spares the work of making
     another.
     """
-    method = planned.method
     begun = perf_counter()
-    method.tau.differenced = 0
+    plan.tau.differenced = 0
     with np.errstate(all="ignore"):  # what overflows is found by the next solve
-        driver = Driver(planned.scene, q, v, method, events, leg)
-        status, reason = _run(driver, planned.steps, planned.every, progress)
-    phases, (t, positions, velocities, a, lam, torques) = merge(driver.recorders)
+        simulator = HybridSimulator(plan, q, v, phase)
+        status, reason = _run(simulator, progress)
+    phases, (t, positions, velocities, a, lam, torques) = merge(simulator.recorders)
     run = Run(
-        duration=planned.duration, dt=method.dt, integrator=method.integrator, drift=method.drift,
-        solver=driver.leg.solver, effects=method.effects, status=status, reason=reason,
-        happened=tuple(driver.happened), missed=driver.missed(), differenced=method.tau.differenced,
-        wall_time=perf_counter() - begun,
+        duration=plan.duration, dt=plan.dt, integrator=plan.integrator, drift=plan.drift,
+        solver=simulator.phase.solver, effects=plan.effects, status=status, reason=reason,
+        happened=tuple(simulator.happened), missed=simulator.missed(),
+        differenced=plan.tau.differenced, wall_time=perf_counter() - begun,
     )  # fmt: skip
-    return Trajectory(phases, t, positions, velocities, a, lam, torques, run), driver.leg
+    return Trajectory(phases, t, positions, velocities, a, lam, torques, run), simulator.phase
 
 
 def _run(
-    driver: Driver, steps: int, every: int, progress: Callable[[float], object] | None
+    simulator: HybridSimulator, progress: Callable[[float], object] | None
 ) -> tuple[RunStatus, str]:
     """Take a run to its end: how it ended, and why."""
-    stride, q0 = max(steps // 100, 1), driver.q
+    steps, q0 = simulator.plan.steps, simulator.q
+    stride = max(steps // 100, 1)
 
     def tick(done: int) -> None:
         if done % stride == 0 or done == steps:
             progress(done / steps)  # type: ignore[misc]
 
     try:
-        driver.run(steps, every, tick if progress else None)
+        simulator.run(tick if progress else None)
     except Ended as end:
         return RunStatus.ENDED, str(end)
-    except PiledUp as end:
+    except ZenoDetected as end:
         return RunStatus.PILED_UP, str(end)
     except KeyboardInterrupt:
-        if not any(recorder.count for recorder in driver.recorders):
+        if not any(recorder.count for recorder in simulator.recorders):
             raise
-        return RunStatus.INTERRUPTED, f"interrupted after t = {driver.t:g} s"
+        return RunStatus.INTERRUPTED, f"interrupted after t = {simulator.t:g} s"
     except CondynError as error:
-        lost = _is_lost(driver.v)
+        lost = _is_lost(simulator.v)
         if not lost:
             with suppress(CondynError):  # no step leads away from it, but it may be a sample
-                driver.leg.end(driver.t, driver.q, driver.v)
-        if not any(recorder.count for recorder in driver.recorders):
+                simulator.phase.end(simulator.t, simulator.q, simulator.v)
+        if not any(recorder.count for recorder in simulator.recorders):
             raise
-        hint = _hint(driver, q0)
+        hint = _hint(simulator, q0)
         # what no step can follow grows without bound, whatever it meets on the way
-        grown = lost or (hint and driver.t > 0)
+        grown = lost or (hint and simulator.t > 0)
         status = RunStatus.DIVERGED if grown else RunStatus.FAILED
-        return status, f"after t = {driver.t:g} s: {hint}{error}{_remedy(driver)}"
-    if _is_lost(driver.v):
-        fastest = np.abs(driver.v).max()
-        reason = f"{_hint(driver, q0)}it moves at {fastest:.3g} rad/s or m/s{_remedy(driver)}"
+        return status, f"after t = {simulator.t:g} s: {hint}{error}{_remedy(simulator)}"
+    if _is_lost(simulator.v):
+        fastest = np.abs(simulator.v).max()
+        reason = f"{_hint(simulator, q0)}it moves at {fastest:.3g} rad/s or m/s{_remedy(simulator)}"
         return RunStatus.DIVERGED, reason
     return RunStatus.FINISHED, ""
 
@@ -226,18 +223,18 @@ def _is_lost(v: Array) -> bool:
     return not (isfinite(speed) and speed < _LOST)
 
 
-def _hint(driver: Driver, q0: Array) -> str:
+def _hint(simulator: HybridSimulator, q0: Array) -> str:
     """Return which damping or spring is too stiff for a run from q0, if there is one."""
-    method, system = driver.leg.method, driver.leg.system
-    hint = stiff_damping(system, method.integrator, method.dt, q0)
-    hint = hint or stiff_springs(system, method.integrator, method.dt, q0)
+    plan, system = simulator.plan, simulator.phase.system
+    hint = stiff_damping(system, plan.integrator, plan.dt, q0)
+    hint = hint or stiff_springs(system, plan.integrator, plan.dt, q0)
     return f"{hint}; " if hint else ""
 
 
-def _remedy(driver: Driver) -> str:
+def _remedy(simulator: HybridSimulator) -> str:
     """Return what may help a run whose torques are those of a function."""
-    method = driver.leg.method
-    if not (method.integrator.takes_jacobian and driver.leg.system.slopes.could_be_differenced):
+    slopes = simulator.phase.system.slopes
+    if not (simulator.plan.integrator.takes_jacobian and slopes.could_be_differenced):
         return ""
     return "; if tau(t, q, v) is stiff, jacobian=... hands over its derivatives"
 
@@ -250,57 +247,3 @@ def start(scene: Scene, q: ArrayLike, v: ArrayLike, *, closed: bool = True) -> t
     if closed:
         check_fit(scene, q_, v_)
     return q_, v_
-
-
-def _events(scene: Scene, events: Sequence[Event]) -> tuple[Event, ...]:
-    """Return the events, which have to fit the scene and to have names of their own."""
-    if isinstance(events, Event) or not isinstance(events, Iterable):
-        raise InvalidArgument("events: a list is needed, also for a single event")
-    checked = tuple(events)
-    scalar = {bound.name: is_scalar(bound) for bound in scene.bounds}
-    for event in checked:
-        if not isinstance(event, Event):
-            raise InvalidArgument(f"events: {event!r} is not an Event")
-        if sum(other.name == event.name for other in checked) > 1:
-            raise InvalidArgument(f"two events are named {event.name!r}")
-        for other in (event.scene, event.met):
-            if other is not None:
-                _check_scene(event.name, other, scene, scalar)
-        if event.at is not None and event.at <= 0:
-            raise InvalidArgument(f"event {event.name!r}: at = {event.at:g}: after the start")
-    return _shared(scene, checked)
-
-
-def _check_scene(event: str, its: Scene, simulated: Scene, scalar: dict[str, bool]) -> None:
-    """Refuse the scene of an event that does not go with the one simulated.
-
-    `scalar` says of the constraints so far whether their force is one number; it gets those of this
-    scene.
-    """
-    if its.robot.model != simulated.robot.model:
-        raise InvalidArgument(
-            f"event {event!r}: its scene is of another model than the one simulated"
-        )
-    one, other = its.robot, simulated.robot
-    if (one.springs, one.spring_dampers) != (other.springs, other.spring_dampers):
-        raise InvalidArgument(
-            f"event {event!r}: its scene has other springs than the one simulated; "
-            "what changes on the way is a torque: tau(t, q, v)"
-        )
-    for bound in its.bounds:
-        if scalar.setdefault(bound.name, is_scalar(bound)) != is_scalar(bound):
-            raise InvalidArgument(
-                f"event {event!r}: {bound.name!r} has a force of one number in one "
-                "scene and a vector in another; give one of the two another name"
-            )
-
-
-def _shared(scene: Scene, events: tuple[Event, ...]) -> tuple[Event, ...]:
-    """Return the events with one scene where several have the same constraints: it is one place."""
-    known = {scene.constraints: scene}
-    return tuple(
-        replace(event, scene=known.setdefault(event.scene.constraints, event.scene))
-        if event.scene
-        else event
-        for event in events
-    )

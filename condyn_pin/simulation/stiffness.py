@@ -3,9 +3,9 @@
     v' = -P D v,    q'' = -P K q,    P = M^-1 - M^-1 J^T (J M^-1 J^T)^+ J M^-1
 
 P is the inverse inertia that the constraints leave. An explicit method is stable while dt times the
-largest eigenvalue of P D is below its wall on the negative axis: 2 for Euler's, 2.785 for
+largest eigenvalue of P D is below its limit on the negative axis: 2 for Euler's, 2.785 for
 Runge-Kutta 4; and while dt times the largest frequency, a root of an eigenvalue of P K, is below
-its wall on the imaginary one: 2 for Störmer-Verlet and RATTLE, 2.83 for Runge-Kutta 4.
+its limit on the imaginary one: 2 for Störmer-Verlet and RATTLE, 2.83 for Runge-Kutta 4.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.linalg.pivots import first_of_largest
 from condyn_pin.model.soundness import singular_mass
-from condyn_pin.simulation.walls import wall
+from condyn_pin.simulation.stability_limit import stability_limit
 
 # Frequencies that steps follow are below this over dt; of what is above few steps follow any.
 _FOLLOWED = 2.0
@@ -51,7 +51,7 @@ def stiff_damping(system: System, integrator: Integrator, dt: float, q: Array) -
     if integrator.takes_stiff_damping or not damped:
         return ""
     rate, i = _fastest(system, q)
-    limit = 2 * wall(integrator, beta_per_alpha=0.0)  # c'' + 2 alpha c' = 0
+    limit = 2 * stability_limit(integrator, beta_per_alpha=0.0)  # c'' + 2 alpha c' = 0
     if rate * dt < limit:
         return ""
     return (
@@ -68,14 +68,17 @@ def _fastest(system: System, q: Array) -> tuple[float, int]:
     several that take the same part, the first.
     """
     factors = factorise(
-        system.mass(q), system.jacobian(q), tolerances.RANK, why=singular_mass(system.model, q)
+        system.mass(q),
+        system.equations.jacobian(q),
+        tolerances.RANK,
+        why=singular_mass(system.model, q),
     )
     passive = system.passive
     root = np.diag(np.sqrt(passive.d))
     if passive.between:
         root = np.hstack([root, passive.between.damping_rows(q).T])
     # with D = R R^T, those of R^T P R, where P r is the a of M a - J^T lam = r, J a = 0
-    P_root, _ = factors.solve(root, np.zeros((system.m, root.shape[1])))
+    P_root, _ = factors.solve(root, np.zeros((system.scene.rows, root.shape[1])))
     rates, modes = np.linalg.eigh(root.T @ P_root)
     # two legs have the same rate, and any mixture of their modes is one
     fastest = modes[:, rates >= (1.0 - tolerances.TIED) * rates[-1]]
@@ -95,9 +98,12 @@ def stiff_springs(system: System, integrator: Integrator, dt: float, q: Array) -
     sizes, axes = np.linalg.eigh(K)
     root = axes * np.sqrt(np.maximum(sizes, 0.0))
     factors = factorise(
-        system.mass(q), system.jacobian(q), tolerances.RANK, why=singular_mass(system.model, q)
+        system.mass(q),
+        system.equations.jacobian(q),
+        tolerances.RANK,
+        why=singular_mass(system.model, q),
     )
-    P_root, _ = factors.solve(root, np.zeros((system.m, root.shape[1])))
+    P_root, _ = factors.solve(root, np.zeros((system.scene.rows, root.shape[1])))
     squares, modes = np.linalg.eigh(root.T @ P_root)
     frequency = float(np.sqrt(max(squares[-1], 0.0)))
     if frequency * dt < _FOLLOWED:

@@ -6,7 +6,7 @@ tau_i = applied_i - k_i (q_i - q0_i) - d_i v_i - sum_s (J_s^T n_s f_s)_i
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -100,6 +100,11 @@ class Applied:
             return self(t, q, v).copy()
         return self._first
 
+    def at_sample(self, t: float, q: Array, v: Array) -> Array:
+        """Return the torques at a state that no step has asked for (nv,), not to be written to."""
+        self.forget()
+        return self.first(t, q, v)
+
 
 @dataclass(frozen=True, eq=False)
 class Passive:
@@ -188,37 +193,6 @@ class Passive:
         """Return the torques of springs and damping (nv,) [N, N m]."""
         tau = np.asarray(-self.d * v - self.K.dot(q[self.at_q] - self.rest))
         return tau + self.between.torque(q, v) if self.between else tau
-
-    def with_torques(self, applied: Applied, dt: float = 0.0) -> Torque:
-        """Return the torques applied with those of springs and damping.
-
-        With dt, springs act as they do at the end of a step, were it not for a: dt K v more.
-        """
-        if self.between is not None:
-            return self._with_all(applied, dt)
-        d = self.d + dt * self.stiffness if dt else self.d
-        sprung = len(self.k) > 0
-        if not (d.any() or sprung):
-            return applied
-        K, at_q, rest = self.K, self.at_q, self.rest
-
-        def torque(t: float, q: Array, v: Array) -> Array:
-            pull = d * v
-            if sprung:
-                pull += K.dot(q[at_q] - rest)
-            return applied(t, q, v) - pull
-
-        return torque
-
-    def _with_all(self, applied: Applied, dt: float) -> Torque:
-        between, of_joints = self.between, replace(self, between=None)
-        assert between is not None
-        joints = of_joints.with_torques(applied, dt)
-
-        def torque(t: float, q: Array, v: Array) -> Array:
-            return joints(t, q, v) + between.torque(q, v, dt)
-
-        return torque
 
 
 def _same(one: tuple[Array, Array], other: tuple[Array, Array]) -> bool:

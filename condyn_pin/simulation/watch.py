@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.simulation.events import Event, Moment, PiledUp
+from condyn_pin.simulation.events import Event, Snapshot, ZenoDetected
 
 # From less than this above zero to less than this below it is noise: so a foot rests on the ground
 # [m, rad, N, ...].
@@ -31,7 +31,7 @@ class Watch:
         self.values: dict[str, float] = {}
         self._rebounding: set[str] = set()  # events that have not been above zero since
 
-    def look(self, moment: Moment, scene: Scene) -> dict[str, float]:
+    def look(self, moment: Snapshot, scene: Scene) -> dict[str, float]:
         """Return the value of every event at a moment of a scene."""
         return {
             # an event that would change nothing has nothing to say
@@ -48,12 +48,12 @@ class Watch:
 
         Raises
         ------
-        PiledUp
+        ZenoDetected
             If what has rebounded has not come off in a whole step.
         """
         self._rebounding -= {name for name in self._rebounding if values[name] > 0}
         if self._rebounding:
-            raise PiledUp(
+            raise ZenoDetected(
                 f"event {min(self._rebounding)!r} goes on at t = {t:g} s: its rebounds have "
                 "become shorter than a step; use a restitution of 0 and a scene that keeps it"
             )

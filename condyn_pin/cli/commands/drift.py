@@ -76,14 +76,14 @@ def _facts(
     growths: Mapping[str, Growth], integrators: Sequence[Any], found: Sequence[Contest]
 ) -> dict[str, Any]:
     from condyn_pin.lab.plots_drift import title
-    from condyn_pin.simulation.walls import wall
+    from condyn_pin.simulation.stability_limit import stability_limit
 
     return {
         "growth": {
             name: {"gap": growth.gap[-1], "t": growth.t[-1], "power": growth.power}
             for name, growth in growths.items()
         },
-        "walls": {integrator.title: wall(integrator) for integrator in integrators},
+        "walls": {integrator.title: stability_limit(integrator) for integrator in integrators},
         "runs": {title(one): {"area": one.area, "errors": one.errors} for one in found},
     }
 
@@ -95,7 +95,7 @@ def _print(
     heading: str,
 ) -> None:
     from condyn_pin.lab.plots_drift import title
-    from condyn_pin.simulation.walls import wall
+    from condyn_pin.simulation.stability_limit import stability_limit
 
     table = Table("without stabilisation", "gap at the end [m]", "grows like")
     for name, growth in growths.items():
@@ -104,7 +104,7 @@ def _print(
 
     table = Table("alpha dt of Baumgarte below", *(f"beta = {r:.3g} alpha" for r in _RATIOS))
     for integrator in integrators:
-        walls = (wall(integrator, beta_per_alpha=ratio) for ratio in _RATIOS)
+        walls = (stability_limit(integrator, beta_per_alpha=ratio) for ratio in _RATIOS)
         table.add_row(integrator.title, *(f"{limit:.3f}" for limit in walls))
     print_whole(table, console)
 

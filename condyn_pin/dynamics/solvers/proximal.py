@@ -167,7 +167,9 @@ class Proximal(Solver):
             return int(settings.iter) + (0 if last is settings else int(last.iter))
 
         run = persistent if patient else acceleration
-        method = Method(run, lambda: workspace.scene_forces(lam()), iterations)
+        to_scene = workspace.natives.to_scene
+        forces = lam if to_scene is None else lambda: workspace.scene_forces(lam())
+        method = Method(run, forces, iterations)
         if refinements:
             refinement = Refinement(workspace, refinements)
             method = Method(

@@ -20,12 +20,12 @@ from condyn_pin._core.parallel.ways import Words
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.solvers import Solver
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.simulation.batch.forces import RowForces
 from condyn_pin.simulation.batch.trajectory import RUN_STATUSES
+from condyn_pin.simulation.hybrid_phase import HybridPhase
 from condyn_pin.simulation.integrators import Integrator
-from condyn_pin.simulation.leg import Leg
 from condyn_pin.simulation.outcome import RunStatus
 from condyn_pin.simulation.plan import plan
 from condyn_pin.simulation.run import follow, start
@@ -81,7 +81,7 @@ class Motions:
 
 
 class Runner:
-    """One motion after the other from what they share: a plan, and a leg.
+    """One motion after the other from what they share: a plan, and a phase.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ class Runner:
             integrator=motions.integrator, drift=motions.drift, solver=motions.solver,
             record=motions.every, forces=motions.forces.forces, jacobian=motions.jacobian,
         )  # fmt: skip
-        self._leg: Leg | None = None
+        self._phase: HybridPhase | None = None
 
     def fits(self, motions: Motions, workspace: Workspace) -> bool:
         """Return whether these motions can be run here too."""
@@ -121,12 +121,12 @@ class Runner:
         if self._plan.pushed:
             self._plan.pushed.hold(constant, forces)
         elif constant is not None:
-            self._plan.method.tau.hold(constant)
-        leg, self._leg = self._leg, None  # one that cannot begin leaves none
+            self._plan.tau.hold(constant)
+        phase, self._phase = self._phase, None  # one that cannot begin leaves none
         state = _start(self.workspace, q, v)
-        trajectory, leg = follow(self._plan, *state, leg=leg)
+        trajectory, phase = follow(self._plan, *state, phase=phase)
         uninterrupted(trajectory)
-        self._leg = leg
+        self._phase = phase
         return trajectory
 
 

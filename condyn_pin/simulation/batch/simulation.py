@@ -116,12 +116,11 @@ def simulate_batch(
     zero = function is not None or (isinstance(TAU, int | float) and TAU == 0)
     given: ArrayLike = np.zeros(nv) if zero else TAU  # type: ignore[assignment]
     q, v, tau = check_states(scene.robot.model, Q0, V0, given, suffix="0")
-    method = planned.method
     _, of_rows, more = split(scene.robot, forces, len(q), functions=True)
     kernel = Motions(
-        function, jacobian, duration, dt, method.integrator, method.drift, solver, every, of_rows
+        function, jacobian, duration, dt, planned.integrator, planned.drift, solver, every, of_rows
     )
-    most = max(1, int(_SOLVES / planned.steps / max(method.integrator.solves_per_step, 1)))
+    most = max(1, int(_SOLVES / planned.steps / max(planned.integrator.solves_per_step, 1)))
     rows = Rows(kernel, scene, solver, None, executor, check_chunk(chunk), most, progress)
     kept = len(range(0, planned.steps, every)) + 1 if record is not None else 0
     kinds = of_ends(scene) | (of_samples(scene, kept) if kept else {})
@@ -131,10 +130,10 @@ def simulate_batch(
 
 def _batch(planned: Plan, begun: float, outputs: Arrays) -> BatchTrajectory:
     """Return the outputs as a value."""
-    method, samples = planned.method, dict(samples_of(outputs))
-    solver = default_solver(planned.scene) if method.solver is None else method.solver
+    samples = dict(samples_of(outputs))
+    solver = default_solver(planned.scene) if planned.solver is None else planned.solver
     return BatchTrajectory(
-        planned.scene, method.integrator, method.drift, solver, planned.duration, method.dt,
+        planned.scene, planned.integrator, planned.drift, solver, planned.duration, planned.dt,
         planned.steps, **{name: outputs[name] for name in of_ends(planned.scene)},
         reasons=outputs["words"],
         samples=Samples(**samples) if samples else None, seconds=perf_counter() - begun,

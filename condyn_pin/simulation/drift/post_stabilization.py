@@ -53,18 +53,14 @@ class PostStabilization(Drift):
         # it needs the rows of the scene, which need this folder
         from condyn_pin.simulation.gaps import gaps_of
 
-        gaps, integrate = gaps_of(system, self.metric), system.integrate
+        newton_step = gaps_of(system, self.metric).newton_step
+        if self.every == 1:
+            return newton_step
         count = 0
 
         def correct(t: float, q: Array, v: Array) -> tuple[Array, Array]:
             nonlocal count
             count += 1
-            if count % self.every:
-                return q, v
-            gaps.look(t, q, v)
-            dq, dv = gaps.step(again=False)
-            q, v = integrate(q, dq), v + dv
-            gaps.moved(q, v)
-            return q, v
+            return (q, v) if count % self.every else newton_step(t, q, v)
 
         return correct

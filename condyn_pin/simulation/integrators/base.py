@@ -16,7 +16,7 @@
    a drift scheme may have moved the state since: it starts from the state it is handed. After an
    event another stepper is started; one step of another size is a stepper that is used once.
 5. Configurations are moved by `system.integrate` only, never by addition. Between order 2 and the
-   exponential map stands `system.rate`.
+   exponential map stands `system.rate`; `system.slope` has it beside the acceleration.
 6. An integrator that satisfies c(q) = 0 or J v = 0 itself sets `keeps_constraints`; then nothing
    else is asked of the rows (`system.workspace.drift` is None), and no drift scheme is the default.
    One that holds c(q) = 0 alone sets `needs_positions`: wheels and knives have none.
@@ -87,7 +87,7 @@ class Integrator(ABC):
 
     @property
     def takes_stiff_damping(self) -> bool:
-        """Whether the damping of the robot's joints sets no wall to dt."""
+        """Whether the damping of the robot's joints does not limit dt."""
         return self.keeps_constraints or self.is_adaptive
 
     @property

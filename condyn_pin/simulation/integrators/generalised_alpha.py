@@ -12,7 +12,7 @@ from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.linalg.inverse import inverse as inverse_of
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
 from condyn_pin.simulation.integrators.radau import RadauIIA
-from condyn_pin.simulation.iteration import to_the_end
+from condyn_pin.simulation.iteration import fixed_point_iteration
 from condyn_pin.simulation.residuals import Residuals
 
 if TYPE_CHECKING:
@@ -116,7 +116,7 @@ class GeneralisedAlpha(Integrator):
                 a1, lam = a1 - change[:n], lam - change[n:]
                 return max(by_q * float(np.abs(change[:n]).max()), _largest(left.c))
 
-            to_the_end(iteration, self.title, t, dt, system.size(q))
+            fixed_point_iteration(iteration, self.title, t, dt, system.size(q))
             forces[0], known[:] = lam, [(q1, a1, A1)]
             return q1, v1, a1
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
-from condyn_pin.simulation.iteration import to_the_end
+from condyn_pin.simulation.iteration import fixed_point_iteration
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.system import System
@@ -56,7 +56,7 @@ class ImplicitMidpoint(Integrator):
                 change, a_middle = found - a_middle, found
                 return dt**2 * float(np.abs(change).max())
 
-            to_the_end(iteration, self.title, t, dt, system.size(q))
+            fixed_point_iteration(iteration, self.title, t, dt, system.size(q))
             return integrate(q, dt * (v + half * a_middle)), v + dt * a_middle, a
 
         return Stepper(improved.slopes.retried(step))

@@ -25,7 +25,7 @@ class LinearlyImplicitMidpoint(Integrator):
     with M, J and all forces f, springs and damping among them, at (q_m, v_m). It is
     `ImplicitMidpoint` with one iteration that begins with the a_m of the step before: a_before is
     wrong by order dt, v_m by order dt^2, and so is what depends on it. Springs and damping are
-    linear, so that the one iteration solves for them exactly: they set no wall to dt. The first
+    linear, so that the one iteration solves for them exactly: they do not limit dt. The first
     step has two iterations, and begins with zero: of an a(t0, q0, v0) that stiff damping ends at
     once, dt/2 would be a velocity that nothing has.
 

@@ -13,7 +13,7 @@ from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.knobs import is_whole
 from condyn_pin._core.linalg.inverse import inverse
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
-from condyn_pin.simulation.iteration import to_the_end
+from condyn_pin.simulation.iteration import fixed_point_iteration
 from condyn_pin.simulation.residuals import Partials, Residuals
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ def _check_stages(stages: int) -> None:
 
 def _stepper(system: System, dt: float, s: int, title: str, *, stabilised: bool) -> Stepper:
     residuals, A = Residuals(system), _TABLEAUS[s]
-    nodes, n, m = A.sum(axis=1), system.model.nv, system.m
+    nodes, n, m = A.sum(axis=1), system.model.nv, system.scene.rows
     from_slips = np.linalg.inv(dt * A)
     from_gaps = from_slips @ from_slips
     forces = [np.zeros(0)]
@@ -176,7 +176,7 @@ def _stepper(system: System, dt: float, s: int, title: str, *, stabilised: bool)
             largest = dt**2 * np.abs(change[:, :n]).max()
             return float(max(np.abs(theta - before).max(), largest, np.abs(gaps).max(initial=0)))
 
-        to_the_end(iteration, title, t, dt, system.size(q))
+        fixed_point_iteration(iteration, title, t, dt, system.size(q))
         forces[0] = lam[-1]
         return Q[-1], V[-1], a[-1]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
-from condyn_pin.simulation.iteration import to_the_end
+from condyn_pin.simulation.iteration import fixed_point_iteration
 from condyn_pin.simulation.momentum import Momentum, Place, between
 
 if TYPE_CHECKING:
@@ -126,15 +126,15 @@ def _first_half(
     def iteration() -> float:
         nonlocal p, v_start, v_end, q1, lam, towards
         if next(left_to_do, None) == 0:  # q1 is nearly known, and with it how lam moves it
-            towards = between(system.jacobian(q1), place.Md_inv, place.J) / (half * dt)
+            towards = between(system.equations.jacobian(q1), place.Md_inv, place.J) / (half * dt)
         p = p0 + half * (momentum.force(t, q, v_start) + D.dot(v_start) + place.J.T.dot(lam))
         v_start = place.Md_inv.dot(p)
         p = p - half * D.dot(v_start)
         v_end = momentum.velocity(system.integrate(q, half * (v_start + v_end)), p)
         before, q1 = q1, system.integrate(q, half * (v_start + v_end))
-        c = system.violation(q1)
+        c = system.equations.violation(q1)
         lam = lam - towards.dot(c)
         return max(float(np.abs(c).max(initial=0.0)), float(np.abs(q1 - before).max(initial=0.0)))
 
-    to_the_end(iteration, title, t, dt, system.size(q))
+    fixed_point_iteration(iteration, title, t, dt, system.size(q))
     return q1, p, v_end, lam

@@ -37,22 +37,16 @@ class RungeKutta4(Integrator):
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
-        acceleration, integrate, rate = system.acceleration, system.integrate, system.rate
+        acceleration, slope, integrate = system.acceleration, system.slope, system.integrate
         later = dt / 2
         # numpy multiplies by arrays faster than by floats
         h, half, sixth, two = (np.array(x) for x in (dt, dt / 2, dt / 6, 2.0))
 
         def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
             a1 = acceleration(t, q, v)
-            theta, v2 = half * v, v + half * a1
-            a2 = acceleration(t + later, integrate(q, theta), v2)
-            r2 = rate(theta, v2)
-            theta, v3 = half * r2, v + half * a2
-            a3 = acceleration(t + later, integrate(q, theta), v3)
-            r3 = rate(theta, v3)
-            theta, v4 = h * r3, v + h * a3
-            a4 = acceleration(t + dt, integrate(q, theta), v4)
-            r4 = rate(theta, v4)
+            r2, a2 = slope(t + later, q, half * v, v + half * a1)
+            r3, a3 = slope(t + later, q, half * r2, v + half * a2)
+            r4, a4 = slope(t + dt, q, h * r3, v + h * a3)
             q1 = integrate(q, sixth * (v + two * (r2 + r3) + r4))
             return q1, v + sixth * (a1 + two * (a2 + a3) + a4), a1
 

@@ -1,17 +1,33 @@
-"""Driver: a run on its way, leg after leg, with the events between them."""
+"""HybridSimulator: a scene in motion, phase after phase, with the events between them.
+
+    simulate          checks what it is given: a Plan, and a state that fits it
+       |
+    HybridSimulator   t, q, v; looks after each step which event comes first, and lets it happen
+       |              event after event
+    HybridPhase       one scene, as long as its constraints are the same; its samples
+       |              step after step
+    CorrectedStepper  (q, v) at t + dt by the integrator, then the correction of the drift scheme
+       |              stage after stage
+    System            tau, and by the solver a of M a + h = tau + J^T lam, J a + gamma = a_ref
+
+Integrators, drift schemes and solvers are frozen values: they come in as functions, bound to
+the memory of one system: `Stepper`, `Correction`, `Method`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from math import inf
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.constraints import Constraint
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.simulation.anchoring import anchored
-from condyn_pin.simulation.events import Ended, Event, Happened, Moment, PiledUp
+from condyn_pin.simulation.events import Ended, Event, Happened, Snapshot, ZenoDetected
 from condyn_pin.simulation.fit import check_fit, check_slip
-from condyn_pin.simulation.leg import Leg, Method
+from condyn_pin.simulation.hybrid_phase import HybridPhase
+from condyn_pin.simulation.plan import Plan
+from condyn_pin.simulation.recorder import BLOCK
 from condyn_pin.simulation.switching import Switch, switch
 from condyn_pin.simulation.watch import Watch
 
@@ -25,86 +41,76 @@ _NOTHING = 1e-9
 _MOST = 100
 
 
-class Driver:
+class HybridSimulator:
     """A run on its way.
 
     Parameters
     ----------
-    scene : Scene
+    plan : Plan
     q, v : (nq,), (nv,) array
         Owned.
-    method : Method
-    events : sequence of Event
-    leg : Leg, optional
-        Of another run of this scene by this method, whose memory is used again.
+    phase : HybridPhase, optional
+        Of another run of this plan, whose memory is used again.
 
     Attributes
     ----------
     t, q, v
         Where it is.
-    leg : Leg
-        Its present leg.
+    phase : HybridPhase
+        The present one.
     recorders : list of Recorder
         The samples, one a phase.
     happened : list of Happened
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        q: Array,
-        v: Array,
-        method: Method,
-        events: Sequence[Event],
-        leg: Leg | None,
-    ) -> None:
+    def __init__(self, plan: Plan, q: Array, v: Array, phase: HybridPhase | None = None) -> None:
         self.t, self.q, self.v = 0.0, q, v
-        self._method = method
+        self.plan = plan
         self._places: dict[Constraint, Constraint] = {}
-        self._asked = scene  # as the user wrote it: its contacts may lack a place
-        placed = self._placed(scene)
-        self.leg = leg or Leg(placed, method)
-        self.leg.use(placed)
-        self.recorders = [self.leg.begin(self.t, q, v)]
+        self._asked = plan.scene  # as the user wrote it: its contacts may lack a place
+        placed = self._placed(plan.scene)
+        self.phase = phase or HybridPhase(placed, plan)
+        self.phase.use(placed)
+        self.recorders = [self.phase.begin(self.t, q, v)]
         self.happened: list[Happened] = []
-        self._watch = Watch(events)
-        if events:
+        self._watch = Watch(plan.events)
+        if plan.events:
             self._watch.values = self._look(self.t, q, v)
 
-    def run(self, steps: int, every: int, tick: Callable[[int], None] | None = None) -> None:
-        """Take the steps; `tick` is told how many are taken.
+    def run(self, tick: Callable[[int], None] | None = None) -> None:
+        """Take the steps of the plan; `tick` is told how many are taken.
 
         Raises
         ------
-        Ended, PiledUp
+        Ended, ZenoDetected
             If an event ends the run, or happens again at once.
         """
-        (self._run_watched if self._watch.events else self._run_free)(steps, every, tick)
-        self.leg.end(self.t, self.q, self.v)
+        (self._run_watched if self._watch.events else self._run_free)(tick)
+        self.phase.end(self.t, self.q, self.v)
 
-    def _run_free(self, steps: int, every: int, tick: Callable[[int], None] | None) -> None:
+    def _run_free(self, tick: Callable[[int], None] | None) -> None:
         """Take the steps where no event can happen: nothing is looked at in between."""
-        leg, dt = self.leg, self._method.dt
-        step, move, turn = leg.step, leg.move, leg.turn(every)
+        take, turn, recorder = self.phase.stepper.take, self.phase.turn, self.phase.recorder
+        every, dt, rows = self.plan.every, self.plan.dt, recorder.rows
         t, q, v = self.t, self.q, self.v
         try:
-            for k in range(steps):
-                if k % every == turn:
-                    q, v = step(t, q, v, k, every)
-                else:
-                    q, v, _ = move(t, q, v)
-                t = (k + 1) * dt
+            for k in range(self.plan.steps):
+                t1 = (k + 1) * dt
+                q, v = take(t, q, v, t1, rows.append if k % every == turn else None)
+                t = t1
+                if len(rows) == BLOCK:
+                    recorder.pack()
                 if tick:
                     tick(k + 1)
         finally:
             self.t, self.q, self.v = t, q, v
 
-    def _run_watched(self, steps: int, every: int, tick: Callable[[int], None] | None) -> None:
+    def _run_watched(self, tick: Callable[[int], None] | None) -> None:
         """Take the steps, and look after each which event has happened in it."""
-        for k in range(steps):
-            q, v = self.leg.step(self.t, self.q, self.v, k, every)
-            t1 = (k + 1) * self._method.dt
-            q, v = self._through_events(t1, q, v, (k + 1) % every == 0)
+        for k in range(self.plan.steps):
+            q, v = self.phase.step(self.t, self.q, self.v, k)
+            t1 = (k + 1) * self.plan.dt
+            q, v = self._through_events(t1, q, v, (k + 1) % self.plan.every == 0)
             self.t, self.q, self.v = t1, q, v
             if tick:
                 tick(k + 1)
@@ -125,16 +131,16 @@ class Driver:
             event, share = self._first(t1, values)
             if event is None:
                 break
-            self.leg.take_back(self.t)
+            self.phase.take_back(self.t)
             self._go(event, self.t + share * (t1 - self.t))
             self._happen(event)
             if self._is_there(t1):
                 q1, v1 = self.q, self.v
             else:
-                q1, v1 = self.leg.part(self.t, self.q, self.v, t1, keep=keep)
+                q1, v1 = self.phase.part(self.t, self.q, self.v, t1, keep=keep)
         else:
             names = " and ".join(sorted({each.name for each in self.happened[-_MOST:]}))
-            raise PiledUp(
+            raise ZenoDetected(
                 f"more than {_MOST} events ({names}) from t = {self.t:g} s to {t1:g} s: one "
                 "undoes the other; a point that is held sideways while its normal force ends has "
                 "to slide, as a PlanarContact does"
@@ -145,7 +151,7 @@ class Driver:
 
     def _look(self, t: float, q: Array, v: Array) -> dict[str, float]:
         """Return the value of every event at a state."""
-        return self._watch.look(Moment(t, q, v, self.leg.system), self._asked)
+        return self._watch.look(Snapshot(t, q, v, self.phase.system), self._asked)
 
     def _first(self, t1: float, values: dict[str, float]) -> tuple[Event | None, float]:
         """Return the first event on the way to t1, and at which share of it."""
@@ -158,7 +164,7 @@ class Driver:
 
     def _is_there(self, t1: float) -> bool:
         """Whether what is left to t1 is not worth a step."""
-        return t1 - self.t <= _NOTHING * self._method.dt
+        return t1 - self.t <= _NOTHING * self.plan.dt
 
     def _share(self, event: Event, t1: float, before: float, after: float) -> float:
         """Return at which share of the way to t1 the value of an event is zero."""
@@ -174,26 +180,26 @@ class Driver:
             if share in (0.0, 1.0):
                 return after if share else before
             t = self.t + share * way
-            q, v = self.leg.part(self.t, self.q, self.v, t)
-            return event.value(Moment(t, q, v, self.leg.system))
+            q, v = self.phase.part(self.t, self.q, self.v, t)
+            return event.value(Snapshot(t, q, v, self.phase.system))
 
         return float(brentq(value, 0.0, 1.0, xtol=_FOUND, rtol=_FOUND))
 
     def _go(self, event: Event, t: float) -> None:
         """Go on by less than a step, to an event at t."""
         t = t if event.at is None else event.at
-        if t - self.t > _NOTHING * self._method.dt:
-            self.q, self.v = self.leg.part(self.t, self.q, self.v, t)
+        if t - self.t > _NOTHING * self.plan.dt:
+            self.q, self.v = self.phase.part(self.t, self.q, self.v, t)
         self.t = max(t, self.t)  # also if that is not worth a step: a time does not come again
 
     def _happen(self, event: Event) -> None:
         """Let an event happen here; Ended if it ends the run."""
-        self.leg.end(self.t, self.q, self.v)
+        self.phase.end(self.t, self.q, self.v)
         sample = sum(recorder.count for recorder in self.recorders)
         if event.ends:
             self.happened.append(Happened(event.name, self.t, sample - 1))
             raise Ended(f"event {event.name!r} at t = {self.t:g} s")
-        before, left = self.leg.scene, self._asked
+        before, left = self.phase.scene, self._asked
         # a contact that was lifted has its place wherever it touches again
         self._places = {c: self._places[c] for c in self._asked.constraints if c in self._places}
         met = event.met or event.scene
@@ -208,14 +214,14 @@ class Driver:
             what = f"event {event.name!r}: its scene does not fit the state: "
             check_fit(after, self.q, self.v, what=what)
             self._asked = event.scene
-            self.leg = Leg(after, self._method)
-        self.recorders.append(self.leg.begin(self.t, self.q, self.v))
-        self.happened.append(_happened(event, self.t, sample, before, self.leg.scene, change))
+            self.phase = HybridPhase(after, self.plan)
+        self.recorders.append(self.phase.begin(self.t, self.q, self.v))
+        self.happened.append(_happened(event, self.t, sample, before, self.phase.scene, change))
         self._watch.after_event(event, left, self._look(self.t, self.q, self.v), self._asked)
 
     def _placed(self, scene: Scene) -> Scene:
         """Return a scene as it takes part: its contacts with their places, effects off or on."""
-        return anchored(self._method.effects.applied_to(scene), self.q, self._places)
+        return anchored(self.plan.effects.applied_to(scene), self.q, self._places)
 
 
 def _happened(

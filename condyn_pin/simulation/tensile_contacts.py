@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from condyn_pin.simulation.trajectory import Trajectory
 
 
-def pull_notices(trajectory: Trajectory) -> list[str]:
+def tensile_contact_notices(trajectory: Trajectory) -> list[str]:
     """Return a sentence for each contact that pulls, with the largest pull and its time."""
     forces = trajectory.forces
     worst: dict[str, tuple[float, float, Constraint]] = {}  # normal force [N], t [s]
