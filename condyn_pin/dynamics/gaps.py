@@ -9,10 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from condyn_pin._core import tolerances
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.joints import lengths
-from condyn_pin.constraints.rows.bound import FRAME, AnyBound, Bound, Coupled
+from condyn_pin.constraints.rows.bound import AnyBound
 from condyn_pin.constraints.rows.reach import ROUNDED, reach
 from condyn_pin.dynamics.kept import equations_of
 
@@ -73,20 +71,14 @@ def gaps(scene: Scene, c: Array) -> dict[str, Gap]:
 
 
 def gap_of(model: Any, bound: AnyBound, c: Array) -> Gap:
-    """Return how far one constraint is open, from its rows of c.
-
-    Those of a weld are log6 of the placement of one frame in the other: the length of that is no
-    distance, but along a screw. What is told is how far the frames are apart, and turned.
-    """
-    if isinstance(bound, Bound) and bound.selection == FRAME:
-        apart = pin.exp6(pin.Motion(np.ascontiguousarray(c))).translation
-        return Gap(math.hypot(*apart), math.hypot(*c[3:]))
-    return _gap(model, bound, c)
+    """Return how far one constraint is open, from its rows of c."""
+    return Gap(*bound.opening(model, c))
 
 
 def slips(scene: Scene, velocity: Array) -> dict[str, Gap]:
     """Return how fast the sides of each constraint move apart, from J v (m,)."""
-    return {b.name: _gap(scene.robot.model, b, velocity[b.rows]) for b in scene.bounds}
+    model = scene.robot.model
+    return {b.name: Gap(*b.rates(model, velocity[b.rows])) for b in scene.bounds}
 
 
 def rounding(scene: Scene, q: Array, x: Array) -> dict[str, float]:
@@ -96,21 +88,6 @@ def rounding(scene: Scene, q: Array, x: Array) -> dict[str, float]:
     """
     sides = ROUNDED * (reach(equations_of(scene), q) @ np.abs(x))
     return {b.name: float(sides[b.rows].max()) for b in scene.bounds}
-
-
-def _gap(model: Any, bound: AnyBound, rows: Array) -> Gap:
-    """Return the norms of the linear and of the angular rows of one constraint."""
-    if isinstance(bound, Coupled):
-        angular = np.array([not _slides(model, bound.velocity[0])])
-    else:
-        angular = np.array([row > 2 for row in bound.selection] or [False])
-    return Gap(math.hypot(*rows[~angular]), math.hypot(*rows[angular]))  # no square overflows
-
-
-def _slides(model: Any, iv: int) -> bool:
-    """Whether the coordinate at a velocity index is a length."""
-    joint = next(j for j in model.joints if j.idx_v <= iv < j.idx_v + j.nv)
-    return lengths(joint)[iv - int(joint.idx_v)]
 
 
 def _digits(x: float) -> str:

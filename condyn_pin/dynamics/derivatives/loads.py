@@ -25,7 +25,7 @@ import numpy as np
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import axes
-from condyn_pin.dynamics.derivatives.partials import dual_cross
+from condyn_pin.constraints.partials.formulas import dual_cross
 from condyn_pin.dynamics.derivatives.stencil import slope
 from condyn_pin.model.applied_force import AppliedForce
 from condyn_pin.model.loads import Loads, frame_jacobian, in_axes
