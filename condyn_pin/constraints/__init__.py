@@ -1,7 +1,8 @@
 """Constraints as users name them, as rows of a model, and what is asked of those rows.
 
-Nouns: `Constraint` and its kinds; `Bound`, a constraint on joints and columns; `Equations`, which
-has M, h, J and gamma of the bounds; `Drift` and `Baumgarte`, which say what a_ref is.
+Nouns: `Constraint` and its kinds, a file each, of which `base` has the contract; `AnyBound`, a
+constraint on joints and columns; `Equations`, which has M, h, J and gamma of the bounds;
+`ConstraintPartials`, how these change; `Drift` and `Baumgarte`, which say what a_ref is.
 
     J(q) a + gamma(q, v) = a_ref
 
