@@ -2,9 +2,9 @@
 
 Beside them forces from outside, on the same frames.
 
-Nouns: `Constraint` and its kinds; `AppliedForce`; `Bound`, a constraint on joints and columns;
-`Equations`, which has M, h, J and gamma of the bounds; `Drift` and `Baumgarte`, which say what
-a_ref is.
+Nouns: `Constraint` and its kinds, a file each, of which `base` has the contract; `AppliedForce`;
+`AnyBound`, a constraint on joints and columns; `Equations`, which has their M, h, J and gamma;
+`ConstraintPartials`, how these change; `Drift` and `Baumgarte`, which say what a_ref is.
 
     J(q) a + gamma(q, v) = a_ref
 

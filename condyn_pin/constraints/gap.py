@@ -9,10 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from condyn_pin._core import tolerances
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.joints import lengths
-from condyn_pin.constraints.rows.bound import FRAME, AnyBound, Bound, Coupled
+from condyn_pin.constraints.rows.bound import AnyBound
 
 _TINY = 1e-3  # [mm, deg]
 
@@ -61,30 +59,13 @@ def worst(gap: Mapping[str, Gap]) -> tuple[str, Gap]:
 
 
 def gap_of(model: Any, bound: AnyBound, c: Array) -> Gap:
-    """Return how far one constraint is open, from its rows of c.
-
-    Those of a weld are log6 of the placement of one frame in the other: the length of that is no
-    distance, but along a screw. What is told is how far the frames are apart, and turned.
-    """
-    if isinstance(bound, Bound) and bound.selection == FRAME:
-        apart = pin.exp6(pin.Motion(np.ascontiguousarray(c))).translation
-        return Gap(math.hypot(*apart), math.hypot(*c[3:]))
-    return slip_of(model, bound, c)
+    """Return how far one constraint is open, from its rows of c."""
+    return Gap(*bound.opening(model, c))
 
 
 def slip_of(model: Any, bound: AnyBound, rows: Array) -> Gap:
     """Return how fast the sides of one constraint move apart, from its rows of J v."""
-    if isinstance(bound, Coupled):
-        angular = np.array([not _slides(model, bound.velocity[0])])
-    else:
-        angular = np.array([row > 2 for row in bound.selection] or [False])
-    return Gap(math.hypot(*rows[~angular]), math.hypot(*rows[angular]))  # no square overflows
-
-
-def _slides(model: Any, iv: int) -> bool:
-    """Whether the coordinate at a velocity index is a length."""
-    joint = next(j for j in model.joints if j.idx_v <= iv < j.idx_v + j.nv)
-    return lengths(joint)[iv - int(joint.idx_v)]
+    return Gap(*bound.rates(model, rows))
 
 
 def _digits(x: float) -> str:

@@ -21,7 +21,7 @@ from condyn_pin._core.joints import turning
 from condyn_pin.constraints.applied_force import AppliedForce
 
 if TYPE_CHECKING:
-    from condyn_pin.constraints.rows.binding import Machine
+    from condyn_pin.constraints.base import Machine
 
 _ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 

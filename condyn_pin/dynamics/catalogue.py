@@ -6,7 +6,6 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.constraints import Constraint
-from condyn_pin.constraints.contacts import SurfaceContact
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.model.robot import Robot
 
@@ -35,8 +34,8 @@ def standard_scenes(robot: Robot) -> dict[str, Scene]:
 def _corners(robot: Robot) -> tuple[Constraint, ...]:
     found: list[Constraint] = []
     for contact in robot.contacts:
-        flat = isinstance(contact, SurfaceContact) and contact.half_length and contact.half_width
-        found.extend(contact.corners() if flat else [contact])  # type: ignore[attr-defined]
+        flat = contact.support and contact.support.half_length and contact.support.half_width
+        found.extend(contact.by_points(robot)[1] if flat else [contact])
     return tuple(found)
 
 

@@ -16,18 +16,11 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.as_array import AsArray
 from condyn_pin._core.errors import InvalidArgument
-from condyn_pin.constraints.constraints import Constraint, Coupling, Loop
-from condyn_pin.constraints.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
-from condyn_pin.constraints.nonholonomic import Knife, RollingBall, RollingWheel
-from condyn_pin.constraints.rows.bound import POINT, AnyBound, Bound, Coupled, Rolled
+from condyn_pin.constraints.constraints import Constraint
 from condyn_pin.constraints.rows.equations import Equations
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
-
-# Contacts whose third axis is the normal, and those that have none: the vertical stands for it.
-WITH_NORMAL = (SurfaceContact, PlanarContact, RollingWheel, RollingBall)
-WITHOUT_NORMAL = (PointContact, LineContact)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,17 +54,8 @@ class Sites:
 
     def forces(self, lam: Array) -> dict[str, ConstraintForce]:
         """Return the forces lam (m,) by name, each on the first-named body."""
-        pairs = zip(self.scene.constraints, self.scene.bounds, strict=True)
-        return {
-            bound.name: _force(self, i, constraint, bound, lam[bound.rows])
-            for i, (constraint, bound) in enumerate(pairs)
-        }
-
-    def direction(self, i: int) -> Array:
-        """Return the direction (3,) of rod i, from c1 to c2 in the axes of c1."""
-        oMc1, oMc2 = self.placements[i]
-        along: Array = oMc1.actInv(oMc2).translation
-        return np.asarray(along / np.linalg.norm(along))
+        bounds = enumerate(self.scene.bounds)
+        return {bound.name: _force(self, i, lam[bound.rows]) for i, bound in bounds}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -109,16 +93,8 @@ class ConstraintForce(AsArray):
     @property
     def at(self) -> Array:
         """The point of the world (3,) at which it acts [m]."""
-        b, (one, two) = self._bound, self._ends
-        if isinstance(b, Rolled):
-            return np.array(one.translation)  # the lowest point
-        first = self._first == (b.sign > 0)  # whether it acts on body 1
-        if not b.anchored and b.joint2 == 0:
-            return np.array(one.translation)  # nothing says where c2 is
-        if b.is_plain:  # a weld keeps its wrench whole, a ball acts at each body's own point
-            at_two = b.selection == POINT and not first
-            return np.array((two if at_two else one).translation)
-        return np.array(two.translation)
+        bound = self._sites.scene.bounds[self._index]
+        return bound.acts_at(*self._ends, on_first=self._first)
 
     @property
     def scene(self) -> Scene:
@@ -143,9 +119,7 @@ class ConstraintForce(AsArray):
     def on_other(self) -> ConstraintForce:
         """Return the opposite force: on the other body, in the same axes."""
         b = self._sites.scene.bounds[self._index]
-        scale = 1.0
-        if isinstance(b, Coupled):
-            scale = b.ratio if self._first else 1.0 / b.ratio
+        scale = b.reaction(on_first=self._first)
         return ConstraintForce(
             self.name, read_only(-scale * self.components), self.by, self.on, self.frame, self.lam,
             self._sites, self._index, not self._first,
@@ -157,21 +131,11 @@ class ConstraintForce(AsArray):
         return np.asarray(self._sites.jacobian[rows].T @ self.lam)
 
     @property
-    def _bound(self) -> Bound | Rolled:
-        bound = self._sites.scene.bounds[self._index]
-        if isinstance(bound, Coupled):
-            raise self._nowhere()
-        return bound
-
-    @property
     def _ends(self) -> tuple[Any, Any]:
         ends: tuple[Any, Any] | None = self._sites.placements[self._index]
         if ends is None:
-            raise self._nowhere()
+            raise InvalidArgument(f"{self.name}: a coupling acts along joints, at no point")
         return ends
-
-    def _nowhere(self) -> InvalidArgument:
-        return InvalidArgument(f"{self.name}: a coupling acts along joints, at no point")
 
     def __repr__(self) -> str:
         numbers = np.array2string(self.components, precision=4, suppress_small=True)
@@ -190,22 +154,12 @@ def pulling(forces: dict[str, ConstraintForce], sites: Sites, unit: str = "N") -
     said = []
     for constraint in sites.scene.constraints:
         force = forces[constraint.name]
-        if isinstance(constraint, WITH_NORMAL):
-            normal = float(force[2])
-        elif isinstance(constraint, WITHOUT_NORMAL):
-            normal = float(force.in_world()[:3] @ up)
-        else:
+        if not constraint.presses:
             continue
+        normal = force[2] if constraint.has_normal else force.in_world()[:3] @ up
         if normal < -tolerances.SOLVED * largest:
-            said.append(pull_text(constraint, f"{-normal:.4g} {unit}"))
+            said.append(pull_text(constraint, f"{-float(normal):.4g} {unit}"))
     return tuple(said)
-
-
-def presses(constraint: Constraint) -> bool:
-    """Whether a constraint is a contact with a normal force."""
-    if isinstance(constraint, RollingWheel):
-        return "normal" in constraint.holds
-    return isinstance(constraint, WITH_NORMAL + WITHOUT_NORMAL)
 
 
 def upward(scene: Scene) -> Array:
@@ -216,37 +170,15 @@ def upward(scene: Scene) -> Array:
 
 def pull_text(constraint: Constraint, pull: str) -> str:
     """Return the sentence on a contact that pulls, with how much."""
-    words = " (the vertical is its normal)" if isinstance(constraint, WITHOUT_NORMAL) else ""
+    words = "" if constraint.has_normal else " (the vertical is its normal)"
     return f"{constraint.name}: the contact pulls with {pull}{words}; the ground would let go"
 
 
-def _force(
-    sites: Sites, i: int, constraint: Constraint, bound: AnyBound, lam: Array
-) -> ConstraintForce:
+def _force(sites: Sites, i: int, lam: Array) -> ConstraintForce:
     """Return the force of one constraint on its first-named body."""
-    if isinstance(bound, Coupled):
-        components = lam.copy()
-    elif isinstance(bound, Bound) and bound.is_rod:
-        components = np.asarray(lam[0] * sites.direction(i))
-    else:
-        components = bound.whole(lam)
-    on, by, frame = _names(constraint, bound)
+    constraint, bound = sites.scene.constraints[i], sites.scene.bounds[i]
+    components = bound.force(lam, lambda: sites.placements[i])
+    on, by, frame = constraint.acting(swapped=bound.sign < 0)
     return ConstraintForce(
         bound.name, read_only(components), on, by, frame, read_only(lam.copy()), sites, i, True
     )
-
-
-def _names(constraint: Constraint, bound: AnyBound) -> tuple[str, str, str]:
-    """Return on whom, by whom, and in whose axes."""
-    if isinstance(constraint, Loop):
-        one, two = constraint.frame_a, constraint.frame_b
-        swapped = isinstance(bound, Bound) and bound.sign < 0
-        return one, two, two if swapped else one
-    if isinstance(constraint, Coupling):
-        return constraint.joint_a, constraint.joint_b, ""
-    if isinstance(constraint, PlanarContact):
-        return constraint.frame, "world", f"{constraint.name}/plane"
-    if isinstance(constraint, RollingWheel | RollingBall):
-        return constraint.frame, "world", f"{constraint.name}/touching"
-    assert isinstance(constraint, PointContact | SurfaceContact | LineContact | Knife)
-    return constraint.frame, "world", constraint.frame

@@ -19,7 +19,7 @@ model. MuJoCo has two equalities between bodies; a hinge is two points of its ax
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
@@ -28,9 +28,8 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.errors import InvalidArgument, InvalidModel, unknown_name
-from condyn_pin.constraints.constraints import WORLD, Coupling, Loop
-from condyn_pin.constraints.rows.binding import bind
-from condyn_pin.constraints.rows.bound import Bound
+from condyn_pin.constraints.base import WORLD, Constraint
+from condyn_pin.constraints.constraint_fields import Vector3
 from condyn_pin.io.mjcf_posture import drawn
 from condyn_pin.io.mjcf_write_joint import (
     chains_of,
@@ -42,8 +41,6 @@ from condyn_pin.io.mjcf_write_joint import (
     write_pose,
 )
 from condyn_pin.model.robot import Robot
-
-_EQUALITIES = {"ball": "connect", "weld": "weld", "hinge": "connect"}
 
 
 def to_mjcf(robot: Robot, *, without: Iterable[str] = ()) -> str:
@@ -59,7 +56,7 @@ def to_mjcf(robot: Robot, *, without: Iterable[str] = ()) -> str:
     return _Writer(robot).write(_kept(robot, without))
 
 
-def _kept(robot: Robot, without: Iterable[str]) -> tuple[Loop | Coupling, ...]:
+def _kept(robot: Robot, without: Iterable[str]) -> tuple[Constraint, ...]:
     """Return the loops to write, after a look at their kinds."""
     if isinstance(without, str) or not isinstance(without, Iterable):
         raise InvalidArgument(f"without = {without!r}: a list of names of loops is needed")
@@ -70,9 +67,9 @@ def _kept(robot: Robot, without: Iterable[str]) -> tuple[Loop | Coupling, ...]:
             raise unknown_name("loop", str(name), names)
     kept = tuple(loop for loop in robot.loops if loop.name not in left_out)
     for loop in kept:
-        if isinstance(loop, Loop) and loop.kind not in _EQUALITIES:
+        if not loop.in_mjcf:
             raise InvalidModel(
-                f"loop {loop.name!r} is a {loop.kind}, for which MuJoCo has no equality; "
+                f"loop {loop.name!r} is a {loop.called}, for which MuJoCo has no equality; "
                 f"leave it out with to_mjcf(without=[{loop.name!r}])"
             )
     return kept
@@ -89,7 +86,7 @@ class _Writer:
         self.bodies: set[str] = set()
         self.sites: set[str] = set()
 
-    def write(self, loops: tuple[Loop | Coupling, ...]) -> str:
+    def write(self, loops: tuple[Constraint, ...]) -> str:
         SubElement(self.root, "compiler", angle="radian", autolimits="true")
         if np.any(self.model.gravity.angular):
             raise InvalidModel("the model's gravity turns; MuJoCo has only a linear one")
@@ -144,34 +141,20 @@ class _Writer:
         for frame in self.model.frames:
             taken = frame.name in (*self.bodies, *self.sites, *WORLD)
             if not taken and frame.type != pin.FrameType.JOINT:
-                self._add_site(frame.name, frame.parentJoint, frame.placement)
+                self.add_site(frame.name, frame.parentJoint, frame.placement)
 
-    def _add_site(self, name: str, i: int, placement: Any) -> str:
+    def add_site(self, name: str, i: int, placement: Any) -> str:
         body, B_inverse = self.on[i]
         SubElement(body, "site", {"name": name} | write_pose(B_inverse * placement))
         self.sites.add(name)
         return name
 
-    def _add_loops(self, loops: tuple[Loop | Coupling, ...]) -> None:
+    def _add_loops(self, loops: tuple[Constraint, ...]) -> None:
         if not loops:
             return
-        equality = SubElement(self.root, "equality")
+        equalities = _Equalities(self, SubElement(self.root, "equality"))
         for loop in loops:
-            if isinstance(loop, Coupling):
-                a, b = (self._reference(joint) for joint in (loop.joint_a, loop.joint_b))
-                shift = loop.offset - a + loop.ratio * b  # MuJoCo counts both from where drawn
-                polynomial = numbers([shift, loop.ratio, 0.0, 0.0, 0.0])
-                joints = {"joint1": loop.joint_a, "joint2": loop.joint_b}
-                said = {"name": loop.name, **joints, "polycoef": polynomial}
-                SubElement(equality, "joint", said)
-                continue
-            ends = (
-                self._site_of(loop.frame_a, f"{loop.name}_a"),
-                self._site_of(loop.frame_b, f"{loop.name}_b"),
-            )
-            _equate(equality, loop, loop.name, ends)
-            if loop.kind == "hinge":
-                _equate(equality, loop, f"{loop.name}_axis", self._along_axis(loop))
+            loop.write_mjcf(equalities)
 
     def _add_spring_dampers(self) -> None:
         """Make each spring-damper a tendon that is straight from site to site."""
@@ -184,34 +167,18 @@ class _Writer:
             words = {"name": f"spring_damper_{k}"} | {key: numbers([x]) for key, x in said.items()}
             tendon = SubElement(tendons, "spatial", words)
             for frame, end in ((each.frame_a, "a"), (each.frame_b, "b")):
-                SubElement(tendon, "site", site=self._site_of(frame, f"spring_damper_{k}_{end}"))
+                SubElement(tendon, "site", site=self.site_of(frame, f"spring_damper_{k}_{end}"))
 
-    def _reference(self, joint: str) -> float:
-        """Return the coordinate of a joint where the file draws the model [rad or m]."""
-        return reference(self.model, self.model.getJointId(joint), self.drawn)
-
-    def _site_of(self, frame: str, new: str) -> str:
+    def site_of(self, frame: str, new: str) -> str:
         """Return the site of a frame; a body's or the world's own frame gets one."""
         if frame in self.sites:
             return frame
-        return self._add_site(self._spare(new), *self.robot.frame(frame))
+        return self.add_site(self.spare(new), *self.robot.frame(frame))
 
-    def _spare(self, name: str) -> str:
+    def spare(self, name: str) -> str:
         while name in self.sites or name in self.bodies:
             name += "_"
         return name
-
-    def _along_axis(self, loop: Loop) -> tuple[str, str]:
-        """Add a second point of a hinge's axis to both bodies."""
-        (bound,) = bind(self.robot, [loop])
-        assert isinstance(bound, Bound)
-        along = pin.SE3(np.eye(3), bound.lever * np.eye(3)["xyz".index(loop.axis)])
-        sites = []
-        for frame, suffix in ((loop.frame_a, "a"), (loop.frame_b, "b")):
-            i, placement = self.robot.frame(frame)
-            name = self._spare(f"{loop.name}_axis_{suffix}")
-            sites.append(self._add_site(name, i, placement * along))
-        return sites[0], sites[1]
 
     def _add_motors(self) -> None:
         if not self.robot.actuated:
@@ -231,5 +198,28 @@ class _Writer:
             SubElement(keyframes, "key", name=name, qpos=write_configuration(self.model, q))
 
 
-def _equate(equality: Element, loop: Loop, name: str, sites: tuple[str, str]) -> None:
-    SubElement(equality, _EQUALITIES[loop.kind], name=name, site1=sites[0], site2=sites[1])
+class _Equalities:
+    """What a loop writes itself to."""
+
+    def __init__(self, writer: _Writer, element: Element) -> None:
+        self._writer, self._element, self.robot = writer, element, writer.robot
+
+    def equate(self, tag: str, **words: str | Sequence[float]) -> None:
+        """Write an equality."""
+        said = {key: x if isinstance(x, str) else numbers(x) for key, x in words.items()}
+        SubElement(self._element, tag, said)
+
+    def site(self, frame: str, new: str) -> str:
+        """Return the site of a frame; a body's or the world's own frame gets one."""
+        return self._writer.site_of(frame, new)
+
+    def site_beside(self, frame: str, new: str, shift: Vector3) -> str:
+        """Return a new site, shifted from a frame in its axes [m]."""
+        i, placement = self.robot.frame(frame)
+        place = placement * pin.SE3(np.eye(3), np.array(shift))
+        return self._writer.add_site(self._writer.spare(new), i, place)
+
+    def coordinate(self, joint: str) -> float:
+        """Return the coordinate of a joint where the file draws the model [rad or m]."""
+        writer = self._writer
+        return reference(writer.model, writer.model.getJointId(joint), writer.drawn)

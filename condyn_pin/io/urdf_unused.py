@@ -89,7 +89,7 @@ def doubtful(
             "to 0, which locks them"
         )
     for kind in ("ball", "weld"):
-        if names := [loop.name for loop in cuts if loop.kind == kind]:
+        if names := [loop.name for loop in cuts if loop.called == kind]:
             yield (
                 f"the kind of the joints cut at {few(names)}: {kind}s here, unless [[loops]] of a "
                 "robot.toml name the same two frames"

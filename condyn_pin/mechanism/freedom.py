@@ -18,7 +18,6 @@ import numpy as np
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.numerical_rank import null_space, rank_of
 from condyn_pin._core.names import listed
-from condyn_pin.constraints.rows.bound import Coupled
 from condyn_pin.dynamics.kept import equations_of
 
 if TYPE_CHECKING:
@@ -56,8 +55,8 @@ def _points(scene: Scene, ends: Sequence[Any], sizes: Array) -> Points:
     """Return names of the constraints that hold the base, and where in the world."""
     found = []
     for bound, pair in zip(scene.bounds, ends, strict=True):
-        if pair is not None and not isinstance(bound, Coupled) and sizes[bound.rows].any():
-            found.append((bound.name, np.array(pair[0 if bound.joint1 else 1].translation)))
+        if pair is not None and sizes[bound.rows].any():
+            found.append((bound.name, np.array(pair[bound.on_robot].translation)))
     return found
 
 

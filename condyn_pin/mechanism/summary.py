@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.names import few
-from condyn_pin.constraints.nonholonomic import Nonholonomic
 from condyn_pin.mechanism.freedom import base_freedom
 from condyn_pin.mechanism.rank import Rank
 
@@ -117,7 +116,7 @@ def summarise(scene: Scene, q: ArrayLike | None) -> Summary:
         nq=robot.nq,
         nv=robot.nv,
         mass=robot.mass,
-        constraints=tuple((c.name, _kind(c), c.rows) for c in scene.constraints),
+        constraints=tuple((c.name, c.title, c.rows) for c in scene.constraints),
         rows=at.rows,
         rank=at.rank,
         mobility=at.mobility,
@@ -133,12 +132,6 @@ def summarise(scene: Scene, q: ArrayLike | None) -> Summary:
         source=robot.source,
         licence=robot.licence,
     )
-
-
-def _kind(constraint: object) -> str:
-    kind = getattr(constraint, "kind", None)
-    name = type(constraint).__name__
-    return f"{name} ({kind})" if kind else name
 
 
 def _unused(scene: Scene) -> Iterator[str]:
@@ -194,7 +187,7 @@ def _notes(scene: Scene, at: Rank) -> Iterator[str]:
             f"{', '.join(missing)}: Pinocchio has no such rows, so that Proximal and LCABA refuse "
             "the scene; what solves it instead takes five times as long, or more"
         )
-    if rolling := [c.name for c in scene.constraints if isinstance(c, Nonholonomic)]:
+    if rolling := [c.name for c in scene.constraints if c.on_velocity]:
         yield (
             f"{', '.join(rolling)}: rows on the velocity; mobility counts directions of motion, "
             "and they may lead to more places than that (is_integrable)"

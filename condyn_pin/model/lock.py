@@ -11,7 +11,6 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidModel
 from condyn_pin._core.names import checked
-from condyn_pin.constraints.constraints import Coupling
 from condyn_pin.constraints.gap import gap_of
 from condyn_pin.constraints.rows.binding import bind
 from condyn_pin.constraints.rows.equations import Equations
@@ -68,9 +67,9 @@ def _rest(robot: Robot) -> Array:
 def _check_couplings(robot: Robot, locked: Sequence[str]) -> None:
     """Refuse to lock one joint of a coupling without the other."""
     for loop in robot.loops:
-        if isinstance(loop, Coupling) and (loop.joint_a in locked) != (loop.joint_b in locked):
+        if 0 < len(set(loop.joints) & set(locked)) < len(set(loop.joints)):
             raise InvalidModel(
-                f"lock: {loop.joint_a!r} and {loop.joint_b!r} are coupled by {loop.name!r}; "
+                f"lock: {' and '.join(map(repr, loop.joints))} are coupled by {loop.name!r}; "
                 "lock both, or leave the coupling out"
             )
 

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
-from condyn_pin.constraints.constraints import Constraint, Coupling, Loop
-from condyn_pin.model.robot_fields import MEMBERS, check_ends, members, postures
+from condyn_pin.constraints.constraints import Constraint
+from condyn_pin.model.robot_fields import check_ends, lists, members, postures
 from condyn_pin.model.robot_frames import find_frame, model_with_frame
 from condyn_pin.model.soundness import check_model
 from condyn_pin.model.spring import Spring, SpringDamper
@@ -62,7 +62,7 @@ class Robot:
     name: str
     model: Any
     postures: Mapping[str, Array] = field(default_factory=dict)
-    loops: Sequence[Loop | Coupling] = ()
+    loops: Sequence[Constraint] = ()
     contacts: Sequence[Constraint] = ()
     actuated: Sequence[str] = ()
     springs: Sequence[Spring] = ()
@@ -81,7 +81,7 @@ class Robot:
         if not isinstance(self.name, str):
             raise InvalidArgument(f"name = {self.name!r}: a text is needed")
         check_model(self.model)
-        for key, kind in MEMBERS.items():
+        for key, kind in lists().items():
             object.__setattr__(self, key, members(key, getattr(self, key), kind))
         for joint in self.actuated:
             self._joint(joint)
@@ -228,7 +228,7 @@ class Robot:
             return NotImplemented
         if self is other:
             return True
-        plain = ("name", *MEMBERS, "source", "licence")
+        plain = ("name", *lists(), "source", "licence")
         return (
             all(getattr(self, key) == getattr(other, key) for key in plain)
             and self.postures.keys() == other.postures.keys()

@@ -11,21 +11,26 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument, InvalidModel
-from condyn_pin.constraints.constraints import Constraint, Coupling, Loop
+from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.kinds import of_loops
 from condyn_pin.model.spring import Spring, SpringDamper
 
 if TYPE_CHECKING:
     from condyn_pin.model.robot import Robot
 
-# The fields that are lists, and what is in them.
-MEMBERS: Final[Mapping[str, tuple[type, ...]]] = {
-    "loops": (Loop, Coupling),
+# The fields that are lists, and what is in them, but for loops: of these kinds may be more.
+_MEMBERS: Final[Mapping[str, tuple[type, ...]]] = {
     "contacts": (Constraint,),
     "actuated": (str,),
     "springs": (Spring,),
     "spring_dampers": (SpringDamper,),
     "unused": (str,),
 }
+
+
+def lists() -> Mapping[str, tuple[type, ...]]:
+    """Return the fields that are lists, and what is in them."""
+    return {"loops": of_loops(), **_MEMBERS}
 
 
 def members(argument: str, value: Any, kinds: tuple[type, ...]) -> tuple[Any, ...]:

@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import TypeVar
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import UnknownName, unknown_name
+from condyn_pin._core.errors import UnknownName
 from condyn_pin._core.joints import indices
-from condyn_pin.constraints.constraints import Constraint, Coupling, Loop
+from condyn_pin.constraints.constraints import Constraint
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.smaller_tree import smaller_tree
 from condyn_pin.model.spring import SpringDamper
@@ -71,7 +71,7 @@ def sifted(
 
 def _constrains(robot: Robot, constraint: Constraint) -> bool:
     try:
-        first, second = sides(robot, constraint)
+        first, second = constraint.sides(robot)
     except UnknownName:
         return False
     return first != second
@@ -83,19 +83,6 @@ def _pulls(robot: Robot, each: SpringDamper) -> bool:
         return robot.frame(each.frame_a)[0] != robot.frame(each.frame_b)[0]
     except UnknownName:
         return False
-
-
-def sides(robot: Robot, constraint: Constraint) -> tuple[int, int]:
-    """Return the numbers of the two joints whose bodies a constraint ties; 0 is the world."""
-    if isinstance(constraint, Coupling):
-        joints = (constraint.joint_a, constraint.joint_b)
-        for joint in joints:
-            if joint not in robot.joints:
-                raise unknown_name("joint", joint, robot.joints)
-        return robot.model.getJointId(joints[0]), robot.model.getJointId(joints[1])
-    if isinstance(constraint, Loop):
-        return robot.frame(constraint.frame_a)[0], robot.frame(constraint.frame_b)[0]
-    return robot.frame(constraint.frame)[0], 0  # type: ignore[attr-defined]
 
 
 def free_flyers(robot: Robot) -> tuple[str, ...]:

@@ -10,13 +10,8 @@ from collections.abc import MutableMapping
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.constraints import Constraint
-from condyn_pin.constraints.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
-from condyn_pin.constraints.nonholonomic import Knife, RollingBall, RollingWheel
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.simulation.measures import gauge_of
 
@@ -36,29 +31,12 @@ def anchored(
     if all(bound.anchored for bound in scene.bounds):
         return scene
     places = {} if places is None else places
-    frames = gauge_of(scene).equations.placements(q)
+    frames: list[Any] = gauge_of(scene).equations.placements(q)
     pairs = zip(scene.constraints, scene.bounds, frames, strict=True)
     for constraint, bound, frame in pairs:
         if constraint not in places:
-            places[constraint] = constraint if bound.anchored else _anchor(constraint, frame)
+            places[constraint] = constraint if bound.anchored else constraint.anchored_at(*frame)
     placed = replace(scene, constraints=tuple(places[c] for c in scene.constraints))
     # J, and all that was measured with it, is the same where the contacts touch
     vars(placed)["audit"] = scene.audit
     return placed
-
-
-def _anchor(constraint: Constraint, place: tuple[Any, Any] | None) -> Constraint:
-    """Return a contact anchored at the frames (c1, c2) of its bound form."""
-    assert place is not None  # only contacts lack an anchor
-    one, two = place
-    if isinstance(constraint, PointContact):
-        return replace(constraint, anchor=tuple(one.translation.tolist()))
-    if isinstance(constraint, SurfaceContact | LineContact):
-        return replace(constraint, anchor=tuple(pin.SE3ToXYZQUAT(one).tolist()))
-    if isinstance(constraint, Knife):  # it belongs everywhere
-        return constraint
-    if isinstance(constraint, RollingWheel | RollingBall):
-        return replace(constraint, height=float(np.dot(constraint.normal, one.translation)))
-    assert isinstance(constraint, PlanarContact)
-    height = float(np.dot(constraint.normal, two.translation))
-    return replace(constraint, height=height)

@@ -7,9 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin.constraints.constraints import Coupling, Loop
-from condyn_pin.constraints.contacts import LineContact, PlanarContact, PointContact, SurfaceContact
-from condyn_pin.constraints.nonholonomic import Knife, RollingBall, RollingWheel
+from condyn_pin.constraints.kinds import named
 from condyn_pin.dynamics.solvers import SOLVERS
 from condyn_pin.model.spring import Spring, SpringDamper
 from condyn_pin.simulation.drift import DRIFTS
@@ -21,8 +19,6 @@ from condyn_pin.simulation.integrators import INTEGRATORS
 KINDS: dict[str, type] = {
     kind.__name__: kind
     for kind in (
-        *(PointContact, SurfaceContact, LineContact, PlanarContact, Loop, Coupling),
-        *(Knife, RollingBall, RollingWheel),
         *(Effects, Happened, Spring, SpringDamper),
         *(INTEGRATORS | DRIFTS | SOLVERS).values(),
     )
@@ -47,7 +43,7 @@ def decode(coded: dict[str, Any]) -> Any:
     values = dict(coded)
     name = values.pop("class")
     # those of the user's own have registered since
-    kind = KINDS.get(name) or (INTEGRATORS | DRIFTS | SOLVERS).get(name.lower())
+    kind = KINDS.get(name) or named(name) or (INTEGRATORS | DRIFTS | SOLVERS).get(name.lower())
     if kind is None:
         raise LookupError(f"{name} is not known here: import the module that defines it")
     return kind(**{k: tuple(x) if isinstance(x, list) else x for k, x in values.items()})

@@ -13,7 +13,6 @@ from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.knobs import check_called, check_count
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.constraints.drift import Drift
-from condyn_pin.constraints.rows.bound import is_scalar
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.simulation.defaults import default_drift, default_integrator
@@ -167,7 +166,7 @@ def _events(scene: Scene, events: Sequence[Event]) -> tuple[Event, ...]:
     if isinstance(events, Event) or not isinstance(events, Iterable):
         raise InvalidArgument("events: a list is needed, also for a single event")
     checked = tuple(events)
-    scalar = {bound.name: is_scalar(bound) for bound in scene.bounds}
+    scalar = {bound.name: bound.is_scalar for bound in scene.bounds}
     for event in checked:
         if not isinstance(event, Event):
             raise InvalidArgument(f"events: {event!r} is not an Event")
@@ -198,7 +197,7 @@ def _check_scene(event: str, its: Scene, simulated: Scene, scalar: dict[str, boo
             "what changes on the way is a torque: tau(t, q, v)"
         )
     for bound in its.bounds:
-        if scalar.setdefault(bound.name, is_scalar(bound)) != is_scalar(bound):
+        if scalar.setdefault(bound.name, bound.is_scalar) != bound.is_scalar:
             raise InvalidArgument(
                 f"event {event!r}: {bound.name!r} has a force of one number in one "
                 "scene and a vector in another; give one of the two another name"

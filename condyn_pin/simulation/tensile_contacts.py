@@ -12,7 +12,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.constraints import Constraint
-from condyn_pin.dynamics.force import WITH_NORMAL, WITHOUT_NORMAL, pull_text, upward
+from condyn_pin.dynamics.force import pull_text, upward
 from condyn_pin.simulation.measures import gauge_of
 
 if TYPE_CHECKING:
@@ -28,12 +28,10 @@ def tensile_contact_notices(trajectory: Trajectory) -> list[str]:
         t, q = trajectory.t[phase.samples], trajectory.q[phase.samples]
         for i, constraint in enumerate(phase.scene.constraints):
             force = forces[constraint.name][phase.samples]
-            if isinstance(constraint, WITH_NORMAL):
-                normal = force[:, 2]
-            elif isinstance(constraint, WITHOUT_NORMAL):
-                normal = _upwards(phase.scene, i, q, force[:, :3])
-            else:
+            if not constraint.presses:
                 continue
+            along = force[:, :3]
+            normal = force[:, 2] if constraint.has_normal else _upwards(phase.scene, i, q, along)
             k = int(normal.argmin())
             if constraint.name not in worst or normal[k] < worst[constraint.name][0]:
                 worst[constraint.name] = float(normal[k]), float(t[k]), constraint

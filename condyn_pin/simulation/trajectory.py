@@ -9,7 +9,6 @@ from os import PathLike
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.bound import is_scalar
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.simulation.measures import Energy, Kinematics, gauge_of, work
 from condyn_pin.simulation.notices import notices_of
@@ -85,8 +84,8 @@ class Trajectory:
         for phase in self.phases:
             for bound in phase.scene.bounds:
                 force = self.lam[phase.samples][:, list(phase.columns[bound.rows])]
-                if not is_scalar(bound):
-                    force = np.array([bound.whole(row) for row in force])  # type: ignore[union-attr]
+                if not bound.is_scalar:
+                    force = np.array([bound.whole(row) for row in force])
                 parts.setdefault(bound.name, []).append((phase.samples, force))
         return {name: self._joined(each) for name, each in parts.items()}
 

@@ -3,22 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Final
+from collections.abc import Iterable, Mapping
 
-import numpy as np
-
-from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument
-from condyn_pin.constraints.constraints import Constraint, Loop
-from condyn_pin.constraints.contacts import LineContact, SurfaceContact
+from condyn_pin.constraints.constraints import Constraint
 from condyn_pin.dynamics.catalogue import standard_scenes
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot
-from condyn_pin.model.robot import Robot
-
-# From the middle of a hinge or a weld to the points that stand for it.
-_LEVER: Final = 0.1  # [m]
 
 Scenes = Scene | str | Mapping[str, Scene] | Iterable[Scene | str]
 
@@ -75,56 +66,18 @@ def modellings(scene: Scene) -> dict[str, Scene]:
         "as it is", and one for each of the four that the scene has.
     """
     made = {"as it is": scene}
-    for label, kind in _POINTS.items():
+    for label in sorted({constraint.by_points_called for constraint in scene.constraints} - {""}):
         robot, constraints = scene.robot, list[Constraint]()
         for constraint in scene.constraints:
-            robot, points = kind(robot, constraint)
+            robot, points = (
+                constraint.by_points(robot)
+                if constraint.by_points_called == label
+                else (robot, (constraint,))
+            )
             constraints += points
         if tuple(constraints) != scene.constraints:
             made[label] = Scene(robot, constraints)
     return made
-
-
-def _corners(robot: Robot, c: Constraint) -> _Points:
-    known = isinstance(c, SurfaceContact) and c.half_length and c.half_width
-    return robot, c.corners() if known else (c,)  # type: ignore[attr-defined]
-
-
-def _ends(robot: Robot, c: Constraint) -> _Points:
-    return robot, c.ends() if isinstance(c, LineContact) and c.half_length else (c,)
-
-
-def _hinge(robot: Robot, c: Constraint) -> _Points:
-    if not isinstance(c, Loop) or c.kind != "hinge":
-        return robot, (c,)
-    along = np.eye(3)["xyz".index(c.axis)]
-    return _balls(robot, c, (_LEVER * along, -_LEVER * along))
-
-
-def _weld(robot: Robot, c: Constraint) -> _Points:
-    if not isinstance(c, Loop) or c.kind != "weld":
-        return robot, (c,)
-    return _balls(robot, c, tuple(_LEVER * np.eye(3)))
-
-
-def _balls(robot: Robot, loop: Loop, places: Sequence[Array]) -> _Points:
-    """Return a robot with frames at some places of both halves of a loop, and balls there."""
-    balls = []
-    for number, place in enumerate(places):
-        a, b = (f"{frame} of {loop.name}, {number}" for frame in (loop.frame_a, loop.frame_b))
-        robot = robot.with_frame(a, loop.frame_a, place).with_frame(b, loop.frame_b, place)
-        balls.append(Loop(a, b, name=f"{loop.name}, {number}"))
-    return robot, tuple(balls)
-
-
-_Points = tuple[Robot, Sequence[Constraint]]
-
-_POINTS: dict[str, Callable[[Robot, Constraint], _Points]] = {
-    "corners for surfaces": _corners,
-    "ends for edges": _ends,
-    "two points for hinges": _hinge,
-    "three points for welds": _weld,
-}
 
 
 def _pairs(one: Scene | str) -> list[tuple[str, Scene]]:

@@ -13,7 +13,6 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.constraints import Coupling, Loop
 from condyn_pin.dynamics.force import ConstraintForce
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.model.robot import Robot
@@ -97,8 +96,8 @@ def arrow_parts(
     peaks : mapping of str to Peak
         Of a motion: the largest force and moment of each constraint, drawn or not.
     """
-    arrows = [arrow for c in scene.constraints if not isinstance(c, Coupling)
-              for arrow in _arrows(c.name, isinstance(c, Loop))]  # fmt: skip
+    arrows = [arrow for c in scene.constraints if c.frames
+              for arrow in _arrows(c.name, between=len(c.frames) == 2)]  # fmt: skip
     most = {arrow: arrow.most(moments, peaks) for arrow in arrows}
     for unit in ("N", "N m"):
         same = [arrow for arrow in arrows if arrow.unit == unit]
@@ -110,7 +109,7 @@ def arrow_parts(
                 yield from _drawn(arrow, length, body, _LARGEST * size / largest, size)
 
 
-def _arrows(name: str, is_loop: bool) -> Iterator[_Arrow]:
+def _arrows(name: str, *, between: bool) -> Iterator[_Arrow]:
     def first(at: Moment) -> ConstraintForce | None:
         return at.forces.get(name)
 
@@ -121,7 +120,7 @@ def _arrows(name: str, is_loop: bool) -> Iterator[_Arrow]:
     linear, angular = slice(0, 3), slice(3, 6)
     yield _Arrow(name, first, linear, "N", FORCE)
     yield _Arrow(name, first, angular, "N m", MOMENT)
-    if is_loop:
+    if between:
         yield _Arrow(name, other, linear, "N", REACTION)
 
 

@@ -8,7 +8,6 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.constraints import Loop
 from condyn_pin.constraints.gap import Gap
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.viewing import meshes
@@ -30,7 +29,7 @@ def closure_parts(scene: Scene, worst: Mapping[str, Gap], size: float) -> Iterat
         Of the scene [m].
     """
     for constraint in scene.constraints:
-        if isinstance(constraint, Loop):
+        if len(constraint.frames) == 2:
             name = constraint.name
             yield _frame(f"closures/{name}/frame_a", name, 0, 0.045 * size, 0.003 * size)
             yield _frame(f"closures/{name}/frame_b", name, 1, 0.032 * size, 0.005 * size)

@@ -49,7 +49,7 @@ class Moment:
         """Return the frame of a contact on the robot; None while it does not hold."""
         if name not in self.ends:
             return None
-        return self.ends[name][0 if self.bounds[name].joint1 else 1]  # type: ignore[union-attr]
+        return self.ends[name][self.bounds[name].on_robot]
 
 
 def moment(scene: Scene, q: Array, forces: Mapping[str, ConstraintForce] | None = None) -> Moment:

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.constraints import Coupling
 from condyn_pin.model.robot import Robot
 from condyn_pin.viewing import meshes
 from condyn_pin.viewing.palette import BODY, GHOST, Colour
@@ -50,9 +49,7 @@ def _points(robot: Robot, i: int) -> list[Array]:
     model = robot.model
     found = [model.jointPlacements[j].translation for j in range(1, model.njoints)
              if model.parents[j] == i and model.joints[j].nq != 7]  # fmt: skip
-    names = [name for loop in robot.loops if not isinstance(loop, Coupling)
-             for name in (loop.frame_a, loop.frame_b)]  # fmt: skip
-    names += [contact.frame for contact in robot.contacts]  # type: ignore[attr-defined]
+    names = [name for each in (*robot.loops, *robot.contacts) for name in each.frames]
     ends = (robot.frame(name) for name in names)
     found += [placement.translation for joint, placement in ends if joint == i]
     if i and not any(np.linalg.norm(p) > 0.0 for p in found):

@@ -9,7 +9,7 @@ from condyn_pin._core import _pin
 from condyn_pin._core.errors import InvalidArgument, unknown_name
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.constraints import Constraint
-from condyn_pin.constraints.contacts import CONTACTS
+from condyn_pin.constraints.kinds import worded
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import SOLVERS, Solver
 from condyn_pin.dynamics.solvers.base import knob_fields
@@ -56,9 +56,11 @@ def _contact(robot: Robot, text: str) -> Constraint:
     if text in ready:
         return ready[text]
     frame, _, kind = text.rpartition(":")
-    if frame and kind in CONTACTS:
-        return CONTACTS[kind](frame=frame)
-    wanted = ", ".join(f"FRAME:{kind}" for kind in CONTACTS)
+    known: dict[str, Any] = dict(worded(closes=False))
+    if frame and kind in known:
+        contact: Constraint = known[kind](frame=frame)
+        return contact
+    wanted = ", ".join(f"FRAME:{kind}" for kind in known)
     raise unknown_name(f"ready-made contact (or {wanted})", text, ready)
 
 

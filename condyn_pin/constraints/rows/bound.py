@@ -1,25 +1,41 @@
-"""A constraint bound to a model: joints, placements, columns and rows in place of names."""
+"""A constraint bound to a model: joints, placements, columns and rows in place of names.
+
+`AnyBound` is what the rest of the program asks (`condyn_pin.constraints.rows.any_bound`). `Bound`,
+`Coupled`, `Rolled` and `Related` (`condyn_pin.constraints.rows.related`) are what groups evaluate
+together, inside of this room.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import nan
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.joints import lengths
+from condyn_pin.constraints.rows.any_bound import AnyBound as AnyBound
+from condyn_pin.constraints.rows.any_bound import OnFrames
 
 _AXES: Final = ("x", "y", "z", "rx", "ry", "rz")
 
 DIRECTIONS: Final = ("rolling", "lateral", "normal")  # of what rolls on a plane
+
+# |e x n| of a wheel that lies flat: it has no lowest point, and rounding would choose one.
+FLAT: Final = 1e-12
 
 POINT: Final[tuple[int, ...]] = (0, 1, 2)
 FRAME: Final[tuple[int, ...]] = (0, 1, 2, 3, 4, 5)
 
 
 @dataclass(frozen=True)
-class Bound:
+class Bound(OnFrames):
     """One constraint between two bodies, bound.
 
     Attributes
@@ -60,16 +76,6 @@ class Bound:
     lever: float = nan  # [m]
 
     @property
-    def size(self) -> int:
-        """Number of rows."""
-        return int(self.rows.stop - self.rows.start)
-
-    @property
-    def positioned(self) -> range:
-        """Its rows that have a position error."""
-        return range(self.rows.start, self.rows.stop if self.anchored else self.rows.start)
-
-    @property
     def is_rod(self) -> bool:
         """Whether its row is a distance."""
         return not self.selection
@@ -88,6 +94,21 @@ class Bound:
     def is_plain(self) -> bool:
         """Whether Pinocchio has a constraint of these very rows."""
         return self.selection in (POINT, FRAME)
+
+    @property
+    def is_ball(self) -> bool:
+        """Whether it is a point of one moving body on one of another, and nothing else."""
+        return self.selection == POINT and self.joint1 > 0 and self.joint2 > 0
+
+    @property
+    def is_scalar(self) -> bool:
+        """Whether it is a rod."""
+        return self.is_rod
+
+    @property
+    def meets(self) -> bool:
+        """Whether it has a place."""
+        return self.anchored
 
     @property
     def is_held(self) -> bool:
@@ -110,9 +131,41 @@ class Bound:
         force[list(self.selection)] = lam
         return force
 
+    def force(self, lam: Array, ends: Callable[[], tuple[Any, Any]]) -> Array:
+        """Return the components of the force in the axes of c1; `ends` finds c1 and c2."""
+        if not self.is_rod:
+            return self.whole(lam)
+        c1, c2 = ends()
+        along: Array = c1.actInv(c2).translation
+        return np.asarray(lam[0] * np.asarray(along / np.linalg.norm(along)))
+
+    def acts_at(self, c1: Any, c2: Any, *, on_first: bool) -> Array:
+        """Return the origin of c2, where nothing else is known of the pair of forces."""
+        if not self.anchored and self.joint2 == 0:
+            return np.array(c1.translation)  # nothing says where c2 is
+        if self.is_plain:  # a weld keeps its wrench whole, a ball acts at each body's own point
+            at_two = self.selection == POINT and on_first != (self.sign > 0)
+            return np.array((c2 if at_two else c1).translation)
+        return np.array(c2.translation)
+
+    def turns(self, model: Any) -> NDArray[np.bool_]:
+        """Return for each row whether it is an angle."""
+        return np.array([row > 2 for row in self.selection] or [False])
+
+    def opening(self, model: Any, c: Array) -> tuple[float, float]:
+        """Return how far it is open, from its rows of c: length [m] and angle [rad].
+
+        Those of a weld are log6 of the placement of one frame in the other: the length of that is
+        no distance, but along a screw. What is told is how far the frames are apart, and turned.
+        """
+        if self.selection == FRAME:
+            apart = pin.exp6(pin.Motion(np.ascontiguousarray(c))).translation
+            return math.hypot(*apart), math.hypot(*c[3:])
+        return self.rates(model, c)
+
 
 @dataclass(frozen=True)
-class Coupled:
+class Coupled(AnyBound):
     """A coupling of two joints, bound.
 
     Attributes
@@ -131,11 +184,8 @@ class Coupled:
     velocity: tuple[int, int]
     ratio: float
     offset: float
-
-    @property
-    def size(self) -> int:
-        """Number of rows: 1."""
-        return 1
+    anchored: bool = True
+    sign: float = 1.0
 
     @property
     def row_names(self) -> tuple[str, ...]:
@@ -143,18 +193,51 @@ class Coupled:
         return (f"{self.name}.ratio",)
 
     @property
-    def anchored(self) -> bool:
-        """True: the two joints have a place to be in."""
+    def is_scalar(self) -> bool:
+        """True: it acts along joints."""
         return True
 
-    @property
-    def positioned(self) -> range:
-        """Its row: it has a position error."""
-        return range(self.rows.start, self.rows.stop)
+    def moved(self, joints: Sequence[int]) -> Coupled:
+        """Return it as it is: it knows columns, and they are the same."""
+        return self
+
+    def ends(self, oMi: Any) -> None:
+        """Return None: it has no frames."""
+        return
+
+    def whole(self, lam: Array) -> Array:
+        """Return the force along the coordinate of joint a (1,) [N m or N]."""
+        return lam.copy()
+
+    def acts_at(self, c1: Any, c2: Any, *, on_first: bool) -> Array:
+        """Refuse: it acts along joints."""
+        raise InvalidArgument(f"{self.name}: a coupling acts along joints, at no point")
+
+    def reaction(self, *, on_first: bool) -> float:
+        """Return the ratio: both forces do the same work."""
+        return self.ratio if on_first else 1.0 / self.ratio
+
+    def turns(self, model: Any) -> NDArray[np.bool_]:
+        """Return whether the coordinate of joint a is an angle."""
+        iv = self.velocity[0]
+        joint = next(j for j in model.joints if j.idx_v <= iv < j.idx_v + j.nv)
+        return np.array([not lengths(joint)[iv - int(joint.idx_v)]])
+
+    def end(self, frame: str) -> Literal[1, 2]:
+        """Refuse: it has no frames."""
+        raise InvalidArgument(f"name = {self.name!r}: a coupling has no frames")
+
+    def yields(
+        self,
+        body: Callable[[int], Array],
+        columns: Callable[[Sequence[int]], float],
+    ) -> Any:
+        """Return what both coordinates give way."""
+        return columns(self.velocity)
 
 
 @dataclass(frozen=True)
-class Rolled:
+class Rolled(OnFrames):
     """A wheel or a ball that rolls on a plane of the world, bound.
 
     Attributes
@@ -188,11 +271,6 @@ class Rolled:
     sign: float = 1.0
 
     @property
-    def size(self) -> int:
-        """Number of rows."""
-        return len(self.selection)
-
-    @property
     def positioned(self) -> range:
         """The row that has a position error: the one off the plane, if the plane has a height."""
         held = self.anchored and 2 in self.selection
@@ -209,10 +287,38 @@ class Rolled:
         force[list(self.selection)] = lam
         return force
 
+    def ends(self, oMi: Any) -> tuple[Any, Any]:
+        """Return where it touches, in the axes of its rows, and the plane."""
+        return self.touching(oMi[self.joint1]), self.placement2
 
-AnyBound = Bound | Coupled | Rolled
+    def touching(self, oMi: Any) -> Any:
+        """Return the frame of the rows: its origin the lowest point, its axes t, n x t and n.
 
+        `oMi` is the placement of its joint in the world.
+        """
+        oMc1, R2 = oMi * self.placement1, self.placement2.rotation
+        n, t = R2[:, 2], R2[:, 0]
+        r = -self.radius * n
+        if self.axle is not None:
+            e = oMc1.rotation[:, self.axle]
+            m = np.cross(e, n)
+            size = float(np.linalg.norm(m))
+            t = m / size if size > FLAT else t
+            r = self.radius * np.cross(e, t) if size > FLAT else 0.0 * n
+        return pin.SE3(np.column_stack([t, np.cross(n, t), n]), oMc1.translation + r)
 
-def is_scalar(bound: AnyBound) -> bool:
-    """Whether the force of a constraint is one number: that of a rod or a coupling."""
-    return isinstance(bound, Coupled) or (isinstance(bound, Bound) and bound.is_rod)
+    def acts_at(self, c1: Any, c2: Any, *, on_first: bool) -> Array:
+        """Return the lowest point."""
+        return np.array(c1.translation)
+
+    def turns(self, model: Any) -> NDArray[np.bool_]:
+        """Return that no row is an angle."""
+        return np.zeros(self.size, dtype=bool)
+
+    def end(self, frame: str) -> Literal[1, 2]:
+        """Return 1 for the frame in its middle; it has no other."""
+        if frame == "second":
+            raise InvalidArgument(
+                f"{self.name!r} rolls on a plane of the world, which has no frame"
+            )
+        return 1

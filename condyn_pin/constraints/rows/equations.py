@@ -19,7 +19,8 @@ from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.loads import Load
-from condyn_pin.constraints.rows.bound import FRAME, POINT, AnyBound, Bound, Coupled, Rolled
+from condyn_pin.constraints.rows.any_bound import OnFrames
+from condyn_pin.constraints.rows.bound import FRAME, POINT, AnyBound
 from condyn_pin.constraints.rows.couplings import Couplings
 from condyn_pin.constraints.rows.cut_joints import CutJoints
 from condyn_pin.constraints.rows.ends import Ends
@@ -27,8 +28,9 @@ from condyn_pin.constraints.rows.frames import WorldContacts, Wrenches
 from condyn_pin.constraints.rows.loops import Balls, Weld
 from condyn_pin.constraints.rows.plain import PlainRows
 from condyn_pin.constraints.rows.reach import ROUNDED, reach
+from condyn_pin.constraints.rows.related import Relations
 from condyn_pin.constraints.rows.rods import Rods
-from condyn_pin.constraints.rows.rolling import Rolling, touching
+from condyn_pin.constraints.rows.rolling import Rolling
 from condyn_pin.constraints.rows.sorting import sorted_by_rows
 from condyn_pin.constraints.rows.terms import Terms
 
@@ -57,7 +59,7 @@ class Equations:
         self.m = sum(bound.size for bound in bounds)
         self.sign = np.ones(self.m)
         for b in bounds:
-            self.sign[b.rows] = 1.0 if isinstance(b, Coupled) else b.sign
+            self.sign[b.rows] = b.sign
         self._flipped = bool((self.sign < 0).any())
         self._still = np.zeros(model.nv)
         self._sort()
@@ -76,7 +78,7 @@ class Equations:
 
     def _sort(self) -> None:
         """Sort the constraints by the way in which their rows are evaluated."""
-        held, balls, welds, cut, rods, rolled, coupled = sorted_by_rows(self.bounds)
+        held, balls, welds, cut, rods, rolled, related, coupled = sorted_by_rows(self.bounds)
         data = self.data
         self._plain = PlainRows(self.model, data, self.bounds)
         self._contacts = WorldContacts(data, held, self.m + 1) if held else None
@@ -85,13 +87,16 @@ class Equations:
         self._cut = CutJoints(Ends(data, cut), cut) if cut else None
         self._rods = Rods(Ends(data, rods), rods) if rods else None
         self._rolling = Rolling(Ends(data, rolled), rolled) if rolled else None
+        self._related = Relations(data, related) if related else None
         self._couplings = Couplings(coupled, self.model.nv) if coupled else None
         # Stacked forces: lam itself, and behind it the force of each rod, and then force and moment
-        # of each cut joint and of all that rolls.
-        places: list[tuple[Bound | Rolled, slice, tuple[int, ...]]]
+        # of each cut joint, of all that rolls and of each relation.
+        places: list[tuple[OnFrames, slice, tuple[int, ...]]]
         places = [(b, b.rows, b.selection) for b in (*held, *balls, *welds)]
         size = self.m
-        for group, components in ((rods, POINT), (cut, FRAME), (rolled, FRAME)):
+        groups: tuple[tuple[Sequence[OnFrames], tuple[int, ...]], ...]
+        groups = (rods, POINT), (cut, FRAME), (rolled, FRAME), (related, FRAME)
+        for group, components in groups:
             for b in group:
                 places.append((b, slice(size, size + len(components)), components))
                 size += len(components)
@@ -103,7 +108,9 @@ class Equations:
         self._f1, self._f2 = f1[: self.m], f2[: self.m]
         self._of_rods = f1[self.m : behind_rods], f2[self.m : behind_rods]
         self._of_cut = f1[behind_rods:behind_cut], f2[behind_rods:behind_cut]
-        self._of_rolling = f1[behind_cut:]
+        behind_rolling = behind_cut + 6 * len(rolled)
+        self._of_rolling = f1[behind_cut:behind_rolling]
+        self._of_related = f1[behind_rolling:], f2[behind_rolling:]
 
     def terms(self, q: Array, v: Array) -> Terms:
         """Return M, h, J, gamma and a_ref; they are owned by the caller."""
@@ -159,16 +166,7 @@ class Equations:
         What rolls touches the plane at the origin of c1, and its rows are along the axes of that.
         """
         pin.forwardKinematics(self.model, self.data, q)
-        oMi = self.data.oMi
-
-        def ends(b: AnyBound) -> tuple[Any, Any] | None:
-            if isinstance(b, Coupled):
-                return None
-            if isinstance(b, Rolled):
-                return touching(b, oMi[b.joint1]), b.placement2
-            return oMi[b.joint1] * b.placement1, oMi[b.joint2] * b.placement2
-
-        return [ends(b) for b in self.bounds]
+        return [b.ends(self.data.oMi) for b in self.bounds]
 
     def errors(
         self, q: Array, v: Array, tau: Array, a: Array, lam: Array, load: Load | None = None
@@ -237,6 +235,8 @@ class Equations:
             self._cut.stack(lam1, *self._of_cut)
         if self._rolling:
             self._rolling.stack(lam1, self._of_rolling)
+        if self._related:
+            self._related.stack(lam1, *self._of_related)
         return self._wrenches.of(self._forces)
 
     def motion(self, q: Array, v: Array, a: Array) -> None:
@@ -253,6 +253,8 @@ class Equations:
             self._cut.evaluate(*rows)
         if self._rolling:
             self._rolling.evaluate(*rows)
+        if self._related:
+            self._related.evaluate(*rows)
         if self._couplings:
             self._couplings.evaluate(q, v, a, rows)
         if self._flipped:
@@ -297,7 +299,7 @@ class Equations:
             found: Array = pin.getFrameJacobian(model, data, joint, placement, LOCAL)
             return found if found.ndim == 2 else found.reshape(6, 1)  # of a single column
 
-        for group in (self._contacts, self._rods, self._cut, self._rolling):
+        for group in (self._contacts, self._rods, self._cut, self._rolling, self._related):
             if group:
                 group.jacobian(J, of_frame)
         if self._couplings:

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.bound import POINT, AnyBound, Bound, Rolled
+from condyn_pin.constraints.rows.any_bound import OnFrames
+from condyn_pin.constraints.rows.bound import POINT, AnyBound, Bound
 
 _log6 = pin.log6
 
@@ -170,14 +171,14 @@ class Wrenches:
     Parameters
     ----------
     model : pin.Model
-    places : sequence of (Bound or Rolled, slice, tuple of int)
+    places : sequence of (OnFrames, slice, tuple of int)
         Where the stacked force of a constraint is found, and which of the six components it has.
     size : int
         Of the stacked forces.
     """
 
     def __init__(
-        self, model: Any, places: Sequence[tuple[Bound | Rolled, slice, tuple[int, ...]]], size: int
+        self, model: Any, places: Sequence[tuple[OnFrames, slice, tuple[int, ...]]], size: int
     ) -> None:
         joints = sorted({j for b, _, _ in places for j in (b.joint1, b.joint2) if j})
         place = {joint: slice(6 * i, 6 * i + 6) for i, joint in enumerate(joints)}

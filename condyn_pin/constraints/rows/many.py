@@ -34,8 +34,8 @@ class ManyGaps:
     Parameters
     ----------
     equations : Equations
-        Of the scene. Contacts, welds and couplings are evaluated by it, state by state, and so are
-        all others of a scene that has any.
+        Of the scene. Contacts, welds, relations and couplings are evaluated by it, state by state,
+        and so are all others of a scene that has any.
     """
 
     def __init__(self, equations: Equations) -> None:
@@ -43,7 +43,7 @@ class ManyGaps:
         self._gaps = np.zeros((2, MANY, equations.m))
         self._accelerations = np.zeros(MANY * equations.m)  # not asked for
         found = sorted_by_rows(equations.bounds)
-        self._at_once = not (found.held or found.welds or found.coupled)
+        self._at_once = not (found.held or found.welds or found.related or found.coupled)
         self._ends: list[ManyEnds] = []
         self._groups: list[Balls | CutJoints | Rods | Rolling] = []
         for group, bounds in (

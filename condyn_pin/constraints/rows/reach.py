@@ -13,6 +13,7 @@ import numpy as np
 
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.rows.any_bound import OnFrames
 from condyn_pin.constraints.rows.bound import Coupled, Rolled
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ def reach(equations: Equations, q: Array) -> Array:
                 (bound.joint1, bound.placement1, bound.radius),
             )
         else:
+            assert isinstance(bound, OnFrames)
             apart = float(np.linalg.norm(ends[1].translation - ends[0].translation))
             reached = (
                 (bound.joint1, bound.placement1, apart),
@@ -59,5 +61,5 @@ def reach(equations: Equations, q: Array) -> Array:
                 away = float(np.linalg.norm(data.oMi[joint].translation))
                 shifts += np.maximum(shift + arm * turn, away * turn)
                 turns += turn
-        found[bound.rows] = [turns if i > 2 else shifts for i in bound.selection or (0,)]
+        found[bound.rows] = [turns if angle else shifts for angle in bound.turns(model)]
     return found

@@ -17,19 +17,16 @@ p a point of the plane.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.bound import Rolled
+from condyn_pin.constraints.rows.bound import FLAT, Rolled
 from condyn_pin.constraints.rows.cut_joints import cross
 from condyn_pin.constraints.rows.ends import Ends
 from condyn_pin.constraints.rows.frames import FrameJacobian, rows_of
-
-# |e x n| of a wheel that lies flat: it has no lowest point, and rounding would choose one.
-FLAT: Final = 1e-12
 
 _SKEW: Final = np.array([pin.skew(e).ravel() for e in np.eye(3)])
 
@@ -110,24 +107,3 @@ class Rolling:
 def skews(x: Array) -> Array:
     """Return the matrices of x times, (..., 3, 3) for many (..., 3)."""
     return np.asarray((x @ _SKEW).reshape(*x.shape, 3))
-
-
-def touching(bound: Rolled, oMi: Any) -> Any:
-    """Return the frame of the rows: its origin the lowest point, its axes t, n x t and n.
-
-    Parameters
-    ----------
-    bound : Rolled
-    oMi : pin.SE3
-        Placement of its joint in the world.
-    """
-    oMc1, R2 = oMi * bound.placement1, bound.placement2.rotation
-    n, t = R2[:, 2], R2[:, 0]
-    r = -bound.radius * n
-    if bound.axle is not None:
-        e = oMc1.rotation[:, bound.axle]
-        m = np.cross(e, n)
-        size = float(np.linalg.norm(m))
-        t = m / size if size > FLAT else t
-        r = bound.radius * np.cross(e, t) if size > FLAT else 0.0 * n
-    return pin.SE3(np.column_stack([t, np.cross(n, t), n]), oMc1.translation + r)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from condyn_pin.constraints.rows.bound import FRAME, POINT, AnyBound, Bound, Coupled, Rolled
+from condyn_pin.constraints.rows.related import Related
 
 
 class Sorted(NamedTuple):
@@ -17,6 +18,7 @@ class Sorted(NamedTuple):
     cut: list[Bound]  # with other rows than Pinocchio's
     rods: list[Bound]
     rolled: list[Rolled]
+    related: list[Related]
     coupled: list[Coupled]
 
 
@@ -31,5 +33,6 @@ def sorted_by_rows(bounds: Sequence[AnyBound]) -> Sorted:
         cut=[b for b in loops if not (b.is_plain or b.is_rod)],
         rods=[b for b in loops if b.is_rod],
         rolled=[b for b in bounds if isinstance(b, Rolled)],
+        related=[b for b in bounds if isinstance(b, Related)],
         coupled=[b for b in bounds if isinstance(b, Coupled)],
     )

@@ -27,7 +27,7 @@ from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.constraints.constraint_fields import Vector3, check_size, direction
 from condyn_pin.constraints.constraints import WORLD, Constraint
 from condyn_pin.contact.cones.margin import FAULTS, ConeRows, Margin
-from condyn_pin.dynamics.force import ConstraintForce, presses, upward
+from condyn_pin.dynamics.force import ConstraintForce, upward
 
 Pyramid = Literal["inner", "outer"]
 Row = tuple[str, tuple[float, ...]]  # its name and its entries of A
@@ -103,12 +103,12 @@ class Cone(ABC):
             noise = tolerances.SOLVED * np.abs(force[..., :3]).max(axis=-1)
         return Margin(pulls, slips, tips, twists, noise)
 
-    def _check(self, contact: Constraint, kinds: tuple[type[Constraint], ...]) -> None:
-        """Refuse what does not press on a floor, and a normal for another kind than these."""
+    def _check(self, contact: Constraint) -> None:
+        """Refuse what does not press on a floor, and a normal for what has one of its own."""
         kind = type(contact).__name__
-        if not presses(contact):
+        if not contact.presses:
             raise InvalidArgument(f"{contact.name}: this {kind} does not press on a floor")
-        if self.normal is not None and not isinstance(contact, kinds):
+        if self.normal is not None and contact.has_normal:
             raise InvalidArgument(
                 f"{contact.name}: a {kind} has a normal of its own; leave out that of its cone"
             )

@@ -20,7 +20,6 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.knobs import check_count
 from condyn_pin.constraints.constraints import Constraint
-from condyn_pin.constraints.contacts import LineContact, PointContact, SurfaceContact
 from condyn_pin.contact.cones.base import Cone, Row
 from condyn_pin.contact.cones.margin import Margin
 
@@ -67,16 +66,16 @@ class FrictionCone(Cone):
 
     def fitted(self, contact: Constraint) -> FrictionCone:
         """Return the cone as it is; InvalidArgument if the `contact` is not a point."""
-        if isinstance(contact, SurfaceContact | LineContact):
+        if contact.support and not contact.support.is_point:
             raise InvalidArgument(
                 f"{contact.name}: a {type(contact).__name__} can also tip and twist; use WrenchCone"
             )
-        self._check(contact, (PointContact,))
+        self._check(contact)
         return self
 
     def turn(self, contact: Constraint, R: Array, up: Array) -> Array:
         """Return T as `Cone.turn`; x and y of a level floor are those of the world."""
-        if not isinstance(contact, PointContact):
+        if contact.has_normal:
             return np.broadcast_to(np.eye(3), R.shape)
         floor = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), self._up(up)).matrix()
         return np.asarray(floor.T @ R)

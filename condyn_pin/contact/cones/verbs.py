@@ -17,7 +17,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument, unknown_name
 from condyn_pin.contact.cones.base import Cone, turned
 from condyn_pin.contact.cones.margin import FAULTS, ConeRows, Margin
-from condyn_pin.dynamics.force import presses, upward
+from condyn_pin.dynamics.force import upward
 from condyn_pin.dynamics.kept import equations_of
 from condyn_pin.dynamics.scene import Scene, check_scene
 
@@ -153,7 +153,7 @@ def _fitted(scene: Scene, cones: Cones) -> dict[int, Cone]:
     """Return the cones of the contacts that are judged, by their places in the scene."""
     chosen = cones
     if not isinstance(chosen, Mapping):
-        chosen = {c.name: chosen for c in scene.constraints if presses(c)}
+        chosen = {c.name: chosen for c in scene.constraints if c.presses}
     pairs = enumerate(scene.constraints)
     return {i: chosen[c.name].fitted(c) for i, c in pairs if c.name in chosen}
 

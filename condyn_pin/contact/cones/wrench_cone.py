@@ -30,7 +30,6 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.constraints.constraint_fields import check_lengths, check_size
 from condyn_pin.constraints.constraints import Constraint
-from condyn_pin.constraints.contacts import LineContact, SurfaceContact
 from condyn_pin.contact.cones.base import Cone, Row
 from condyn_pin.contact.cones.margin import Margin
 
@@ -103,29 +102,30 @@ class WrenchCone(Cone):
 
     def fitted(self, contact: Constraint) -> WrenchCone:
         """Return the cone with the sizes of the `contact`; InvalidArgument if it is a point."""
-        self._check(contact, (LineContact,))
-        if not isinstance(contact, SurfaceContact | LineContact):
+        self._check(contact)
+        support = contact.support
+        if support is None or support.is_point:
             raise InvalidArgument(
                 f"{contact.name}: a {type(contact).__name__} presses at a point; use FrictionCone"
             )
-        is_edge = isinstance(contact, LineContact)
+        is_edge = support.axis is not None
         if self.half_width is not None and is_edge != (self.half_width == 0):
             raise InvalidArgument(
                 f"{contact.name}: half_width = {self.half_width:g}: it is 0 for a LineContact and "
                 "positive for a SurfaceContact"
             )
-        width = 0.0 if isinstance(contact, LineContact) else contact.half_width
         return replace(
             self,
-            half_length=self.half_length or contact.half_length,
-            half_width=self.half_width or width,
+            half_length=self.half_length or support.half_length,
+            half_width=self.half_width or support.half_width,
         )
 
     def turn(self, contact: Constraint, R: Array, up: Array) -> Array:
         """Return T as `Cone.turn`; InvalidArgument if an edge does not lie in the floor."""
-        if not isinstance(contact, LineContact):
+        support = contact.support
+        if support is None or support.axis is None:
             return np.broadcast_to(np.eye(3), R.shape)
-        x, n = np.eye(3)["xyz".index(contact.axis)], self._up(up) @ R
+        x, n = np.eye(3)[support.axis], self._up(up) @ R
         off = float(np.abs(n @ x).max(initial=0.0))
         if off > tolerances.PARALLEL:
             raise InvalidArgument(

@@ -12,12 +12,11 @@ joints: `condyn_pin.dynamics.derivatives.carried`.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import Any
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.joints import turning
-from condyn_pin.constraints.rows.bound import AnyBound, Coupled
+from condyn_pin.constraints.rows.bound import AnyBound
 
 
 def in_series(model: Any, bounds: Sequence[AnyBound]) -> tuple[Any, tuple[AnyBound, ...]]:
@@ -33,7 +32,7 @@ def in_series(model: Any, bounds: Sequence[AnyBound]) -> tuple[Any, tuple[AnyBou
         series.inertias[parent] = model.inertias[i]
         last.append(parent)
     series.armature, series.gravity = model.armature, model.gravity
-    return series, tuple(_moved(bound, last) for bound in bounds)
+    return series, tuple(bound.moved(last) for bound in bounds)
 
 
 def _parts(joint: Any) -> Iterator[tuple[Any, Any]]:
@@ -55,10 +54,3 @@ def _parts(joint: Any) -> Iterator[tuple[Any, Any]]:
                 at = here
     else:
         yield joint, here
-
-
-def _moved(bound: AnyBound, last: Sequence[int]) -> AnyBound:
-    """Return a constraint on the bodies that its joints carry now."""
-    if isinstance(bound, Coupled):  # it knows columns, and they are the same
-        return bound
-    return replace(bound, joint1=last[bound.joint1], joint2=last[bound.joint2])

@@ -4,7 +4,7 @@
 
 Newton-Euler's derivatives give those of r with the constraint forces fixed in the axes of their
 bodies. What turns, and those of s, come from the constraints:
-`condyn_pin.dynamics.derivatives.pairs`, `balls` and `rolling`. A joint whose axes turn with its own
+`condyn_pin.constraints.partials`. A joint whose axes turn with its own
 q is taken apart (`in_series`, beside them), or carried by a free body (`carried`).
 
 References
@@ -24,15 +24,10 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import turning
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.rows.bound import AnyBound, Coupled, Rolled
-from condyn_pin.dynamics.derivatives.balls import BallPartials
+from condyn_pin.constraints.partials.groups import ConstraintPartials
+from condyn_pin.constraints.rows.bound import AnyBound
 from condyn_pin.dynamics.derivatives.carried import Carried
-from condyn_pin.dynamics.derivatives.frames import Frames
 from condyn_pin.dynamics.derivatives.in_series import in_series
-from condyn_pin.dynamics.derivatives.pairs import PairPartials
-from condyn_pin.dynamics.derivatives.rolling import RollingPartials
-
-Part = PairPartials | RollingPartials | BallPartials
 
 
 @cache
@@ -87,22 +82,14 @@ class Linearisation:
             self._carried = Carried(model)
             self._model = model = self._carried.model
             self._data = model.createData()
-        self._bounds = {b.name: b for b in bounds}
-        frames = Frames(model, self._data)
-        self._pairs = PairPartials(frames, bounds, drift)
-        self._rolling = RollingPartials(frames, bounds, drift)
-        balls = BallPartials(model, self._data, bounds, drift)
-        self._others: list[Part] = [self._rolling, *([balls] if balls.k else [])]
-        self._parts: list[Part] = [self._pairs, *self._others]
-        self._couplings = [b for b in bounds if isinstance(b, Coupled)]
+        self._of_constraints = ConstraintPartials(model, self._data, bounds, drift)
         self._drift = drift
         self._m = sum(b.size for b in bounds)
         self._wrenches = pin.StdVec_Force()
         for _ in range(model.njoints):
             self._wrenches.append(pin.Force.Zero())
-        loaded = self._pairs.joints | self._rolling.joints | balls.joints
-        self._on_joint = {j: self._wrenches[j].vector for j in loaded}  # views
-        self._placed = bool(self._pairs.placed or self._rolling.joints or balls.joints)
+        joints = self._of_constraints.joints
+        self._on_joint = {j: self._wrenches[j].vector for j in joints}  # views
 
     def at(self, q: Array, v: Array, a: Array, lam: Array) -> Linearised:
         """Return the partial derivatives at a state and an answer."""
@@ -114,7 +101,7 @@ class Linearisation:
             r = np.array(self._data.tau)  # as Newton-Euler's derivatives left it
             by_a = np.vstack([pin.crba(self._model, self._data, free_q), J])
             rhs, J = self._carried.back(chain, rhs, -by_a, -r), J @ chain.Phi
-        self._write_couplings(rhs, J)
+        self._of_constraints.write_couplings(rhs, J)
         M = pin.crba(self._whole, self._whole_data, q)
         return Linearised(M, self._inverse_mass(M, q), J, rhs)
 
@@ -140,33 +127,19 @@ class Linearisation:
         # it leaves behind all that the derivatives of frames read
         pin.computeRNEADerivatives(model, data, q, v, a, self._wrenches)
         rhs, J = np.zeros((n + self._m, 2 * n)), np.zeros((self._m, n))
-        # [[r_q, r_v], [s_q, s_v]] first: to copy, and to turn the sign of all at once, is quicker
         rhs[:n, :n], rhs[:n, n:] = data.dtau_dq, data.dtau_dv
-        self._pairs.write(lam, rhs, J)
-        np.negative(rhs, out=rhs)
-        for part in self._others:
-            part.write(lam, rhs, J)
+        self._of_constraints.write(lam, rhs, J)
         if self._drift:
             rhs[n:, n:] -= self._drift.Kd * J
         return rhs, J
 
     def _apply(self, q: Array, lam: Array) -> None:
         """Put the constraint forces on the bodies."""
-        if self._placed:
+        if self._of_constraints.placed:
             pin.forwardKinematics(self._model, self._data, q)
         for wrench in self._on_joint.values():
             wrench.fill(0.0)
-        for part in self._parts:
-            part.apply(lam, self._on_joint)
-
-    def _write_couplings(self, rhs: Array, J: Array) -> None:
-        """Write the rows of couplings, whose accelerations change with neither q nor v."""
-        n = self._whole.nv
-        for coupled in self._couplings:
-            J[coupled.rows, list(coupled.velocity)] = 1.0, -coupled.ratio
-            if self._drift:
-                rhs[n:, :n][coupled.rows] = -self._drift.Kp * J[coupled.rows]
-                rhs[n:, n:][coupled.rows] = -self._drift.Kd * J[coupled.rows]
+        self._of_constraints.apply(lam, self._on_joint)
 
     def turning(self, q: Array, w: Array) -> Array:
         """Return how J w changes with q (m, nv) while w (nv,) stays: as the slip does at v = w."""
@@ -181,8 +154,7 @@ class Linearisation:
         model, data = self._model, self._data
         pin.computeRNEADerivatives(model, data, q, w, np.zeros_like(w))
         of_rows = np.zeros((self._m, model.nv))
-        for part in self._parts:
-            part.turning(of_rows)
+        self._of_constraints.turning(of_rows)
         return of_rows
 
     def by_frame(
@@ -197,10 +169,5 @@ class Linearisation:
         if self._carried:
             q, v, a, chain = self._carried.state(q, v, a)
         pin.computeForwardKinematicsDerivatives(self._model, self._data, q, v, a)
-        b = self._bounds[name]
-        assert not isinstance(b, Coupled)  # it has no frames
-        if isinstance(b, Rolled):
-            r, s = self._rolling.by_frame(b, lam[b.rows])
-        else:
-            r, s = self._pairs.by_frame(b, lam[b.rows], end)
+        r, s = self._of_constraints.by_frame(name, lam, end)
         return (chain.Phi.T @ r if chain else r), s

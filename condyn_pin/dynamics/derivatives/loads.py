@@ -27,7 +27,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import axes
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.loads import Loads, frame_jacobian, in_axes
-from condyn_pin.dynamics.derivatives.partials import dual_cross
+from condyn_pin.constraints.partials.formulas import dual_cross
 from condyn_pin.dynamics.derivatives.stencil import slope
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument, unknown_name
-from condyn_pin.constraints.rows.bound import AnyBound, Coupled, Rolled
+from condyn_pin.constraints.rows.bound import AnyBound
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.derivatives.linearised import Linearisation
@@ -51,15 +51,7 @@ def placement_partials(
     if frame not in ENDS:
         raise InvalidArgument(f"frame = {frame!r}: one of {', '.join(ENDS)} is needed")
     bound = found[name]
-    if isinstance(bound, Coupled):
-        raise InvalidArgument(f"name = {name!r}: a coupling has no frames")
-    if isinstance(bound, Rolled) and frame == "second":
-        raise InvalidArgument(f"{name!r} rolls on a plane of the world, which has no frame")
-    end = 1 if (frame == "first") == (bound.sign > 0) else 2
-    if not bound.anchored and (bound.joint1, bound.joint2)[end - 1] == 0:
-        raise InvalidArgument(
-            f"{name!r} belongs where it is: without an anchor it has no frame in the world"
-        )
+    end = bound.end(frame)
     r, rows = linearisation.by_frame(q, v, a, lam, name, end)
     s = np.zeros((len(lam), 6))
     s[bound.rows] = rows

@@ -28,7 +28,6 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import DerivativesDisagree, InvalidArgument, UnsupportedConstraint
 from condyn_pin._core.joints import turning
 from condyn_pin._core.tolerances import DERIVATIVES
-from condyn_pin.constraints.rows.bound import POINT, Bound
 from condyn_pin.dynamics.derivatives.base import Derivatives
 from condyn_pin.dynamics.derivatives.kkt import KktDerivatives
 from condyn_pin.dynamics.derivatives.loads import load_partial
@@ -151,7 +150,7 @@ def _check(workspace: Workspace) -> None:
             f"method = 'pinocchio': it differentiates Proximal(), not {workspace.solver!r}; "
             "take that solver, or method='kkt'"
         )
-    plain = [isinstance(b, Bound) and b.is_plain for b in workspace.bounds]
+    plain = [b.is_plain for b in workspace.bounds]
     if not all(plain):
         name = workspace.bounds[plain.index(False)].name
         raise UnsupportedConstraint(
@@ -168,7 +167,5 @@ def _check(workspace: Workspace) -> None:
 
 def _first_column_is_wrong(workspace: Workspace) -> bool:
     """Whether there are 3 rows between two bodies, and the first coordinate turns."""
-    between: list[Any] = [
-        b for b in workspace.bounds if isinstance(b, Bound) and b.selection == POINT and b.joint2
-    ]
-    return bool(between) and bool(np.any(workspace.data.J[3:, 0]))
+    between = any(b.is_ball for b in workspace.bounds)
+    return between and bool(np.any(workspace.data.J[3:, 0]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -13,7 +14,6 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.errors import InvalidArgument, InvalidModel
 from condyn_pin._core.knobs import Grid
 from condyn_pin._core.linalg.range_space import whiten
-from condyn_pin.constraints.rows.bound import Coupled
 from condyn_pin.dynamics.solvers.base import Method, Singular, Solver, free_force
 from condyn_pin.io.mjcf_posture import drawn
 from condyn_pin.model.soundness import massless_motion
@@ -184,12 +184,11 @@ def inverse_inertias(workspace: Workspace) -> Array:
         six = gives(np.reshape(J, (6, -1)))  # a single column comes as a vector
         return np.asarray(six.reshape(2, 3).mean(axis=1))
 
+    def columns(velocities: Sequence[int]) -> float:
+        """Return the sum of what some velocities give way to a torque."""
+        return float(gives(np.eye(model.nv)[list(velocities)]).sum())
+
     w = np.zeros(workspace.scene.rows)
     for bound in workspace.bounds:
-        if isinstance(bound, Coupled):
-            w[bound.rows] = gives(np.eye(model.nv)[list(bound.velocity)]).sum()
-        else:
-            linear, angular = body(bound.joint1) + body(bound.joint2)
-            # MuJoCo's angular rows are half of ours
-            w[bound.rows] = [4 * angular if i > 2 else linear for i in bound.selection or (0,)]
+        w[bound.rows] = bound.yields(body, columns)
     return w

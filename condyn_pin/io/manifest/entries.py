@@ -10,8 +10,8 @@ from dataclasses import MISSING, fields
 from typing import Any, Final, TypeVar
 
 from condyn_pin._core.errors import CondynError, InvalidModel, unknown_name
-from condyn_pin.constraints.constraints import Constraint, Coupling, Loop
-from condyn_pin.constraints.contacts import CONTACTS
+from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.kinds import Loop, worded
 
 Made = TypeVar("Made")
 Table = Mapping[str, Any]
@@ -72,13 +72,15 @@ def _check_file(description: Table) -> None:
         raise InvalidModel("the entry description.root_joint is for others: an MJCF says it itself")
 
 
-def loops_of(tables: Sequence[Table]) -> tuple[Loop | Coupling, ...]:
-    """Return the loops that a card lists."""
-    made: list[Loop | Coupling] = []
+def loops_of(tables: Sequence[Table]) -> tuple[Constraint, ...]:
+    """Return the loops that a card lists: a kind without a word of its own is one of `Loop`."""
+    made: list[Constraint] = []
+    known = worded(closes=True)
     for i, table in enumerate(tables):
-        if table.get("kind") == "coupling":
+        kind = table.get("kind")
+        if isinstance(kind, str) and kind in known:
             rest = {key: value for key, value in table.items() if key != "kind"}
-            made.append(_made(Coupling, rest, f"loops[{i}]"))
+            made.append(_made(known[kind], rest, f"loops[{i}]"))
         else:
             made.append(_made(Loop, table, f"loops[{i}]"))
     return tuple(made)
@@ -87,17 +89,16 @@ def loops_of(tables: Sequence[Table]) -> tuple[Loop | Coupling, ...]:
 def contacts_of(tables: Sequence[Table]) -> tuple[Constraint, ...]:
     """Return the contacts that a card lists."""
     made: list[Constraint] = []
+    known = worded(closes=False)
     for i, table in enumerate(tables):
         where = f"contacts[{i}]"
         kind = table.get("kind")
         if kind is None:
-            raise InvalidModel(
-                f"{where}: the entry 'kind' is missing: one of {', '.join(CONTACTS)}"
-            )
-        if not isinstance(kind, str) or kind not in CONTACTS:
-            raise InvalidModel(f"{where}: {unknown_name('kind of contact', str(kind), CONTACTS)}")
+            raise InvalidModel(f"{where}: the entry 'kind' is missing: one of {', '.join(known)}")
+        if not isinstance(kind, str) or kind not in known:
+            raise InvalidModel(f"{where}: {unknown_name('kind of contact', str(kind), known)}")
         rest = {key: value for key, value in table.items() if key != "kind"}
-        made.append(_made(CONTACTS[kind], rest, where))
+        made.append(_made(known[kind], rest, where))
     return tuple(made)
 
 

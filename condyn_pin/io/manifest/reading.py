@@ -14,7 +14,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.errors import CondynError, InvalidModel
 from condyn_pin._core.files.text import parse_toml, read_text
 from condyn_pin._core.names import few
-from condyn_pin.constraints.constraints import Constraint, Coupling, Loop
+from condyn_pin.constraints.constraints import Constraint, Loop
 from condyn_pin.constraints.gap import gap_of
 from condyn_pin.constraints.rows.binding import bind
 from condyn_pin.constraints.rows.equations import Equations
@@ -114,7 +114,7 @@ def _read(
     return fields, sdf.reversed
 
 
-def _check_constraints(robot: Robot, own: Sequence[Loop | Coupling]) -> None:
+def _check_constraints(robot: Robot, own: Sequence[Constraint]) -> None:
     """Refuse loops and contacts that do not fit the robot, now and not when a scene is made."""
     first = len(robot.loops) - len(own)
     places: list[tuple[str, Constraint]] = [
@@ -168,7 +168,6 @@ def _gaps(robot: Robot) -> Iterator[str]:
             yield f"loop {bound.name!r} is open by {gap} {where}: Scene.state closes it"
 
 
-def _ends(loop: Loop | Coupling) -> frozenset[str]:
-    if isinstance(loop, Coupling):
-        return frozenset({loop.joint_a, loop.joint_b, "joints"})
-    return frozenset({loop.frame_a, loop.frame_b})
+def _ends(loop: Constraint) -> frozenset[str]:
+    """Return what it ties; joints are no frames of the same names."""
+    return frozenset({*loop.joints, "joints"} if loop.joints else loop.frames)

@@ -10,7 +10,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.constraints import Loop
+from condyn_pin.constraints.constraints import Constraint, Loop
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot
 from condyn_pin.lab.extremes.base import Case, by_reference, extreme, near, powers, torques, unit
@@ -30,7 +30,6 @@ def near_loops(severity: float, rng: np.random.Generator) -> Case:
     tau = torques(once, rng)
     seconds, hinges, model = [], [], pin.Model(cassie.model)
     for ball in cassie.loops:
-        assert isinstance(ball, Loop)
         _add_frames(model, cassie, ball, severity * unit(rng), q)
         name = ball.name
         seconds.append(Loop(f"{name}/second_a", f"{name}/second_b"))
@@ -43,7 +42,7 @@ def near_loops(severity: float, rng: np.random.Generator) -> Case:
     return Case(Scene(cassie, [*once.constraints, *seconds]), q, v, tau, right)
 
 
-def _add_frames(model: Any, robot: Robot, ball: Loop, turn: Array, q: Array) -> None:
+def _add_frames(model: Any, robot: Robot, ball: Constraint, turn: Array, q: Array) -> None:
     """Add both frames of a second ball to a model, and of the hinge that two balls are.
 
     The second ball is the first, turned about the joint that carries it: it moves by 2 sin(angle/2)
@@ -54,12 +53,12 @@ def _add_frames(model: Any, robot: Robot, ball: Loop, turn: Array, q: Array) -> 
     model : pin.Model
         Written to.
     robot : Robot
-    ball : Loop
+    ball : Constraint
     turn : (3,) array
         Axis times angle [rad].
     q : (nq,) array
     """
-    (a, one), (b, two) = robot.frame(ball.frame_a), robot.frame(ball.frame_b)
+    (a, one), (b, two) = (robot.frame(frame) for frame in ball.frames)
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q)
     angle = float(np.linalg.norm(turn))

@@ -19,14 +19,10 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidArgument
-from condyn_pin.constraints.constraints import Constraint, Coupling
+from condyn_pin.constraints.constraints import Constraint
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.lab.extremes.base import Case, by_reference, extreme, moving
 from condyn_pin.model.robot import Robot
-
-# What fields of constraints are: lengths or points; and texts, directions or choices.
-_LENGTHS = ("length", "radius", "height", "half_length", "half_width", "offset")
-_PLAIN = ("name", "frame", "frame_a", "frame_b", "kind", "axis", "normal", "holds")
 
 _SIZES = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e1, 1e2, 1e3, 1e4, 1e6)
 
@@ -103,25 +99,12 @@ class Units:
 
     def _constraint(self, constraint: Constraint, model: Any) -> Constraint:
         """Return a constraint with its lengths in these units."""
-        if isinstance(constraint, Coupling):
-            joints = (constraint.joint_a, constraint.joint_b)
-            along_q = self._along(model)[0]
-            a, b = (float(along_q[model.joints[model.getJointId(j)].idx_q]) for j in joints)
-            return replace(constraint, ratio=a / b * constraint.ratio, offset=a * constraint.offset)
-        changed: dict[str, Any] = {}
-        for field, value in vars(constraint).items():
-            if value is None or field in _PLAIN:
-                continue
-            if field == "anchor":  # a point, and a quaternion where it is a placement
-                changed[field] = (*(self.length * x for x in value[:3]), *value[3:])
-            elif field in _LENGTHS:
-                points = isinstance(value, tuple)
-                changed[field] = (
-                    tuple(self.length * x for x in value) if points else self.length * value
-                )
-            else:
-                raise InvalidArgument(f"{constraint.name}: nothing says what unit its {field} has")
-        return replace(constraint, **changed)
+        along_q = self._along(model)[0]
+
+        def of_joint(name: str) -> float:
+            return float(along_q[model.joints[model.getJointId(name)].idx_q])
+
+        return constraint.in_units(self.length, of_joint)
 
     def _along(self, model: Any) -> tuple[Array, Array]:
         """Return what each entry of q and of a shift or turn in v is multiplied by."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from condyn_pin.constraints.contacts import SurfaceContact
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot
 from condyn_pin.lab.climbing import Ladder, Rung
@@ -10,8 +9,7 @@ from condyn_pin.lab.climbing import Ladder, Rung
 
 def _corners() -> Scene:
     talos = load_robot("talos")
-    feet = [contact for contact in talos.contacts if isinstance(contact, SurfaceContact)]
-    return Scene(talos, [corner for foot in feet for corner in foot.corners()])
+    return Scene(talos, [corner for foot in talos.contacts for corner in foot.by_points(talos)[1]])
 
 
 def _surfaces(scene: Scene) -> Scene:

@@ -16,7 +16,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidModel
 from condyn_pin.constraints.constraints import Constraint
-from condyn_pin.constraints.contacts import LineContact, PointContact, SurfaceContact
+from condyn_pin.constraints.contacts import LineContact, SurfaceContact
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
 from condyn_pin.model.robot import Robot
@@ -39,29 +39,30 @@ def merge_points(scene: Scene, *, edges: bool = True) -> ReducedScene:
     return reduced(scene, robot, constraints, scene.guess(), dropped)
 
 
-def _groups(constraints: Sequence[Constraint]) -> dict[str, list[PointContact]]:
-    found: dict[str, list[PointContact]] = {}
+def _groups(constraints: Sequence[Constraint]) -> dict[str, list[Constraint]]:
+    found: dict[str, list[Constraint]] = {}
     for constraint in constraints:
-        if isinstance(constraint, PointContact) and constraint.anchor is None:
-            found.setdefault(constraint.frame, []).append(constraint)
+        if constraint.point is not None:
+            (frame,) = constraint.frames
+            found.setdefault(frame, []).append(constraint)
     return {frame: points for frame, points in found.items() if _spread(points)[1][0] > 0}
 
 
-def _spread(points: Sequence[PointContact]) -> tuple[Array, Array, Array]:
+def _spread(points: Sequence[Constraint]) -> tuple[Array, Array, Array]:
     """Return the middle of the points, the singular values of their spread, and the directions."""
-    offsets = np.array([point.offset for point in points])
+    offsets = np.array([point.point for point in points])
     middle = offsets.mean(axis=0)
     _, S, directions = np.linalg.svd(offsets - middle)
     return middle, np.pad(S, (0, 3 - len(S))), directions
 
 
-def _on_a_line(points: Sequence[PointContact]) -> bool:
+def _on_a_line(points: Sequence[Constraint]) -> bool:
     _, S, _ = _spread(points)
     return bool(S[1] <= _FLAT * S[0])
 
 
 def _merge(
-    robot: Robot, frame: str, points: Sequence[PointContact], taken: Collection[str]
+    robot: Robot, frame: str, points: Sequence[Constraint], taken: Collection[str]
 ) -> tuple[Robot, Constraint]:
     """Return the contact that the points make, and the robot with its frame; `taken` are names."""
     if not _on_a_line(points):
@@ -79,7 +80,7 @@ def _merge(
     )
     if name not in robot.frames:
         robot = robot.with_frame(name, frame, middle, R)
-    half = max(abs(float((np.array(p.offset) - middle) @ x)) for p in points)
+    half = max(abs(float((np.array(p.point) - middle) @ x)) for p in points)
     return robot, LineContact(name, axis="x", half_length=half)
 
 

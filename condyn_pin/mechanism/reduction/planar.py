@@ -17,8 +17,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.errors import InvalidConstraint
 from condyn_pin._core.linalg.pivots import first_of_largest
 from condyn_pin._core.names import checked
-from condyn_pin.constraints.constraints import Loop
-from condyn_pin.constraints.rows.bound import Bound
+from condyn_pin.constraints.rows.bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
@@ -29,7 +28,9 @@ def as_planar(scene: Scene, name: str) -> ReducedScene:
     (chosen,) = checked("name", [name], scene.names, "constraint")
     at = scene.names.index(chosen)
     loop, bound = scene.constraints[at], scene.bounds[at]
-    if not isinstance(loop, Loop) or loop.kind != "ball" or not isinstance(bound, Bound):
+    frame = f"{name}/plane"
+    pin_joint = loop.as_planar_pin(frame)
+    if pin_joint is None:
         raise InvalidConstraint(f"{name}: a loop of kind ball is needed")
     U, S, _ = np.linalg.svd(scene.audit.terms.J[bound.rows])
     rank = int(np.count_nonzero(tolerances.RANK * S[0] < S))
@@ -38,10 +39,8 @@ def as_planar(scene: Scene, name: str) -> ReducedScene:
             "independent: no plane is left free" if rank == 3 else f"of rank {rank}: no one plane"
         )
         raise InvalidConstraint(f"{name}: its three rows are {said}")
-    frame = f"{name}/plane"
     normal = _in_axes_of_first(scene, bound, U[:, 2])
-    robot = scene.robot.with_frame(frame, loop.frame_a, np.zeros(3), _axes(normal))
-    pin_joint = Loop(frame, loop.frame_b, "planar", axis="z", name=name)
+    robot = scene.robot.with_frame(frame, loop.frames[0], np.zeros(3), _axes(normal))
     if loop in robot.loops:
         loops = [pin_joint if known == loop else known for known in robot.loops]
         robot = replace(robot, loops=loops)
@@ -50,7 +49,7 @@ def as_planar(scene: Scene, name: str) -> ReducedScene:
     return reduced(scene, robot, constraints, scene.guess(), (words,))
 
 
-def _in_axes_of_first(scene: Scene, bound: Bound, direction: Array) -> Array:
+def _in_axes_of_first(scene: Scene, bound: AnyBound, direction: Array) -> Array:
     """Return a direction in the axes of the rows in those of the frame that was named first.
 
     The two differ where that frame is the world's, which no row is written in.

@@ -26,7 +26,6 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.mechanism.summary import Summary
 from condyn_pin.model.robot import Robot
-from condyn_pin.model.smaller_robot import sides
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,7 +130,7 @@ class ReducedScene(Scene):
         full = self.full
         numbers = {full.robot.model.getJointId(name) for name in self.found}
         return Scene(
-            full.robot, [c for c in full.constraints if numbers & set(sides(full.robot, c))]
+            full.robot, [c for c in full.constraints if numbers & set(c.sides(full.robot))]
         )
 
     def __reduce__(self) -> tuple[Any, ...]:

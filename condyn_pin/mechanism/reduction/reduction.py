@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import permutations
 
 from numpy.typing import ArrayLike
 
@@ -16,7 +17,6 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.errors import InvalidArgument, NotAssembled
 from condyn_pin._core.joints import indices
 from condyn_pin._core.names import checked, listed
-from condyn_pin.constraints.constraints import Coupling
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
 from condyn_pin.model.smaller_robot import free_flyers, sifted, smaller_robot
@@ -79,10 +79,10 @@ def without_bodies(scene: Scene, joints: Sequence[str]) -> ReducedScene:
 def _with_partners(scene: Scene, joints: Sequence[str]) -> tuple[tuple[str, ...], list[str]]:
     """Return the joints with those that couplings hold when these are held, and a remark each."""
     held, remarks = dict.fromkeys(joints), []
-    couplings = [c for c in scene.constraints if isinstance(c, Coupling)]
+    couplings = [c for c in scene.constraints if c.joints]
     for _ in couplings:
         for c in couplings:
-            for one, other in ((c.joint_a, c.joint_b), (c.joint_b, c.joint_a)):
+            for one, other in permutations(c.joints, 2):
                 if one in held and other not in held:
                     held[other] = None
                     remarks.append(f"joint {other}: locked with {one}, by the coupling {c.name}")

@@ -31,7 +31,7 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.mechanism.reduction.linkages import check_passive
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
 from condyn_pin.model.robot import Robot
-from condyn_pin.model.smaller_robot import sides, smaller_robot
+from condyn_pin.model.smaller_robot import smaller_robot
 
 RodMass = Literal["ends", "drop"]
 
@@ -46,7 +46,7 @@ _PIVOTS = (
 class _Rod:
     joint: str
     number: int
-    loop: Loop
+    loop: Constraint
     near: str  # name of a new frame, at p1 on the body that the rod hangs on
     far: str  # frame at p2 on the other body
     length: float  # [m]
@@ -58,7 +58,7 @@ class _Rod:
 
         The end that takes the place of the loop's first frame comes first, as the force is on it.
         """
-        ends = (self.near, self.far) if self.far == self.loop.frame_b else (self.far, self.near)
+        ends = (self.near, self.far) if self.far == self.loop.frames[1] else (self.far, self.near)
         return Loop(*ends, "rod", length=self.length, name=self.loop.name)
 
 
@@ -109,14 +109,14 @@ def _rod(scene: Scene, joint: str) -> _Rod:
                               "hangs on a ball or a hinge")  # fmt: skip
     if len(model.subtrees[number]) > 1:
         raise InvalidArgument(f"joint {joint!r} carries further joints: a rod ends a branch")
-    on_it = [c for c in scene.constraints if number in sides(robot, c)]
-    if len(on_it) != 1 or not isinstance(on_it[0], Loop) or on_it[0].kind not in ("ball", "planar"):
+    on_it = [c for c in scene.constraints if number in c.sides(robot)]
+    if len(on_it) != 1 or not on_it[0].is_pin:
         found = listed([c.name for c in on_it]) or "none"
         raise InvalidArgument(
             f"joint {joint!r}: a rod has one loop, of kind ball or planar, on it; found: {found}"
         )
     loop = on_it[0]
-    own, far = loop.frame_a, loop.frame_b
+    own, far = loop.frames
     if robot.frame(own)[0] != number:
         own, far = far, own
     tip = robot.frame(own)[1].translation

@@ -13,14 +13,12 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import indices
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.names import listed
-from condyn_pin.constraints.constraints import Loop
-from condyn_pin.constraints.rows.bound import Bound
 from condyn_pin.mechanism.reduction.linkages import follows
 from condyn_pin.mechanism.reduction.merging import merge_points
 from condyn_pin.mechanism.reduction.planar import as_planar
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene
 from condyn_pin.mechanism.reduction.rods import is_rod
-from condyn_pin.model.smaller_robot import free_flyers, sides
+from condyn_pin.model.smaller_robot import free_flyers
 
 
 @dataclass(frozen=True)
@@ -104,12 +102,12 @@ def _linkages(scene: ReducedScene, asked: Sequence[str]) -> Iterator[tuple[str, 
     """Yield loops with the passive branch that ends in one of their sides."""
     model = scene.robot.model
     sprung = [spring.joint for spring in scene.robot.springs]
-    busy = [j for c in scene.constraints for j in set(sides(scene.robot, c))]
+    busy = [j for c in scene.constraints for j in set(c.sides(scene.robot))]
     kept = {*asked, *scene.robot.actuated, *sprung, *free_flyers(scene.robot)}
     for loop in scene.constraints:
-        if not isinstance(loop, Loop) or loop.kind not in ("ball", "planar"):
+        if not loop.is_pin:
             continue
-        for end in sides(scene.robot, loop):
+        for end in loop.sides(scene.robot):
             joints: list[str] = []
             allowed = 1  # constraints on the body: the loop itself, then none
             while (
@@ -129,7 +127,7 @@ def _planar_balls(scene: ReducedScene) -> Iterator[str]:
     M, J = scene.audit.terms.M, scene.audit.terms.J
     for bound in scene.bounds:
         loop = next(c for c in scene.constraints if c.name == bound.name)
-        if isinstance(loop, Loop) and loop.kind == "ball" and isinstance(bound, Bound):
+        if loop.as_planar_pin(loop.name) is not None:
             own: Array = J[bound.rows]
             if factorise(M, own, tolerances.RANK).rank == 2:
                 yield bound.name

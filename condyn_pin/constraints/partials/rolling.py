@@ -20,11 +20,10 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.rows.bound import AnyBound, Rolled
-from condyn_pin.constraints.rows.rolling import FLAT, touching
-from condyn_pin.dynamics.derivatives.frames import Frames
-from condyn_pin.dynamics.derivatives.gaps import Gap
-from condyn_pin.dynamics.derivatives.partials import End, dual_cross
+from condyn_pin.constraints.partials.formulas import End, dual_cross
+from condyn_pin.constraints.partials.frames import Frames
+from condyn_pin.constraints.partials.gaps import Gap
+from condyn_pin.constraints.rows.bound import FLAT, AnyBound, Rolled
 
 _skew = pin.skew
 
@@ -88,7 +87,7 @@ class RollingPartials:
         """Return the wrench (6,) of a force at the origin of c1, in its axes."""
         oMi = self._frames.data.oMi[b.joint1]
         at_point = pin.Force(b.whole(lam), np.zeros(3))
-        return np.array((oMi * b.placement1).actInv(touching(b, oMi)).act(at_point).vector)
+        return np.array((oMi * b.placement1).actInv(b.touching(oMi)).act(at_point).vector)
 
 
 class Vector(NamedTuple):

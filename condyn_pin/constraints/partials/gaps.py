@@ -14,8 +14,10 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.partials.formulas import End, Slip, direction, slip_of, spatial_cross
+from condyn_pin.constraints.partials.relations import gap_of_relation
 from condyn_pin.constraints.rows.bound import Bound
-from condyn_pin.dynamics.derivatives.partials import End, Slip, direction, slip_of, spatial_cross
+from condyn_pin.constraints.rows.related import Related
 
 _skew = pin.skew
 
@@ -29,8 +31,10 @@ class Gap(NamedTuple):
     v_q: Array  # (rows, nv), of J v
 
 
-def gap_of(b: Bound, one: End, two: End, c1Mc2: Any) -> Gap:
+def gap_of(b: Bound | Related, one: End, two: End, c1Mc2: Any) -> Gap:
     """Return the partials of the gap of a constraint and of its rate."""
+    if isinstance(b, Related):
+        return Gap(*gap_of_relation(b, one, two, c1Mc2))
     if b.is_plain and b.size == 6:
         c_q, v_q = _of_weld(one, two, c1Mc2)
     else:

@@ -8,8 +8,9 @@ import numpy as np
 
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.partials.formulas import End
 from condyn_pin.constraints.rows.bound import Bound
-from condyn_pin.dynamics.derivatives.partials import End
+from condyn_pin.constraints.rows.related import Related
 
 
 class Frames:
@@ -26,12 +27,12 @@ class Frames:
         self._model, self.data = model, data
         self._world = End(*np.zeros((2, 6)), *np.zeros((4, 6, model.nv)))
 
-    def between(self, b: Bound) -> Any:
+    def between(self, b: Bound | Related) -> Any:
         """Return c1Mc2."""
         oMi = self.data.oMi
         return (oMi[b.joint1] * b.placement1).actInv(oMi[b.joint2] * b.placement2)
 
-    def ends(self, b: Bound) -> tuple[End, End]:
+    def ends(self, b: Bound | Related) -> tuple[End, End]:
         """Return c1 and c2."""
         return self.end(b.joint1, b.placement1), self.end(b.joint2, b.placement2)
 

@@ -28,15 +28,10 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.rows.bound import POINT, AnyBound, Bound
+from condyn_pin.constraints.rows.bound import AnyBound, Bound
 from condyn_pin.constraints.rows.ends import Ends
 from condyn_pin.constraints.rows.frames import rows_of
 from condyn_pin.constraints.rows.rolling import skews
-
-
-def is_ball(b: AnyBound) -> bool:
-    """Whether a constraint is a ball between two bodies."""
-    return isinstance(b, Bound) and b.selection == POINT and b.joint1 > 0 and b.joint2 > 0
 
 
 class BallPartials:
@@ -55,7 +50,7 @@ class BallPartials:
         self, model: Any, data: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None
     ) -> None:
         self._data, self._drift, n = data, drift, model.nv
-        self._bounds = balls = [b for b in bounds if isinstance(b, Bound) and is_ball(b)]
+        self._bounds = balls = [b for b in bounds if isinstance(b, Bound) and b.is_ball]
         self.k = k = len(balls)
         self.joints = {j for b in balls for j in (b.joint1, b.joint2)}
         self._rows, self._ends = rows_of(balls), Ends(data, balls)

@@ -100,7 +100,7 @@ def of_points(b: Bound, one: End, two: End, c1Mc2: Any, lam: Array) -> Partials:
     slip = slip_of(one, two, R, r, at_c2=not b.is_plain)
     if b.is_rod:
         return _of_rod(one, two, R, r, slip, float(lam[0]))
-    turn = _turn(one, two, R)
+    turn = turn_of(one, two, R)
     chosen, six = list(b.selection), np.zeros(6)
     six[chosen] = lam
     F, T = _skew(six[:3]), _skew(six[3:])
@@ -122,7 +122,7 @@ class Slip(NamedTuple):
     dr: Array  # (3, nv), of r by q
 
 
-class _Turn(NamedTuple):
+class Turn(NamedTuple):
     """The same of the angular part."""
 
     J: Array
@@ -153,14 +153,15 @@ def slip_of(one: End, two: End, R: Array, r: Array, *, at_c2: bool) -> Slip:
     return Slip(-dr, s_q, s_v, slip, slip_q, s, dr)
 
 
-def _turn(one: End, two: End, R: Array) -> _Turn:
+def turn_of(one: End, two: End, R: Array) -> Turn:
+    """Return the angular part of the slip."""
     J = one.J[3:] - R @ two.J[3:]
     w2, alpha2 = _skew(R @ two.v[3:]), _skew(R @ two.a[3:])
     W = _skew(one.v[3:])
     s_q = one.a_q[3:] - alpha2 @ J - R @ two.a_q[3:]
     s_q += W @ (w2 @ J + R @ two.v_q[3:]) - w2 @ one.v_q[3:]
     s_v = one.a_v[3:] - R @ two.a_v[3:] + W @ R @ two.J[3:] - w2 @ one.J[3:]
-    return _Turn(J, s_q, s_v)
+    return Turn(J, s_q, s_v)
 
 
 def _of_rod(one: End, two: End, R: Array, r: Array, of: Slip, lam: float) -> Partials:

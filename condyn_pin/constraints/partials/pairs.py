@@ -1,8 +1,8 @@
 """How the rows of constraints between two frames change with q and v, one constraint at a time.
 
-Surfaces, edges and points on the world, welds, cut joints and rods. The formulas are in
-`condyn_pin.dynamics.derivatives.partials`; balls between two bodies are taken all at once, in
-`condyn_pin.dynamics.derivatives.balls`.
+Surfaces, edges and points on the world, welds, cut joints, rods and relations. The formulas are in
+`condyn_pin.constraints.partials.formulas`; balls between two bodies are taken all at once, in
+`condyn_pin.constraints.partials.balls`.
 """
 
 from __future__ import annotations
@@ -14,11 +14,7 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.rows.bound import POINT, AnyBound, Bound
-from condyn_pin.dynamics.derivatives.balls import is_ball
-from condyn_pin.dynamics.derivatives.frames import Frames
-from condyn_pin.dynamics.derivatives.gaps import gap_of
-from condyn_pin.dynamics.derivatives.partials import (
+from condyn_pin.constraints.partials.formulas import (
     End,
     Partials,
     dual_cross,
@@ -26,12 +22,17 @@ from condyn_pin.dynamics.derivatives.partials import (
     of_pair,
     of_point,
 )
+from condyn_pin.constraints.partials.frames import Frames
+from condyn_pin.constraints.partials.gaps import gap_of
+from condyn_pin.constraints.partials.relations import of_relation, wrenches_of_relation
+from condyn_pin.constraints.rows.bound import POINT, AnyBound, Bound
+from condyn_pin.constraints.rows.related import Related
 
 
 class _Pair(NamedTuple):
     """A constraint, and where its wrenches go: constant in the axes of its joints."""
 
-    b: Bound
+    b: Bound | Related
     on1: Array  # (6, 6), from the axes of c1 to those of joint 1
     on2: Array  # (6, 6), the same of c2
     held: Array | None  # (6, rows), from lam to joint 1, where nothing else feels it
@@ -49,7 +50,7 @@ class PairPartials:
 
     def __init__(self, frames: Frames, bounds: Sequence[AnyBound], drift: Baumgarte | None) -> None:
         self._frames, self._drift = frames, drift
-        chosen = [b for b in bounds if isinstance(b, Bound) and not is_ball(b)]
+        chosen = [b for b in bounds if isinstance(b, Bound | Related) and not b.is_ball]
         self._pairs = [_pair(b) for b in chosen]
         self._between: list[Any] = []  # c1Mc2 where a force depends on it, as `apply` found it
         self.joints = {j for b in chosen for j in (b.joint1, b.joint2) if j}
@@ -91,11 +92,12 @@ class PairPartials:
         """Return the partials of one constraint; take what turns of its J^T lam off r_q."""
         b = pair.b
         if pair.held is not None:
+            assert isinstance(b, Bound)
             if b.selection != POINT:
                 return of_frame(b, *self._frames.partials(b.joint1, b.placement1))
             return of_point(self._frames.end(b.joint1, b.placement1))
         one, two = self._frames.ends(b)
-        of = of_pair(b, one, two, c1Mc2, force)
+        of = _of_pair(b, one, two, c1Mc2, force)
         if of.w1_q is not None:
             r_q -= one.J.T @ of.w1_q
         if of.w2_q is not None:
@@ -105,14 +107,14 @@ class PairPartials:
     def turning(self, out: Array) -> None:
         """Write the partials (m, nv) of J v by q."""
         for b, *_ in self._pairs:
-            if b.is_held:
+            if isinstance(b, Bound) and b.is_held:
                 v_q, *_ = self._frames.partials(b.joint1, b.placement1)
                 out[b.rows] = b.sign * v_q[list(b.selection)]
             else:
                 gap = gap_of(b, *self._frames.ends(b), self._frames.between(b))
                 out[b.rows] = b.sign * gap.v_q
 
-    def by_frame(self, b: Bound, lam: Array, end: int) -> tuple[Array, Array]:
+    def by_frame(self, b: Bound | Related, lam: Array, end: int) -> tuple[Array, Array]:
         """Return r (nv, 6) and s (rows, 6) by a twist of c1 or c2, of a ball too."""
         (one, two), c1Mc2 = self._frames.ends(b), self._frames.between(b)
         moved, rest = (one, two) if end == 1 else (two, one)
@@ -120,8 +122,8 @@ class PairPartials:
         moving = moved.by_twist()
         still = End(rest.v, rest.a, nothing, nothing, nothing, nothing)
         pair = (moving, still) if end == 1 else (still, moving)
-        if not b.is_held:
-            of = of_pair(b, *pair, c1Mc2, force)
+        if isinstance(b, Related) or not b.is_held:
+            of = _of_pair(b, *pair, c1Mc2, force)
         elif b.selection == POINT:
             of = of_point(moving)
         else:
@@ -140,8 +142,10 @@ class PairPartials:
         return two.J.T @ w2 - one.J.T @ w1, b.sign * s
 
 
-def wrenches(b: Bound, c1Mc2: Any, force: Array) -> tuple[Array, Array]:
+def wrenches(b: Bound | Related, c1Mc2: Any, force: Array) -> tuple[Array, Array]:
     """Return the force of a constraint at the origin of c1 in its axes, and the same for c2."""
+    if isinstance(b, Related):
+        return wrenches_of_relation(b, c1Mc2, force)
     six = np.zeros(6)
     if b.is_rod:
         six[:3] = force[0] * c1Mc2.translation / np.linalg.norm(c1Mc2.translation)
@@ -158,11 +162,19 @@ def wrenches(b: Bound, c1Mc2: Any, force: Array) -> tuple[Array, Array]:
     return np.concatenate([six[:3], six[3:] + np.cross(c1Mc2.translation, six[:3])]), at_c2
 
 
-def _pair(b: Bound) -> _Pair:
+def _of_pair(b: Bound | Related, one: End, two: End, c1Mc2: Any, force: Array) -> Partials:
+    """Return the partials of a constraint whose other side is somewhere."""
+    if isinstance(b, Related):
+        return of_relation(b, one, two, c1Mc2, force)
+    return of_pair(b, one, two, c1Mc2, force)
+
+
+def _pair(b: Bound | Related) -> _Pair:
     on1, on2 = b.placement1.toDualActionMatrix(), b.placement2.toDualActionMatrix()
-    return _Pair(b, on1, on2, on1[:, list(b.selection)] if b.is_held else None)
+    held = on1[:, list(b.selection)] if isinstance(b, Bound) and b.is_held else None
+    return _Pair(b, on1, on2, held)
 
 
-def _force(b: Bound, lam: Array) -> Array:
+def _force(b: Bound | Related, lam: Array) -> Array:
     """Return the rows of lam that act on body 1."""
     return lam[b.rows] if b.sign > 0 else -lam[b.rows]

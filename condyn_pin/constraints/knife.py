@@ -1,0 +1,60 @@
+"""A blade: e . v = 0, with e an axis of the frame and v the velocity of the point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from condyn_pin._core._pin import pin
+from condyn_pin.constraints.base import Machine
+from condyn_pin.constraints.constraint_fields import Axis, Vector3, check_axis, floats, text
+from condyn_pin.constraints.on_velocity import Nonholonomic
+from condyn_pin.constraints.rows.bound import Bound
+from condyn_pin.constraints.with_world import shifted
+
+
+@dataclass(frozen=True)
+class Knife(Nonholonomic):
+    """A blade, a skate, a wheel seen from above: a point that does not slip sideways. 1 row.
+
+    e . v = 0, with e an axis of the frame and v the velocity of the point.
+
+    Parameters
+    ----------
+    frame : str
+        Frame of the robot that carries the blade.
+    axis : {"x", "y", "z"}
+        Of `frame`: across the blade.
+    offset : (3,) sequence of float
+        The point, in the axes of `frame` [m].
+    name : str, optional
+        Name of the constraint; the frame's name by default.
+
+    Notes
+    -----
+    The force is the one on the robot, in the axes of `frame` [N]: along `axis` only.
+    """
+
+    lengths: ClassVar[tuple[str, ...]] = ("offset",)
+
+    frame: str
+    axis: Axis = "y"
+    offset: Vector3 = (0.0, 0.0, 0.0)  # [m]
+
+    def __post_init__(self) -> None:
+        text("frame", self.frame)
+        check_axis(self.axis)
+        object.__setattr__(self, "offset", floats("offset", self.offset, 3))
+        self._set_name(self.frame)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows: 1."""
+        return 1
+
+    def bind(self, machine: Machine, rows: slice) -> Bound:
+        """Return it with c1 at the point, in the axes of the frame."""
+        joint, placement = machine.frame(self.frame)
+        chosen = ("xyz".index(self.axis),)
+        point, world = shifted(placement, self.offset), pin.SE3.Identity()
+        return Bound(self.name, rows, joint, point, 0, world, chosen, anchored=False)

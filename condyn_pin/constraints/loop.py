@@ -1,0 +1,184 @@
+"""Loops: the joint that closes a chain, cut.
+
+A loop asks two frames, c1 and c2, to keep a part of their relative placement. With r the position
+of c2's origin in c1, R the axes of c2 in c1, and every velocity in the axes of its own frame, body
+1 slips past body 2 at the origin of c2 with
+
+    s = ( v1 + omega1 x r - R v2,   omega1 - R omega2 )        in the axes of c1,
+
+and a kind is a choice of rows of s = 0:
+
+    ball    x y z                the two origins stay together
+    weld    x y z rx ry rz       the two frames stay together
+    hinge   all but the turn about `axis`
+    slider  all but the shift along `axis`
+    planar  x y z but the shift along `axis`: a pin that says nothing across the plane
+    rod     r . s / |r|: the distance of the two origins stays
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import nan
+from typing import Any, ClassVar, Final, Literal, get_args
+
+import numpy as np
+
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin.constraints.base import Constraint, Machine, MjcfWriter
+from condyn_pin.constraints.between_frames import BetweenFrames, lever
+from condyn_pin.constraints.constraint_fields import Axis, check_axis, check_lengths, text
+from condyn_pin.constraints.rows.bound import FRAME, POINT, Bound
+
+LoopKind = Literal["ball", "weld", "hinge", "slider", "planar", "rod"]
+
+# What MuJoCo calls them; a hinge is two of them.
+_EQUALITIES: Final = {"ball": "connect", "weld": "weld", "hinge": "connect"}
+
+# From the middle of a hinge or a weld to the points that stand for it.
+_APART: Final = 0.1  # [m]
+
+
+@dataclass(frozen=True)
+class Loop(BetweenFrames):
+    """Two frames of the robot that stay together in part: a closed chain.
+
+    Parameters
+    ----------
+    frame_a, frame_b : str
+        The two halves of the joint that closes the loop. One of them may belong to the world.
+    kind : {"ball", "weld", "hinge", "slider", "planar", "rod"}
+        The joint that was cut, with 3, 6, 5, 5, 2 and 1 rows. A ball closes planar linkages too;
+        it is redundant there, which every solver of this library that says ok has taken care of,
+        and ``planar`` is not. Sliders, rods, and planar pins whose bodies can leave the plane
+        have no equivalent in Pinocchio, and take five times as long or more. A weld in place of a
+        hinge locks the hinge.
+    axis : {"x", "y", "z"}
+        Of `frame_a`: what a hinge turns about, a slider moves along, and a planar pin says nothing
+        about. The same axis of `frame_b` coincides with it in a hinge. The other kinds ignore it.
+    length : float, optional
+        Of a rod [m], which needs it; the other kinds have none.
+    name : str, optional
+        Name of the constraint; ``frame_a~frame_b`` by default.
+
+    Notes
+    -----
+    The force is the one on the body of `frame_a`, at the origin of `frame_b` and in the axes of
+    `frame_a`; the body of `frame_b` feels the opposite. When `frame_a` of a ball, a weld or a
+    hinge belongs to the world, the axes are those of `frame_b`.
+    """
+
+    lengths: ClassVar[tuple[str, ...]] = ("length",)
+
+    frame_a: str
+    frame_b: str
+    kind: LoopKind = "ball"
+    axis: Axis = "z"
+    length: float | None = None  # [m]
+
+    def __post_init__(self) -> None:
+        text("frame_a", self.frame_a)
+        text("frame_b", self.frame_b)
+        if self.kind not in get_args(LoopKind):
+            raise InvalidArgument(
+                f"kind = {self.kind!r}: known kinds of loops are {', '.join(get_args(LoopKind))}"
+            )
+        check_axis(self.axis)
+        check_lengths(length=self.length)
+        if (self.kind == "rod") != (self.length is not None):
+            wanted = "a rod needs its length" if self.kind == "rod" else "only a rod has a length"
+            raise InvalidArgument(f"length = {self.length!r} for a {self.kind}: {wanted} [m]")
+        self._set_name(f"{self.frame_a}~{self.frame_b}")
+
+    @property
+    def rows(self) -> int:
+        """Number of rows of the kind."""
+        return len(self._selected) or 1
+
+    @property
+    def _selected(self) -> tuple[int, ...]:
+        """The rows of the slip x y z rx ry rz that stay zero; none for a rod."""
+        axis = "xyz".index(self.axis)
+        return {
+            "ball": POINT,
+            "weld": FRAME,
+            "hinge": tuple(i for i in FRAME if i != 3 + axis),
+            "slider": tuple(i for i in FRAME if i != axis),
+            "planar": tuple(i for i in POINT if i != axis),
+            "rod": (),
+        }[self.kind]
+
+    def bind(self, machine: Machine, rows: slice) -> Bound:
+        """Return it with c1 its first frame and c2 its second one.
+
+        Where the first one is the world's they are exchanged, for rows that Pinocchio has: in the
+        LOCAL frame with a moving joint first none of its algorithms is wrong.
+        """
+        one, two, sign = machine.frame(self.frame_a), machine.frame(self.frame_b), 1.0
+        if one[0] == 0 and self.kind in ("ball", "weld", "hinge"):
+            one, two, sign = two, one, -1.0  # the force is reported with the other sign
+        length = nan if self.length is None else self.length
+        return Bound(
+            self.name, rows, *one, *two, self._selected, sign=sign, axis="xyz".index(self.axis),
+            length=length, lever=lever(machine, one[1], two[1]),
+        )  # fmt: skip
+
+    @property
+    def title(self) -> str:
+        """What it is, with its kind."""
+        return f"Loop ({self.kind})"
+
+    @property
+    def called(self) -> str:
+        """Its kind."""
+        return self.kind
+
+    @property
+    def is_pin(self) -> bool:
+        """Whether it ties a point of one body to one of the other, in space or in a plane."""
+        return self.kind in ("ball", "planar")
+
+    def as_planar_pin(self, frame: str) -> Loop | None:
+        """Return a ball without the row along z of a frame at `frame_a`."""
+        if self.kind != "ball":
+            return None
+        return Loop(frame, self.frame_b, "planar", axis="z", name=self.name)
+
+    @property
+    def by_points_called(self) -> str:
+        """How studies call a hinge and a weld by points."""
+        return {"hinge": "two points for hinges", "weld": "three points for welds"}.get(
+            self.kind, ""
+        )
+
+    def by_points(self, robot: Any) -> tuple[Any, tuple[Constraint, ...]]:
+        """Return a hinge as two balls on its axis, and a weld as three around it."""
+        along = np.eye(3)["xyz".index(self.axis)]
+        places = {"hinge": (_APART * along, -_APART * along), "weld": tuple(_APART * np.eye(3))}
+        if self.kind not in places:
+            return robot, (self,)
+        balls = []
+        for number, place in enumerate(places[self.kind]):
+            a, b = (f"{frame} of {self.name}, {number}" for frame in self.frames)
+            robot = robot.with_frame(a, self.frame_a, place).with_frame(b, self.frame_b, place)
+            balls.append(Loop(a, b, name=f"{self.name}, {number}"))
+        return robot, tuple(balls)
+
+    @property
+    def in_mjcf(self) -> bool:
+        """Whether MuJoCo has an equality of its kind."""
+        return self.kind in _EQUALITIES
+
+    def write_mjcf(self, to: MjcfWriter) -> None:
+        """Write an equality of two sites; a hinge is two points of its axis."""
+        tag = _EQUALITIES[self.kind]
+        a, b = (to.site(f, f"{self.name}_{e}") for f, e in zip(self.frames, "ab", strict=True))
+        to.equate(tag, name=self.name, site1=a, site2=b)
+        if self.kind == "hinge":
+            far = self.bind(to.robot, slice(0, self.rows)).lever
+            x, y, z = (far * np.eye(3)["xyz".index(self.axis)]).tolist()
+            a, b = (
+                to.site_beside(f, f"{self.name}_axis_{e}", (x, y, z))
+                for f, e in zip(self.frames, "ab", strict=True)
+            )
+            to.equate(tag, name=f"{self.name}_axis", site1=a, site2=b)

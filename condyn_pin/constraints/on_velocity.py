@@ -1,0 +1,78 @@
+"""Constraints on the velocity alone: blades, wheels and balls that roll.
+
+    A(q) v = 0,        A a + Adot v = a_ref = -2 alpha A v
+
+Such a row takes a direction away from the velocity and none from the position: a blade gets to
+every place of the plane. It has no gap, so nothing is there to assemble, and of Baumgarte's two
+terms only alpha acts. Its force is J^T lam as of any other row (d'Alembert), and does no work
+where A v = 0.
+
+The exception is the height of what rolls: that row is the rate of a distance, and has a gap where
+the plane has a height.
+"""
+
+from __future__ import annotations
+
+from abc import ABC
+from dataclasses import replace
+from typing import Any, ClassVar, Literal, Self, get_args
+
+import numpy as np
+
+from condyn_pin.constraints.base import Machine
+from condyn_pin.constraints.constraint_fields import (
+    Vector3,
+    check_positive,
+    direction,
+    floats,
+    text,
+)
+from condyn_pin.constraints.rows.bound import Rolled
+from condyn_pin.constraints.with_world import WithWorld, plane
+
+Direction = Literal["rolling", "lateral", "normal"]
+
+EVERY: tuple[Direction, ...] = get_args(Direction)
+
+
+class Nonholonomic(WithWorld, ABC):
+    """A constraint with rows on the velocity alone."""
+
+    on_velocity: ClassVar[bool] = True
+
+
+class OnPlane(Nonholonomic, ABC):
+    """What rolls on a plane of the world."""
+
+    has_normal: ClassVar[bool] = True
+    lengths: ClassVar[tuple[str, ...]] = ("radius", "height")
+    unitless: ClassVar[tuple[str, ...]] = ("normal",)
+
+    radius: float  # [m]
+    normal: Vector3
+    height: float | None  # [m]
+
+    def _check(self) -> None:
+        text("frame", self.frame)
+        check_positive("length [m]", radius=self.radius)
+        object.__setattr__(self, "radius", float(self.radius))
+        object.__setattr__(self, "normal", direction("normal", self.normal))
+        if self.height is not None:
+            object.__setattr__(self, "height", floats("height", [self.height], 1)[0])
+
+    def _rolled(
+        self, machine: Machine, rows: slice, holds: tuple[int, ...], axle: int | None
+    ) -> Rolled:
+        ground = plane(self.normal, self.height)
+        return Rolled(
+            self.name, rows, *machine.frame(self.frame), ground, holds, self.radius, axle,
+            anchored=self.height is not None,
+        )  # fmt: skip
+
+    def acting(self, *, swapped: bool) -> tuple[str, str, str]:
+        """Return that its force is on the frame by the world, in the axes of the rows."""
+        return self.frame, "world", f"{self.name}/touching"
+
+    def anchored_at(self, c1: Any, c2: Any) -> Self:
+        """Return it with the plane where it touches."""
+        return replace(self, height=float(np.dot(self.normal, c1.translation)))  # type: ignore[call-arg]

@@ -1,0 +1,95 @@
+"""The partial derivatives of all constraints of one scene, group by group.
+
+Groups write into the linearised equations
+
+    lhs = [[r_q, r_v], [s_q, s_v]],        r = M a + h - tau - J^T lam,    s = J a + gamma - a_ref
+
+what turns of J^T lam, and their rows of J, s_q and s_v.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.partials.balls import BallPartials
+from condyn_pin.constraints.partials.frames import Frames
+from condyn_pin.constraints.partials.pairs import PairPartials
+from condyn_pin.constraints.partials.rolling import RollingPartials
+from condyn_pin.constraints.rows.bound import AnyBound, Bound, Coupled, Rolled
+from condyn_pin.constraints.rows.related import Related
+
+
+class ConstraintPartials:
+    """The partials of all constraints of one scene.
+
+    Parameters
+    ----------
+    model : pin.Model
+    data : pin.Data
+        Holds `oMi` for `apply`, and what `pin.computeRNEADerivatives` leaves for the others.
+    bounds : sequence of AnyBound
+    drift : Baumgarte, optional
+
+    Attributes
+    ----------
+    joints : set of int
+        Those that constraints act on.
+    placed : bool
+        Whether `apply` reads `oMi`.
+    """
+
+    def __init__(
+        self, model: Any, data: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None
+    ) -> None:
+        frames = Frames(model, data)
+        self._bounds, self._drift = {b.name: b for b in bounds}, drift
+        self._pairs = PairPartials(frames, bounds, drift)
+        self._rolling = RollingPartials(frames, bounds, drift)
+        balls = BallPartials(model, data, bounds, drift)
+        self._others: list[RollingPartials | BallPartials]
+        self._others = [self._rolling, *([balls] if balls.k else [])]
+        self._couplings = [b for b in bounds if isinstance(b, Coupled)]
+        self.joints = self._pairs.joints | self._rolling.joints | balls.joints
+        self.placed = bool(self._pairs.placed or self._rolling.joints or balls.joints)
+
+    def apply(self, lam: Array, on_joint: Mapping[int, Array]) -> None:
+        """Add the forces to the wrenches on the joints."""
+        for part in (self._pairs, *self._others):
+            part.apply(lam, on_joint)
+
+    def write(self, lam: Array, lhs: Array, J: Array) -> None:
+        """Write all rows but those of couplings into lhs and J, and turn the sign of lhs.
+
+        To turn the sign of all at once is quicker.
+        """
+        self._pairs.write(lam, lhs, J)
+        np.negative(lhs, out=lhs)
+        for part in self._others:
+            part.write(lam, lhs, J)
+
+    def write_couplings(self, rhs: Array, J: Array) -> None:
+        """Write the rows of couplings, whose accelerations change with neither q nor v."""
+        n = J.shape[1]
+        for coupled in self._couplings:
+            J[coupled.rows, list(coupled.velocity)] = 1.0, -coupled.ratio
+            if self._drift:
+                rhs[n:, :n][coupled.rows] = -self._drift.Kp * J[coupled.rows]
+                rhs[n:, n:][coupled.rows] = -self._drift.Kd * J[coupled.rows]
+
+    def turning(self, out: Array) -> None:
+        """Write the partials (m, nv) of J v by q."""
+        for part in (self._pairs, *self._others):
+            part.turning(out)
+
+    def by_frame(self, name: str, lam: Array, end: int) -> tuple[Array, Array]:
+        """Return r (nv, 6) and s (rows, 6) by a twist of c1 or c2 of a constraint, in its axes."""
+        b = self._bounds[name]
+        if isinstance(b, Rolled):
+            return self._rolling.by_frame(b, lam[b.rows])
+        assert isinstance(b, Bound | Related)  # a coupling has no frames
+        return self._pairs.by_frame(b, lam[b.rows], end)

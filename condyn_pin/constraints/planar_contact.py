@@ -1,0 +1,90 @@
+"""A point that slides on a plane of the world: the slip along the normal n.
+
+c = n . p - height
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from condyn_pin.constraints.base import Machine, Patch, Support
+from condyn_pin.constraints.constraint_fields import Vector3, direction, floats, text
+from condyn_pin.constraints.rows.bound import Bound
+from condyn_pin.constraints.with_world import THIN, USUAL, WithWorld, plane, shifted
+
+
+@dataclass(frozen=True)
+class PlanarContact(WithWorld):
+    """A point of the robot that slides on a plane of the world without friction: 1 row.
+
+    Parameters
+    ----------
+    frame : str
+        Frame of the robot that carries the point.
+    offset : (3,) sequence of float
+        The point, in the axes of `frame` [m].
+    normal : (3,) sequence of float
+        Of the plane, in the world; any length.
+    height : float, optional
+        Of the plane, along the normal from the world's origin [m]. Without it the plane goes
+        through the point.
+    name : str, optional
+        Name of the constraint; the frame's name by default.
+
+    Notes
+    -----
+    The force is the one on the robot [N], in the axes of the plane: z is the normal, x and y are
+    zero. The contact is bilateral.
+    """
+
+    word: ClassVar[str] = "planar"
+    lengths: ClassVar[tuple[str, ...]] = ("offset", "height")
+    unitless: ClassVar[tuple[str, ...]] = ("normal",)
+    has_normal: ClassVar[bool] = True
+
+    frame: str
+    offset: Vector3 = (0.0, 0.0, 0.0)
+    normal: Vector3 = (0.0, 0.0, 1.0)
+    height: float | None = None  # [m]
+
+    def __post_init__(self) -> None:
+        text("frame", self.frame)
+        object.__setattr__(self, "offset", floats("offset", self.offset, 3))
+        object.__setattr__(self, "normal", direction("normal", self.normal))
+        if self.height is not None:
+            object.__setattr__(self, "height", floats("height", [self.height], 1)[0])
+        self._set_name(self.frame)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows: 1."""
+        return 1
+
+    def bind(self, machine: Machine, rows: slice) -> Bound:
+        """Return it with c1 the plane, z along its normal, and c2 the robot's point."""
+        joint, placement = machine.frame(self.frame)
+        return Bound(
+            self.name, rows, 0, plane(self.normal, self.height),
+            joint, shifted(placement, self.offset), (2,),
+            anchored=self.height is not None, sign=-1.0,
+        )  # fmt: skip
+
+    def acting(self, *, swapped: bool) -> tuple[str, str, str]:
+        """Return that its force is on the frame by the world, in the axes of the plane."""
+        return self.frame, "world", f"{self.name}/plane"
+
+    @property
+    def support(self) -> Support:
+        """A point."""
+        return Support()
+
+    def anchored_at(self, c1: Any, c2: Any) -> PlanarContact:
+        """Return it with the plane through the point."""
+        return replace(self, height=float(np.dot(self.normal, c2.translation)))
+
+    def patch(self, size: float) -> Patch:
+        """Return a disc in the plane, whose normal is one of the world."""
+        return Patch("rod", (USUAL * size, THIN * size), self.normal, turns=False)

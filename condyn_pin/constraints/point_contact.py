@@ -1,0 +1,94 @@
+"""A point on the world: x y z of the slip.
+
+J v = v + omega x r,        r the point in its frame
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.base import Machine, Support
+from condyn_pin.constraints.between_frames import lever
+from condyn_pin.constraints.constraint_fields import Vector3, floats, text
+from condyn_pin.constraints.rows.bound import POINT, Bound
+from condyn_pin.constraints.with_world import WithWorld, shifted
+
+
+@dataclass(frozen=True)
+class PointContact(WithWorld):
+    """A point of the robot that keeps its place in the world: 3 rows.
+
+    Parameters
+    ----------
+    frame : str
+        Frame of the robot that carries the point.
+    offset : (3,) sequence of float
+        The point, in the axes of `frame` [m].
+    anchor : (3,) sequence of float, optional
+        Where the point belongs, in the world [m]. Without it the point belongs where it is: the
+        contact holds it there and has no position error.
+    name : str, optional
+        Name of the constraint; the frame's name by default.
+
+    Notes
+    -----
+    The force is the one on the robot, in the axes of `frame` [N]. The contact is bilateral: it
+    also pulls.
+    """
+
+    word: ClassVar[str] = "point"
+    lengths: ClassVar[tuple[str, ...]] = ("offset", "anchor")
+
+    frame: str
+    offset: Vector3 = (0.0, 0.0, 0.0)
+    anchor: Vector3 | None = None
+
+    def __post_init__(self) -> None:
+        text("frame", self.frame)
+        object.__setattr__(self, "offset", floats("offset", self.offset, 3))
+        if self.anchor is not None:
+            object.__setattr__(self, "anchor", floats("anchor", self.anchor, 3))
+        self._set_name(self.frame)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows: 3."""
+        return 3
+
+    def bind(self, machine: Machine, rows: slice) -> Bound:
+        """Return it with c1 at the point, in the axes of the frame, and c2 at the anchor."""
+        joint, placement = machine.frame(self.frame)
+        place = pin.SE3.Identity()
+        if self.anchor:
+            place = pin.XYZQUATToSE3(np.array((*self.anchor, 0.0, 0.0, 0.0, 1.0)))
+        return Bound(
+            self.name, rows, joint, shifted(placement, self.offset), 0, place, POINT,
+            anchored=self.anchor is not None, lever=lever(machine, placement),
+        )  # fmt: skip
+
+    @property
+    def support(self) -> Support:
+        """A point."""
+        return Support()
+
+    @property
+    def point(self) -> Vector3 | None:
+        """The point, in the axes of its frame, if it belongs where it is."""
+        return None if self.anchor else self.offset
+
+    def anchored_at(self, c1: Any, c2: Any) -> PointContact:
+        """Return it anchored where the point is."""
+        return replace(self, anchor=tuple(c1.translation.tolist()))
+
+
+def point_of(contact: Any, name: str, offset: Array) -> PointContact:
+    """Return a point of an extended contact, anchored where the contact is."""
+    anchor = None
+    if contact.anchor is not None:
+        anchor = tuple(pin.XYZQUATToSE3(np.array(contact.anchor)).act(offset))
+    return PointContact(contact.frame, tuple(offset), anchor, name=f"{contact.name}/{name}")

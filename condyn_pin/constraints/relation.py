@@ -1,0 +1,78 @@
+"""Two frames related by equations of your own: a kind of constraint in four functions.
+
+With r the position of c2's origin in c1, R the axes of c2 in c1, and s = (s_lin, s_ang) how body 1
+slips past body 2 at the origin of c2, in the axes of c1 (`condyn_pin.constraints.loop`), the two
+move by
+
+    r' = -s_lin,        R' = -s_ang x R.
+
+A kind is its violation c(r, R), the weights W of the slip in its rate, and how these change:
+
+    c' = J v = W s,        J a + gamma = W s' + W' s,        force  J^T lam:  W^T lam  at c2.
+
+So W is the derivative of c: its first three columns -dc/dr, the others -dc by a turn of c2 about
+the axes of c1. All else follows: J, gamma, wrenches, and the partial derivatives of an answer.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Final
+
+import numpy as np
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.base import Machine
+from condyn_pin.constraints.between_frames import BetweenFrames
+from condyn_pin.constraints.rows.related import Related
+
+# Step of the differences of W' [m and rad], and their weights: they are off by h^4 and by eps / h.
+_STEP: Final = 1e-3
+_STENCIL: Final = ((-2.0, 1.0 / 12.0), (-1.0, -2.0 / 3.0), (1.0, 2.0 / 3.0), (2.0, -1.0 / 12.0))
+
+
+class FrameRelation(BetweenFrames, ABC):
+    """Two frames, related by `violation` = 0.
+
+    A dataclass that inherits from it has the fields `frame_a` and `frame_b` first.
+    """
+
+    @abstractmethod
+    def violation(self, R: Array, r: Array) -> Array:
+        """Return c (rows,) [m, rad]."""
+
+    @abstractmethod
+    def weights(self, R: Array, r: Array) -> Array:
+        """Return W (rows, 6), with c' = W s."""
+
+    @abstractmethod
+    def weights_rate(self, R: Array, r: Array, s: Array) -> Array:
+        """Return W' (rows, 6) while the frames slip by s (6,)."""
+
+    def weights_bend(self, R: Array, r: Array, s: Array) -> Array:
+        """Return the partials of `weights_rate` by slips, (6, rows, 6), while s stays.
+
+        By fourth-order differences, which leave 1e-12 of it; derivatives of answers ask for it.
+        """
+        found = np.zeros((6, self.rows, 6))
+        for i, d in enumerate(_STEP * np.eye(6)):
+            for k, share in _STENCIL:
+                turned = pin.exp3(-k * d[3:]) @ R
+                found[i] += share / _STEP * self.weights_rate(turned, r - k * d[:3], s)
+        return found
+
+    @property
+    def row_words(self) -> tuple[str, ...]:
+        """What its rows are called, behind its name."""
+        return tuple(str(i + 1) for i in range(self.rows))
+
+    @property
+    def angles(self) -> tuple[bool, ...]:
+        """Which of its rows are angles, not lengths."""
+        return (False,) * self.rows
+
+    def bind(self, machine: Machine, rows: slice) -> Related:
+        """Return it with c1 its first frame and c2 its second one."""
+        one, two = machine.frame(self.frame_a), machine.frame(self.frame_b)
+        return Related(self.name, rows, *one, *two, self)

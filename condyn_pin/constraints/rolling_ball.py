@@ -1,0 +1,60 @@
+"""A ball that rolls on a plane; the rows are in `condyn_pin.constraints.rows.rolling`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from condyn_pin.constraints.base import Machine, Support
+from condyn_pin.constraints.constraint_fields import Vector3
+from condyn_pin.constraints.on_velocity import OnPlane
+from condyn_pin.constraints.rows.bound import Rolled
+
+
+@dataclass(frozen=True)
+class RollingBall(OnPlane):
+    """A ball that rolls on a plane of the world without slipping: 3 rows.
+
+    Its lowest point has no velocity: v - radius omega x n = 0. It may spin about the normal n.
+
+    Parameters
+    ----------
+    frame : str
+        Frame of the robot in the middle of the ball.
+    radius : float
+        [m].
+    normal : (3,) sequence of float
+        Of the plane, in the world; any length.
+    height : float, optional
+        Of the plane, along the normal from the world's origin [m]. Without it the plane is where
+        the ball lies: the row off the plane has no position error either.
+    name : str, optional
+        Name of the constraint; the frame's name by default.
+
+    Notes
+    -----
+    The force is the one on the robot at the lowest point, in the axes of the plane [N]: z is the
+    normal. On a level plane x and y are the world's.
+    """
+
+    frame: str
+    radius: float  # [m]
+    normal: Vector3 = (0.0, 0.0, 1.0)
+    height: float | None = None  # [m]
+
+    def __post_init__(self) -> None:
+        self._check()
+        self._set_name(self.frame)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows: 3."""
+        return 3
+
+    def bind(self, machine: Machine, rows: slice) -> Rolled:
+        """Return it with c1 its frame, and c2 the plane."""
+        return self._rolled(machine, rows, (0, 1, 2), axle=None)
+
+    @property
+    def support(self) -> Support:
+        """A point."""
+        return Support()

@@ -1,0 +1,90 @@
+"""A thin wheel that rolls on a plane; the rows are in `condyn_pin.constraints.rows.rolling`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin.constraints.base import Machine, Support
+from condyn_pin.constraints.constraint_fields import Axis, Vector3, check_axis
+from condyn_pin.constraints.on_velocity import EVERY, Direction, OnPlane
+from condyn_pin.constraints.rows.bound import Rolled
+
+
+@dataclass(frozen=True)
+class RollingWheel(OnPlane):
+    """A thin wheel that rolls on a plane of the world without slipping: 3 rows or fewer.
+
+    Its lowest point has no velocity, upright or leaning: with e the axle, n the normal of the plane
+    and all in the axes of the body,
+
+        t = e x n / |e x n|,    r = radius e x t,    v + omega x r = 0   along t, n x t and n.
+
+    Parameters
+    ----------
+    frame : str
+        Frame of the robot in the middle of the wheel.
+    radius : float
+        [m].
+    axis : {"x", "y", "z"}
+        Of `frame`: the axle.
+    holds : sequence of {"rolling", "lateral", "normal"}
+        The directions in which it does not slip: along t, across, and off the plane. A base that
+        moves in the plane anyway needs no "normal", and an omnidirectional wheel has no "lateral".
+    normal : (3,) sequence of float
+        Of the plane, in the world; any length.
+    height : float, optional
+        Of the plane, along the normal from the world's origin [m]. Without it the plane is where
+        the wheel stands: "normal" has no position error either.
+    name : str, optional
+        Name of the constraint; the frame's name by default.
+
+    Notes
+    -----
+    The force is the one on the robot at the lowest point: along t, n x t and n [N]. Flat on the
+    plane a wheel has no lowest point: the rows along it vanish, and `Scene.rank` says so.
+    """
+
+    frame: str
+    radius: float  # [m]
+    axis: Axis = "y"
+    holds: tuple[Direction, ...] = EVERY
+    normal: Vector3 = (0.0, 0.0, 1.0)
+    height: float | None = None  # [m]
+
+    def __post_init__(self) -> None:
+        check_axis(self.axis)
+        object.__setattr__(self, "holds", _in_order(self.holds))
+        self._check()
+        self._set_name(self.frame)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows: one for each direction."""
+        return len(self.holds)
+
+    def bind(self, machine: Machine, rows: slice) -> Rolled:
+        """Return it with c1 its frame, and c2 the plane."""
+        holds = tuple(EVERY.index(each) for each in self.holds)
+        return self._rolled(machine, rows, holds, axle="xyz".index(self.axis))
+
+    @property
+    def title(self) -> str:
+        """What it is, with the directions in which it does not slip."""
+        return f"RollingWheel ({', '.join(self.holds)})"
+
+    @property
+    def support(self) -> Support | None:
+        """A point, if it does not leave the plane."""
+        return Support() if "normal" in self.holds else None
+
+
+def _in_order(holds: object) -> tuple[Direction, ...]:
+    """Return the directions in the order of the rows, or raise InvalidArgument."""
+    asked = tuple(holds) if isinstance(holds, Iterable) and not isinstance(holds, str) else ()
+    if not asked or any(asked.count(each) > 1 or each not in EVERY for each in asked):
+        raise InvalidArgument(
+            f"holds = {holds!r}: some of {', '.join(EVERY)} are needed, each once"
+        )
+    return tuple(each for each in EVERY if each in asked)

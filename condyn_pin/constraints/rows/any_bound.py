@@ -1,0 +1,190 @@
+"""The contract of a bound constraint: what the rest of the program asks it.
+
+`condyn_pin.constraints.base` says how a kind is made. Rows are evaluated in groups, not one by one:
+that stays inside of this room (`condyn_pin.constraints.rows.sorting`).
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.errors import InvalidArgument
+
+
+class AnyBound(ABC):
+    """What every bound constraint has, and answers.
+
+    Attributes
+    ----------
+    name : str
+    rows : slice
+        Its rows among those of the scene.
+    anchored : bool
+        False for a contact that belongs wherever it is: it has no position error.
+    sign : float
+        +1 if the force on the first-named body is the one on joint 1, else -1.
+    """
+
+    name: str
+    rows: slice
+    anchored: bool
+    sign: float
+
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return int(self.rows.stop - self.rows.start)
+
+    @property
+    @abstractmethod
+    def row_names(self) -> tuple[str, ...]:
+        """A name for each row: the constraint's, and what it is along."""
+
+    @property
+    def positioned(self) -> range:
+        """Its rows that have a position error."""
+        return range(self.rows.start, self.rows.stop if self.anchored else self.rows.start)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether Pinocchio has a constraint of these very rows."""
+        return False
+
+    @property
+    def is_ball(self) -> bool:
+        """Whether it is a point of one moving body on one of another, and nothing else."""
+        return False
+
+    @property
+    def is_scalar(self) -> bool:
+        """Whether its force is one number, along a line or a joint."""
+        return False
+
+    @property
+    def one_body(self) -> int | None:
+        """The joint of the body that both its sides are on; None where they are on two."""
+        return None
+
+    @property
+    def on_robot(self) -> int:
+        """Which of its two frames is on the robot: 0 for c1, 1 for c2."""
+        return 0
+
+    @property
+    def meets(self) -> bool:
+        """Whether the origins of its two frames belong at one place."""
+        return False
+
+    @abstractmethod
+    def moved(self, joints: Sequence[int]) -> Self:
+        """Return it on other joints: the new number of each."""
+
+    @abstractmethod
+    def ends(self, oMi: Any) -> tuple[Any, Any] | None:
+        """Return its frames c1 and c2 in the world; None if it has none.
+
+        The axes of c1 are those of its force.
+        """
+
+    @abstractmethod
+    def whole(self, lam: Array) -> Array:
+        """Return the force with the components that the kind does not transmit: they are zero."""
+
+    def force(self, lam: Array, ends: Callable[[], tuple[Any, Any]]) -> Array:
+        """Return the components of the force in the axes of c1; `ends` finds c1 and c2."""
+        return self.whole(lam)
+
+    @abstractmethod
+    def acts_at(self, c1: Any, c2: Any, *, on_first: bool) -> Array:
+        """Return the point of the world at which its force acts, or the opposite one."""
+
+    def reaction(self, *, on_first: bool) -> float:
+        """Return how many times as large as a force the one on the other side is."""
+        return 1.0
+
+    @abstractmethod
+    def turns(self, model: Any) -> NDArray[np.bool_]:
+        """Return for each row whether it is an angle, not a length."""
+
+    def opening(self, model: Any, c: Array) -> tuple[float, float]:
+        """Return how far it is open, from its rows of c: length [m] and angle [rad]."""
+        return self.rates(model, c)
+
+    def rates(self, model: Any, velocity: Array) -> tuple[float, float]:
+        """Return how fast its sides move apart, from its rows of J v: [m/s] and [rad/s]."""
+        angular = self.turns(model)
+        # no square overflows
+        return math.hypot(*velocity[~angular]), math.hypot(*velocity[angular])
+
+    @abstractmethod
+    def end(self, frame: str) -> Literal[1, 2]:
+        """Return which of c1 and c2 its "first" or "second" frame is, or raise InvalidArgument."""
+
+    @abstractmethod
+    def yields(
+        self, body: Callable[[int], Array], columns: Callable[[Sequence[int]], float]
+    ) -> Any:
+        """Return what MuJoCo takes for the diagonal of J M^-1 J^T, a number a row or one for all.
+
+        Parameters
+        ----------
+        body : callable
+            Returns what the body of a joint gives way to a force and to a moment (2,).
+        columns : callable
+            Returns the sum of what some velocities give way.
+        """
+
+
+class OnFrames(AnyBound, ABC):
+    """What has a frame c1 on joint 1, and a frame c2 on joint 2."""
+
+    joint1: int
+    placement1: Any
+    joint2: int
+    placement2: Any
+
+    @property
+    def one_body(self) -> int | None:
+        """Joint 1, if it is joint 2 too."""
+        return self.joint1 if self.joint1 == self.joint2 else None
+
+    @property
+    def on_robot(self) -> int:
+        """0, unless joint 1 is the world."""
+        return 0 if self.joint1 else 1
+
+    def moved(self, joints: Sequence[int]) -> Self:
+        """Return it on other joints: the new number of each."""
+        new = {"joint1": joints[self.joint1], "joint2": joints[self.joint2]}
+        return replace(self, **new)  # type: ignore[type-var]
+
+    def ends(self, oMi: Any) -> tuple[Any, Any]:
+        """Return the frames c1 and c2 in the world."""
+        return oMi[self.joint1] * self.placement1, oMi[self.joint2] * self.placement2
+
+    def end(self, frame: str) -> Literal[1, 2]:
+        """Return 1 for the frame that was named first, if joint 1 carries it."""
+        end: Literal[1, 2] = 1 if (frame == "first") == (self.sign > 0) else 2
+        if not self.anchored and (self.joint1, self.joint2)[end - 1] == 0:
+            raise InvalidArgument(
+                f"{self.name!r} belongs where it is: without an anchor it has no frame in the world"
+            )
+        return end
+
+    def yields(
+        self,
+        body: Callable[[int], Array],
+        columns: Callable[[Sequence[int]], float],
+    ) -> Any:
+        """Return what both bodies give way to a force, and for turns to a moment."""
+        linear, angular = body(self.joint1) + body(self.joint2)
+        # MuJoCo's angular rows are half of ours
+        return [4 * angular if turns else linear for turns in self.turns(None)]

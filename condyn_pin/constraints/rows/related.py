@@ -1,0 +1,165 @@
+"""Relations: rows that a kind writes itself as W s, with s all six components of the slip.
+
+    J v = W s,        J a + gamma = W s' + W' s,        wrench at c2, in the axes of c1:  W^T lam
+
+`condyn_pin.constraints.relation` says what W is, `cut_joints` what s and s' are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.rows.any_bound import OnFrames
+from condyn_pin.constraints.rows.frames import FrameJacobian
+
+
+class Relation(Protocol):
+    """What a kind knows of two frames: see `condyn_pin.constraints.relation.FrameRelation`."""
+
+    @property
+    def row_words(self) -> tuple[str, ...]:
+        """What its rows are called, behind its name."""
+
+    @property
+    def angles(self) -> tuple[bool, ...]:
+        """Which of its rows are angles, not lengths."""
+
+    def violation(self, R: Array, r: Array) -> Array:
+        """Return c (rows,)."""
+
+    def weights(self, R: Array, r: Array) -> Array:
+        """Return W (rows, 6)."""
+
+    def weights_rate(self, R: Array, r: Array, s: Array) -> Array:
+        """Return W' (rows, 6) while the frames slip by s."""
+
+    def weights_bend(self, R: Array, r: Array, s: Array) -> Array:
+        """Return the partials of W' by slips (6, rows, 6)."""
+
+
+@dataclass(frozen=True)
+class Related(OnFrames):
+    """A relation of two frames, bound.
+
+    Attributes
+    ----------
+    name, rows, joint1, placement1, joint2, placement2, anchored, sign
+        As in `Bound`.
+    relation : Relation
+        Which has the equations.
+    """
+
+    name: str
+    rows: slice
+    joint1: int
+    placement1: Any
+    joint2: int
+    placement2: Any
+    relation: Relation
+    anchored: bool = True
+    sign: float = 1.0
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """A name for each row."""
+        return tuple(f"{self.name}.{word}" for word in self.relation.row_words)
+
+    @property
+    def is_scalar(self) -> bool:
+        """True: only its rows tell the force, whose direction turns with the state."""
+        return True
+
+    @property
+    def is_held(self) -> bool:
+        """False: the world enters its rows."""
+        return False
+
+    def whole(self, lam: Array) -> Array:
+        """Return the rows of the force."""
+        return lam.copy()
+
+    def force(self, lam: Array, ends: Any) -> Array:
+        """Return force and moment W^T lam in the axes of c1, at c2 (6,)."""
+        c1, c2 = ends()
+        between = c1.actInv(c2)
+        W = self.relation.weights(between.rotation, between.translation)
+        return np.asarray(W.T @ lam)
+
+    def acts_at(self, c1: Any, c2: Any, *, on_first: bool) -> Array:
+        """Return the origin of c2."""
+        return np.array(c2.translation)
+
+    def turns(self, model: Any) -> NDArray[np.bool_]:
+        """Return for each row whether it is an angle."""
+        return np.array(self.relation.angles)
+
+
+class Relations:
+    """All relations of one scene, one at a time.
+
+    Parameters
+    ----------
+    data : pin.Data
+        Holds `oMi`, `v` and `a` after forward kinematics.
+    bounds : sequence of Related
+    """
+
+    def __init__(self, data: Any, bounds: Sequence[Related]) -> None:
+        self._data, self._bounds = data, tuple(bounds)
+        self._at: list[tuple[Array, Array, Array]] = []  # W, R and r of the last evaluation
+
+    def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
+        """Write the rows into the three vectors of all rows."""
+        self._at = []
+        for b in self._bounds:
+            oMc1, oMc2 = b.ends(self._data.oMi)
+            between = oMc1.actInv(oMc2)
+            R, r = between.rotation.copy(), between.translation.copy()
+            s, s_dot = self._slip(b, R, r)
+            W = b.relation.weights(R, r)
+            c[b.rows], velocity[b.rows] = b.relation.violation(R, r), W @ s
+            acceleration[b.rows] = W @ s_dot + b.relation.weights_rate(R, r, s) @ s
+            self._at.append((W, R, r))
+
+    def stack(self, lam: Array, f1: Array, f2: Array) -> None:
+        """Write the forces and moments (6 k) at the origins of c1 and c2, each in its axes."""
+        for b, (W, R, r), on1, on2 in zip(
+            self._bounds, self._at, f1.reshape(-1, 6), f2.reshape(-1, 6), strict=True
+        ):
+            six = W.T @ lam[b.rows]
+            on1[:3], on1[3:] = six[:3], six[3:] + np.cross(r, six[:3])
+            on2[:3], on2[3:] = R.T @ six[:3], R.T @ six[3:]
+
+    def jacobian(self, J: Array, of_frame: FrameJacobian) -> None:
+        """Write the rows into J (m, nv), at the last evaluation."""
+        for b, (W, R, r) in zip(self._bounds, self._at, strict=True):
+            J1, J2 = of_frame(b.joint1, b.placement1), of_frame(b.joint2, b.placement2)
+            linear = J1[:3] - pin.skew(r) @ J1[3:] - R @ J2[:3]
+            J[b.rows] = W @ np.vstack([linear, J1[3:] - R @ J2[3:]])
+
+    def _slip(self, b: Related, R: Array, r: Array) -> tuple[Array, Array]:
+        """Return s and its derivative, component by component in the axes of c1."""
+        (v1, w1, a1, alpha1), (v2, w2, a2, alpha2) = (
+            self._motion(joint, placement)
+            for joint, placement in ((b.joint1, b.placement1), (b.joint2, b.placement2))
+        )
+        v2, w2, a2, alpha2 = R @ v2, R @ w2, R @ a2, R @ alpha2
+        s = v1 + np.cross(w1, r) - v2
+        s_dot = a1 - a2 + np.cross(alpha1, r) + np.cross(w1, np.cross(w1, r) - 2 * s)
+        turning = alpha1 - alpha2 + np.cross(w1, w2)
+        return np.concatenate([s, w1 - w2]), np.concatenate([s_dot, turning])
+
+    def _motion(self, joint: int, placement: Any) -> tuple[Array, Array, Array, Array]:
+        """Return v, omega, the classical acceleration and alpha of a frame, in its axes."""
+        if joint == 0:
+            zero = np.zeros(3)
+            return zero, zero, zero, zero
+        v, a = placement.actInv(self._data.v[joint]), placement.actInv(self._data.a[joint])
+        return v.linear, v.angular, a.linear + np.cross(v.angular, v.linear), a.angular

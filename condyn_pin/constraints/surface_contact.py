@@ -1,0 +1,107 @@
+"""A surface on the world: all six rows of the slip of its frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.errors import InvalidArgument
+from condyn_pin.constraints.base import Constraint, Machine, Patch, Support
+from condyn_pin.constraints.between_frames import lever
+from condyn_pin.constraints.constraint_fields import Placement, check_lengths, placement, text
+from condyn_pin.constraints.point_contact import PointContact, point_of
+from condyn_pin.constraints.rows.bound import FRAME, Bound
+from condyn_pin.constraints.with_world import THIN, USUAL, WithWorld
+
+
+@dataclass(frozen=True)
+class SurfaceContact(WithWorld):
+    """A flat part of the robot that keeps its placement in the world: 6 rows.
+
+    Parameters
+    ----------
+    frame : str
+        Frame of the robot in the middle of the surface, z along its normal.
+    half_length, half_width : float, optional
+        Half of the size along x and y of `frame` [m]. The dynamics do not need them; they are
+        where `corners` puts its points.
+    anchor : (7,) sequence of float or pin.SE3, optional
+        Where the frame belongs in the world: x y z [m] and the quaternion x y z w. Without it the
+        surface belongs where it is.
+    name : str, optional
+        Name of the constraint; the frame's name by default.
+
+    Notes
+    -----
+    The force is the wrench on the robot at the origin of `frame`, in its axes, linear part first
+    [N, N m]. The contact is bilateral.
+    """
+
+    word: ClassVar[str] = "surface"
+    lengths: ClassVar[tuple[str, ...]] = ("half_length", "half_width", "anchor")
+    has_normal: ClassVar[bool] = True
+
+    frame: str
+    half_length: float | None = None  # [m]
+    half_width: float | None = None  # [m]
+    anchor: Placement | None = None
+
+    def __post_init__(self) -> None:
+        text("frame", self.frame)
+        check_lengths(half_length=self.half_length, half_width=self.half_width)
+        object.__setattr__(self, "anchor", placement("anchor", self.anchor))
+        self._set_name(self.frame)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows: 6."""
+        return 6
+
+    def corners(self) -> tuple[PointContact, ...]:
+        """Return the same support as four points: 12 rows, of which 6 are redundant."""
+        if self.half_length is None or self.half_width is None:
+            raise InvalidArgument(
+                f"{self.name}: half_length and half_width are not set, so there are no corners; "
+                "use SurfaceContact(frame, half_length=..., half_width=...)"
+            )
+        signs = {"front_left": (1, 1), "front_right": (1, -1), "back_left": (-1, 1),
+                 "back_right": (-1, -1)}  # fmt: skip
+        return tuple(
+            point_of(self, corner, np.array([x * self.half_length, y * self.half_width, 0.0]))
+            for corner, (x, y) in signs.items()
+        )
+
+    def bind(self, machine: Machine, rows: slice) -> Bound:
+        """Return it with c1 its frame, and c2 the anchor."""
+        joint, placement = machine.frame(self.frame)
+        place = pin.XYZQUATToSE3(np.array(self.anchor)) if self.anchor else pin.SE3.Identity()
+        return Bound(
+            self.name, rows, joint, placement, 0, place, FRAME,
+            anchored=self.anchor is not None, lever=lever(machine, placement),
+        )  # fmt: skip
+
+    @property
+    def support(self) -> Support:
+        """A rectangle."""
+        return Support(self.half_length, self.half_width)
+
+    def anchored_at(self, c1: Any, c2: Any) -> SurfaceContact:
+        """Return it anchored where its frame is."""
+        return replace(self, anchor=tuple(pin.SE3ToXYZQUAT(c1).tolist()))
+
+    @property
+    def by_points_called(self) -> str:
+        """What studies call the same by points."""
+        return "corners for surfaces"
+
+    def by_points(self, robot: Any) -> tuple[Any, tuple[Constraint, ...]]:
+        """Return its four corners, if it says its size."""
+        return robot, self.corners() if self.half_length and self.half_width else (self,)
+
+    def patch(self, size: float) -> Patch:
+        """Return a thin box."""
+        x, y = self.half_length or USUAL * size, self.half_width or USUAL * size
+        return Patch("box", (2.0 * x, 2.0 * y, THIN * size))
