@@ -125,9 +125,8 @@ def test_the_rate_of_the_distance_is_j_v(scene, state):
 
     rates = [(equations.violation(at(k * h)) - equations.violation(at(-k * h))) / (2 * k * h)
              for k in (1, 2)]  # fmt: skip
-    assert rates[0][0] * 4 / 3 - rates[1][0] / 3 == pytest.approx(
-        (equations.jacobian(q) @ w)[0], rel=1e-9
-    )
+    J_w = (equations.jacobian(q) @ w)[0]
+    assert rates[0][0] * 4 / 3 - rates[1][0] / 3 == pytest.approx(J_w, rel=1e-9)
 
 
 def test_it_is_solved(scene, state):

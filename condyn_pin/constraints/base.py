@@ -158,7 +158,7 @@ class Constraint(ABC):
 
     @abstractmethod
     def sides(self, machine: Machine) -> tuple[int, int]:
-        """Return the numbers of the two joints whose bodies it ties; 0 is the world."""
+        """Return the numbers of the two joints of a machine that it ties; 0 is the world."""
 
     @abstractmethod
     def acting(self, *, swapped: bool) -> tuple[str, str, str]:
@@ -221,7 +221,7 @@ class Constraint(ABC):
         return ""
 
     def anchored_at(self, c1: Any, c2: Any) -> Constraint:
-        """Return it anchored at the frames of its bound form; itself if it belongs everywhere."""
+        """Return it anchored where its frames c1 and c2 are; itself if it belongs everywhere."""
         return self
 
     def by_points(self, robot: Any) -> tuple[Any, tuple[Constraint, ...]]:
@@ -253,7 +253,7 @@ class Constraint(ABC):
         return replace(self, **changed)
 
     def write_mjcf(self, to: MjcfWriter) -> None:
-        """Write the equalities that are the constraint, if it is `in_mjcf`."""
+        """Write the equalities that are the constraint `to` a file, if it is `in_mjcf`."""
         raise NotImplementedError(f"{self.name}: MuJoCo has no equality for a {self.called}")
 
     def patch(self, size: float) -> Patch | None:
