@@ -12,6 +12,7 @@ import ast
 from importlib import import_module
 from pathlib import Path
 from typing import Any
+from warnings import warn
 
 __version__ = "0.1.0"
 
@@ -27,8 +28,14 @@ _MODULE_OF = _modules()
 
 __all__ = sorted(_MODULE_OF)
 
+# Names that were others in the version before; they go with the next one.
+_RENAMED = {"Audit": "NominalAnalysis"}
+
 
 def __getattr__(name: str) -> Any:
+    if name in _RENAMED:
+        warn(f"{name} is called {_RENAMED[name]} now", DeprecationWarning, stacklevel=2)
+        return __getattr__(_RENAMED[name])
     if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(import_module(_MODULE_OF[name]), name)

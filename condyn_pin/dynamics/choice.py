@@ -19,7 +19,7 @@ def default_solver(scene: Scene) -> Solver:
     """
     if not scene.natives.missing:
         return Proximal()
-    return NullSpace() if scene.audit.redundant else DenseKKT()
+    return NullSpace() if scene.audit.dependent else DenseKKT()
 
 
 def kinds_of(solver: type[Solver]) -> str:

@@ -15,7 +15,7 @@ from condyn_pin.constraints.constraints import Constraint
 from condyn_pin.constraints.rows.binding import bind
 from condyn_pin.constraints.rows.bound import AnyBound
 from condyn_pin.constraints.rows.natives import Natives, natives
-from condyn_pin.dynamics.audit import Audit, audit, whitened_rows
+from condyn_pin.dynamics.nominal import NominalAnalysis
 from condyn_pin.mechanism.chains import Chains, chains
 from condyn_pin.mechanism.methods import States
 from condyn_pin.mechanism.rank import Rank, rank
@@ -90,12 +90,12 @@ class Scene(States, Smaller):
     @cached_property
     def natives(self) -> Natives:
         """The constraints as Pinocchio's own methods take them."""
-        return natives(self.robot.model, self.bounds, lambda: whitened_rows(self))
+        return natives(self.robot.model, self.bounds, lambda: self.audit.whitened_rows())
 
     @cached_property
-    def audit(self) -> Audit:
-        """What the scene is at its nominal state; measured on first use."""
-        return read_only(audit(self))
+    def audit(self) -> NominalAnalysis:
+        """What the scene is at its nominal state; each figure is measured on first use."""
+        return NominalAnalysis(self)
 
     def summary(self, q: ArrayLike | None = None) -> Summary:
         """Return rows, rank, redundant rows by name, mobility, and what is not used.

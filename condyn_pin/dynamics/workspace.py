@@ -176,7 +176,9 @@ class Workspace(OneThread):
     @cached_property
     def equations(self) -> Equations:
         """The equations of the scene, in memory of their own that no solver writes to."""
-        return Equations(self.model, self.bounds, self.drift)
+        equations = self.scene.audit.equations(self.scene)
+        equations.drift = self.drift
+        return equations
 
     @cached_property
     def loads(self) -> Loads:

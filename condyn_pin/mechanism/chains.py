@@ -30,7 +30,7 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import Indices, indices
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.linalg.numerical_rank import counted
-from condyn_pin._core.linalg.pivots import pivots
+from condyn_pin._core.linalg.pivots import pivots, redundant_rows
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.reach import reach
 from condyn_pin.mechanism.closing import Closer
@@ -43,7 +43,6 @@ if TYPE_CHECKING:
 
 _NEARBY = 0.1  # where to look for a configuration that is not singular by accident [rad, m]
 _LOOKS = 2
-_PREFERENCE = 1e3  # of redundant rows that are named before those that are not
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,17 +176,3 @@ def independent_columns(J: Array, classes: Sequence[Indices]) -> Indices:
         chosen.extend(columns[found].tolist())
         left -= Q @ (Q.T @ left)
     return np.array(sorted(chosen), dtype=np.int_)
-
-
-def redundant_rows(
-    null_space: Array, names: Sequence[str], first: Sequence[str] = ()
-) -> tuple[str, ...]:
-    """Return rows that can go without lowering the rank.
-
-    A set of k rows can go if and only if its k x k block of the left null space N (m, k) is
-    regular: pivots of N^T are such a set, the best conditioned first; those named in `first` before
-    others, if they can go. Among equals the later rows go.
-    """
-    weights = np.where(np.isin(names, first), _PREFERENCE, 1.0)[:, None]
-    order, _ = pivots((weights * null_space)[::-1].T, 0.0)
-    return tuple(names[i] for i in sorted(len(names) - 1 - np.array(order, dtype=np.int_)))

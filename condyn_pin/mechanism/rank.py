@@ -23,11 +23,11 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
+from condyn_pin._core.linalg.pivots import redundant_rows
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.reach import reach
 from condyn_pin.dynamics.gaps import Gap, closed, gaps, worst
 from condyn_pin.dynamics.kept import equations_of
-from condyn_pin.mechanism.chains import redundant_rows
 from condyn_pin.model.soundness import singular_mass
 
 if TYPE_CHECKING:

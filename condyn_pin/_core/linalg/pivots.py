@@ -10,10 +10,14 @@ rounding made the larger, and another processor rounds otherwise.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
+
+_PREFERENCE = 1e3  # of redundant rows that are named before those that are not
 
 
 def pivots(A: Array, least: float) -> tuple[list[int], Array]:
@@ -45,3 +49,17 @@ def pivots(A: Array, least: float) -> tuple[list[int], Array]:
 def first_of_largest(sizes: Array) -> int:
     """Return where the first entry stands that is as large as the largest, but for rounding."""
     return int(np.argmax(sizes >= (1.0 - tolerances.TIED) * sizes.max()))
+
+
+def redundant_rows(
+    null_space: Array, names: Sequence[str], first: Sequence[str] = ()
+) -> tuple[str, ...]:
+    """Return rows that can go without lowering the rank.
+
+    A set of k rows can go if and only if its k x k block of the left null space N (m, k) is
+    regular: pivots of N^T are such a set, the best conditioned first; those named in `first` before
+    others, if they can go. Among equals the later rows go.
+    """
+    weights = np.where(np.isin(names, first), _PREFERENCE, 1.0)[:, None]
+    order, _ = pivots((weights * null_space)[::-1].T, 0.0)
+    return tuple(names[i] for i in sorted(len(names) - 1 - np.array(order, dtype=np.int_)))

@@ -25,7 +25,7 @@ from condyn_pin.dynamics.solvers.base import Method, Solver
 from condyn_pin.dynamics.weights import FEW, WeightAtState, default_accuracy, default_mu
 
 if TYPE_CHECKING:
-    from condyn_pin.dynamics.audit import Audit
+    from condyn_pin.dynamics.nominal import NominalAnalysis
     from condyn_pin.dynamics.workspace import Workspace
 
 _EPS = float(np.finfo(float).eps)
@@ -123,7 +123,7 @@ class Proximal(Solver):
             check_accuracy("relative_accuracy", self.relative_accuracy)
         check_accuracy("absolute_accuracy", self.absolute_accuracy)
 
-    def weight(self, audit: Audit) -> float:
+    def weight(self, audit: NominalAnalysis) -> float:
         """Return mu, or what the audit of a scene says where it was left to us [1/kg]."""
         return default_mu(audit) if self.mu is None else float(self.mu)
 
@@ -178,6 +178,6 @@ class Proximal(Solver):
         return exact_where_open(workspace, method) if workspace.natives.imitated else method
 
 
-def _refinements(audit: Audit) -> int:
+def _refinements(audit: NominalAnalysis) -> int:
     """Return how many corrections a scene needs: one where rounding alone spoils an answer."""
     return int(_EPS * max(audit.condition, audit.delassus_condition) > tolerances.SOLVED)
