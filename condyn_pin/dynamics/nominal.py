@@ -73,8 +73,9 @@ class NominalAnalysis:
             self.terms.M, self.terms.J, tolerances.RANK, why=singular_mass(robot.model, self.q)
         ).above_rounding(self.reach)
         # independent rows do not all but vanish a thousandth of a radian away
-        rows = (scene.rows, False) if self.rank == scene.rows else _lively_rows(equations, self.q)
-        self._lively, self._rounded = rows
+        all_count = self.rank == scene.rows
+        found = (scene.rows, False) if all_count else _lively_rows(equations, self.q, self.reach)
+        self._lively, self._rounded = found
         self.gravity = float(np.linalg.norm(robot.model.gravity.linear))
         self.weight = robot.mass * (self.gravity or 1.0)
         self._equations = [equations]
@@ -130,6 +131,14 @@ class NominalAnalysis:
     def rounded(self) -> bool:
         """Whether rows that are zero are so but for rounding, as in a slanted plane's loop."""
         return self._rounded
+
+    def may_be_worse(self, condition: float) -> bool:
+        """Whether the condition number of the mass matrix may exceed one: by its norms, if not.
+
+        |M| |M^-1| <= tr M tr M^-1
+        """
+        at_most = float(self.terms.M.trace()) * float((self.factors.weights**2).sum())
+        return not at_most <= condition and self.condition > condition
 
     @cached_property
     @one_blas_thread
@@ -197,7 +206,7 @@ def _nominal_configuration(scene: Scene, equations: Equations) -> tuple[Array, b
     """Return q of the nominal state, and whether the loops are closed there."""
     q = normalised(scene.robot.model, "posture", scene.guess())
     rows = [row for bound in scene.bounds for row in bound.positioned]
-    if np.linalg.norm(equations.violation(q)[rows]) <= tolerances.CLOSED:
+    if not rows or np.linalg.norm(equations.violation(q)[rows]) <= tolerances.CLOSED:
         return q, True
     try:
         return scene.state()[0], True
@@ -207,7 +216,7 @@ def _nominal_configuration(scene: Scene, equations: Equations) -> tuple[Array, b
         return scene.guess(), False
 
 
-def _lively_rows(equations: Equations, q: Array) -> tuple[int, bool]:
+def _lively_rows(equations: Equations, q: Array, P: Array) -> tuple[int, bool]:
     """Return how many rows are more than rounding where the loops are a little open.
 
     Of a planar loop two; of a loop in space all three, even where one of them is redundant. And
@@ -216,5 +225,5 @@ def _lively_rows(equations: Equations, q: Array) -> tuple[int, bool]:
     apart = _APART * np.random.default_rng(0).normal(size=equations.model.nv)
     q = pin.integrate(equations.model, q, apart)
     sizes = np.linalg.norm(equations.jacobian(q), axis=1)
-    lively = sizes > ROUNDED * np.linalg.norm(reach(equations, q), axis=1)
+    lively = sizes > ROUNDED * np.linalg.norm(P, axis=1)
     return int(np.count_nonzero(lively)), bool(sizes[~lively].any())

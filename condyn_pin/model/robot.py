@@ -118,7 +118,7 @@ class Robot:
         """Size of a velocity: the degrees of freedom of the tree."""
         return int(self.model.nv)
 
-    @property
+    @cached_property
     def mass(self) -> float:
         """Total mass [kg], with what is fixed to the world."""
         return float(sum(inertia.mass for inertia in self.model.inertias))
