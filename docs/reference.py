@@ -15,7 +15,7 @@ import condyn_pin
 _AREAS = {
     "Robots": ("io", "model"),
     "Constraints": ("constraints",),
-    "Scenes and states": ("dynamics.scene", "dynamics.nominal", "dynamics.nominal_states", "dynamics.gaps", "mechanism"),
+    "Scenes and states": ("dynamics.scene", "dynamics.nominal", "dynamics.gaps", "mechanism"),
     "Smaller scenes": ("mechanism.reduction", "lab"),
     "Answers": ("dynamics", "model.applied_force", "constraints.rows"),
     "Friction cones": ("contact",),

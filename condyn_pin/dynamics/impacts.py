@@ -26,10 +26,9 @@ from condyn_pin.dynamics.at_state import at_state
 from condyn_pin.dynamics.derivatives.kkt import turning_null_space
 from condyn_pin.dynamics.derivatives.linearised import Linearisation
 from condyn_pin.dynamics.force import ConstraintForce, Sites, pulling
-from condyn_pin.dynamics.gaps import worst
+from condyn_pin.dynamics.gaps import gaps, worst
 from condyn_pin.dynamics.kept import equations_of
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.mechanism.check import check
 
 Restitution = float | Mapping[str, float]
 
@@ -82,7 +81,7 @@ class Impact:
         """What deserves attention, a sentence each."""
         said = pulling(self.impulses, self._sites, "N s")
         if self.violation > tolerances.CLOSED:
-            name, gap = worst(check(self.scene, self.q, None).gap)
+            name, gap = worst(gaps(self.scene, equations_of(self.scene).violation(self.q)))
             return (f"{name} is open by {gap} at q", *said)
         return said
 

@@ -27,7 +27,6 @@ from condyn_pin._core.linalg.pivots import redundant_rows
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.reach import reach
 from condyn_pin.dynamics.gaps import Gap, closed, gaps, worst
-from condyn_pin.dynamics.kept import equations_of
 from condyn_pin.model.soundness import singular_mass
 
 if TYPE_CHECKING:
@@ -200,13 +199,6 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
         condition=float(np.linalg.cond(terms.M)),
         delassus_condition=float((S[0] / S[r - 1]) ** 2) if r else 1.0,
     )
-
-
-def is_singular(scene: Scene, q: Array) -> bool:
-    """Whether fewer rows are independent at q than at configurations nearby, as `Rank.singular`."""
-    equations = equations_of(scene)
-    factors = _factors(scene, equations, q, equations.mass(q), equations.jacobian(q))
-    return factors.rank < scene.chains.rank
 
 
 def _factors(scene: Scene, equations: Equations, q: Array, M: Array, J: Array) -> MinimumNorm:
