@@ -42,6 +42,9 @@ class NominalAnalysis:
     Parameters
     ----------
     scene : Scene
+    equations : Equations
+        Of the scene, without drift control. They are used here and not kept: their memory takes
+        longer to make than to use, and that of a long chain is large.
 
     Attributes
     ----------
@@ -62,10 +65,9 @@ class NominalAnalysis:
     """
 
     @one_blas_thread
-    def __init__(self, scene: Scene) -> None:
-        self._scene = scene
+    def __init__(self, scene: Scene, equations: Equations) -> None:
+        self._scene, robot = scene, scene.robot
         self.measured: dict[Solver, tuple[float, int, int]] = {}
-        robot, equations = scene.robot, Equations(scene.robot.unedited, scene.bounds)
         self.q, self.closed = _nominal_configuration(scene, equations)
         self.terms = equations.terms(self.q, np.zeros(robot.nv))
         self.reach = reach(equations, self.q)
@@ -78,21 +80,7 @@ class NominalAnalysis:
         self._lively, self._rounded = found
         self.gravity = float(np.linalg.norm(robot.model.gravity.linear))
         self.weight = robot.mass * (self.gravity or 1.0)
-        self._equations = [equations]
         read_only((self.q, self.terms, self.factors, self.reach))
-
-    def equations(self, scene: Scene) -> Equations:
-        """Return equations of a scene that are the caller's alone: the first time those of here.
-
-        Their memory takes longer to make than to use. The scene is that of the analysis, or one
-        that differs in where contacts are anchored.
-        """
-        try:
-            if scene is self._scene:
-                return self._equations.pop()
-        except IndexError:
-            pass
-        return Equations(scene.robot.unedited, scene.bounds)
 
     @property
     def rank(self) -> int:

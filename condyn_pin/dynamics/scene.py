@@ -21,6 +21,7 @@ from condyn_pin._core.errors import InvalidArgument, unknown_name
 from condyn_pin.constraints.constraints import Constraint
 from condyn_pin.constraints.rows.binding import bind
 from condyn_pin.constraints.rows.bound import AnyBound
+from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.natives import Natives, natives
 from condyn_pin.dynamics.nominal import NominalAnalysis
 from condyn_pin.model.robot import Robot
@@ -111,7 +112,7 @@ class Scene:
     @cached_property
     def audit(self) -> NominalAnalysis:
         """What the scene is at its nominal state; each figure is measured on first use."""
-        return NominalAnalysis(self)
+        return NominalAnalysis(self, Equations(self.robot.unedited, self.bounds))
 
     def summary(self, q: ArrayLike | None = None) -> Summary:
         """Return rows, rank, redundant rows by name, mobility, and what is not used.

@@ -31,6 +31,7 @@ from condyn_pin.dynamics.derivatives.differences import DifferenceDerivatives
 from condyn_pin.dynamics.derivatives.linearised import Linearisation
 from condyn_pin.dynamics.gaps import Gap, gaps, worst
 from condyn_pin.dynamics.judge import Judge
+from condyn_pin.dynamics.nominal import NominalAnalysis
 from condyn_pin.dynamics.raw import ConstraintDatas, ConstraintModels, raw_constraints
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solution import Solution, Status
@@ -123,6 +124,8 @@ class Workspace(OneThread):
         self.proximal_settings: Any = None
         for made_on_demand in ("_made", "equations", "linearisation", "loads"):
             self.__dict__.pop(made_on_demand, None)
+        if "audit" not in vars(scene):
+            self._analyse()
         method = self.solver.start(self)
         self._run, self._lam = method.acceleration, method.lam
         self._judge = Judge(self, method)
@@ -176,9 +179,14 @@ class Workspace(OneThread):
     @cached_property
     def equations(self) -> Equations:
         """The equations of the scene, in memory of their own that no solver writes to."""
-        equations = self.scene.audit.equations(self.scene)
+        return Equations(self.model, self.bounds, self.drift)
+
+    def _analyse(self) -> None:
+        """Let the scene be analysed by the equations that are needed here anyway."""
+        equations = Equations(self.model, self.bounds)
+        vars(self.scene)["audit"] = NominalAnalysis(self.scene, equations)
         equations.drift = self.drift
-        return equations
+        self.equations = equations
 
     @cached_property
     def loads(self) -> Loads:
