@@ -67,6 +67,7 @@ class NominalAnalysis:
     @one_blas_thread
     def __init__(self, scene: Scene, equations: Equations) -> None:
         self._scene, robot = scene, scene.robot
+        robot.check_unedited()
         self.measured: dict[Solver, tuple[float, int, int]] = {}
         self.q, self.closed = _nominal_configuration(scene, equations)
         self.terms = equations.terms(self.q, np.zeros(robot.nv))
@@ -80,7 +81,7 @@ class NominalAnalysis:
         self._lively, self._rounded = found
         self.gravity = float(np.linalg.norm(robot.model.gravity.linear))
         self.weight = robot.mass * (self.gravity or 1.0)
-        read_only((self.q, self.terms, self.factors, self.reach))
+        read_only((self.q, self.terms, self.factors, self.factors.weights, self.reach))
 
     @property
     def rank(self) -> int:
@@ -120,13 +121,13 @@ class NominalAnalysis:
         """Whether rows that are zero are so but for rounding, as in a slanted plane's loop."""
         return self._rounded
 
-    def may_be_worse(self, condition: float) -> bool:
-        """Whether the condition number of the mass matrix may exceed one: by its norms, if not.
+    def condition_exceeds(self, limit: float) -> bool:
+        """Whether the condition number of the mass matrix does: its traces say no at less cost.
 
         |M| |M^-1| <= tr M tr M^-1
         """
         at_most = float(self.terms.M.trace()) * float((self.factors.weights**2).sum())
-        return not at_most <= condition and self.condition > condition
+        return not at_most <= limit and self.condition > limit
 
     @cached_property
     @one_blas_thread
@@ -166,7 +167,7 @@ class NominalAnalysis:
     @one_blas_thread
     def yardstick(self) -> Yardstick:
         """What turns residuals into an error of a."""
-        return read_only(Yardstick.of(self.factors, self.reach, self.gravity, self.weight))
+        return Yardstick.of(self.factors, self.reach, self.gravity, self.weight)
 
     @cached_property
     def pivots(self) -> MassPivots:

@@ -76,9 +76,12 @@ class Workspace(OneThread):
 
     Notes
     -----
-    Building one takes as long as dozens of solves (`benchmarks/startup.py`), most of it
-    Pinocchio's `createData`. Pinocchio does not release the GIL: threads do not solve in parallel,
-    processes do. A call that finds another thread at work raises `SharedWorkspace`.
+    Building one takes as long as dozens of solves (`benchmarks/startup.py`), with large robots most
+    of it Pinocchio's `createData`. That of a scene whose first posture leaves loops open takes
+    longer: they are closed once, since redundant rows can only be told where they are.
+
+    Pinocchio does not release the GIL: threads do not solve in parallel, processes do. A call that
+    finds another thread at work raises `SharedWorkspace`.
     """
 
     _solved_by = 0  # the thread that has called `acceleration` last

@@ -182,4 +182,4 @@ class Proximal(Solver):
 def _refinements(audit: NominalAnalysis) -> int:
     """Return how many corrections a scene needs: one where rounding alone spoils an answer."""
     most = tolerances.SOLVED / _EPS
-    return int(audit.delassus_condition > most or audit.may_be_worse(most))
+    return int(audit.delassus_condition > most or audit.condition_exceeds(most))
