@@ -27,7 +27,7 @@ def _modules() -> dict[str, str]:
 _MODULE_OF = _modules()
 
 # Names of the last version and what they are now; they go with the next.
-_RENAMED = {"Moment": "Snapshot"}
+_RENAMED = {"Audit": "NominalAnalysis", "Moment": "Snapshot"}
 
 __all__ = sorted(_MODULE_OF)
 

@@ -52,11 +52,11 @@ from condyn_pin.control.operational import OperationalSpace as OperationalSpace
 from condyn_pin.control.operational import operational_space as operational_space
 from condyn_pin.control.transmissions import Transmission as Transmission
 from condyn_pin.control.transmissions import transmission as transmission
-from condyn_pin.dynamics.audit import Audit as Audit
 from condyn_pin.dynamics.derivatives.base import Derivatives as Derivatives
 from condyn_pin.dynamics.force import ConstraintForce as ConstraintForce
 from condyn_pin.dynamics.impacts import Impact as Impact
 from condyn_pin.dynamics.impacts import impact as impact
+from condyn_pin.dynamics.nominal import NominalAnalysis as NominalAnalysis
 from condyn_pin.dynamics.proof import Proof as Proof
 from condyn_pin.dynamics.scene import Scene as Scene
 from condyn_pin.dynamics.solution import Solution as Solution

@@ -15,7 +15,7 @@ import condyn_pin
 _AREAS = {
     "Robots": ("io", "model"),
     "Constraints": ("constraints",),
-    "Scenes and states": ("dynamics.scene", "dynamics.audit", "constraints.gap", "mechanism"),
+    "Scenes and states": ("dynamics.scene", "dynamics.nominal", "constraints.gap", "mechanism"),
     "Smaller scenes": ("mechanism.reduction", "lab"),
     "Answers": ("dynamics", "constraints.applied_force", "constraints.rows"),
     "Friction cones": ("contact",),

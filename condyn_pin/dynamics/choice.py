@@ -10,6 +10,8 @@ from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
 from condyn_pin.dynamics.solvers.null_space import NullSpace
 from condyn_pin.dynamics.solvers.proximal import Proximal
 
+_USUAL = Proximal()
+
 
 def default_solver(scene: Scene) -> Solver:
     """Return the solver for those who name none.
@@ -18,8 +20,8 @@ def default_solver(scene: Scene) -> Solver:
     are redundant rows besides.
     """
     if not scene.natives.missing:
-        return Proximal()
-    return NullSpace() if scene.audit.redundant else DenseKKT()
+        return _USUAL
+    return NullSpace() if scene.audit.dependent else DenseKKT()
 
 
 def kinds_of(solver: type[Solver]) -> str:

@@ -15,7 +15,6 @@ from condyn_pin._core.errors import InvalidArgument, InvalidModel
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.dynamics.force import ConstraintForce, Sites, pulling
 from condyn_pin.dynamics.proof import Proof
-from condyn_pin.dynamics.singularity import is_singular
 from condyn_pin.model.soundness import massless_motion
 
 if TYPE_CHECKING:
@@ -206,9 +205,8 @@ class Solution:
         # of contradicting rows the best a is still unique, and may be ok
         unmet = self.constraint_error > tolerances.SOLVED * scale
         try:
-            if heavy or unmet or not self.status.ok or is_singular(self.scene, self.q):
-                return self.scene.rank(self.q).notes
-            return ()
+            at = self.scene.rank(self.q)
+            return at.notes if heavy or unmet or not self.status.ok or at.singular else ()
         except (InvalidModel, InvalidArgument):  # numbers that nothing can be said of
             return ()
 

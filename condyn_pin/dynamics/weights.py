@@ -26,7 +26,7 @@ import numpy as np
 from condyn_pin._core import _pin, tolerances
 
 if TYPE_CHECKING:
-    from condyn_pin.dynamics.audit import Audit
+    from condyn_pin.dynamics.nominal import NominalAnalysis
     from condyn_pin.dynamics.workspace import Workspace
 
 # Shares of the largest eigenvalue of G, and of the smallest nonzero one. The first of each are for
@@ -60,7 +60,7 @@ _USUAL, _FINEST = 1e-9, 1e-12
 _USUAL_REDUNDANT = 32.0 * _EPS / _LARGEST
 
 
-def default_mu(audit: Audit) -> float:
+def default_mu(audit: NominalAnalysis) -> float:
     """Return a proximal weight with which every part of lam converges in a few iterations."""
     largest, smallest = audit.native_spectrum
     if audit.independent and not audit.rounded:
@@ -68,7 +68,7 @@ def default_mu(audit: Audit) -> float:
     return max(min(_LARGEST * largest, _SMALLEST * smallest), _LEAST * largest)
 
 
-def default_accuracy(audit: Audit, mu: float) -> float:
+def default_accuracy(audit: NominalAnalysis, mu: float) -> float:
     """Return the step of lam after which an iteration may end [N].
 
     1e-9 of the robot's weight, or 4e-9 where rows are redundant. The next one is smaller by

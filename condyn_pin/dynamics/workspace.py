@@ -35,6 +35,7 @@ from condyn_pin.dynamics.derivatives.differences import DifferenceDerivatives
 from condyn_pin.dynamics.derivatives.linearised import Linearisation
 from condyn_pin.dynamics.gaps import gaps
 from condyn_pin.dynamics.judge import Judge
+from condyn_pin.dynamics.nominal import NominalAnalysis
 from condyn_pin.dynamics.raw import ConstraintDatas, ConstraintModels, raw_constraints
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solution import Solution, Status
@@ -77,9 +78,12 @@ class Workspace(OneThread):
 
     Notes
     -----
-    Building one takes as long as dozens of solves (`benchmarks/startup.py`), most of it
-    Pinocchio's `createData`. Pinocchio does not release the GIL: threads do not solve in parallel,
-    processes do. A call that finds another thread at work raises `SharedWorkspace`.
+    Building one takes as long as dozens of solves (`benchmarks/startup.py`), with large robots most
+    of it Pinocchio's `createData`. That of a scene whose first posture leaves loops open takes
+    longer: they are closed once, since redundant rows can only be told where they are.
+
+    Pinocchio does not release the GIL: threads do not solve in parallel, processes do. A call that
+    finds another thread at work raises `SharedWorkspace`.
     """
 
     _solved_by = 0  # the thread that has called `acceleration` last
@@ -125,6 +129,8 @@ class Workspace(OneThread):
         self.proximal_settings: Any = None
         for made_on_demand in ("_made", "equations", "linearisation", "loads"):
             self.__dict__.pop(made_on_demand, None)
+        if "audit" not in vars(scene):
+            self._analyse()
         method = self.solver.start(self)
         self.bound = method  # what a simulation calls in every stage of a step
         self._run, self._lam = method.acceleration, method.lam
@@ -180,6 +186,13 @@ class Workspace(OneThread):
     def equations(self) -> Equations:
         """The equations of the scene, in memory of their own that no solver writes to."""
         return Equations(self.model, self.bounds, self.drift)
+
+    def _analyse(self) -> None:
+        """Let the scene be analysed by the equations that are needed here anyway."""
+        equations = Equations(self.model, self.bounds)
+        vars(self.scene)["audit"] = NominalAnalysis(self.scene, equations)
+        equations.drift = self.drift
+        self.equations = equations
 
     @cached_property
     def loads(self) -> Loads:

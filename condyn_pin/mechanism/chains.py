@@ -102,6 +102,7 @@ class Chains:
 def chains(scene: Scene) -> Chains:
     """Find the closed chains of a scene, near its first posture."""
     robot = scene.robot
+    robot.check_unedited()
     equations = Equations(robot.model, scene.bounds)
     rows = positioned(scene)
     _, actuated = indices(robot.model, robot.actuated)

@@ -22,12 +22,13 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.linalg.minimum_norm import MinimumNorm
+from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin._core.linalg.pivots import redundant_rows
 from condyn_pin.constraints.gap import Gap, closed, worst
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.reach import reach
 from condyn_pin.dynamics.gaps import gaps
-from condyn_pin.dynamics.singularity import factors_at
+from condyn_pin.model.soundness import singular_mass
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
@@ -179,7 +180,7 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
     equations = Equations(model, scene.bounds)
     terms = equations.terms(q_, np.zeros(model.nv))
     isolated = scene.chains.isolated
-    factors = factors_at(scene, equations, q_, terms.M, terms.J)
+    factors = _factors(scene, equations, q_, terms.M, terms.J)
     S, r = factors.S, factors.rank
     c = equations.violation(q_)
     return Rank(
@@ -199,6 +200,13 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
         condition=float(np.linalg.cond(terms.M)),
         delassus_condition=float((S[0] / S[r - 1]) ** 2) if r else 1.0,
     )
+
+
+def _factors(scene: Scene, equations: Equations, q: Array, M: Array, J: Array) -> MinimumNorm:
+    """Return M and J factorised, without the singular values that are zeros but for rounding."""
+    share = tolerances.ISOLATED if scene.chains.isolated else tolerances.RANK
+    factors = factorise(M, J, share, why=singular_mass(scene.robot.model, q))
+    return factors.above_rounding(reach(equations, q))
 
 
 def _conflict(null: Array, c: Array, names: Sequence[str]) -> dict[str, float]:

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
 from condyn_pin.constraints.constraints import Constraint
+from condyn_pin.constraints.rows.mass_pivots import least_pivots
 from condyn_pin.model.robot_fields import check_ends, lists, members, postures
 from condyn_pin.model.robot_frames import find_frame, model_with_frame
 from condyn_pin.model.soundness import check_model
@@ -117,7 +118,7 @@ class Robot:
         """Size of a velocity: the degrees of freedom of the tree."""
         return int(self.model.nv)
 
-    @property
+    @cached_property
     def mass(self) -> float:
         """Total mass [kg], with what is fixed to the world."""
         return float(sum(inertia.mass for inertia in self.model.inertias))
@@ -126,6 +127,11 @@ class Robot:
     def longest_link(self) -> float:
         """The longest way from a joint to the next one [m]."""
         return max(float(np.linalg.norm(p.translation)) for p in self.model.jointPlacements)
+
+    @cached_property
+    def least_pivots(self) -> Array:
+        """What the pivots of the mass matrix are at least, at any q (nv,) [kg, kg m^2]."""
+        return read_only(least_pivots(self.unedited))
 
     @property
     def frames(self) -> tuple[str, ...]:

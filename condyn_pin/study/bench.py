@@ -167,7 +167,7 @@ def _solvers(scene: Scene) -> list[Solver]:
 
 def _damping(scene: Scene) -> float:
     """Return what a dense matrix needs where redundant rows make the exact one singular [1/kg]."""
-    return float(f"{1e-11 * scene.audit.delassus_norm:.1e}") if scene.audit.redundant else 0.0
+    return float(f"{1e-11 * scene.audit.delassus_norm:.1e}") if scene.audit.dependent else 0.0
 
 
 def _named(method: str, mu: float) -> str:

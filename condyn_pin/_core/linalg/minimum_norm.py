@@ -96,7 +96,8 @@ class MinimumNorm:
 
     def at_most(self, rank: int) -> MinimumNorm:
         """Return the same with the largest singular values only."""
-        rank = min(rank, self.rank)
+        if rank >= self.rank:
+            return self
         return replace(self, V=self.V[:, :rank], rank=rank)
 
     def above_rounding(self, P: Array) -> MinimumNorm:

@@ -81,7 +81,7 @@ class Centripetal:
 
     def __init__(self, linear: Array, angular: Array) -> None:
         xyz = np.arange(len(linear)).reshape(-1, 3)
-        one, two = np.roll(xyz, -1, axis=1).ravel(), np.roll(xyz, -2, axis=1).ravel()
+        one, two = xyz[:, [1, 2, 0]].ravel(), xyz[:, [2, 0, 1]].ravel()
         self._factors = np.vstack([angular[one], angular[two], linear[two], linear[one]])
 
     def of(self, velocities: Array) -> Array:

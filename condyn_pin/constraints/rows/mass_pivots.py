@@ -29,14 +29,15 @@ class MassPivots:
 
     Parameters
     ----------
-    model : pin.Model
+    least : (nv,) array
+        What they are at any q (`least_pivots`).
     M : (nv, nv) array
         The mass matrix at the nominal configuration.
     """
 
-    def __init__(self, model: Any, M: Array) -> None:
+    def __init__(self, least: Array, M: Array) -> None:
         nominal = pivots(M)
-        self._watched = np.flatnonzero(~(_own_pivots(model) > _SHARE * nominal))
+        self._watched = np.flatnonzero(~(least > _SHARE * nominal))
         self._nominal = nominal[self._watched]
 
     @property
@@ -63,7 +64,7 @@ def pivots(M: Array) -> Array:
     return np.asarray(factor.diagonal()[::-1] ** 2)
 
 
-def _own_pivots(model: Any) -> Array:
+def least_pivots(model: Any) -> Array:
     """Return what the pivots are at least, at any q (nv,): zero where axes turn with q."""
     q, found, turn = pin.neutral(model), np.zeros(model.nv), turning(model)
     for i in range(1, model.njoints):

@@ -7,6 +7,7 @@ there at least: far away that is what counts.
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -38,28 +39,29 @@ def reach(equations: Equations, q: Array) -> Array:
     placements: list[Any] = equations.placements(q)
     pin.computeJointJacobians(model, data, q)
     found = np.zeros((equations.m, model.nv))
-    for bound, ends in zip(equations.bounds, placements, strict=True):
+    ends: list[tuple[Any, int, Any, float]] = []  # those that move, and an arm between the two
+    for bound, frames in zip(equations.bounds, placements, strict=True):
         if isinstance(bound, Coupled):
             found[bound.rows, list(bound.velocity)] = 1.0, abs(bound.ratio)
-            continue
-        shifts, turns = np.zeros((2, model.nv))
-        if isinstance(bound, Rolled):
-            reached: tuple[tuple[int, Any, float], ...] = (
-                (bound.joint1, bound.placement1, bound.radius),
-            )
+        elif isinstance(bound, Rolled):
+            ends.append((bound, bound.joint1, bound.placement1, bound.radius))
         else:
             assert isinstance(bound, OnFrames)
-            apart = float(np.linalg.norm(ends[1].translation - ends[0].translation))
-            reached = (
-                (bound.joint1, bound.placement1, apart),
-                (bound.joint2, bound.placement2, 0.0),
-            )
-        for joint, placement, arm in reached:
-            if joint:
-                six = pin.getFrameJacobian(model, data, joint, placement, LOCAL)
-                shift, turn = np.abs(six).reshape(2, 3, -1).max(axis=1)
-                away = float(np.linalg.norm(data.oMi[joint].translation))
-                shifts += np.maximum(shift + arm * turn, away * turn)
-                turns += turn
-        found[bound.rows] = [turns if angle else shifts for angle in bound.turns(model)]
+            apart = _length(frames[1].translation - frames[0].translation)
+            both = ((bound.joint1, bound.placement1, apart), (bound.joint2, bound.placement2, 0.0))
+            ends += [(bound, *end) for end in both if end[0]]
+    if not ends:
+        return found
+    sixes = [pin.getFrameJacobian(model, data, end[1], end[2], LOCAL) for end in ends]
+    # by end, linear or angular, component and column
+    shift, turn = np.abs(sixes).reshape(len(ends), 2, 3, -1).max(axis=2).swapaxes(0, 1)
+    arm = np.array([[end[3]] for end in ends])
+    away = np.array([[_length(data.oMi[end[1]].translation)] for end in ends])
+    sizes = np.maximum(shift + arm * turn, away * turn), turn
+    for k, (bound, *_) in enumerate(ends):
+        found[bound.rows] += [sizes[angle][k] for angle in bound.turns(model)]
     return found
+
+
+def _length(x: Array) -> float:
+    return sqrt(x.dot(x))

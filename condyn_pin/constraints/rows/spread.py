@@ -137,6 +137,8 @@ def _clusters(natives: Sequence[Native]) -> list[Cluster]:
             groups.setdefault(bodies, []).append(i)
     found = []
     for places in groups.values():
+        if len(places) == 1:
+            continue
         points = tuple(natives[i] for i in places)
         p = np.array([point.placement1.translation for point in points])
         radius = float(np.linalg.norm(p - p.mean(axis=0), axis=1).max())

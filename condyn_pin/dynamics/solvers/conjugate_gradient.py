@@ -24,7 +24,7 @@ from condyn_pin._core.tolerances import RANK
 from condyn_pin.dynamics.solvers.base import Method, Solver
 
 if TYPE_CHECKING:
-    from condyn_pin.dynamics.audit import Audit
+    from condyn_pin.dynamics.nominal import NominalAnalysis
     from condyn_pin.dynamics.workspace import Workspace
 
 
@@ -157,7 +157,7 @@ def conjugate_gradients(
     return best, k
 
 
-def inverse_delassus(audit: Audit) -> Array:
+def inverse_delassus(audit: NominalAnalysis) -> Array:
     """Return the inverse of G at the nominal state, a multiple of I on what is redundant there."""
     factors = factorise(audit.terms.M, audit.terms.J, RANK)
     U, S = factors.U, factors.S

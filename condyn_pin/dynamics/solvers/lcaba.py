@@ -24,7 +24,8 @@ from condyn_pin.dynamics.solvers.base import Method, Solver
 from condyn_pin.dynamics.solvers.reference import Reference
 
 if TYPE_CHECKING:
-    from condyn_pin.dynamics.audit import Audit, NominalState
+    from condyn_pin.dynamics.nominal import NominalAnalysis
+    from condyn_pin.dynamics.nominal_states import NominalState
     from condyn_pin.dynamics.workspace import Workspace
 
 # What `mu` is chosen from, times the largest eigenvalue of G.
@@ -174,7 +175,7 @@ class LCABA(Solver):
             corrected.acceleration, corrected.lam, lambda: refinements + int(settings.iter)
         )
 
-    def _settings(self, audit: Audit, chosen: Choice) -> Any:
+    def _settings(self, audit: NominalAnalysis, chosen: Choice) -> Any:
         accuracy = self.absolute_accuracy
         if accuracy is None:
             accuracy = audit.yardstick.enough / 10
@@ -258,7 +259,7 @@ def _drawn_states(workspace: Workspace) -> Iterator[NominalState]:
 
     Where a state is nearly singular even that cannot: nothing can be measured by it.
     """
-    from condyn_pin.dynamics.audit import NominalState  # it imports the solvers
+    from condyn_pin.dynamics.nominal_states import NominalState  # it imports a solver
 
     scene, rng = workspace.scene, np.random.default_rng(1)
     if not scene.audit.closed:

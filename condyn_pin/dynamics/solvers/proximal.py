@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
@@ -25,7 +26,7 @@ from condyn_pin.dynamics.solvers.base import Method, Solver
 from condyn_pin.dynamics.weights import FEW, WeightAtState, default_accuracy, default_mu
 
 if TYPE_CHECKING:
-    from condyn_pin.dynamics.audit import Audit
+    from condyn_pin.dynamics.nominal import NominalAnalysis
     from condyn_pin.dynamics.workspace import Workspace
 
 _EPS = float(np.finfo(float).eps)
@@ -123,7 +124,7 @@ class Proximal(Solver):
             check_accuracy("relative_accuracy", self.relative_accuracy)
         check_accuracy("absolute_accuracy", self.absolute_accuracy)
 
-    def weight(self, audit: Audit) -> float:
+    def weight(self, audit: NominalAnalysis) -> float:
         """Return mu, or what the audit of a scene says where it was left to us [1/kg]."""
         return default_mu(audit) if self.mu is None else float(self.mu)
 
@@ -143,7 +144,7 @@ class Proximal(Solver):
         needed = _refinements(audit)
         refinements = needed if self.refinements is None else self.refinements
         left, corrected = self.max_iterations - limit, needed > 0 and refinements > 0
-        at_state = WeightAtState(workspace, mu, accuracy, left, corrected) if patient else None
+        at_state = cache(lambda: WeightAtState(workspace, mu, accuracy, left, corrected))
         solve = pin.constraintDynamics
 
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
@@ -153,7 +154,7 @@ class Proximal(Solver):
             a = solve(model, data, q, v, tau, models, datas, settings)
             workspace.proximal_settings = settings
             step = settings.relative_residual
-            better = None if step <= accuracy else at_state.settings(step)  # type: ignore[union-attr]
+            better = None if step <= accuracy else at_state().settings(step)
             if better is None:
                 return a  # type: ignore[no-any-return]
             workspace.proximal_settings = better
@@ -180,6 +181,7 @@ class Proximal(Solver):
         return exact_where_open(workspace, method) if workspace.natives.imitated else method
 
 
-def _refinements(audit: Audit) -> int:
+def _refinements(audit: NominalAnalysis) -> int:
     """Return how many corrections a scene needs: one where rounding alone spoils an answer."""
-    return int(_EPS * max(audit.condition, audit.delassus_condition) > tolerances.SOLVED)
+    most = tolerances.SOLVED / _EPS
+    return int(audit.delassus_condition > most or audit.condition_exceeds(most))

@@ -16,7 +16,7 @@ from condyn_pin._core.linalg.range_space import whiten
 from condyn_pin.dynamics.solvers.base import Method, Singular, Solver, free_force
 
 if TYPE_CHECKING:
-    from condyn_pin.dynamics.audit import Audit
+    from condyn_pin.dynamics.nominal import NominalAnalysis
     from condyn_pin.dynamics.workspace import Workspace
 
 
@@ -90,7 +90,7 @@ class SparseKKT(Solver):
         return Method(acceleration, lambda: scene_forces(-answer[:m]), lambda: 1)
 
 
-def _delassus_diagonal(audit: Audit, slips: Callable[[Array], Array]) -> Array:
+def _delassus_diagonal(audit: NominalAnalysis, slips: Callable[[Array], Array]) -> Array:
     """Return the diagonal of J M^-1 J^T of Pinocchio's rows at the nominal state [1/kg]."""
     whitened = whiten(audit.terms.M, slips(audit.terms.J))
     return np.zeros(0) if whitened is None else np.array(whitened[2].diagonal())

@@ -63,7 +63,7 @@ class DerivativeMeasure(Measure):
         error = inf
         if isfinite(solution.error_bound):
             found = self._formed(workspace, solution, state)
-            J, redundant = workspace.jacobian(solution.q), bool(workspace.scene.audit.redundant)
+            J, redundant = workspace.jacobian(solution.q), workspace.scene.audit.dependent
             error = _worst(found, truth, directions(J, redundant))
         return Answer.of(solution, error, promised=inf)
 

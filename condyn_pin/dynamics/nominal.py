@@ -1,0 +1,218 @@
+"""What a scene is at its nominal state: rank, scales, and what turns residuals into errors.
+
+A solve needs M, J and their factors at one state: the first posture as it is, where that closes
+the loops. Only a posture that leaves them open is assembled first. All else is measured when it is
+first asked for.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array, read_only
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.errors import BranchChanged, InvalidModel, NotAssembled
+from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.linalg.pivots import redundant_rows
+from condyn_pin._core.linalg.range_space import whiten
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.mass_pivots import MassPivots
+from condyn_pin.constraints.rows.reach import ROUNDED, reach
+from condyn_pin.dynamics.nominal_states import NominalState, nominal_states
+from condyn_pin.dynamics.proof import Yardstick
+from condyn_pin.model.soundness import massless_motion, singular_mass
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.scene import Scene
+    from condyn_pin.dynamics.solvers.base import Solver
+
+# How far joints are moved to open loops [rad, m].
+_APART = 1e-3
+
+
+class NominalAnalysis:
+    """Figures of a scene at its nominal state.
+
+    Parameters
+    ----------
+    scene : Scene
+    equations : Equations
+        Of the scene, without drift control. They are used here and not kept: their memory takes
+        longer to make than to use, and that of a long chain is large.
+
+    Attributes
+    ----------
+    q : (nq,) array
+        The nominal state: the first posture, or neutral, with the loops closed.
+    closed : bool
+        Whether the loops could be closed; if not, all figures are those of the open state.
+    terms : Terms
+        M, h, J and gamma at q, at rest.
+    factors : MinimumNorm
+        Of M and J, without the singular values that rounding makes up.
+    reach : (m, nv) array
+        What the two bodies of a row bring to J before they cancel.
+    gravity, weight : float
+        |g| [m/s^2]; mass times gravity, or mass times 1 m/s^2 without gravity [N].
+    measured : dict of Solver to tuple
+        What a solver has measured on the scene, so that its next workspace need not.
+    """
+
+    @one_blas_thread
+    def __init__(self, scene: Scene, equations: Equations) -> None:
+        self._scene, robot = scene, scene.robot
+        robot.check_unedited()
+        self.measured: dict[Solver, tuple[float, int, int]] = {}
+        self.q, self.closed = _nominal_configuration(scene, equations)
+        self.terms = equations.terms(self.q, np.zeros(robot.nv))
+        self.reach = reach(equations, self.q)
+        self.factors = factorise(
+            self.terms.M, self.terms.J, tolerances.RANK, why=singular_mass(robot.model, self.q)
+        ).above_rounding(self.reach)
+        # independent rows do not all but vanish a thousandth of a radian away
+        all_count = self.rank == scene.rows
+        found = (scene.rows, False) if all_count else _lively_rows(equations, self.q, self.reach)
+        self._lively, self._rounded = found
+        self.gravity = float(np.linalg.norm(robot.model.gravity.linear))
+        self.weight = robot.mass * (self.gravity or 1.0)
+        read_only((self.q, self.terms, self.factors, self.factors.weights, self.reach))
+
+    @property
+    def rank(self) -> int:
+        """Number of independent rows."""
+        return self.factors.rank
+
+    @property
+    def mobility(self) -> int:
+        """Degrees of freedom that are left: nv minus the rank."""
+        return self._scene.robot.nv - self.rank
+
+    @property
+    def singular_values(self) -> Array:
+        """Of J L^-T (min(m, nv),), the constraint Jacobian in the metric of M [kg^-1/2]."""
+        return self.factors.S
+
+    @property
+    def dependent(self) -> bool:
+        """Whether there are redundant rows."""
+        return self.rank < self._scene.rows
+
+    @cached_property
+    def redundant(self) -> tuple[str, ...]:
+        """Rows that can go without changing the motion, as ``constraint.axis``."""
+        return redundant_rows(self.factors.U[:, self.rank :], self._scene.row_names)
+
+    @property
+    def independent(self) -> bool:
+        """Whether all rows count but those that are zero, and stay so where loops are open.
+
+        Those that Pinocchio takes as two points do not: a row too many.
+        """
+        return self.rank == self._lively and not self._scene.natives.imitated
+
+    @property
+    def rounded(self) -> bool:
+        """Whether rows that are zero are so but for rounding, as in a slanted plane's loop."""
+        return self._rounded
+
+    def condition_exceeds(self, limit: float) -> bool:
+        """Whether the condition number of the mass matrix does: its traces say no at less cost.
+
+        |M| |M^-1| <= tr M tr M^-1
+        """
+        at_most = float(self.terms.M.trace()) * float((self.factors.weights**2).sum())
+        return not at_most <= limit and self.condition > limit
+
+    @cached_property
+    @one_blas_thread
+    def condition(self) -> float:
+        """Condition number of the mass matrix."""
+        return float(np.linalg.cond(self.terms.M))
+
+    @property
+    def delassus_norm(self) -> float:
+        """Largest eigenvalue of G = J M^-1 J^T [1/kg]; 1/mass without constraints."""
+        return float(self.factors.S[0] ** 2) if self.rank else 1 / self._scene.robot.mass
+
+    @cached_property
+    @one_blas_thread
+    def native_spectrum(self) -> tuple[float, float]:
+        """Largest and smallest nonzero eigenvalue of G with the rows that Pinocchio has [1/kg].
+
+        With lam = E^T lam_native and J L^-T = U S V^T these are the squares of the singular values
+        of E U S. Rows that Pinocchio does not have stay as they are.
+        """
+        native, rank = self._scene.natives, self.rank
+        if not rank:
+            return self.delassus_norm, self.delassus_norm
+        E_, S = native.to_scene, self.factors.S[:rank]
+        if E_ is not None and not native.missing:
+            U = self.factors.U[:, :rank]
+            S = np.asarray(np.linalg.svd(E_.T @ (U * S), compute_uv=False), float)
+        return float(S[0] ** 2), float(S[rank - 1] ** 2)
+
+    @property
+    def delassus_condition(self) -> float:
+        """Condition number of G as Pinocchio has it, but for redundant rows."""
+        largest, smallest = self.native_spectrum
+        return largest / smallest
+
+    @cached_property
+    @one_blas_thread
+    def yardstick(self) -> Yardstick:
+        """What turns residuals into an error of a."""
+        return Yardstick.of(self.factors, self.reach, self.gravity, self.weight)
+
+    @cached_property
+    def pivots(self) -> MassPivots:
+        """Those of M that may be far less elsewhere."""
+        return MassPivots(self._scene.robot.least_pivots, self.terms.M)
+
+    @cached_property
+    @one_blas_thread
+    def states(self) -> tuple[NominalState, ...]:
+        """Two states at q: at rest, and moving along the constraints under random torques."""
+        equations = Equations(self._scene.robot.unedited, self._scene.bounds)
+        return read_only(nominal_states(equations, self.q, self.factors, self.reach))
+
+    @one_blas_thread
+    def whitened_rows(self) -> Array:
+        """Return J L^-T (m, nv), the Jacobian in the metric of M."""
+        whitened = whiten(self.terms.M, self.terms.J)
+        if whitened is None:
+            said = massless_motion(self._scene.robot.model, self.q)
+            raise InvalidModel(said or "the mass matrix is not positive definite")
+        return np.asarray(whitened[1].T)
+
+
+def _nominal_configuration(scene: Scene, equations: Equations) -> tuple[Array, bool]:
+    """Return q of the nominal state, and whether the loops are closed there."""
+    q = normalised(scene.robot.model, "posture", scene.guess())
+    rows = [row for bound in scene.bounds for row in bound.positioned]
+    if not rows or np.linalg.norm(equations.violation(q)[rows]) <= tolerances.CLOSED:
+        return q, True
+    try:
+        return scene.state()[0], True
+    except BranchChanged as error:
+        return error.assembly.q, True
+    except NotAssembled:
+        return scene.guess(), False
+
+
+def _lively_rows(equations: Equations, q: Array, P: Array) -> tuple[int, bool]:
+    """Return how many rows are more than rounding where the loops are a little open.
+
+    Of a planar loop two; of a loop in space all three, even where one of them is redundant. And
+    whether any of the others is not exactly zero.
+    """
+    apart = _APART * np.random.default_rng(0).normal(size=equations.model.nv)
+    q = pin.integrate(equations.model, q, apart)
+    sizes = np.linalg.norm(equations.jacobian(q), axis=1)
+    lively = sizes > ROUNDED * np.linalg.norm(P, axis=1)
+    return int(np.count_nonzero(lively)), bool(sizes[~lively].any())

@@ -1,0 +1,125 @@
+"""To solve is not to analyse: a first solve does no work that only other questions need."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections import Counter
+from importlib import import_module
+
+import numpy as np
+import pytest
+from shared import robot
+
+import condyn_pin as cp
+from condyn_pin.dynamics.catalogue import standard_scenes
+
+SCENES = {
+    label: scene
+    for name in cp.available_robots()
+    for label, scene in standard_scenes(robot(name)).items()
+}
+# What analyses a scene, and never a solve of it.
+ANALYSIS = (
+    ("mechanism.chains", "chains"),
+    ("mechanism.assembly", "assemble"),
+    ("mechanism.closing", "Closer.close"),
+    ("dynamics.nominal", "nominal_states"),
+    ("dynamics.nominal", "redundant_rows"),
+    ("dynamics.solvers.reference", "Reference.solve"),
+)
+# What a first solve does, each at most once.
+NEEDED = (
+    ("dynamics.nominal", "factorise"),
+    ("dynamics.nominal", "_lively_rows"),
+    ("constraints.rows.equations", "Equations.__init__"),
+)
+
+
+@pytest.fixture
+def calls(monkeypatch) -> Counter[str]:
+    """How often each of these functions was called."""
+    counted: Counter[str] = Counter()
+
+    def count(module: str, path: str) -> None:
+        *kinds, name = path.split(".")
+        place = import_module(f"condyn_pin.{module}")
+        for kind in kinds:
+            place = getattr(place, kind)
+        function = getattr(place, name)
+
+        def wrapper(*args, **options):
+            counted[name if name != "__init__" else kinds[-1]] += 1
+            return function(*args, **options)
+
+        monkeypatch.setattr(place, name, wrapper)
+
+    for place in (*ANALYSIS, *NEEDED):
+        count(*place)
+    return counted
+
+
+def at_rest(scene: cp.Scene) -> tuple[np.ndarray, ...]:
+    return scene.guess(), np.zeros(scene.robot.nv), np.zeros(scene.robot.nv)
+
+
+@pytest.mark.parametrize("label", SCENES)
+def test_a_first_solve_assembles_nothing_and_factorises_once(label, calls):
+    scene = cp.Scene(SCENES[label].robot, SCENES[label].constraints)
+    workspace = cp.Workspace(scene)
+    built = Counter(calls)
+    workspace.solve(*at_rest(scene), throw=False)
+    assert not {path.split(".")[-1] for _, path in ANALYSIS} & calls.keys()
+    assert built["factorise"] == 1
+    if scene.audit.independent and scene.audit.rank == scene.rows:
+        assert not built["_lively_rows"]
+    assert calls["Equations"] == 1 or scene.natives.missing  # whose solver is chosen by the rank
+    assert calls["Equations"] <= 2
+    cp.Workspace(scene).solve(*at_rest(scene), throw=False)
+    assert calls["factorise"] == built["factorise"]
+    assert calls["_lively_rows"] == built["_lively_rows"] <= 1
+
+
+@pytest.mark.parametrize("label", ["go2 contacts", "talos contacts", "four_bar loops"])
+def test_the_condition_of_the_mass_matrix_is_read_off_its_norms(label, calls, monkeypatch):
+    """One matrix of a first solve has its condition number computed, the one of the error bound."""
+    found, cond = [], np.linalg.cond
+    monkeypatch.setattr(np.linalg, "cond", lambda A: found.append(A.shape) or cond(A))
+    scene = cp.Scene(SCENES[label].robot, SCENES[label].constraints)
+    cp.solve(scene, *at_rest(scene))
+    assert len(found) == 1
+    assert scene.audit.condition <= 1 / np.finfo(float).eps
+
+
+def test_an_open_posture_is_closed_before_the_scene_is_measured(calls):
+    """Redundant rows of an open loop have singular values of the size of the gap."""
+    bar = robot("four_bar")
+    model, loops = bar.model, bar.loops
+    rough = cp.Robot("rough", model, {"rough": next(iter(bar.postures.values())) + 0.05}, loops)
+    scene = cp.Scene(rough, loops)
+    cp.Workspace(scene)
+    assert calls["assemble"]
+    assert scene.audit.closed
+    np.testing.assert_array_equal(scene.audit.q, scene.state()[0])
+
+
+def test_a_solve_imports_nothing_that_analyses():
+    program = """
+import sys
+import numpy as np
+import condyn_pin as cp
+bar = cp.four_bar()
+scene = cp.Scene(bar, bar.loops)
+cp.solve(scene, scene.guess(), np.zeros(3), np.zeros(3))
+print(*sys.modules)
+"""
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    analysing = ("assembly", "chains", "check", "closing", "completion", "rank", "summary")
+    names = {f"condyn_pin.mechanism.{name}" for name in analysing}
+    assert not names & set(result.stdout.split())
+
+
+def test_the_former_name_of_the_analysis_warns():
+    with pytest.warns(DeprecationWarning, match="Audit is called NominalAnalysis now"):
+        assert cp.Audit is cp.NominalAnalysis
