@@ -57,9 +57,9 @@ def reach(equations: Equations, q: Array) -> Array:
     shift, turn = np.abs(sixes).reshape(len(ends), 2, 3, -1).max(axis=2).swapaxes(0, 1)
     arm = np.array([[end[3]] for end in ends])
     away = np.array([[_length(data.oMi[end[1]].translation)] for end in ends])
-    sizes = np.maximum(shift + arm * turn, away * turn), turn
+    moved = np.maximum(shift + arm * turn, away * turn)
     for k, (bound, *_) in enumerate(ends):
-        found[bound.rows] += [sizes[angle][k] for angle in bound.turns(model)]
+        found[bound.rows] += [(turn if angle else moved)[k] for angle in bound.turns(model)]
     return found
 
 
