@@ -57,7 +57,7 @@ class NominalAnalysis:
     factors : MinimumNorm
         Of M and J, without the singular values that rounding makes up.
     reach : (m, nv) array
-        What the two bodies of a row bring to J before they cancel.
+        What the two bodies of a row bring to J before they cancel [1, m].
     gravity, weight : float
         |g| [m/s^2]; mass times gravity, or mass times 1 m/s^2 without gravity [N].
     measured : dict of Solver to tuple
@@ -122,7 +122,7 @@ class NominalAnalysis:
         return self._rounded
 
     def condition_exceeds(self, limit: float) -> bool:
-        """Whether the condition number of the mass matrix does: its traces say no at less cost.
+        """Whether the condition number of M is above a limit: its traces say no at less cost.
 
         |M| |M^-1| <= tr M tr M^-1
         """

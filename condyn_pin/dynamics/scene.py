@@ -409,7 +409,7 @@ class Scene:
         return keep(self, joints, q)
 
     def without(self, names: Sequence[str]) -> ReducedScene:
-        """Return the scene without some of its constraints."""
+        """Return the scene without some of its constraints, given by their names."""
         from condyn_pin.mechanism.reduction.reduction import without
 
         return without(self, names)
