@@ -115,10 +115,10 @@ def test_of_equally_damped_joints_the_first_is_named():
         system = SimpleNamespace(
             model=None,
             mass=lambda q, M=M: M,
-            jacobian=lambda q: np.zeros((0, 4)),
-            m=0,
+            equations=SimpleNamespace(jacobian=lambda q: np.zeros((0, 4))),
+            scene=SimpleNamespace(rows=0),
             passive=passive,
-        )  # fmt: skip
+        )
         rate, joint = _fastest(system, np.zeros(4))
         assert joint == 0
         assert abs(rate - 2.0) < 1e-12
