@@ -886,7 +886,8 @@ def assert_keeps_its_promise(name: str, solver: cp.Solver) -> None:
             assert np.isfinite(solution.lam).all()
         else:
             assert ADVICE[solution.status] in str(solution.status)
-            assert not solution.error_bound <= 1e-8
+            # of a; or a is right, and it is the forces that are not
+            assert not solution.error_bound <= 1e-8 or "forces are not" in str(solution.notices)
 
 
 exponents = st.floats(-16.0, 3.0)

@@ -121,5 +121,5 @@ print(*sys.modules)
 
 
 def test_the_former_name_of_the_analysis_warns():
-    with pytest.warns(DeprecationWarning, match="Audit is called NominalAnalysis now"):
+    with pytest.warns(DeprecationWarning, match="Audit is condyn_pin.NominalAnalysis now"):
         assert cp.Audit is cp.NominalAnalysis

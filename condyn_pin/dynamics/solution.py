@@ -182,13 +182,25 @@ class Solution:
     def notices(self) -> tuple[str, ...]:
         """What deserves attention, a sentence each.
 
-        Contacts that pull, as no ground does. A singular configuration, where the equations ask for
+        Contacts that pull, as no ground does. Forces that are wrong where a is right. A singular
+        configuration, where the equations ask for
         less than the loops. Where the answer is not ok, rows are not met, or forces are a thousand
         times the weight: rows that contradict each other, and those that have lost their grip.
 
         The look at the singular values takes a few solves, when it is asked for first.
         """
-        return pulling(self.forces, self._sites) + self._doubts
+        return pulling(self.forces, self._sites) + self._wrong_forces + self._doubts
+
+    @property
+    def _wrong_forces(self) -> tuple[str, ...]:
+        """That it is the forces which keep an answer from being ok."""
+        if self.status is not Status.INACCURATE or not self.error_bound <= tolerances.SOLVED:
+            return ()
+        return (
+            f"a is right to {self.error_bound:.1e}, the forces are not: the equation of a joint is "
+            f"off by {self.dynamics_error:.1e} N or N m, more than {tolerances.FORCES:g} of the "
+            "largest torque",
+        )
 
     @cached_property
     def _doubts(self) -> tuple[str, ...]:
