@@ -20,6 +20,7 @@ from condyn_pin._core.knobs import (
     check_iterations,
 )
 from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.quietly import quietly
 from condyn_pin._core.tolerances import RANK
 from condyn_pin.dynamics.solvers.base import Method, Solver
 
@@ -100,7 +101,7 @@ class ConjugateGradient(Solver):
         still = np.zeros(model.nv)
         latest, count = np.zeros(workspace.scene.rows), [0]
 
-        @np.errstate(over="ignore", invalid="ignore")  # the status says it
+        @quietly  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             equations = workspace.equations
 

@@ -11,6 +11,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.knobs import WEIGHTS, Grid, check_damping
 from condyn_pin._core.linalg.range_space import range_space
+from condyn_pin._core.quietly import quietly
 from condyn_pin.dynamics.solvers.base import Method, Singular, Solver, free_force
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ class DelassusCholesky(Solver):
         latest = np.zeros(workspace.scene.rows)
 
         @one_blas_thread
-        @np.errstate(over="ignore", invalid="ignore")  # the status says it
+        @quietly  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             terms = workspace.equations.terms(q, v)
             factors = range_space(terms.M, terms.J, mu)

@@ -11,6 +11,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.knobs import WEIGHTS, Grid, check_damping, check_refinements
+from condyn_pin._core.quietly import quietly
 from condyn_pin.dynamics.solvers.base import Method, Singular, Solver, free_force
 
 if TYPE_CHECKING:
@@ -95,7 +96,7 @@ class DenseKKT(Solver):
         y_n, y_m, d_n, d_m = y[:n], y[n:], signed[:n], signed[n:]
 
         @one_blas_thread
-        @np.errstate(over="ignore", invalid="ignore")  # the status says it
+        @quietly  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             equations = workspace.equations
             M_q, h, J_q, gamma = equations.parts(q, v)

@@ -13,6 +13,7 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.errors import InvalidModel
 from condyn_pin._core.knobs import check_share
 from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.quietly import quietly
 from condyn_pin.dynamics.solvers.base import Method, Singular, Solver, free_force
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ class GaussPrinciple(Solver):
         latest = np.zeros(workspace.scene.rows)
 
         @one_blas_thread
-        @np.errstate(over="ignore", invalid="ignore")  # the status says it
+        @quietly  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             terms = workspace.equations.terms(q, v)
             try:

@@ -11,6 +11,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.knobs import check_share
+from condyn_pin._core.quietly import quietly
 from condyn_pin.constraints.rows.reach import reach
 from condyn_pin.dynamics.solvers.base import Method, Singular, Solver, free_force
 
@@ -70,7 +71,7 @@ class NullSpace(Solver):
         latest: list[tuple[_Split, Array]] = []
 
         @one_blas_thread
-        @np.errstate(over="ignore", invalid="ignore")  # the status says it
+        @quietly  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             terms = workspace.equations.terms(q, v)
             split = _Split(terms, rank_tolerance, least)

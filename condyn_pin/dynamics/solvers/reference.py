@@ -15,6 +15,7 @@ from condyn_pin._core.errors import InvalidModel
 from condyn_pin._core.knobs import check_count, check_share
 from condyn_pin._core.linalg.extended import add, exact_residual
 from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.quietly import quietly
 from condyn_pin.constraints.rows.reach import reach
 from condyn_pin.dynamics.solvers.base import Method, Singular, Solver
 
@@ -75,7 +76,7 @@ class Reference(Solver):
         latest = np.zeros(workspace.scene.rows)
 
         @one_blas_thread
-        @np.errstate(over="ignore", invalid="ignore")  # the status says it
+        @quietly  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             equations = workspace.equations
             a, latest[:] = self.solve(equations.terms(q, v), tau, reach(equations, q))

@@ -14,6 +14,7 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.errors import InvalidArgument, InvalidModel
 from condyn_pin._core.knobs import Grid
 from condyn_pin._core.linalg.range_space import whiten
+from condyn_pin._core.quietly import quietly
 from condyn_pin.dynamics.solvers.base import Method, Singular, Solver, free_force
 from condyn_pin.io.mjcf_posture import drawn
 from condyn_pin.model.soundness import massless_motion
@@ -115,7 +116,7 @@ class Soft(Solver):
         latest, rows = np.zeros(workspace.scene.rows), np.arange(workspace.scene.rows)
 
         @one_blas_thread
-        @np.errstate(over="ignore", invalid="ignore")  # the status says it
+        @quietly  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             equations = workspace.equations
             c = equations.violation(q)

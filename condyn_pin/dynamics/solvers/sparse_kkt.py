@@ -13,6 +13,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.knobs import WEIGHTS, Grid, check_damping
 from condyn_pin._core.linalg.range_space import whiten
+from condyn_pin._core.quietly import quietly
 from condyn_pin.dynamics.solvers.base import Method, Singular, Solver, free_force
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ class SparseKKT(Solver):
         limits = np.full(m, -mu / 2) if mu else -(tolerances.RANK**2) * own
         answer = np.zeros(m + model.nv)
 
-        @np.errstate(over="ignore", invalid="ignore")  # the status says it
+        @quietly  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             factor = _pin.factorise_constraints(model, data, models, datas, q, mu)
             if not (factor.D[:m] < limits).all():
