@@ -36,7 +36,7 @@ def main() -> None:
         rng = np.random.default_rng(0)
         times, statuses = [], Counter[str]()
         for _ in range(100):
-            start = pin.integrate(robot.model, scene.audit.q, SPREAD * rng.normal(size=robot.nv))
+            start = pin.integrate(robot.model, scene.nominal.q, SPREAD * rng.normal(size=robot.nv))
             before = process_time()
             assembly = scene.assemble(start, branch=home, throw=False)
             times.append(1e3 * (process_time() - before))

@@ -49,7 +49,7 @@ NOTHING = 1e-10  # an error below is as good as any
 # What families of any scene are put on: without redundant rows but zeros, and with.
 ROBOTS = ("four_bar", "cassie")
 
-# Families that turn the knobs themselves, and those with numbers that no answer belongs to.
+# Families that turn the parameters themselves, and those with numbers that no answer belongs to.
 LEFT_OUT = ("weight", "few_iterations", "bad_q", "bad_v", "bad_tau")
 
 
@@ -58,12 +58,12 @@ Asked = list[tuple[cp.Proximal, cp.Solution]]
 
 @dataclass(frozen=True)
 class Comparison:
-    """One case with one set of other knobs.
+    """One case with one set of other parameters.
 
     Attributes
     ----------
     task : Task
-    knobs : dict
+    parameters : dict
     independent : bool
         Whether no row depends on others.
     error, best : float
@@ -78,7 +78,7 @@ class Comparison:
     """
 
     task: Task
-    knobs: dict[str, int]
+    parameters: dict[str, int]
     independent: bool
     error: float
     best: float
@@ -98,7 +98,7 @@ class Comparison:
 
 
 def compare(
-    task: Task, cases: Sequence[Case], knobs: dict[str, int], *, timed: bool
+    task: Task, cases: Sequence[Case], parameters: dict[str, int], *, timed: bool
 ) -> Comparison | None:
     """Return "auto" against every mu on some cases; None where no method has an answer."""
     found = [(case, right) for case in cases if (right := right_answers(case)) and case.scene.rows]
@@ -109,8 +109,8 @@ def compare(
         """Return the worst error, and the solver and the answer of each case."""
         errors, asked = [], []
         for case, right in found:
-            largest = case.scene.audit.delassus_norm
-            solver = cp.Proximal(mu=mu and mu * (largest if share else 1.0), **knobs)  # type: ignore[arg-type]
+            largest = case.scene.nominal.delassus_norm
+            solver = cp.Proximal(mu=mu and mu * (largest if share else 1.0), **parameters)  # type: ignore[arg-type]
             workspace = cp.Workspace(case.scene, solver, drift=case.drift)
             solution = workspace.solve(case.q, case.v, case.tau, throw=False)
             errors.append(min(error_of(case, solution.a, a) for a in right))
@@ -127,7 +127,7 @@ def compare(
         slower = times_slower([case for case, _ in found], auto, fewest)
     (_, solution), best_mu = auto[0], tuned[0][0].mu
     return Comparison(
-        task, knobs, found[0][0].scene.audit.independent, error, best, best_mu,  # type: ignore[arg-type]
+        task, parameters, found[0][0].scene.nominal.independent, error, best, best_mu,  # type: ignore[arg-type]
         solution.status.name.lower(), slower,
     )  # fmt: skip
 
@@ -155,9 +155,9 @@ def comparisons(
         if task.family in LEFT_OUT:
             continue
         made = [make(replace(task, seed=task.seed + k), memory)[0] for k in range(seeds)]
-        for knobs in KNOBS:
+        for parameters in KNOBS:
             try:
-                found = compare(task, [case for case in made if case], knobs, timed=timed)
+                found = compare(task, [case for case in made if case], parameters, timed=timed)
             except cp.CondynError:
                 continue
             if found:
@@ -183,7 +183,7 @@ def markdown(found: Sequence[Comparison], where: dict[str, Any]) -> str:
         )
     lines += ["", "Where it is worse:", ""]
     lines += [
-        f"- {c.task.family} {c.task.robot} {c.task.severity:g}, {c.knobs or 'default knobs'}: "
+        f"- {c.task.family} {c.task.robot} {c.task.severity:g}, {c.parameters or 'defaults'}: "
         f"{c.error:.1e} ({c.status}) against {c.best:.1e} with {c.best_mu:.1e}; "
         f"time x {c.slower:.1f}"
         for c in found

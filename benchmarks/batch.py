@@ -193,7 +193,7 @@ def motions_table(saved: dict[str, Any]) -> list[str]:
         "|---|---|---|---|---|---|---|",
         *(
             f"| {row.engine}, {row.name} | {1e3 * row.dt:g} | {row.one:.0f} | {row.two:.0f} | "
-            f"{row.simulated:.1f} | {row.gap:.0e} | {row.error:.0e} |"
+            f"{row.simulated:.1f} | {row.violation:.0e} | {row.error:.0e} |"
             for row in rows
         ),
     ]

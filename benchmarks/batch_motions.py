@@ -40,7 +40,7 @@ class Motions:
         [s]
     one, two : float
         Steps a second on one core, and on two [1/s].
-    gap : float
+    violation : float
         The largest [m].
     error : float
         The largest of the configuration at the end [m, rad].
@@ -51,7 +51,7 @@ class Motions:
     dt: float
     one: float
     two: float
-    gap: float
+    violation: float
     error: float
 
     @property
@@ -157,7 +157,7 @@ def judge_theirs(
 def ways(scene: cp.Scene, pool: Executor) -> list[Way]:
     """Return the ways to simulate: ours, and those of MuJoCo where it is installed."""
     found = []
-    semi, middle = cp.SemiImplicitEuler(), cp.LinearlyImplicitMidpoint()
+    semi, middle = cp.SemiImplicitEuler(), cp.simulation.LinearlyImplicitMidpoint()
     for integrator, gain, steps in (
         (semi, 0.3, (1e-3, 2e-3, 4e-3, 8e-3)),
         (middle, 0.1, (5e-4, 1e-3, 2e-3, 5e-3, 6.25e-3)),
@@ -222,6 +222,8 @@ def answer(rows: list[Motions], theirs: Motions) -> Motions | None:
     as_good = [
         row
         for row in rows
-        if row.engine == "condyn_pin" and row.gap <= theirs.gap and row.error <= theirs.error
+        if row.engine == "condyn_pin"
+        and row.violation <= theirs.violation
+        and row.error <= theirs.error
     ]
     return max(as_good, key=lambda row: row.simulated, default=None)

@@ -50,7 +50,7 @@ from condyn_pin._core.tolerances import DERIVATIVES
 RESULTS = Path(__file__).resolve().parent / "results"
 PARTS = RESULTS.parent.parent / "build" / "campaign"
 KERNEL = os.environ.get("OPENBLAS_CORETYPE", "default")
-SOLVERS = [kind() for kind in cp.SOLVERS.values() if kind.exact]
+SOLVERS = [kind() for kind in cp.dynamics.SOLVERS.values() if kind.exact]
 STEP = 1e-5  # of differences [rad, m, rad/s, m/s]
 # Near a singular state rounding of the oracle's own differences is 1 / step of what it solves with:
 # derivatives are right if they agree with those of one of these steps.
@@ -154,7 +154,7 @@ def line(seed: int, with_derivatives: bool) -> Line:
     try:
         p = problem(seed)
         right = Right(p)
-    except (cp.InvalidModel, cp.InvalidConstraint) as error:
+    except (cp.errors.InvalidModel, cp.errors.InvalidConstraint) as error:
         return {"seed": seed, "refused": f"{type(error).__name__}: {error}"}
     except Undecided as error:
         return {"seed": seed, "undecided": str(error)}
@@ -186,12 +186,12 @@ def _asked(p: Problem) -> tuple[Array, dict[str, Any]]:
     return p.tau, {"forces": forces}
 
 
-def _solved(p: Problem, right: Right, solver: cp.Solver) -> Line:
+def _solved(p: Problem, right: Right, solver: cp.dynamics.Solver) -> Line:
     found: Line = {"solver": type(solver).__name__}
     tau, forces = _asked(p)
     try:
         solution = cp.Workspace(p.scene, solver).solve(p.q, p.v, tau, throw=False, **forces)
-    except (cp.UnsupportedConstraint, cp.UnsupportedBackend):
+    except (cp.errors.UnsupportedConstraint, cp.errors.UnsupportedBackend):
         return found | {"status": "untaken"}
     except Exception as error:  # what it is goes into the report
         return found | {"status": "raised", "said": f"{type(error).__name__}: {error}"[:200]}
@@ -210,9 +210,9 @@ def _derived(
     try:
         workspace = cp.Workspace(p.scene)
         d = workspace.derivatives(p.q, p.v, tau, method=method, **forces)
-    except (cp.UnsupportedConstraint, cp.InvalidArgument):
+    except (cp.errors.UnsupportedConstraint, cp.InvalidArgument):
         return found | {"status": "untaken"}
-    except (cp.SolveFailed, cp.DerivativesDisagree):
+    except (cp.SolveFailed, cp.errors.DerivativesDisagree):
         return found | {"status": "no answer"}
     except Exception as error:  # what it is goes into the report
         return found | {"status": "raised", "said": f"{type(error).__name__}: {error}"[:200]}
@@ -232,7 +232,7 @@ def _derived(
     found |= {"status": "ok", "error": max(errors)}
     try:
         workspace.derivatives(p.q, p.v, tau, method=method, check=True, **forces)
-    except cp.DerivativesDisagree as error:
+    except cp.errors.DerivativesDisagree as error:
         found["checked"] = str(error)[:200]
     return found
 

@@ -190,10 +190,10 @@ class _Frames:
         return name
 
 
-def _constraints(model: Any, data: Any, q: Array, rng: Random) -> list[cp.Constraint]:
+def _constraints(model: Any, data: Any, q: Array, rng: Random) -> list[cp.constraints.Constraint]:
     """Return constraints that hold at q; now and then one twice, or a ball beside a weld."""
     frames = _Frames(model, data, rng)
-    made: list[cp.Constraint] = []
+    made: list[cp.constraints.Constraint] = []
     for _ in range(int(rng.integers(0, 5))):
         k = len(made)
         pick = int(rng.integers(11))
@@ -209,7 +209,7 @@ def _constraints(model: Any, data: Any, q: Array, rng: Random) -> list[cp.Constr
     return made
 
 
-def _loops(frames: _Frames, kind: Any, name: str, rng: Random) -> list[cp.Constraint]:
+def _loops(frames: _Frames, kind: Any, name: str, rng: Random) -> list[cp.constraints.Constraint]:
     one, two = frames.any(), frames.any()
     if one == two:
         return []
@@ -240,7 +240,7 @@ def _loops(frames: _Frames, kind: Any, name: str, rng: Random) -> list[cp.Constr
     return list(made)
 
 
-def _contact(frames: _Frames, name: str, rng: Random) -> cp.Constraint:
+def _contact(frames: _Frames, name: str, rng: Random) -> cp.constraints.Constraint:
     joint = frames.any(False)
     place = frames.data.oMi[joint] * _placement(rng)
     frame, axis = frames.add(joint, place), "xyz"[int(rng.integers(3))]
@@ -253,28 +253,28 @@ def _contact(frames: _Frames, name: str, rng: Random) -> cp.Constraint:
     if pick == 1:
         return cp.SurfaceContact(frame, anchor=seven, name=name)
     if pick == 2:
-        return cp.LineContact(frame, axis, anchor=seven, name=name)  # type: ignore[arg-type]
+        return cp.constraints.LineContact(frame, axis, anchor=seven, name=name)  # type: ignore[arg-type]
     normal = _axis(rng)
     height = float(normal @ place.translation) if anchored else None
-    return cp.PlanarContact(frame, normal=tuple(normal), height=height, name=name)
+    return cp.constraints.PlanarContact(frame, normal=tuple(normal), height=height, name=name)
 
 
-def _rolling(frames: _Frames, name: str, rng: Random) -> cp.Constraint:
+def _rolling(frames: _Frames, name: str, rng: Random) -> cp.constraints.Constraint:
     joint = frames.any(False)
     frame = frames.add(joint, frames.data.oMi[joint] * _placement(rng))
     normal, radius = tuple(_axis(rng)), float(rng.uniform(0.05, 0.5))
     axis: Any = "xyz"[int(rng.integers(3))]
     pick = int(rng.integers(3))
     if pick == 0:
-        return cp.RollingBall(frame, radius, normal=normal, name=name)
+        return cp.constraints.RollingBall(frame, radius, normal=normal, name=name)
     if pick == 1:
         every: Any = ("rolling", "lateral", "normal")
         holds = every[: int(rng.integers(1, 4))]
         return cp.RollingWheel(frame, radius, axis, holds, normal, name=name)
-    return cp.Knife(frame, axis, tuple(rng.normal(scale=0.2, size=3)), name=name)
+    return cp.constraints.KnifeEdge(frame, axis, tuple(rng.normal(scale=0.2, size=3)), name=name)
 
 
-def _coupling(model: Any, q: Array, name: str, rng: Random) -> list[cp.Constraint]:
+def _coupling(model: Any, q: Array, name: str, rng: Random) -> list[cp.constraints.Constraint]:
     able = [i for i in range(1, model.njoints) if model.joints[i].nq == model.joints[i].nv == 1]
     if len(able) < 2:
         return []

@@ -103,14 +103,14 @@ def summary(lines: Sequence[Line]) -> Line:
         for one in each.get("solves", ()):
             name, status = one["solver"], one["status"]
             statuses.setdefault(name, Counter())[status] += 1
-            _judge(wrong, each["seed"], name, one, SOLVED, "solve")
+            _verifier(wrong, each["seed"], name, one, SOLVED, "solve")
             if status == "ok":
                 worst[name] = max(worst.get(name, 0.0), one["error"])
         for one in each.get("derivatives", ()):
             name = f"derivatives {one['method']}"
             derived[one["status"]] += 1
             statuses.setdefault(name, Counter())[one["status"]] += 1
-            _judge(wrong, each["seed"], name, one, DERIVATIVES, "derivative")
+            _verifier(wrong, each["seed"], name, one, DERIVATIVES, "derivative")
             if one["status"] == "ok":
                 worst[name] = max(worst.get(name, 0.0), one["error"])
             if "checked" in one:
@@ -133,7 +133,7 @@ def summary(lines: Sequence[Line]) -> Line:
     }
 
 
-def _judge(
+def _verifier(
     wrong: dict[str, list[str]], seed: int, name: str, one: Line, limit: float, what: str
 ) -> None:
     """Enter an answer into the lists where it is wrong, or raised what it should not."""

@@ -47,7 +47,7 @@ def rows(oracle: Oracle, scene: cp.Scene) -> tuple[Array, Array]:
     return np.vstack(J), np.concatenate(gamma)
 
 
-def _slips(oracle: Oracle, c: cp.Constraint) -> tuple[Array, Array]:
+def _slips(oracle: Oracle, c: cp.constraints.Constraint) -> tuple[Array, Array]:
     """Return what stays zero, a rate (D, rows), and its derivative."""
     if isinstance(c, cp.Loop):
         kept = _loop(c, oracle.frame(c.frame_a), oracle.frame(c.frame_b))
@@ -55,12 +55,12 @@ def _slips(oracle: Oracle, c: cp.Constraint) -> tuple[Array, Array]:
         kept = [_point(oracle.frame(c.frame), c.offset)]
     elif isinstance(c, cp.SurfaceContact):
         kept = _together(oracle.frame(c.frame), _standing(oracle.frame(c.frame)), None)
-    elif isinstance(c, cp.LineContact):
+    elif isinstance(c, cp.constraints.LineContact):
         here = oracle.frame(c.frame)
         kept = _together(here, _standing(here), "xyz".index(c.axis))
-    elif isinstance(c, cp.PlanarContact):
+    elif isinstance(c, cp.constraints.PlanarContact):
         kept = [dot(constant(c.normal), _point(oracle.frame(c.frame), c.offset))]
-    elif isinstance(c, cp.Knife):
+    elif isinstance(c, cp.constraints.KnifeEdge):
         return _knife(c, oracle.frame(c.frame))
     else:
         return _rolling(c, oracle.frame(c.frame))
@@ -117,13 +117,13 @@ def _rates(x: Jet) -> Jet:
     return Jet(x.d, x.dd, np.zeros_like(x.dd))
 
 
-def _knife(c: cp.Knife, place: Place) -> tuple[Array, Array]:
+def _knife(c: cp.constraints.KnifeEdge, place: Place) -> tuple[Array, Array]:
     across = apply(place.R, constant(ONE["xyz".index(c.axis)]))
     slip = dot(across, _rates(_point(place, c.offset)))
     return slip.x, slip.d
 
 
-def _rolling(c: cp.RollingWheel | cp.RollingBall, place: Place) -> tuple[Array, Array]:
+def _rolling(c: cp.RollingWheel | cp.constraints.RollingBall, place: Place) -> tuple[Array, Array]:
     normal = constant(exact(c.normal) / np.sqrt((exact(c.normal) ** 2).sum()))
     w = Jet(*place.w, np.zeros_like(place.p.dd))
     if isinstance(c, cp.RollingWheel):

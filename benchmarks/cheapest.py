@@ -47,7 +47,7 @@ class Verdict:
     error : float
         What was asked for.
     solver : str
-        With the knobs that are not as usual; empty if nothing meets the error.
+        With the parameters that are not as usual; empty if nothing meets the error.
     us : float
         Median time [us].
     study, fresh, expected : float
@@ -80,7 +80,7 @@ class Verdict:
 
 
 def verdicts(
-    table: cp.Table,
+    table: cp.study.Table,
     scenes: Mapping[str, cp.Scene],
     states: int,
     executor: Executor | None = None,
@@ -99,7 +99,7 @@ def verdicts(
         yield found
 
 
-def verified(task: tuple[cp.Table, int]) -> list[Verdict]:
+def verified(task: tuple[cp.study.Table, int]) -> list[Verdict]:
     """Choose for the one scene of a table at every level, and verify at some other states."""
     table, states = task
     ((label, scene),) = table.scenes.items()
@@ -107,12 +107,12 @@ def verified(task: tuple[cp.Table, int]) -> list[Verdict]:
     return [verdict(table, label, level, others) for level in LEVELS]
 
 
-def verdict(table: cp.Table, label: str, level: float, others: FreshErrors) -> Verdict:
+def verdict(table: cp.study.Table, label: str, level: float, others: FreshErrors) -> Verdict:
     """Choose for one scene and level, and verify at other states."""
     rows = table.scenes[label].rows
     try:
         choice = table.cheapest(level, measure=MEASURE, scene=label)
-    except cp.NotReached as error:
+    except cp.errors.NotReached as error:
         return Verdict(label, rows, level, note=str(error))
     there = others(choice.solver)
     return Verdict(
@@ -150,7 +150,7 @@ def read(path: Path = RESULTS / "cheapest.csv") -> list[Verdict]:
                 for row in rows]  # fmt: skip
 
 
-def verify(table: cp.Table, scenes: Mapping[str, cp.Scene], states: int) -> list[Verdict]:
+def verify(table: cp.study.Table, scenes: Mapping[str, cp.Scene], states: int) -> list[Verdict]:
     """Return all verdicts in the order of the scenes, and print each scene's as they come."""
     found: dict[str, list[Verdict]] = {}
     with cp.Processes() as executor:
@@ -180,7 +180,7 @@ def main() -> int:
     parser.add_argument("--table", type=Path, default=RESULTS / "trade.json")
     parser.add_argument("--csv", type=Path, default=RESULTS / "cheapest.csv")
     arguments = parser.parse_args()
-    table = cp.Table.from_json(arguments.table)
+    table = cp.study.Table.from_json(arguments.table)
     found = verify(table, catalogue(), arguments.states)
     write(found, arguments.csv, table.machine)
     return 0 if all(one.holds for one in found) else 1

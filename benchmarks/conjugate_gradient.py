@@ -79,11 +79,11 @@ class Sweeps:
     def __init__(self, scene: cp.Scene) -> None:
         self.scene, self.model = scene, scene.robot.model
         self.data, self.still = self.model.createData(), np.zeros(self.model.nv)
-        self.equations = cp.Workspace(scene, cp.NullSpace()).equations
+        self.equations = cp.Workspace(scene, cp.dynamics.NullSpace()).equations
         self.weightless = pin.Model(self.model)
         self.weightless.gravity = pin.Motion.Zero()
-        self.P = inverse_delassus(scene.audit)
-        self.enough = scene.audit.yardstick.enough / 10
+        self.P = inverse_delassus(scene.nominal)
+        self.enough = scene.nominal.estimator.enough / 10
 
     def free(self, q: Array, v: Array, tau: Array, lam: Array) -> Array:
         """Return M^-1 (tau + J^T lam - h)."""
@@ -164,7 +164,7 @@ def by_minres(sweeps: Sweeps, *, preconditioned: bool) -> Solve:
     return solve
 
 
-def ours(scene: cp.Scene, solver: cp.Solver) -> Solve:
+def ours(scene: cp.Scene, solver: cp.dynamics.Solver) -> Solve:
     """Return a solver of this library."""
     workspace = cp.Workspace(scene, solver)
 
@@ -176,10 +176,10 @@ def ours(scene: cp.Scene, solver: cp.Solver) -> Solve:
 
 def scenes(joints: int) -> Iterator[tuple[str, cp.Scene]]:
     """Yield a chain whose tip is held, and cells side by side, of about so many joints."""
-    chain = cp.chain(joints)
+    chain = cp.model.chain(joints)
     yield "chain, tip held", cp.Scene(chain, [cp.PointContact(chain.model.frames[-1].name)])
     if joints <= MOST_IN_CELLS:
-        cells = cp.n_four_bar(max(1, joints // 2))
+        cells = cp.model.n_four_bar(max(1, joints // 2))
         yield "four-bars in a row", cp.Scene(cells, cells.loops)
 
 
@@ -187,11 +187,11 @@ def measure(label: str, scene: cp.Scene) -> Iterator[Row]:
     """Measure all methods on a scene, at one state."""
     q = scene.assemble(bent(scene)).q
     state = (q, np.zeros(scene.robot.nv), np.zeros(scene.robot.nv))
-    truth = cp.Workspace(scene, cp.Reference()).solve(*state, throw=False)
+    truth = cp.Workspace(scene, cp.dynamics.Reference()).solve(*state, throw=False)
     sweeps = Sweeps(scene)
     methods: dict[str, Solve] = {
-        "ConjugateGradient": ours(scene, cp.ConjugateGradient()),
-        "NullSpace, dense": ours(scene, cp.NullSpace()),
+        "ConjugateGradient": ours(scene, cp.dynamics.ConjugateGradient()),
+        "NullSpace, dense": ours(scene, cp.dynamics.NullSpace()),
         "scipy cg": by_cg(sweeps, preconditioned=False),
         "scipy cg, preconditioned": by_cg(sweeps, preconditioned=True),
         "scipy MINRES": by_minres(sweeps, preconditioned=False),
@@ -201,11 +201,13 @@ def measure(label: str, scene: cp.Scene) -> Iterator[Row]:
     times = interleaved(methods, [state], rounds=15, repeats=5, enough=0.003)
     # the least: other programs make times longer, never shorter
     least = {name: min(found.samples) for name, found in times.items()}
-    iterations = cp.Workspace(scene, cp.ConjugateGradient()).solve(*state, throw=False).iterations
-    scale = max(np.abs(truth.a).max(), scene.audit.yardstick.gravity)
+    iterations = (
+        cp.Workspace(scene, cp.dynamics.ConjugateGradient()).solve(*state, throw=False).iterations
+    )
+    scale = max(np.abs(truth.a).max(), scene.nominal.estimator.gravity)
     for name, (a, count) in found.items():
         yield Row(
-            label, scene.robot.nv, scene.rows, scene.audit.rank, name,
+            label, scene.robot.nv, scene.rows, scene.nominal.rank, name,
             iterations if name == "ConjugateGradient" else count,
             least[name], least[name] / least["ConjugateGradient"],
             float(np.abs(a - truth.a).max() / scale),

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 RESULTS = Path(__file__).resolve().parent / "results"
 ROUNDING = 1e-9  # gaps [m] and slips [m/s] that projections leave: their tolerance is 1e-10
 
-SEMI, RK4, RATTLE = cp.SemiImplicitEuler(), cp.RungeKutta4(), cp.Rattle()
+SEMI, RK4, RATTLE = cp.SemiImplicitEuler(), cp.RungeKutta4(), cp.simulation.Rattle()
 DIVERGES = (float("nan"),) * 3
 
 # Critical gains, T = 10 s: alpha dt, and the largest gap [m], slip [m/s] and energy error [J].
@@ -92,8 +92,8 @@ class Case:
     drift: Any
     dt: float  # [s]
     steps: int
-    gap: float | None
-    slip: float | None
+    violation: float | None
+    constraint_velocity: float | None
     energy: float | None
 
     @property
@@ -119,7 +119,9 @@ def cases() -> list[Case]:
     ]
     for dt, energy in ((4e-2, 5.79e-2), (2e-2, 1.44e-2), (1e-2, 3.61e-3), (5e-3, 9.02e-4)):
         label = f"RATTLE, dt = {dt:g} s"
-        found.append(Case(label, RATTLE, cp.NoDrift(), dt, round(10 / dt), 0.0, 0.0, energy))
+        found.append(
+            Case(label, RATTLE, cp.simulation.NoDrift(), dt, round(10 / dt), 0.0, 0.0, energy)
+        )
     return found
 
 
@@ -215,10 +217,11 @@ def squared(case: Case) -> tuple[float, float, float] | None:
 
 def run(case: Case) -> dict[str, Any]:
     """Return what a case leaves; gains beyond the wall are refused, and diverge in that sense."""
-    names = ("gap", "slip", "energy")
+    names = ("violation", "constraint_velocity", "energy")
     row: dict[str, Any] = {"label": case.label, "dt": case.dt, "steps": case.steps}
     figures = {
-        "plain": plain(case), "squared": squared(case), "table": (case.gap, case.slip, case.energy)
+        "plain": plain(case),
+        "squared": squared(case), "table": (case.violation, case.constraint_velocity, case.energy)
     }  # fmt: skip
     for name, three in figures.items():
         diverges = three is None or three[2] != three[2]
@@ -228,7 +231,9 @@ def run(case: Case) -> dict[str, Any]:
     except cp.InvalidArgument:
         return row | {"status": "refused"}
     return row | {
-        "status": found.status, "gap": found.gap, "slip": found.slip, "energy": found.energy
+        "status": found.status,
+        "violation": found.violation, "constraint_velocity": found.constraint_velocity,
+        "energy": found.energy
     }  # fmt: skip
 
 
@@ -270,7 +275,9 @@ def main() -> None:
     for case in cases():
         row = run(case)
         rows.append(row)
-        numbers = " ".join(f"{row[k]:.2e}" for k in ("gap", "slip", "energy") if k in row)
+        numbers = " ".join(
+            f"{row[k]:.2e}" for k in ("violation", "constraint_velocity", "energy") if k in row
+        )
         said = "" if agrees(row, case) else "  DISAGREES"
         print(f"{row['label']:45} {row['status']:9} {numbers}{said}", flush=True)
     path = RESULTS / "drift.json"
@@ -284,13 +291,13 @@ def main() -> None:
 def long_runs(steps: int) -> dict[str, Any]:
     """Return walls, growth, and energy over many steps; draw them."""
     growths = {
-        "explicit Euler": gap_growth(cp.ExplicitEuler(), dt=1e-3, steps=10_000),
+        "explicit Euler": gap_growth(cp.simulation.ExplicitEuler(), dt=1e-3, steps=10_000),
         "Runge-Kutta 4": gap_growth(RK4, dt=1e-2, steps=4000),
     }
     found = contest(1e-2, steps)
     save_laboratory(growths, (SEMI, RK4), found, RESULTS / "drift.png")
     return {
-        "walls": {i.title: stability_limit(i) for i in (cp.ExplicitEuler(), SEMI, RK4)},
+        "walls": {i.title: stability_limit(i) for i in (cp.simulation.ExplicitEuler(), SEMI, RK4)},
         "growth": {name: growth.power for name, growth in growths.items()},
         "contest": [
             {"label": title(one), "dt": one.dt, "steps": steps, "area": one.area}

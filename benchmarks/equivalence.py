@@ -71,7 +71,7 @@ def agreements(label: str, scene: cp.Scene, count: int) -> list[Agreement]:
     """Compare every solver that takes the scene with Reference, on the same random states."""
     rng = np.random.default_rng(0)
     states = [(*scene.sample(rng), motor_torque(scene.robot, rng)) for _ in range(count)]
-    reference = cp.Workspace(scene, cp.Reference())
+    reference = cp.Workspace(scene, cp.dynamics.Reference())
     truth = [reference.solve(*state) for state in states]
     forces = [reference.jacobian(state[0]).T for state in states]
     return [
@@ -80,14 +80,14 @@ def agreements(label: str, scene: cp.Scene, count: int) -> list[Agreement]:
     ]
 
 
-def _contenders(scene: cp.Scene) -> Iterator[tuple[str, cp.Solver]]:
+def _contenders(scene: cp.Scene) -> Iterator[tuple[str, cp.dynamics.Solver]]:
     """Yield every solver that takes the scene, and damped those that need it."""
-    mu = float(f"{1e-11 * scene.audit.delassus_norm:.1e}")
+    mu = float(f"{1e-11 * scene.nominal.delassus_norm:.1e}")
     for solver in solvers_of("all"):
         if not untaken(scene, solver):
             name = type(solver).__name__
             yield name, solver
-            if scene.audit.redundant and not solver.takes_redundant:
+            if scene.nominal.redundant and not solver.takes_redundant:
                 yield f"{name}(mu={mu})", type(solver)(mu=mu)
 
 
@@ -104,15 +104,15 @@ def _agreement(
     error = force_error = 0.0
     for one, right, JT in zip(found, truth, transposed, strict=True):
         if one.status.ok:
-            error = max(error, _relative(one.a, right.a, scene.audit.yardstick.gravity))
-            force = _relative(JT @ one.lam, JT @ right.lam, scene.audit.weight)
+            error = max(error, _relative(one.a, right.a, scene.nominal.estimator.gravity))
+            force = _relative(JT @ one.lam, JT @ right.lam, scene.nominal.weight)
             force_error = max(force_error, force)
     count = {status: sum(one.status is status for one in found) for status in cp.Status}
     return Agreement(
         label,
         name,
         scene.rows,
-        scene.audit.rank,
+        scene.nominal.rank,
         len(states),
         **{status.name.lower(): number for status, number in count.items()},
         error=error,

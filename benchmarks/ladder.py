@@ -18,23 +18,23 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import marks
 
-from condyn_pin.lab.climbing import FULL, QUICK, ladder
-from condyn_pin.lab.ladder_plot import save_ladders
-from condyn_pin.lab.ladder_table import LadderRow, LadderTable, write_ladders
-from condyn_pin.lab.ladders import LADDERS
+from condyn_pin.lab.hierarchies import HIERARCHIES
+from condyn_pin.lab.hierarchy import FULL, QUICK, model_hierarchy
+from condyn_pin.lab.hierarchy_plot import save_ladders
+from condyn_pin.lab.hierarchy_table import HierarchyRow, HierarchyTable, write_ladders
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
-GOOD = 0.01  # the error that the docs name the fastest rung for
+GOOD = 0.01  # the error that the docs name the fastest model for
 
 
-def load(path: Path) -> list[LadderTable]:
+def load(path: Path) -> list[HierarchyTable]:
     """Return the tables that `main` wrote."""
     return [
-        LadderTable(
+        HierarchyTable(
             saved["ladder"],
             tuple(
-                LadderRow(**{k: math.nan if x is None else x for k, x in row.items()})
+                HierarchyRow(**{k: math.nan if x is None else x for k, x in row.items()})
                 for row in saved["rows"]
             ),
             saved["states"],
@@ -44,13 +44,13 @@ def load(path: Path) -> list[LadderTable]:
     ]
 
 
-def markdown(tables: Sequence[LadderTable]) -> str:
-    """Return the fastest good rung of every ladder, and all rungs."""
+def markdown(tables: Sequence[HierarchyTable]) -> str:
+    """Return the fastest good model of every ladder, and all models."""
     lines = []
     for table in tables:
         best = table.fastest(GOOD)
         lines += [
-            f"The fastest rung of {table.name} with every error below {GOOD:.0%} is "
+            f"The fastest model of {table.name} with every error below {GOOD:.0%} is "
             f"**{best.label}** (nv {best.nv}, {best.rows} rows, {best.solver}): "
             f"{best.speedup:.2f} times as fast, a off by {best.a_worst:.2g}.",
             "",
@@ -64,7 +64,7 @@ def markdown(tables: Sequence[LadderTable]) -> str:
     return "\n".join([*lines, f"{where} Errors: worst of {tables[0].states} motions."])
 
 
-def pages(tables: Sequence[LadderTable]) -> dict[str, dict[str, str]]:
+def pages(tables: Sequence[HierarchyTable]) -> dict[str, dict[str, str]]:
     """Return the block of docs/results.md."""
     return {marks.RESULTS: {"ladder": markdown(tables)}}
 
@@ -78,7 +78,9 @@ def main() -> None:
     if arguments.from_json:
         tables = load(RESULTS / "ladder.json")
     else:
-        tables = [ladder(name, effort=QUICK if arguments.quick else FULL) for name in LADDERS]
+        tables = [
+            model_hierarchy(name, effort=QUICK if arguments.quick else FULL) for name in HIERARCHIES
+        ]
         write_ladders(tables, RESULTS / "ladder.csv")
         text = json.dumps([table.as_dict() for table in tables], indent=1)
         (RESULTS / "ladder.json").write_text(text + "\n", encoding="utf-8")

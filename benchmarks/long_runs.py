@@ -48,7 +48,7 @@ class Plan:
 
     name: str
     scene: cp.Scene
-    drift: cp.Drift
+    drift: cp.simulation.Drift
     integrator: Integrator = RK4
     dt: float = DT  # [s]
 
@@ -79,7 +79,7 @@ class LongRun:
         [s]
     status : str
         How it ended.
-    gap, slip : float
+    violation, constraint_velocity : float
         The largest of all samples [m, rad], [m/s, rad/s].
     allowed : float
         What the gap may be [m, rad].
@@ -102,8 +102,8 @@ class LongRun:
     steps: int
     dt: float
     status: str
-    gap: float
-    slip: float
+    violation: float
+    constraint_velocity: float
     allowed: float
     energy_error: float | None
     early: float | None
@@ -123,7 +123,7 @@ class LongRun:
         kept = self.allowed > KEPT or (
             self.early and self.late and self.late < self.early * (1 + SAME)
         )
-        return whole and bool(kept) and self.gap < self.allowed
+        return whole and bool(kept) and self.violation < self.allowed
 
 
 def plans() -> Iterator[Plan]:
@@ -134,8 +134,10 @@ def plans() -> Iterator[Plan]:
     for name, scene in scenes.items():
         for drift in (cp.PostStabilization(), cp.Baumgarte(20.0, 20.0), cp.Projection()):
             yield Plan(name, scene, drift)
-    yield Plan("four_bar", scenes["four_bar"], cp.NoDrift(), cp.Rattle())
-    yield Plan("rod pendulum", rod_pendulum(), cp.NoDrift(), cp.Rattle(), 1e-2)
+    yield Plan("four_bar", scenes["four_bar"], cp.simulation.NoDrift(), cp.simulation.Rattle())
+    yield Plan(
+        "rod pendulum", rod_pendulum(), cp.simulation.NoDrift(), cp.simulation.Rattle(), 1e-2
+    )
 
 
 def servos(scene: cp.Scene) -> Callable[[float, np.ndarray, np.ndarray], np.ndarray]:
@@ -174,8 +176,8 @@ def long_run(plan: Plan, steps: int) -> LongRun:
         steps=steps,
         dt=dt,
         status=run.status.name,
-        gap=float(run.violation.max()),
-        slip=float(run.slip.max()),
+        violation=float(run.violation.max()),
+        constraint_velocity=float(run.constraint_velocity.max()),
         allowed=plan.allowed,
         energy_error=energy_error,
         early=early,
@@ -216,9 +218,9 @@ def markdown(runs: list[LongRun], where: dict[str, Any]) -> str:
         )
         ending = "" if run.status == "FINISHED" else f" ({run.status.lower()})"
         lines.append(
-            f"| {run.name}{ending} | {1e3 * run.dt:g} | {run.steps} | {run.gap:.1e} "
-            f"| {run.allowed:g} | {run.slip:.1e} | {energy} | {early} | {late} | {run.memory:+.1f} "
-            f"| {run.samples:.1f} | {run.step_us:.0f} |"
+            f"| {run.name}{ending} | {1e3 * run.dt:g} | {run.steps} | {run.violation:.1e} "
+            f"| {run.allowed:g} | {run.constraint_velocity:.1e} | {energy} | {early} | {late} "
+            f"| {run.memory:+.1f} | {run.samples:.1f} | {run.step_us:.0f} |"
         )
     text = "{processor}, {system}, Python {python}, Pinocchio {pinocchio}, {date}."
     return "\n".join([*lines, "", text.format(**where), ""])

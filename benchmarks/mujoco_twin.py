@@ -42,7 +42,7 @@ class Twin:
     data : mujoco.MjData
     """
 
-    bridge: cp.MujocoBridge
+    bridge: cp.study.MujocoBridge
     model: Any
     data: Any
 
@@ -67,7 +67,7 @@ class Twin:
             model.eq_solref[:, 0], model.eq_solref[:, 1] = stiff[0], 1.0
             model.eq_solimp[:, :2] = stiff[1]
         model.opt.timestep, model.opt.integrator = dt, INTEGRATORS[integrator]
-        return cls(cp.MujocoBridge(robot, model), model, mujoco.MjData(model))
+        return cls(cp.study.MujocoBridge(robot, model), model, mujoco.MjData(model))
 
     def set(self, q: np.ndarray, v: np.ndarray) -> None:
         """Begin at a state of Pinocchio."""

@@ -50,7 +50,7 @@ GAINS = {"A01": 5.0, "A02": 30.0, "A03": 1000.0, "A04": 10.0, "car_axis": 10.0, 
 TOLERANCES = (1e-5, 1e-7, 1e-9, 1e-11, 1e-13)
 COLUMNS = (
     "problem", "integrator", "drift", "solver", "dt", "error", "difference", "energy_drift",
-    "violation", "slip", "cpu_seconds", "evaluations", "verdict",
+    "violation", "constraint_velocity", "cpu_seconds", "evaluations", "verdict",
 )  # fmt: skip
 
 
@@ -129,7 +129,7 @@ def plot(rows: list[dict[str, Any]], path: Path) -> None:
 
 
 def _method(row: dict[str, Any]) -> str:
-    """Return integrator and drift scheme without their knobs."""
+    """Return integrator and drift scheme without their parameters."""
     return f"{row['integrator'].split('(')[0]}, {row['drift'].split('(')[0]}"
 
 
@@ -164,7 +164,7 @@ def markdown(saved: dict[str, Any]) -> str:
         "| problem | code | what was run | CPU [s] | error stated | processor |",
         "|---|---|---|---|---|---|",
     ]
-    for kind in cp.PROBLEMS.values():
+    for kind in cp.lab.PROBLEMS.values():
         lines += [
             f"| {kind.name} | {p.code} | {p.case} | {p.seconds:g} | {p.error or 'none'} | "
             f"{p.processor} |"
@@ -180,11 +180,11 @@ def pages(saved: dict[str, Any]) -> dict[str, dict[str, str]]:
 
 def measure(names: list[str], quick: bool) -> dict[str, Any]:
     """Run the problems as they are set, then with everything else."""
-    problems = [cp.load_problem(name) for name in names]
+    problems = [cp.lab.load_problem(name) for name in names]
     as_set = [problem.run().to_dict() for problem in problems]
     if "A02" in names:
         place = names.index("A02") + 1
-        as_set.insert(place, cp.load_problem("A02", n=40).run().to_dict())
+        as_set.insert(place, cp.lab.load_problem("A02", n=40).run().to_dict())
     rows = [run(problem, setting) for problem in problems for setting in cases(problem, quick)]
     return {"machine": machine(), "settings": as_set, "rows": [row for row in rows if row]}
 
@@ -193,7 +193,7 @@ def main() -> None:
     """Run everything, write the results, and update the docs."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="two steps a method")
-    parser.add_argument("--only", nargs="*", default=list(cp.PROBLEMS), help="problems by name")
+    parser.add_argument("--only", nargs="*", default=list(cp.lab.PROBLEMS), help="problems by name")
     parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")
     options = parser.parse_args()
     path = RESULTS / "problems.json"

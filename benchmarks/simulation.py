@@ -35,7 +35,7 @@ def table(scene: cp.Scene, *, duration: float) -> None:
     """Print what steps cost, and what a run leaves open."""
     q, v = scene.state()
     tau = np.zeros(scene.robot.nv)
-    integrators = [kind() for kind in cp.INTEGRATORS.values()]
+    integrators = [kind() for kind in cp.simulation.INTEGRATORS.values()]
     workspace = cp.Workspace(anchored(scene, q))
     calls = {"a solve": workspace.acceleration}
     calls |= {i.title: steps(workspace.scene, q, v, i) for i in integrators}
@@ -59,7 +59,7 @@ def table(scene: cp.Scene, *, duration: float) -> None:
 
 
 def steps(
-    scene: cp.Scene, q: np.ndarray, v: np.ndarray, integrator: cp.Integrator
+    scene: cp.Scene, q: np.ndarray, v: np.ndarray, integrator: cp.simulation.Integrator
 ) -> Callable[..., object]:
     """Return a step as `simulate` takes it, its sample kept."""
     planned = plan(

@@ -56,7 +56,7 @@ class Row:
     engine: str
     method: str
     dt: float  # [s]
-    gap: float  # [m]
+    violation: float  # [m]
     energy: float  # [J]
     us: float  # [us / ms]
     status: str
@@ -124,7 +124,7 @@ def ours(problem: Problem, integrator: Any, drift: Any, dt: float) -> tuple[Row,
     begun = thread_time()
     try:
         found, phase = follow(whole, problem.q, problem.v)
-    except cp.StepFailed as failed:
+    except cp.errors.StepFailed as failed:
         print(f"{problem.name}: not even the first step: {failed}")
         return None
     step = (thread_time() - begun) / max(found.t[-1] / dt, 1)
@@ -195,14 +195,14 @@ def candidates(problem: Problem, *, quick: bool) -> list[tuple[Row, Block]]:
         for integrator in INTEGRATORS
         for dt in steps
     ]
-    second = (cp.Leapfrog(), cp.LinearlyImplicitMidpoint())
+    second = (cp.simulation.Leapfrog(), cp.simulation.LinearlyImplicitMidpoint())
     for integrator in (*eulers, *second, cp.RungeKutta4()):
         gain = 0.03 if integrator.order.q > 2 else 0.3
         for dt in steps:
             drifts = cp.Baumgarte.critical(gain / dt), cp.PostStabilization(), cp.Projection()
             tried += [ours(problem, integrator, drift, dt) for drift in drifts]
-    for integrator in (cp.Rattle(), cp.GearGuptaLeimkuhler()):
-        tried += [ours(problem, integrator, cp.NoDrift(), dt) for dt in slow]
+    for integrator in (cp.simulation.Rattle(), cp.simulation.GearGuptaLeimkuhler()):
+        tried += [ours(problem, integrator, cp.simulation.NoDrift(), dt) for dt in slow]
     return [each for each in tried if each]
 
 
@@ -226,7 +226,7 @@ def answer(rows: Sequence[Row], to: Row) -> Row | None:
         row
         for row in rows
         if row.engine != "MuJoCo" and row.problem == to.problem and row.status == "finished"
-        if row.gap <= to.gap and row.energy <= to.energy
+        if row.violation <= to.violation and row.energy <= to.energy
     ]
     return min(good, key=lambda row: row.us, default=None)
 
@@ -243,9 +243,10 @@ def markdown(rows: Sequence[Row], about: dict[str, str]) -> str:
         found = answer(rows, row)
         mine = "none | | | |"
         if found:
-            mine = f"{found.name} | {found.gap:.0e} | {found.energy:.0e} | {found.us:.1f} |"
+            mine = f"{found.name} | {found.violation:.0e} | {found.energy:.0e} | {found.us:.1f} |"
         lines.append(
-            f"| {row.problem} | {row.name} | {row.gap:.0e} | {row.energy:.0e} | {row.us:.1f} | "
+            f"| {row.problem} | {row.name} | {row.violation:.0e} | {row.energy:.0e} "
+            f"| {row.us:.1f} | "
             f"{mine} {_ratio(rows, row):.2f} |"
         )
     ratios: dict[str, list[float]] = {}
@@ -271,7 +272,9 @@ def markdown(rows: Sequence[Row], about: dict[str, str]) -> str:
 
 
 def _theirs(rows: Sequence[Row]) -> list[Row]:
-    return [r for r in rows if r.engine == "MuJoCo" and r.status == "finished" and r.gap < LOST]
+    return [
+        r for r in rows if r.engine == "MuJoCo" and r.status == "finished" and r.violation < LOST
+    ]
 
 
 def _ratio(rows: Sequence[Row], row: Row) -> float:
@@ -311,7 +314,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         curves: dict[tuple[str, str], list[Row]] = {}
         for row in kept:
             curves.setdefault((row.engine, row.method), []).append(row)
-        for i, (field, unit) in enumerate((("gap", "m"), ("energy", "J"))):
+        for i, (field, unit) in enumerate((("violation", "m"), ("energy", "J"))):
             ax = places[i, j]
             for (engine, method), points in curves.items():
                 x = [row.us for row in points]

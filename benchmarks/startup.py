@@ -97,12 +97,12 @@ def main() -> None:
         print(f"load_robot({name!r}){'':16}{1e3 * load:8.1f} ms".replace("'", '"'))
         for label, scene in standard_scenes(cp.load_robot(name)).items():
             print(label)
-            analysed = median_time(lambda s=scene: cp.Scene(s.robot, s.constraints).audit, 7)
+            analysed = median_time(lambda s=scene: cp.Scene(s.robot, s.constraints).nominal, 7)
             print(f"  Scene, with its nominal analysis   {1e3 * analysed:8.1f} ms")
             for solver in (cp.Proximal(), cp.LCABA(), cp.DenseKKT()):
                 try:
                     built = median_time(lambda s=scene, m=solver: cp.Workspace(s, m))
-                except cp.UnsupportedBackend:
+                except cp.errors.UnsupportedBackend:
                     continue
                 print(f"  Workspace, {type(solver).__name__:24}{1e3 * built:8.2f} ms")
     print_first_solves()

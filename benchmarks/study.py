@@ -50,7 +50,7 @@ def parallelogram(coupler: float) -> cp.Scene:
 
 
 @dataclass(frozen=True)
-class ParallelogramMeasure(cp.AccelerationMeasure):
+class ParallelogramMeasure(cp.study.AccelerationMeasure):
     """The error of the crank of `parallelogram`, relative to its closed form.
 
     (2/3 + s) theta'' = -g (1 + s) cos theta, for cranks of 1 kg and 1 m, and a coupler of s kg.
@@ -70,7 +70,7 @@ class ParallelogramMeasure(cp.AccelerationMeasure):
 
 
 @dataclass(frozen=True)
-class BareDerivativeMeasure(cp.DerivativeMeasure):
+class BareDerivativeMeasure(cp.study.DerivativeMeasure):
     """Pinocchio's derivatives with settings of their own: the protocol that is not kept.
 
     Fresh settings have not counted an iteration, and the derivative is then one of a damped system.
@@ -98,27 +98,27 @@ class BareDerivativeMeasure(cp.DerivativeMeasure):
         return {}
 
 
-def one_iteration(mus: list[float]) -> cp.Table:
+def one_iteration(mus: list[float]) -> cp.study.Table:
     """Return the error of a on Talos after one proximal iteration."""
     talos = cp.load_robot("talos")
-    solvers = cp.sweep(cp.Proximal(max_iterations=1), mu=mus)
+    solvers = cp.study.sweep(cp.Proximal(max_iterations=1), mu=mus)
     return cp.Study(cp.Scene(talos, talos.contacts), solvers, states=10).run(timed=False)
 
 
-def mass_ratios(couplers: list[float]) -> cp.Table:
+def mass_ratios(couplers: list[float]) -> cp.study.Table:
     """Return the error of a parallelogram after one proximal iteration at mu = 1e-8."""
     scenes = [parallelogram(s) for s in couplers]
     solvers = [cp.Proximal(mu=1e-8, max_iterations=1)]
-    turning = cp.GivenStates("turning", [(RAISED * TOGETHER, -TOGETHER, np.zeros(3))])
+    turning = cp.study.GivenStates("turning", [(RAISED * TOGETHER, -TOGETHER, np.zeros(3))])
     study = cp.Study(scenes, solvers, states=turning, measure=ParallelogramMeasure())
     return study.run(timed=False)
 
 
-def protocols(mus: list[float]) -> cp.Table:
+def protocols(mus: list[float]) -> cp.study.Table:
     """Return the error of Pinocchio's derivatives on Talos, with the protocol and without."""
     talos = cp.load_robot("talos")
-    solvers = cp.sweep(cp.Proximal(), mu=mus)
-    measures = [cp.DerivativeMeasure("pinocchio"), BareDerivativeMeasure()]
+    solvers = cp.study.sweep(cp.Proximal(), mu=mus)
+    measures = [cp.study.DerivativeMeasure("pinocchio"), BareDerivativeMeasure()]
     scene = cp.Scene(talos, talos.contacts)
     return cp.Study(scene, solvers, states=3, measure=measures).run(timed=False)
 
@@ -138,14 +138,14 @@ def bricard() -> cp.Scene:
 
 
 @dataclass(frozen=True)
-class BricardMeasure(cp.TrajectoryMeasure):
+class BricardMeasure(cp.study.TrajectoryMeasure):
     """The error of the first hinge of `bricard` at the end [rad], by the closed form of A04."""
 
     name: ClassVar[str] = "bricard"
 
     def truth(self, scene: cp.Scene, state: State) -> Array:
         """Return its angle."""
-        problem = cp.load_problem("A04")
+        problem = cp.lab.load_problem("A04")
         return np.array([problem.motion(self.duration)[0]])
 
     def answer(self, workspace: Workspace, state: State, truth: Array, accuracy: float) -> Answer:
@@ -160,10 +160,10 @@ class BricardMeasure(cp.TrajectoryMeasure):
 CONVERGED = cp.Proximal(max_iterations=200, relative_accuracy=1e-14)
 
 
-def motions(solvers: list[cp.Solver]) -> cp.Table:
+def motions(solvers: list[cp.dynamics.Solver]) -> cp.study.Table:
     """Return the error of Bricard's linkage after a second in steps of a millisecond."""
     measure = BricardMeasure(duration=1.0, integrator=RungeKutta4(), drift=NoDrift())
-    states = cp.PostureStates(["home"])
+    states = cp.study.PostureStates(["home"])
     return cp.Study(bricard(), solvers, states=states, measure=measure).run(timed=False)
 
 
@@ -171,7 +171,7 @@ def show_curves() -> None:
     """Print the known curves."""
     print("Talos, one iteration: mu, median and worst error of a, over mu")
     for row in one_iteration([10.0**-k for k in range(2, 11)]).rows:
-        mu = row.knobs["mu"]
+        mu = row.parameters["mu"]
         print(
             f"{mu:8.0e} {row.error_median:9.2e} {row.error_worst:9.2e} {row.error_worst / mu:7.2f}"
         )
@@ -189,8 +189,8 @@ def show_curves() -> None:
         "iteration a solve, over mu, and converged"
     )
     mus = [10.0**-k for k in range(2, 11, 2)]
-    once = cp.sweep(cp.Proximal(max_iterations=1), mu=mus)
-    rows = motions([*once, *cp.sweep(CONVERGED, mu=mus)]).rows
+    once = cp.study.sweep(cp.Proximal(max_iterations=1), mu=mus)
+    rows = motions([*once, *cp.study.sweep(CONVERGED, mu=mus)]).rows
     for mu, one, many in zip(mus, rows[: len(mus)], rows[len(mus) :], strict=True):
         once_in_mu = one.error_worst / mu
         print(f"{mu:8.0e} {one.error_worst:9.2e} {once_in_mu:7.2f} {many.error_worst:9.2e}")

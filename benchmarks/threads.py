@@ -25,7 +25,7 @@ robot = cp.load_robot("cassie")
 scene = cp.Scene(robot, robot.loops)
 q, v = scene.state()
 tau = np.zeros(robot.nv)
-gauss = cp.Workspace(scene, cp.GaussPrinciple())
+gauss = cp.Workspace(scene, cp.dynamics.GaussPrinciple())
 calls = {
     "derivatives(...)": lambda: cp.derivatives(scene, q, v, tau),
     "Scene.rank": lambda: scene.rank(q),

@@ -3,10 +3,10 @@
     python benchmarks/trade.py [--from-results]
     python benchmarks/trade.py [--quick] [--states 1000] [robot ...]    # printed, nothing written
 
-runs the study of all solvers with all knobs on the standard scenes, chooses the cheapest solver of
-each scene to three errors, verifies the choices (`cheapest.py`), and writes from these results the
-picture and the tables of docs/how-to-choose-a-solver.md. With --from-results only these are made
-anew, without running anything.
+runs the study of all solvers with all parameters on the standard scenes, chooses the cheapest
+solver of each scene to three errors, verifies the choices (`cheapest.py`), and writes from these
+results the picture and the tables of docs/how-to-choose-a-solver.md. With --from-results only these
+are made anew, without running anything.
 
 Errors and choices are computed on all cores, and do not care what else the machine does; times are
 taken in between, by this process alone. A run that is stopped goes on from demo/trade.jsonl when it
@@ -41,7 +41,9 @@ SHOWN = ("talos contacts", "cassie loops", "cassie loops + contacts", "solo12 co
 STATES = 1000
 
 
-def study(scenes: Mapping[str, cp.Scene], effort: cp.TimingEffort, resume: Path | None) -> cp.Table:
+def study(
+    scenes: Mapping[str, cp.Scene], effort: cp.study.TimingEffort, resume: Path | None
+) -> cp.study.Table:
     """Measure; errors in as many processes as there are cores, times here."""
     start = perf_counter()
     if resume and resume.exists():
@@ -56,9 +58,9 @@ def study(scenes: Mapping[str, cp.Scene], effort: cp.TimingEffort, resume: Path 
 
 def rewrite() -> None:
     """Make the picture and the page from the results."""
-    table, found = cp.Table.from_json(RESULTS / "trade.json"), read()
+    table, found = cp.study.Table.from_json(RESULTS / "trade.json"), read()
     shown = [label for label in SHOWN if any(row.scene == label for row in table.rows)]
-    picture = cp.Table(
+    picture = cp.study.Table(
         tuple(row for row in table.rows if row.scene in shown), table.machine, table.floors
     )
     save_trade(picture, RESULTS / "trade.png")
@@ -69,11 +71,11 @@ def run(arguments: argparse.Namespace) -> None:
     """Measure, choose and verify; write what was asked for."""
     scenes = catalogue(arguments.robots)
     if arguments.quick or arguments.robots:
-        table = study(scenes, cp.TimingEffort(rounds=10 if arguments.quick else 50), None)
+        table = study(scenes, cp.study.TimingEffort(rounds=10 if arguments.quick else 50), None)
         print(trade_text.choices(verify(table, scenes, arguments.states)))
         return
     arguments.resume.parent.mkdir(exist_ok=True)
-    table = study(scenes, cp.TimingEffort(alone=True), arguments.resume)
+    table = study(scenes, cp.study.TimingEffort(alone=True), arguments.resume)
     table.to_json(RESULTS / "trade.json")
     table.to_csv(RESULTS / "trade.csv")
     write(verify(table, scenes, arguments.states), RESULTS / "cheapest.csv", table.machine)
@@ -96,7 +98,7 @@ def main() -> int:
         return 0
     try:
         run(arguments)
-    except cp.Interrupted as stop:
+    except cp.errors.Interrupted as stop:
         print(f"stopped: {len(stop.table.rows)} rows are in {arguments.resume}", file=sys.stderr)
         return 130
     return 0

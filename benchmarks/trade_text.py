@@ -13,12 +13,12 @@ from marks import SOLVERS as PAGE
 
 import condyn_pin as cp
 from condyn_pin.study.exports import short
-from condyn_pin.study.front import answered, comparable, front, microseconds
+from condyn_pin.study.pareto_front import answered, comparable, microseconds, pareto_front
 from condyn_pin.study.printing import timed
 
 
 def pages(
-    table: cp.Table, found: Sequence[Verdict], shown: Sequence[str]
+    table: cp.study.Table, found: Sequence[Verdict], shown: Sequence[str]
 ) -> dict[str, dict[str, str]]:
     """Return the blocks of the page on solvers, by name."""
     return {
@@ -50,7 +50,7 @@ def _choice(one: Verdict) -> str:
     return f"`{one.solver}` {one.us:.1f} us, {one.worst:.0e}" + ("" if one.holds else " (missed)")
 
 
-def where(table: cp.Table) -> str:
+def where(table: cp.study.Table) -> str:
     """Return what was measured how, and on what."""
     machine = (
         "`python benchmarks/trade.py` on {processor} ({cores} cores, one thread), {system}, "
@@ -79,10 +79,11 @@ def wins(found: Sequence[Verdict]) -> str:
     return "\n".join(lines)
 
 
-def methods(table: cp.Table) -> str:
-    """Return of every method how it does with its default knobs, over all scenes."""
+def methods(table: cp.study.Table) -> str:
+    """Return of every method how it does with its default parameters, over all scenes."""
     lines = [
-        "| method, default knobs | scenes with every answer ok | times slower than the fastest "
+        "| method, default parameters | scenes with every answer ok "
+        "| times slower than the fastest "
         "that is ok: least, median, most | worst error |",
         "|---|---|---|---|",
     ]
@@ -104,18 +105,18 @@ def methods(table: cp.Table) -> str:
     return "\n".join(lines)
 
 
-def exact(table: cp.Table, shown: Sequence[str]) -> str:
+def exact(table: cp.study.Table, shown: Sequence[str]) -> str:
     """Return the front of some scenes: what each further digit costs."""
     lines = ["| scene | solver | time [us] | worst error |", "|---|---|---|---|"]
     for scene in shown:
-        for row in front([r for r in table.rows if r.scene == scene]):
+        for row in pareto_front([r for r in table.rows if r.scene == scene]):
             time, error = microseconds(row), row.error_worst
             lines.append(f"| {scene} | `{short(row)}` | {time:.1f} | {error:.0e} |")
     return "\n".join(lines)
 
 
-def failures(table: cp.Table) -> str:
-    """Return which methods do not answer on which scenes, with their default knobs."""
+def failures(table: cp.study.Table) -> str:
+    """Return which methods do not answer on which scenes, with their default parameters."""
     lines = ["| method | scene | statuses |", "|---|---|---|"]
     for row in table.rows:
         if short(row).endswith("()") and not answered(row):

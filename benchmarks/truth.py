@@ -86,7 +86,7 @@ def states(scene: cp.Scene) -> list[tuple[np.ndarray, ...]]:
 
 def right(scene: cp.Scene, state: Any) -> np.ndarray:
     """Return the accelerations by the reference: rank-revealing, with exact sums."""
-    return cp.solve(scene, *state, solver=cp.Reference()).a
+    return cp.solve(scene, *state, solver=cp.dynamics.Reference()).a
 
 
 def defaults(bar: cp.Scene) -> Case:
@@ -174,7 +174,7 @@ def long_quaternion(stance: cp.Scene) -> Case:
 
 def measure() -> dict[str, Case]:
     """Put every question."""
-    bar, talos, cassie = cp.four_bar(), cp.load_robot("talos"), cp.load_robot("cassie")
+    bar, talos, cassie = cp.model.four_bar(), cp.load_robot("talos"), cp.load_robot("cassie")
     linkage, stance, legs = (
         cp.Scene(bar, bar.loops), cp.Scene(talos, talos.contacts), cp.Scene(cassie, cassie.loops)
     )  # fmt: skip

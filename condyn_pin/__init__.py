@@ -2,47 +2,65 @@
 
     M(q) a + h(q, v) = tau + J(q)^T lam,    J a + gamma = a_ref
 
-The public names are those that the stub beside this file imports. Here they are imported when they
-are first used, so that `condyn doctor` also works where Pinocchio itself does not import.
+What a user meets first is here, everything else in its room: `condyn_pin.study`,
+`condyn_pin.simulation`, ... The names are those that the stub beside this file imports, and those
+beside the `__init__.py` of the rooms. They are imported when they are first used, so that
+`condyn doctor` also works where Pinocchio itself does not import.
 """
 
 from __future__ import annotations
 
-import ast
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 from warnings import warn
 
+import lazy_loader
+
 __version__ = "0.2.0"
 
-
-def _modules() -> dict[str, str]:
-    """Return the module of every public name, from the stub."""
-    stub = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
-    imports = [line for line in stub.body if isinstance(line, ast.ImportFrom)]
-    return {alias.name: str(line.module) for line in imports for alias in line.names}
-
-
-_MODULE_OF = _modules()
+_public, _listed, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 # Names of the last version and what they are now; they go with the next.
-_RENAMED = {"Audit": "NominalAnalysis", "Moment": "Snapshot"}
-
-__all__ = sorted(_MODULE_OF)
+_RENAMED = {
+    "Audit": "dynamics.NominalAnalysis",
+    "Errors": "mechanism.ReductionErrors",
+    "Gap": "constraints.ConstraintViolation",
+    "Knife": "constraints.KnifeEdge",
+    "LADDERS": "lab.HIERARCHIES",
+    "Ladder": "lab.ModelHierarchy",
+    "LadderEffort": "lab.HierarchyEffort",
+    "LadderRow": "lab.HierarchyRow",
+    "LadderTable": "lab.HierarchyTable",
+    "Method": "dynamics.BoundSolver",
+    "Moment": "simulation.Snapshot",
+    "Proof": "dynamics.Residuals",
+    "Rung": "lab.HierarchyModel",
+    "Step": "mechanism.ReductionStep",
+    "ladder": "lab.model_hierarchy",
+}
+_ROOMS = (
+    "errors", "model", "io", "constraints", "dynamics", "mechanism", "contact", "control",
+    "simulation", "study", "viewing", "lab",
+)  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
-    if name in _RENAMED:
-        now = _RENAMED[name]
+    if name in __all__:
+        return _public(name)
+    if now := _now(name):
         warn(f"condyn_pin.{name} is condyn_pin.{now} now", DeprecationWarning, stacklevel=2)
-        return globals()[now] if now in globals() else __getattr__(now)
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(_MODULE_OF[name]), name)
-    globals()[name] = value
-    return value
+        room, _, member = now.rpartition(".")
+        return getattr(import_module(f"{__name__}.{room}" if room else __name__), member)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def _now(name: str) -> str:
+    """Return where a public name of the last version is today, or nothing."""
+    if name in _RENAMED or name.startswith("_"):
+        return _RENAMED.get(name, "")
+    rooms = (room for room in _ROOMS if name in import_module(f"{__name__}.{room}").__all__)
+    return next((f"{room}.{name}" for room in rooms), "")
 
 
 def __dir__() -> list[str]:
-    return [*__all__, "__version__"]
+    return [*_listed(), "__version__"]

@@ -25,7 +25,7 @@ STYLE = {"svg.hashsalt": "condyn_pin", "font.size": 9, "axes.grid": False, "line
 
 def cut() -> Any:
     """Draw a four-bar closed and cut open: what a loop says, and what the tree is."""
-    bar = cp.four_bar()
+    bar = cp.model.four_bar()
     scene = cp.Scene(bar, bar.loops)
     closed, _ = scene.state()
     opened = closed + np.array([0.0, 0.25, 0.2])
@@ -135,13 +135,13 @@ def _radius(x: float) -> float:
 
 def drift() -> Any:
     """Draw the gap of a four-bar over time, with stabilisation and without."""
-    bar = cp.four_bar()
+    bar = cp.model.four_bar()
     scene = cp.Scene(bar, bar.loops)
     q, v = scene.state()
     figure, ax = plt.subplots(figsize=(6.4, 2.9))
     runs = {
-        "semi-implicit Euler": (cp.SemiImplicitEuler(), cp.NoDrift(), ORANGE, "-"),
-        "Runge-Kutta 4": (cp.RungeKutta4(), cp.NoDrift(), BLUE, "-"),
+        "semi-implicit Euler": (cp.SemiImplicitEuler(), cp.simulation.NoDrift(), ORANGE, "-"),
+        "Runge-Kutta 4": (cp.RungeKutta4(), cp.simulation.NoDrift(), BLUE, "-"),
         "Runge-Kutta 4, Baumgarte": (cp.RungeKutta4(), cp.Baumgarte.critical(30.0), BLUE, "--"),
         "Runge-Kutta 4, projection": (cp.RungeKutta4(), cp.Projection(), GREEN, "--"),
     }

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import re
+from functools import cache, reduce
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,12 @@ import condyn_pin
 _AREAS = {
     "Robots": ("io", "model"),
     "Constraints": ("constraints",),
-    "Scenes and states": ("dynamics.scene", "dynamics.nominal", "constraints.gap", "mechanism"),
+    "Scenes and states": (
+        "dynamics.scene",
+        "dynamics.nominal",
+        "constraints.violation",
+        "mechanism",
+    ),
     "Smaller scenes": ("mechanism.reduction", "lab"),
     "Answers": ("dynamics", "constraints.applied_force", "constraints.rows"),
     "Friction cones": ("contact",),
@@ -29,7 +36,7 @@ _AREAS = {
     "Beside MuJoCo": ("study.mujoco",),
     "Hard questions": ("lab.extremes",),
     "Pictures": ("viewing",),
-    "Errors": ("_core.errors",),
+    "Errors": ("errors",),
 }
 _AREA_OF = {part: area for area, parts in _AREAS.items() for part in parts}
 
@@ -37,12 +44,31 @@ _AREA_OF = {part: area for area, parts in _AREAS.items() for part in parts}
 def areas() -> dict[str, list[str]]:
     """Return the public names by area, in the order of the table above."""
     found: dict[str, list[str]] = {area: [] for area in _AREAS}
-    for name, home in condyn_pin._MODULE_OF.items():
-        part = home.removeprefix("condyn_pin.")
+    for name, part in public().items():
         while part not in _AREA_OF:
             part = part.rpartition(".")[0]
         found[_AREA_OF[part]].append(name)
     return {area: sorted(names, key=str.lower) for area, names in found.items()}
+
+
+@cache
+def public() -> dict[str, str]:
+    """Return the file of every public name: ``solve``, or ``study.tune`` where a room has it."""
+    found = _imported(Path(condyn_pin.__file__).with_suffix(".pyi"))
+    for stub in sorted(Path(condyn_pin.__file__).parent.glob("*/__init__.pyi")):
+        room = stub.parent.name
+        for name, part in _imported(stub).items():
+            if name not in found:
+                found[f"{room}.{name}"] = f"{room}.{part}"
+    return found | {
+        f"errors.{name}": "errors" for name in condyn_pin.errors.__all__ if name not in found
+    }
+
+
+def _imported(stub: Path) -> dict[str, str]:
+    lines = ast.parse(stub.read_text(encoding="utf-8")).body
+    imports = [line for line in lines if isinstance(line, ast.ImportFrom) and line.module]
+    return {alias.name: str(line.module) for line in imports for alias in line.names}
 
 
 def write(app: Sphinx) -> None:
@@ -64,9 +90,9 @@ def write(app: Sphinx) -> None:
 
 
 _INTRODUCTION = """\
-Everything here is ``import condyn_pin as cp`` and ``cp.NAME``. Shapes are in round brackets with nq
-coordinates, nv velocities and m rows; units are SI and in square brackets; frames and signs are
-those of :doc:`../conventions`. Arguments after a star go by name.
+Everything here is ``import condyn_pin as cp`` and ``cp.NAME``, or ``cp.ROOM.NAME``. Shapes are in
+round brackets with nq coordinates, nv velocities and m rows; units are SI and in square brackets;
+frames and signs are those of :doc:`../conventions`. Arguments after a star go by name.
 
 Some names mean the same everywhere:
 
@@ -99,7 +125,7 @@ def _page(area: str, names: list[str]) -> str:
 
 
 def _entry(name: str) -> str:
-    value = getattr(condyn_pin, name)
+    value = reduce(getattr, name.split("."), condyn_pin)
     if inspect.isclass(value):
         return f".. autoclass:: {name}\n   :members:\n   :inherited-members: {_STOP}\n\n"
     if isinstance(value, dict):
@@ -167,13 +193,20 @@ def _prose(line: str) -> str:
     for index, part in enumerate(parts):
         if index % 2 == 0:
             parts[index] = part.replace("|", r"\|")  # a norm is no substitution
-        elif not part.startswith("``") and not _is_public(part.strip("`")):
-            parts[index] = f"`{part}`"
+        elif not part.startswith("``"):
+            parts[index] = _linked(part.strip("`"))
     return "".join(parts)
 
 
-def _is_public(name: str) -> bool:
-    return name.removeprefix("condyn_pin.").split(".")[0] in condyn_pin.__all__
+def _linked(name: str) -> str:
+    """Return a link to what is public, wherever it is; anything else as code."""
+    places = {path.rpartition(".")[2]: path for path in public()}
+    words = name.removeprefix("condyn_pin.").split(".")
+    while words and words[0] not in places:
+        words.pop(0)
+    if not words or not name.endswith(".".join(words)):
+        return f"``{name}``"
+    return f"`{name} <condyn_pin.{'.'.join([places[words[0]], *words[1:]])}>`"
 
 
 def not_ours(app: Any, what: str, name: str, thing: Any, skip: bool, options: Any) -> bool | None:

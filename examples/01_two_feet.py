@@ -19,11 +19,11 @@ lam = np.linalg.lstsq(terms.J.T[:6], terms.h[:6], rcond=None)[0]
 tau = terms.h - terms.J.T @ lam
 
 # LCABA needs Pinocchio 4; the others run on 3.9 too.
-reference = cp.solve(stance, q, v, tau, solver=cp.Reference())
+reference = cp.solve(stance, q, v, tau, solver=cp.dynamics.Reference())
 for solver in (cp.LCABA(), cp.Proximal(), cp.DenseKKT()):
     try:
         solution = cp.solve(stance, q, v, tau, solver=solver)
-    except cp.UnsupportedBackend as error:
+    except cp.errors.UnsupportedBackend as error:
         print(f"{type(solver).__name__}: {error}")
         continue
     error = np.abs(solution.a - reference.a).max()

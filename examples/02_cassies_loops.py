@@ -27,6 +27,6 @@ for solver in (cp.DenseKKT(), cp.DenseKKT(mu=1e-9), cp.Proximal()):
 # The pull in the achilles rod, on the rod and in its axes.
 print("\nforce on the rod [N]:", solution.forces["left-achilles-spring-joint"].round(3))
 
-reference = cp.solve(legs, q, v, tau, solver=cp.Reference())
+reference = cp.solve(legs, q, v, tau, solver=cp.dynamics.Reference())
 error = np.abs(solution.a - reference.a).max() / np.abs(reference.a).max()
 print(f"error of Proximal against Reference: {error:.0e} of max |a|")

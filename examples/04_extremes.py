@@ -12,15 +12,15 @@ quick = "--quick" in sys.argv
 methods = {
     "Proximal": cp.Proximal(),
     "DenseKKT, mu 1e-9": cp.DenseKKT(mu=1e-9),
-    "NullSpace": cp.NullSpace(),
-    "ConjugateGradient": cp.ConjugateGradient(),
+    "NullSpace": cp.dynamics.NullSpace(),
+    "ConjugateGradient": cp.dynamics.ConjugateGradient(),
 }
 
 
-def ask(name: str, severity: float, solver: cp.Solver) -> tuple[Verdict, float]:
+def ask(name: str, severity: float, solver: cp.dynamics.Solver) -> tuple[Verdict, float]:
     """Return what a method makes of a case, and its error where there is an answer."""
     try:
-        case = cp.EXTREMES[name].case(severity, seed=0)
+        case = cp.lab.EXTREMES[name].case(severity, seed=0)
         right = right_answers(case)  # in closed form, or by Reference
         verdict, error, _ = judge(case, solver, right)
     except cp.CondynError:  # no such machine, or rows that the method does not take
@@ -32,8 +32,8 @@ def ask(name: str, severity: float, solver: cp.Solver) -> tuple[Verdict, float]:
 # it says that it is inaccurate or singular, it is refused by name, or it is wrong without a word.
 worst, wrong = 0.0, 0
 for name in ("parallelogram", "mass_ratio", "light_rod", "near_points", "straight_knee"):
-    dial = cp.EXTREMES[name].severities[:: 3 if quick else 1]
-    print(f"\n{name}: {cp.EXTREMES[name].title}")
+    dial = cp.lab.EXTREMES[name].severities[:: 3 if quick else 1]
+    print(f"\n{name}: {cp.lab.EXTREMES[name].title}")
     print(f"{'':<18}" + "".join(f"{severity:>9.0e}" for severity in dial))
     for label, solver in methods.items():
         cells = []

@@ -30,11 +30,11 @@ print(scene.summary(), "\n")
 # 1. Integrators that solve for accelerations leave gaps. A first-order method leaks into the gap
 #    at every step, one of high order into the velocity, whose slip adds up to t^2.
 growths = {
-    "explicit Euler": gap_growth(cp.ExplicitEuler(), dt=1e-3, steps=10_000),
+    "explicit Euler": gap_growth(cp.simulation.ExplicitEuler(), dt=1e-3, steps=10_000),
     "Runge-Kutta 4": gap_growth(cp.RungeKutta4(), dt=2e-2, steps=1000),
 }
 for name, growth in growths.items():
-    gap, t = growth.gap[-1], growth.t[-1]
+    gap, t = growth.violation[-1], growth.t[-1]
     print(f"{name:15} gap {gap:.1e} m at {t:g} s, grows like t^{growth.power:.2f}")
 
 # 2. Baumgarte pulls the gap back like a spring. A spring that is too stiff for the step explodes.
@@ -52,7 +52,7 @@ print(f"\n{given.steps} steps of 10 ms: gap [m], energy error [J] in the first a
 results = contest(1e-2, given.steps)
 for one in results:
     e = one.errors
-    print(f"{title(one):34} {e.gap:.0e}  {e.early:.1e} -> {e.late:.1e}")
+    print(f"{title(one):34} {e.violation:.0e}  {e.early:.1e} -> {e.late:.1e}")
 
 # 4. Why: RATTLE's step keeps areas of the phase plane; a correction behind a step breaks that.
 print("\nchange of phase-plane area by a step:")
@@ -62,5 +62,5 @@ for one in results:
 if given.plot:
     save_laboratory(growths, (euler, cp.RungeKutta4()), results, given.plot)
 
-kept = area(cp.Rattle(), cp.NoDrift(), dt=1e-2)
+kept = area(cp.simulation.Rattle(), cp.simulation.NoDrift(), dt=1e-2)
 print(f"\nerror of the area that RATTLE keeps: {abs(kept):.0e}")

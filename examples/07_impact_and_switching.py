@@ -29,7 +29,7 @@ def tau(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
 floor = []
 
 
-def gap(moment: cp.Snapshot) -> float:
+def gap(moment: cp.simulation.Snapshot) -> float:
     """Return how high the foot stands over where the posture had it."""
     foot = moment.position("FL_FOOT")[2]
     if not floor:
@@ -37,7 +37,7 @@ def gap(moment: cp.Snapshot) -> float:
     return foot - floor[0]
 
 
-def grip(moment: cp.Snapshot) -> float:
+def drop_roundoff_rows(moment: cp.simulation.Snapshot) -> float:
     """Return the force that the ground gives to one foot along the vertical [N]."""
     return float(moment.forces["HR_FOOT"].in_world()[2])
 

@@ -30,7 +30,7 @@ for k in range(steps):
 print(f"{steps} commands: loops closed to {worst:.0e} m, smallest singular value {smallest:.3f}")
 
 # Speeds of the motors to the velocity of the platform, and forces on it back to the motors.
-through = cp.transmission(scene, q)
+through = cp.control.transmission(scene, q)
 platform = stewart.frames[-1]
 J = through.jacobian(platform)
 print(f"Jacobian of {platform!r} from the motors has condition {np.linalg.cond(J):.1f}")
@@ -41,7 +41,7 @@ power = push @ through.velocities(w) - through.motor_torques(push) @ w
 print(f"power of joints less power of motors: {power:.0e} W")
 
 # The forces that hold it, and the proof: with them nothing accelerates.
-held = cp.gravity_compensation(scene, q)
+held = cp.control.gravity_compensation(scene, q)
 print("forces of the motors [N]:", np.round(held.u, 3))
 at_rest = cp.solve(scene, q, np.zeros(stewart.nv), held.tau)
 error = np.abs(at_rest.a).max() / 9.81

@@ -20,12 +20,12 @@ print(
 )
 
 # Through the loops, the motors alone do it: B u + J^T lam = g(q).
-held = cp.gravity_compensation(scene, q)
+held = cp.control.gravity_compensation(scene, q)
 print(held)
 assert held.fully_actuated
 
 # The same from the transmission, by virtual work: u = G^T g.
-through = cp.transmission(scene, q)
+through = cp.control.transmission(scene, q)
 by_work = through.motor_torques(joints)
 print(f"by virtual work the same to {np.abs(by_work - held.u).max():.0e} N m")
 

@@ -63,6 +63,6 @@ print("closed:     ", scene.check(q), "\n")
 
 swing = cp.simulate(scene, q, v, duration=0.5)
 print(swing, "\n")
-held = cp.gravity_compensation(scene, q)
+held = cp.control.gravity_compensation(scene, q)
 error = np.abs(cp.solve(scene, q, v, held.tau).a).max() / 9.81
 print(f"held by {held.torques} N m: error {error:.0e} of gravity")

@@ -19,11 +19,13 @@ still = [joint for joint in talos.joints if joint.startswith(("arm", "gripper", 
 small = stance.lock(still)
 print(f"nv {stance.robot.nv} -> {small.robot.nv}, {len(still)} joints locked\n")
 
-# Proof: make the whole robot keep those joints still by welding them, and compare.
+# Residuals: make the whole robot keep those joints still by welding them, and compare.
 q, v = stance.state("half_sitting")
 tau = np.zeros(talos.nv)
 q_small, v_small = small.reduce_state(q, v)
-a_small = cp.solve(small, q_small, v_small, small.reduce_torque(tau), solver=cp.Reference()).a
+a_small = cp.solve(
+    small, q_small, v_small, small.reduce_torque(tau), solver=cp.dynamics.Reference()
+).a
 terms = cp.Workspace(stance).terms(q, v)
 held = [talos.model.joints[talos.model.getJointId(joint)].idx_v for joint in still]
 J = np.vstack([terms.J, np.eye(talos.nv)[held]])  # feet, and every locked joint
@@ -36,10 +38,10 @@ error = np.abs(a[kept] - a_small).max() / np.abs(a_small).max()
 
 # What is not exact has a price, and it is measured: four-bars of Cassie's legs, rung by rung.
 if not quick:
-    print(cp.ladder("cassie"), "\n")
+    print(cp.lab.model_hierarchy("cassie"), "\n")
 
 # Or let it be searched: the smallest scene that answers within an error, judged at other states.
-bar = cp.four_bar()
+bar = cp.model.four_bar()
 linkage = cp.Scene(bar, bar.loops)
 print(linkage.minimal(error=0.0, solver=cp.DenseKKT()), "\n")
 print(f"locked against welded: relative error {error:.0e}")

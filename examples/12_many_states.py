@@ -56,7 +56,7 @@ def main() -> None:
         print("Dask:", far)
         assert np.array_equal(far.a, here.a)
 
-    exact = cp.solve_batch(legs, Q[:20], V[:20], TAU[:20], solver=cp.Reference())
+    exact = cp.solve_batch(legs, Q[:20], V[:20], TAU[:20], solver=cp.dynamics.Reference())
     error = np.abs(there.a[:20] - exact.a).max() / np.abs(exact.a).max()
     assert np.array_equal(there.a, here.a)  # to the last bit
     print(f"error of the batch against Reference: {error:.0e} of max |a|")

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from condyn_pin.dynamics.solvers.base import Method, Solver
+from condyn_pin.dynamics.solvers.base import BoundSolver, Solver
 from condyn_pin.dynamics.solvers.reference import Reference
 
 
@@ -28,7 +28,7 @@ class Broken(Solver):  # abstract for the registry: it has no way to spoil
         def acceleration(q, v, tau):
             return self.spoil(workspace, right.acceleration(q, v, tau))
 
-        return Method(acceleration, right.lam, right.iterations)
+        return BoundSolver(acceleration, right.lam, right.iterations)
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Lying(Broken):
     """It is wrong, and bribes its judge."""
 
     def spoil(self, workspace, a):
-        workspace._judge._yardstick = _Bribed()
+        workspace._verifier._estimator = _Bribed()
         return a * 1.001
 
 
@@ -44,9 +44,9 @@ class _Bribed:
     gravity, unheard = 0.0, np.inf
 
     def prove(self, dynamics, largest, tau):
-        from condyn_pin.dynamics.proof import Proof
+        from condyn_pin.dynamics.residuals import Residuals
 
-        return Proof(0.0, 0.0, 0.0, 0.0, 0.0), False
+        return Residuals(0.0, 0.0, 0.0, 0.0, 0.0), False
 
 
 @dataclass(frozen=True)

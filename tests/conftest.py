@@ -35,7 +35,7 @@ def pytest_configure(config):
 
 
 def pytest_collection_modifyitems(items):
-    from condyn_pin._core.errors import MissingExtra
+    from condyn_pin.errors import MissingExtra
     from condyn_pin.viewing.chromium import find_chromium
 
     try:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 # Robots that move, by every integrator with every drift scheme; those beyond 20 joints by a few.
 MOVED = ("four_bar", "pendulum", "delta", "cassie", "solo12", "rolling_disc", "sleigh")
-ON_EXTREMES = (cp.NullSpace, cp.Proximal, cp.DenseKKT, cp.GaussPrinciple)
+ON_EXTREMES = (cp.dynamics.NullSpace, cp.Proximal, cp.DenseKKT, cp.dynamics.GaussPrinciple)
 BLOCKS = ("da_dq", "da_dv", "da_dtau", "dlam_dq", "dlam_dv", "dlam_dtau")
 COMMANDS = """
 --help | show --help | solve --help | robots | robots --json | solvers | solvers --json | problem
@@ -62,7 +62,10 @@ def scenes() -> dict[str, cp.Scene]:
         "weld": (left, cp.Loop(left.frame, right.frame, "weld")),
         "slider": (right, cp.Loop(*hands, "slider", axis="y")),
         "rod": (left, right, cp.Loop(*hands, "rod", length=0.5)),
-        "edges": (cp.LineContact(left.frame, "y", half_length=0.06), cp.PlanarContact(right.frame)),
+        "edges": (
+            cp.constraints.LineContact(left.frame, "y", half_length=0.06),
+            cp.constraints.PlanarContact(right.frame),
+        ),
         "geared": (left, cp.Coupling("arm_left_4_joint", "arm_right_4_joint", -2.0, 1.5)),
     }
     on_bar = {
@@ -110,7 +113,7 @@ def on_states(record: Record, label: str, scene: cp.Scene) -> None:
 
 def on_solvers(record: Record, label: str, scene: cp.Scene) -> None:
     """The answers of every solver, with a_ref and without."""
-    for name, solver in cp.SOLVERS.items():
+    for name, solver in cp.dynamics.SOLVERS.items():
         for drift, state in zip((None, cp.Baumgarte(20.0, 10.0)), states(scene, 2), strict=True):
             key = f"{label}: {name}, {drift}"
             answer = record.keep(
@@ -127,7 +130,7 @@ def on_derivatives(record: Record, label: str, scene: cp.Scene) -> None:
         found = cp.derivatives(scene, *states(scene)[0], **options)
         return [getattr(found, block) for block in BLOCKS]
 
-    record.keep(f"{label}: derivatives kkt", blocks, solver=cp.NullSpace())
+    record.keep(f"{label}: derivatives kkt", blocks, solver=cp.dynamics.NullSpace())
     record.keep(f"{label}: derivatives pinocchio", blocks, method="pinocchio")
     if scene.robot.nv < 20:
         record.keep(f"{label}: derivatives differences", blocks, method="differences")
@@ -137,22 +140,22 @@ def on_verbs(record: Record, label: str, scene: cp.Scene) -> None:
     """What else can be asked of a state."""
     q, v, tau = states(scene)[0]
     frame = scene.robot.model.frames[scene.robot.model.nframes - 1].name
-    push, cone = cp.AppliedForce(frame, force=(1.0, 2.0, 3.0)), cp.FrictionCone(0.7)
+    push, cone = cp.AppliedForce(frame, force=(1.0, 2.0, 3.0)), cp.contact.FrictionCone(0.7)
     motors = list(scene.robot.actuated)[:1]
     calls: dict[str, Callable[[], Any]] = {
         "inverse": lambda: cp.inverse_dynamics(scene, q, v, np.ones(len(v))),
-        "gravity": lambda: cp.gravity_compensation(scene, q),
+        "gravity": lambda: cp.control.gravity_compensation(scene, q),
         "impact": lambda: cp.impact(scene, q, v + 0.5),
         "impact by q": lambda: cp.impact(scene, q, v + 0.5, restitution=0.3).dv_dq,
-        "operational": lambda: cp.operational_space(scene, q, frame),
+        "operational": lambda: cp.control.operational_space(scene, q, frame),
         "pushed": lambda: cp.solve(scene, q, v, tau, forces=[push]),
         "terms": lambda: cp.Workspace(scene).terms(q, v),
-        "transmission": lambda: cp.transmission(scene, q),
-        "integrable": lambda: cp.is_integrable(scene, q),
+        "transmission": lambda: cp.control.transmission(scene, q),
+        "integrable": lambda: cp.mechanism.is_integrable(scene, q),
         "locked": lambda: str(scene.lock(motors, q).summary()),
-        "modellings": lambda: [str(scene) for scene in cp.modellings(scene)],
-        "margins": lambda: cp.margins(cp.solve(scene, q, v, tau), cone),
-        "cone rows": lambda: cp.cone_rows(scene, q, cone),
+        "modellings": lambda: [str(scene) for scene in cp.study.modellings(scene)],
+        "margins": lambda: cp.contact.margins(cp.solve(scene, q, v, tau), cone),
+        "cone rows": lambda: cp.contact.cone_rows(scene, q, cone),
         "mjcf": lambda: scene.robot.to_mjcf(),
     }
     if scene.robot.nv < 20:
@@ -167,8 +170,13 @@ def on_motions(record: Record, name: str) -> None:
     robot = cp.load_robot(name)
     scene = cp.Scene(robot, (*robot.loops, *robot.contacts))
     start, run = scene.state(), {"duration": 0.02, "dt": 1e-3}
-    drifts = [cp.Baumgarte(30.0, 30.0), cp.NoDrift(), cp.PostStabilization(), cp.Projection()]
-    integrators = [kind() for kind in cp.INTEGRATORS.values()]
+    drifts = [
+        cp.Baumgarte(30.0, 30.0),
+        cp.simulation.NoDrift(),
+        cp.PostStabilization(),
+        cp.Projection(),
+    ]
+    integrators = [kind() for kind in cp.simulation.INTEGRATORS.values()]
     for integrator in integrators if robot.nv < 20 else integrators[:6]:
         for drift in drifts:
             key = f"{name}: {integrator}, {drift}"
@@ -198,9 +206,9 @@ def on_batches(record: Record) -> None:
 
 def on_extremes(record: Record) -> None:
     """Hard questions: the tamest of each family, and one half as hard as they come."""
-    bar = cp.four_bar()
+    bar = cp.model.four_bar()
     scene = cp.Scene(bar, bar.loops)
-    for family, extreme in cp.EXTREMES.items():
+    for family, extreme in cp.lab.EXTREMES.items():
         light = [each for each in extreme.severities if each not in extreme.heavy]
         for severity in dict.fromkeys((light[0], light[len(light) // 2])):
             key = f"extreme {family} {severity:g}"
@@ -212,7 +220,7 @@ def on_extremes(record: Record) -> None:
 
 def on_bad_input(record: Record) -> None:
     """What is refused, and in which words."""
-    bar = cp.four_bar()
+    bar = cp.model.four_bar()
     scene, zero = cp.Scene(bar, bar.loops), np.zeros(3)
     q = scene.state()[0]
     calls: dict[str, Callable[[], Any]] = {
@@ -227,14 +235,14 @@ def on_bad_input(record: Record) -> None:
         "nan": lambda: cp.solve(scene, q, zero, zero * np.nan),
         "mu": lambda: cp.Proximal(mu=-1.0),
         "method": lambda: cp.derivatives(scene, q, zero, zero, method="magic"),
-        "soft": lambda: cp.derivatives(scene, q, zero, zero, solver=cp.Soft()),
+        "soft": lambda: cp.derivatives(scene, q, zero, zero, solver=cp.dynamics.Soft()),
         "open": lambda: scene.assemble(q + 1.0, fixed=["crank", "coupler", "rocker"]),
         "start": lambda: cp.simulate(scene, q + 0.3, zero, duration=0.1),
         "dt": lambda: cp.simulate(scene, q, zero, duration=0.1, dt=-1.0),
         "event": lambda: cp.simulate(scene, q, zero, duration=0.1, events=["fall"]),
         "posture": lambda: scene.state("lying"),
         "joint": lambda: scene.lock(["knee"]),
-        "cone": lambda: cp.FrictionCone(-0.1),
+        "cone": lambda: cp.contact.FrictionCone(-0.1),
         "study": lambda: cp.Study([scene], solvers=["magic"]),
     }
     for name, call in calls.items():

@@ -41,7 +41,7 @@ class KillsOnce(cp.Proximal):
                 kill_once(self.mark)
             return method.acceleration(q, v, tau)
 
-        return cp.Method(acceleration, method.lam, method.iterations)
+        return cp.dynamics.BoundSolver(acceleration, method.lam, method.iterations)
 
 
-del cp.SOLVERS[KillsOnce.__name__.lower()]  # nothing else gets to see it
+del cp.dynamics.SOLVERS[KillsOnce.__name__.lower()]  # nothing else gets to see it

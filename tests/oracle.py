@@ -174,7 +174,7 @@ class Oracle:
         moved = _across(joint, base, q, vector(1), vector(0))
         return [(moved.omega, moved.v)]
 
-    def slip(self, bodies: list[Body], q: np.ndarray, v: np.ndarray, a: np.ndarray):
+    def constraint_velocity(self, bodies: list[Body], q: np.ndarray, v: np.ndarray, a: np.ndarray):
         """J v and J a + gamma."""
         velocity, acceleration = np.full((2, self.m), mp.mpf(0))
         for b in self.bounds:
@@ -200,11 +200,11 @@ class Oracle:
         still = np.zeros(n)
         moving = self.bodies(q, v, still)
         h = self.torque(moving, self.gravity)
-        gamma = self.slip(moving, q, v, still)[1]
+        gamma = self.constraint_velocity(moving, q, v, still)[1]
         M, J = np.full((n, n), mp.mpf(0)), np.full((self.m, n), mp.mpf(0))
         for k, unit in enumerate(np.eye(n)):
             M[:, k] = self.torque(self.bodies(q, still, unit), ZERO)
-            J[:, k] = self.slip(self.bodies(q, unit, still), q, unit, still)[0]
+            J[:, k] = self.constraint_velocity(self.bodies(q, unit, still), q, unit, still)[0]
         return M + np.diag(exact(np.array(self.model.armature))), h, J, gamma
 
     def solve(self, q, v, tau, rank_tolerance: float = 1e-11):

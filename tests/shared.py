@@ -77,10 +77,14 @@ def scenes_of_every_kind() -> dict[str, cp.Scene]:
         "talos on edges and planes": cp.Scene(
             talos,
             [
-                cp.LineContact("left_sole_link", "y", half_length=0.06),
-                cp.LineContact("right_sole_link", "x", 0.09, edge, name="edge"),
-                cp.PlanarContact(hands[0], (0.0, 0.0, 0.1), (1.0, 0.0, 2.0), name="wall"),
-                cp.PlanarContact(hands[1], normal=(0.0, 1.0, 0.0), height=-0.4, name="side"),
+                cp.constraints.LineContact("left_sole_link", "y", half_length=0.06),
+                cp.constraints.LineContact("right_sole_link", "x", 0.09, edge, name="edge"),
+                cp.constraints.PlanarContact(
+                    hands[0], (0.0, 0.0, 0.1), (1.0, 0.0, 2.0), name="wall"
+                ),
+                cp.constraints.PlanarContact(
+                    hands[1], normal=(0.0, 1.0, 0.0), height=-0.4, name="side"
+                ),
             ],
         ),
         "talos arms geared": cp.Scene(
@@ -93,13 +97,18 @@ def scenes_of_every_kind() -> dict[str, cp.Scene]:
         ),
         "cassie on lines": cp.Scene(
             cassie,
-            [*cassie.loops, *(cp.LineContact(f"{side}-foot") for side in ("left", "right"))],
+            [
+                *cassie.loops,
+                *(cp.constraints.LineContact(f"{side}-foot") for side in ("left", "right")),
+            ],
         ),
     }
 
 
 SOLVERS = {
-    name: solver for name, solver in cp.SOLVERS.items() if HAS_LCABA or solver is not cp.LCABA
+    name: solver
+    for name, solver in cp.dynamics.SOLVERS.items()
+    if HAS_LCABA or solver is not cp.LCABA
 }
 
 
@@ -113,7 +122,7 @@ def states(label: str, count: int = 4) -> tuple[tuple[np.ndarray, np.ndarray, np
 
 @functools.cache
 def truth(label: str, count: int = 4) -> tuple[cp.Solution, ...]:
-    workspace = cp.Workspace(all_scenes()[label], cp.Reference())
+    workspace = cp.Workspace(all_scenes()[label], cp.dynamics.Reference())
     return tuple(workspace.solve(*state, throw=False) for state in states(label, count))
 
 
@@ -148,7 +157,7 @@ each_exact_solver = pytest.mark.parametrize(
 )
 
 
-def takes(solver: cp.Solver, scene: cp.Scene) -> bool:
+def takes(solver: cp.dynamics.Solver, scene: cp.Scene) -> bool:
     """Whether a solver can say ok on a scene."""
-    redundant = bool(scene.audit.redundant)
+    redundant = bool(scene.nominal.redundant)
     return not untaken(scene, solver) and (solver.takes_redundant or not redundant)

@@ -13,7 +13,13 @@ import pytest
 
 import condyn_pin as cp
 
-PUBLIC = {name: getattr(cp, name) for name in cp.__all__}
+ROOMS = [cp, *(room for name in cp.__all__ if inspect.ismodule(room := getattr(cp, name)))]
+PUBLIC = {
+    name: value
+    for room in ROOMS
+    for name in room.__all__
+    if not inspect.ismodule(value := getattr(room, name))
+}
 FUNCTIONS = [name for name, value in PUBLIC.items() if inspect.isfunction(value)]
 CLASSES = [name for name, value in PUBLIC.items() if inspect.isclass(value)]
 # What means the same everywhere: methods need not say it again, the first page of the API does.
@@ -37,7 +43,7 @@ DIMENSIONLESS = {
 }  # fmt: skip
 # The same of one name alone, and why.
 OTHER = {
-    ("BatchSolution", "proofs"): "columns of several units, each a property that has its own",
+    ("BatchSolution", "residuals"): "columns of several units, each a property that has its own",
     ("Check", "speed"): "a scale, the larger of a velocity and one",
     ("ReducedScene", "held"): "a configuration, as q",
     ("Assembly", "start"): "a configuration, as q",
@@ -196,7 +202,7 @@ def test_units_of_conventional_names_are_on_the_first_page():
 VERBS = (
     "solve", "derivatives", "inverse_dynamics", "gravity_compensation", "operational_space",
     "transmission", "impact", "switch", "is_integrable", "simulate", "solve_batch",
-    "derivatives_batch", "simulate_batch", "ladder", "tune",
+    "derivatives_batch", "simulate_batch", "model_hierarchy", "tune",
 )  # fmt: skip
 SOURCED = VERBS[:9]
 COST = re.compile(r"\bCosts?\b|\bTakes\b|\b(us|ms)\b")
@@ -211,9 +217,11 @@ def test_a_computation_has_errors_a_cost_and_a_source(name):
     assert SOURCE.search(said) or name not in SOURCED
 
 
-@pytest.mark.parametrize("name", list(cp.SOLVERS) + list(cp.INTEGRATORS) + list(cp.DRIFTS))
+@pytest.mark.parametrize(
+    "name", list(cp.dynamics.SOLVERS) + list(cp.simulation.INTEGRATORS) + list(cp.simulation.DRIFTS)
+)
 def test_a_method_has_a_cost_a_use_and_a_source(name):
-    kind = {**cp.SOLVERS, **cp.INTEGRATORS, **cp.DRIFTS}[name]
+    kind = {**cp.dynamics.SOLVERS, **cp.simulation.INTEGRATORS, **cp.simulation.DRIFTS}[name]
     assert kind.use
     assert getattr(kind, "cost", "") or kind.solves_per_step
     assert name in ("nodrift",) or "References" in sections(text(kind)), name

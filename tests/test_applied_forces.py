@@ -219,7 +219,9 @@ def test_every_solver_takes_forces(name):
     q, v = scene.sample(np.random.default_rng(1))
     tau, forces = np.zeros(scene.robot.nv), pushes(scene.robot)
     found = cp.solve(scene, q, v, tau, solver=solver, forces=forces)
-    truth = cp.solve(scene, q, v, tau + torque_of(scene.robot, q, forces), solver=cp.Reference())
+    truth = cp.solve(
+        scene, q, v, tau + torque_of(scene.robot, q, forces), solver=cp.dynamics.Reference()
+    )
     assert np.abs(found.a - truth.a).max() <= 1e-8 * max(np.abs(truth.a).max(), 9.81)
     workspace = cp.Workspace(scene, solver)
     assert np.array_equal(workspace.acceleration(q, v, tau, forces=forces), found.a)
@@ -348,7 +350,7 @@ def test_no_force_changes_no_bit():
         one = cp.solve(scene, q, v, tau, solver=solver, forces=[])
         two = cp.solve(scene, q, v, tau, solver=solver)
         assert np.array_equal(one.a, two.a)
-        assert one.proof == two.proof
+        assert one.residuals == two.residuals
 
 
 def test_inverse_dynamics_counts_forces():
@@ -363,7 +365,7 @@ def test_inverse_dynamics_counts_forces():
     extra = torque_of(scene.robot, q, forces)
     same = cp.inverse_dynamics(scene, q, v, a, passive=extra)
     assert np.abs(same.u - asked.u).max() <= 1e-7 * np.abs(same.u).max()
-    held = cp.gravity_compensation(scene, q, forces=forces)
+    held = cp.control.gravity_compensation(scene, q, forces=forces)
     still = cp.solve(scene, q, 0 * v, held.tau, forces=forces)
     assert np.abs(still.a - held.a).max() <= 1e-8 * 9.81
 
@@ -395,7 +397,7 @@ def test_batches_have_a_force_a_row():
     assert len(empty) == 0
     with pytest.raises(cp.InvalidArgument, match="5 rows, and there are 4 states"):
         cp.solve_batch(scene, q[:4], v[:4], tau[:4], forces=forces)
-    with pytest.raises(cp.UnknownName, match="no frame named 'tip'"):
+    with pytest.raises(cp.errors.UnknownName, match="no frame named 'tip'"):
         cp.solve_batch(scene, q, v, tau, forces=[cp.AppliedForce("tip", FORCE)])
 
 
@@ -466,7 +468,7 @@ def test_forces_of_a_run_are_checked_before_it():
     def run(*forces):
         return cp.simulate(scene, q[0], v[0], forces=forces, duration=0.01)
 
-    with pytest.raises(cp.UnknownName, match="no frame named 'tip'"):
+    with pytest.raises(cp.errors.UnknownName, match="no frame named 'tip'"):
         run(cp.AppliedForce("tip", FORCE))
     with pytest.raises(cp.InvalidArgument, match="belongs to the world"):
         run(cp.AppliedForce("world", wind))
@@ -520,7 +522,7 @@ def test_forces_go_with_a_stiff_torque_and_its_derivatives(name):
 
     run = cp.simulate(
         cp.Scene(made), q, np.zeros(made.nv), tau, forces=[pull], jacobian=jacobian,
-        duration=0.05, dt=1e-3, integrator=getattr(cp, name)(),
+        duration=0.05, dt=1e-3, integrator=getattr(cp.simulation, name)(),
     )  # fmt: skip
     assert run.status.ok
     # so stiff a joint creeps: c q' + k (q - q0) = what the forces do, the rest is nothing beside it
@@ -534,7 +536,7 @@ def test_forces_that_are_not_stiff_are_not_called_stiff():
     for torque in (0.0, lambda t, q, v: -0.1 * v):
         run = cp.simulate(
             scene, q[0], v[0], torque, forces=[force], duration=0.02,
-            integrator=cp.LinearlyImplicitMidpoint(),
+            integrator=cp.simulation.LinearlyImplicitMidpoint(),
         )  # fmt: skip
         assert run.run.differenced == 0
         assert not any("stiff" in notice for notice in run.notices)

@@ -99,7 +99,7 @@ def test_models_that_would_come_back_changed_are_not_saved():
     model = pin.Model(robot("four_bar").model)
     model.frames[1].name = model.frames[2].name
     model.frames[1].type = model.frames[2].type
-    with pytest.raises(cp.InvalidModel, match="cannot be saved"):
+    with pytest.raises(cp.errors.InvalidModel, match="cannot be saved"):
         model_words(model)
 
 
@@ -138,7 +138,7 @@ def saved(path: Path, name: str = "four_bar", *, batch: bool = False) -> bytes:
     return path.read_bytes()
 
 
-KINDS = {"motion": cp.Trajectory, "batch": cp.BatchTrajectory}
+KINDS = {"motion": cp.Trajectory, "batch": cp.simulation.BatchTrajectory}
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -31,7 +31,7 @@ def loops_of(name: str) -> cp.Scene:
 
 
 def bar_scene(**changes) -> cp.Scene:
-    bar = dataclasses.replace(cp.four_bar(), **changes)
+    bar = dataclasses.replace(cp.model.four_bar(), **changes)
     return cp.Scene(bar, bar.loops)
 
 
@@ -78,10 +78,12 @@ def test_it_closes_from_random_starts_and_on_the_branch_or_says_that_it_did_not(
     for assembly in closed:
         assert gap(scene, assembly.q) <= CLOSED
         assert assembly.branch == branch
-        assert assembly.rank == scene.audit.rank
+        assert assembly.rank == scene.nominal.rank
     for assembly in found:
         if not assembly.status.ok:
-            assert assembly.status is cp.AssemblyStatus.BRANCH_CHANGED or not assembly.closed
+            assert (
+                assembly.status is cp.mechanism.AssemblyStatus.BRANCH_CHANGED or not assembly.closed
+            )
 
 
 @pytest.mark.parametrize("name", [name for name in CLOSED_CHAINS if name != "cassie"])
@@ -93,7 +95,7 @@ def test_the_same_branch_can_be_driven_to(name):
     rng = np.random.default_rng(1)
     for _ in range(20):
         start = pin.integrate(model, q, 0.2 * rng.normal(size=model.nv))
-        end = scene.assemble(start, branch=scene.chains.home).q
+        end = scene.assemble(start, branch=scene.chains.assembly_mode).q
         driven = scene.complete_state(end[motors], near=q).q
         data = [model.createData(), model.createData()]
         for each, where in zip(data, (end, driven), strict=True):
@@ -108,7 +110,7 @@ def test_every_scene_is_closed_within_its_limits_or_is_not_called_ok(label):
     model = scene.robot.model
     rng = np.random.default_rng(3)
     for _ in range(5):
-        start = np.array(pin.integrate(model, scene.audit.q, 0.2 * rng.normal(size=model.nv)))
+        start = np.array(pin.integrate(model, scene.nominal.q, 0.2 * rng.normal(size=model.nv)))
         assembly = scene.assemble(start, throw=False)
         assert assembly.closed == (gap(scene, assembly.q) <= CLOSED)
         assert pin.isNormalized(model, assembly.q, 1e-9)
@@ -154,10 +156,10 @@ def test_what_cannot_be_reached_ends_at_the_smallest_gap(rocker):
     with pytest.raises(cp.NotAssembled, match=r"coupler_rocker is open by .* mm") as error:
         scene.assemble(start, fixed=["rocker"])
     assembly = error.value.assembly
-    assert assembly.status is cp.AssemblyStatus.UNREACHABLE
+    assert assembly.status is cp.mechanism.AssemblyStatus.UNREACHABLE
     assert not assembly.closed
     assert assembly.q[2] == rocker
-    assert assembly.gap["coupler_rocker"].length == pytest.approx(short, rel=1e-6)
+    assert assembly.violation["coupler_rocker"].length == pytest.approx(short, rel=1e-6)
     assert math.sin(assembly.q[1]) == pytest.approx(0.0, abs=1e-5)
     copy = pickle.loads(pickle.dumps(error.value))
     assert str(copy) == str(error.value)
@@ -170,7 +172,7 @@ def test_random_four_bars_reach_what_trigonometry_says():
     reached = 0
     for _ in range(60):
         ground, crank, coupler, rocker = rng.uniform(0.3, 1.0, 4)
-        bar = cp.four_bar(ground=ground, crank=crank, coupler=coupler, rocker=rocker)
+        bar = cp.model.four_bar(ground=ground, crank=crank, coupler=coupler, rocker=rocker)
         scene = cp.Scene(bar, bar.loops)
         start = rng.uniform(-np.pi, np.pi, 3)
         across = math.hypot(ground - crank * math.cos(start[0]), crank * math.sin(start[0]))
@@ -179,8 +181,8 @@ def test_random_four_bars_reach_what_trigonometry_says():
         assert assembly.closed == (gap_there <= 0)
         reached += assembly.closed
         if gap_there > 0:
-            assert assembly.gap["coupler_rocker"].length == pytest.approx(gap_there, abs=1e-5)
-            assert assembly.status is cp.AssemblyStatus.UNREACHABLE
+            assert assembly.violation["coupler_rocker"].length == pytest.approx(gap_there, abs=1e-5)
+            assert assembly.status is cp.mechanism.AssemblyStatus.UNREACHABLE
     assert 20 < reached < 55
 
 
@@ -258,13 +260,13 @@ def test_a_flip_is_not_silent():
     scene = bar_scene()
     q, _ = scene.state()
     home = scene.assemble(q).branch
-    with pytest.raises(cp.BranchChanged, match=r"coupler_rocker: .*dead point") as error:
+    with pytest.raises(cp.errors.BranchChanged, match=r"coupler_rocker: .*dead point") as error:
         scene.assemble(mirrored(q), fixed=["crank", "coupler", "rocker"], branch=home)
     assembly = error.value.assembly
     assert assembly.closed
     assert assembly.flipped == ("coupler_rocker",)
     copy = pickle.loads(pickle.dumps(error.value))
-    assert type(copy) is cp.BranchChanged
+    assert type(copy) is cp.errors.BranchChanged
     assert np.array_equal(copy.assembly.q, assembly.q)
     assert isinstance(error.value, cp.NotAssembled)  # what callers catch catches this too
 
@@ -279,7 +281,7 @@ def test_what_is_called_closed_is_on_the_side_of_the_start():
         statuses.append(assembly.status)
         if assembly.status.ok and abs(elbow(start)) > 1e-3:
             assert elbow(start) * elbow(assembly.q) > 0
-    assert statuses.count(cp.AssemblyStatus.CLOSED) > 200
+    assert statuses.count(cp.mechanism.AssemblyStatus.CLOSED) > 200
 
 
 def test_loops_that_have_no_side_have_no_branch():
@@ -287,7 +289,7 @@ def test_loops_that_have_no_side_have_no_branch():
     scene = loops_of("bricard")
     q, _ = scene.state()
     assert scene.chains.clusters
-    assert scene.assemble(q).branch == scene.chains.home == {}
+    assert scene.assemble(q).branch == scene.chains.assembly_mode == {}
     E, rng = Equations(scene.robot.model, scene.bounds), np.random.default_rng(4)
     v = rng.normal(size=scene.robot.nv)
     for _ in range(400):
@@ -309,7 +311,9 @@ def test_a_far_guess_is_not_flipped_in_silence():
         anywhere = scene.assemble(start, branch={})
         flips += anywhere.branch != side
         assembly = scene.assemble(start, throw=False)
-        assert assembly.branch == side or assembly.status is cp.AssemblyStatus.BRANCH_CHANGED
+        assert (
+            assembly.branch == side or assembly.status is cp.mechanism.AssemblyStatus.BRANCH_CHANGED
+        )
     assert flips > 10
 
 
@@ -344,7 +348,7 @@ def test_without_motors_there_is_no_branch():
 
 
 def parallelogram() -> cp.Scene:
-    bar = cp.four_bar(ground=0.6, crank=0.3, coupler=0.6, rocker=0.3)
+    bar = cp.model.four_bar(ground=0.6, crank=0.3, coupler=0.6, rocker=0.3)
     bar = dataclasses.replace(bar, postures={"flat": np.zeros(3)})
     return cp.Scene(bar, bar.loops)
 
@@ -395,7 +399,7 @@ def test_a_closure_beyond_the_limits_is_named():
     with pytest.raises(cp.NotAssembled, match=r"rocker is .* deg beyond its limits") as error:
         scene.assemble(start, fixed=["crank"])
     assembly = error.value.assembly
-    assert assembly.status is cp.AssemblyStatus.BEYOND_LIMITS
+    assert assembly.status is cp.mechanism.AssemblyStatus.BEYOND_LIMITS
     assert most + 0.1 <= assembly.q[2] <= most + 0.5
     assert not assembly.closed
     beyond = [most + 0.1 - solution[2] for solution in both]
@@ -444,7 +448,7 @@ def test_the_result_is_closed_or_it_raises_and_closing_again_changes_nothing(sta
     assembly = scene.assemble(start, fixed=fixed, throw=False)
     assert np.isfinite(assembly.q).all()
     if not assembly.status.ok:
-        with pytest.raises((cp.NotAssembled, cp.BranchChanged)) as error:
+        with pytest.raises((cp.NotAssembled, cp.errors.BranchChanged)) as error:
             scene.assemble(start, fixed=fixed)
         assert np.array_equal(error.value.assembly.q, assembly.q)
         return
@@ -458,11 +462,11 @@ def test_the_result_is_closed_or_it_raises_and_closing_again_changes_nothing(sta
 def test_cassie_is_closed_or_it_raises(seed, spread):
     scene, model = loops_of("cassie"), robot("cassie").model
     rng = np.random.default_rng(seed)
-    start = pin.integrate(model, scene.audit.q, spread * rng.normal(size=model.nv))
+    start = pin.integrate(model, scene.nominal.q, spread * rng.normal(size=model.nv))
     assembly = scene.assemble(start, throw=False)
     assert np.isfinite(assembly.q).all()
     assert assembly.status.ok <= (gap(scene, assembly.q) <= CLOSED)
-    assert assembly.status is not cp.AssemblyStatus.CLOSED or not assembly.beyond_limits
+    assert assembly.status is not cp.mechanism.AssemblyStatus.CLOSED or not assembly.beyond_limits
 
 
 # --- projections
@@ -497,7 +501,7 @@ def test_closed_states_near_a_singular_one_are_projected(angle, lightest, heavie
     """What has less than 1e-7 of the largest singular value was left out, and then refused."""
     rng = np.random.default_rng(0)
     for cells in (1, 2, 3):
-        linkage = cp.n_four_bar(cells)
+        linkage = cp.model.n_four_bar(cells)
         shares = 10.0 ** rng.uniform(lightest, heaviest, size=linkage.model.njoints)
         bodies = [
             pin.Inertia(share * bar.mass, bar.lever, share * bar.inertia)
@@ -538,8 +542,8 @@ def test_gauss_principle():
     scene = loops_of("cassie")
     q, v = scene.sample(np.random.default_rng(6))
     tau = robot("cassie").passive_torque(q, v)
-    free = cp.solve(cp.Scene(robot("cassie")), q, v, tau, solver=cp.Reference()).a
-    right = cp.solve(scene, q, v, tau, solver=cp.Reference()).a
+    free = cp.solve(cp.Scene(robot("cassie")), q, v, tau, solver=cp.dynamics.Reference()).a
+    right = cp.solve(scene, q, v, tau, solver=cp.dynamics.Reference()).a
     error = np.abs(scene.project_acceleration(q, v, free) - right).max()
     assert error < 1e-8 * np.abs(right).max()
 
@@ -563,7 +567,7 @@ def test_the_motors_give_the_state_and_its_derivative(name):
     assert np.abs(J @ state.v).max() < 1e-10
     assert np.abs(J @ state.G).max() < 1e-12
     assert state.conflicting == 0
-    assert state.undetermined == scene.audit.mobility - len(motors)
+    assert state.undetermined == scene.nominal.mobility - len(motors)
     step = 1e-6
     for column, move in zip(state.G.T, step * np.eye(len(motors)), strict=True):
         ends = [
@@ -587,7 +591,7 @@ def test_springs_and_base_stay_where_near_has_them():
 def test_the_motors_do_not_jump_across_a_dead_point():
     scene = bar_scene(actuated=("rocker",))
     beyond = at_dead_point()[2] - 0.05
-    with pytest.raises((cp.NotAssembled, cp.BranchChanged)):
+    with pytest.raises((cp.NotAssembled, cp.errors.BranchChanged)):
         scene.complete_state([beyond])
 
 
@@ -597,24 +601,24 @@ def test_a_flat_parallelogram_is_not_left_for_the_other_linkage(past):
     scene, flat = loops_of("parallelogram"), -math.pi / 3
     before = scene.complete_state([flat + 0.01])
     assert np.abs(before.q - before.q[0] * np.array([1, -1, 1])).max() < 1e-9
-    with pytest.raises(cp.BranchChanged, match=r"followed for .*%.* dead point") as error:
+    with pytest.raises(cp.errors.BranchChanged, match=r"followed for .*%.* dead point") as error:
         scene.complete_state([flat - past])
     assembly = error.value.assembly
-    assert assembly.status is cp.AssemblyStatus.BRANCH_CHANGED
+    assert assembly.status is cp.mechanism.AssemblyStatus.BRANCH_CHANGED
     assert assembly.flipped == ("coupler_rocker",)
-    with pytest.raises(cp.BranchChanged, match=r"followed for 0\.0% of the way"):
+    with pytest.raises(cp.errors.BranchChanged, match=r"followed for 0\.0% of the way"):
         scene.complete_state([flat], near=[flat, -flat, flat])
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_bars_in_a_row_are_not_folded_in_passing(n):
     """With n loops flat at once the sign changes n times."""
-    bars = cp.n_four_bar(n=n)
+    bars = cp.model.n_four_bar(n=n)
     scene = cp.Scene(bars, bars.loops)
     angle = scene.complete_state([0.02]).q
     assert np.abs(np.abs(angle) - 0.02).max() < 1e-9
     for crank in (-0.01, -0.1, -0.5):
-        with pytest.raises(cp.BranchChanged):
+        with pytest.raises(cp.errors.BranchChanged):
             scene.complete_state([crank])
 
 
@@ -635,7 +639,7 @@ def test_motors_within_limits():
     tight = with_limits(bar_scene(), rocker=(free[2] + 0.1, 3.0))
     with pytest.raises(cp.NotAssembled, match=r"rocker is 5\.73 deg beyond its limits") as error:
         tight.complete_state([0.0])
-    assert error.value.assembly.status is cp.AssemblyStatus.BEYOND_LIMITS
+    assert error.value.assembly.status is cp.mechanism.AssemblyStatus.BEYOND_LIMITS
     assert np.array_equal(tight.complete_state([0.0], within_limits=False).q, free)
 
 

@@ -86,16 +86,16 @@ NO_ROTATIONS = {"not orthonormal": SHEARED, "left-handed": MIRRORED}
 @pytest.mark.parametrize(("text", "R"), NO_ROTATIONS.items(), ids=NO_ROTATIONS)
 def test_placements_that_are_no_rotation_are_refused(text, R):
     placement = pin.SE3(R, np.zeros(3))
-    for contact in (cp.SurfaceContact, cp.LineContact):
+    for contact in (cp.SurfaceContact, cp.constraints.LineContact):
         with pytest.raises(cp.InvalidArgument, match=f"^anchor: its rotation .*{text}"):
             contact("foot", anchor=placement)
     model = pin.Model(robot("four_bar").model)
     model.jointPlacements[2] = placement
-    with pytest.raises(cp.InvalidModel, match=f"placement of joint 'coupler' .*{text}"):
+    with pytest.raises(cp.errors.InvalidModel, match=f"placement of joint 'coupler' .*{text}"):
         cp.Robot("a", model)
     model = pin.Model(robot("four_bar").model)
     model.addFrame(pin.Frame("tool", 1, 0, placement, pin.FrameType.OP_FRAME))
-    with pytest.raises(cp.InvalidModel, match=f"placement of frame 'tool' .*{text}"):
+    with pytest.raises(cp.errors.InvalidModel, match=f"placement of frame 'tool' .*{text}"):
         cp.Robot("a", model)
 
 
@@ -118,9 +118,9 @@ def one_body(inertia: pin.Inertia) -> pin.Model:
     ],
 )
 def test_damping_that_drives_and_gravity_that_turns_are_refused(edit, said):
-    model = pin.Model(cp.four_bar().model)
+    model = pin.Model(cp.model.four_bar().model)
     edit(model)
-    with pytest.raises(cp.InvalidModel, match=said):
+    with pytest.raises(cp.errors.InvalidModel, match=said):
         cp.Robot("bar", model)
 
 
@@ -137,7 +137,7 @@ def test_bodies_that_no_solid_is_are_refused():
     ):
         inertia = pin.Inertia.Identity()  # the constructor refuses some of these, a URDF does not
         inertia.mass, inertia.inertia = mass, np.diag(moments)
-        with pytest.raises(cp.InvalidModel, match=text):
+        with pytest.raises(cp.errors.InvalidModel, match=text):
             cp.Robot("a", one_body(inertia))
     rounding = pin.Inertia.Identity()
     rounding.inertia = np.diag([1.0, 1.0, -1e-9])
@@ -150,7 +150,9 @@ def test_a_chain_whose_data_does_not_fit_is_refused_with_its_size(monkeypatch):
 
     monkeypatch.setattr(pin.Model, "createData", no_memory)
     model = one_body(pin.Inertia.Random())
-    with pytest.raises(cp.InvalidModel, match=r"1 degrees of freedom.* GB, more than this machine"):
+    with pytest.raises(
+        cp.errors.InvalidModel, match=r"1 degrees of freedom.* GB, more than this machine"
+    ):
         cp.Robot("a", model)
 
 
@@ -193,11 +195,17 @@ CONSTRAINTS: dict[str, Case] = {
         lambda: cp.PointContact("a", anchor=(0, 1e60, 0)),
         "anchor = 1e.60: no machine",
     ),
-    "huge offset": (lambda: cp.Knife("a", offset=(0, 0, -1e155)), "offset = -1e.155: no machine"),
-    "whole offset": (lambda: cp.Knife("a", offset=(0, 0, 10**400)), "offset = .*finite numbers"),
+    "huge offset": (
+        lambda: cp.constraints.KnifeEdge("a", offset=(0, 0, -1e155)),
+        "offset = -1e.155: no machine",
+    ),
+    "whole offset": (
+        lambda: cp.constraints.KnifeEdge("a", offset=(0, 0, 10**400)),
+        "offset = .*finite numbers",
+    ),
     "whole length": (lambda: cp.Loop("a", "b", "rod", length=10**400), "length = 10.* a positive"),
     "huge rod": (lambda: cp.Loop("a", "b", "rod", length=1e300), "length = 1e.300: no machine"),
-    "huge wheel": (lambda: cp.RollingBall("a", 1e77), "radius = 1e.77: no machine"),
+    "huge wheel": (lambda: cp.constraints.RollingBall("a", 1e77), "radius = 1e.77: no machine"),
     "huge ratio": (lambda: cp.Coupling("a", "b", 1e77), "ratio = 1e.77: no machine"),
     "no corners": (lambda: cp.SurfaceContact("a").corners(), "half_length=..., half_width=..."),
     **{
@@ -215,7 +223,7 @@ def test_constraints_refuse(call, text):
 @pytest.mark.parametrize("size", [5e-324, 1e-310, 1e-155, 1.0, 1e49])
 def test_directions_and_quaternions_of_any_length_are_units(size):
     """Of subnormal numbers math.hypot takes no length."""
-    plane = cp.PlanarContact("a", normal=(size, -size, 0.0))
+    plane = cp.constraints.PlanarContact("a", normal=(size, -size, 0.0))
     turn = cp.SurfaceContact("a", anchor=(1.0, 2.0, 3.0, 0.0, 0.0, size, size))
     assert np.linalg.norm(plane.normal) == pytest.approx(1.0, abs=1e-15)
     assert np.linalg.norm(turn.anchor[3:]) == pytest.approx(1.0, abs=1e-15)
@@ -252,15 +260,15 @@ ROBOTS: dict[str, Case] = {
         "no joint named 'universe'",
     ),
     "spring on the world": (
-        lambda: cp.Robot("a", robot("talos").model, springs=[cp.Spring("universe", 1.0)]),
+        lambda: cp.Robot("a", robot("talos").model, springs=[cp.model.Spring("universe", 1.0)]),
         "no joint named 'universe'",
     ),
     "spring on no joint": (
-        lambda: cp.Robot("a", robot("talos").model, springs=[cp.Spring("knee", 1.0)]),
+        lambda: cp.Robot("a", robot("talos").model, springs=[cp.model.Spring("knee", 1.0)]),
         "no joint named 'knee'",
     ),
     "spring on a free-flyer": (
-        lambda: cp.Robot("a", robot("talos").model, springs=[cp.Spring("root_joint", 1.0)]),
+        lambda: cp.Robot("a", robot("talos").model, springs=[cp.model.Spring("root_joint", 1.0)]),
         "'root_joint': a joint with one degree of freedom",
     ),
     **{
@@ -336,12 +344,12 @@ def test_with_frame_refuses(call, text):
 )
 def test_springs_refuse_what_is_not_a_name_or_a_number(spring):
     with pytest.raises(cp.InvalidArgument, match=r"^(joint|stiffness|reference)\b"):
-        cp.Spring(*spring)
+        cp.model.Spring(*spring)
 
 
 @pytest.mark.parametrize("value", [1e60, 1e155, 1e300])
 def test_mechanisms_refuse_what_is_larger_than_any_machine(value):
-    for make in (cp.chain, cp.n_four_bar):
+    for make in (cp.model.chain, cp.model.n_four_bar):
         for argument in ("length", "mass"):
             with pytest.raises(cp.InvalidArgument, match=rf"^{argument} = .*no machine"):
                 make(2, **{argument: value})
@@ -353,8 +361,8 @@ LENGTHS = [0, -1.0, np.nan, np.inf, "long", None, [1.0]]
 @pytest.mark.parametrize("value", LENGTHS, ids=repr)
 def test_mechanisms_refuse_what_is_not_a_length(value):
     for make, arguments in (
-        (cp.pendulum, ("length", "mass")),
-        (cp.four_bar, ("ground", "crank", "coupler", "rocker", "density")),
+        (cp.model.pendulum, ("length", "mass")),
+        (cp.model.four_bar, ("ground", "crank", "coupler", "rocker", "density")),
     ):
         for argument in arguments:
             with pytest.raises(cp.InvalidArgument, match=rf"^{argument} = .*a positive number"):
@@ -363,7 +371,7 @@ def test_mechanisms_refuse_what_is_not_a_length(value):
 
 def test_bars_that_cannot_meet_are_refused():
     with pytest.raises(cp.InvalidArgument, match=r"a bar of 5 m cannot be closed by bars of"):
-        cp.four_bar(crank=5)
+        cp.model.four_bar(crank=5)
 
 
 # --- files
@@ -501,10 +509,10 @@ CARDS = {
     "drop is a number": CARD + CASSIE + "drop = 3",
     "postures is a number": CARD + "postures = 3\n" + ARM,
     "a posture is a number": CARD + ARM + "[postures]\nhome = 3",
-    "posture of no joint": CARD + ARM + "[postures.home]\nknee = 3",
-    "posture of two values": CARD + ARM + "[postures.home]\nj = [1, 2]",
-    "posture is a word": CARD + ARM + '[postures.home]\nj = "up"',
-    "posture is NaN": CARD + ARM + "[postures.home]\nj = nan",
+    "posture of no joint": CARD + ARM + "[postures.assembly_mode]\nknee = 3",
+    "posture of two values": CARD + ARM + "[postures.assembly_mode]\nj = [1, 2]",
+    "posture is a word": CARD + ARM + '[postures.assembly_mode]\nj = "up"',
+    "posture is NaN": CARD + ARM + "[postures.assembly_mode]\nj = nan",
     "loops is a number": CARD + "loops = 3\n" + ARM,
     "a loop is a number": CARD + "loops = [3]\n" + ARM,
     "unknown key of a loop": CARD + ARM + '[[loops]]\nframe_a = "a"\nframe_c = "b"',
@@ -739,11 +747,11 @@ def test_scenes_refuse(call, text):
 
 PROXIMAL = [cp.Proximal, cp.LCABA]
 KNOBS: dict[str, Case] = {
-    f"{kind.__name__} {knob} = {value!r}": (
-        functools.partial(kind, **{knob: value}),
-        f"^{knob} = .*(number|between)",
+    f"{kind.__name__} {parameter} = {value!r}": (
+        functools.partial(kind, **{parameter: value}),
+        f"^{parameter} = .*(number|between)",
     )
-    for kind, knob, values in (
+    for kind, parameter, values in (
         *((kind, "mu", (-1.0, np.nan, np.inf, "small", [1.0], 1j)) for kind in PROXIMAL),
         (cp.DenseKKT, "mu", (-1.0, np.nan, np.inf, "small", [1.0], 1j, None)),
         (cp.LCABA, "mu", (0.0, 1e-310)),
@@ -754,8 +762,8 @@ KNOBS: dict[str, Case] = {
         *((kind, "absolute_accuracy", (-1.0, np.nan, np.inf, "fine")) for kind in PROXIMAL),
         (cp.Proximal, "absolute_accuracy", (None,)),
         (cp.Proximal, "relative_accuracy", (-1.0, np.nan, np.inf, "fine")),
-        (cp.Reference, "rank_tolerance", (0.0, 1.0, -1.0, np.nan, "tight", None)),
-        (cp.Reference, "refinements", (-1, 1.5, np.nan, "some", None)),
+        (cp.dynamics.Reference, "rank_tolerance", (0.0, 1.0, -1.0, np.nan, "tight", None)),
+        (cp.dynamics.Reference, "refinements", (-1, 1.5, np.nan, "some", None)),
     )
     for value in values
 }
@@ -830,7 +838,7 @@ def test_states_that_are_no_numbers_are_refused_by_name(place, value):
             workspace.terms(*state[:2])
 
 
-SOLVERS = [s() for n, s in cp.SOLVERS.items() if s.exact and (n != "lcaba" or HAS_LCABA)]
+SOLVERS = [s() for n, s in cp.dynamics.SOLVERS.items() if s.exact and (n != "lcaba" or HAS_LCABA)]
 each_solver = pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: s.title)
 
 
@@ -870,11 +878,11 @@ def known(name: str) -> list[tuple[tuple[np.ndarray, ...], np.ndarray]]:
     here, nv = scene(name), scene(name).robot.nv
     states = [(*here.state(), np.zeros(nv))]
     states += [(*here.sample(rng), rng.normal(size=nv)) for _ in range(4)]
-    reference = cp.Workspace(here, cp.Reference())
+    reference = cp.Workspace(here, cp.dynamics.Reference())
     return [(state, reference.solve(*state, throw=False).a) for state in states]
 
 
-def assert_keeps_its_promise(name: str, solver: cp.Solver) -> None:
+def assert_keeps_its_promise(name: str, solver: cp.dynamics.Solver) -> None:
     """Solve at every known state: what says ok is right, what does not says why."""
     workspace = cp.Workspace(scene(name), solver)
     for state, right in known(name):
@@ -909,7 +917,7 @@ def test_lcaba_is_right_where_it_says_ok(name, exponent, iterations):
     if HAS_LCABA:
         assert_keeps_its_promise(name, solver)
     else:
-        with pytest.raises(cp.UnsupportedBackend, match="needs Pinocchio 4"):
+        with pytest.raises(cp.errors.UnsupportedBackend, match="needs Pinocchio 4"):
             cp.Workspace(scene(name), solver)
 
 
@@ -954,7 +962,7 @@ def test_a_status_that_is_not_finite_says_so():
     "verb",
     [
         lambda scene, q, v: cp.impact(scene, q, v),
-        lambda scene, q, v: cp.switch(cp.Scene(scene.robot), scene, q, v),
+        lambda scene, q, v: cp.simulation.switch(cp.Scene(scene.robot), scene, q, v),
         lambda scene, q, v: cp.inverse_dynamics(scene, q, v, 0 * v),
         lambda scene, q, v: scene.project_acceleration(q, v, 0 * v),
         lambda scene, q, v: cp.Workspace(scene).terms(q, v),
@@ -962,28 +970,28 @@ def test_a_status_that_is_not_finite_says_so():
     ids=["impact", "switch", "inverse_dynamics", "project_acceleration", "terms"],
 )
 def test_a_velocity_whose_square_is_no_number_is_refused(verb, size):
-    bar = cp.four_bar()
+    bar = cp.model.four_bar()
     scene = cp.Scene(bar, bar.loops)
     q, v = scene.state()
     v[0] = size
     assert_refused(lambda: verb(scene, q, v), r"v has numbers up to 1e\+.* overflow")
-    assert size / 10 < scene.check(q, v).slip[bar.loops[0].name].size < size
+    assert size / 10 < scene.check(q, v).constraint_velocity[bar.loops[0].name].size < size
 
 
 def test_an_acceleration_from_which_torques_overflow_is_refused():
-    scene = cp.Scene(cp.four_bar())
+    scene = cp.Scene(cp.model.four_bar())
     q, v = scene.state()
     assert_refused(lambda: cp.inverse_dynamics(scene, q, v, np.full(3, 1.7e308)), "a has numbers")
 
 
 COUNTS = {
-    "refinements": lambda n: cp.Reference(refinements=n),
+    "refinements": lambda n: cp.dynamics.Reference(refinements=n),
     "max_iterations": lambda n: cp.Proximal(max_iterations=n),
     "every": lambda n: cp.Projection(every=n),
     "stages": lambda n: cp.RadauIIA(stages=n),
     "workers": lambda n: cp.Processes(n).shutdown(),
-    "n": lambda n: cp.chain(n),
-    "count": lambda n: cp.SampledStates(n),
+    "n": lambda n: cp.model.chain(n),
+    "count": lambda n: cp.study.SampledStates(n),
 }
 
 
@@ -998,7 +1006,7 @@ def test_a_count_is_a_whole_number_of_python_or_numpy(name):
 
 # --- numbers that are none
 
-BAR = cp.Scene(cp.four_bar(), cp.four_bar().loops)
+BAR = cp.Scene(cp.model.four_bar(), cp.model.four_bar().loops)
 Q, V = BAR.state()
 N = BAR.robot.nv
 FLAGS = "numbers, not True or False"
@@ -1052,8 +1060,8 @@ WITHOUT_END = 10**5000  # Python refuses to write it out
         "offset": (lambda: cp.PointContact("a", offset=[WITHOUT_END, 0, 0]), "^offset = "),
         "length": (lambda: cp.SurfaceContact("a", half_length=WITHOUT_END), "^half_length = "),
         "name": (lambda: cp.PointContact(WITHOUT_END), "^frame = a int that cannot be shown"),
-        "links": (lambda: cp.chain(WITHOUT_END), "^n = a int .*2000 is the largest"),
-        "bars": (lambda: cp.n_four_bar(WITHOUT_END), "^n = a int .*2000 is the largest"),
+        "links": (lambda: cp.model.chain(WITHOUT_END), "^n = a int .*2000 is the largest"),
+        "bars": (lambda: cp.model.n_four_bar(WITHOUT_END), "^n = a int .*2000 is the largest"),
         "workers": (lambda: cp.Processes(WITHOUT_END), "^workers = a int .*1000 is the largest"),
     }
 )
@@ -1092,7 +1100,7 @@ def moved(**options: Any) -> Any:
         "progress of a study": (lambda: study(3), r"^progress = 3: a function of \(what, done"),
         "progress of one argument": (lambda: study(lambda x: None), r"^progress takes \(x\)"),
         "progress of a choice": (
-            lambda: cp.tune(BAR, progress="x", save=False), "^progress = 'x': a function"
+            lambda: cp.study.tune(BAR, progress="x", save=False), "^progress = 'x': a function"
         ),
         "progress of a batch": (
             lambda: cp.solve_batch(BAR, [Q], [V], [V], progress=lambda x: None), "^progress takes"
@@ -1110,7 +1118,7 @@ def test_functions_that_cannot_be_called_are_refused_before_the_run(call, text):
 def test_ports_that_are_none_are_refused(port):
     pytest.importorskip("meshcat")
     with pytest.raises(cp.InvalidArgument, match=r"^port = .*from 1 to 65535 is needed, or 0"):
-        cp.view(cp.pendulum(), port=port, browser=False)
+        cp.view(cp.model.pendulum(), port=port, browser=False)
 
 
 def test_a_port_that_is_taken_is_named():
@@ -1120,7 +1128,7 @@ def test_a_port_that_is_taken_is_named():
         taken.listen()
         port = taken.getsockname()[1]
         with pytest.raises(cp.InvalidArgument, match=f"^port = {port}: .*in use"):
-            cp.view(cp.pendulum(), port=port, browser=False)
+            cp.view(cp.model.pendulum(), port=port, browser=False)
 
 
 @pytest.mark.parametrize("path", [3, None, "a\0b"])

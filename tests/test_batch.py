@@ -44,8 +44,8 @@ def executor():
         yield processes
 
 
-def assert_same(found: cp.BatchSolution, wanted: cp.BatchSolution) -> None:
-    for name in ("q", "a", "lam", "proofs", "statuses", "iterations"):
+def assert_same(found: cp.simulation.BatchSolution, wanted: cp.simulation.BatchSolution) -> None:
+    for name in ("q", "a", "lam", "residuals", "statuses", "iterations"):
         np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name), err_msg=name)
 
 
@@ -60,7 +60,7 @@ def test_a_batch_has_the_bits_of_single_solves(label):
         wanted = cp.solve(scene, q[i], v[i], tau[i])
         np.testing.assert_array_equal(solution.a, wanted.a)
         np.testing.assert_array_equal(solution.lam, wanted.lam)
-        assert solution.proof == wanted.proof
+        assert solution.residuals == wanted.residuals
         assert (solution.status, solution.iterations) == (wanted.status, wanted.iterations)
         for name, force in wanted.forces.items():
             np.testing.assert_array_equal(batch.forces[name][i], force)
@@ -176,7 +176,7 @@ def test_an_executor_that_was_shut_down(kind):
     executor = kind(1)
     executor.shutdown()
     text = r"executor = .* takes no work \(.*after shutdown\); 4 of 4 chunks are left"
-    with pytest.raises(cp.WorkersLost, match=text) as lost:
+    with pytest.raises(cp.errors.WorkersLost, match=text) as lost:
         cp.solve_batch(scene, *states, executor=executor, chunk=6)
     assert lost.value.done.counts == {"missing": N}
     assert str(lost.value.done).endswith(", ... (missing: no worker got to it)")
@@ -316,11 +316,11 @@ def test_options_are_checked(options, text, processes, executor):
 
 def test_other_refusals(executor):
     scene, states = all_scenes()["four_bar rod"], batch_of("four_bar loops")
-    with pytest.raises(cp.UnsupportedConstraint, match="Proximal takes"):
+    with pytest.raises(cp.errors.UnsupportedConstraint, match="Proximal takes"):
         cp.solve_batch(scene, *states, solver=cp.Proximal(), executor=executor)
     with pytest.raises(cp.InvalidArgument, match="scene = str"):
         cp.solve_batch("four_bar", *states)
-    with pytest.raises(cp.UnknownName, match="no method named 'kkd'; did you mean 'kkt'"):
+    with pytest.raises(cp.errors.UnknownName, match="no method named 'kkd'; did you mean 'kkt'"):
         cp.derivatives_batch(scene, *states, method="kkd")
 
 
@@ -390,7 +390,7 @@ def test_a_plain_pool_that_breaks_hands_over_what_is_done(verb, shared, monkeypa
     solver = KillsOnce(mark=str(tmp_path / "mark"), at=float(states[0][200, 0]))
     with (
         ProcessPoolExecutor(2, get_context("spawn")) as pool,
-        pytest.raises(cp.WorkersLost, match="is of no use after that") as lost,
+        pytest.raises(cp.errors.WorkersLost, match="is of no use after that") as lost,
     ):
         verb(scene, *states, solver=solver, executor=pool, chunk=10)
     here, done = verb(scene, *states, solver=cp.Proximal()), lost.value.done
@@ -405,7 +405,7 @@ def test_a_plain_pool_that_breaks_hands_over_what_is_done(verb, shared, monkeypa
     assert np.isnan(done.a[done.missing]).all()
     solved = np.flatnonzero(done.statuses == 0)
     np.testing.assert_array_equal(done.a[solved], here.a[solved])
-    with pytest.raises(cp.WorkersLost, match="no worker got to state"):
+    with pytest.raises(cp.errors.WorkersLost, match="no worker got to state"):
         done[int(done.missing[0])]
 
 
@@ -481,7 +481,7 @@ import numpy as np
 import condyn_pin as cp
 
 def main():
-    bar = cp.four_bar()
+    bar = cp.model.four_bar()
     scene = cp.Scene(bar, bar.loops)
     q, v = scene.state()
     many = np.tile(q, (50, 1)), np.tile(v, (50, 1)), np.zeros(3)

@@ -16,7 +16,7 @@ from test_simulate_batch import CHOICES, DURATION, N, assert_same, scene_of, sta
 
 import condyn_pin as cp
 
-NUMBERS = ("t", "q", "v", "a", "lam", "tau", "violation", "slip", "momentum")
+NUMBERS = ("t", "q", "v", "a", "lam", "tau", "violation", "constraint_velocity", "momentum")
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def test_one_of_them_is_what_simulate_returns(label, choices, executor, tmp_path
     )
     assert 3 in batch.failed
     batch.save(tmp_path / "batch.npz")
-    again = cp.BatchTrajectory.load(tmp_path / "batch.npz")
+    again = cp.simulation.BatchTrajectory.load(tmp_path / "batch.npz")
     assert_same(again, batch)
     for i in range(N):
         if i == 1 and label != "talos feet":
@@ -60,7 +60,9 @@ def test_one_of_them_is_what_simulate_returns(label, choices, executor, tmp_path
                 cp.simulate(scene, Q[i], V[i], TAU[i], duration=DURATION, **choices)
             for motions in (batch, again):
                 assert motions.reasons[i] == str(why.value)
-                with pytest.raises(cp.NotRecorded, match=r"motion 1 could not begin: .* is open"):
+                with pytest.raises(
+                    cp.errors.NotRecorded, match=r"motion 1 could not begin: .* is open"
+                ):
                     motions[i]
             continue
         wanted = cp.simulate(scene, Q[i], V[i], TAU[i], duration=DURATION, **choices)
@@ -71,7 +73,7 @@ def test_one_of_them_is_what_simulate_returns(label, choices, executor, tmp_path
     assert_same_motion(pickle.loads(pickle.dumps(batch[-1])), batch[N - 1])
 
 
-def small(**options: Any) -> cp.BatchTrajectory:
+def small(**options: Any) -> cp.simulation.BatchTrajectory:
     """Motions of a four-bar: the second cannot begin, the fourth breaks down."""
     scene = scene_of("four_bar")
     Q, V = states(scene)
@@ -99,12 +101,12 @@ def test_some_of_them_are_a_batch():
 
 
 def test_a_motion_without_samples_is_named():
-    with pytest.raises(cp.NotRecorded, match=r"motion 2: no samples were kept; .*record=1"):
+    with pytest.raises(cp.errors.NotRecorded, match=r"motion 2: no samples were kept; .*record=1"):
         small(record=None)[2]
     assert small(record=None).reasons[3] == small().reasons[3]
     batch = small()
     lost = dataclasses.replace(batch, statuses=np.full(N, -1, np.int8))
-    with pytest.raises(cp.WorkersLost, match="no worker got to motion 2"):
+    with pytest.raises(cp.errors.WorkersLost, match="no worker got to motion 2"):
         lost[2]
 
 
@@ -113,8 +115,8 @@ def test_one_of_them_is_judged_by_cones_and_drawn(tmp_path):
     scene = scene_of("talos feet")
     Q, V = states(scene, 2)
     batch = cp.simulate_batch(scene, Q, V, duration=0.01, record=2)
-    cone = cp.WrenchCone(0.7)
-    whole, one = cp.margins(batch, cone), cp.margins(batch[1], cone)
+    cone = cp.contact.WrenchCone(0.7)
+    whole, one = cp.contact.margins(batch, cone), cp.contact.margins(batch[1], cone)
     for name, margin in one.items():
         np.testing.assert_allclose(margin.least, whole[name].least[1], rtol=1e-9, atol=1e-9)
     cp.view(batch[1], html=tmp_path / "motion.html", light=True)
@@ -125,7 +127,7 @@ def test_a_batch_without_samples_or_motions_can_be_in_a_file(tmp_path):
     path = tmp_path / "batch.npz"
     for batch in (small(record=None), small()[[]], small(record=None)[[]]):
         batch.save(path)
-        again = cp.BatchTrajectory.load(path)
+        again = cp.simulation.BatchTrajectory.load(path)
         assert_same(again, batch)
         assert str(again) == str(batch)
         assert again.reasons.tolist() == batch.reasons.tolist()
@@ -143,7 +145,7 @@ def test_what_was_done_before_workers_were_lost_can_be_in_a_file(tmp_path):
         array[4] = np.nan
     done = dataclasses.replace(batch, samples=samples, **lost)
     done.save(tmp_path / "done.npz")
-    assert_same(cp.BatchTrajectory.load(tmp_path / "done.npz"), done)
+    assert_same(cp.simulation.BatchTrajectory.load(tmp_path / "done.npz"), done)
 
 
 def edit(path: Path, change: Callable[[dict, dict], object]) -> None:
@@ -193,10 +195,10 @@ def test_files_that_do_not_fit_together(tmp_path):
         bad.write_bytes(good.read_bytes())
         edit(bad, change)
         with pytest.raises(cp.InvalidArgument, match=f"no file of a batch of motions.*{words}"):
-            cp.BatchTrajectory.load(bad)
+            cp.simulation.BatchTrajectory.load(bad)
     bad.write_bytes(good.read_bytes())
     edit(bad, lambda header, content: None)
-    assert cp.BatchTrajectory.load(bad).ok is False
+    assert cp.simulation.BatchTrajectory.load(bad).ok is False
 
 
 def test_a_batch_with_a_loose_quaternion_is_refused(tmp_path):
@@ -205,7 +207,7 @@ def test_a_batch_with_a_loose_quaternion_is_refused(tmp_path):
     cp.simulate_batch(scene, [q], [v], duration=0.003, record=1).save(path)
     edit(path, entry("samples_q", (0, 1, slice(3, 7)), 1.0))
     with pytest.raises(cp.InvalidArgument, match="samples_q has a quaternion that is not norm"):
-        cp.BatchTrajectory.load(path)
+        cp.simulation.BatchTrajectory.load(path)
 
 
 def test_files_that_are_cut_short_or_of_something_else(tmp_path):
@@ -215,21 +217,21 @@ def test_files_that_are_cut_short_or_of_something_else(tmp_path):
     for size in range(0, len(whole), len(whole) // 20):
         bad.write_bytes(whole[:size])
         with pytest.raises(cp.InvalidArgument, match="no file of a batch of motions"):
-            cp.BatchTrajectory.load(bad)
+            cp.simulation.BatchTrajectory.load(bad)
     np.savez(bad, x=np.zeros(3))
     with pytest.raises(cp.InvalidArgument, match="no file of a batch"):
-        cp.BatchTrajectory.load(bad)
+        cp.simulation.BatchTrajectory.load(bad)
     np.savez(bad, header=np.array([{"format": "x"}], object))  # a pickle, which nobody opens
     with pytest.raises(
         cp.InvalidArgument, match=r"ValueError on reading it: header is no array.*Batch.*\.save"
     ):
-        cp.BatchTrajectory.load(bad)
+        cp.simulation.BatchTrajectory.load(bad)
     with pytest.raises(cp.InvalidArgument, match=r"no\.npz: .*No such file"):
-        cp.BatchTrajectory.load(tmp_path / "no.npz")
+        cp.simulation.BatchTrajectory.load(tmp_path / "no.npz")
     small()[2].save(bad)
     assert_same_motion(cp.Trajectory.load(bad), small()[2])
     with pytest.raises(cp.InvalidArgument, match=r"Trajectory\.load reads it"):
-        cp.BatchTrajectory.load(bad)
+        cp.simulation.BatchTrajectory.load(bad)
     with pytest.raises(cp.InvalidArgument, match=r"BatchTrajectory\.load reads it"):
         cp.Trajectory.load(batch)
 

@@ -69,7 +69,7 @@ def test_rows_of_a_scene(label):
     assert methods[0] == "ABA"
     assert ("LCABA" in methods) == HAS_LCABA
     for row in rows[1:]:
-        assert (row.rows, row.rank) == (all_scenes()[label].rows, all_scenes()[label].audit.rank)
+        assert (row.rows, row.rank) == (all_scenes()[label].rows, all_scenes()[label].nominal.rank)
         if "singular" in row.status:
             assert row.method == "Dense KKT"
             assert math.isnan(row.acceleration_us)
@@ -99,9 +99,9 @@ def test_dense_is_the_fastest_of_the_dense(monkeypatch):
 @pytest.mark.parametrize("label", sorted(all_scenes()))
 def test_by_hand_is_right_or_not_there(label):
     scene = all_scenes()[label]
-    damping = 1e-11 * scene.audit.delassus_norm if scene.audit.redundant else 0.0
+    damping = 1e-11 * scene.nominal.delassus_norm if scene.nominal.redundant else 0.0
     state = (*scene.sample(np.random.default_rng(1)), np.zeros(scene.robot.nv))
-    truth = cp.solve(scene, *state, solver=cp.Reference()).a
+    truth = cp.solve(scene, *state, solver=cp.dynamics.Reference()).a
     answers = by_hand(scene, damping)
     assert set(answers) in (set(), set(METHODS))
     for answer in answers.values():

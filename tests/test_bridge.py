@@ -80,10 +80,10 @@ def states(robot: cp.Robot, n: int = 4) -> tuple[np.ndarray, np.ndarray]:
 @pytest.fixture(
     scope="module", params=["every joint", "fixed", "cassie", "talos", "solo12", "four_bar"]
 )
-def both(request: pytest.FixtureRequest) -> tuple[cp.Robot, cp.MujocoBridge]:
+def both(request: pytest.FixtureRequest) -> tuple[cp.Robot, cp.study.MujocoBridge]:
     made = {"every joint": every_joint, "fixed": lambda: every_joint(fixed=True)}
     robot = made[request.param]() if request.param in made else cp.load_robot(request.param)
-    return robot, cp.MujocoBridge(robot, mujoco_of(robot))
+    return robot, cp.study.MujocoBridge(robot, mujoco_of(robot))
 
 
 # States
@@ -180,7 +180,7 @@ def test_gravity_falls_as_in_mujoco(both):
 
 def test_a_joint_without_limits_counts_no_turns():
     robot = every_joint()
-    bridge = cp.MujocoBridge(robot, mujoco_of(robot))
+    bridge = cp.study.MujocoBridge(robot, mujoco_of(robot))
     (q,), (v,) = states(robot, 1)
     qpos, qvel = bridge.to_mujoco(q, v)
     at = bridge.model.joint("unbounded").qposadr[0]
@@ -192,7 +192,7 @@ def test_a_joint_without_limits_counts_no_turns():
 def test_a_bridge_is_pickled():
     robot = every_joint()
     (q,), (v,) = states(robot, 1)
-    bridge = cp.MujocoBridge(robot, mujoco_of(robot))
+    bridge = cp.study.MujocoBridge(robot, mujoco_of(robot))
     again = pickle.loads(pickle.dumps(bridge))
     assert np.array_equal(again.to_mujoco(q, v)[0], bridge.to_mujoco(q, v)[0])
     assert "every joint" in repr(again)
@@ -232,7 +232,7 @@ def arm(**said: str) -> mujoco.MjModel:
 
 def test_joints_that_the_robot_has_not_are_held():
     robot, model = two_links(), arm()
-    bridge = cp.MujocoBridge(robot, model, without=["crate", "finger"])
+    bridge = cp.study.MujocoBridge(robot, model, without=["crate", "finger"])
     q, v = np.array([0.3, -0.4]), np.array([1.0, 2.0])
     found = bridge.compare(q, v, np.array([0.5, -0.5]))
     assert found.ok, str(found)
@@ -257,7 +257,7 @@ def test_a_joint_between_others_can_be_held(tmp_path):
     held = [whole.model.getJointId(name) for name in ("crate", "elbow")]
     robot = cp.Robot("reduced", pin.buildReducedModel(whole.model, held, drawn))
     assert robot.joints == ("shoulder", "finger")
-    found = cp.MujocoBridge(robot, arm(), without=["elbow", "crate"]).compare(
+    found = cp.study.MujocoBridge(robot, arm(), without=["elbow", "crate"]).compare(
         np.array([0.2, 0.5]), np.array([1.0, -2.0]), np.zeros(2)
     )
     assert found.ok, str(found)
@@ -267,7 +267,7 @@ def test_a_joint_between_others_can_be_held(tmp_path):
 def test_joints_of_other_names():
     robot = two_links()
     more = {"names": {"shoulder": "s", "elbow": "lower_joint"}, "without": ["crate", "finger"]}
-    bridge = cp.MujocoBridge(robot, arm(first="s", second=""), **more)
+    bridge = cp.study.MujocoBridge(robot, arm(first="s", second=""), **more)
     assert bridge.compare([0.1, 0.2], [1, 2], [0, 0]).ok
 
 
@@ -302,16 +302,16 @@ def test_what_does_not_correspond_is_refused(case):
     make, said = REFUSED[case]
     model, more = make()
     with pytest.raises(cp.CondynError, match=said):
-        cp.MujocoBridge(two_links(), model, **more)
+        cp.study.MujocoBridge(two_links(), model, **more)
 
 
 def test_other_joints_are_refused():
     screw = pin.Model()
     add(screw, 0, pin.JointModelPlanar(), "shoulder")
-    with pytest.raises(cp.InvalidModel, match="JointModelPlanar here and a hinge in MuJoCo"):
-        cp.MujocoBridge(cp.Robot("p", screw), arm(), without=["elbow", *HELD])
+    with pytest.raises(cp.errors.InvalidModel, match="JointModelPlanar here and a hinge in MuJoCo"):
+        cp.study.MujocoBridge(cp.Robot("p", screw), arm(), without=["elbow", *HELD])
     with pytest.raises(cp.InvalidArgument, match="a Robot is needed"):
-        cp.MujocoBridge(screw, arm())
+        cp.study.MujocoBridge(screw, arm())
 
 
 def test_a_ball_in_another_frame_is_refused():
@@ -319,8 +319,8 @@ def test_a_ball_in_another_frame_is_refused():
     model = mujoco.MjModel.from_xml_string(text)
     k = model.joint("ball").bodyid[0]
     mujoco.mju_mulQuat(model.body_quat[k], model.body_quat[k].copy(), np.array([0.6, 0.8, 0, 0]))
-    with pytest.raises(cp.InvalidModel, match="'ball': its frame has the axes"):
-        cp.MujocoBridge(every_joint(fixed=True), model)
+    with pytest.raises(cp.errors.InvalidModel, match="'ball': its frame has the axes"):
+        cp.study.MujocoBridge(every_joint(fixed=True), model)
 
 
 BAD_STATES = {
@@ -343,7 +343,7 @@ BAD_STATES = {
 @pytest.mark.parametrize("case", BAD_STATES)
 def test_bad_states_are_refused(case):
     robot = every_joint()
-    bridge = cp.MujocoBridge(robot, mujoco_of(robot))
+    bridge = cp.study.MujocoBridge(robot, mujoco_of(robot))
     (q,), (v,) = states(robot, 1)
     call, said = BAD_STATES[case]
     with pytest.raises(cp.InvalidArgument, match=said):
@@ -353,18 +353,18 @@ def test_bad_states_are_refused(case):
 def test_without_mujoco_the_line_that_installs_it(monkeypatch):
     robot = two_links()
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(cp.MissingExtra, match=r"pip install 'condyn_pin\[mjcf\]'"):
-        cp.MujocoBridge(robot, None)
+    with pytest.raises(cp.errors.MissingExtra, match=r"pip install 'condyn_pin\[mjcf\]'"):
+        cp.study.MujocoBridge(robot, None)
 
 
 # What is said where the engines differ
 
 
-def compared(robot: cp.Robot, model: mujoco.MjModel, **more) -> cp.CrossCheck:
+def compared(robot: cp.Robot, model: mujoco.MjModel, **more) -> cp.study.CrossCheck:
     rng = np.random.default_rng(0)
     q, v = cp.Scene(robot, robot.loops).sample(rng)
     tau = rng.normal(size=robot.nv) * np.sqrt(np.diag(cp.Workspace(cp.Scene(robot)).terms(q, v).M))
-    return cp.MujocoBridge(robot, model).compare(q, v, tau, **more)
+    return cp.study.MujocoBridge(robot, model).compare(q, v, tau, **more)
 
 
 @pytest.mark.parametrize("name", ["every joint", "cassie", "talos", "solo12", "stewart", "delta"])
@@ -410,7 +410,7 @@ def test_many_joints_on_one_body_read_from_mujocos_file(tmp_path):
     path = tmp_path / "robot.xml"
     path.write_text(MANY_JOINTS, encoding="utf-8")
     robot = cp.load_robot(path)
-    bridge = cp.MujocoBridge(robot, mujoco.MjModel.from_xml_path(str(path)))
+    bridge = cp.study.MujocoBridge(robot, mujoco.MjModel.from_xml_path(str(path)))
     (q,), (v,) = states(robot, 1)
     opened = bridge.compare(q, v, 0 * v, tolerance=1e-10)
     drawn = bridge.compare(robot.postures["qpos0"], v, 0 * v, tolerance=1e-10)
@@ -537,7 +537,7 @@ def test_what_is_wrong_is_seen_and_named(wrong):
     model = mujoco_of(cassie)
     wrong(model)
     term, said = WRONG[wrong]
-    found = cp.MujocoBridge(cassie, model).compare(q, v, 0 * v)
+    found = cp.study.MujocoBridge(cassie, model).compare(q, v, 0 * v)
     assert not found.ok
     assert max(each.error for each in found.terms if each.term == term) > found.tolerance
     assert re.search(said, found.causes[0]), str(found)
@@ -554,7 +554,7 @@ def test_any_link_of_talos_can_be_the_culprit():
     for name in talos.joints[::3]:
         model = copy.copy(original)
         model.body_mass[body(model, name)] *= 1.001
-        found = cp.MujocoBridge(talos, model).compare(q, v, 0 * v)
+        found = cp.study.MujocoBridge(talos, model).compare(q, v, 0 * v)
         assert not found.ok, name
         assert len(found.causes) == 1
         assert f"(joint {name}): mass" in found.causes[0]
@@ -579,9 +579,9 @@ def test_rounding_is_no_cause_where_a_body_is_alone():
     theirs = compiled(box)
     theirs.body_ipos[:] = 1e-18
     state = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.6, 0.8]), np.ones(6), np.ones(6)
-    assert cp.MujocoBridge(box, theirs).compare(*state).causes == ()
+    assert cp.study.MujocoBridge(box, theirs).compare(*state).causes == ()
     theirs.body_ipos[1] = 1e-3
-    (cause,) = cp.MujocoBridge(box, theirs).compare(*state).causes
+    (cause,) = cp.study.MujocoBridge(box, theirs).compare(*state).causes
     assert "centre of mass" in cause
 
 
@@ -596,7 +596,7 @@ def test_a_loop_that_only_one_has_is_said():
     bar = cp.load_robot("four_bar")
     without = mujoco.MjModel.from_xml_string(bar.to_mjcf(without=["coupler_rocker"]))
     for robot, model in ((bar, without), (replace(bar, loops=()), mujoco_of(bar))):
-        found = cp.MujocoBridge(robot, model).compare(
+        found = cp.study.MujocoBridge(robot, model).compare(
             *cp.Scene(bar, bar.loops).state(), np.zeros(3)
         )
         (term,) = [each for each in found.terms if each.term == "J"]
@@ -627,7 +627,7 @@ def test_open_loops_are_compared_by_their_gaps():
     gear = cp.Coupling("hinge", "oblique hinge", ratio=-2.0, offset=0.1, name="gear")
     robot = replace(robot, loops=[*loops, gear])
     (q,), (v,) = states(robot, 1)
-    found = cp.MujocoBridge(robot, mujoco_of(robot)).compare(q, v, 0 * v, tolerance=1e-10)
+    found = cp.study.MujocoBridge(robot, mujoco_of(robot)).compare(q, v, 0 * v, tolerance=1e-10)
     opened = {each.where: each.here for each in found.terms if each.term == "gap"}
     assert opened.keys() == {"the ball", "the weld", "the hinge", "gear"}
     assert min(opened.values()) > 0.01
@@ -643,7 +643,7 @@ def test_the_answer_is_json():
     assert said["ok"]
     assert said["robot"] == "four_bar"
     assert [term["term"] for term in said["terms"]] == ["M", "h", "passive", "a", "gap", "J"]
-    assert cp.TermCheck(**said["terms"][0]) == found.terms[0]
+    assert cp.study.TermCheck(**said["terms"][0]) == found.terms[0]
 
 
 # The command
@@ -691,7 +691,7 @@ def test_the_command_takes_names_and_joints_that_are_held(tmp_path):
 
 def test_what_only_mujoco_has_is_noted():
     robot = two_links()
-    bridge = cp.MujocoBridge(robot, arm(), without=HELD)
+    bridge = cp.study.MujocoBridge(robot, arm(), without=HELD)
     bridge.model.opt.viscosity = 0.1
     bridge.model.body_gravcomp[3] = 0.5
     bridge.model.dof_frictionloss[7] = 0.2

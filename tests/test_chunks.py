@@ -78,7 +78,7 @@ def ends_with_all_else_done() -> None:
     text = "3 pools of workers in a row"
     with (
         cp.Processes(2, start_method="fork") as executor,
-        pytest.raises(cp.WorkersLost, match=text),
+        pytest.raises(cp.errors.WorkersLost, match=text),
     ):
         found.update(cp.map_chunks(die, range(10), executor=executor))  # pair by pair
     assert found.items() <= SQUARES.items()
@@ -93,7 +93,7 @@ def test_work_that_always_kills_ends_with_an_error_and_all_else_done():
 def test_a_plain_pool_says_that_it_is_of_no_use_any_more():
     text = r"of no use after that; \d+ of 10 .*\.Processes"
     pool = ProcessPoolExecutor(2, get_context("spawn"))
-    with pool, pytest.raises(cp.WorkersLost, match=text):
+    with pool, pytest.raises(cp.errors.WorkersLost, match=text):
         results(die, pool)
 
 
@@ -133,7 +133,7 @@ def test_a_chunk_that_the_executor_lost_is_handed_out_again():
     with _Forgetful(2) as executor:
         assert results(square, executor) == SQUARES
     text = r"chunk 3 .* 3 times, .* TimeoutError: no answer"
-    with _Forgetful(3) as executor, pytest.raises(cp.WorkersLost, match=text):
+    with _Forgetful(3) as executor, pytest.raises(cp.errors.WorkersLost, match=text):
         results(square, executor)
 
 
@@ -218,7 +218,7 @@ def test_a_script_without_a_guard_is_told_so_at_once(pool, tmp_path):
     )
     assert done.returncode == 1
     # behind it the tracker of another process may tell what that one left
-    lost = "condyn_pin._core.errors.WorkersLost: "
+    lost = "condyn_pin.errors.WorkersLost: "
     last = [line for line in done.stderr.splitlines() if line.startswith(lost)][-1]
     assert 'inside `if __name__ == "__main__":`' in last
     assert "kills them" not in last

@@ -56,7 +56,7 @@ def test_show_prints_and_draws_a_ladder(tmp_path):
 
 def test_solvers_lists_every_solver_with_its_knobs():
     output = run("solvers").output
-    for name, kind in cp.SOLVERS.items():
+    for name, kind in cp.dynamics.SOLVERS.items():
         assert kind.__name__ in output, name
     assert "rank_tolerance=1e-07" in output
 
@@ -75,7 +75,7 @@ def test_bench_of_all_leaves_out_what_does_not_take_the_scene(tmp_path):
     rows = json.loads(table.read_text())["rows"]
     methods = {row["method"] for row in rows if row["status"] != "by hand"}
     assert len(rows) == len(methods) + 3
-    titles = {kind.title for kind in SOLVERS.values() if kind is not cp.Reference}
+    titles = {kind.title for kind in SOLVERS.values() if kind is not cp.dynamics.Reference}
     assert methods == titles | {"ABA, unconstrained"}
 
 
@@ -95,7 +95,7 @@ def test_solve_prints_json_that_equals_the_library(solver):
     talos = cp.load_robot("talos")
     scene = cp.Scene(talos, talos.contacts)
     q, v = scene.state()
-    solution = cp.solve(scene, q, v, 0 * v, solver=cp.SOLVERS[solver](), throw=False)
+    solution = cp.solve(scene, q, v, 0 * v, solver=cp.dynamics.SOLVERS[solver](), throw=False)
     assert answer["a"] == solution.a.tolist()
     assert answer["status"] == ("ok" if SOLVERS[solver].exact else "inaccurate")
     assert answer["forces"]["left_sole_link"] == solution.forces["left_sole_link"].tolist()
@@ -159,7 +159,7 @@ def test_bench_writes_table_and_picture(tmp_path):
         (("solve", "talos", "--contacts", "left_sole"), "left_sole_link"),
         (("solve", "talos", "--posture", "sitting"), "half_sitting"),
         (("solve", "talos", "--mu", "-1"), "mu = -1.0"),
-        (("solve", "talos", "--solver", "reference", "--mu", "1"), "no such knob"),
+        (("solve", "talos", "--solver", "reference", "--mu", "1"), "no such parameter"),
         (("export", "pendulum", "--mjcf", "p.xml"), "'pivot' carries 1 kg"),
         (("export", "four_bar", "--mjcf", "no/such/b.xml"), "there is no folder no/such"),
         (("bench", "four_bar", "--quick", "--native", "no.json"), "make native"),
@@ -304,8 +304,8 @@ def test_ctrl_c_in_one_motion_stops_the_whole_study(monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(HybridSimulator, "run", interrupted)
-    study = cp.Study("four_bar", [cp.NullSpace()], states=2, measure="trajectory")
-    with pytest.raises(cp.Interrupted):
+    study = cp.Study("four_bar", [cp.dynamics.NullSpace()], states=2, measure="trajectory")
+    with pytest.raises(cp.errors.Interrupted):
         study.run()
 
 
@@ -322,7 +322,7 @@ def test_a_table_goes_to_stdout_as_json_and_to_people_beside():
 
 def test_what_no_solver_meets_is_json_too(monkeypatch):
     def nothing(*_, **__):
-        raise cp.NotReached("nothing meets that")
+        raise cp.errors.NotReached("nothing meets that")
 
     monkeypatch.setattr("condyn_pin.study.tuning.choose", nothing)
     result = run("tune", "four_bar", "--json")
@@ -333,9 +333,11 @@ def test_what_no_solver_meets_is_json_too(monkeypatch):
 
 
 def test_a_ladder_is_json_too(monkeypatch):
-    from condyn_pin.lab.ladder_table import LadderTable
+    from condyn_pin.lab.hierarchy_table import HierarchyTable
 
-    monkeypatch.setattr("condyn_pin.lab.climbing.ladder", lambda n: LadderTable(n, (), 20, {}))
+    monkeypatch.setattr(
+        "condyn_pin.lab.hierarchy.model_hierarchy", lambda n: HierarchyTable(n, (), 20, {})
+    )
     result = run("show", "talos", "--ladder", "--json")
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["ladder"] == "talos"
@@ -399,7 +401,7 @@ def test_a_variant_of_a_robot():
     [
         (("robots",), {"cassie", "talos"}),
         (("show", "cassie"), {"rows", "rank", "redundant", "frames", "ready_contacts"}),
-        (("assemble", "cassie"), {"q", "joints", "gap", "status", "branch"}),
+        (("assemble", "cassie"), {"q", "joints", "violation", "status", "branch"}),
         (("solve", "four_bar"), {"a", "lam", "forces", "status", "advice", "machine"}),
         (("doctor",), {"versions", "features", "remedy"}),
         (("problem",), {"A01", "A02"}),
@@ -419,7 +421,9 @@ def test_json_of_the_answers_equals_the_library():
     assert shown["redundant"] == list(legs.summary().redundant)
     assert json.loads(run("assemble", "cassie", "--json").stdout)["q"] == legs.state()[0].tolist()
     listed = json.loads(run("solvers", "--json").stdout)
-    assert {row["name"] for row in listed} == {kind.__name__ for kind in cp.SOLVERS.values()}
+    assert {row["name"] for row in listed} == {
+        kind.__name__ for kind in cp.dynamics.SOLVERS.values()
+    }
     assert json.loads(run("robots", "--json").stdout)["cassie"]["nv"] == 32
 
 

@@ -42,10 +42,10 @@ def test_a_cluster_changes_no_bit(client):
     scene = all_scenes()["cassie loops"]
     states = batch_of(scene, 60)
     executor = client.get_executor()
-    for solver in (None, cp.NullSpace()):
+    for solver in (None, cp.dynamics.NullSpace()):
         here = cp.solve_batch(scene, *states, solver=solver)
         there = cp.solve_batch(scene, *states, solver=solver, executor=executor, chunk=4)
-        for name in ("a", "lam", "proofs", "statuses", "iterations"):
+        for name in ("a", "lam", "residuals", "statuses", "iterations"):
             np.testing.assert_array_equal(getattr(there, name), getattr(here, name), err_msg=name)
     of, there_of = (cp.derivatives_batch(scene, *states, executor=e) for e in (None, executor))
     for name in BLOCKS:
@@ -55,7 +55,7 @@ def test_a_cluster_changes_no_bit(client):
 def test_errors_come_back(client):
     scene = all_scenes()["four_bar rod"]
     states = batch_of(scene, 20)
-    with pytest.raises(cp.UnsupportedConstraint, match="Proximal takes"):
+    with pytest.raises(cp.errors.UnsupportedConstraint, match="Proximal takes"):
         cp.solve_batch(scene, *states, solver=cp.Proximal(), executor=client.get_executor())
 
 

@@ -48,7 +48,9 @@ def normal(q: np.ndarray) -> np.ndarray:
 SOLE = cp.SurfaceContact("float", X, Y, name="sole")
 
 
-def held(made: cp.Robot, q: np.ndarray, *contacts: cp.Constraint, tau=None) -> cp.Solution:
+def held(
+    made: cp.Robot, q: np.ndarray, *contacts: cp.constraints.Constraint, tau=None
+) -> cp.Solution:
     scene = cp.Scene(made, contacts)
     return cp.solve(scene, q, np.zeros(6), np.zeros(6) if tau is None else tau)
 
@@ -61,8 +63,8 @@ def held(made: cp.Robot, q: np.ndarray, *contacts: cp.Constraint, tau=None) -> c
 def test_a_plate_on_points_slips_at_the_angle_of_friction(mu, yaw):
     for factor, fault in ((0.999, ""), (1.001, "slips")):
         q = tilted("x", np.arctan(mu * factor), yaw)
-        cone = cp.FrictionCone(mu, normal=normal(q))
-        for margin in cp.margins(held(block(), q, *SOLE.corners()), cone).values():
+        cone = cp.contact.FrictionCone(mu, normal=normal(q))
+        for margin in cp.contact.margins(held(block(), q, *SOLE.corners()), cone).values():
             assert margin.fault == fault
             wanted = MASS * G / 4 * np.cos(np.arctan(mu * factor)) * mu * (1 - factor)
             assert abs(margin.slips - wanted) < 1e-9 * MASS * G
@@ -74,10 +76,10 @@ def test_a_plate_on_points_slips_at_the_angle_of_friction(mu, yaw):
 def test_a_block_slips_along_a_side_where_its_pyramid_says(pyramid, about):
     mu = 0.5
     edge = mu / np.sqrt(2) if pyramid == "inner" else mu
-    cone = cp.WrenchCone(mu, pyramid=pyramid)
+    cone = cp.contact.WrenchCone(mu, pyramid=pyramid)
     for factor, fault in ((0.999, ""), (1.001, "slips")):
         q = tilted(about, np.arctan(edge * factor))
-        assert cp.margins(held(block(), q, SOLE), cone)["sole"].fault == fault
+        assert cp.contact.margins(held(block(), q, SOLE), cone)["sole"].fault == fault
 
 
 @pytest.mark.parametrize(("about", "half"), [("x", Y), ("y", X)])
@@ -87,7 +89,7 @@ def test_a_box_tips_where_its_weight_leaves_the_sole(about, half, side):
     for factor, fault in ((0.999, ""), (1.001, "tips")):
         angle = side * np.arctan(half / height * factor)
         answer = held(block(height), tilted(about, angle), SOLE)
-        margin = cp.margins(answer, cp.WrenchCone(100.0))["sole"]
+        margin = cp.contact.margins(answer, cp.contact.WrenchCone(100.0))["sole"]
         assert margin.fault == fault
         wanted = MASS * G * np.cos(angle) * (1 - factor) / 2  # on the edge that lifts
         assert abs(margin.tips - wanted) < 1e-9 * MASS * G
@@ -95,10 +97,11 @@ def test_a_box_tips_where_its_weight_leaves_the_sole(about, half, side):
 
 def test_what_is_left_on_the_edge_that_tips_is_what_its_two_corners_carry():
     q, height = tilted("y", 0.2), 0.5
-    surface = cp.margins(held(block(height), q, SOLE), cp.WrenchCone(100.0))["sole"]
+    surface = cp.contact.margins(held(block(height), q, SOLE), cp.contact.WrenchCone(100.0))["sole"]
     points = held(block(height), q, *SOLE.corners())
     carried = sorted(
-        m.pulls for m in cp.margins(points, cp.FrictionCone(1.0, normal=normal(q))).values()
+        m.pulls
+        for m in cp.contact.margins(points, cp.contact.FrictionCone(1.0, normal=normal(q))).values()
     )
     assert abs(surface.tips - sum(carried[:2])) < 1e-9
 
@@ -109,7 +112,7 @@ def test_a_plate_twists_where_all_corners_slip(turn):
     limit = mu * MASS * G * (X + Y)  # each corner at the corner of its pyramid
     for factor, fault in ((0.999, ""), (1.001, "twists")):
         tau = np.array([0.0, 0.0, 0.0, 0.0, 0.0, turn * factor * limit])
-        margin = cp.WrenchCone(mu, pyramid="outer").margin(
+        margin = cp.contact.WrenchCone(mu, pyramid="outer").margin(
             held(block(), q, SOLE, tau=tau).forces["sole"]
         )
         assert margin.fault == fault
@@ -118,21 +121,21 @@ def test_a_plate_twists_where_all_corners_slip(turn):
 
 def test_what_pulls_is_said_to_pull_and_by_how_much():
     answer = held(block(), tilted("x", 0.0), SOLE, tau=[0.0, 0.0, 3 * MASS * G, 0.0, 0.0, 0.0])
-    margin = cp.margins(answer, cp.WrenchCone(0.5))["sole"]
+    margin = cp.contact.margins(answer, cp.contact.WrenchCone(0.5))["sole"]
     assert margin.fault == "pulls"
     assert abs(margin.least + 2 * MASS * G) < 1e-9
     assert repr(margin) == "Margin(-39.24 N: pulls)"
 
 
 def test_no_force_is_in_every_cone():
-    assert cp.FrictionCone(0.5).margin(np.zeros(3)).fault == ""
-    assert cp.WrenchCone(0.5, X, Y).margin(np.zeros(6)).least == 0.0
+    assert cp.contact.FrictionCone(0.5).margin(np.zeros(3)).fault == ""
+    assert cp.contact.WrenchCone(0.5, X, Y).margin(np.zeros(6)).least == 0.0
 
 
 # The corners, found by a linear program
 
 
-def corners_make(cone: cp.WrenchCone, wrench: np.ndarray) -> bool:
+def corners_make(cone: cp.contact.WrenchCone, wrench: np.ndarray) -> bool:
     """Whether forces in pyramids at the corners, or at the ends of an edge, sum to the wrench."""
     mu = cone.friction / (np.sqrt(2) if cone.pyramid == "inner" else 1.0)
     ends = [1.0, -1.0]
@@ -165,7 +168,7 @@ shares = st.floats(-1.0, 1.0)
 )  # fmt: skip
 def test_a_wrench_is_inside_just_if_corner_forces_make_it(mu, length, width, pyramid, toward):
     """From the middle of the cone in any direction: inside up to its end, and outside beyond."""
-    cone = cp.WrenchCone(mu, length, width, pyramid=pyramid)
+    cone = cp.contact.WrenchCone(mu, length, width, pyramid=pyramid)
     fx, fy, mx, my, mz = toward
     way = np.array([mu * fx, mu * fy, 0.0, width * mx, length * my, mu * (length + width) * mz])
     assume(np.abs(way).max() > 0.01)
@@ -189,7 +192,7 @@ def test_whatever_corners_give_is_inside(parts):
     for (x, y, z), (sx, sy) in zip(parts, [(1, 1), (1, -1), (-1, 1), (-1, -1)], strict=True):
         force = np.array([flat * z * x, flat * z * y, z])
         wrench += np.concatenate([force, np.cross([sx * X, sy * Y, 0.0], force)])
-    assert cp.WrenchCone(mu, X, Y).margin(wrench).least > -1e-12
+    assert cp.contact.WrenchCone(mu, X, Y).margin(wrench).least > -1e-12
 
 
 # Pyramids
@@ -201,7 +204,7 @@ def test_whatever_corners_give_is_inside(parts):
 )  # fmt: skip
 def test_a_pyramid_lies_within_the_cone_or_around_it(mu, sides, angle, share):
     force = np.array([mu * share * np.cos(angle), mu * share * np.sin(angle), 1.0])
-    inner, outer = (cp.FrictionCone(mu, sides=sides, pyramid=p) for p in ("inner", "outer"))
+    inner, outer = (cp.contact.FrictionCone(mu, sides=sides, pyramid=p) for p in ("inner", "outer"))
     round_ = inner.margin(force).least
     assert round_ == outer.margin(force).least
     for cone in (inner, outer):
@@ -215,17 +218,17 @@ def test_a_pyramid_lies_within_the_cone_or_around_it(mu, sides, angle, share):
 
 
 def test_four_sides_within_have_the_coefficient_over_the_root_of_two():
-    A = cp.FrictionCone(0.8).rows().A
+    A = cp.contact.FrictionCone(0.8).rows().A
     assert np.allclose(A[1], [1.0, 0.0, -0.8 / np.sqrt(2)])
     assert np.allclose(A[2], [0.0, 1.0, -0.8 / np.sqrt(2)])
-    assert np.allclose(cp.FrictionCone(0.8, pyramid="outer").rows().A[1], [1.0, 0.0, -0.8])
+    assert np.allclose(cp.contact.FrictionCone(0.8, pyramid="outer").rows().A[1], [1.0, 0.0, -0.8])
 
 
 def test_rows_count_and_names():
-    rows = cp.WrenchCone(0.7, X, Y).rows()
+    rows = cp.contact.WrenchCone(0.7, X, Y).rows()
     assert rows.A.shape == (17, 6)
     assert len(set(rows.names)) == 17
-    assert cp.WrenchCone(0.7, X, 0.0).rows().A.shape == (11, 6)
+    assert cp.contact.WrenchCone(0.7, X, 0.0).rows().A.shape == (11, 6)
     with pytest.raises(ValueError, match="read-only"):
         rows.A[0] = 0.0
 
@@ -233,27 +236,33 @@ def test_rows_count_and_names():
 # Frames, signs, and scenes
 
 
-def contacts_of_every_kind() -> dict[str, tuple[cp.Constraint, cp.FrictionCone | cp.WrenchCone]]:
+def contacts_of_every_kind() -> dict[
+    str, tuple[cp.constraints.Constraint, cp.contact.FrictionCone | cp.contact.WrenchCone]
+]:
     n = (0.2, -0.1, 0.9)
-    round_, flat = cp.FrictionCone(0.5), cp.WrenchCone(0.5, 0.1, 0.05)
+    round_, flat = cp.contact.FrictionCone(0.5), cp.contact.WrenchCone(0.5, 0.1, 0.05)
     return {
         "point": (cp.PointContact("hook"), round_),
-        "point on a slope": (cp.PointContact("hook", (0.1, 0, 0)), cp.FrictionCone(0.5, normal=n)),
+        "point on a slope": (cp.PointContact("hook", (0.1, 0, 0)),
+            cp.contact.FrictionCone(0.5, normal=n)),
         "surface": (cp.SurfaceContact("hook"), flat),
-        "plane": (cp.PlanarContact("hook", normal=n), round_),
+        "plane": (cp.constraints.PlanarContact("hook", normal=n), round_),
         "wheel": (cp.RollingWheel("hook", 0.1, axis="y"), round_),
         "omniwheel": (cp.RollingWheel("hook", 0.1, holds=("rolling", "normal")), round_),
-        "ball": (cp.RollingBall("hook", 0.1, normal=n), cp.FrictionCone(0.5, sides=7)),
-        "edge along x": (cp.LineContact("float", "x"), cp.WrenchCone(0.5, 0.1)),
-        "edge along y": (cp.LineContact("float", "y", 0.1), cp.WrenchCone(0.5, pyramid="outer")),
-        "edge along z": (cp.LineContact("upright", "z"), cp.WrenchCone(0.5, 0.1, 0.0)),
+        "ball": (cp.constraints.RollingBall("hook", 0.1, normal=n),
+            cp.contact.FrictionCone(0.5, sides=7)),
+        "edge along x": (cp.constraints.LineContact("float", "x"), cp.contact.WrenchCone(0.5, 0.1)),
+        "edge along y": (cp.constraints.LineContact("float", "y", 0.1),
+            cp.contact.WrenchCone(0.5, pyramid="outer")),
+        "edge along z": (cp.constraints.LineContact("upright", "z"),
+            cp.contact.WrenchCone(0.5, 0.1, 0.0)),
     }  # fmt: skip
 
 
 EVERY = contacts_of_every_kind()
 
 
-def hooked(contact: cp.Constraint) -> tuple[cp.Scene, np.ndarray]:
+def hooked(contact: cp.constraints.Constraint) -> tuple[cp.Scene, np.ndarray]:
     """A block with a turned hook, and one with z level, between a loop before and one behind."""
     made = block(0.1).with_frame(
         "hook", "float", [0.1, 0.2, -0.1], pin.rpy.rpyToMatrix(0.3, -0.2, 0.5)
@@ -269,7 +278,7 @@ def test_rows_of_a_scene_are_for_its_lam(label):
     contact, cone = EVERY[label]
     scene, q = hooked(contact)
     rng = np.random.default_rng(0)
-    rows = cp.cone_rows(scene, q, cone)
+    rows = cp.contact.cone_rows(scene, q, cone)
     bound = scene.bounds[1]
     others = np.ones(scene.rows, dtype=bool)
     others[bound.rows] = False
@@ -283,7 +292,7 @@ def test_rows_of_a_scene_are_for_its_lam(label):
         margin = cone.margin(force)
         slack = rows.b - rows.A @ lam
         assert abs(slack[0] - margin.pulls) < 1e-12
-        if isinstance(cone, cp.WrenchCone):
+        if isinstance(cone, cp.contact.WrenchCone):
             assert abs(slack.min() - margin.least) < 1e-12
         other = cone.margin(force.on_other())
         for fault in ("pulls", "slips", "tips", "twists"):
@@ -304,7 +313,7 @@ def test_pull_and_slip_are_those_of_the_force_in_the_world(label):
     margin = cone.margin(force[contact.name])
     along = n @ f
     assert abs(margin.pulls - along) < 1e-12
-    if isinstance(cone, cp.FrictionCone):
+    if isinstance(cone, cp.contact.FrictionCone):
         assert abs(margin.slips - 0.5 * along + np.linalg.norm(f - along * n)) < 1e-12
         assert margin.tips == margin.twists == np.inf
 
@@ -338,11 +347,16 @@ def test_an_edge_is_what_its_two_ends_make(label):
 def test_an_edge_that_is_off_the_floor_is_refused():
     q = tilted("y", 0.2)
     answer = held(
-        block(), q, cp.LineContact("float", "x", X, name="edge"), cp.PointContact("float")
+        block(),
+        q,
+        cp.constraints.LineContact("float", "x", X, name="edge"),
+        cp.PointContact("float"),
     )
     with pytest.raises(cp.InvalidArgument, match=r"edge: the edge is 11\.5 deg off the floor"):
-        cp.margins(answer, {"edge": cp.WrenchCone(0.5)})
-    margin = cp.margins(answer, {"edge": cp.WrenchCone(0.5, normal=normal(q))})["edge"]
+        cp.contact.margins(answer, {"edge": cp.contact.WrenchCone(0.5)})
+    margin = cp.contact.margins(answer, {"edge": cp.contact.WrenchCone(0.5, normal=normal(q))})[
+        "edge"
+    ]
     assert np.isfinite(margin.least)
 
 
@@ -355,7 +369,10 @@ def test_turning_everything_about_the_vertical_changes_no_margin():
     turned[:7] = pin.SE3ToXYZQUAT(turn * pin.XYZQUATToSE3(q[:7]))
     tau = np.random.default_rng(0).normal(size=talos.nv) * 20.0
     tau[:6] = 0.0
-    one, two = (cp.margins(cp.solve(scene, at, v, tau), cp.WrenchCone(0.7)) for at in (q, turned))
+    one, two = (
+        cp.contact.margins(cp.solve(scene, at, v, tau), cp.contact.WrenchCone(0.7))
+        for at in (q, turned)
+    )
     assert set(one) == {"left_sole_link", "right_sole_link"}
     for name, margin in one.items():
         assert abs(margin.least - two[name].least) < 1e-6
@@ -366,11 +383,11 @@ def test_loops_are_not_judged_and_contacts_are_judged_by_name():
     scene = cp.Scene(cassie, [*cassie.loops, *cassie.contacts])
     q, v = scene.state("standing")
     answer = cp.solve(scene, q, v, cassie.passive_torque(q, v))
-    found = cp.margins(answer, cp.WrenchCone(0.7))
+    found = cp.contact.margins(answer, cp.contact.WrenchCone(0.7))
     assert list(found) == [contact.name for contact in cassie.contacts]
     left = cassie.contacts[0].name
-    assert list(cp.margins(answer, {left: cp.WrenchCone(0.7)})) == [left]
-    rows = cp.cone_rows(scene, q, cp.WrenchCone(0.7))
+    assert list(cp.contact.margins(answer, {left: cp.contact.WrenchCone(0.7)})) == [left]
+    rows = cp.contact.cone_rows(scene, q, cp.contact.WrenchCone(0.7))
     slack = rows.b - rows.A @ answer.lam
     least = min(margin.least for margin in found.values())
     assert abs(slack.min() - least) < 1e-9 * np.abs(answer.lam).max()
@@ -385,9 +402,9 @@ def test_a_batch_is_judged_state_by_state():
     rng = np.random.default_rng(0)
     Q, V = (np.array(each) for each in zip(*(scene.sample(rng) for _ in range(5)), strict=True))
     batch = cp.solve_batch(scene, Q, V, np.zeros(solo.nv))
-    found = cp.margins(batch, cp.FrictionCone(0.7))
+    found = cp.contact.margins(batch, cp.contact.FrictionCone(0.7))
     for i, one in enumerate(batch):
-        for name, margin in cp.margins(one, cp.FrictionCone(0.7)).items():
+        for name, margin in cp.contact.margins(one, cp.contact.FrictionCone(0.7)).items():
             assert found[name].least.shape == (5,)
             assert found[name].least[i] == margin.least
             assert found[name].fault[i] == margin.fault
@@ -400,7 +417,7 @@ def test_where_there_is_no_answer_there_is_no_margin():
     q, v = scene.state()
     batch = cp.solve_batch(scene, [q, q], [v, v], np.zeros(solo.nv))
     lost = dataclasses.replace(batch, lam=batch.lam * [[1.0], [np.nan]])
-    margin = cp.margins(lost, cp.FrictionCone(0.7))["FL_FOOT"]
+    margin = cp.contact.margins(lost, cp.contact.FrictionCone(0.7))["FL_FOOT"]
     assert np.isfinite(margin.least[0])
     assert np.isnan(margin.least[1])
     assert margin.fault[1] == "unknown"
@@ -413,7 +430,7 @@ def test_edges_without_an_answer_have_no_margin_either():
     q, v = scene.state("standing")
     batch = cp.solve_batch(scene, [q, q], [v, v], np.zeros(cassie.nv))
     lost = dataclasses.replace(batch, lam=batch.lam * [[1.0], [np.nan]])
-    for margin in cp.margins(lost, cp.WrenchCone(0.7)).values():
+    for margin in cp.contact.margins(lost, cp.contact.WrenchCone(0.7)).values():
         assert margin.fault[1] == "unknown"
         assert np.isfinite(margin.least[0])
 
@@ -424,32 +441,34 @@ def test_motions_side_by_side_are_judged_sample_by_sample():
     q, v = scene.state()
     tau = np.zeros((2, solo.nv))
     tau[1, 8] = 5.0
-    cone, options = cp.FrictionCone(0.7), {"duration": 0.01, "dt": 1e-3}
+    cone, options = cp.contact.FrictionCone(0.7), {"duration": 0.01, "dt": 1e-3}
     many = cp.simulate_batch(scene, [q, q], [v, v], tau, record=1, **options)
-    found = cp.margins(many, cone)
+    found = cp.contact.margins(many, cone)
     for i in range(2):
-        for name, margin in cp.margins(cp.simulate(scene, q, v, tau[i], **options), cone).items():
+        for name, margin in cp.contact.margins(
+            cp.simulate(scene, q, v, tau[i], **options), cone
+        ).items():
             assert found[name].least.shape == (2, len(margin.least))
             assert np.allclose(found[name].least[i], margin.least)
     with pytest.raises(cp.InvalidArgument, match=r"BatchTrajectory: .* keeps them with record="):
-        cp.margins(cp.simulate_batch(scene, [q, q], [v, v], tau, **options), cone)
+        cp.contact.margins(cp.simulate_batch(scene, [q, q], [v, v], tau, **options), cone)
 
 
 def test_a_block_that_is_pushed_harder_and_harder_slides_at_its_time():
     """mu m g = k t at the event; afterwards the contact is away, and nothing is left to leave."""
     scene = cp.Scene(block(), [SOLE])
-    cone, k = cp.WrenchCone(0.5, pyramid="outer"), 40.0
+    cone, k = cp.contact.WrenchCone(0.5, pyramid="outer"), 40.0
     go = cp.Event(
         name="go",
         when=lambda now: cone.margin(now.forces["sole"]).least,
-        scene=cp.Scene(block(), [cp.PlanarContact("float", name="glides")]),
+        scene=cp.Scene(block(), [cp.constraints.PlanarContact("float", name="glides")]),
     )
     run = cp.simulate(
         scene, tilted("x", 0.0), np.zeros(6), lambda t, q, v: [k * t, 0.0, 0.0, 0.0, 0.0, 0.0],
         duration=0.4, dt=0.01, events=[go],
     )  # fmt: skip
     assert abs(run.run.happened[0].t - 0.5 * MASS * G / k) < 1e-9
-    found = cp.margins(run, {"sole": cone, "glides": cp.FrictionCone(0.0)})
+    found = cp.contact.margins(run, {"sole": cone, "glides": cp.contact.FrictionCone(0.0)})
     at = run.phases[1].samples
     assert np.all(np.isinf(found["sole"].least[at]))
     assert np.all(found["sole"].fault == "")
@@ -457,8 +476,10 @@ def test_a_block_that_is_pushed_harder_and_harder_slides_at_its_time():
     assert np.allclose(found["glides"].pulls[at], MASS * G)
     before = run.phases[0].samples
     assert np.allclose(found["sole"].slips[before], 0.5 * MASS * G - k * run.t[before])
-    with pytest.raises(cp.UnknownName, match="no constraint named 'soul'; did you mean 'sole'"):
-        cp.margins(run, {"soul": cone})
+    with pytest.raises(
+        cp.errors.UnknownName, match="no constraint named 'soul'; did you mean 'sole'"
+    ):
+        cp.contact.margins(run, {"soul": cone})
 
 
 def test_a_contact_that_is_away_leaves_no_cone():
@@ -467,7 +488,7 @@ def test_a_contact_that_is_away_leaves_no_cone():
     run = cp.simulate(
         scene, tilted("x", 0.0), np.zeros(6), duration=0.04, dt=0.01, events=[drop]
     )  # fmt: skip
-    margin = cp.margins(run, cp.WrenchCone(0.5))["sole"]
+    margin = cp.contact.margins(run, cp.contact.WrenchCone(0.5))["sole"]
     away = run.phases[1].samples
     assert np.all(margin.least[away] == np.inf)
     assert np.allclose(margin.pulls[run.phases[0].samples], MASS * G)
@@ -477,7 +498,7 @@ def test_a_contact_that_is_away_leaves_no_cone():
 def test_no_states_have_no_margins():
     scene = cp.Scene(block(), [SOLE])
     none = cp.solve_batch(scene, np.zeros((0, 7)), np.zeros((0, 6)), np.zeros(6))
-    margin = cp.margins(none, cp.WrenchCone(0.5))["sole"]
+    margin = cp.contact.margins(none, cp.contact.WrenchCone(0.5))["sole"]
     assert margin.least.shape == margin.fault.shape == (0,)
     assert repr(margin) == "Margin(0 forces, inf N at least: no faults)"
 
@@ -486,13 +507,13 @@ def test_impulses_and_inverse_dynamics_are_judged_too():
     talos = robot("talos")
     scene = cp.Scene(talos, talos.contacts)
     q, _ = scene.state("half_sitting")
-    cone = cp.WrenchCone(0.7)
-    standing = cp.margins(cp.gravity_compensation(scene, q), cone)
+    cone = cp.contact.WrenchCone(0.7)
+    standing = cp.contact.margins(cp.control.gravity_compensation(scene, q), cone)
     assert all(margin.fault == "" for margin in standing.values())
     assert abs(sum(m.pulls for m in standing.values()) - talos.mass * G) < 1e-5 * talos.mass * G
     v = np.zeros(talos.nv)
     v[2] = -1.0
-    for margin in cp.margins(cp.impact(scene, q, v), cone).values():
+    for margin in cp.contact.margins(cp.impact(scene, q, v), cone).values():
         assert margin.pulls > 0
 
 
@@ -500,42 +521,61 @@ def test_impulses_and_inverse_dynamics_are_judged_too():
 
 
 def test_cones_are_values():
-    cone = cp.WrenchCone(0.7, X, Y, normal=(0, 0, 2))
-    assert cone == pickle.loads(pickle.dumps(cone)) == cp.WrenchCone(0.7, X, Y, normal=(0.0, 0, 1))
-    assert len({cone, cp.WrenchCone(0.7, X, Y)}) == 2
-    assert cp.FrictionCone(1) == cp.FrictionCone(1.0)
-    rounded = cp.WrenchCone(np.float32(0.5), np.float32(0.25), 1)
-    assert rounded == cp.WrenchCone(0.5, 0.25, 1.0)
+    cone = cp.contact.WrenchCone(0.7, X, Y, normal=(0, 0, 2))
+    assert (
+        cone
+        == pickle.loads(pickle.dumps(cone))
+        == cp.contact.WrenchCone(0.7, X, Y, normal=(0.0, 0, 1))
+    )
+    assert len({cone, cp.contact.WrenchCone(0.7, X, Y)}) == 2
+    assert cp.contact.FrictionCone(1) == cp.contact.FrictionCone(1.0)
+    rounded = cp.contact.WrenchCone(np.float32(0.5), np.float32(0.25), 1)
+    assert rounded == cp.contact.WrenchCone(0.5, 0.25, 1.0)
     assert type(rounded.half_length) is type(rounded.half_width) is float
 
 
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: cp.FrictionCone(-0.1), r"friction = -0\.1: a coefficient is not negative"),
-        (lambda: cp.FrictionCone(np.nan), "friction = nan: finite numbers are needed"),
-        (lambda: cp.FrictionCone(np.inf), "friction = inf: finite numbers are needed"),
-        (lambda: cp.FrictionCone("rough"), "friction = 'rough': one finite number is needed"),
-        (lambda: cp.FrictionCone(1e60), "no machine has that"),
-        (lambda: cp.FrictionCone(0.5, normal=(0, 0, 0)), "a direction is needed"),
-        (lambda: cp.FrictionCone(0.5, normal=(0, 0)), "3 finite numbers are needed"),
-        (lambda: cp.FrictionCone(0.5, sides=2), "sides = 2: a whole number of at least 3"),
-        (lambda: cp.FrictionCone(0.5, sides=4.0), r"sides = 4\.0: a whole number of at least 3"),
-        (lambda: cp.FrictionCone(0.5, sides=10**9), "1000 are round to 5e-6"),
-        (lambda: cp.FrictionCone(0.5, pyramid="round"), "inner or outer is needed"),
-        (lambda: cp.FrictionCone(0.5, pyramid=np.zeros(2)), "inner or outer is needed"),
-        (lambda: cp.FrictionCone(0.5).margin([0.0, 0.0, 1e300]), "force = 1e.300: no machine"),
-        (lambda: cp.WrenchCone(0.5, X, 1e-320), "1 / half_width = inf: no machine has that"),
-        (lambda: cp.WrenchCone(0.5, 0.0, Y), r"half_length = 0\.0: a positive length"),
-        (lambda: cp.WrenchCone(0.5, -X, Y), "half_length = -0.3: a positive length"),
-        (lambda: cp.WrenchCone(0.5, X, np.nan), "half_width = nan: a positive length"),
-        (lambda: cp.WrenchCone(0.5, X).rows(), "half_width = None: neither the cone"),
-        (lambda: cp.WrenchCone(0.5, X, Y).margin(np.zeros(3)), r"force has shape \(3,\)"),
-        (lambda: cp.WrenchCone(0.5, X, 0).margin(np.ones(6)), "no moment about itself"),
-        (lambda: cp.FrictionCone(0.5).margin([0.0, np.nan, 1.0]), r"force\[1\] = nan"),
-        (lambda: cp.FrictionCone(0.5).margin(1.0), "force has shape"),
-        (lambda: cp.FrictionCone(0.5).margin(None), "force has shape|force: an array"),
-        (lambda: cp.FrictionCone(0.5).margin([[1.0, 2.0], [3.0]]), "force: an array of shape"),
+        (lambda: cp.contact.FrictionCone(-0.1), r"friction = -0\.1: a coefficient is not negative"),
+        (lambda: cp.contact.FrictionCone(np.nan), "friction = nan: finite numbers are needed"),
+        (lambda: cp.contact.FrictionCone(np.inf), "friction = inf: finite numbers are needed"),
+        (
+            lambda: cp.contact.FrictionCone("rough"),
+            "friction = 'rough': one finite number is needed",
+        ),
+        (lambda: cp.contact.FrictionCone(1e60), "no machine has that"),
+        (lambda: cp.contact.FrictionCone(0.5, normal=(0, 0, 0)), "a direction is needed"),
+        (lambda: cp.contact.FrictionCone(0.5, normal=(0, 0)), "3 finite numbers are needed"),
+        (lambda: cp.contact.FrictionCone(0.5, sides=2), "sides = 2: a whole number of at least 3"),
+        (
+            lambda: cp.contact.FrictionCone(0.5, sides=4.0),
+            r"sides = 4\.0: a whole number of at least 3",
+        ),
+        (lambda: cp.contact.FrictionCone(0.5, sides=10**9), "1000 are round to 5e-6"),
+        (lambda: cp.contact.FrictionCone(0.5, pyramid="round"), "inner or outer is needed"),
+        (lambda: cp.contact.FrictionCone(0.5, pyramid=np.zeros(2)), "inner or outer is needed"),
+        (
+            lambda: cp.contact.FrictionCone(0.5).margin([0.0, 0.0, 1e300]),
+            "force = 1e.300: no machine",
+        ),
+        (
+            lambda: cp.contact.WrenchCone(0.5, X, 1e-320),
+            "1 / half_width = inf: no machine has that",
+        ),
+        (lambda: cp.contact.WrenchCone(0.5, 0.0, Y), r"half_length = 0\.0: a positive length"),
+        (lambda: cp.contact.WrenchCone(0.5, -X, Y), "half_length = -0.3: a positive length"),
+        (lambda: cp.contact.WrenchCone(0.5, X, np.nan), "half_width = nan: a positive length"),
+        (lambda: cp.contact.WrenchCone(0.5, X).rows(), "half_width = None: neither the cone"),
+        (lambda: cp.contact.WrenchCone(0.5, X, Y).margin(np.zeros(3)), r"force has shape \(3,\)"),
+        (lambda: cp.contact.WrenchCone(0.5, X, 0).margin(np.ones(6)), "no moment about itself"),
+        (lambda: cp.contact.FrictionCone(0.5).margin([0.0, np.nan, 1.0]), r"force\[1\] = nan"),
+        (lambda: cp.contact.FrictionCone(0.5).margin(1.0), "force has shape"),
+        (lambda: cp.contact.FrictionCone(0.5).margin(None), "force has shape|force: an array"),
+        (
+            lambda: cp.contact.FrictionCone(0.5).margin([[1.0, 2.0], [3.0]]),
+            "force: an array of shape",
+        ),
     ],
 )
 def test_bad_numbers_are_refused(make, message):
@@ -546,25 +586,45 @@ def test_bad_numbers_are_refused(make, message):
 @pytest.mark.parametrize(
     ("contact", "cone", "message"),
     [
-        (SOLE, cp.FrictionCone(0.5), "a SurfaceContact can also tip and twist; use WrenchCone"),
+        (
+            SOLE,
+            cp.contact.FrictionCone(0.5),
+            "a SurfaceContact can also tip and twist; use WrenchCone",
+        ),
         (
             cp.PointContact("float"),
-            cp.WrenchCone(0.5, X, Y),
+            cp.contact.WrenchCone(0.5, X, Y),
             "presses at a point; use FrictionCone",
         ),
-        (cp.SurfaceContact("float"), cp.WrenchCone(0.5), "neither the cone nor its contact"),
-        (cp.SurfaceContact("float"), cp.WrenchCone(0.5, X, 0.0), "it is 0 for a LineContact"),
-        (cp.LineContact("float"), cp.WrenchCone(0.5, X, Y), "it is 0 for a LineContact"),
-        (SOLE, cp.WrenchCone(0.5, normal=(0, 0, 1)), "has a normal of its own"),
         (
-            cp.PlanarContact("float"),
-            cp.FrictionCone(0.5, normal=(0, 0, 1)),
+            cp.SurfaceContact("float"),
+            cp.contact.WrenchCone(0.5),
+            "neither the cone nor its contact",
+        ),
+        (
+            cp.SurfaceContact("float"),
+            cp.contact.WrenchCone(0.5, X, 0.0),
+            "it is 0 for a LineContact",
+        ),
+        (
+            cp.constraints.LineContact("float"),
+            cp.contact.WrenchCone(0.5, X, Y),
+            "it is 0 for a LineContact",
+        ),
+        (SOLE, cp.contact.WrenchCone(0.5, normal=(0, 0, 1)), "has a normal of its own"),
+        (
+            cp.constraints.PlanarContact("float"),
+            cp.contact.FrictionCone(0.5, normal=(0, 0, 1)),
             "has a normal of its own",
         ),
-        (cp.Knife("float", name="knife"), cp.FrictionCone(0.5), "knife: this Knife does not press"),
+        (
+            cp.constraints.KnifeEdge("float", name="knife"),
+            cp.contact.FrictionCone(0.5),
+            "knife: this KnifeEdge does not press",
+        ),
         (
             cp.RollingWheel("float", 0.1, holds=("rolling",), name="wheel"),
-            cp.FrictionCone(0.5),
+            cp.contact.FrictionCone(0.5),
             "wheel: this RollingWheel does not press",
         ),
     ],
@@ -573,10 +633,10 @@ def test_a_cone_that_is_not_for_a_contact_is_refused(contact, cone, message):
     scene = cp.Scene(block(), [contact])
     q = tilted("x", 0.0)
     with pytest.raises(cp.InvalidArgument, match=message):
-        cp.cone_rows(scene, q, {contact.name: cone})
-    answer = cp.solve(scene, q, np.zeros(6), np.zeros(6), solver=cp.NullSpace())
+        cp.contact.cone_rows(scene, q, {contact.name: cone})
+    answer = cp.solve(scene, q, np.zeros(6), np.zeros(6), solver=cp.dynamics.NullSpace())
     with pytest.raises(cp.InvalidArgument, match=message):
-        cp.margins(answer, {contact.name: cone})
+        cp.contact.margins(answer, {contact.name: cone})
     with pytest.raises(cp.InvalidArgument, match=message):
         cone.margin(answer.forces[contact.name])
 
@@ -586,23 +646,23 @@ def test_what_has_no_contact_is_refused():
     scene = cp.Scene(bar, bar.loops)
     q, v = scene.state()
     answer = cp.solve(scene, q, v, np.zeros(bar.nv))
-    cone = cp.FrictionCone(0.5)
+    cone = cp.contact.FrictionCone(0.5)
     with pytest.raises(cp.InvalidArgument, match="no contact to judge"):
-        cp.margins(answer, cone)
+        cp.contact.margins(answer, cone)
     with pytest.raises(cp.InvalidArgument, match="no contact to judge"):
-        cp.cone_rows(scene, q, {})
+        cp.contact.cone_rows(scene, q, {})
     name = scene.names[0]
     with pytest.raises(cp.InvalidArgument, match=f"{name}: this Loop does not press on a floor"):
-        cp.cone_rows(scene, q, {name: cone})
+        cp.contact.cone_rows(scene, q, {name: cone})
     with pytest.raises(cp.InvalidArgument, match=r"cones = 0\.5: a FrictionCone or a WrenchCone"):
-        cp.margins(answer, 0.5)
+        cp.contact.margins(answer, 0.5)
     with pytest.raises(cp.InvalidArgument, match="answer = ndarray: it has no contact forces"):
-        cp.margins(answer.lam, cone)
+        cp.contact.margins(answer.lam, cone)
     with pytest.raises(cp.InvalidArgument, match="scene = Solution: a Scene is needed"):
-        cp.cone_rows(answer, q, cone)
+        cp.contact.cone_rows(answer, q, cone)
     coupled = cp.Scene(bar, [cp.Coupling("crank", "coupler", name="gear")])
     with pytest.raises(cp.InvalidArgument, match="gear: this Coupling does not press on a floor"):
-        cp.cone_rows(coupled, q, {"gear": cone})
+        cp.contact.cone_rows(coupled, q, {"gear": cone})
 
 
 def test_without_gravity_there_is_no_vertical():
@@ -611,12 +671,16 @@ def test_without_gravity_there_is_no_vertical():
     model.gravity = pin.Motion.Zero()
     scene = cp.Scene(cp.Robot("adrift", model), [cp.PointContact("float")])
     with pytest.raises(cp.InvalidArgument, match="no gravity, so no vertical"):
-        cp.cone_rows(scene, tilted("x", 0.0), cp.FrictionCone(0.5))
-    rows = cp.cone_rows(scene, tilted("x", 0.0), cp.FrictionCone(0.5, normal=(0, 1, 0)))
+        cp.contact.cone_rows(scene, tilted("x", 0.0), cp.contact.FrictionCone(0.5))
+    rows = cp.contact.cone_rows(
+        scene, tilted("x", 0.0), cp.contact.FrictionCone(0.5, normal=(0, 1, 0))
+    )
     assert np.allclose(rows.A[0], [0.0, -1.0, 0.0])
 
 
 def test_a_ceiling_presses_downwards():
     scene = cp.Scene(block(), [cp.PointContact("float")])
-    A = cp.cone_rows(scene, tilted("x", 0.0), cp.FrictionCone(0.5, normal=(0, 0, -1))).A
+    A = cp.contact.cone_rows(
+        scene, tilted("x", 0.0), cp.contact.FrictionCone(0.5, normal=(0, 0, -1))
+    ).A
     assert np.allclose(A[0], [0.0, 0.0, 1.0])

@@ -27,9 +27,9 @@ from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics.choice import untaken
 
 
-def almost_hard(solver: cp.Solver, softness: float) -> cp.Solver:
+def almost_hard(solver: cp.dynamics.Solver, softness: float) -> cp.dynamics.Solver:
     """Return a solver of other equations with those so near the hard ones."""
-    (kind,) = (k for k in (cp.Soft,) if isinstance(solver, k))
+    (kind,) = (k for k in (cp.dynamics.Soft,) if isinstance(solver, k))
     return kind(solimp=(1 - softness, 1 - softness, *solver.solimp[2:]))
 
 
@@ -38,7 +38,7 @@ def almost_hard(solver: cp.Solver, softness: float) -> cp.Solver:
 def test_agrees_with_reference_or_says_why_not(solver, label):
     scene = all_scenes()[label]
     if refused := untaken(scene, solver):
-        with pytest.raises(cp.UnsupportedConstraint, match=re.escape(refused[0])):
+        with pytest.raises(cp.errors.UnsupportedConstraint, match=re.escape(refused[0])):
             cp.Workspace(scene, solver)
         return
     workspace = cp.Workspace(scene, solver)
@@ -66,7 +66,7 @@ def test_other_equations_tend_to_the_hard_ones_at_first_order(solver, label):
     errors = []
     for softness in (1e-5, 1e-6, 1e-7):
         soft = cp.solve(scene, *state, solver=almost_hard(solver, softness), throw=False)
-        forces = relative(J.T @ soft.lam, J.T @ hard.lam, floor=scene.audit.weight)
+        forces = relative(J.T @ soft.lam, J.T @ hard.lam, floor=scene.nominal.weight)
         errors.append((relative(soft.a, hard.a), forces))
     ratios = np.array(errors[:-1]) / np.array(errors[1:])
     assert np.allclose(ratios, 10.0, rtol=0.02), ratios
@@ -83,7 +83,7 @@ def test_generalised_constraint_force_agrees(solver, label):
     for state, reference in zip(states(label), truth(label), strict=True):
         J = workspace.jacobian(state[0])
         lam = workspace.solve(*state).lam
-        assert relative(J.T @ lam, J.T @ reference.lam, floor=scene.audit.weight) < 1e-7
+        assert relative(J.T @ lam, J.T @ reference.lam, floor=scene.nominal.weight) < 1e-7
 
 
 @each_solver
@@ -155,7 +155,7 @@ def test_order_of_constraints_does_not_matter(solver, label):
         one = cp.Workspace(scene, solver).solve(q, v, tau, throw=False)
         two = cp.Workspace(turned, solver).solve(q, v, tau, throw=False)
         assert relative(one.a, two.a) < 2 * SOLVED
-        scale = max(np.abs(one.lam).max(initial=0.0), scene.audit.weight)
+        scale = max(np.abs(one.lam).max(initial=0.0), scene.nominal.weight)
         for name, force in one.forces.items():
             # the smallest lam is unique; the iteration leaves a little noise in it
             assert np.abs(force - two.forces[name]).max() < 1e-6 * scale

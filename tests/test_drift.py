@@ -31,11 +31,19 @@ def test_every_method_is_pulled_the_same_way(label):
     q = pin.integrate(scene.robot.model, q, 1e-7 * rng.normal(size=scene.robot.nv))
     v = v + 1e-7 * rng.normal(size=scene.robot.nv)
     exact = cp.solve(
-        scene, q, v, tau, solver=cp.Reference(rank_tolerance=1e-6), drift=PULLED, throw=False
+        scene,
+        q,
+        v,
+        tau,
+        solver=cp.dynamics.Reference(rank_tolerance=1e-6),
+        drift=PULLED,
+        throw=False,
     )
     plain = cp.solve(scene, q, v, tau, solver=cp.Proximal(), drift=PULLED, throw=False)
-    if not scene.audit.redundant:  # open loops with redundant rows contradict each other
-        for solver in (kind() for kind in SOLVERS.values() if kind not in (cp.LCABA, cp.Soft)):
+    if not scene.nominal.redundant:  # open loops with redundant rows contradict each other
+        for solver in (
+            kind() for kind in SOLVERS.values() if kind not in (cp.LCABA, cp.dynamics.Soft)
+        ):
             if takes(solver, scene):
                 pulled = cp.solve(scene, q, v, tau, solver=solver, drift=PULLED, throw=False)
                 assert relative(pulled.a, exact.a) < 1e-8, solver
@@ -64,7 +72,7 @@ def test_a_contact_without_anchor_is_only_damped():
     rng = np.random.default_rng(2)
     q, _, tau = states("solo12 contacts")[0]
     v = rng.normal(size=scene.robot.nv)
-    for solver in (cp.Proximal(), cp.DenseKKT(), cp.Reference()):
+    for solver in (cp.Proximal(), cp.DenseKKT(), cp.dynamics.Reference()):
         damped = cp.solve(scene, q, v, tau, solver=solver, drift=cp.Baumgarte(4.0, 0.0))
         sprung = cp.solve(scene, q, v, tau, solver=solver, drift=cp.Baumgarte(4.0, 1e3))
         assert np.array_equal(damped.a, sprung.a)
@@ -104,7 +112,7 @@ def test_refuses():
     with pytest.raises(cp.InvalidArgument, match="drift = 10"):
         cp.solve(scene, *state, drift=10.0)
     with pytest.raises(cp.InvalidArgument, match="use it without drift"):
-        cp.solve(scene, *state, solver=cp.Soft(), drift=PULLED)
+        cp.solve(scene, *state, solver=cp.dynamics.Soft(), drift=PULLED)
     if HAS_LCABA:
-        with pytest.raises(cp.UnsupportedConstraint, match="ignores drift control"):
+        with pytest.raises(cp.errors.UnsupportedConstraint, match="ignores drift control"):
             cp.solve(scene, *state, solver=cp.LCABA(), drift=PULLED)

@@ -44,7 +44,7 @@ def test_jacobian_is_the_derivative_of_the_violation(label):
 @each_scene
 def test_jacobian_equals_pinocchios(label):
     scene = all_scenes()[label]
-    workspace = cp.Workspace(scene, cp.Reference())
+    workspace = cp.Workspace(scene, cp.dynamics.Reference())
     q = states(label)[0][0]
     if not all(isinstance(b, Bound) and b.is_plain for b in scene.bounds):
         return  # rows that Pinocchio does not have

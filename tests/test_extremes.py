@@ -18,9 +18,9 @@ from typer.testing import CliRunner
 import condyn_pin as cp
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import VERSION_TEXT, pin
-from condyn_pin._core.errors import CondynError
 from condyn_pin.cli.main import app
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.errors import CondynError
 from condyn_pin.lab.extremes import EXTREMES
 from condyn_pin.lab.extremes.flight_verdict import judge_flight
 from condyn_pin.lab.extremes.planar_chain import accelerations
@@ -76,8 +76,8 @@ def test_tame_cases_are_closed_and_have_one_answer(name):
 
 @pytest.mark.parametrize("n", [1, 2, 7])
 def test_decimal_chain_agrees_with_pinocchio(n):
-    links, (q, v, tau) = cp.chain(n), np.random.default_rng(n).normal(size=(3, n))
-    a = cp.solve(cp.Scene(links), q, v, tau, solver=cp.Reference()).a
+    links, (q, v, tau) = cp.model.chain(n), np.random.default_rng(n).normal(size=(3, n))
+    a = cp.solve(cp.Scene(links), q, v, tau, solver=cp.dynamics.Reference()).a
     assert np.abs(accelerations(q, v, tau) - a).max() < 1e-13 * np.abs(a).max()
 
 
@@ -126,7 +126,7 @@ def test_units_change_no_digit_of_the_equations(label, units):
 @each_usual_scene
 @each_solver
 def test_units_change_no_answer(solver, label, units):
-    """None but the last digits; where a scene chooses knobs anew, none but by that choice."""
+    """None but the last digits; where a scene chooses parameters anew, none but by that choice."""
     scene = all_scenes()[label]
     if not takes(solver, scene):
         return
@@ -149,13 +149,13 @@ def test_units_change_no_answer(solver, label, units):
 
 
 def with_choices(solver, scene):
-    """Return a solver with the knobs that it chooses on a scene by the numbers there."""
-    enough = scene.audit.yardstick.enough / 10
-    if isinstance(solver, cp.ConjugateGradient):
+    """Return a solver with the parameters that it chooses on a scene by the numbers there."""
+    enough = scene.nominal.estimator.enough / 10
+    if isinstance(solver, cp.dynamics.ConjugateGradient):
         return replace(solver, tolerance=enough)
     if isinstance(solver, cp.LCABA):
         cp.Workspace(scene, solver)
-        mu, limit, corrections = scene.audit.measured[solver]
+        mu, limit, corrections = scene.nominal.measured[solver]
         return replace(
             solver, mu=mu, max_iterations=limit, refinements=corrections, absolute_accuracy=enough
         )
@@ -163,9 +163,9 @@ def with_choices(solver, scene):
 
 
 def converted(solver, units):
-    """Return a solver with its knobs in other units."""
+    """Return a solver with its parameters in other units."""
     acceleration = units.length / units.time**2
-    if isinstance(solver, cp.Soft):
+    if isinstance(solver, cp.dynamics.Soft):
         (timeconst, dampratio), (d_0, d_width, width, *shape) = solver.solref, solver.solimp
         return replace(
             solver,
@@ -195,13 +195,13 @@ EVERY_KIND = {
     "rod": cp.Loop("hand", "foot", "rod", length=0.7),
     "point": cp.PointContact("foot", (0.1, 0.2, 0.3), anchor=(0.3, 0.1, 0.2)),
     "surface": cp.SurfaceContact("foot", 0.1, 0.05, PLACED),
-    "line": cp.LineContact("foot", "y", 0.1, PLACED),
-    "plane": cp.PlanarContact("foot", (0.1, 0.0, 0.2), (1.0, 2.0, 3.0), 0.4),
+    "line": cp.constraints.LineContact("foot", "y", 0.1, PLACED),
+    "plane": cp.constraints.PlanarContact("foot", (0.1, 0.0, 0.2), (1.0, 2.0, 3.0), 0.4),
     "gear": cp.Coupling("slide", "turn", 0.3, 0.1),
     "rack": cp.Coupling("turn", "slide", 0.3, 0.1),
-    "knife": cp.Knife("foot", "y", (0.1, 0.2, 0.3)),
+    "knife": cp.constraints.KnifeEdge("foot", "y", (0.1, 0.2, 0.3)),
     "wheel": cp.RollingWheel("foot", 0.3, height=0.2),
-    "rolling ball": cp.RollingBall("foot", 0.3, height=0.2),
+    "rolling ball": cp.constraints.RollingBall("foot", 0.3, height=0.2),
 }
 
 
@@ -224,7 +224,7 @@ def two_limbs() -> cp.Robot:
 
 
 def test_every_kind_is_put_into_other_units_below():
-    kinds = {k for k in kinds_below(cp.Constraint) if not k.__abstractmethods__}
+    kinds = {k for k in kinds_below(cp.constraints.Constraint) if not k.__abstractmethods__}
     ours = {k for k in kinds if k.__module__.startswith("condyn_pin")}
     assert {type(each) for each in EVERY_KIND.values()} == ours
 
@@ -240,9 +240,9 @@ def test_units_reach_every_length_of_a_constraint(kind):
     model, rng = scene.robot.model, np.random.default_rng(3)
     q = pin.integrate(model, pin.neutral(model), rng.normal(size=model.nv))
     v, tau = rng.normal(size=(2, model.nv))
-    a = cp.solve(scene, q, v, tau, solver=cp.Reference(), drift=cp.Baumgarte(3.0, 5.0)).a
+    a = cp.solve(scene, q, v, tau, solver=cp.dynamics.Reference(), drift=cp.Baumgarte(3.0, 5.0)).a
     drift = cp.Baumgarte(3.0 / UNITS.time, 5.0 / UNITS.time)
-    other = cp.Workspace(UNITS.scene(scene), cp.Reference(), drift=drift)
+    other = cp.Workspace(UNITS.scene(scene), cp.dynamics.Reference(), drift=drift)
     a_ = other.solve(*UNITS.state(model, q, v, tau)).a
     assert relative(a_, UNITS.acceleration(model, a)) < tolerances.OTHER_UNITS
 
@@ -271,11 +271,13 @@ def test_torques_and_speeds_are_as_large_as_their_dials_say():
 )
 def test_what_nothing_moves_is_refused_by_the_names_of_its_joints(family, severity):
     names = {"massless_coupler": "coupler", "massless_tip": "joint4", "massless_row": "joint1"}
-    with pytest.raises(cp.InvalidModel, match=f"{names[family]}.*M is singular"):
+    with pytest.raises(cp.errors.InvalidModel, match=f"{names[family]}.*M is singular"):
         EXTREMES[family].case(severity)
 
 
-@pytest.mark.parametrize("solver", [cp.Proximal(), cp.NullSpace(), cp.ConjugateGradient()])
+@pytest.mark.parametrize(
+    "solver", [cp.Proximal(), cp.dynamics.NullSpace(), cp.dynamics.ConjugateGradient()]
+)
 @pytest.mark.parametrize(("family", "severity"), [("massless_row", 2), ("massless_tip", 1e-12),
                                                   ("massless_coupler", 1e-6)])  # fmt: skip
 def test_bodies_without_mass_are_right_where_others_hold_them(solver, family, severity):
@@ -297,7 +299,9 @@ def test_a_row_that_is_only_rounding_is_no_row(solver, severity):
         pytest.fail(f"{solver} is right at {severity} and does not say so")
 
 
-@pytest.mark.parametrize("solver", [cp.Proximal(), cp.NullSpace(), cp.Reference()])
+@pytest.mark.parametrize(
+    "solver", [cp.Proximal(), cp.dynamics.NullSpace(), cp.dynamics.Reference()]
+)
 @pytest.mark.parametrize("robot", ["delta", "talos"])
 def test_a_loose_quaternion_is_seen_in_the_bound(solver, robot):
     """Residuals with its rotation agree with an answer that is off by hundreds of times as much."""
@@ -356,15 +360,15 @@ def test_what_takes_gigabytes_is_left_out_where_time_is_limited():
 @each_scene
 def test_usual_scenes_are_judged_without_a_second_look(label):
     """The careful proof takes a factorisation: no robot pays for it at every solve."""
-    assert all_scenes()[label].audit.yardstick.unquestioned > 0.0
+    assert all_scenes()[label].nominal.estimator.unquestioned > 0.0
 
 
 @pytest.mark.parametrize("label", ["four_bar loops", "talos contacts"])
 def test_reference_scales_what_would_overflow(label):
     scene, (q, v, tau) = all_scenes()[label], states(label)[0]
-    huge = cp.solve(scene, q, v, 2.0**1000 * tau, solver=cp.Reference(), throw=False)
-    small = cp.solve(scene, q, 0 * v, tau, solver=cp.Reference(), throw=False)
-    weight = cp.solve(scene, q, 0 * v, 0 * tau, solver=cp.Reference(), throw=False)
+    huge = cp.solve(scene, q, v, 2.0**1000 * tau, solver=cp.dynamics.Reference(), throw=False)
+    small = cp.solve(scene, q, 0 * v, tau, solver=cp.dynamics.Reference(), throw=False)
+    weight = cp.solve(scene, q, 0 * v, 0 * tau, solver=cp.dynamics.Reference(), throw=False)
     wanted = small.a - weight.a  # beside 2^1000, gravity and v are nothing
     assert np.abs(huge.a * 2.0**-1000 - wanted).max() < 1e-11 * np.abs(wanted).max()
 
@@ -404,13 +408,13 @@ def test_a_script_without_a_guard_is_told_so(tmp_path):
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True)
     assert done.returncode == 1
     last = done.stderr.splitlines()[-1]
-    assert last.startswith("condyn_pin._core.errors.WorkersLost")
+    assert last.startswith("condyn_pin.errors.WorkersLost")
     assert 'if __name__ == "__main__":' in last
 
 
 def test_a_module_that_cannot_be_imported_is_no_fault_of_a_method():
     todo = [Task("strong", 1.0, 0, "four_bar")]
-    with pytest.raises(cp.WorkersLost, match="exit code 1 before its first one") as caught:
+    with pytest.raises(cp.errors.WorkersLost, match="exit code 1 before its first one") as caught:
         stress(todo, ["reference"], imports=["nowhere_to_be_found"])
     assert caught.value.done == []
 
@@ -423,9 +427,9 @@ def test_time_is_kept_and_every_family_comes_early():
 
 
 def test_unknown_names_are_refused():
-    with pytest.raises(cp.UnknownName, match="parallelogram"):
+    with pytest.raises(cp.errors.UnknownName, match="parallelogram"):
         tasks(["paralelogram"])
-    with pytest.raises(cp.UnknownName, match="proximal"):
+    with pytest.raises(cp.errors.UnknownName, match="proximal"):
         methods(["proximl"])
 
 
@@ -478,9 +482,13 @@ def test_wide_masses_are_known_to_fifty_digits():
     """Up to six decades every method that takes redundant rows is right."""
     for seed in range(5):
         case = EXTREMES["wide_masses"].case(6.0, seed)
-        assert case.scene.audit.rank == 3
+        assert case.scene.nominal.rank == 3
         assert case.scene.rows == 16
-        for solver in (cp.Reference(), cp.NullSpace(), cp.GaussPrinciple()):
+        for solver in (
+            cp.dynamics.Reference(),
+            cp.dynamics.NullSpace(),
+            cp.dynamics.GaussPrinciple(),
+        ):
             assert judge(case, solver, case.right)[0] is Verdict.OK
 
 
@@ -548,7 +556,7 @@ def test_command_prints_advice_and_counts_and_draws(tmp_path):
 def test_a_robot_that_does_not_exist_is_no_refusal():
     line = ["stress", "nope", "--solver", "proximal", "--families", "few_iterations"]
     result = CliRunner().invoke(app, line)
-    assert isinstance(result.exception, cp.UnknownName)
+    assert isinstance(result.exception, cp.errors.UnknownName)
     assert "no robot named 'nope'" in str(result.exception)
 
 

@@ -16,7 +16,9 @@ CURVED = {
     "Spherical": [0.5, 10.0, 0.3],
     "Planar": [0.2, 0.1, 10.0],
 }
-FIXED = sorted(name for name in cp.INTEGRATORS if not cp.INTEGRATORS[name].is_adaptive)
+FIXED = sorted(
+    name for name in cp.simulation.INTEGRATORS if not cp.simulation.INTEGRATORS[name].is_adaptive
+)
 
 
 def spinning(kind: str) -> tuple[cp.Scene, np.ndarray, np.ndarray]:
@@ -40,7 +42,7 @@ def test_adaptive_steps_change_charts(kind, method):
     one, many = (
         cp.simulate(scene, q, v, duration=2 * DT, dt=dt, integrator=tight) for dt in (DT, DT / 40)
     )
-    assert one.status is many.status is cp.RunStatus.FINISHED
+    assert one.status is many.status is cp.simulation.RunStatus.FINISHED
     assert np.abs(pin.difference(scene.robot.model, one.q[-1], many.q[-1])).max() < 1e-8
     assert np.abs(one.v[-1] - many.v[-1]).max() < 1e-8
 
@@ -49,8 +51,10 @@ def test_adaptive_steps_change_charts(kind, method):
 @pytest.mark.parametrize("name", FIXED)
 def test_fixed_steps_say_where_they_end(name, kind):
     scene, q, v = spinning(kind)
-    found = cp.simulate(scene, q, v, duration=2 * DT, dt=DT, integrator=cp.INTEGRATORS[name]())
-    assert found.status is cp.RunStatus.FAILED
+    found = cp.simulate(
+        scene, q, v, duration=2 * DT, dt=DT, integrator=cp.simulation.INTEGRATORS[name]()
+    )
+    assert found.status is cp.simulation.RunStatus.FAILED
     assert "joint 'body' turns by 4" in found.reason
     assert "take dt below 0.3" in found.reason
     assert found.t[-1] == 0.0
@@ -60,7 +64,7 @@ def test_a_body_that_comes_to_turn_too_fast_ends_the_run_there():
     scene, q, v = spinning("Spherical")
     spun_up = np.array([0.0, 0.0, 4.0, 0.0])
     found = cp.simulate(scene, q, 0.0 * v, spun_up, duration=2.0, dt=0.05, gravity=False)
-    assert found.status is cp.RunStatus.FAILED
+    assert found.status is cp.simulation.RunStatus.FAILED
     assert "joint 'body' turns by" in found.reason
     assert 0.0 < found.t[-1] < 2.0
     assert np.linalg.norm(found.v[-1][:3]) * 0.05 < np.pi
@@ -98,7 +102,7 @@ def test_a_substep_that_leads_to_no_number_is_tried_smaller(method):
         slider(), [0.0], [0.9], guarded, duration=1.0, dt=1.0,
         integrator=cp.DormandPrince(method=method),
     )  # fmt: skip
-    assert found.status is cp.RunStatus.FINISHED
+    assert found.status is cp.simulation.RunStatus.FINISHED
     assert found.q[-1, 0] == pytest.approx(9e-3 * np.sin(100.0), abs=1e-7)
 
 
@@ -107,7 +111,7 @@ def test_where_no_substep_is_small_enough_the_text_says_what_it_met():
         return np.array([1.0 if t < 0.5 else np.inf])
 
     found = cp.simulate(slider(), [0.0], [0.0], ends, duration=1.0, integrator=cp.DormandPrince())
-    assert found.status is cp.RunStatus.FAILED
+    assert found.status is cp.simulation.RunStatus.FAILED
     assert found.t[-1] == pytest.approx(0.5, abs=2e-3)
     assert "no step from t = 0.49" in found.reason or "no step from t = 0.5" in found.reason
     assert "at t = 0.5 s: tau[0] = inf" in found.reason

@@ -30,7 +30,7 @@ def box() -> cp.Robot:
     return made.with_frame("ceiling", "world", hook.translation, hook.rotation)
 
 
-def hung(constraint: cp.Constraint) -> cp.ConstraintForce:
+def hung(constraint: cp.constraints.Constraint) -> cp.dynamics.ConstraintForce:
     made = box()
     solution = cp.solve(cp.Scene(made, [constraint]), pin.neutral(made.model), *np.zeros((2, 6)))
     (force,) = solution.forces.values()
@@ -40,14 +40,14 @@ def hung(constraint: cp.Constraint) -> cp.ConstraintForce:
 HUNG = {
     "point": (cp.PointContact("hook"), "hook", "world", "hook", 1.0),
     "surface": (cp.SurfaceContact("hook"), "hook", "world", "hook", 1.0),
-    "line": (cp.LineContact("hook"), "hook", "world", "hook", 1.0),
+    "line": (cp.constraints.LineContact("hook"), "hook", "world", "hook", 1.0),
     "ball": (cp.Loop("hook", "ceiling"), "hook", "ceiling", "hook", 1.0),
     "ball, world first": (cp.Loop("ceiling", "hook"), "ceiling", "hook", "hook", -1.0),
     "weld": (cp.Loop("hook", "ceiling", "weld"), "hook", "ceiling", "hook", 1.0),
     "weld, world first": (cp.Loop("ceiling", "hook", "weld"), "ceiling", "hook", "hook", -1.0),
     "hinge": (cp.Loop("hook", "ceiling", "hinge"), "hook", "ceiling", "hook", 1.0),
     "slider": (cp.Loop("ceiling", "hook", "slider"), "ceiling", "hook", "ceiling", None),
-    "plane": (cp.PlanarContact("hook"), "hook", "world", "hook/plane", 1.0),
+    "plane": (cp.constraints.PlanarContact("hook"), "hook", "world", "hook/plane", 1.0),
 }
 
 
@@ -116,7 +116,7 @@ def test_force_and_opposite_do_the_work_of_the_rows(label):
             there = data.oMi[joint].actInv(pin.SE3(np.eye(3), side.at))
             work += pin.getFrameJacobian(model, data, joint, there, pin.LOCAL).T @ wrench
         wanted = force.generalized()
-        assert np.abs(work - wanted).max() < 1e-9 * max(np.abs(wanted).max(), scene.audit.weight)
+        assert np.abs(work - wanted).max() < 1e-9 * max(np.abs(wanted).max(), scene.nominal.weight)
 
 
 @pytest.mark.parametrize("kind", ["ball", "weld", "hinge", "slider", "planar", "rod"])
@@ -227,7 +227,7 @@ def test_a_contact_that_pulls_is_noticed():
     talos = robot("talos")
     stance = cp.Scene(talos, talos.contacts)
     q, v = stance.state()
-    standing = cp.gravity_compensation(stance, q)
+    standing = cp.control.gravity_compensation(stance, q)
     assert cp.solve(stance, q, v, standing.tau).notices == ()
     down = np.zeros(talos.nv)
     down[2] = -3 * GRAVITY
@@ -253,7 +253,9 @@ def test_a_loop_may_pull_and_a_wall_may_push_sideways():
     q = pin.neutral(made.model)
     hanging = cp.Scene(made, [cp.Loop("ceiling", "hook")])
     assert cp.solve(hanging, q, *np.zeros((2, 6))).notices == ()
-    wall = cp.Scene(made, [cp.PlanarContact("float", normal=(1.0, 0.0, 0.0), name="wall")])
+    wall = cp.Scene(
+        made, [cp.constraints.PlanarContact("float", normal=(1.0, 0.0, 0.0), name="wall")]
+    )
     for push, pulls in ((-5.0, False), (5.0, True)):
         tau = np.array([push, 0.0, 0.0, 0.0, 0.0, 0.0])
         assert bool(cp.solve(wall, q, np.zeros(6), tau).notices) == pulls

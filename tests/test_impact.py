@@ -30,7 +30,7 @@ def body(mass: float, inertia: np.ndarray) -> cp.Robot:
 def test_a_ball_bounces(e):
     """v+ = -e v-, impulse m (1 + e) v, energy (1 - e^2) m v^2 / 2 lost; it slides on."""
     ball = body(2.0, 0.1 * np.eye(3))
-    floor = cp.Scene(ball, [cp.PlanarContact("float", name="floor")])
+    floor = cp.Scene(ball, [cp.constraints.PlanarContact("float", name="floor")])
     met = cp.impact(floor, pin.neutral(ball.model), [0.7, 0.0, -3.0, 0.0, 0.0, 0.0], restitution=e)
     assert np.allclose(met.v, [0.7, 0.0, 3.0 * e, 0.0, 0.0, 0.0], atol=1e-14)
     assert np.allclose(met.impulses["floor"].in_world(), [0.0, 0.0, 6.0 * (1 + e)], rtol=1e-14)
@@ -130,7 +130,7 @@ def test_restitutions_that_would_add_energy_are_refused():
     """Two feet of a seesaw that is let fall on one of them while the other is lifted."""
     board = body(1.0, np.diag([1.0, 1e-3, 1.0]))
     board = board.with_frame("a", "float", [1.0, 0.0, 0.0]).with_frame("b", "float", [-0.1, 0, 0])
-    scene = cp.Scene(board, [cp.PlanarContact("a"), cp.PlanarContact("b")])
+    scene = cp.Scene(board, [cp.constraints.PlanarContact("a"), cp.constraints.PlanarContact("b")])
     q, v = pin.neutral(board.model), np.array([0.0, 0.0, -1.0, 0.0, 20.0, 0.0])
     for e in (0.0, 0.5, 1.0):
         assert cp.impact(scene, q, v, restitution=e).energy_lost >= -1e-14
@@ -266,23 +266,23 @@ def test_touch_down_and_lift_off():
     one, two = cp.Scene(talos, [left]), cp.Scene(talos, [left, right])
     q, _ = two.state()
     v = cp.impact(one, q, np.random.default_rng(0).normal(size=talos.nv)).v
-    down = cp.switch(one, two, q, v)
+    down = cp.simulation.switch(one, two, q, v)
     assert (down.added, down.dropped, down.kept) == ((right.name,), (), (left.name,))
     J = cp.Workspace(two).jacobian(q)
     assert np.abs(J @ v).max() > 0.1
     assert np.abs(J @ down.v).max() < 1e-12
     assert down.impact.energy_lost > 0.0
-    up = cp.switch(two, one, q, down.v)
+    up = cp.simulation.switch(two, one, q, down.v)
     assert (up.added, up.dropped, up.kept) == ((), (right.name,), (left.name,))
     assert up.impact is None
     assert up.notices == ()
     assert np.array_equal(up.v, down.v)
-    step = cp.switch(one, cp.Scene(talos, [right]), q, v)
+    step = cp.simulation.switch(one, cp.Scene(talos, [right]), q, v)
     assert (step.added, step.dropped, step.kept) == ((right.name,), (left.name,), ())
-    bounced = cp.switch(one, two, q, v, restitution=0.5)
+    bounced = cp.simulation.switch(one, two, q, v, restitution=0.5)
     assert np.allclose(J @ bounced.v, np.r_[np.zeros(6), -0.5 * (J @ v)[6:]], atol=1e-12)
     moved = cp.Scene(talos, [cp.SurfaceContact(left.frame, anchor=(0, 0, 0, 0, 0, 0, 1))])
-    changed = cp.switch(one, moved, q, v)
+    changed = cp.simulation.switch(one, moved, q, v)
     assert (changed.added, changed.dropped) == ((left.name,), (left.name,))
     assert "open by" in changed.notices[0]
     assert repr(up) == "Switch(talos: added nothing, dropped right_sole_link)"
@@ -304,13 +304,17 @@ def test_answers_pickle_and_refuse():
         (lambda: cp.impact(cp.Scene(scene.robot), q, v, restitution=-1), cp.InvalidArgument, "-1"),
         (
             lambda: cp.impact(scene, q, v, restitution={"left_sole": 0.5}),
-            cp.UnknownName,
+            cp.errors.UnknownName,
             "'left_sole_link'",
         ),
         (lambda: cp.impact(scene, q, v[1:]), cp.InvalidArgument, "v has shape"),
         (lambda: cp.impact("talos", q, v), cp.InvalidArgument, "scene = str"),
-        (lambda: cp.switch(scene, other, q, v), cp.InvalidArgument, "another model"),
-        (lambda: cp.switch(None, scene, q, v), cp.InvalidArgument, "scene_before = NoneType"),
+        (lambda: cp.simulation.switch(scene, other, q, v), cp.InvalidArgument, "another model"),
+        (
+            lambda: cp.simulation.switch(None, scene, q, v),
+            cp.InvalidArgument,
+            "scene_before = NoneType",
+        ),
     ):
         with pytest.raises(error, match=said):
             call()

@@ -14,8 +14,9 @@ from condyn_pin.simulation.slopes import Slopes
 from condyn_pin.simulation.torques import Applied
 
 IMPLICIT = [
-    cp.ImplicitMidpoint(), cp.LinearlyImplicitMidpoint(), cp.GeneralisedAlpha(), cp.RadauIIA(),
-    cp.GearGuptaLeimkuhler(),
+    cp.ImplicitMidpoint(), cp.simulation.LinearlyImplicitMidpoint(),
+    cp.simulation.GeneralisedAlpha(), cp.RadauIIA(),
+    cp.simulation.GearGuptaLeimkuhler(),
 ]  # fmt: skip
 TAKING = [*IMPLICIT, cp.SemiImplicitEuler()]
 
@@ -56,7 +57,7 @@ def test_a_stiff_slider_needs_no_small_step(integrator, jacobian):
     found = cp.simulate(
         slider(), [0.0], [0.0], held, jacobian=jacobian, duration=0.2, integrator=integrator
     )
-    assert found.status is cp.RunStatus.FINISHED
+    assert found.status is cp.simulation.RunStatus.FINISHED
     assert found.q[-1, 0] == pytest.approx(exactly(0.2), abs=2e-4)
     said = [notice for notice in found.notices if "differences" in notice]
     assert len(said) == (jacobian is None)
@@ -66,7 +67,7 @@ def test_a_stiff_slider_needs_no_small_step(integrator, jacobian):
 def test_semi_implicit_euler_takes_derivatives_that_are_given():
     options = {"duration": 0.2, "integrator": cp.SemiImplicitEuler()}
     lost = cp.simulate(slider(), [0.0], [0.0], held, **options)
-    assert lost.status is cp.RunStatus.DIVERGED
+    assert lost.status is cp.simulation.RunStatus.DIVERGED
     assert "jacobian=... hands over its derivatives" in lost.reason
     assert lost.notices  # what overflows is no error of the measures
     found = cp.simulate(slider(), [0.0], [0.0], held, jacobian=of_held, **options)
@@ -80,7 +81,7 @@ def test_a_function_with_derivatives_is_what_springs_and_damping_are(integrator)
     d, k, joint = np.array([3.0, 0.5, 1.0]), 4e3, plain.joints[0]
     model = pin.Model(plain.model)
     model.damping = d
-    passive = replace(plain, model=model, springs=[cp.Spring(joint, k, 0.2)])
+    passive = replace(plain, model=model, springs=[cp.model.Spring(joint, k, 0.2)])
     q, v = cp.Scene(plain, plain.loops).sample(np.random.default_rng(2))
     at = plain.model.joints[plain.model.getJointId(joint)].idx_q
     by_q = np.zeros((3, 3))
@@ -92,7 +93,7 @@ def test_a_function_with_derivatives_is_what_springs_and_damping_are(integrator)
         return out
 
     # a projection moves a body less where its springs and damping count as inertia
-    options = {"duration": 0.05, "integrator": integrator, "drift": cp.NoDrift()}
+    options = {"duration": 0.05, "integrator": integrator, "drift": cp.simulation.NoDrift()}
     wanted = cp.simulate(cp.Scene(passive, plain.loops), q, v, **options)
     found = cp.simulate(
         cp.Scene(plain, plain.loops), q, v, tau, jacobian=lambda t, q, v: (by_q, -np.diag(d)),
@@ -190,7 +191,7 @@ def test_a_start_that_damping_stops_within_a_step_is_not_thrown(rate):
     damped = cp.Scene(cp.Robot("slider", model))
     for rho in (0.0, 0.5, 0.8, 0.95):
         stopped = cp.simulate(
-            damped, [0.0], [1.0], duration=0.5, integrator=cp.GeneralisedAlpha(rho=rho)
+            damped, [0.0], [1.0], duration=0.5, integrator=cp.simulation.GeneralisedAlpha(rho=rho)
         )
         assert stopped.status.ok
         assert stopped.q[-1, 0] == pytest.approx(1 / rate, abs=1e-4)
@@ -239,7 +240,9 @@ def test_a_torque_that_takes_all_inertia_away_ends_a_run_by_name(integrator):
         assert "M - dt dtau/dv - dt^2 dtau/dq is singular" in found.reason
 
 
-@pytest.mark.parametrize("solver", [cp.NullSpace(), cp.Reference(), cp.Proximal()])
+@pytest.mark.parametrize(
+    "solver", [cp.dynamics.NullSpace(), cp.dynamics.Reference(), cp.Proximal()]
+)
 @pytest.mark.parametrize("integrator", [cp.SemiImplicitEuler(), cp.ImplicitMidpoint()], ids=title)
 def test_any_solver_of_hard_constraints_takes_them(integrator, solver):
     bar = robot("four_bar")
@@ -251,7 +254,7 @@ def test_any_solver_of_hard_constraints_takes_them(integrator, solver):
     }  # fmt: skip
     found, wanted = (
         cp.simulate(scene, q, v, lambda t, q, v: -1e4 * q - 1e3 * v, solver=each, **options)
-        for each in (solver, cp.GaussPrinciple())
+        for each in (solver, cp.dynamics.GaussPrinciple())
     )
     assert found.status.ok
     assert np.abs(found.q - wanted.q).max() < 1e-7
@@ -264,7 +267,7 @@ def test_constraints_that_give_way_take_them_or_say_that_they_cannot():
 
     def run(stiff: float) -> cp.Trajectory:
         return cp.simulate(
-            scene, q, v, lambda t, q, v: -stiff * v, solver=cp.Soft(), duration=5e-3,
+            scene, q, v, lambda t, q, v: -stiff * v, solver=cp.dynamics.Soft(), duration=5e-3,
             jacobian=lambda t, q, v: (np.zeros((3, 3)), -stiff * np.eye(3)),
             integrator=cp.SemiImplicitEuler(),
         )  # fmt: skip

@@ -16,7 +16,7 @@ from shared import all_scenes, states
 
 import condyn_pin as cp
 from condyn_pin._core.linalg.pivots import pivots, redundant_rows
-from condyn_pin.mechanism.chains import independent_columns
+from condyn_pin.mechanism.closed_chains import independent_columns
 from condyn_pin.mechanism.reduction.planar import _axes
 from condyn_pin.simulation.stiffness import _fastest
 
@@ -35,14 +35,14 @@ def facts() -> dict[str, object]:
     found: dict[str, object] = {}
     for label, scene in {**{name: all_scenes()[name] for name in LABELS}, "cart": cart()}.items():
         found[f"{label}: names"] = [
-            scene.audit.redundant, scene.rank().redundant, scene.chains.redundant,
-            scene.chains.dependent.tolist(), sorted(scene.chains.home.items()),
+            scene.nominal.redundant, scene.rank().redundant, scene.chains.redundant,
+            scene.chains.dependent.tolist(), sorted(scene.chains.assembly_mode.items()),
         ]  # fmt: skip
     workspace = cp.Workspace(all_scenes()["cassie loops"])
     answers = [workspace.solve(*state) for state in states("cassie loops", 60)]
     found["most iterations"] = max(answer.iterations for answer in answers)
     robot = test_bridge.every_joint()
-    bridge = cp.MujocoBridge(robot, test_bridge.mujoco_of(robot))
+    bridge = cp.study.MujocoBridge(robot, test_bridge.mujoco_of(robot))
     Q, V = test_bridge.states(robot, 20)
     many, one = bridge.to_mujoco(Q, V), [bridge.to_mujoco(q, v) for q, v in zip(Q, V, strict=True)]
     found["rows are those of one"] = all(

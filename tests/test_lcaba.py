@@ -30,7 +30,7 @@ def biped(rod_mass: float, about_itself: float, on_feet: bool) -> cp.Scene:
         model.addFrame(pin.Frame(name, joint, 0, at, pin.FrameType.OP_FRAME))
 
     torso = add(0, pin.JointModelFreeFlyer(), (0, 0, 0), "torso", 30.0, (0.5, 0.4, 0.3))
-    constraints: list[cp.Constraint] = []
+    constraints: list[cp.constraints.Constraint] = []
     small = (2e-3, 2e-3, 2e-3)
     for sign, side in ((1, "left"), (-1, "right")):
         yaw = add(torso, pin.JointModelRZ(), (0, 0.1 * sign, -0.1), f"{side}_yaw", 1.0, small)
@@ -67,7 +67,7 @@ def biped(rod_mass: float, about_itself: float, on_feet: bool) -> cp.Scene:
 def test_ankles_closed_by_light_rods(solver, on_feet, mass, about_itself):
     """Its weight is chosen at a straight, still posture too, where rods turn about world axes."""
     scene = biped(mass, about_itself, on_feet)
-    right, workspace = cp.Workspace(scene, cp.Reference()), cp.Workspace(scene, solver)
+    right, workspace = cp.Workspace(scene, cp.dynamics.Reference()), cp.Workspace(scene, solver)
     rng = np.random.default_rng(0)
     for k in range(40):
         q, v = scene.sample(rng)
@@ -76,7 +76,7 @@ def test_ankles_closed_by_light_rods(solver, on_feet, mass, about_itself):
         assert relative(found.a, wanted.a) < SOLVED
         assert np.array_equal(workspace.acceleration(q, v, tau), found.a)
         J = workspace.jacobian(q)
-        assert relative(J.T @ found.lam, J.T @ wanted.lam, floor=scene.audit.weight) < 1e-7
+        assert relative(J.T @ found.lam, J.T @ wanted.lam, floor=scene.nominal.weight) < 1e-7
 
 
 @each
@@ -111,13 +111,13 @@ def test_corrections_make_up_for_a_small_mu():
     """And an mu of one's own is not corrected unless that is asked for."""
     scene = biped(0.1, 1e-5, on_feet=True)
     if not HAS_LCABA:
-        with pytest.raises(cp.UnsupportedBackend, match="LCABA needs Pinocchio 4"):
+        with pytest.raises(cp.errors.UnsupportedBackend, match="LCABA needs Pinocchio 4"):
             cp.Workspace(scene, cp.LCABA(refinements=2))
         return
-    mu = 1e-8 * scene.audit.delassus_norm
+    mu = 1e-8 * scene.nominal.delassus_norm
     q, v = scene.sample(np.random.default_rng(3))
     state = (q, v, np.zeros(len(v)))
-    wanted = cp.solve(scene, *state, solver=cp.Reference(), throw=False)
+    wanted = cp.solve(scene, *state, solver=cp.dynamics.Reference(), throw=False)
     rough = cp.solve(scene, *state, solver=cp.LCABA(mu=mu), throw=False)
     fine = cp.solve(scene, *state, solver=cp.LCABA(mu=mu, refinements=2))
     assert not rough.status.ok
@@ -154,14 +154,14 @@ def hung_body(mass: float) -> cp.Scene:
 
 def errors(scene, solver, count=6):
     """Yield solutions and the errors of a, and of what the forces do to the joints, relative."""
-    right, workspace = cp.Workspace(scene, cp.Reference()), cp.Workspace(scene, solver)
+    right, workspace = cp.Workspace(scene, cp.dynamics.Reference()), cp.Workspace(scene, solver)
     rng = np.random.default_rng(0)
     for _ in range(count):
         q, v = scene.sample(rng)
         terms = right.terms(q, v)
         tau = terms.M @ rng.normal(size=len(v))
         wanted, found = right.solve(q, v, tau), workspace.solve(q, v, tau, throw=False)
-        size = max(np.abs(wanted.a).max(), scene.audit.yardstick.gravity)
+        size = max(np.abs(wanted.a).max(), scene.nominal.estimator.gravity)
         torque = (np.abs(terms.M).sum(axis=1) * size + np.abs(terms.h) + np.abs(tau)).max()
         off = terms.J.T @ found.lam - (terms.M @ wanted.a + terms.h - tau)
         yield found, np.abs(found.a - wanted.a).max() / size, np.abs(off).max() / torque
@@ -184,7 +184,7 @@ def test_forces_are_right_where_a_is(solver, root, lever):
 def test_an_answer_whose_forces_are_wrong_is_not_ok(kind, share, mass):
     """Of a body on a point, a does not show what a mu of one's own does to lam."""
     scene = hung_body(mass)
-    for found, of_a, of_forces in errors(scene, kind(mu=share * scene.audit.delassus_norm)):
+    for found, of_a, of_forces in errors(scene, kind(mu=share * scene.nominal.delassus_norm)):
         if found.status.ok:
             assert of_a < SOLVED
             assert of_forces < FORCES

@@ -77,9 +77,9 @@ def test_what_is_ok_near_the_lock_is_right(scene, apart):
 
 
 def test_pivots_that_no_link_without_inertia_lowers_are_not_watched():
-    assert cp.Scene(arm("yaw", "pitch", "roll").robot).audit.pivots.may_fall
+    assert cp.Scene(arm("yaw", "pitch", "roll").robot).nominal.pivots.may_fall
     for name in ("four_bar", "talos", "solo12"):
-        assert not cp.Scene(cp.load_robot(name)).audit.pivots.may_fall
+        assert not cp.Scene(cp.load_robot(name)).nominal.pivots.may_fall
 
 
 def test_without_constraints_too(scene):
@@ -94,18 +94,20 @@ def test_without_constraints_too(scene):
         lambda scene, still: scene.project_velocity(LOCKED, still + 1.0, metric="mass"),
         lambda scene, still: cp.derivatives(scene, LOCKED, still, still),
         lambda scene, still: cp.simulate(scene, LOCKED, still, duration=0.01, dt=0.001),
-        lambda scene, still: cp.operational_space(scene, LOCKED, "foot"),
+        lambda scene, still: cp.control.operational_space(scene, LOCKED, "foot"),
     ],
     ids=["rank", "project_velocity", "derivatives", "simulate", "operational_space"],
 )
 def test_whatever_is_asked_names_them(scene, ask):
-    with pytest.raises((cp.InvalidModel, cp.SolveFailed), match=NAMED):
+    with pytest.raises((cp.errors.InvalidModel, cp.SolveFailed), match=NAMED):
         ask(scene, np.zeros(4))
 
 
 def test_a_scene_whose_nominal_state_is_there():
     """Two yaw hinges with a pitch between them, and that at zero: the robot is sound elsewhere."""
-    with pytest.raises(cp.InvalidModel, match="yaw, again can move there without moving inertia"):
+    with pytest.raises(
+        cp.errors.InvalidModel, match="yaw, again can move there without moving inertia"
+    ):
         arm("yaw", "pitch", "again").rank()
 
 

@@ -16,16 +16,16 @@ import condyn_pin as cp
 from condyn_pin._core.timing import Times
 from condyn_pin._core.tolerances import EXACT
 from condyn_pin.dynamics.catalogue import motor_torque
-from condyn_pin.lab import climbing
-from condyn_pin.lab.climbing import climb
-from condyn_pin.lab.ladder_plot import draw_ladder, save_ladders
+from condyn_pin.lab import hierarchy
+from condyn_pin.lab.hierarchy import climb
+from condyn_pin.lab.hierarchy_plot import draw_ladder, save_ladders
 from condyn_pin.mechanism.reduction.same_motion import loaded, same_motion, standing_torque
 
-FEW = cp.LadderEffort(states=2, rounds=5, repeats=2)
+FEW = cp.lab.HierarchyEffort(states=2, rounds=5, repeats=2)
 
 
 @functools.cache
-def cassie(error: float, solver: cp.Solver) -> cp.Minimal:
+def cassie(error: float, solver: cp.dynamics.Solver) -> cp.mechanism.Minimal:
     return all_scenes()["cassie loops + contacts"].minimal(error=error, solver=solver)
 
 
@@ -51,7 +51,7 @@ def test_a_tighter_limit_keeps_more():
 def test_a_solver_of_exact_rows_gets_rods_pins_and_edges():
     found = cassie(0.1, cp.DenseKKT())
     assert found.nv == (32, 22)
-    assert not found.scene.audit.redundant
+    assert not found.scene.nominal.redundant
     assert found.said == ("singular", "ok")
     assert math.isnan(found.us[0])
     assert found.us[1] > 1
@@ -122,7 +122,11 @@ def test_what_looks_good_at_a_few_states_only_is_undone():
         step for step in found.steps if "other states; 0.01 is allowed, so undone" in str(step)
     ]
     assert undone
-    assert all(isinstance(step, cp.Step) and isinstance(step.errors, cp.Errors) for step in undone)
+    assert all(
+        isinstance(step, cp.mechanism.ReductionStep)
+        and isinstance(step.errors, cp.mechanism.ReductionErrors)
+        for step in undone
+    )
     assert not any(step.kept for step in undone)
     assert all(step.errors.worst > 1e-2 for step in undone)
     assert found.rows == (3, 2)  # what the rod was in the way of: a planar pin
@@ -132,9 +136,9 @@ def test_what_looks_good_at_a_few_states_only_is_undone():
         q, v = scene.sample(rng)
         tau = motor_torque(scene.robot, rng)
         small = found.scene
-        a = cp.solve(scene, q, v, tau, solver=cp.Reference()).a
+        a = cp.solve(scene, q, v, tau, solver=cp.dynamics.Reference()).a
         state = (*small.reduce_state(q, v), small.reduce_torque(tau))
-        b = cp.solve(small, *state, solver=cp.Reference()).a
+        b = cp.solve(small, *state, solver=cp.dynamics.Reference()).a
         worst = max(worst, relative(b[:1], a[:1]))
     assert worst <= 1e-2
 
@@ -150,7 +154,7 @@ def test_no_error_at_all_leaves_what_is_exact():
 @pytest.mark.parametrize("label", ["four_bar geared", "four_bar rod"])
 def test_kinds_that_proximal_does_not_take_are_taken_by_default(label):
     found = all_scenes()[label].minimal(error=0.1)
-    assert found.solver in (cp.DenseKKT(), cp.Reference())
+    assert found.solver in (cp.DenseKKT(), cp.dynamics.Reference())
     assert found.said == ("ok", "ok")
     assert all(us > 1 for us in found.us)
 
@@ -197,7 +201,7 @@ def test_minimal_pickles():
         ({"error": 0.1, "motion": [3]}, cp.InvalidArgument, r"motion\[0\]"),
         ({"error": 0.1, "motion": [(np.zeros(3),) * 2]}, cp.InvalidArgument, r"motion\[0\]"),
         ({"error": 0.1, "motion": [(np.zeros(4),) * 3]}, cp.InvalidArgument, "shape"),
-        ({"error": 0.1, "watch": ["crnk"]}, cp.UnknownName, "did you mean 'crank'"),
+        ({"error": 0.1, "watch": ["crnk"]}, cp.errors.UnknownName, "did you mean 'crank'"),
         ({"error": 0.1, "solver": "proximal"}, cp.InvalidArgument, "solver object"),
     ],
 )
@@ -218,16 +222,16 @@ def invented(trials, **_) -> dict:
 
 
 @functools.cache
-def table(name: str) -> cp.LadderTable:
+def table(name: str) -> cp.lab.HierarchyTable:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(climbing, "time_trials", invented)
-        return cp.ladder(name, effort=FEW)
+        patch.setattr(hierarchy, "time_trials", invented)
+        return cp.lab.model_hierarchy(name, effort=FEW)
 
 
 def test_cassies_ladder():
     rows = {row.label: row for row in table("cassie").rows}
     assert next(iter(rows)) == "springs free"
-    assert all(isinstance(row, cp.LadderRow) for row in rows.values())
+    assert all(isinstance(row, cp.lab.HierarchyRow) for row in rows.values())
     sizes = [(row.nv, row.rows) for row in rows.values()]
     assert sizes == [(32, 24), (28, 18), (24, 18), (18, 12), (18, 12)]
     assert rows["springs free"].a_worst == 0.0
@@ -251,9 +255,9 @@ def test_taloss_ladder():
     assert table("talos").fastest(1e-6).label in ("eight corners", "two surfaces")
 
 
-@pytest.mark.parametrize("name", list(cp.LADDERS))
+@pytest.mark.parametrize("name", list(cp.lab.HIERARCHIES))
 def test_the_same_motion_is_closed_in_every_rung(name):
-    chosen = cp.LADDERS[name]
+    chosen = cp.lab.HIERARCHIES[name]
     scenes = chosen.scenes()
     source = scenes[chosen.sampled]
     joints = ("root_joint", *list(scenes.values())[-1].robot.actuated)
@@ -261,7 +265,7 @@ def test_the_same_motion_is_closed_in_every_rung(name):
     state = (q, v, standing_torque(source, q))
     for scene in scenes.values():
         q_, v_, tau_ = same_motion(source, scene, state, joints)
-        workspace = cp.Workspace(scene, cp.Reference())
+        workspace = cp.Workspace(scene, cp.dynamics.Reference())
         assert np.abs(workspace.violation(q_)).max(initial=0.0) <= 1e-10
         assert np.abs(workspace.jacobian(q_) @ v_).max() < 1e-9
         assert np.allclose(q_[:7], q[:7], atol=1e-12)
@@ -279,10 +283,10 @@ def test_springs_are_bent_until_they_carry_the_load():
     source = (*rigid.state(), standing_torque(rigid, rigid.state()[0]))
     state = same_motion(rigid, scene, source, ("root_joint", *rigid.robot.actuated))
     assert np.abs(state[0] - q).max() < 1e-12
-    a = cp.solve(scene, *state, solver=cp.Reference()).a
+    a = cp.solve(scene, *state, solver=cp.dynamics.Reference()).a
     moved = [model.joints[model.getJointId(spring.joint)].idx_v for spring in springs]
     assert np.abs(a[moved]).max() < 1e-6  # 1e-12 rad times stiffness over inertia, 1e5 / s^2
-    unbent = cp.solve(scene, *scene.state(), state[2], solver=cp.Reference()).a
+    unbent = cp.solve(scene, *scene.state(), state[2], solver=cp.dynamics.Reference()).a
     assert np.abs(unbent[moved]).max() > 1.0
 
 
@@ -304,26 +308,30 @@ def test_tables_travel(tmp_path):
 
 
 def test_an_unknown_ladder_is_named():
-    with pytest.raises(cp.UnknownName, match="did you mean 'cassie'"):
-        cp.ladder("casie")
+    with pytest.raises(cp.errors.UnknownName, match="did you mean 'cassie'"):
+        cp.lab.model_hierarchy("casie")
 
 
 def test_a_ladder_that_no_solver_takes_has_no_times(monkeypatch):
-    monkeypatch.setattr(climbing, "_solvers", lambda: (cp.Proximal(),))
+    monkeypatch.setattr(hierarchy, "_solvers", lambda: (cp.Proximal(),))
     bar = robot("four_bar")
     rod = cp.Scene(bar, [cp.Loop("crank_tip", "rocker_tip", "rod", length=0.8)])
-    (row,) = climb(cp.Ladder("mine", lambda: rod, "rod", (), "rod"), effort=FEW).rows
+    (row,) = climb(cp.lab.ModelHierarchy("mine", lambda: rod, "rod", (), "rod"), effort=FEW).rows
     assert (row.solver, row.slower_as) == ("none says ok", "")
     assert math.isnan(row.us)
 
 
 def test_a_ladder_of_ones_own():
     bar = robot("four_bar")
-    mine = cp.Ladder(
+    mine = cp.lab.ModelHierarchy(
         "mine",
         lambda: cp.Scene(bar, bar.loops),
         "whole",
-        (cp.Rung("rod", "the coupler is light", lambda s: s.rods_as_distances(["coupler"])),),
+        (
+            cp.lab.HierarchyModel(
+                "rod", "the coupler is light", lambda s: s.rods_as_distances(["coupler"])
+            ),
+        ),
         "rod",
     )
     found = climb(mine, effort=FEW)

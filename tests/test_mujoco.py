@@ -159,7 +159,7 @@ class Case:
         self.q, v = scene.sample(rng)
         self.v = v / min(1.0, np.abs(v).max())  # at rest nothing would test J̇v
         self.tau = motor_torque(scene.robot, rng)
-        self.terms = cp.Workspace(scene, cp.Reference()).terms(self.q, self.v)
+        self.terms = cp.Workspace(scene, cp.dynamics.Reference()).terms(self.q, self.v)
         data = model.createData()
         pin.forwardKinematics(model, data, self.q)
         self.referee = MujocoReferee(held(scene, data))
@@ -185,7 +185,9 @@ def held(scene: cp.Scene, data: pin.Data) -> cp.Robot:
     return replace(robot, loops=loops)
 
 
-def axes_of_rows(robot: cp.Robot, data: pin.Data, constraint: cp.Constraint) -> np.ndarray:
+def axes_of_rows(
+    robot: cp.Robot, data: pin.Data, constraint: cp.constraints.Constraint
+) -> np.ndarray:
     """Rotation of the first frame, in whose axes the rows of condyn_pin are, once per 3 rows."""
     if isinstance(constraint, cp.Coupling):
         return np.eye(1)
@@ -258,6 +260,6 @@ def test_acceleration_drift(case: Case) -> None:
 
 
 def test_constrained_acceleration(case: Case) -> None:
-    a = cp.solve(case.scene, case.q, case.v, case.tau, solver=cp.Reference()).a
+    a = cp.solve(case.scene, case.q, case.v, case.tau, solver=cp.dynamics.Reference()).a
     expected = case.referee.constrained_acceleration(case.q, case.v, case.tau)
     assert relative_error(a, expected) < AGREES

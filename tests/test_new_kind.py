@@ -132,7 +132,7 @@ def test_the_rate_of_the_distance_is_j_v(scene, state):
 def test_it_is_solved(scene, state):
     solution = cp.solve(scene, *state)
     assert solution.status.ok
-    reference = cp.solve(scene, *state, solver=cp.Reference())
+    reference = cp.solve(scene, *state, solver=cp.dynamics.Reference())
     assert solution.a == pytest.approx(reference.a, rel=1e-9, abs=1e-9)
     force = solution.forces["line~point"]
     rotation, on_other = force.rotation, force.on_other()
@@ -181,7 +181,7 @@ def test_it_is_drawn(scene, state):
 
 def test_summaries_and_gaps_have_it(scene, state):
     assert ("line~point", "OnCylinder", 1) in scene.summary().constraints
-    assert scene.natives.missing == ("line~point",)
+    assert scene.pinocchio_constraints.unsupported == ("line~point",)
     assert scene.row_names[0] == "line~point.1"
     assert cp.Workspace(scene).violation(state[0])[0] == pytest.approx(0.0, abs=1e-10)
 

@@ -18,7 +18,7 @@ from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.tolerances import REFERENCE_RANK
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms
-from condyn_pin.dynamics.proof import Yardstick
+from condyn_pin.dynamics.residuals import ErrorEstimator
 
 numbers = st.floats(-1e100, 1e100).filter(lambda x: x == 0 or abs(x) > 1e-100)
 vectors = arrays(float, 5, elements=numbers)
@@ -103,10 +103,10 @@ def test_tangent_removes_what_the_constraints_see_and_nothing_else():
 def test_reference_gains_digits_by_refinement():
     """Cassie's M has a condition of 1e7; the refined answer does not feel it."""
     scene, state = all_scenes()["cassie loops"], states("cassie loops")[0]
-    plain = cp.solve(scene, *state, solver=cp.Reference(refinements=0)).a
-    once = cp.solve(scene, *state, solver=cp.Reference(refinements=1)).a
-    full = cp.solve(scene, *state, solver=cp.Reference()).a
-    more = cp.solve(scene, *state, solver=cp.Reference(refinements=6)).a
+    plain = cp.solve(scene, *state, solver=cp.dynamics.Reference(refinements=0)).a
+    once = cp.solve(scene, *state, solver=cp.dynamics.Reference(refinements=1)).a
+    full = cp.solve(scene, *state, solver=cp.dynamics.Reference()).a
+    more = cp.solve(scene, *state, solver=cp.dynamics.Reference(refinements=6)).a
     scale = np.abs(full).max()
     assert np.abs(full - more).max() <= 1e-15 * scale
     assert np.abs(once - full).max() <= 1e-13 * scale
@@ -118,17 +118,17 @@ def test_bound_is_one_at_the_nominal_state(label):
     """Whatever the residuals are made of: errors along light joints, rows, or everything."""
     scene = all_scenes()[label]
     equations = Equations(scene.robot.model, scene.bounds)
-    nominal = scene.audit.states[1]
-    exact = cp.solve(scene, nominal.q, nominal.v, nominal.tau, solver=cp.Reference())
-    scale = max(np.abs(exact.a).max(), scene.audit.yardstick.gravity)
+    nominal = scene.nominal.states[1]
+    exact = cp.solve(scene, nominal.q, nominal.v, nominal.tau, solver=cp.dynamics.Reference())
+    scale = max(np.abs(exact.a).max(), scene.nominal.estimator.gravity)
     rng = np.random.default_rng(0)
     for size in (1e-9, 1e-6, 1e-3):
         for direction in (np.ones(scene.robot.nv), rng.normal(size=scene.robot.nv)):
             a = exact.a + size * scale * direction / np.abs(direction).max()
-            lam = exact.lam + size * scene.audit.weight * rng.normal(size=scene.rows)
+            lam = exact.lam + size * scene.nominal.weight * rng.normal(size=scene.rows)
             residuals = equations.errors(nominal.q, nominal.v, nominal.tau, a, lam)
-            bound = scene.audit.yardstick.prove(*residuals, nominal.tau)[0].bound
-            true = np.abs(a - exact.a).max() / max(np.abs(a).max(), scene.audit.yardstick.gravity)
+            bound = scene.nominal.estimator.prove(*residuals, nominal.tau)[0].bound
+            true = np.abs(a - exact.a).max() / max(np.abs(a).max(), scene.nominal.estimator.gravity)
             assert true <= bound * (1 + 1e-6)
 
 
@@ -140,7 +140,9 @@ def test_bound_is_one_at_the_nominal_state(label):
     st.floats(-14, 1),
     st.integers(1, 30),
     st.integers(0, 3),
-    st.sampled_from([s for s in (cp.Proximal, cp.LCABA) if s.__name__.lower() in cp.SOLVERS]),
+    st.sampled_from(
+        [s for s in (cp.Proximal, cp.LCABA) if s.__name__.lower() in cp.dynamics.SOLVERS]
+    ),
 )
 def test_ok_is_never_a_lie(label, exponent, iterations, which, kind):
     """Away from the nominal state, whatever mu and however few iterations."""
@@ -163,12 +165,12 @@ def test_ok_is_never_a_lie(label, exponent, iterations, which, kind):
 @each_solver
 def test_ok_is_no_lie_near_a_singular_configuration(solver, angle, moving):
     """A parallelogram nearly flat: lam grows as 1/angle, and a jumps at zero."""
-    bar = cp.four_bar(ground=0.6, crank=0.3, coupler=0.6, rocker=0.3)
+    bar = cp.model.four_bar(ground=0.6, crank=0.3, coupler=0.6, rocker=0.3)
     scene = cp.Scene(bar, bar.loops)
     q = angle * np.array([1.0, -1.0, 1.0])
     v = moving * np.array([1.0, -1.0, 1.0])
     tau = np.array([5.0, -2.0, 1.0])
-    reference = cp.solve(scene, q, v, tau, solver=cp.Reference(), throw=False)
+    reference = cp.solve(scene, q, v, tau, solver=cp.dynamics.Reference(), throw=False)
     solution = cp.solve(scene, q, v, tau, solver=solver, throw=False)
     if solution.status.ok:
         scale = max(np.abs(reference.a).max(), 9.81)
@@ -179,9 +181,9 @@ def test_ok_is_no_lie_near_a_singular_configuration(solver, angle, moving):
 
 def test_a_doubtful_answer_is_judged_at_its_own_state():
     """The nominal sigma, 70 times too large at this posture, would call some of these ok."""
-    bar = cp.four_bar(ground=0.6, crank=0.3, coupler=0.6, rocker=0.3)
+    bar = cp.model.four_bar(ground=0.6, crank=0.3, coupler=0.6, rocker=0.3)
     scene = cp.Scene(bar, bar.loops)
-    equations, nominal = Equations(bar.model, scene.bounds), scene.audit.yardstick
+    equations, nominal = Equations(bar.model, scene.bounds), scene.nominal.estimator
     q, v, tau = 0.01 * np.array([1.0, -1.0, 1.0]), np.zeros(3), np.array([5.0, -2.0, 1.0])
     caught = 0
     for iterations in range(1, 40):
@@ -211,7 +213,7 @@ def test_ok_is_no_lie_where_the_mass_matrix_is_nearly_singular(solver, distance,
     if distance < 1e-3:
         assert not solution.status.ok
     elif solution.status.ok:
-        right = cp.solve(scene, *state, solver=cp.Reference())
+        right = cp.solve(scene, *state, solver=cp.dynamics.Reference())
         assert np.abs(solution.a - right.a).max() < 1e-8 * np.abs(right.a).max()
 
 
@@ -232,9 +234,9 @@ def test_a_singular_value_that_rounding_made_does_not_count():
     factors = factorise(terms.M, terms.J, REFERENCE_RANK)
     assert factors.rank == 2
     assert factors.above_rounding(P).rank == 1
-    a, _ = cp.Reference().solve(terms, np.array([2.0, 1.0]), P)
+    a, _ = cp.dynamics.Reference().solve(terms, np.array([2.0, 1.0]), P)
     np.testing.assert_allclose(a, [0.0, 1e12], atol=1.0)
-    held, _ = cp.Reference().solve(terms, np.array([2.0, 1.0]))
+    held, _ = cp.dynamics.Reference().solve(terms, np.array([2.0, 1.0]))
     assert abs(held[1]) < 1e9
 
 
@@ -248,18 +250,18 @@ def test_a_slip_of_nothing_is_no_proof_where_j_is_rounding():
     """|e| <= |s| / sigma is no bound where J a itself is only known to eps P |a|."""
     terms, P = terms_of_a_light_joint()
     factors = factorise(terms.M, np.array([[1.0, 0.0], [1.0, 1e-12]]), 0.0)
-    yardstick = Yardstick.of(factors, P, gravity=9.81, weight=9.81)
+    estimator = ErrorEstimator.of(factors, P, gravity=9.81, weight=9.81)
     a, nothing = np.array([10.0, 10.0]), np.zeros(2)
-    assert yardstick.unquestioned < 0.0
-    bound = yardstick.missing(factors, nothing, nothing, P, nothing, a)
+    assert estimator.unquestioned < 0.0
+    bound = estimator.missing(factors, nothing, nothing, P, nothing, a)
     assert bound > 2.0**-52 * 10.0 / 1e-12
-    proof, _ = yardstick.prove(nothing, [0.0, 10.0, 0.0, 0.0, 0.0, 0.0], nothing, bound)
+    proof, _ = estimator.prove(nothing, [0.0, 10.0, 0.0, 0.0, 0.0, 0.0], nothing, bound)
     assert proof.bound > bound / 10.0
 
 
 @pytest.mark.parametrize("label", ["cassie loops", "talos contacts", "talos_full corners"])
 def test_machines_stay_above_their_rounding(label):
     """What rounding of J could make of singular values is far from those of machines."""
-    audit = all_scenes()[label].audit
-    assert 16 * audit.yardstick.blur < 1e-9 * audit.singular_values[audit.rank - 1]
-    assert audit.yardstick.unquestioned > 0.0
+    nominal = all_scenes()[label].nominal
+    assert 16 * nominal.estimator.blur < 1e-9 * nominal.singular_values[nominal.rank - 1]
+    assert nominal.estimator.unquestioned > 0.0

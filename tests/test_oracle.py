@@ -23,12 +23,12 @@ KINDS = {
     "rod": (cp.Loop("hand", "foot", "rod", length=0.7),),
     "to the world": (cp.Loop("world", "hand"), cp.Loop("foot", "world", "slider", axis="x")),
     "point": (cp.PointContact("foot", (0.1, 0.2, 0.3)),),
-    "surface and line": (cp.SurfaceContact("hand"), cp.LineContact("foot", "x")),
+    "surface and line": (cp.SurfaceContact("hand"), cp.constraints.LineContact("foot", "x")),
     "anchored": (
         cp.SurfaceContact("hand", anchor=(0.1, 0.2, 0.3, 0.5, 0.5, 0.5, 0.5)),
         cp.PointContact("foot", anchor=(0.0, 0.1, 0.0)),
     ),
-    "plane": (cp.PlanarContact("foot", (0.1, 0.0, 0.0), (1.0, 2.0, 3.0)),),
+    "plane": (cp.constraints.PlanarContact("foot", (0.1, 0.0, 0.0), (1.0, 2.0, 3.0)),),
     "gear": (cp.Coupling("slide", "turn", 0.3, 0.1),),
 }  # fmt: skip
 
@@ -85,7 +85,7 @@ def test_reference_is_right(label):
     """Rows of rank 2 of 3 and of 10 of 12 among them."""
     scene, (q, v, tau) = all_scenes()[label], states(label)[0]
     a, lam = Oracle(scene).solve(q, v, tau)
-    found = cp.solve(scene, q, v, tau, solver=cp.Reference())
+    found = cp.solve(scene, q, v, tau, solver=cp.dynamics.Reference())
     assert largest(a, found.a) < 1e-13
     assert largest(lam, found.lam) < 1e-13
 
@@ -112,7 +112,9 @@ def test_what_extremes_call_right_is_right(family, severity):
     assert float(max(abs(a - right))) < 1e-9 * scale
 
 
-@pytest.mark.parametrize("solver", [cp.Reference(), cp.DenseKKT(), cp.Proximal(refinements=0)])
+@pytest.mark.parametrize(
+    "solver", [cp.dynamics.Reference(), cp.DenseKKT(), cp.Proximal(refinements=0)]
+)
 def test_where_reference_is_not_right_nothing_says_ok(solver):
     """A rod so thin that rounding of J^T lam spins it: the proof knows."""
     case = EXTREMES["light_rod"].case(1e-3, seed=3)
@@ -134,7 +136,7 @@ def test_proximal_corrects_what_rounding_spoils():
 
 def test_the_oracle_has_its_digits():
     """A pendulum of 1 m and 1 kg, by its formula, to 45 digits."""
-    scene = cp.Scene(cp.pendulum())
+    scene = cp.Scene(cp.model.pendulum())
     q = np.array([0.3])
     a, _ = Oracle(scene).solve(q, np.array([2.0]), np.array([0.5]))
     wanted = mp.mpf(0.5) - mp.mpf(9.81) * mp.sin(mp.mpf(q[0]))
@@ -146,7 +148,7 @@ def light_cells(seed: int) -> tuple[cp.Scene, np.ndarray, np.ndarray, np.ndarray
     rng = np.random.default_rng(seed)
     cells, angle = int(rng.integers(1, 4)), 10 ** rng.uniform(-7.2, -4)
     least, most = [(-1, 1), (-3, 3), (-4, 2)][seed % 3]
-    linkage = cp.n_four_bar(cells)
+    linkage = cp.model.n_four_bar(cells)
     inertias = list(linkage.model.inertias)
     for joint, bar in enumerate(inertias[1:], start=1):
         share = 10 ** rng.uniform(least, most)
@@ -165,7 +167,7 @@ def test_what_rounding_of_the_rows_spoils_is_not_ok(seed):
     scene, q, v, tau = light_cells(seed)
     right = [Oracle(scene).solve(q, v, tau, share)[0] for share in (1e-14, 1e-11, 2.2e-8)]
     for name in ("gaussprinciple", "nullspace", "reference", "proximal", "conjugategradient"):
-        found = cp.solve(scene, q, v, tau, solver=cp.SOLVERS[name](), throw=False)
+        found = cp.solve(scene, q, v, tau, solver=cp.dynamics.SOLVERS[name](), throw=False)
         scale = max(float(np.abs(found.a).max()), 9.81)
         error = min(float(max(abs(a - found.a))) for a in right) / scale
         assert error < 1e-8 or not found.status.ok, name

@@ -1,4 +1,4 @@
-"""Orders of integrators: measured in q, v and lam, with every value of their knobs."""
+"""Orders of integrators: measured in q, v and lam, with every value of their parameters."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ NEAR = 0.05
 LOOSE = {"relative_tolerance": 0.9, "absolute_tolerance": 0.9}
 
 VARIANTS = [
-    cp.ExplicitEuler(),
+    cp.simulation.ExplicitEuler(),
     cp.SemiImplicitEuler(),
     cp.SemiImplicitEuler(implicit=False),
-    cp.Leapfrog(),
-    cp.StormerVerlet(),
+    cp.simulation.Leapfrog(),
+    cp.simulation.StormerVerlet(),
     cp.ImplicitMidpoint(),
-    cp.LinearlyImplicitMidpoint(),
+    cp.simulation.LinearlyImplicitMidpoint(),
     cp.RungeKutta4(),
-    cp.Rattle(),
-    cp.Shake(),
-    *(cp.GeneralisedAlpha(rho=rho) for rho in (0.0, 0.5, 0.8, 0.9)),
+    cp.simulation.Rattle(),
+    cp.simulation.Shake(),
+    *(cp.simulation.GeneralisedAlpha(rho=rho) for rho in (0.0, 0.5, 0.8, 0.9)),
     *(cp.RadauIIA(stages=s) for s in (1, 2, 3)),
-    *(cp.GearGuptaLeimkuhler(stages=s) for s in (1, 2, 3)),
+    *(cp.simulation.GearGuptaLeimkuhler(stages=s) for s in (1, 2, 3)),
     *(cp.DormandPrince(**LOOSE, method=method) for method in (5, 8)),
 ]
 
@@ -59,14 +59,19 @@ class Motion:
         across = np.stack([np.cos(psi), np.sin(psi)], axis=1)
         return along, rate[:, None] * across, (rate**2 + self.g * np.cos(psi))[:, None]
 
-    def errors(self, integrator: cp.Integrator, steps: int, drift: cp.Drift | None = None) -> Array:
+    def errors(
+        self,
+        integrator: cp.simulation.Integrator,
+        steps: int,
+        drift: cp.simulation.Drift | None = None,
+    ) -> Array:
         """Return the root mean squares of the errors of q, v and lam in `steps` steps."""
         start = self.at(np.zeros(1))
         run = cp.simulate(
             rod_pendulum(), start[0][0], start[1][0],
             lambda t, q, v: self.moment * np.array([-q[1], q[0]]),
             duration=self.duration, dt=self.duration / steps, integrator=integrator,
-            drift=drift or cp.NoDrift(), record=steps // SAMPLES, gravity=self.g > 0,
+            drift=drift or cp.simulation.NoDrift(), record=steps // SAMPLES, gravity=self.g > 0,
         )  # fmt: skip
         assert run.status.ok, run.reason
         exact = self.at(run.t[1:])
@@ -115,7 +120,9 @@ def order(coarse: Array, fine: Array, ratio: float) -> Array:
     return np.log(coarse / fine) / np.log(ratio)
 
 
-def measured(integrator: cp.Integrator, drift: cp.Drift | None = None) -> Array:
+def measured(
+    integrator: cp.simulation.Integrator, drift: cp.simulation.Drift | None = None
+) -> Array:
     shown = SHOWN_ADAPTIVE if integrator.is_adaptive else SHOWN
     motion, few, many = shown[integrator.order.q]
     coarse, fine = (motion.errors(integrator, steps, drift) for steps in (few, many))
@@ -138,14 +145,14 @@ def test_the_default_drift_control_keeps_the_orders(integrator):
 
 
 def test_the_orders_of_all_integrators_are_measured():
-    assert {type(each) for each in VARIANTS} == set(cp.INTEGRATORS.values())
+    assert {type(each) for each in VARIANTS} == set(cp.simulation.INTEGRATORS.values())
 
 
 def run(make, duration, steps, integrator):
     scene, q, v = make()
     return cp.simulate(
         scene, q, v, duration=duration, dt=duration / steps, integrator=integrator,
-        drift=cp.NoDrift(), record=steps // SAMPLES,
+        drift=cp.simulation.NoDrift(), record=steps // SAMPLES,
     )  # fmt: skip
 
 

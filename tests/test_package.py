@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import importlib
+import inspect
 import re
 import subprocess
 import sys
@@ -15,25 +17,54 @@ import condyn_pin as cp
 PACKAGE = Path(cp.__file__).parent
 
 
-def test_the_stub_lists_public_names_and_nothing_else():
-    stub = ast.parse((PACKAGE / "__init__.pyi").read_text(encoding="utf-8"))
-    *imports, version = stub.body
-    assert ast.unparse(version) == "__version__: str"
-    for line in imports:
-        assert isinstance(line, ast.ImportFrom)
-        assert line.module.startswith("condyn_pin.")
-        # without "as" a type checker takes it for the stub's own
-        assert all(alias.asname == alias.name for alias in line.names), line.module
+ROOMS = ("", *(path.parent.name for path in sorted(PACKAGE.glob("*/__init__.pyi"))))
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_stub_lists_public_names_and_nothing_else(room):
+    text = (PACKAGE / room / "__init__.pyi").read_text(encoding="utf-8")
+    imports = [line for line in ast.parse(text).body if isinstance(line, ast.ImportFrom)]
+    # without "as" a type checker takes it for the stub's own
+    assert all(alias.asname == alias.name for line in imports for alias in line.names)
     names = [alias.name for line in imports for alias in line.names]
-    assert cp.__all__ == sorted(set(names))
-    assert len(names) == len(cp.__all__)
+    module = importlib.import_module(f"condyn_pin.{room}".rstrip("."))
+    assert sorted(module.__all__) == sorted(names)
+    assert len(set(names)) == len(names)
+    for name in names:
+        value = getattr(module, name)
+        assert isinstance(value, dict) or value.__doc__
+        assert name in dir(module)
 
 
-@pytest.mark.parametrize("name", cp.__all__)
-def test_every_public_name_exists_and_is_documented(name):
-    value = getattr(cp, name)
-    assert name in dir(cp)
-    assert isinstance(value, dict) or value.__doc__
+def test_the_top_is_small():
+    """What a user meets first; rooms and the errors' page are beside it."""
+    names = [name for name in cp.__all__ if not inspect.ismodule(getattr(cp, name))]
+    assert len(names) <= 50
+
+
+def test_no_two_public_classes_share_a_name():
+    """A name that a room and the top have is the same thing in both."""
+    seen = {}
+    for room in ROOMS:
+        module = importlib.import_module(f"condyn_pin.{room}".rstrip("."))
+        for name in module.__all__:
+            value = getattr(module, name)
+            if not inspect.ismodule(value):
+                assert seen.setdefault(name, value) is value, name
+
+
+@pytest.mark.parametrize(
+    ("old", "now"),
+    [
+        ("tune", "study.tune"),
+        ("Gap", "constraints.ConstraintViolation"),
+        ("Knife", "constraints.KnifeEdge"),
+    ],
+)
+def test_a_name_of_the_last_version_is_forwarded_and_says_so(old, now):
+    with pytest.warns(DeprecationWarning, match=f"condyn_pin.{old} is condyn_pin.*{now}"):
+        value = getattr(cp, old)
+    assert value.__name__ == now.rpartition(".")[2]
 
 
 def test_an_unknown_name_is_an_attribute_error():
@@ -55,7 +86,7 @@ def test_import_stays_light():
 def test_using_it_imports_only_what_it_needs():
     code = """
 import condyn_pin as cp
-bar = cp.four_bar()
+bar = cp.model.four_bar()
 scene = cp.Scene(bar, bar.loops)
 cp.Workspace
 """

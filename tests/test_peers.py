@@ -80,7 +80,7 @@ def test_tangent_motions_stay_on_the_constraints(peers, case):
 def test_error_of_derivatives_ignores_how_gaps_are_pulled_back(case):
     """Baumgarte's terms change da_dq, and not along motions that stay on the constraints."""
     scene, exported = case
-    pulled = cp.Workspace(scene, cp.Reference(), drift=cp.Baumgarte(20.0, 20.0))
+    pulled = cp.Workspace(scene, cp.dynamics.Reference(), drift=cp.Baumgarte(20.0, 20.0))
     d = pulled.derivatives(*exported.state(0))
     answer = (d.da_dq, d.da_dv, d.da_dtau[:, exported.motors])
     assert np.abs(d.da_dq - exported.states["da_dq"][0]).max() > 1.0

@@ -66,9 +66,9 @@ def test_lcaba_is_there_or_refused_with_the_line_that_installs_it():
     if _pin.HAS_LCABA:
         assert _pin.lcaba() is pin.lcaba
         return
-    with pytest.raises(cp.UnsupportedBackend, match="pip install"):
+    with pytest.raises(cp.errors.UnsupportedBackend, match="pip install"):
         _pin.lcaba()
-    with pytest.raises(cp.UnsupportedBackend, match="Pinocchio 4"):
+    with pytest.raises(cp.errors.UnsupportedBackend, match="Pinocchio 4"):
         _pin.order_joints_for_lcaba(None, None, None)
 
 

@@ -59,7 +59,7 @@ def pins(robot_: cp.Robot, axis: str = "z", swap: bool = False) -> cp.Scene:
 
 def assembled(scene: cp.Scene, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
-    bar = cp.four_bar().postures["open"]
+    bar = cp.model.four_bar().postures["open"]
     q0 = pin.neutral(scene.robot.model)
     q0[7:] = np.tile(bar, 2)
     q = scene.assemble(q0, fixed=[]).q
@@ -71,10 +71,10 @@ def assembled(scene: cp.Scene, seed: int = 0) -> tuple[np.ndarray, np.ndarray, n
 @pytest.mark.parametrize("solver", FAST, ids=lambda s: type(s).__name__)
 def test_the_fast_methods_take_a_pin_in_a_plane(solver, axis):
     scene = pins(legged(axis), axis)
-    assert scene.natives.missing == ()
+    assert scene.pinocchio_constraints.unsupported == ()
     assert isinstance(default_solver(scene), cp.Proximal)
     state = assembled(scene)
-    right = cp.solve(scene, *state, solver=cp.Reference())
+    right = cp.solve(scene, *state, solver=cp.dynamics.Reference())
     found = cp.solve(scene, *state, solver=solver)
     assert relative(found.a, right.a) < SOLVED
     # the rows are independent: lam is unique
@@ -87,7 +87,7 @@ def test_the_fast_methods_take_a_pin_in_a_plane(solver, axis):
 def test_forces_are_those_on_the_first_frame(swap):
     state = assembled(pins(legged()))
     one = cp.solve(pins(legged(), swap=swap), *state)
-    two = cp.solve(pins(legged()), *state, solver=cp.Reference())
+    two = cp.solve(pins(legged()), *state, solver=cp.dynamics.Reference())
     sign = -1.0 if swap else 1.0
     for name in one.forces:
         assert relative(sign * one.forces[name].in_world(), two.forces[name].in_world()) < 1e-7
@@ -104,7 +104,7 @@ def test_open_loops_are_solved_as_they_are(kind, gap):
     q = pin.integrate(bar.model, q, gap * rng.normal(size=3))
     v, tau = rng.normal(size=(2, 3))  # slips too
     for drift in (None, cp.Baumgarte(10.0, 30.0)):
-        right = cp.Workspace(scene, cp.Reference(), drift=drift).solve(q, v, tau)
+        right = cp.Workspace(scene, cp.dynamics.Reference(), drift=drift).solve(q, v, tau)
         workspace = cp.Workspace(scene, cp.Proximal(), drift=drift)
         found = workspace.solve(q, v, tau)
         assert relative(found.a, right.a) < SOLVED
@@ -152,9 +152,9 @@ def test_a_pin_in_space_has_no_equivalent():
     robot_ = cp.Robot("joints", model)
     ends = [name for name in model.names if name != "universe"]
     loops = [cp.Loop(f"{name}_tip", "universe", "planar", name=name) for name in ends]
-    natives = cp.Scene(robot_, loops).natives
-    assert natives.missing == ("ball", "across", "screw", "two", "slanted")
-    assert natives.imitated == ("in_plane", "along", "wheel")
+    natives = cp.Scene(robot_, loops).pinocchio_constraints
+    assert natives.unsupported == ("ball", "across", "screw", "two", "slanted")
+    assert natives.approximated == ("in_plane", "along", "wheel")
 
 
 def test_the_world_may_come_first():
@@ -168,12 +168,14 @@ def test_the_world_may_come_first():
     tau = rng.normal(size=3)
     for gap in (0.0, 1e-4):
         at = pin.integrate(bar.model, q, gap * rng.normal(size=3))
-        right = cp.solve(free, at, v, tau, solver=cp.Reference())
+        right = cp.solve(free, at, v, tau, solver=cp.dynamics.Reference())
         found = cp.solve(free, at, v, tau, solver=cp.Proximal())
         assert relative(found.a, right.a) < SOLVED
         assert relative(found.lam, right.lam) < SOLVED
     if HAS_LCABA:
-        with pytest.raises(cp.UnsupportedConstraint, match=r"world comes first.*held.*exchange"):
+        with pytest.raises(
+            cp.errors.UnsupportedConstraint, match=r"world comes first.*held.*exchange"
+        ):
             cp.Workspace(free, cp.LCABA())
         other = cp.Scene(bar, [cp.Loop("coupler_tip", "hook", "planar", axis="y", name="held")])
         found = cp.solve(other, q, v, tau, solver=cp.LCABA())
@@ -183,7 +185,7 @@ def test_the_world_may_come_first():
 def test_every_method_agrees():
     scene = pins(legged())
     state = assembled(scene)
-    right = cp.solve(scene, *state, solver=cp.Reference())
+    right = cp.solve(scene, *state, solver=cp.dynamics.Reference())
     for kind in SOLVERS.values():
         if kind.exact and not untaken(scene, kind()):
             assert relative(cp.solve(scene, *state, solver=kind()).a, right.a) < SOLVED

@@ -83,7 +83,7 @@ def anchors(page: Path) -> list[str]:
 
 def test_every_solver_is_in_the_table_of_solvers():
     page = (ROOT / "docs" / "how-to-choose-a-solver.md").read_text(encoding="utf-8")
-    for solver in cp.SOLVERS.values():
+    for solver in cp.dynamics.SOLVERS.values():
         row = next(line for line in page.splitlines() if line.startswith(f"| `{solver.__name__}` "))
         assert row.endswith(f"| {solver.cost} |")
 
@@ -168,10 +168,10 @@ def test_simulation_beside_mujoco_is_that_of_the_committed_results(monkeypatch):
     rows, about = versus.load(ROOT / "benchmarks" / "results" / "simulation_vs_mujoco.json")
     assert_written(versus.pages(rows, about))
     assert {row.problem for row in rows} == set(LINKAGES)
-    # the yardstick is the same: both start closed, and no answer is less accurate than asked for
+    # the estimator is the same: both start closed, and no answer is less accurate than asked for
     for row in rows:
         if row.engine == "MuJoCo" and (found := versus.answer(rows, row)):
-            assert found.gap <= row.gap
+            assert found.violation <= row.violation
             assert found.energy <= row.energy
     theirs = {name: [r for r in versus._theirs(rows) if r.problem == name] for name in LINKAGES}
     ahead = {name: sum(versus._ratio(rows, r) < 1 for r in theirs[name]) for name in LINKAGES}
@@ -196,7 +196,7 @@ def test_batches_are_those_of_the_committed_results(monkeypatch):
     assert saved["error"] < smallest / 10
     for theirs, mine in batch.pairs(saved):
         assert mine is not None
-        assert mine.gap <= theirs.gap
+        assert mine.violation <= theirs.violation
         assert mine.error <= theirs.error
         assert mine.simulated > theirs.simulated
 
@@ -236,7 +236,7 @@ def test_weights_are_those_of_the_committed_results(monkeypatch):
     assert_written(auto_mu.pages(found, machine))
     table = (ROOT / "benchmarks" / "results" / "auto_mu.md").read_text(encoding="utf-8")
     assert auto_mu.markdown(found, machine) == table
-    assert {c.task.family for c in found} <= set(cp.EXTREMES)
+    assert {c.task.family for c in found} <= set(cp.lab.EXTREMES)
 
 
 def test_sentences_say_what_the_committed_results_say():

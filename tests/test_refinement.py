@@ -13,7 +13,7 @@ import condyn_pin as cp
 def test_a_correction_is_one_more_iteration(label):
     """With residuals from elsewhere: what Pinocchio iterates is what the equations ask for."""
     scene = all_scenes()[label]
-    mu = 1e-4 * scene.audit.delassus_norm
+    mu = 1e-4 * scene.nominal.delassus_norm
     iterated = cp.Proximal(mu=mu, max_iterations=3, relative_accuracy=0.0)
     corrected = cp.Proximal(mu=mu, max_iterations=1, refinements=2)
     if not scene.rows or not takes(iterated, scene):
@@ -31,7 +31,7 @@ def test_two_corrections_of_a_damped_solve_reach_rounding(label):
     scene = all_scenes()[label]
     if not scene.rows:
         return
-    mu = 1e-8 * scene.audit.delassus_norm
+    mu = 1e-8 * scene.nominal.delassus_norm
     solver = cp.DenseKKT(mu=mu, refinements=2)
     for state, exact in zip(states(label), truth(label), strict=True):
         solution = cp.solve(scene, *state, solver=solver, throw=False)
@@ -41,7 +41,7 @@ def test_two_corrections_of_a_damped_solve_reach_rounding(label):
 
 def test_forces_are_those_of_the_refined_answer():
     scene = all_scenes()["cassie on lines"]  # edges, which Pinocchio imitates
-    rough = cp.Proximal(mu=1e-5 * scene.audit.delassus_norm, max_iterations=1)
+    rough = cp.Proximal(mu=1e-5 * scene.nominal.delassus_norm, max_iterations=1)
     fine = cp.Proximal(mu=rough.mu, max_iterations=1, refinements=10)
     for state in states("cassie on lines"):
         assert not cp.solve(scene, *state, solver=rough, throw=False).status.ok

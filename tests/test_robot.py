@@ -106,7 +106,7 @@ def test_a_folder_is_a_robot(tmp_path):
     assert [loop.name for loop in swing.loops] == ["close"]
     assert swing.actuated == ("left",)
     scene = cp.Scene(swing, swing.loops)
-    assert (scene.rows, scene.audit.rank, scene.audit.mobility) == (3, 2, 1)
+    assert (scene.rows, scene.nominal.rank, scene.nominal.mobility) == (3, 2, 1)
     q, v = scene.state("hanging")
     assert cp.solve(scene, q, v, np.zeros(3)).status.ok
     assert any("damping (left)" in text for text in swing.unused)
@@ -167,7 +167,7 @@ def test_an_sdf_alone_is_a_robot():
     assert (cassie.nv, len(cassie.loops)) == (23, 4)
     scene = cp.Scene(cassie, cassie.loops)
     assert scene.check(scene.guess()).ok
-    with pytest.raises(cp.InvalidModel, match="'static' attach the model to the world"):
+    with pytest.raises(cp.errors.InvalidModel, match="'static' attach the model to the world"):
         cp.load_robot(path, root_joint="free_flyer")
 
 

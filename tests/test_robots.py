@@ -98,8 +98,8 @@ def test_loops_close_at_the_first_posture(name):
     q, _ = scene.state()
     equations = Equations(loaded.model, scene.bounds)
     assert np.abs(equations.violation(q)).max(initial=0.0) <= CLOSED
-    audit = scene.audit
-    assert (scene.rows, audit.rank, audit.mobility) == (
+    nominal = scene.nominal
+    assert (scene.rows, nominal.rank, nominal.mobility) == (
         figures.rows, figures.rank, figures.mobility,
     )  # fmt: skip
     assert np.linalg.matrix_rank(equations.jacobian(q), tol=1e-9) == figures.rank
@@ -169,7 +169,7 @@ def test_fingers_of_the_panda_can_be_coupled():
     fingers = cp.Coupling("panda_finger_joint2", "panda_finger_joint1")
     scene = cp.Scene(panda, [fingers, *panda.contacts])
     q, v = scene.state()
-    assert scene.audit.mobility == 2
+    assert scene.nominal.mobility == 2
     a = cp.solve(scene, q, v, np.r_[np.zeros(7), 1.0, 0.0], solver=cp.DenseKKT()).a
     assert a[-1] == pytest.approx(a[-2], rel=1e-12)
     assert a[-1] > 1
@@ -186,7 +186,7 @@ def test_g1_stands_over_its_feet():
 
 def test_a_robot_with_massless_fingers_is_refused():
     romeo = example_robot_data() / "romeo_description" / "urdf" / "romeo.urdf"
-    with pytest.raises(cp.InvalidModel, match="no inertia moves with LFinger"):
+    with pytest.raises(cp.errors.InvalidModel, match="no inertia moves with LFinger"):
         cp.load_robot(romeo, root_joint="free_flyer")
 
 

@@ -39,7 +39,7 @@ def test_the_table_of_a_readme_is_right(folder):
         if label in scenes:
             scene = scenes[label]
             used = sum(isinstance(c, cp.Loop) for c in scene.constraints)
-            wanted = (used, scene.rows, scene.audit.rank, scene.audit.mobility)
+            wanted = (used, scene.rows, scene.nominal.rank, scene.nominal.mobility)
             assert (loops, *counts) == tuple(map(str, wanted)), label
 
 

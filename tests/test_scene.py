@@ -38,10 +38,10 @@ def test_rows_rank_and_mobility(label):
 def test_redundant_rows_are_those_that_can_go(label):
     """Without them the rank is the same, and every row that is left counts."""
     scene = all_scenes()[label]
-    kept = [name not in scene.audit.redundant for name in scene.row_names]
-    J = Equations(scene.robot.model, scene.bounds).jacobian(scene.audit.q)
+    kept = [name not in scene.nominal.redundant for name in scene.row_names]
+    J = Equations(scene.robot.model, scene.bounds).jacobian(scene.nominal.q)
     if scene.rows:
-        assert np.linalg.matrix_rank(J[kept], tol=1e-9) == scene.audit.rank == sum(kept)
+        assert np.linalg.matrix_rank(J[kept], tol=1e-9) == scene.nominal.rank == sum(kept)
 
 
 def test_summary_of_cassie_names_the_planar_loops():
@@ -64,7 +64,7 @@ def test_summary_says_what_is_left_out():
 
 def locked() -> cp.Scene:
     """A weld where the four-bar has a hinge: nothing can move."""
-    bar = cp.four_bar()
+    bar = cp.model.four_bar()
     q = cp.Scene(bar, bar.loops).state()[0]
     turn = -q[0] - q[1] + q[2]
     R = np.array([[np.cos(turn), 0, -np.sin(turn)], [0, 1, 0], [np.sin(turn), 0, np.cos(turn)]])
@@ -74,8 +74,8 @@ def locked() -> cp.Scene:
 
 def test_a_weld_in_place_of_a_hinge_locks_it_and_is_still_solved():
     scene = locked()
-    assert scene.audit.closed
-    assert (scene.rows, scene.audit.mobility) == (6, 0)
+    assert scene.nominal.closed
+    assert (scene.rows, scene.nominal.mobility) == (6, 0)
     q, v = scene.state()
     solution = cp.solve(scene, q, v, np.zeros(3))
     assert np.abs(solution.a).max() < 1e-9
@@ -160,19 +160,21 @@ def test_cassies_postures_from_file_and_figures():
 
 def test_what_a_scene_keeps_cannot_be_written_to():
     scene = cp.Scene(robot("cassie"), robot("cassie").loops)
-    audit, chains = scene.audit, scene.chains
-    kept = (audit.q, audit.terms.J, audit.states[1].v, chains.rows, chains.clusters[0].basis)
-    for array in (*kept, audit.singular_values, audit.yardstick.weights, chains.limits.upper):
+    nominal, chains = scene.nominal, scene.chains
+    kept = (nominal.q, nominal.terms.J, nominal.states[1].v, chains.rows, chains.clusters[0].basis)
+    for array in (*kept, nominal.singular_values, nominal.estimator.weights, chains.limits.upper):
         with pytest.raises(ValueError, match="read-only"):
             array[...] = 0
     for q in (scene.state()[0], scene.rank().q):
         q[:] = 0.0  # what is handed out is the caller's own
-    cp.solve(scene, audit.q, audit.states[1].v, audit.states[1].tau, solver=cp.Reference())
+    cp.solve(
+        scene, nominal.q, nominal.states[1].v, nominal.states[1].tau, solver=cp.dynamics.Reference()
+    )
 
 
 def test_a_model_of_ones_own_says_what_is_not_used():
     """A reader of files says it of its file; around a pin.Model nobody else would."""
-    model = pin.Model(cp.four_bar().model)
+    model = pin.Model(cp.model.four_bar().model)
     model.damping[0], model.friction[1] = 0.2, 0.3
     said = cp.Scene(cp.Robot("bar", model)).summary().unused
     assert said == (
@@ -184,9 +186,9 @@ def test_a_model_of_ones_own_says_what_is_not_used():
 
 
 def test_a_frame_with_the_worlds_name_is_not_taken_for_the_world():
-    model = pin.Model(cp.four_bar().model)
+    model = pin.Model(cp.model.four_bar().model)
     model.addFrame(pin.Frame("world", 2, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
-    with pytest.raises(cp.InvalidModel, match="'world' of bar has the world's name"):
+    with pytest.raises(cp.errors.InvalidModel, match="'world' of bar has the world's name"):
         cp.Scene(cp.Robot("bar", model), [cp.Loop("coupler_tip", "world")])
 
 
@@ -207,7 +209,12 @@ def test_what_says_nothing_holds_nothing(leaves):
     assert door.rank(q).mobility == model.nv
     np.testing.assert_allclose(door.project_velocity(q, v), v, rtol=1e-12)
     np.testing.assert_allclose(cp.impact(door, q, v).v, v, rtol=1e-12)
-    for solver in (None, cp.Reference(), cp.NullSpace(), cp.GaussPrinciple()):
+    for solver in (
+        None,
+        cp.dynamics.Reference(),
+        cp.dynamics.NullSpace(),
+        cp.dynamics.GaussPrinciple(),
+    ):
         np.testing.assert_allclose(cp.solve(door, q, v, v, solver=solver).a, free, rtol=1e-9)
     found = cp.derivatives(door, q, v, v, check=True)
     np.testing.assert_allclose(found.da_dtau, pin.computeMinverse(model, model.createData(), q))

@@ -18,8 +18,8 @@ from sdf_texts import (
 )
 
 import condyn_pin as cp
-from condyn_pin._core.errors import InvalidModel
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.errors import InvalidModel
 from condyn_pin.io.sdf import SdfRobot, read_sdf
 
 CASSIE_KINDS = {f"{side}-achilles-spring-joint": "ball" for side in SIDES}
@@ -293,7 +293,7 @@ def test_loops_that_are_opened_in_different_ways_give_one_acceleration():
     hinges = tuple(f"{side}-achilles-spring-joint" for side in SIDES)
     machines = [machine(cut=hinges), machine(), machine(as_file=True)]
     assert [scene.rows for _, scene in machines] == [16, 12, 24]
-    assert [robot.nv - scene.audit.rank for robot, scene in machines] == [18, 18, 18]
+    assert [robot.nv - scene.nominal.rank for robot, scene in machines] == [18, 18, 18]
     shared = [n for n in machines[0][0].joints if all(n in robot.joints for robot, _ in machines)]
     assert len(shared) == 21  # the base, and ten joints a leg
 
@@ -317,7 +317,7 @@ def test_loops_that_are_opened_in_different_ways_give_one_acceleration():
         assert np.abs(J @ v).max() < 1e-10
         tau = np.zeros(robot.nv)
         tau[here] = tau0[columns(first, shared, "v")]
-        a = cp.solve(scene, q, v, tau, solver=cp.Reference()).a
+        a = cp.solve(scene, q, v, tau, solver=cp.dynamics.Reference()).a
         answers.append(a[here])
     for other in answers[1:]:
         np.testing.assert_allclose(other, answers[0], rtol=0, atol=1e-7 * np.abs(answers[0]).max())

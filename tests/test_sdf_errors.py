@@ -17,7 +17,7 @@ from sdf_texts import (
     pose,
 )
 
-from condyn_pin._core.errors import InvalidModel, UnknownName
+from condyn_pin.errors import InvalidModel, UnknownName
 from condyn_pin.io.sdf import read_sdf
 
 

@@ -20,7 +20,7 @@ from sdf_texts import (
     link,
 )
 
-from condyn_pin._core.errors import CondynError
+from condyn_pin.errors import CondynError
 from condyn_pin.io.sdf import SdfRobot, read_sdf
 
 GEARS = (

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from sdf_texts import AB, INERTIAL, ROUNDING, T, frame_poses, joint, link, pose
 
 import condyn_pin as cp
-from condyn_pin._core.errors import InvalidModel
 from condyn_pin.constraints.constraints import Coupling
+from condyn_pin.errors import InvalidModel
 from condyn_pin.model.robot import Robot
 
 AXES = "<axis><xyz>0 0 1</xyz></axis><axis2><xyz>1 0 0</xyz></axis2>"

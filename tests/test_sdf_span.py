@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from sdf_texts import INERTIAL, ROUNDING, T, frame_poses, joint, link, pose
 
-from condyn_pin._core.errors import InvalidModel, UnknownName
+from condyn_pin.errors import InvalidModel, UnknownName
 from condyn_pin.io.sdf import SdfRobot
 
 

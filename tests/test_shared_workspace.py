@@ -10,7 +10,7 @@ import pytest
 from shared import all_scenes, robot, states
 
 import condyn_pin as cp
-from condyn_pin.dynamics.solvers.base import Method
+from condyn_pin.dynamics.solvers.base import BoundSolver
 
 WAIT = 60.0  # [s], far more than anything here takes
 
@@ -20,9 +20,9 @@ class Held:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.inside, self.go = threading.Event(), threading.Event()
-        start = cp.Reference.start
+        start = cp.dynamics.Reference.start
 
-        def held(solver: cp.Reference, workspace: cp.Workspace) -> Method:
+        def held(solver: cp.dynamics.Reference, workspace: cp.Workspace) -> BoundSolver:
             method = start(solver, workspace)
 
             def acceleration(q, v, tau):
@@ -30,9 +30,9 @@ class Held:
                 assert self.go.wait(WAIT)
                 return method.acceleration(q, v, tau)
 
-            return Method(acceleration, method.lam, method.iterations)
+            return BoundSolver(acceleration, method.lam, method.iterations)
 
-        monkeypatch.setattr(cp.Reference, "start", held)
+        monkeypatch.setattr(cp.dynamics.Reference, "start", held)
 
     def call(self, pool: ThreadPoolExecutor, function, *arguments):
         future = pool.submit(function, *arguments)
@@ -63,11 +63,11 @@ CALLS = {
 def test_another_thread_is_refused_while_one_is_at_work(monkeypatch, holding):
     held, scene = Held(monkeypatch), all_scenes()[LABEL]
     q, v, tau = states(LABEL)[0]
-    workspace = cp.Workspace(scene, cp.Reference())
+    workspace = cp.Workspace(scene, cp.dynamics.Reference())
     with ThreadPoolExecutor(1) as pool:
         future = held.call(pool, CALLS[holding], workspace, q, v, tau)
         for name, call in CALLS.items():
-            with pytest.raises(cp.SharedWorkspace, match="one Workspace"):
+            with pytest.raises(cp.errors.SharedWorkspace, match="one Workspace"):
                 pytest.fail(f"{name}: {call(workspace, q, v, tau)}")
         held.go.set()
         future.result(WAIT)
@@ -79,7 +79,7 @@ def test_another_thread_is_refused_while_one_is_at_work(monkeypatch, holding):
 def test_whatever_ends_a_call_leaves_the_workspace_free(monkeypatch, error):
     scene = all_scenes()[LABEL]
     q, v, tau = states(LABEL)[0]
-    workspace = cp.Workspace(scene, cp.Reference())
+    workspace = cp.Workspace(scene, cp.dynamics.Reference())
     run = workspace._run
 
     def fails(*_):
@@ -102,7 +102,7 @@ def test_lam_is_that_of_the_thread_that_asks():
     workspace.acceleration(q, v, tau)
     with ThreadPoolExecutor(1) as pool:
         pool.submit(workspace.acceleration, q, v, 2 * tau).result(WAIT)
-        with pytest.raises(cp.SharedWorkspace, match="another thread's"):
+        with pytest.raises(cp.errors.SharedWorkspace, match="another thread's"):
             workspace.lam()
         assert np.isfinite(pool.submit(workspace.lam).result(WAIT)).all()
 
@@ -112,14 +112,14 @@ def test_what_derivatives_form_later_waits_for_no_other_thread(monkeypatch, meth
     """`dlam_dq` of redundant rows, and all of the differences, use the workspace when asked for."""
     held, scene = Held(monkeypatch), all_scenes()[LABEL]
     q, v, tau = states(LABEL)[0]
-    workspace = cp.Workspace(scene, cp.Reference())
+    workspace = cp.Workspace(scene, cp.dynamics.Reference())
     held.go.set()
     found = workspace.derivatives(q, v, tau, method=method)
     held.go.clear()
     held.inside.clear()
     with ThreadPoolExecutor(1) as pool:
         future = held.call(pool, workspace.solve, q, v, tau)
-        with pytest.raises(cp.SharedWorkspace):
+        with pytest.raises(cp.errors.SharedWorkspace):
             pytest.fail(str(found.dlam_dq))
         held.go.set()
         future.result(WAIT)
@@ -131,7 +131,7 @@ def test_the_verbs_keep_a_workspace_for_each_thread(monkeypatch):
     (q, v, tau), (q2, v2, tau2) = states(LABEL)[:2]
     wanted = cp.solve(scene, q2, v2, tau2).a
     with ThreadPoolExecutor(1) as pool:
-        future = held.call(pool, lambda: cp.solve(scene, q, v, tau, solver=cp.Reference()))
+        future = held.call(pool, lambda: cp.solve(scene, q, v, tau, solver=cp.dynamics.Reference()))
         found = cp.solve(scene, q2, v2, tau2)
         cp.derivatives(scene, q2, v2, tau2)
         held.go.set()
@@ -168,11 +168,11 @@ def test_lazy_properties_of_a_scene_may_be_asked_for_at_once():
 
     def look(_):
         both.wait()
-        return fresh.audit.weight, fresh.natives.constraints, fresh.rank().rank
+        return fresh.nominal.weight, fresh.pinocchio_constraints.constraints, fresh.rank().rank
 
     with ThreadPoolExecutor(4) as pool:
         found = list(pool.map(look, range(4)))
-    assert {(weight, rank) for weight, _, rank in found} == {(scene.audit.weight, found[0][2])}
+    assert {(weight, rank) for weight, _, rank in found} == {(scene.nominal.weight, found[0][2])}
 
 
 def test_derivatives_stay_those_of_their_scene():

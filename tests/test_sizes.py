@@ -97,7 +97,7 @@ TOO_MUCH = {
 def test_descriptions_that_ask_for_too_much_are_refused(name, tmp_path):
     text, words = TOO_MUCH[name]
     (tmp_path / name).write_text(text)
-    with pytest.raises(cp.InvalidModel, match=words) as refused:
+    with pytest.raises(cp.errors.InvalidModel, match=words) as refused:
         cp.load_robot(tmp_path / name)
     assert len(str(refused.value)) < 600 + len(str(tmp_path))
 
@@ -106,7 +106,7 @@ def test_mujoco_is_not_asked_either(tmp_path):
     """`condyn compare` and pictures have it read files."""
     path = tmp_path / "a.xml"
     path.write_text(replicated(10**9))
-    with pytest.raises(cp.InvalidModel, match="makes more than 10000 parts"):
+    with pytest.raises(cp.errors.InvalidModel, match="makes more than 10000 parts"):
         compiled(path)
 
 
@@ -123,14 +123,14 @@ def test_large_files_are_not_read(tmp_path, monkeypatch):
     path = tmp_path / "a.urdf"
     for text, words in ((urdf(100), "larger than 0 MB"), (urdf(12), "more than 50 elements")):
         path.write_text(text)
-        with pytest.raises(cp.InvalidModel, match=words):
+        with pytest.raises(cp.errors.InvalidModel, match=words):
             cp.load_robot(path)
 
 
 def test_a_data_beyond_the_memory_of_the_machine_is_not_asked_for(monkeypatch):
     assert _memory() > 1e8
     monkeypatch.setattr("condyn_pin.model.soundness._memory", lambda: 100.0)
-    with pytest.raises(cp.InvalidModel, match=r"Data of it would take 0 GB, more than this"):
+    with pytest.raises(cp.errors.InvalidModel, match=r"Data of it would take 0 GB, more than this"):
         cp.Robot("a", robot("four_bar").model)
 
 
@@ -175,16 +175,18 @@ def test_tables_that_cannot_be_read_are_one_line(name, tmp_path):
     path = tmp_path / "a.json"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(cp.InvalidArgument, match=words):
-        cp.Table.from_json(path)
+        cp.study.Table.from_json(path)
 
 
 def test_a_device_without_an_end_is_no_file(tmp_path):
-    for read in (cp.Table.from_json, cp.Trajectory.load, cp.BatchTrajectory.load):
+    for read in (cp.study.Table.from_json, cp.Trajectory.load, cp.simulation.BatchTrajectory.load):
         with pytest.raises(cp.InvalidArgument, match="not a file"):
             read("/dev/zero")
     path = tmp_path / "a.xml"
     path.write_text('<mujoco><include file="/dev/zero"/></mujoco>')
-    with pytest.raises(cp.InvalidModel, match="/dev/zero: cannot be read as XML: it is not a file"):
+    with pytest.raises(
+        cp.errors.InvalidModel, match="/dev/zero: cannot be read as XML: it is not a file"
+    ):
         cp.load_robot(path)
 
 
@@ -194,8 +196,8 @@ def test_rows_say_what_rows_say(tmp_path):
     table.to_json(path)
     saved = json.loads(path.read_text())
     for key, value in (("scene", 3), ("rows", "x"), ("n", 1.5), ("statuses", {"ok": "x"}),
-                       ("knobs", [1]), ("how", {"a": []})):  # fmt: skip
+                       ("parameters", [1]), ("how", {"a": []})):  # fmt: skip
         row = saved["rows"][0] | {key: value}
         path.write_text(json.dumps(saved | {"rows": [row]}))
         with pytest.raises(cp.InvalidArgument, match=f"row: {key} = "):
-            cp.Table.from_json(path)
+            cp.study.Table.from_json(path)

@@ -38,7 +38,7 @@ each_case = pytest.mark.parametrize("case", list(CASES))
 
 
 @functools.cache
-def locked(case: str) -> cp.ReducedScene:
+def locked(case: str) -> cp.mechanism.ReducedScene:
     label, joints = CASES[case]
     return all_scenes()[label].lock(joints)
 
@@ -58,7 +58,7 @@ def welded(scene: cp.Scene, joints: tuple[str, ...], q, v, tau):
         terms.M, terms.h, np.vstack([terms.J, E]),
         np.concatenate([terms.gamma, more]), np.concatenate([terms.a_ref, more]),
     )  # fmt: skip
-    a, lam = cp.Reference().solve(extended, tau)
+    a, lam = cp.dynamics.Reference().solve(extended, tau)
     return a, terms.J.T @ lam[: scene.rows], held
 
 
@@ -72,7 +72,7 @@ def test_the_smaller_scene_moves_as_the_full_one_with_welded_joints(case):
         q_full, v_full = small.expand_state(q, v)
         tau = motor_torque(small.full.robot, rng)
         wanted, force, held = welded(small.full, CASES[case][1], q_full, v_full, tau)
-        solution = cp.solve(small, q, v, small.reduce_torque(tau), solver=cp.Reference())
+        solution = cp.solve(small, q, v, small.reduce_torque(tau), solver=cp.dynamics.Reference())
         rest = np.delete(np.arange(small.full.robot.nv), held)
         assert relative(solution.a, wanted[rest]) < 1e-10
         J = Equations(small.robot.model, small.bounds).jacobian(q)
@@ -259,16 +259,24 @@ def test_reduced_scenes_pickle_and_compare(case):
 @pytest.mark.parametrize(
     ("change", "error", "said"),
     [
-        (lambda s: s.lock(["arm_left_1_join"]), cp.UnknownName, "did you mean 'arm_left_1_joint'"),
+        (
+            lambda s: s.lock(["arm_left_1_join"]),
+            cp.errors.UnknownName,
+            "did you mean 'arm_left_1_joint'",
+        ),
         (lambda s: s.lock("arm_left_1_joint"), cp.InvalidArgument, "a list of names"),
         (lambda s: s.lock([3]), cp.InvalidArgument, "not the name of a joint"),
         (lambda s: s.lock(s.robot.joints), cp.InvalidArgument, "nothing moves"),
         (lambda s: s.lock(ARMS, np.zeros(3)), cp.InvalidArgument, "shape"),
         (lambda s: s.lock(ARMS, np.full(39, np.nan)), cp.InvalidArgument, "nan"),
-        (lambda s: s.keep(["leg_left_9_joint"]), cp.UnknownName, "leg_left"),
-        (lambda s: s.without(["left_sole"]), cp.UnknownName, "did you mean 'left_sole_link'"),
+        (lambda s: s.keep(["leg_left_9_joint"]), cp.errors.UnknownName, "leg_left"),
+        (
+            lambda s: s.without(["left_sole"]),
+            cp.errors.UnknownName,
+            "did you mean 'left_sole_link'",
+        ),
         (lambda s: s.without_bodies(["root_joint"]), cp.InvalidArgument, "nothing is left"),
-        (lambda s: s.without_bodies(["torso"]), cp.UnknownName, "torso_1_joint"),
+        (lambda s: s.without_bodies(["torso"]), cp.errors.UnknownName, "torso_1_joint"),
     ],
 )
 def test_mistakes_are_named(change, error, said):
@@ -305,7 +313,7 @@ CRANKS = tuple(
 
 def pantograph(rod_mass: float) -> cp.Scene:
     """A four-bar whose coupler is a rod of some mass, on a hinge."""
-    bar = cp.four_bar()
+    bar = cp.model.four_bar()
     model = pin.Model(bar.model)
     inertia = model.inertias[model.getJointId("coupler")]
     share = rod_mass / inertia.mass
@@ -323,9 +331,9 @@ def error_of_rod(scene: cp.Scene, mass: str) -> float:
     for _ in range(3):
         q, v = scene.sample(rng)
         tau = np.array([0.3, 0.0, 0.0])
-        a = cp.solve(scene, q, v, tau, solver=cp.Reference()).a
+        a = cp.solve(scene, q, v, tau, solver=cp.dynamics.Reference()).a
         state = small.reduce_state(q, v)
-        b = cp.solve(small, *state, small.reduce_torque(tau), solver=cp.Reference()).a
+        b = cp.solve(small, *state, small.reduce_torque(tau), solver=cp.dynamics.Reference()).a
         worst = max(worst, relative(b, a[[0, 2]]))
     return worst
 
@@ -367,7 +375,7 @@ def test_rods_of_cassie():
 def test_a_linkage_that_follows_becomes_reflected_inertia():
     scene = all_scenes()["cassie loops"]
     small = scene.without_linkage(PLANTAR, CRANKS)
-    assert (small.robot.nv, small.rows, small.audit.mobility) == (28, 6, 22)
+    assert (small.robot.nv, small.rows, small.nominal.mobility) == (28, 6, 22)
     assert small.robot.mass == pytest.approx(scene.robot.mass, rel=1e-12)
     foot = small.robot.model.joints[small.robot.model.getJointId("left-foot-op")].idx_v
     armature, damping = small.robot.model.armature, small.robot.model.damping
@@ -386,7 +394,9 @@ def test_a_linkage_that_follows_becomes_reflected_inertia():
         q, v = one.state()
         i = one.robot.model.joints[one.robot.model.getJointId("left-foot-op")].idx_v
         push = np.eye(one.robot.nv)[i]
-        pushed, alone = (cp.solve(one, q, v, t, solver=cp.Reference()).a for t in (push, 0 * push))
+        pushed, alone = (
+            cp.solve(one, q, v, t, solver=cp.dynamics.Reference()).a for t in (push, 0 * push)
+        )
         found.append((pushed - alone)[i])
     full, reflected, welded_only = found
     assert abs(reflected - full) < 0.1 * abs(full)
@@ -396,16 +406,19 @@ def test_a_linkage_that_follows_becomes_reflected_inertia():
 def test_points_are_merged_exactly():
     for label, kinds in (
         ("talos corners", (cp.SurfaceContact, cp.SurfaceContact)),
-        ("cassie loops + contacts", (*[cp.Loop] * 4, cp.LineContact, cp.LineContact)),
+        (
+            "cassie loops + contacts",
+            (*[cp.Loop] * 4, cp.constraints.LineContact, cp.constraints.LineContact),
+        ),
     ):
         scene = all_scenes()[label]
         small = scene.merge_points()
         assert tuple(map(type, small.constraints)) == kinds
-        assert small.audit.rank == scene.audit.rank
+        assert small.nominal.rank == scene.nominal.rank
         q, v = scene.sample(np.random.default_rng(0))
         tau = motor_torque(scene.robot, np.random.default_rng(0))
-        a = cp.solve(scene, q, v, tau, solver=cp.Reference()).a
-        b = cp.solve(small, q, v, tau, solver=cp.Reference()).a
+        a = cp.solve(scene, q, v, tau, solver=cp.dynamics.Reference()).a
+        b = cp.solve(small, q, v, tau, solver=cp.dynamics.Reference()).a
         assert relative(b, a) < 1e-10
     kept = all_scenes()["cassie loops + contacts"].merge_points(edges=False)
     assert kept.constraints == all_scenes()["cassie loops + contacts"].constraints
@@ -429,7 +442,7 @@ def test_an_edge_is_where_its_own_points_are():
     assert small.names == ("FL_FOOT/edge 2",)
     q, v = other.sample(np.random.default_rng(0))
     tau = motor_torque(other.robot, np.random.default_rng(0))
-    a, b = (cp.solve(s, q, v, tau, solver=cp.Reference()).a for s in (other, small))
+    a, b = (cp.solve(s, q, v, tau, solver=cp.dynamics.Reference()).a for s in (other, small))
     assert relative(b, a) < 1e-10
 
 
@@ -456,15 +469,15 @@ def test_points_with_an_anchor_are_not_merged():
 @pytest.mark.parametrize("label", ["four_bar loops", "four_bar backwards", "cassie loops"])
 def test_a_ball_in_a_plane_becomes_a_planar_pin_with_full_rank(label):
     scene = all_scenes()[label]
-    name = next(r for r in scene.audit.redundant).rsplit(".", 1)[0]
+    name = next(r for r in scene.nominal.redundant).rsplit(".", 1)[0]
     small = scene.as_planar(name)
     assert small.rows == scene.rows - 1
-    assert small.audit.rank == scene.audit.rank
+    assert small.nominal.rank == scene.nominal.rank
     q, v = scene.sample(np.random.default_rng(0))
     tau = motor_torque(scene.robot, np.random.default_rng(0))
-    a, b = (cp.solve(s, q, v, tau, solver=cp.Reference()).a for s in (scene, small))
+    a, b = (cp.solve(s, q, v, tau, solver=cp.dynamics.Reference()).a for s in (scene, small))
     assert relative(b, a) < 1e-10
-    with pytest.raises(cp.InvalidConstraint, match="ball is needed"):
+    with pytest.raises(cp.errors.InvalidConstraint, match="ball is needed"):
         small.as_planar(name)
 
 
@@ -482,7 +495,8 @@ def test_a_planar_pin_reports_the_force_of_the_ball_it_replaces(ends):
     q, v = scene.sample(rng)
     tau = motor_torque(pinned, rng)
     ball, planar = (
-        cp.solve(s, q, v, tau, solver=cp.Reference()).world_forces["L"] for s in (scene, small)
+        cp.solve(s, q, v, tau, solver=cp.dynamics.Reference()).world_forces["L"]
+        for s in (scene, small)
     )
     assert np.abs(ball).max() > 0.1
     assert np.allclose(planar[:3], ball, atol=1e-9 * np.abs(ball).max())
@@ -506,7 +520,7 @@ def two_hinges(axis: str) -> cp.Scene:
 def test_a_ball_on_a_robot_of_two_joints_becomes_a_planar_pin():
     scene = two_hinges("Z")
     small = scene.as_planar("L")
-    assert (small.rows, small.audit.rank) == (2, scene.audit.rank)
+    assert (small.rows, small.nominal.rank) == (2, scene.nominal.rank)
 
 
 def test_a_ball_of_rank_one_has_no_plane():
@@ -517,7 +531,7 @@ def test_a_ball_of_rank_one_has_no_plane():
         model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
     model.addFrame(pin.Frame("tip", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
     scene = cp.Scene(cp.Robot("two", model), [cp.Loop("tip", "world", name="L")])
-    with pytest.raises(cp.InvalidConstraint, match="rank 1"):
+    with pytest.raises(cp.errors.InvalidConstraint, match="rank 1"):
         scene.as_planar("L")
 
 
@@ -532,9 +546,9 @@ def test_a_distance_reports_the_force_of_the_loop_that_it_replaces(backwards):
     small = whole.rods_as_distances(["coupler"], mass="drop")
     q, v = whole.sample(np.random.default_rng(0))
     tau = np.array([0.3, 0.0, 0.0])
-    ball = cp.solve(whole, q, v, tau, solver=cp.Reference()).world_forces[loop.name]
+    ball = cp.solve(whole, q, v, tau, solver=cp.dynamics.Reference()).world_forces[loop.name]
     state = (*small.reduce_state(q, v), small.reduce_torque(tau))
-    rod = cp.solve(small, *state, solver=cp.Reference()).world_forces[loop.name]
+    rod = cp.solve(small, *state, solver=cp.dynamics.Reference()).world_forces[loop.name]
     assert np.abs(ball).max() > 0.1
     assert np.allclose(rod, ball, atol=1e-4 * np.abs(ball).max())
 
@@ -573,7 +587,11 @@ def test_the_locked_posture_comes_first_with_and_without_q():
 @pytest.mark.parametrize(
     ("change", "error", "said"),
     [
-        (lambda s: s.rods_as_distances(["left-pitch-rod"]), cp.UnknownName, "left-pitch-rod-joint"),
+        (
+            lambda s: s.rods_as_distances(["left-pitch-rod"]),
+            cp.errors.UnknownName,
+            "left-pitch-rod-joint",
+        ),
         (lambda s: s.rods_as_distances(["left-knee-op"]), cp.InvalidArgument, "motor acts on it"),
         (
             lambda s: s.rods_as_distances(["left-tarsus-spring-joint"]),
@@ -588,14 +606,22 @@ def test_the_locked_posture_comes_first_with_and_without_q():
         (lambda s: s.rods_as_distances(RODS, mass="half"), cp.InvalidArgument, "ends, drop"),
         (
             lambda s: s.without_linkage(["left-achilles-spring-joint"], RODS[:1]),
-            cp.InvalidConstraint,
+            cp.errors.InvalidConstraint,
             "also hold other joints",
         ),
-        (lambda s: s.without_linkage(["plantar"], CRANKS), cp.UnknownName, "plantar-foot-joint"),
-        (lambda s: s.as_planar("left-achilles"), cp.UnknownName, "left-achilles-spring-joint"),
+        (
+            lambda s: s.without_linkage(["plantar"], CRANKS),
+            cp.errors.UnknownName,
+            "plantar-foot-joint",
+        ),
+        (
+            lambda s: s.as_planar("left-achilles"),
+            cp.errors.UnknownName,
+            "left-achilles-spring-joint",
+        ),
         (
             lambda s: s.as_planar("left-achilles-spring-joint"),
-            cp.InvalidConstraint,
+            cp.errors.InvalidConstraint,
             "independent",
         ),
     ],
@@ -647,5 +673,5 @@ def test_a_rod_that_does_more_than_keep_a_distance_is_refused():
     posture = np.array([0.0, 0.0, z, np.sqrt(1 - z * z), 0.4])
     two = cp.Robot("two", model, postures={"met": posture})
     scene = cp.Scene(two, [cp.Loop("tip1", "tip2")])
-    with pytest.raises(cp.InvalidConstraint, match="do more than keep a distance"):
+    with pytest.raises(cp.errors.InvalidConstraint, match="do more than keep a distance"):
         scene.rods_as_distances(["rod"])

@@ -20,9 +20,11 @@ AGREES = 1e-11
 # Before version 4 MuJoCo left Jdot v out.
 MOVING = [0.0, 1.0] if int(mujoco.__version__.split(".")[0]) >= 4 else [0.0]
 
-STIFF = cp.Soft(solref=(0.005, 0.7), solimp=(0.5, 0.99, 0.05, 0.3, 3.0))
-DIRECT = cp.Soft(solref=(-900.0, -40.0), solimp=(0.8, 0.8, 0.01, 0.5, 1.0))
-each_soft = pytest.mark.parametrize("soft", [cp.Soft(), STIFF, DIRECT], ids=["0", "1", "2"])
+STIFF = cp.dynamics.Soft(solref=(0.005, 0.7), solimp=(0.5, 0.99, 0.05, 0.3, 3.0))
+DIRECT = cp.dynamics.Soft(solref=(-900.0, -40.0), solimp=(0.8, 0.8, 0.01, 0.5, 1.0))
+each_soft = pytest.mark.parametrize(
+    "soft", [cp.dynamics.Soft(), STIFF, DIRECT], ids=["0", "1", "2"]
+)
 
 
 def loops_alone(label: str) -> cp.Scene:
@@ -32,7 +34,7 @@ def loops_alone(label: str) -> cp.Scene:
     return cp.Scene(scene.robot, [made for made, bound in pairs if bound.joint2])
 
 
-def mujoco_acceleration(scene: cp.Scene, soft: cp.Soft, q, v, tau) -> np.ndarray:
+def mujoco_acceleration(scene: cp.Scene, soft: cp.dynamics.Soft, q, v, tau) -> np.ndarray:
     """Return `qacc` of the exported scene in Pinocchio's coordinates."""
     referee = MujocoReferee(replace(scene.robot, loops=scene.constraints))
     model, data = referee._mj, referee.data
@@ -43,8 +45,8 @@ def mujoco_acceleration(scene: cp.Scene, soft: cp.Soft, q, v, tau) -> np.ndarray
     return np.linalg.solve(X, data.qacc - Xdot_v)
 
 
-def ask_as(model: mujoco.MjModel, soft: cp.Soft) -> None:
-    """Give MuJoCo the knobs of a soft solver, and time to converge."""
+def ask_as(model: mujoco.MjModel, soft: cp.dynamics.Soft) -> None:
+    """Give MuJoCo the parameters of a soft solver, and time to converge."""
     model.eq_solref[:], model.eq_solimp[:] = soft.solref, soft.solimp
     model.opt.timestep, model.opt.tolerance, model.opt.iterations = 1e-4, 0.0, 100
     # what a solve leaves out, unless it is put into tau
@@ -139,10 +141,10 @@ def test_weights_are_those_of_the_pose_in_which_the_file_is_drawn(drawn, exporte
     robot = cp.load_robot(file)
     text = robot.to_mjcf() if exported else file.read_text()
     model = mujoco.MjModel.from_xml_string(text)
-    bridge = cp.MujocoBridge(robot, model)
+    bridge = cp.study.MujocoBridge(robot, model)
     expected, _ = bridge.from_mujoco(model.qpos0, np.zeros(model.nv))
     assert np.allclose(robot.postures["qpos0"], expected, atol=1e-12)
-    soft, data, rng = cp.Soft(), mujoco.MjData(model), np.random.default_rng(0)
+    soft, data, rng = cp.dynamics.Soft(), mujoco.MjData(model), np.random.default_rng(0)
     ask_as(model, soft)
     for _ in range(3):
         q = pin.integrate(robot.model, expected, 0.5 * rng.normal(size=robot.nv))
@@ -156,7 +158,7 @@ def test_weights_are_those_of_the_pose_in_which_the_file_is_drawn(drawn, exporte
 
 
 def test_impedance_rises_from_one_end_to_the_other():
-    soft = cp.Soft(solimp=(0.2, 0.9, 0.01, 0.4, 3.0))
+    soft = cp.dynamics.Soft(solimp=(0.2, 0.9, 0.01, 0.4, 3.0))
     gaps = np.linspace(0.0, 0.02, 401)
     d = soft.impedance(gaps)
     assert d[0] == 0.2
@@ -168,22 +170,24 @@ def test_impedance_rises_from_one_end_to_the_other():
 def test_the_dynamics_hold_and_the_status_says_what_does_not():
     """The answer is judged as every other; who asks for less gets it as ok."""
     scene, state = all_scenes()["talos contacts"], states("talos contacts")[0]
-    soft = cp.solve(scene, *state, solver=cp.Soft(), throw=False)
+    soft = cp.solve(scene, *state, solver=cp.dynamics.Soft(), throw=False)
     assert soft.status is cp.Status.INACCURATE
-    assert soft.dynamics_error < 1e-11 * scene.audit.weight
+    assert soft.dynamics_error < 1e-11 * scene.nominal.weight
     assert soft.constraint_error > 1e-3
-    hard = cp.solve(scene, *state, solver=cp.Reference())
+    hard = cp.solve(scene, *state, solver=cp.dynamics.Reference())
     error = relative(soft.a, hard.a)
     assert SOLVED < error < soft.error_bound
     with pytest.raises(cp.SolveFailed, match="inaccurate"):
-        cp.solve(scene, *state, solver=cp.Soft())
-    assert cp.solve(scene, *state, solver=cp.Soft(), accuracy=2 * soft.error_bound).status.ok
+        cp.solve(scene, *state, solver=cp.dynamics.Soft())
+    assert cp.solve(
+        scene, *state, solver=cp.dynamics.Soft(), accuracy=2 * soft.error_bound
+    ).status.ok
 
 
 def test_redundant_rows_share_the_load():
     """A foot held twice: half of the force each."""
     label = "talos foot held twice"
-    found = cp.solve(all_scenes()[label], *states(label)[0], solver=cp.Soft(), throw=False)
+    found = cp.solve(all_scenes()[label], *states(label)[0], solver=cp.dynamics.Soft(), throw=False)
     once, again = found.forces["left_sole_link"], found.forces["again"]
     assert np.allclose(once, again, rtol=1e-9, atol=1e-9 * np.abs(once).max())
 
@@ -191,11 +195,11 @@ def test_redundant_rows_share_the_load():
 def test_derivatives_are_refused_by_name():
     scene, state = all_scenes()["solo12 contacts"], states("solo12 contacts")[0]
     with pytest.raises(cp.InvalidArgument, match=r"Soft\(.*derivatives are those of hard"):
-        cp.derivatives(scene, *state, solver=cp.Soft(), accuracy=10.0)
+        cp.derivatives(scene, *state, solver=cp.dynamics.Soft(), accuracy=10.0)
 
 
 @pytest.mark.parametrize(
-    "knobs",
+    "parameters",
     [
         {"solref": (0.0, 1.0)},
         {"solref": (0.02, -1.0)},
@@ -209,20 +213,22 @@ def test_derivatives_are_refused_by_name():
         {"solimp": (0.9, 0.95)},
     ],
 )
-def test_knobs_that_mean_nothing_are_refused(knobs):
-    with pytest.raises(cp.InvalidArgument, match=next(iter(knobs))):
-        cp.Soft(**knobs)
+def test_knobs_that_mean_nothing_are_refused(parameters):
+    with pytest.raises(cp.InvalidArgument, match=next(iter(parameters))):
+        cp.dynamics.Soft(**parameters)
 
 
 def test_lists_are_knobs_too():
-    assert cp.Soft(solref=[0.02, 1], solimp=[0.9, 0.95, 0.001, 0.5, 2]) == cp.Soft()
-    assert hash(cp.Soft(solref=[0.02, 1])) == hash(cp.Soft())
+    assert (
+        cp.dynamics.Soft(solref=[0.02, 1], solimp=[0.9, 0.95, 0.001, 0.5, 2]) == cp.dynamics.Soft()
+    )
+    assert hash(cp.dynamics.Soft(solref=[0.02, 1])) == hash(cp.dynamics.Soft())
 
 
 def test_a_robot_of_a_single_joint():
     """Pinocchio hands out the one column of its Jacobian as a vector."""
-    pendulum = cp.pendulum()
+    pendulum = cp.model.pendulum()
     scene = cp.Scene(pendulum, [cp.PointContact(pendulum.frames[-1])])
-    held = cp.solve(scene, [0.7], [0.0], [0.0], solver=cp.Soft(), throw=False)
+    held = cp.solve(scene, [0.7], [0.0], [0.0], solver=cp.dynamics.Soft(), throw=False)
     free = cp.solve(cp.Scene(pendulum), [0.7], [0.0], [0.0])
     assert 0 < np.abs(held.a).max() < 0.2 * np.abs(free.a).max()

@@ -24,9 +24,14 @@ from condyn_pin.study.solver_table import solver_rows
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
-DAMPED = [cp.DelassusCholesky, cp.DenseKKT, cp.SparseKKT, cp.ConjugateGradient]
-SMALLEST_LAM = [cp.NullSpace(), cp.GaussPrinciple()]
-REDUNDANT = [label for label, scene in all_scenes().items() if scene.audit.redundant]
+DAMPED = [
+    cp.dynamics.DelassusCholesky,
+    cp.DenseKKT,
+    cp.dynamics.SparseKKT,
+    cp.dynamics.ConjugateGradient,
+]
+SMALLEST_LAM = [cp.dynamics.NullSpace(), cp.dynamics.GaussPrinciple()]
+REDUNDANT = [label for label, scene in all_scenes().items() if scene.nominal.redundant]
 
 
 @pytest.mark.parametrize("kind", DAMPED)
@@ -36,8 +41,8 @@ def test_damping_costs_accuracy_in_proportion(kind, label):
     scene, state, right = all_scenes()[label], states(label)[1], truth(label)[1]
     errors = []
     for share in (1e-4, 1e-5, 1e-6):
-        knobs = {"tolerance": 1e-12} if kind is cp.ConjugateGradient else {}
-        solver = kind(mu=share * scene.audit.delassus_norm, **knobs)
+        parameters = {"tolerance": 1e-12} if kind is cp.dynamics.ConjugateGradient else {}
+        solver = kind(mu=share * scene.nominal.delassus_norm, **parameters)
         errors.append(relative(cp.solve(scene, *state, solver=solver, throw=False).a, right.a))
     assert np.allclose(np.array(errors[:-1]) / errors[1:], 10.0, rtol=0.05), errors
 
@@ -54,8 +59,8 @@ def test_knobs_may_be_numbers_of_numpy():
     scene, state = all_scenes()["talos contacts"], states("talos contacts")[0]
     number, few = np.float32(1e-6), np.int64(3)
     chosen = [
-        cp.SparseKKT(mu=np.float32(1e-9)),
-        cp.DelassusCholesky(mu=np.int64(1)),
+        cp.dynamics.SparseKKT(mu=np.float32(1e-9)),
+        cp.dynamics.DelassusCholesky(mu=np.int64(1)),
         cp.Proximal(max_iterations=few, relative_accuracy=number, absolute_accuracy=number),
     ]
     if HAS_LCABA:
@@ -70,10 +75,12 @@ def test_of_many_lam_the_smallest(solver, label):
     scene = all_scenes()[label]
     for state, right in zip(states(label), truth(label), strict=True):
         found = cp.solve(scene, *state, solver=solver)
-        assert relative(found.lam, right.lam, floor=scene.audit.weight) < 1e-9
+        assert relative(found.lam, right.lam, floor=scene.nominal.weight) < 1e-9
 
 
-@pytest.mark.parametrize("kind", [cp.NullSpace, cp.GaussPrinciple, cp.Reference])
+@pytest.mark.parametrize(
+    "kind", [cp.dynamics.NullSpace, cp.dynamics.GaussPrinciple, cp.dynamics.Reference]
+)
 @pytest.mark.parametrize("share", [0.0, 1.0, -1e-3, np.nan])
 def test_a_rank_tolerance_is_a_share(kind, share):
     with pytest.raises(cp.InvalidArgument, match="rank_tolerance"):
@@ -82,10 +89,10 @@ def test_a_rank_tolerance_is_a_share(kind, share):
 
 def test_a_machine_without_any_freedom_stands_still():
     """As many rows as joints: the null space is empty, and so is its matrix."""
-    bar = cp.four_bar()
+    bar = cp.model.four_bar()
     q, _ = cp.Scene(bar, bar.loops).state()
     scene = cp.Scene(bar, [*bar.loops, cp.PointContact("crank_tip", name="held")])
-    assert scene.audit.mobility == 0
+    assert scene.nominal.mobility == 0
     for name, kind in SOLVERS.items():
         if kind.takes_redundant and kind.exact:
             tau = np.array([3.0, -1.0, 2.0])
@@ -129,9 +136,9 @@ def test_dense_kkt_says_singular_where_rows_are_redundant_and_only_there(label):
     workspace = cp.Workspace(scene, cp.DenseKKT())
     said = {
         workspace.solve(*state, throw=False).status
-        for state in cp.SampledStates(100, seed=7).of(scene)
+        for state in cp.study.SampledStates(100, seed=7).of(scene)
     }
-    assert said == {cp.Status.SINGULAR if scene.audit.redundant else cp.Status.OK}
+    assert said == {cp.Status.SINGULAR if scene.nominal.redundant else cp.Status.OK}
 
 
 @settings(max_examples=200)
@@ -147,9 +154,9 @@ def test_random_right_hand_sides_see_how_large_an_inverse_is(seed, size, digits)
 
 
 def test_a_row_that_is_nothing_at_the_nominal_state_is_not_blown_up():
-    chain = cp.chain(4)  # it hangs straight: no joint moves the tip up
+    chain = cp.model.chain(4)  # it hangs straight: no joint moves the tip up
     scene = cp.Scene(chain, [cp.PointContact(chain.model.frames[-1].name)])
-    assert scaling(scene.audit.terms)[4:].max() < 1e3
+    assert scaling(scene.nominal.terms)[4:].max() < 1e3
 
 
 # --- Conjugate gradients
@@ -162,7 +169,7 @@ def test_conjugate_gradients_form_no_jacobian(monkeypatch):
     for label in ("talos corners", "cassie loops", "four_bar geared", "talos hands on a rod"):
         scene, state = all_scenes()[label], states(label)[0]
         right = truth(label)[0].a
-        workspace = cp.Workspace(scene, cp.ConjugateGradient())
+        workspace = cp.Workspace(scene, cp.dynamics.ConjugateGradient())
         with monkeypatch.context() as patch:
             patch.setattr(Equations, "_jacobian", formed)
             assert relative(workspace.acceleration(*state), right) < SOLVED
@@ -172,16 +179,18 @@ def test_an_iteration_for_every_independent_row_is_enough():
     """In exact arithmetic; here one or two more, for a tolerance near rounding."""
     for label in ("solo12 contacts", "talos contacts", "talos corners", "cassie loops"):
         scene = all_scenes()[label]
-        found = cp.solve(scene, *states(label)[0], solver=cp.ConjugateGradient())
-        assert 0 < found.iterations <= scene.audit.rank + 2
+        found = cp.solve(scene, *states(label)[0], solver=cp.dynamics.ConjugateGradient())
+        assert 0 < found.iterations <= scene.nominal.rank + 2
 
 
 def test_too_few_iterations_are_told():
     scene, state = all_scenes()["talos contacts"], states("talos contacts")[0]
-    found = cp.solve(scene, *state, solver=cp.ConjugateGradient(max_iterations=3), throw=False)
+    found = cp.solve(
+        scene, *state, solver=cp.dynamics.ConjugateGradient(max_iterations=3), throw=False
+    )
     assert found.iterations == 3
     assert found.status is cp.Status.INACCURATE
-    loose = cp.ConjugateGradient(tolerance=0.1)
+    loose = cp.dynamics.ConjugateGradient(tolerance=0.1)
     found = cp.solve(scene, *state, solver=loose, throw=False)
     assert 1e-9 < found.constraint_error < 0.1
     assert found.iterations < 12
@@ -205,14 +214,14 @@ def test_what_is_out_of_reach_does_not_blow_the_answer_up(seed):
 
 def test_a_nominal_state_that_is_singular_is_no_bad_start():
     """The preconditioner is made at a flat parallelogram, where one row more is redundant."""
-    bar = cp.four_bar(ground=0.6, crank=0.3, coupler=0.6, rocker=0.3)
+    bar = cp.model.four_bar(ground=0.6, crank=0.3, coupler=0.6, rocker=0.3)
     flat = cp.Robot("flat", bar.model, loops=bar.loops, postures={"flat": np.zeros(3)})
     scene = cp.Scene(flat, flat.loops)
-    assert scene.audit.rank == 1
+    assert scene.nominal.rank == 1
     q = np.array([1.0, -1.0, 1.0])
     state = (q, np.zeros(3), np.array([5.0, -2.0, 1.0]))
-    found = cp.solve(scene, *state, solver=cp.ConjugateGradient())
-    assert relative(found.a, cp.solve(scene, *state, solver=cp.Reference()).a) < SOLVED
+    found = cp.solve(scene, *state, solver=cp.dynamics.ConjugateGradient())
+    assert relative(found.a, cp.solve(scene, *state, solver=cp.dynamics.Reference()).a) < SOLVED
 
 
 # --- Sparse KKT
@@ -220,17 +229,19 @@ def test_a_nominal_state_that_is_singular_is_no_bad_start():
 
 def test_imitated_kinds_are_refused_with_a_way_out():
     scene = all_scenes()["talos hands hinged"]
-    with pytest.raises(cp.UnsupportedConstraint, match=r"takes points and welds.*use Proximal\(\)"):
-        cp.Workspace(scene, cp.SparseKKT())
+    with pytest.raises(
+        cp.errors.UnsupportedConstraint, match=r"takes points and welds.*use Proximal\(\)"
+    ):
+        cp.Workspace(scene, cp.dynamics.SparseKKT())
     slider = all_scenes()["talos hands on a slider"]
-    with pytest.raises(cp.UnsupportedConstraint, match=r"NullSpace\(\)"):
-        cp.Workspace(slider, cp.SparseKKT())
+    with pytest.raises(cp.errors.UnsupportedConstraint, match=r"NullSpace\(\)"):
+        cp.Workspace(slider, cp.dynamics.SparseKKT())
 
 
 def test_the_factor_is_that_of_the_state_asked_for():
     """Pinocchio 4 factorises the Jacobian of the last `calc`: here, of no state at all."""
     label = "talos foot to foot, welded"
-    workspace = cp.Workspace(all_scenes()[label], cp.SparseKKT())
+    workspace = cp.Workspace(all_scenes()[label], cp.dynamics.SparseKKT())
     for state, right in zip(reversed(states(label)), reversed(truth(label)), strict=True):
         assert relative(workspace.solve(*state).a, right.a) < 1e-12
 
@@ -243,12 +254,12 @@ def test_rows_that_pinocchio_has_further_apart_have_their_own_targets(distance):
     points = [cp.PointContact(foot), cp.PointContact(foot, (distance, 0, 0), name="there")]
     scene = cp.Scene(talos, points)
     state = (*scene.sample(rng), rng.normal(size=talos.nv))
-    right = cp.solve(scene, *state, solver=cp.Reference())
-    damped = cp.SparseKKT(mu=1e-10 * scene.audit.delassus_norm)
+    right = cp.solve(scene, *state, solver=cp.dynamics.Reference())
+    damped = cp.dynamics.SparseKKT(mu=1e-10 * scene.nominal.delassus_norm)
     found = cp.solve(scene, *state, solver=damped)
     assert relative(found.lam, right.lam) < 1e-5
     with pytest.raises(cp.SolveFailed, match="singular"):
-        cp.solve(scene, *state, solver=cp.SparseKKT())
+        cp.solve(scene, *state, solver=cp.dynamics.SparseKKT())
 
 
 # --- The table, and the committed comparison
@@ -256,8 +267,8 @@ def test_rows_that_pinocchio_has_further_apart_have_their_own_targets(distance):
 
 def test_the_table_has_every_solver_and_every_knob():
     rows = {row.name: row for row in solver_rows()}
-    assert set(rows) == {kind.__name__ for kind in cp.SOLVERS.values()}
-    assert "mu=0.0" in rows["DelassusCholesky"].knobs
+    assert set(rows) == {kind.__name__ for kind in cp.dynamics.SOLVERS.values()}
+    assert "mu=0.0" in rows["DelassusCholesky"].parameters
     assert rows["DelassusCholesky"].redundant == "mu > 0, else singular"
     assert rows["NullSpace"].redundant == "yes"
     assert rows["Proximal"].kinds.startswith("points, welds, hinges, edges and the planar pins")
@@ -274,7 +285,7 @@ def test_every_ok_is_one(label):
     for row in table:
         assert row.is_honest, row
         name, _, damped = row.solver.partition("(")
-        kind = cp.SOLVERS[name.lower()]
+        kind = cp.dynamics.SOLVERS[name.lower()]
         takes = kind.takes_redundant or row.rows == row.rank
         if damped:
             assert row.ok + row.inaccurate == 10
@@ -290,7 +301,7 @@ def test_the_committed_comparison_is_complete():
     lines = [line for line in RESULTS.read_text().splitlines() if not line.startswith("#")]
     table = list(csv.DictReader(lines))
     assert {row["solver"].split("(")[0] for row in table} == {
-        kind.__name__ for kind in cp.SOLVERS.values() if kind is not cp.Reference
+        kind.__name__ for kind in cp.dynamics.SOLVERS.values() if kind is not cp.dynamics.Reference
     }
     for row in table:
         assert int(row["states"]) >= 1000

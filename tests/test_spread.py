@@ -11,7 +11,7 @@ from shared import relative, robot
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.rows.spread import NEARLY, ONE
+from condyn_pin.constraints.rows.point_pairs import NEARLY, ONE
 from condyn_pin.lab.extremes import EXTREMES
 from condyn_pin.lab.extremes.verdict import error_of, right_answers
 
@@ -51,7 +51,7 @@ def moved(scene: cp.Scene, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.nd
 
 def is_spread(scene: cp.Scene) -> bool:
     """Whether Pinocchio has other points than the scene."""
-    ends = zip(scene.natives.constraints, scene.bounds, strict=True)
+    ends = zip(scene.pinocchio_constraints.constraints, scene.bounds, strict=True)
     return not all(one.placement1 == two.placement1 for one, two in ends)
 
 
@@ -74,7 +74,7 @@ def test_forces_are_those_of_the_scene(solver, places, other):
     assert is_spread(scene)
     state = moved(scene)
     solution = cp.solve(scene, *state, solver=solver, throw=False)
-    right = cp.solve(scene, *state, solver=cp.Reference(), throw=False)
+    right = cp.solve(scene, *state, solver=cp.dynamics.Reference(), throw=False)
     assert relative(solution.a, right.a) < 1e-9
     assert np.abs(solution.lam - right.lam).max() < 1e-6 * np.abs(right.lam).max()
 
@@ -87,7 +87,7 @@ def test_a_gap_of_rounding_is_not_made_a_contradiction(solver):
     for seed in range(4):
         state = moved(scene, seed)
         solution = cp.solve(scene, *state, solver=solver, throw=False)
-        right = cp.solve(scene, *state, solver=cp.Reference(), throw=False)
+        right = cp.solve(scene, *state, solver=cp.dynamics.Reference(), throw=False)
         assert solution.status.ok
         assert relative(solution.a, right.a) < 1e-9
 
@@ -99,7 +99,7 @@ def test_drift_control_pulls_at_the_same_gaps():
     assert Equations(scene.robot.model, scene.bounds).violation(state[0]).any()
     solution, right = (
         cp.solve(scene, *state, solver=solver, drift=drift, throw=False)
-        for solver in (cp.Proximal(), cp.Reference())
+        for solver in (cp.Proximal(), cp.dynamics.Reference())
     )
     undriven = cp.solve(scene, *state, throw=False)
     assert relative(solution.a, right.a) < 1e-8 < relative(undriven.a, right.a)
@@ -117,12 +117,12 @@ def test_drift_control_pulls_at_the_same_gaps():
 def test_other_points_stay_where_they_are(places):
     scene = hands(*(p * AHEAD for p in places))
     assert not is_spread(scene)
-    assert scene.natives.to_scene is None
+    assert scene.pinocchio_constraints.to_scene is None
 
 
 def test_points_stay_where_they_are_if_others_hold_what_they_hold():
     """Far apart they would bear forces among themselves, k times those that are the least."""
-    talos, pendulum = robot("talos"), cp.pendulum()
+    talos, pendulum = robot("talos"), cp.model.pendulum()
     sole, bob = talos.contacts[0].frame, pendulum.frames[-1]
     for whole, frame, others in ((talos, sole, [talos.contacts[0]]), (pendulum, bob, [])):
         ends = [cp.PointContact(frame, (d, 0.0, 0.0), name=f"at {d}") for d in (0.0, 1e-5)]
@@ -130,7 +130,7 @@ def test_points_stay_where_they_are_if_others_hold_what_they_hold():
         assert not is_spread(scene)
         state = (*scene.sample(np.random.default_rng(0)), np.ones(whole.nv))
         lam, least = (
-            cp.solve(scene, *state, solver=s).lam for s in (cp.Proximal(), cp.Reference())
+            cp.solve(scene, *state, solver=s).lam for s in (cp.Proximal(), cp.dynamics.Reference())
         )
         assert np.abs(lam - least).max() < 1e-7 * np.abs(least).max()
 

@@ -35,7 +35,7 @@ def test_those_that_are_shipped_are_read_as_pinocchio_reads_them(path):
         for root_joint in ("fixed", "free_flyer"):
             try:
                 model = read_urdf(urdf, root_joint, mimic=False).model
-            except cp.InvalidModel:
+            except cp.errors.InvalidModel:
                 continue
             theirs, rotors = pin.Model(model), "<rotor_params" in path.read_text(encoding="utf-8")
             pin.loadReferenceConfigurations(theirs, str(path), False)
@@ -78,7 +78,7 @@ def test_joints_that_are_not_there_are_left_out(tmp_path):
     ],
 )
 def test_what_cannot_be_read_is_named(text, words, tmp_path):
-    with pytest.raises(cp.InvalidModel, match=rf"a\.srdf: .*{words}"):
+    with pytest.raises(cp.errors.InvalidModel, match=rf"a\.srdf: .*{words}"):
         read(text, tmp_path, rotors=True)
 
 
@@ -96,9 +96,9 @@ def test_spoilt_ones_do_no_harm(tmp_path):
         for text in eval(Path({str(texts)!r}).read_text(encoding="utf-8")):
             path.write_text(text, encoding="utf-8")
             try:
-                read_srdf(pin.Model(cp.four_bar().model), path, rotors=True)
+                read_srdf(pin.Model(cp.model.four_bar().model), path, rotors=True)
                 read += 1
-            except cp.InvalidModel as error:
+            except cp.errors.InvalidModel as error:
                 assert len(str(error)) > 20
         print(read)
         """

@@ -19,7 +19,7 @@ from shared import all_scenes, relative
 
 import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA
-from condyn_pin._core.knobs import ITERATIONS, WEIGHTS
+from condyn_pin._core.parameters import ITERATIONS, WEIGHTS
 from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
 from condyn_pin.study import case, clocks, running
@@ -30,24 +30,28 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
 BAR = all_scenes()["four_bar loops"]
-BRIEF = cp.TimingEffort(rounds=4, repeats=1)
-FEW = (cp.Proximal(), cp.DenseKKT(), *cp.sweep(cp.Proximal(max_iterations=1), mu=[1e-8, 1e-2]))
+BRIEF = cp.study.TimingEffort(rounds=4, repeats=1)
+FEW = (
+    cp.Proximal(),
+    cp.DenseKKT(),
+    *cp.study.sweep(cp.Proximal(max_iterations=1), mu=[1e-8, 1e-2]),
+)
 
 
 def brief(scenes=BAR, solvers=FEW, **options) -> cp.Study:
     return cp.Study(scenes, solvers, **{"states": 3, "effort": BRIEF} | options)
 
 
-def errors(table: cp.Table) -> list[tuple]:
+def errors(table: cp.study.Table) -> list[tuple]:
     """Everything of a table but its times."""
     times = ("build_us", "median_us", "p95_us", "bare_us", "solve_us", "timed")
-    names = [field.name for field in fields(cp.Row) if field.name not in times]
+    names = [field.name for field in fields(cp.study.Row) if field.name not in times]
     return [tuple(getattr(row, name) for name in names) for row in table.rows]
 
 
 # Motions that are short, and in which only the solver makes an error.
-MEASURES = {name: name for name in cp.MEASURES} | {
-    "trajectory": cp.TrajectoryMeasure(
+MEASURES = {name: name for name in cp.study.MEASURES} | {
+    "trajectory": cp.study.TrajectoryMeasure(
         duration=2e-3, dt=1e-3, integrator=DormandPrince(1e-12, 1e-13), drift=NoDrift()
     )
 }
@@ -62,7 +66,7 @@ class OffByAThousandth(cp.Proximal):
 
     def start(self, workspace):
         method = super().start(workspace)
-        return cp.Method(
+        return cp.dynamics.BoundSolver(
             lambda q, v, tau: 1.001 * method.acceleration(q, v, tau), method.lam, method.iterations
         )
 
@@ -80,7 +84,7 @@ class WrongEverySecondTime(cp.Proximal):
             calls[0] += 1
             return (1.0 + 1e-3 * (calls[0] % 2)) * method.acceleration(q, v, tau)
 
-        return cp.Method(acceleration, method.lam, method.iterations)
+        return cp.dynamics.BoundSolver(acceleration, method.lam, method.iterations)
 
 
 @dataclass(frozen=True)
@@ -105,7 +109,7 @@ class KillsItsProcess(cp.Proximal):
 
 BROKEN = (OffByAThousandth, WrongEverySecondTime, Raises, KillsItsProcess)
 for kind in BROKEN:
-    del cp.SOLVERS[kind.__name__.lower()]
+    del cp.dynamics.SOLVERS[kind.__name__.lower()]
 
 
 # --- rows ---
@@ -118,7 +122,7 @@ def test_rows_say_what_was_measured():
     assert (good.scene, good.rows, good.nv) == ("four_bar, 3 rows", BAR.rows, BAR.robot.nv)
     assert (good.measure, good.n) == ("acceleration", 3)
     assert good.states == "3 sampled under all loads, seed 0"
-    assert good.knobs["max_iterations"] == 20
+    assert good.parameters["max_iterations"] == 20
     assert good.ok
     assert good.error_median <= good.error_worst < 1e-12
     assert good.iterations > 1
@@ -152,13 +156,13 @@ def test_a_row_that_is_not_timed_says_so():
 def test_json_keeps_every_field_and_has_no_infinity():
     for row in brief().run().rows:
         text = json.dumps(row.as_dict(), allow_nan=False)
-        assert cp.Row.from_dict(json.loads(text)) == row
+        assert cp.study.Row.from_dict(json.loads(text)) == row
 
 
 @pytest.mark.parametrize("row", [{}, {"scene": "s"}, {"nonsense": 1}])
 def test_what_is_no_row_is_refused(row):
     with pytest.raises(cp.InvalidArgument, match="row: missing, or not a field"):
-        cp.Row.from_dict(row)
+        cp.study.Row.from_dict(row)
 
 
 @pytest.mark.parametrize(
@@ -170,14 +174,16 @@ def test_what_is_no_row_is_refused(row):
 )  # fmt: skip
 def test_a_row_of_numbers_that_are_none_is_refused(wrong):
     row = brief().run(timed=False).rows[0].as_dict()
-    assert cp.Row.from_dict(row).as_dict() == row
+    assert cp.study.Row.from_dict(row).as_dict() == row
     with pytest.raises(cp.InvalidArgument, match=next(iter(wrong))):
-        cp.Row.from_dict(row | wrong)
+        cp.study.Row.from_dict(row | wrong)
 
 
 def test_given_states_have_three_parts():
-    scene = cp.Scene(cp.four_bar(), cp.four_bar().loops)
-    study = cp.Study(scene, [cp.NullSpace()], states=cp.GivenStates("two", [scene.state()]))
+    scene = cp.Scene(cp.model.four_bar(), cp.model.four_bar().loops)
+    study = cp.Study(
+        scene, [cp.dynamics.NullSpace()], states=cp.study.GivenStates("two", [scene.state()])
+    )
     with pytest.raises(cp.InvalidArgument, match=r"'two'.* is no \(q, v, tau\)"):
         study.run(timed=False)
 
@@ -187,7 +193,7 @@ def test_given_states_have_three_parts():
 
 def test_a_solver_that_does_not_take_a_scene_is_in_the_table_with_the_reason():
     hinge = all_scenes()["four_bar hinge"]
-    taken, refused = brief(hinge, [cp.Proximal(), cp.SparseKKT()]).run().rows
+    taken, refused = brief(hinge, [cp.Proximal(), cp.dynamics.SparseKKT()]).run().rows
     assert taken.ok
     assert refused.statuses == {"refused": 3}
     assert refused.error_worst == math.inf
@@ -204,7 +210,7 @@ def test_a_solver_that_does_not_take_a_scene_is_in_the_table_with_the_reason():
     ],
 )
 def test_a_broken_solver_is_reported_broken_and_ends_no_study(kind, status):
-    moving = cp.SampledStates(3, loads="random")  # at rest a thousandth of nothing is right
+    moving = cp.study.SampledStates(3, loads="random")  # at rest a thousandth of nothing is right
     broken, good = brief(solvers=[kind(), cp.Proximal()], states=moving).run().rows
     assert broken.statuses == {status: 3}
     assert not broken.ok
@@ -228,7 +234,7 @@ class Here(Executor):
 def test_the_same_study_gives_the_same_errors_to_the_bit():
     study = brief({"a": BAR, "b": all_scenes()["talos contacts"]}, measure=list(MEASURES.values()))
     first = errors(study.run(timed=False))
-    assert len(first) == 2 * len(cp.MEASURES) * len(FEW)
+    assert len(first) == 2 * len(cp.study.MEASURES) * len(FEW)
     assert errors(study.run(timed=False)) == first
     with ProcessPoolExecutor(2, get_context("spawn")) as executor:
         assert errors(study.run(timed=False, executor=executor)) == first
@@ -254,7 +260,7 @@ def stop_after(count: int):
 @pytest.mark.parametrize("count", [1, 3, 8])
 def test_ctrl_c_keeps_what_was_measured_and_the_study_goes_on(tmp_path, count, monkeypatch):
     path = tmp_path / "rows.jsonl"
-    with pytest.raises(cp.Interrupted) as stopped:
+    with pytest.raises(cp.errors.Interrupted) as stopped:
         brief().run(progress=stop_after(count), results=path)
     kept = stopped.value.table.rows
     assert len(kept) == {1: 0, 3: 1, 8: 4}[count]
@@ -288,10 +294,10 @@ def test_times_of_a_shared_core_are_taken_again_when_asked(tmp_path, monkeypatch
         now += 1.0  # [s] that pass whenever somebody looks
         return now
 
-    def timed_by(share: float, **effort) -> cp.Table:
+    def timed_by(share: float, **effort) -> cp.study.Table:
         monkeypatch.setattr(clocks, "perf_counter", passing)
         monkeypatch.setattr(clocks, "process_time", lambda: share * now)
-        return brief(effort=cp.TimingEffort(rounds=4, repeats=1, **effort)).run(results=path)
+        return brief(effort=cp.study.TimingEffort(rounds=4, repeats=1, **effort)).run(results=path)
 
     shared = timed_by(0.5)
     assert {row.timed for row in shared.rows if row.median_us} == {
@@ -307,7 +313,7 @@ def test_times_of_a_shared_core_are_taken_again_when_asked(tmp_path, monkeypatch
 def test_other_states_are_another_study(tmp_path):
     path = tmp_path / "rows.jsonl"
     brief().run(results=path, timed=False)
-    other = cp.SampledStates(3, seed=1)
+    other = cp.study.SampledStates(3, seed=1)
     fresh = brief(states=other).run(timed=False)
     assert errors(brief(states=other).run(results=path, timed=False)) == errors(fresh)
 
@@ -345,10 +351,10 @@ def test_a_path_that_cannot_be_written_is_refused(tmp_path):
 def test_a_killed_worker_loses_nothing(tmp_path):
     path = tmp_path / "rows.jsonl"
     weights = [10.0**-k for k in range(1, 9)]
-    solvers = [*cp.sweep(cp.Proximal(), mu=weights), KillsItsProcess(parent=os.getpid())]
+    solvers = [*cp.study.sweep(cp.Proximal(), mu=weights), KillsItsProcess(parent=os.getpid())]
     study = brief(solvers=solvers)
     pool = ProcessPoolExecutor(1, get_context("spawn"))
-    with pool, pytest.raises(cp.WorkersLost) as lost:
+    with pool, pytest.raises(cp.errors.WorkersLost) as lost:
         study.run(timed=False, executor=pool, results=path)
     assert len(lost.value.done.rows) == len(weights)
     assert "results=PATH" in str(lost.value)
@@ -378,7 +384,9 @@ def test_progress_ends_where_it_said():
 
 
 @pytest.mark.parametrize(
-    "states", [cp.SampledStates(2), cp.NominalStates(), cp.PostureStates()], ids=repr
+    "states",
+    [cp.study.SampledStates(2), cp.study.NominalStates(), cp.study.PostureStates()],
+    ids=repr,
 )
 @pytest.mark.parametrize("label", ["cassie loops + contacts", "four_bar loops"])
 def test_states_are_closed_consistent_and_the_same_every_time(label, states):
@@ -392,17 +400,17 @@ def test_states_are_closed_consistent_and_the_same_every_time(label, states):
 
 def test_given_states_have_to_be_closed():
     q, v = BAR.state()
-    given = cp.GivenStates("mine", [(q, v, np.ones(3))])
+    given = cp.study.GivenStates("mine", [(q, v, np.ones(3))])
     assert brief(states=given).run(timed=False).rows[0].states == "mine"
     with pytest.raises(cp.NotAssembled):
-        brief(states=cp.GivenStates("open", [(q + 0.1, v, v)])).run()
+        brief(states=cp.study.GivenStates("open", [(q + 0.1, v, v)])).run()
     with pytest.raises(cp.InvalidArgument, match="tau"):
-        brief(states=cp.GivenStates("short", [(q, v, v[:2])])).run()
+        brief(states=cp.study.GivenStates("short", [(q, v, v[:2])])).run()
     with pytest.raises(cp.InvalidArgument, match="at least one"):
-        brief(states=cp.GivenStates("none", [])).run()
+        brief(states=cp.study.GivenStates("none", [])).run()
 
 
-# --- scenes and knobs ---
+# --- scenes and parameters ---
 
 
 def test_names_of_robots_stand_for_their_scenes():
@@ -421,12 +429,12 @@ def test_names_of_robots_stand_for_their_scenes():
 )
 def test_other_constraints_that_hold_the_same(label, more):
     scene = all_scenes()[label]
-    made = cp.modellings(scene)
+    made = cp.study.modellings(scene)
     assert set(made) == {"as it is", *more}
     rng = np.random.default_rng(0)
     q, v = scene.sample(rng)
     answers = [
-        cp.solve(other, q, v, 0 * v, solver=cp.Reference(), throw=False).a
+        cp.solve(other, q, v, 0 * v, solver=cp.dynamics.Reference(), throw=False).a
         for other in made.values()
     ]
     for a in answers:
@@ -435,14 +443,16 @@ def test_other_constraints_that_hold_the_same(label, more):
 
 
 def test_rungs_of_a_ladder_are_scenes_of_a_study():
-    rungs = cp.LADDERS["talos"].scenes()
+    rungs = cp.lab.HIERARCHIES["talos"].scenes()
     table = cp.Study(rungs, [cp.Proximal()], states=1).run(timed=False)
     assert [row.scene for row in table.rows] == list(rungs)
     assert all(row.ok for row in table.rows)
 
 
 def test_sweep_is_the_product_of_its_knobs():
-    solvers = cp.sweep(cp.Proximal(relative_accuracy=0.0), mu=[1e-8, 1e-4], max_iterations=[1, 20])
+    solvers = cp.study.sweep(
+        cp.Proximal(relative_accuracy=0.0), mu=[1e-8, 1e-4], max_iterations=[1, 20]
+    )
     assert [(s.mu, s.max_iterations) for s in solvers] == [
         (1e-8, 1), (1e-8, 20), (1e-4, 1), (1e-4, 20)
     ]  # fmt: skip
@@ -450,24 +460,26 @@ def test_sweep_is_the_product_of_its_knobs():
 
 
 @pytest.mark.parametrize(
-    ("solver", "knobs", "error"),
+    ("solver", "parameters", "error"),
     [
-        (cp.Proximal(), {"muu": [1.0]}, cp.UnknownName),
+        (cp.Proximal(), {"muu": [1.0]}, cp.errors.UnknownName),
         (cp.Proximal(), {"mu": 1.0}, cp.InvalidArgument),
         (cp.Proximal(), {"mu": [-1.0]}, cp.InvalidArgument),
         ("Proximal", {}, cp.InvalidArgument),
     ],
 )
-def test_what_cannot_be_swept_is_refused(solver, knobs, error):
+def test_what_cannot_be_swept_is_refused(solver, parameters, error):
     with pytest.raises(error):
-        cp.sweep(solver, **knobs)
+        cp.study.sweep(solver, **parameters)
 
 
 def test_default_sweep_turns_the_knobs_of_every_solver():
     scene = all_scenes()["four_bar loops"]
     solvers = default_sweep(scene)
     assert len(set(solvers)) == len(solvers)
-    assert {type(solver) for solver in solvers} == {*cp.SOLVERS.values()} - {cp.Reference}
+    assert {type(solver) for solver in solvers} == {*cp.dynamics.SOLVERS.values()} - {
+        cp.dynamics.Reference
+    }
     iterative = [cp.Proximal, cp.LCABA] if HAS_LCABA else [cp.Proximal]
     for kind in iterative:
         mine = [solver for solver in solvers if isinstance(solver, kind)]
@@ -484,17 +496,17 @@ def test_default_sweep_turns_the_knobs_of_every_solver():
         ({"scenes": [3]}, cp.InvalidArgument),
         ({"scenes": {"x": 3}}, cp.InvalidArgument),
         ({"scenes": [BAR, BAR]}, cp.InvalidArgument),
-        ({"scenes": "nobody"}, cp.UnknownName),
+        ({"scenes": "nobody"}, cp.errors.UnknownName),
         ({"solvers": []}, cp.InvalidArgument),
         ({"solvers": ["Proximal"]}, cp.InvalidArgument),
         ({"states": 0}, cp.InvalidArgument),
         ({"states": 1.5}, cp.InvalidArgument),
         ({"states": True}, cp.InvalidArgument),
-        ({"measure": "speed"}, cp.UnknownName),
+        ({"measure": "speed"}, cp.errors.UnknownName),
         ({"measure": []}, cp.InvalidArgument),
-        ({"measure": [3]}, cp.UnknownName),
+        ({"measure": [3]}, cp.errors.UnknownName),
         ({"accuracy": 1e-20}, cp.InvalidArgument),
-        ({"effort": cp.TimingEffort}, cp.InvalidArgument),
+        ({"effort": cp.study.TimingEffort}, cp.InvalidArgument),
     ],
 )
 def test_a_study_of_nonsense_is_refused(options, error):
@@ -505,7 +517,7 @@ def test_a_study_of_nonsense_is_refused(options, error):
 @pytest.mark.parametrize("effort", [{"rounds": 0}, {"repeats": 0}, {"rounds": 1.5}])
 def test_an_effort_of_nothing_is_refused(effort):
     with pytest.raises(cp.InvalidArgument, match="whole number"):
-        cp.TimingEffort(**effort)
+        cp.study.TimingEffort(**effort)
 
 
 # --- measures ---
@@ -515,7 +527,7 @@ def test_an_effort_of_nothing_is_refused(effort):
 @pytest.mark.parametrize("measure", MEASURES.values(), ids=MEASURES)
 def test_every_measure_finds_the_default_solver_right_and_a_coarse_one_not(label, measure):
     scene = all_scenes()[label]
-    solvers = [cp.Proximal(), cp.Proximal(mu=1.0, max_iterations=1), cp.NullSpace()]
+    solvers = [cp.Proximal(), cp.Proximal(mu=1.0, max_iterations=1), cp.dynamics.NullSpace()]
     good, coarse, other = brief(scene, solvers, measure=measure, states=2).run(timed=False).rows
     assert good.ok
     assert good.error_worst < 1e-9
@@ -524,13 +536,13 @@ def test_every_measure_finds_the_default_solver_right_and_a_coarse_one_not(label
 
 
 def test_derivatives_of_soft_constraints_are_refused_by_name():
-    (row,) = brief(solvers=[cp.Soft()], measure="derivatives").run().rows
+    (row,) = brief(solvers=[cp.dynamics.Soft()], measure="derivatives").run().rows
     assert row.statuses == {"refused": 3}
     assert "Soft solves other equations" in row.note
 
 
 def test_a_knob_of_a_measure_is_in_its_label():
-    table = brief(solvers=[cp.Proximal()], measure=cp.DerivativeMeasure("pinocchio")).run()
+    table = brief(solvers=[cp.Proximal()], measure=cp.study.DerivativeMeasure("pinocchio")).run()
     assert table.rows[0].measure == "derivatives(method='pinocchio')"
     assert table.rows[0].error_worst < 1e-9
 
@@ -542,7 +554,7 @@ def test_the_error_of_one_iteration_goes_with_mu():
     from study import one_iteration
 
     mus = [10.0**-k for k in range(2, 11)]
-    shares = [row.error_worst / row.knobs["mu"] for row in one_iteration(mus).rows]
+    shares = [row.error_worst / row.parameters["mu"] for row in one_iteration(mus).rows]
     assert 600 < min(shares) < max(shares) < 900  # where the legs carry the robot; 0.1 in swings
     assert max(shares[1:]) < 1.05 * min(shares[1:])  # at 1e-2 it begins to bend
 

@@ -12,7 +12,7 @@ import condyn_pin as cp
 def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path):
     from distributed import Client, LocalCluster
 
-    mark, solvers = tmp_path / "mark", cp.sweep(cp.Proximal())
+    mark, solvers = tmp_path / "mark", cp.study.sweep(cp.Proximal())
     half = len(solvers) // 2
     solvers = [*solvers[:half], KillsOnce(mark=str(mark)), *solvers[half:]]
     study = cp.Study("four_bar", solvers, states=3)

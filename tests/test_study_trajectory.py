@@ -31,7 +31,7 @@ def study(measures, scene=BAR, solvers=PLAIN, **options) -> cp.Study:
 
 
 def test_the_error_falls_with_the_step_as_the_order_says():
-    measures = cp.sweep(
+    measures = cp.study.sweep(
         TrajectoryMeasure(integrator=RungeKutta4(), drift=NoDrift()), dt=[1e-2, 5e-3, 2.5e-3]
     )
     rows = study(measures).run(timed=False).rows
@@ -44,8 +44,10 @@ def test_the_error_falls_with_the_step_as_the_order_says():
 
 
 def test_steps_integrators_and_schemes_are_rows_of_one_question():
-    measures = cp.sweep(TrajectoryMeasure(duration=0.02), dt=[1e-2, 5e-3], drift=[None, NoDrift()])
-    table = study(measures, effort=cp.TimingEffort(rounds=2, repeats=1)).run()
+    measures = cp.study.sweep(
+        TrajectoryMeasure(duration=0.02), dt=[1e-2, 5e-3], drift=[None, NoDrift()]
+    )
+    table = study(measures, effort=cp.study.TimingEffort(rounds=2, repeats=1)).run()
     assert {row.measure for row in table.rows} == {"trajectory(duration=0.02)"}
     assert [(row.how["dt"], row.how["drift"]) for row in table.rows] == [
         (1e-2, None), (1e-2, "NoDrift()"), (5e-3, None), (5e-3, "NoDrift()")
@@ -61,7 +63,7 @@ def test_the_cheapest_motion_is_tried_as_it_was_measured():
         for integrator in (RungeKutta4(), GeneralisedAlpha(rho=0.5))
         for drift in (None, NoDrift())
     ]
-    table = study(measures, effort=cp.TimingEffort(rounds=2, repeats=1)).run()
+    table = study(measures, effort=cp.study.TimingEffort(rounds=2, repeats=1)).run()
     for row, measure in zip(table.rows, measures, strict=True):
         assert measured_as(row) == measure
     choice = table.cheapest(1e-2, measure="trajectory(duration=0.02)", states=20)
@@ -72,7 +74,7 @@ def test_the_cheapest_motion_is_tried_as_it_was_measured():
 
 
 def test_a_study_of_motions_is_resumed(tmp_path):
-    measures = cp.sweep(TrajectoryMeasure(duration=0.02), dt=[1e-2, 5e-3])
+    measures = cp.study.sweep(TrajectoryMeasure(duration=0.02), dt=[1e-2, 5e-3])
     path = tmp_path / "rows.jsonl"
     table = study(measures).run(timed=False, results=path)
     assert study(measures).run(timed=False, results=path).rows == table.rows
@@ -80,14 +82,18 @@ def test_a_study_of_motions_is_resumed(tmp_path):
 
 
 def test_every_integrator_is_swept():
-    swept = {type(measure.integrator).__name__.lower() for measure in cp.sweep(TrajectoryMeasure())}
+    swept = {
+        type(measure.integrator).__name__.lower() for measure in cp.study.sweep(TrajectoryMeasure())
+    }
     assert set(INTEGRATORS) <= swept
 
 
 def test_a_motion_that_a_solver_cannot_have_is_refused_with_the_reason():
     measures = [TrajectoryMeasure(duration=0.01)]
     (row,) = (
-        study(measures, solvers=[cp.Soft(solimp=(0.9, 0.9, 0.001, 0.5, 2.0))]).run(timed=False).rows
+        study(measures, solvers=[cp.dynamics.Soft(solimp=(0.9, 0.9, 0.001, 0.5, 2.0))])
+        .run(timed=False)
+        .rows
     )
     assert row.statuses == {"ok": 2}  # it has a spring of its own, and no drift scheme
     assert row.error_worst > 1e-4
@@ -97,10 +103,10 @@ def test_a_motion_that_a_solver_cannot_have_is_refused_with_the_reason():
     assert "an integrator is needed" in row.note
 
 
-@pytest.mark.parametrize("knobs", [{"duration": 0.0}, {"dt": -1.0}, {"dt": "small"}])
-def test_times_that_are_none_are_refused(knobs):
+@pytest.mark.parametrize("parameters", [{"duration": 0.0}, {"dt": -1.0}, {"dt": "small"}])
+def test_times_that_are_none_are_refused(parameters):
     with pytest.raises(cp.InvalidArgument, match="a number > 0"):
-        TrajectoryMeasure(**knobs)
+        TrajectoryMeasure(**parameters)
 
 
 def test_bricard_after_one_iteration_is_off_by_mu():
@@ -108,8 +114,8 @@ def test_bricard_after_one_iteration_is_off_by_mu():
     from study import CONVERGED, motions
 
     mus = [1e-8, 1e-6, 1e-4]
-    once = cp.sweep(cp.Proximal(max_iterations=1), mu=mus)
-    rows = motions([*once, *cp.sweep(CONVERGED, mu=[1e-8, 1e-2])]).rows
+    once = cp.study.sweep(cp.Proximal(max_iterations=1), mu=mus)
+    rows = motions([*once, *cp.study.sweep(CONVERGED, mu=[1e-8, 1e-2])]).rows
     for mu, row in zip(mus, rows, strict=False):
         assert row.error_worst == pytest.approx(3.7 * mu, rel=0.01)
     for row in rows[len(mus) :]:

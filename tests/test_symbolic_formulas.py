@@ -1,4 +1,4 @@
-"""Elimination, and Udwadia and Kalaba's formula, give the KKT solution: proofs by SymPy."""
+"""Elimination, and Udwadia and Kalaba's formula, give the KKT solution: residuals by SymPy."""
 
 from __future__ import annotations
 
@@ -95,9 +95,9 @@ def test_udwadia_and_kalaba_give_the_kkt_solution(n, m, redundant):
 def test_the_solvers_return_the_two_formulas(case, closed, drift):
     """The formulas word by word, in 30 digits, from SymPy's terms."""
     case = case()
-    solvers = [cp.GaussPrinciple()]
+    solvers = [cp.dynamics.GaussPrinciple()]
     if case.scene.rows == case.system.m:  # a ball in the plane has a redundant row
-        solvers.append(cp.DelassusCholesky())
+        solvers.append(cp.dynamics.DelassusCholesky())
     for q, v, tau in case.states(closed):
         t = case.system.terms(q, v, *gains(drift))
         with mpmath.workdps(DIGITS):

@@ -67,7 +67,8 @@ def test_threads_inside_and_outside(variables, inside):
 
         METHODS["kkt"] = watched
         cp.derivatives(scene, *state).da_dq
-        for solver in (cp.DenseKKT(mu=1e-6), cp.NullSpace(), cp.Soft(), cp.GaussPrinciple()):
+        dense = cp.DenseKKT(mu=1e-6), cp.dynamics.NullSpace(), cp.dynamics.Soft()
+        for solver in (*dense, cp.dynamics.GaussPrinciple()):
             workspace = cp.Workspace(scene, solver)
             real = type(workspace.equations).terms
             workspace.equations.terms = lambda q, v, real=real, of=workspace.equations: (
@@ -129,7 +130,8 @@ def test_answers_do_not_hang_on_the_number():
     for _ in range(5):
         q, v = scene.sample(rng)
         tau = rng.normal(size=robot.nv)
-        for solver in (cp.Proximal(), cp.NullSpace(), cp.GaussPrinciple(), cp.Reference()):
+        solvers = cp.Proximal(), cp.dynamics.NullSpace(), cp.dynamics.GaussPrinciple()
+        for solver in (*solvers, cp.dynamics.Reference()):
             found = cp.Workspace(scene, solver).solve(q, v, tau, throw=False)
             answers += found.a.tolist()
             statuses.append(str(found.status))

@@ -47,7 +47,7 @@ def changes(files: list[str]) -> int:
 
 @pytest.mark.parametrize("name", ["four_bar", "cassie"])
 def test_a_step_goes_through_few_files(name):
-    made = cp.four_bar() if name == "four_bar" else robot(name)
+    made = cp.model.four_bar() if name == "four_bar" else robot(name)
     scene = cp.Scene(made, made.loops)
     files_of(scene, 1)  # what is imported and measured once
     assert 0 < changes(files_of(scene, 8)) - changes(files_of(scene, 7)) <= MOST
@@ -55,7 +55,7 @@ def test_a_step_goes_through_few_files(name):
 
 def test_names_of_the_last_version_warn():
     with pytest.warns(DeprecationWarning, match="Snapshot"):
-        assert cp.Moment is cp.Snapshot
+        assert cp.Moment is cp.simulation.Snapshot
     with pytest.warns(DeprecationWarning, match=r"stability_limit\.stability_limit"):
         assert walls.wall is stability_limit
     with pytest.warns(DeprecationWarning, match="growth"):
@@ -65,7 +65,7 @@ def test_names_of_the_last_version_warn():
 
 
 def test_next_acceleration_is_acceleration():
-    made = cp.four_bar()
+    made = cp.model.four_bar()
     scene = cp.Scene(made, made.loops)
     workspace, (q, v) = cp.Workspace(scene), scene.state()
     tau = 0.1 * v

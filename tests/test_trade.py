@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 
 import condyn_pin as cp
 from condyn_pin.cli.main import app
-from condyn_pin.study.case import knobs_of
+from condyn_pin.study.case import parameters_of
 from condyn_pin.study.cheapest import measure_of, solver_of
 from condyn_pin.study.exports import short
 from condyn_pin.study.fresh import Fresh, FreshErrors
@@ -27,7 +27,9 @@ from condyn_pin.study.states import LOADS, NominalStates, SampledStates
 from condyn_pin.study.table import Table
 
 
-def row(solver: cp.Solver, us: float | None, error: float, scene: str = "s", **other) -> Row:
+def row(
+    solver: cp.dynamics.Solver, us: float | None, error: float, scene: str = "s", **other
+) -> Row:
     """Return a row of invented figures."""
     values = {
         "scene": scene,
@@ -35,7 +37,7 @@ def row(solver: cp.Solver, us: float | None, error: float, scene: str = "s", **o
         "nv": 3,
         "method": solver.title,
         "solver": repr(solver),
-        "knobs": knobs_of(solver),
+        "parameters": parameters_of(solver),
         "measure": "acceleration",
         "states": "20 sampled under all loads, seed 0",
         "n": 20,
@@ -54,8 +56,8 @@ def row(solver: cp.Solver, us: float | None, error: float, scene: str = "s", **o
 
 COARSE = row(cp.Proximal(mu=1e-2, max_iterations=1), 2.0, 1e-3, statuses={"inaccurate": 20})
 FINE = row(cp.Proximal(mu=1e-8), 3.0, 1e-9)
-SLOW = row(cp.NullSpace(), 30.0, 1e-14)
-BEATEN = row(cp.GaussPrinciple(), 40.0, 1e-13)
+SLOW = row(cp.dynamics.NullSpace(), 30.0, 1e-14)
+BEATEN = row(cp.dynamics.GaussPrinciple(), 40.0, 1e-13)
 BROKEN = row(cp.DenseKKT(), 1.0, 1e-15, statuses={"ok": 19, "singular": 1})
 UNTIMED = row(cp.Proximal(mu=1e-9), None, 1e-15)
 ROWS = (SLOW, BROKEN, FINE, BEATEN, COARSE, UNTIMED)
@@ -104,7 +106,7 @@ def test_scenes_and_measures_have_fronts_of_their_own():
 
 def test_a_solver_that_failed_once_is_on_no_front_and_is_never_cheapest():
     assert table((BROKEN,)).pareto().rows == ()
-    with pytest.raises(cp.NotReached, match="no solver answers every state") as caught:
+    with pytest.raises(cp.errors.NotReached, match="no solver answers every state") as caught:
         table((BROKEN,)).cheapest(1.0)
     assert caught.value.row is None
 
@@ -143,13 +145,17 @@ def test_what_only_looked_good_in_the_study_is_rejected():
 
 def test_when_fresh_states_reject_everything_the_error_says_what_was_found_there():
     lucky = row(cp.Proximal(mu=1.0, max_iterations=1), 1.0, 1e-12)
-    with pytest.raises(cp.NotReached, match=r"at fresh states too; the best there is Proximal"):
+    with pytest.raises(
+        cp.errors.NotReached, match=r"at fresh states too; the best there is Proximal"
+    ):
         measured(lucky).cheapest(1e-8, states=20)
 
 
 def test_an_error_that_is_met_by_rows_without_a_time_is_not_called_out_of_reach():
     untimed = row(cp.Proximal(mu=1e-8), None, 1e-12)
-    with pytest.raises(cp.NotReached, match=r"meets acceleration to 1e-08 .* but has no time"):
+    with pytest.raises(
+        cp.errors.NotReached, match=r"meets acceleration to 1e-08 .* but has no time"
+    ):
         table((untimed,)).cheapest(1e-8)
 
 
@@ -163,7 +169,7 @@ def test_a_table_is_printed_as_one():
 
 def test_when_nothing_meets_the_error_the_best_is_named():
     with pytest.raises(
-        cp.NotReached, match=r"1e-15 on 's'; the best is Proximal\(\) with 2"
+        cp.errors.NotReached, match=r"1e-15 on 's'; the best is Proximal\(\) with 2"
     ) as caught:
         table((SLOW, row(cp.Proximal(), None, 2e-15))).cheapest(1e-15)
     assert caught.value.row.solver == repr(cp.Proximal())
@@ -213,7 +219,7 @@ def test_without_motors_nothing_is_compensated():
     ("loads", "text"), [("none", "load"), ([], "loads"), (["rest", 3], "load")]
 )
 def test_loads_that_are_none(loads, text):
-    with pytest.raises((cp.InvalidArgument, cp.UnknownName), match=text):
+    with pytest.raises((cp.InvalidArgument, cp.errors.UnknownName), match=text):
         SampledStates(3, loads=loads)
 
 
@@ -222,7 +228,9 @@ def test_what_random_torques_hide_is_not_chosen():
     damped, good = cp.DenseKKT(mu=1e-7), cp.Proximal()
     scene = all_scenes()["talos contacts"]
     errors = {
-        load: FreshErrors(scene, cp.AccelerationMeasure(), SampledStates(20, 5, loads=load))(damped)
+        load: FreshErrors(scene, cp.study.AccelerationMeasure(), SampledStates(20, 5, loads=load))(
+            damped
+        )
         for load in LOADS
     }
     assert errors["random"].error < 1e-7 < 1e-5 < errors["compensated"].error
@@ -275,7 +283,14 @@ def test_a_table_without_its_scene_says_how_to_hand_it_in():
 
 
 @pytest.mark.parametrize(
-    "solver", [cp.Proximal(), cp.LCABA(mu=1e-5), cp.NullSpace(), cp.DenseKKT(mu=1e-11), cp.Soft()]
+    "solver",
+    [
+        cp.Proximal(),
+        cp.LCABA(mu=1e-5),
+        cp.dynamics.NullSpace(),
+        cp.DenseKKT(mu=1e-11),
+        cp.dynamics.Soft(),
+    ],
 )
 def test_a_row_gives_its_solver_back(solver):
     assert solver_of(row(solver, 1.0, 1e-9)) == solver
@@ -284,7 +299,7 @@ def test_a_row_gives_its_solver_back(solver):
 def test_a_row_whose_knobs_do_not_make_its_solver_is_refused():
     with pytest.raises(cp.InvalidArgument, match="run the study again"):
         solver_of(dataclasses.replace(FINE, solver="Proximal(mu=1)"))
-    with pytest.raises(cp.UnknownName, match="Proximal"):
+    with pytest.raises(cp.errors.UnknownName, match="Proximal"):
         solver_of(dataclasses.replace(FINE, solver="Proximale(mu=1)"))
 
 
@@ -295,7 +310,7 @@ def test_a_label_gives_its_measure_back():
     for measure in (*(kind() for kind in MEASURES.values()), changed):
         assert measure_of(measure.label) == measure
     for label in ("nothing", "forces(", "forces(x=1)", "forces.a", "__import__('os')"):
-        with pytest.raises(cp.UnknownName, match="no measure named"):
+        with pytest.raises(cp.errors.UnknownName, match="no measure named"):
             measure_of(label)
 
 
@@ -333,7 +348,10 @@ def test_a_handful_of_states_says_nothing_of_a_tail():
 
 
 def test_json_comes_back_equal(tmp_path):
-    rows = (*ROWS, row(cp.Reference(), None, math.inf, statuses={"refused": 20}, note="why"))
+    rows = (
+        *ROWS,
+        row(cp.dynamics.Reference(), None, math.inf, statuses={"refused": 20}, note="why"),
+    )
     table(rows).to_json(tmp_path / "t.json")
     text = (tmp_path / "t.json").read_text()
     assert "Infinity" not in text
@@ -482,7 +500,7 @@ def test_the_picture_has_a_line_a_method_the_front_and_both_floors():
 def test_no_two_methods_look_the_same_and_none_by_colour_alone():
     from condyn_pin.study.plots_trade import style
 
-    looks = [style(name) for name in cp.SOLVERS]
+    looks = [style(name) for name in cp.dynamics.SOLVERS]
     assert len({look["marker"] for look in looks}) == len(looks)
 
 
@@ -545,7 +563,7 @@ def test_condyn_trade_takes_other_measures():
     assert result.exit_code == 0, result.output
     assert "four_bar loops, forces: " in result.output
     wrong = run("trade", "four_bar", "--measure", "force", *words)
-    assert isinstance(wrong.exception, cp.UnknownName)
+    assert isinstance(wrong.exception, cp.errors.UnknownName)
     assert "forces" in str(wrong.exception)
 
 

@@ -19,7 +19,7 @@ cheapest, marks, trade, trade_text = map(
     import_module, ("cheapest", "marks", "trade", "trade_text")
 )
 
-TABLE = cp.Table.from_json(ROOT / "benchmarks" / "results" / "trade.json")
+TABLE = cp.study.Table.from_json(ROOT / "benchmarks" / "results" / "trade.json")
 VERDICTS = cheapest.read()
 PAGES = trade_text.pages(TABLE, VERDICTS, trade.SHOWN)
 
@@ -35,7 +35,7 @@ def test_every_robot_is_measured_and_every_solver_is_in_the_study():
     for folder in (ROOT / "robots").glob("*/robot.toml"):
         assert any(scene.startswith(f"{folder.parent.name} ") for scene in scenes), folder
     solvers = {row.solver.split("(")[0] for row in TABLE.rows}
-    assert solvers == {kind.__name__ for kind in cp.SOLVERS.values()} - {"Reference"}
+    assert solvers == {kind.__name__ for kind in cp.dynamics.SOLVERS.values()} - {"Reference"}
 
 
 def test_every_choice_is_a_row_of_the_study_and_holds_at_1000_fresh_states():
@@ -71,7 +71,7 @@ def test_a_choice_that_does_not_hold_is_marked():
 
 def test_code_of_the_page_runs(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    fewer = (cp.NullSpace(), cp.Proximal())  # to choose from: the page takes all
+    fewer = (cp.dynamics.NullSpace(), cp.Proximal())  # to choose from: the page takes all
     monkeypatch.setattr("condyn_pin.study.study.default_sweep", lambda scene: fewer)
     page = (ROOT / trade_text.PAGE).read_text(encoding="utf-8")
     session: dict[str, object] = {}

@@ -35,21 +35,21 @@ def cache(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def scene() -> cp.Scene:
-    bar = cp.four_bar()
+    bar = cp.model.four_bar()
     return cp.Scene(bar, bar.loops)
 
 
-def choice(solver: cp.Solver, error: float = 1e-8) -> Choice:
+def choice(solver: cp.dynamics.Solver, error: float = 1e-8) -> Choice:
     from test_trade import row
 
     return Choice(solver, error, row(solver, 2.0, 1e-10), Fresh(200, 1e-10, 2e-10), ())
 
 
 def test_without_a_plan_the_error_says_tune(scene):
-    with pytest.raises(cp.NotTuned, match=r"condyn_pin\.tune\(scene, 1e-08\)"):
-        cp.tuned(scene, 1e-8)
-    with pytest.raises(cp.NotTuned, match=r"measure='forces'"):
-        cp.tuned(scene, 1e-8, measure="forces")
+    with pytest.raises(cp.errors.NotTuned, match=r"condyn_pin\.tune\(scene, 1e-08\)"):
+        cp.study.tuned(scene, 1e-8)
+    with pytest.raises(cp.errors.NotTuned, match=r"measure='forces'"):
+        cp.study.tuned(scene, 1e-8, measure="forces")
 
 
 @pytest.mark.parametrize(
@@ -57,30 +57,30 @@ def test_without_a_plan_the_error_says_tune(scene):
 )
 def test_what_was_kept_is_found_by_an_equal_scene(scene, solver):
     tuning.keep(scene, choice(solver))
-    bar = cp.four_bar()
-    assert cp.tuned(cp.Scene(bar, bar.loops), 1e-8) == solver
+    bar = cp.model.four_bar()
+    assert cp.study.tuned(cp.Scene(bar, bar.loops), 1e-8) == solver
     q, v = scene.sample(np.random.default_rng(0))
-    assert cp.solve(scene, q, v, np.zeros(3), solver=cp.tuned(scene), throw=False).a.size == 3
+    assert cp.solve(scene, q, v, np.zeros(3), solver=cp.study.tuned(scene), throw=False).a.size == 3
 
 
 def test_another_scene_another_error_and_another_measure_have_no_plan(scene):
     tuning.keep(scene, choice(cp.Proximal()))
-    bar = cp.four_bar(crank=0.21)
+    bar = cp.model.four_bar(crank=0.21)
     for other in (cp.Scene(bar, bar.loops), cp.Scene(scene.robot)):
-        with pytest.raises(cp.NotTuned):
-            cp.tuned(other, 1e-8)
-    with pytest.raises(cp.NotTuned, match=r"there is one for acceleration to 1e-08\)"):
-        cp.tuned(scene, 1e-6)
-    with pytest.raises(cp.NotTuned):
-        cp.tuned(scene, 1e-8, measure="forces")
+        with pytest.raises(cp.errors.NotTuned):
+            cp.study.tuned(other, 1e-8)
+    with pytest.raises(cp.errors.NotTuned, match=r"there is one for acceleration to 1e-08\)"):
+        cp.study.tuned(scene, 1e-6)
+    with pytest.raises(cp.errors.NotTuned):
+        cp.study.tuned(scene, 1e-8, measure="forces")
 
 
 def test_a_plan_of_another_version_is_not_used_and_is_named(scene, monkeypatch):
     tuning.keep(scene, choice(cp.Proximal()))
     now = plans.machine()
     monkeypatch.setattr(plans, "machine", lambda: now | {"pinocchio": "9.9"})
-    with pytest.raises(cp.NotTuned, match=f"1e-08 with pinocchio {now['pinocchio']}"):
-        cp.tuned(scene, 1e-8)
+    with pytest.raises(cp.errors.NotTuned, match=f"1e-08 with pinocchio {now['pinocchio']}"):
+        cp.study.tuned(scene, 1e-8)
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ def test_a_plan_of_another_version_is_not_used_and_is_named(scene, monkeypatch):
         lambda text: text[: len(text) // 2],
         lambda text: "[1, 2]",
         lambda text: text.replace('"format": 1', '"format": 0'),
-        lambda text: text.replace('"knobs": {', '"knobs": {"weight": 1, '),
+        lambda text: text.replace('"parameters": {', '"parameters": {"weight": 1, '),
         lambda text: text.replace('"max_iterations": 20', '"max_iterations": -1'),
         lambda text: text.replace('"Proximal"', '"Distal"'),
         lambda text: text.replace('"states"', '"stats"'),
@@ -103,25 +103,25 @@ def test_a_broken_plan_is_named_and_made_anew(scene, cache, damage):
     broken = damage(path.read_text())
     assert broken != path.read_text()
     path.write_text(broken)
-    with pytest.raises(cp.NotTuned, match=r"tune\(scene, 1e-08\) makes a new one"):
-        cp.tuned(scene, 1e-8)
+    with pytest.raises(cp.errors.NotTuned, match=r"tune\(scene, 1e-08\) makes a new one"):
+        cp.study.tuned(scene, 1e-8)
     tuning.keep(scene, choice(cp.Proximal()))
-    assert cp.tuned(scene, 1e-8) == cp.Proximal()
+    assert cp.study.tuned(scene, 1e-8) == cp.Proximal()
 
 
 def test_a_plan_that_is_no_text_is_named(scene, cache):
     tuning.keep(scene, choice(cp.Proximal()))
     (path,) = cache.glob("*/*.json")
     path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(cp.NotTuned, match="not a plan"):
-        cp.tuned(scene, 1e-8)
+    with pytest.raises(cp.errors.NotTuned, match="not a plan"):
+        cp.study.tuned(scene, 1e-8)
 
 
 def test_plans_written_at_the_same_time_are_whole(scene, cache):
     kept = [choice(cp.Proximal(mu=10.0**-i)) for i in range(1, 9)]
     with ThreadPoolExecutor(8) as threads:
         list(threads.map(lambda one: tuning.keep(scene, one), kept * 5))
-    assert cp.tuned(scene, 1e-8) in [one.solver for one in kept]
+    assert cp.study.tuned(scene, 1e-8) in [one.solver for one in kept]
     assert [path.suffix for path in cache.glob("*/*")] == [".json"]
 
 
@@ -144,7 +144,7 @@ def test_the_fingerprint_is_that_of_the_content(scene):
     known = fingerprint(scene)
     words = (
         "import condyn_pin as cp; from condyn_pin.study.fingerprint import fingerprint;"
-        "bar = cp.four_bar(); print(fingerprint(cp.Scene(bar, bar.loops)))"
+        "bar = cp.model.four_bar(); print(fingerprint(cp.Scene(bar, bar.loops)))"
     )
     other = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True)
     assert other.stdout.split() == [known], other.stderr
@@ -158,7 +158,7 @@ def test_the_fingerprint_is_that_of_the_content(scene):
     loop = dataclasses.replace(scene.constraints[0], kind="planar", axis="y")
     changed = [cp.Scene(robot, robot.loops) for robot in robots]
     changed.append(cp.Scene(scene.robot, [loop]))
-    springs = [cp.Spring(scene.robot.joints[0], 50.0, 0.3)]
+    springs = [cp.model.Spring(scene.robot.joints[0], 50.0, 0.3)]
     changed.append(cp.Scene(dataclasses.replace(scene.robot, springs=springs), scene.constraints))
     found = {known, *map(fingerprint, changed)}
     assert len(found) == 5
@@ -166,16 +166,16 @@ def test_the_fingerprint_is_that_of_the_content(scene):
 
 def test_arguments_that_cannot_be():
     with pytest.raises(cp.InvalidArgument, match="a Scene is needed"):
-        cp.tuned("cassie", 1e-8)
+        cp.study.tuned("cassie", 1e-8)
     for error in (0.0, -1.0, float("nan"), "small"):
         with pytest.raises(cp.InvalidArgument, match="error"):
-            cp.tuned(cp.Scene(cp.four_bar()), error)
+            cp.study.tuned(cp.Scene(cp.model.four_bar()), error)
 
 
 # with measurements
 
 
-CANDIDATES = [cp.Proximal(mu=1.0, max_iterations=1), cp.Proximal(mu=1e-8), cp.NullSpace()]
+CANDIDATES = [cp.Proximal(mu=1.0, max_iterations=1), cp.Proximal(mu=1e-8), cp.dynamics.NullSpace()]
 
 
 def test_tune_measures_keeps_and_tuned_finds(scene, monkeypatch):
@@ -183,27 +183,27 @@ def test_tune_measures_keeps_and_tuned_finds(scene, monkeypatch):
         """Invented: what is the fastest does not depend on who uses the machine."""
         for _ in range(rounds):
             tick()
-        us = {cp.Proximal: 3.0, cp.NullSpace: 30.0}
+        us = {cp.Proximal: 3.0, cp.dynamics.NullSpace: 30.0}
         return {key: Times((us[type(key[0][1])],)) for key in calls}
 
     monkeypatch.setattr(clocks, "interleaved", timed)
     seen: list[str] = []
-    solver = cp.tune(
+    solver = cp.study.tune(
         scene, 1e-8, solvers=CANDIDATES, progress=lambda what, done, total: seen.append(what)
     )
     assert solver == cp.Proximal(mu=1e-8)
-    assert cp.tuned(scene, 1e-8) == solver
+    assert cp.study.tuned(scene, 1e-8) == solver
     assert any("errors" in what for what in seen)
     assert any("times" in what for what in seen)
 
 
 def test_what_is_chosen_carries_the_accuracy_it_was_chosen_for(scene):
     rough = cp.Proximal(mu=1e-3, max_iterations=1)
-    chosen = cp.tune(scene, 1e-1, solvers=[rough])
+    chosen = cp.study.tune(scene, 1e-1, solvers=[rough])
     assert chosen == dataclasses.replace(rough, accuracy=1e-1)
     assert repr(chosen).endswith("refinements=None, accuracy=0.1)")
-    found = cp.tuned(scene, 1e-1)
-    table = cp.Study(scene, [rough], effort=cp.TimingEffort(rounds=2, repeats=1)).run()
+    found = cp.study.tuned(scene, 1e-1)
+    table = cp.Study(scene, [rough], effort=cp.study.TimingEffort(rounds=2, repeats=1)).run()
     assert found == chosen == table.cheapest(1e-1).solver
     state = (*scene.sample(np.random.default_rng(0)), np.zeros(3))
     with pytest.raises(cp.SolveFailed):
@@ -217,47 +217,52 @@ def test_what_is_chosen_carries_the_accuracy_it_was_chosen_for(scene):
 
 
 def test_less_than_what_ok_promises_by_default_is_not_carried(scene):
-    assert cp.tune(scene, 1e-10, solvers=[cp.NullSpace()], save=False) == cp.NullSpace()
+    assert (
+        cp.study.tune(scene, 1e-10, solvers=[cp.dynamics.NullSpace()], save=False)
+        == cp.dynamics.NullSpace()
+    )
 
 
 def test_a_solver_with_an_accuracy_goes_through_a_study(scene):
     loose = cp.Proximal(mu=1e-3, max_iterations=1, accuracy=1e-1)
-    table = cp.Study(scene, [loose], effort=cp.TimingEffort(rounds=2, repeats=1)).run()
+    table = cp.Study(scene, [loose], effort=cp.study.TimingEffort(rounds=2, repeats=1)).run()
     assert table.rows[0].solver == repr(loose)
     assert table.cheapest(1e-1).solver == loose
 
 
 @pytest.mark.parametrize("accuracy", [-1.0, 0.0, np.nan, "rough", None])
-@pytest.mark.parametrize("kind", [cp.Proximal, cp.Reference, cp.NullSpace])
+@pytest.mark.parametrize("kind", [cp.Proximal, cp.dynamics.Reference, cp.dynamics.NullSpace])
 def test_an_accuracy_that_no_answer_can_have(kind, accuracy):
     with pytest.raises(cp.InvalidArgument, match="accuracy"):
         kind(accuracy=accuracy)
 
 
 def test_tune_may_keep_nothing(scene, cache):
-    cp.tune(scene, 1e-8, solvers=CANDIDATES[2:], save=False)
+    cp.study.tune(scene, 1e-8, solvers=CANDIDATES[2:], save=False)
     assert not cache.exists()
 
 
 def test_tune_that_finds_nothing_says_the_best_and_keeps_nothing(scene, cache):
-    with pytest.raises(cp.NotReached, match=r"1e-08 on .*; the best is Proximal\(mu=1\.0, max_"):
-        cp.tune(scene, 1e-8, solvers=CANDIDATES[:1])
+    with pytest.raises(
+        cp.errors.NotReached, match=r"1e-08 on .*; the best is Proximal\(mu=1\.0, max_"
+    ):
+        cp.study.tune(scene, 1e-8, solvers=CANDIDATES[:1])
     assert not cache.exists()
 
 
 def test_tune_by_another_measure_is_a_plan_of_its_own(scene):
-    cp.tune(scene, 1e-6, measure="forces", solvers=CANDIDATES[1:2])
+    cp.study.tune(scene, 1e-6, measure="forces", solvers=CANDIDATES[1:2])
     chosen = dataclasses.replace(CANDIDATES[1], accuracy=1e-6)
-    assert cp.tuned(scene, 1e-6, measure="forces") == chosen
-    with pytest.raises(cp.NotTuned, match="there is one for forces to 1e-06"):
-        cp.tuned(scene, 1e-6)
+    assert cp.study.tuned(scene, 1e-6, measure="forces") == chosen
+    with pytest.raises(cp.errors.NotTuned, match="there is one for forces to 1e-06"):
+        cp.study.tuned(scene, 1e-6)
 
 
-@pytest.mark.parametrize("solver", [cp.Soft(solref=(0.01, 1.0)), cp.Soft()])
+@pytest.mark.parametrize("solver", [cp.dynamics.Soft(solref=(0.01, 1.0)), cp.dynamics.Soft()])
 def test_knobs_that_are_tuples_come_back(scene, solver):
     tuning.keep(scene, choice(solver))
-    assert cp.tuned(scene) == solver
-    assert isinstance(cp.tuned(scene).solref, tuple)
+    assert cp.study.tuned(scene) == solver
+    assert isinstance(cp.study.tuned(scene).solref, tuple)
 
 
 @pytest.mark.parametrize("level", [1e-3, 1e-6, 1e-9])
@@ -275,13 +280,15 @@ def test_the_cheapest_meets_its_error_where_nobody_has_looked(label, level):
 
 
 @functools.cache
-def small_study(label: str) -> tuple[cp.Table, FreshErrors]:
-    solvers = (*cp.sweep(cp.Proximal(), mu=[1e-9, 1e-6, 1e-3, 1.0], max_iterations=[1, 20]),)
+def small_study(label: str) -> tuple[cp.study.Table, FreshErrors]:
+    solvers = (*cp.study.sweep(cp.Proximal(), mu=[1e-9, 1e-6, 1e-3, 1.0], max_iterations=[1, 20]),)
     scene = all_scenes()[label]
     table = cp.Study({label: scene}, solvers).run(timed=False)
     rows = tuple(dataclasses.replace(row, median_us=1.0 / row.error_worst) for row in table.rows)
     table = dataclasses.replace(table, rows=rows)
-    return table, FreshErrors(scene, cp.AccelerationMeasure(), cp.SampledStates(300, seed=99))
+    return table, FreshErrors(
+        scene, cp.study.AccelerationMeasure(), cp.study.SampledStates(300, seed=99)
+    )
 
 
 # on the command line
@@ -296,7 +303,7 @@ def test_condyn_tune_chooses_keeps_and_says_how_to_use_it(scene):
     assert result.exit_code == 0, result.output
     for said in ("NullSpace()", "200 fresh states", "kept in", "solver=tuned(scene, 1e-08)"):
         assert said in result.output
-    assert cp.tuned(scene, 1e-8) == cp.NullSpace()
+    assert cp.study.tuned(scene, 1e-8) == cp.dynamics.NullSpace()
 
 
 def test_condyn_tune_prints_json_and_may_keep_nothing(cache):

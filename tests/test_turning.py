@@ -150,7 +150,7 @@ def test_derivatives_of_every_kind_are_those_in_50_digits(name, looped):
 @pytest.mark.parametrize("name", sorted(TURNING))
 def test_pinocchios_own_derivatives_are_refused_where_axes_turn(name):
     scene = cp.Scene(floating(name))
-    with pytest.raises(cp.UnsupportedConstraint, match=r"'odd'.*axes turn"):
+    with pytest.raises(cp.errors.UnsupportedConstraint, match=r"'odd'.*axes turn"):
         cp.derivatives(scene, *state(scene.robot.model), method="pinocchio")
 
 
@@ -161,7 +161,9 @@ def held(name: str):
     return scene, q, scene.project_velocity(q, 0.3 * v)
 
 
-@pytest.mark.parametrize("integrator", [cp.Rattle(), cp.Shake()], ids=lambda each: each.title)
+@pytest.mark.parametrize(
+    "integrator", [cp.simulation.Rattle(), cp.simulation.Shake()], ids=lambda each: each.title
+)
 @pytest.mark.parametrize("name", KINDS)
 def test_momentum_is_that_of_every_kind_of_joint(name, integrator):
     """Half the step, a quarter of the error, against Dormand and Prince's method."""
@@ -176,7 +178,9 @@ def test_momentum_is_that_of_every_kind_of_joint(name, integrator):
         errors.append([np.linalg.norm(gap), np.linalg.norm(found.v[-1] - wanted.v[-1])])
     (q_error, v_error), (q_half, v_half) = errors
     assert 3.5 < q_error / q_half < 4.5
-    assert v_half < (1 if integrator == cp.Shake() else 0.3) * v_error  # one has no projection
+    assert (
+        v_half < (1 if integrator == cp.simulation.Shake() else 0.3) * v_error
+    )  # one has no projection
     assert q_half < 2e-3
 
 
@@ -190,18 +194,22 @@ def test_energy_of_turning_axes_is_kept_to_the_order_of_the_method(name):
     q, v = np.full(model.nq, 0.3), np.full(model.nv, 0.5)
     errors = []
     for dt in (4e-3, 2e-3):
-        found = cp.simulate(scene, q, v, duration=1.0, dt=dt, integrator=cp.Rattle(), gravity=False)
+        found = cp.simulate(
+            scene, q, v, duration=1.0, dt=dt, integrator=cp.simulation.Rattle(), gravity=False
+        )
         errors.append(np.abs(found.energy.error).max() / found.energy.kinetic[0])
     assert errors[0] < 1e-4
     assert 3.5 < errors[0] / errors[1] < 4.5
 
 
-@pytest.mark.parametrize("integrator", sorted(cp.INTEGRATORS))
+@pytest.mark.parametrize("integrator", sorted(cp.simulation.INTEGRATORS))
 @pytest.mark.parametrize("name", sorted(TURNING))
 def test_every_integrator_goes_where_the_others_go(name, integrator):
     scene, q, v = held(name)
     wanted = cp.simulate(scene, q, v, duration=0.02, dt=0.02, integrator=cp.DormandPrince())
-    found = cp.simulate(scene, q, v, duration=0.02, integrator=cp.INTEGRATORS[integrator]())
+    found = cp.simulate(
+        scene, q, v, duration=0.02, integrator=cp.simulation.INTEGRATORS[integrator]()
+    )
     assert found.status.ok
     gap = pin.difference(scene.robot.model, wanted.q[-1], found.q[-1])
     assert np.abs(gap).max() < 1e-3

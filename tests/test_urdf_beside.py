@@ -291,7 +291,7 @@ def test_entries_that_are_not_read_are_said(ends):
 
 def test_a_toml_that_is_wrong_is_named(ends):
     ends.with_suffix(".toml").write_text("closed_loop = [[")
-    with pytest.raises(cp.InvalidModel, match=r"robot\.toml: it is no TOML"):
+    with pytest.raises(cp.errors.InvalidModel, match=r"robot\.toml: it is no TOML"):
         cp.load_robot(ends)
 
 
@@ -300,7 +300,7 @@ def test_without_pyyaml_the_remedy_is_named(ends, monkeypatch):
     ends.with_suffix(".yaml").write_text("wheels: 4")
     assert cp.load_robot(ends).loops == ()  # it is not for this library
     ends.with_suffix(".yaml").write_text(PAIR)
-    with pytest.raises(cp.MissingExtra, match=r"pip install 'condyn_pin\[yaml\]'"):
+    with pytest.raises(cp.errors.MissingExtra, match=r"pip install 'condyn_pin\[yaml\]'"):
         cp.load_robot(ends)
 
 
@@ -309,12 +309,12 @@ def test_names_of_links_do_not_clash(ends):
     text = ends.read_text().replace("</robot>", f"{tip('left_cross', 'a', '0 0 0')}</robot>")
     ends.write_text(text)
     ends.with_suffix(".yaml").write_text("joint_name: [left]\njoint_type: [UJOINT_XY]\n")
-    with pytest.raises(cp.InvalidModel, match="two <link> are named 'left_cross'"):
+    with pytest.raises(cp.errors.InvalidModel, match="two <link> are named 'left_cross'"):
         cp.load_robot(ends)
 
 
 def test_a_joint_without_a_child_is_named(ends):
     ends.write_text(ends.read_text().replace('<child link="a"/>', "", 1))
     ends.with_suffix(".yaml").write_text("joint_name: [left]\njoint_type: [UJOINT_XY]\n")
-    with pytest.raises(cp.InvalidModel, match="child link"):
+    with pytest.raises(cp.errors.InvalidModel, match="child link"):
         cp.load_robot(ends)

@@ -99,7 +99,9 @@ def test_what_moves_has_few_triangles_and_the_same_extent(name):
     assert np.abs(whole.max(axis=0) - few.max(axis=0)).max() < 0.04
     light = {part.path: part for part in drawing(cp.load_robot(name), light=True).parts}
     assert all(light[part.path].coarse for part in bodies)
-    assert not any(part.coarse for part in drawing(cp.four_bar()).parts)  # it has few as it is
+    assert not any(
+        part.coarse for part in drawing(cp.model.four_bar()).parts
+    )  # it has few as it is
 
 
 def test_a_span_takes_the_unit_length_to_a_segment():
@@ -157,7 +159,7 @@ def test_joints_with_a_motor_are_told_apart(cassie):
 
 
 def test_a_joint_mark_lies_along_its_axis():
-    bar = cp.four_bar()
+    bar = cp.model.four_bar()
     mark = parts(bar)[f"joints/actuated/{bar.actuated[0]}"].meshes[0][0]
     spread = np.ptp(mark.vertices, axis=0)
     assert int(spread.argmax()) == 1  # its bars move in the plane of x and z
@@ -215,7 +217,7 @@ def test_forces_are_arrows_where_and_how_they_act(standing):
 def test_a_force_is_on_a_body_and_not_on_a_mere_frame():
     stewart = cp.load_robot("stewart")
     scene = cp.Scene(stewart, stewart.loops)
-    found = parts(cp.gravity_compensation(scene, scene.state()[0]))
+    found = parts(cp.control.gravity_compensation(scene, scene.state()[0]))
     bodies = {frame.name for frame in stewart.model.frames if frame.type == pin.FrameType.BODY}
     on = {p.split("/on ")[1] for p in found if p.startswith("forces/") and "label" not in p}
     assert on <= bodies
@@ -260,7 +262,7 @@ def test_an_inertia_that_would_hide_the_rods_is_clear():
     assert {f"inertia/{path.split('/')[1]}" for path in found if path.startswith("robot/")} >= {
         part.path for part in inertias
     }
-    assert not [path for path in parts(cp.four_bar()) if path.startswith("inertia/")]
+    assert not [path for path in parts(cp.model.four_bar()) if path.startswith("inertia/")]
 
 
 @pytest.mark.parametrize(
@@ -301,7 +303,7 @@ def test_a_robot_that_is_drawn_in_part_is_seen_whole_and_above_the_floor(tmp_pat
     assert np.allclose(np.ptp(boxes["robot/shoulder"].vertices, axis=0), 0.1)  # as the file has it
     (floor,) = {float(z) for z in found["floor"].meshes[0][0].vertices[:, 2]}
     assert floor < -0.6
-    (floor,) = {float(z) for z in parts(cp.four_bar())["floor"].meshes[0][0].vertices[:, 2]}
+    (floor,) = {float(z) for z in parts(cp.model.four_bar())["floor"].meshes[0][0].vertices[:, 2]}
     assert floor == 0.0
 
 
@@ -309,7 +311,7 @@ def held(name, posture=None):
     """A robot that its motors hold still."""
     robot = cp.load_robot(name)
     scene = cp.Scene(robot, (*robot.loops, *robot.contacts))
-    return cp.gravity_compensation(scene, scene.state(posture)[0])
+    return cp.control.gravity_compensation(scene, scene.state(posture)[0])
 
 
 @pytest.mark.parametrize("name", ["cassie", "talos", "stewart", "delta", "five_bar"])
@@ -464,7 +466,7 @@ def test_a_motion_is_played_thirty_times_a_second(swinging):
 @pytest.mark.parametrize("speed", [1.0, 0.37])
 def test_a_motion_is_shown_as_closed_as_it_was_computed(speed):
     """Between samples nothing was computed: halfway between closed configurations is open."""
-    bar = cp.four_bar()
+    bar = cp.model.four_bar()
     scene = cp.Scene(bar, bar.loops)
     run = cp.simulate(scene, *scene.state(), duration=0.5, dt=0.007)
     assert run.violation.max() < 1e-12

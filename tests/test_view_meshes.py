@@ -137,5 +137,5 @@ def test_other_formats_are_read(tmp_path, name, text, area):
 def test_a_file_that_cannot_be_read_is_named(tmp_path, name, content):
     path = tmp_path / name
     path.write_bytes(content)
-    with pytest.raises(cp.InvalidModel, match=name):
+    with pytest.raises(cp.errors.InvalidModel, match=name):
         meshes.read_mesh(path)

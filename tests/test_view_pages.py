@@ -64,12 +64,12 @@ def test_a_light_page_of_talos_is_small_and_asks_for_nothing(tmp_path):
 
 
 def test_the_same_picture_is_the_same_page():
-    bar = cp.four_bar()
+    bar = cp.model.four_bar()
     assert drawing(bar).html() == drawing(bar).html()
 
 
 def test_a_notebook_gets_the_page_itself():
-    with cp.view(cp.pendulum(), browser=False) as viewer:
+    with cp.view(cp.model.pendulum(), browser=False) as viewer:
         text = viewer._repr_html_()
     assert text.startswith("<iframe srcdoc=")
     assert "<script" not in text
@@ -79,7 +79,7 @@ def test_a_notebook_gets_the_page_itself():
 
 
 def test_ports_are_chosen_and_closing_frees_them():
-    one, two = (cp.view(cp.pendulum(), browser=False) for _ in range(2))
+    one, two = (cp.view(cp.model.pendulum(), browser=False) for _ in range(2))
     assert one.url != two.url
     with urllib.request.urlopen(one.url, timeout=PATIENCE) as answer:
         assert answer.read().decode() == one.html
@@ -87,7 +87,7 @@ def test_ports_are_chosen_and_closing_frees_them():
         urllib.request.urlopen(f"{one.url}other", timeout=PATIENCE)
     refused.value.close()
     with pytest.raises(cp.InvalidArgument, match="a free one is taken"):
-        cp.view(cp.pendulum(), browser=False, port=int(two.url.split(":")[2].strip("/")))
+        cp.view(cp.model.pendulum(), browser=False, port=int(two.url.split(":")[2].strip("/")))
     server = one._server
     one.close()
     one.close()
@@ -99,7 +99,7 @@ def test_ports_are_chosen_and_closing_frees_them():
 def test_a_program_that_forgets_its_viewer_ends_cleanly():
     code = (
         "import condyn_pin as cp, urllib.request, gc\n"
-        "url = cp.view(cp.pendulum(), browser=False).url; gc.collect()\n"
+        "url = cp.view(cp.model.pendulum(), browser=False).url; gc.collect()\n"
         "assert urllib.request.urlopen(url, timeout=300).read(15) == b'<!DOCTYPE html>'\n"
     )
     words = [sys.executable, "-W", "error", "-W", "ignore:Please update:DeprecationWarning"]
@@ -127,15 +127,15 @@ def test_a_page_takes_few_calls(name):
 
 def test_without_meshcat_the_remedy_is_named(monkeypatch):
     monkeypatch.setattr(page.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(cp.MissingExtra, match=r"pip install \"condyn_pin\[view\]\""):
-        cp.view(cp.pendulum(), html="never.html")
+    with pytest.raises(cp.errors.MissingExtra, match=r"pip install \"condyn_pin\[view\]\""):
+        cp.view(cp.model.pendulum(), html="never.html")
     assert not Path("never.html").exists()
 
 
 def test_without_chromium_the_remedy_is_named(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(cp.MissingExtra, match="apt-get install chromium"):
-        cp.view(cp.pendulum(), png=tmp_path / "p.png")
+    with pytest.raises(cp.errors.MissingExtra, match="apt-get install chromium"):
+        cp.view(cp.model.pendulum(), png=tmp_path / "p.png")
 
 
 @pytest.mark.parametrize(("variables", "code"), [({}, 0), ({"CI": "true"}, 1)])
@@ -164,8 +164,8 @@ def test_a_browser_that_fails_is_quoted(monkeypatch, tmp_path):
     broken.write_text("#!/bin/sh\necho no such screen >&2\nexit 1\n")
     broken.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
-    with pytest.raises(cp.BrowserFailed, match="no such screen"):
-        cp.view(cp.pendulum(), png=tmp_path / "p.png")
+    with pytest.raises(cp.errors.BrowserFailed, match="no such screen"):
+        cp.view(cp.model.pendulum(), png=tmp_path / "p.png")
 
 
 def test_a_chromium_that_hangs_is_started_once_more(monkeypatch, tmp_path):
@@ -182,7 +182,7 @@ def test_a_chromium_that_hangs_is_started_once_more(monkeypatch, tmp_path):
     assert png.read_text() == "drawn\n"
     (tmp_path / "before").unlink()
     monkeypatch.setattr(chromium, "_STARTS", 1)
-    with pytest.raises(cp.BrowserFailed, match="did not end within 2 s"):
+    with pytest.raises(cp.errors.BrowserFailed, match="did not end within 2 s"):
         chromium.screenshot("<html></html>", png)
 
 
@@ -190,13 +190,13 @@ def test_a_chromium_that_hangs_is_started_once_more(monkeypatch, tmp_path):
     ("wrong", "said"),
     [
         (lambda: cp.view("cassie"), "a Robot, a Scene"),
-        (lambda: cp.view(cp.pendulum(), [1.0, 2.0]), "shape"),
-        (lambda: cp.view(cp.pendulum(), [0.0], posture="up"), "leave one of them out"),
-        (lambda: cp.view(cp.pendulum(), posture="nothing"), "nothing"),
-        (lambda: cp.view(cp.pendulum(), speed=0.0), "positive"),
-        (lambda: cp.view(cp.pendulum(), speed="fast"), "speed = 'fast'"),
-        (lambda: cp.view(cp.pendulum(), html="/nowhere/at/all.html"), "cannot be written"),
-        (lambda: cp.view(cp.pendulum(), png="/nowhere/at/all.png"), "no folder"),
+        (lambda: cp.view(cp.model.pendulum(), [1.0, 2.0]), "shape"),
+        (lambda: cp.view(cp.model.pendulum(), [0.0], posture="up"), "leave one of them out"),
+        (lambda: cp.view(cp.model.pendulum(), posture="nothing"), "nothing"),
+        (lambda: cp.view(cp.model.pendulum(), speed=0.0), "positive"),
+        (lambda: cp.view(cp.model.pendulum(), speed="fast"), "speed = 'fast'"),
+        (lambda: cp.view(cp.model.pendulum(), html="/nowhere/at/all.html"), "cannot be written"),
+        (lambda: cp.view(cp.model.pendulum(), png="/nowhere/at/all.png"), "no folder"),
     ],
 )
 def test_a_mistake_is_named(wrong, said):

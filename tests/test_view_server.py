@@ -15,7 +15,7 @@ PATIENCE = 300.0  # [s] that no machine needs, for what may hang
 
 @pytest.fixture(scope="module")
 def viewer():
-    with cp.view(cp.pendulum(), browser=False) as found:
+    with cp.view(cp.model.pendulum(), browser=False) as found:
         yield found
 
 
@@ -105,7 +105,7 @@ def test_there_is_no_websocket(viewer):
 
 
 def test_connections_that_say_nothing_take_few_threads(capfd):
-    with cp.view(cp.pendulum(), browser=False) as viewer:
+    with cp.view(cp.model.pendulum(), browser=False) as viewer:
         before = threading.active_count()
         silent = [connected(viewer) for _ in range(server._CONNECTIONS)]
         refused = [connected(viewer) for _ in range(3 * server._CONNECTIONS)]
@@ -124,7 +124,7 @@ def test_connections_that_say_nothing_take_few_threads(capfd):
 
 def test_a_connection_that_says_nothing_is_hung_up(monkeypatch):
     monkeypatch.setattr(server._Handler, "timeout", 0.01)
-    with cp.view(cp.pendulum(), browser=False) as viewer, connected(viewer) as connection:
+    with cp.view(cp.model.pendulum(), browser=False) as viewer, connected(viewer) as connection:
         assert everything(connection) == b""
 
 

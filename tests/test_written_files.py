@@ -32,14 +32,14 @@ def motion() -> cp.Trajectory:
 
 
 @pytest.fixture(scope="module")
-def batch() -> cp.BatchTrajectory:
+def batch() -> cp.simulation.BatchTrajectory:
     scene = cp.Scene(robot("four_bar"), robot("four_bar").loops)
     q, v = scene.state()
     return cp.simulate_batch(scene, [q], [v], duration=0.005)
 
 
 @pytest.fixture(scope="module")
-def table() -> cp.Table:
+def table() -> cp.study.Table:
     scene = cp.Scene(robot("four_bar"), robot("four_bar").loops)
     return cp.Study([scene], [cp.DenseKKT()], states=1).run(timed=False)
 
@@ -56,7 +56,7 @@ def writers(motion, batch, table) -> dict[str, Callable[[Path], Any]]:
         "bench.json": times.to_json,
         "bench.csv": times.to_csv,
         "maps.csv": lambda path: write_maps([], path, "4.1.0"),
-        "page.html": lambda path: cp.view(cp.pendulum(), html=path, browser=False),
+        "page.html": lambda path: cp.view(cp.model.pendulum(), html=path, browser=False),
     }
 
 
@@ -173,7 +173,7 @@ def test_a_plan_without_a_place_is_refused_before_it_is_measured(tmp_path, monke
     monkeypatch.setattr("condyn_pin.study.tuning.choose", lambda *a, **k: pytest.fail("measured"))
     scene = cp.Scene(robot("four_bar"), robot("four_bar").loops)
     with pytest.raises(cp.InvalidArgument, match=r"the plan has no place.*XDG_CACHE_HOME"):
-        cp.tune(scene)
+        cp.study.tune(scene)
     done = CliRunner().invoke(app, ["tune", "four_bar"])
     assert isinstance(done.exception, cp.InvalidArgument)
 
@@ -196,12 +196,13 @@ def test_results_that_no_longer_fit_are_named(table, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("key", "value"), [("error", "x"), ("knobs", 3), ("solver", None), ("where", []), ("found", -1)]
+    ("key", "value"),
+    [("error", "x"), ("parameters", 3), ("solver", None), ("where", []), ("found", -1)],
 )
 def test_plans_that_say_something_else_are_none(key, value, tmp_path):
     plan = {
         "fingerprint": "f" * 64, "measure": "acceleration", "error": 1e-8, "solver": "DenseKKT",
-        "knobs": {}, "median_us": 1.0, "found": 0.0, "expected": 0.0, "states": 5, "where": {},
+        "parameters": {}, "median_us": 1.0, "found": 0.0, "expected": 0.0, "states": 5, "where": {},
         "date": "today", "format": plans.FORMAT,
     }  # fmt: skip
     path = tmp_path / "plan.json"

@@ -28,6 +28,6 @@ def bent_cassie():
 
 def falling_bar():
     """Half a second of a four-bar that falls."""
-    bar = cp.four_bar()
+    bar = cp.model.four_bar()
     scene = cp.Scene(bar, bar.loops)
     return cp.simulate(scene, *scene.state(), duration=0.5, dt=0.005)

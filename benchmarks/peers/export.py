@@ -92,7 +92,7 @@ def export_scene(folder: Path, name: str, scene: cp.Scene) -> Path:
 def _states(scene: cp.Scene) -> list[dict[str, np.ndarray]]:
     """Return closed states under random motor torques, with the answers of `Reference`."""
     rng = np.random.default_rng(SEED)
-    reference = cp.Workspace(scene, cp.Reference())
+    reference = cp.Workspace(scene, cp.dynamics.Reference())
     states = []
     for _ in range(STATES):
         q, v = scene.sample(rng)

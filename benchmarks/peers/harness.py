@@ -55,7 +55,7 @@ class Candidate:
     quantity : str
         ACCELERATION, DERIVATIVES or MOTION.
     method : str
-        With every knob that matters.
+        With every parameter that matters.
     call, answer : callable
         Rules 1 and 2.
     note : str

@@ -18,7 +18,7 @@ STEP = 1e-3  # [s]
 def candidates(scene: Exported) -> list[Candidate]:
     """Return the hot loop and the full solve of some solvers, derivatives, and time steps."""
     ours = export.scenes()[scene.name]
-    solvers: list[cp.Solver] = [cp.Proximal(), *([cp.LCABA()] if HAS_LCABA else [])]
+    solvers: list[cp.dynamics.Solver] = [cp.Proximal(), *([cp.LCABA()] if HAS_LCABA else [])]
     found = [hot(scene, ours, solver) for solver in solvers]
     return [
         *found,
@@ -29,7 +29,7 @@ def candidates(scene: Exported) -> list[Candidate]:
     ]
 
 
-def hot(scene: Exported, ours: cp.Scene, solver: cp.Solver) -> Candidate:
+def hot(scene: Exported, ours: cp.Scene, solver: cp.dynamics.Solver) -> Candidate:
     """Return `Workspace.acceleration`."""
     workspace = cp.Workspace(ours, solver)
 

@@ -45,18 +45,20 @@ BEST = Knobs(impedance=0.9999, solref=(0.005, 1.0), integrator="RK4")
 
 def candidates(scene: Exported) -> list[Candidate]:
     """Return forward dynamics, differences and time steps, soft and stiff."""
-    accelerations = [forward(scene, knobs) for knobs in (SOFT, SOFT_CG, STIFF, STIFF_CG)]
+    accelerations = [forward(scene, parameters) for parameters in (SOFT, SOFT_CG, STIFF, STIFF_CG)]
     differences = [
-        transition(scene, knobs, centred) for knobs in (SOFT, STIFF) for centred in (False, True)
+        transition(scene, parameters, centred)
+        for parameters in (SOFT, STIFF)
+        for centred in (False, True)
     ]
-    steps = [stepping(scene, knobs) for knobs in (SOFT, STIFF, BEST)]
+    steps = [stepping(scene, parameters) for parameters in (SOFT, STIFF, BEST)]
     return [*accelerations, *differences, *steps, *(rolled(scene, k) for k in (STIFF, BEST))]
 
 
 class Engine:
-    """A model with its knobs, memory, and the exported states in MuJoCo's coordinates."""
+    """A model with its parameters, memory, and the exported states in MuJoCo's coordinates."""
 
-    def __init__(self, scene: Exported, knobs: Knobs) -> None:
+    def __init__(self, scene: Exported, parameters: Knobs) -> None:
         self.scene = scene
         self.model = mujoco.MjModel.from_xml_path(str(scene.folder / "scene.xml"))
         for flag in ("SPRING", "DAMPER", "PASSIVE", "LIMIT", "CONTACT", "FRICTIONLOSS"):
@@ -64,14 +66,14 @@ class Engine:
             self.model.opt.disableflags |= int(bit)
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
         self.model.opt.timestep = STEP
-        self.model.opt.solver = getattr(mujoco.mjtSolver, f"mjSOL_{knobs.solver.upper()}")
+        self.model.opt.solver = getattr(mujoco.mjtSolver, f"mjSOL_{parameters.solver.upper()}")
         self.model.opt.integrator = getattr(
             mujoco.mjtIntegrator,
-            {"Euler": "mjINT_EULER", "RK4": "mjINT_RK4"}[knobs.integrator],
+            {"Euler": "mjINT_EULER", "RK4": "mjINT_RK4"}[parameters.integrator],
         )
-        self.model.eq_solref[:] = knobs.solref
-        if knobs.impedance:
-            self.model.eq_solimp[:, :2] = knobs.impedance
+        self.model.eq_solref[:] = parameters.solref
+        if parameters.impedance:
+            self.model.eq_solimp[:, :2] = parameters.impedance
         self.data = mujoco.MjData(self.model)
         self.qpos = [self.positions(q) for q in scene.states["q"]]
         self.maps = [self.map(q) for q in scene.states["q"]]
@@ -138,9 +140,9 @@ def _check_at_origin(joint: object) -> None:
         raise ValueError("a free joint must stand at the origin of the world")
 
 
-def forward(scene: Exported, knobs: Knobs) -> Candidate:
+def forward(scene: Exported, parameters: Knobs) -> Candidate:
     """Return mj_forward."""
-    engine = Engine(scene, knobs)
+    engine = Engine(scene, parameters)
 
     def call(i: int) -> None:
         engine.set(i)
@@ -150,12 +152,12 @@ def forward(scene: Exported, knobs: Knobs) -> Candidate:
         call(i)
         return engine.acceleration(i, engine.data.qacc)
 
-    return Candidate(ACCELERATION, f"mj_forward, {knobs}", call, answer, "soft constraints")
+    return Candidate(ACCELERATION, f"mj_forward, {parameters}", call, answer, "soft constraints")
 
 
-def transition(scene: Exported, knobs: Knobs, centred: bool) -> Candidate:
+def transition(scene: Exported, parameters: Knobs, centred: bool) -> Candidate:
     """Return mjd_transitionFD, finite differences of a time step."""
-    engine = Engine(scene, knobs)
+    engine = Engine(scene, parameters)
     nv, nu = engine.model.nv, engine.model.nu
     A, B = np.zeros((2 * nv, 2 * nv)), np.zeros((2 * nv, nu))
 
@@ -170,7 +172,7 @@ def transition(scene: Exported, knobs: Knobs, centred: bool) -> Candidate:
         mujoco.mj_forward(engine.model, engine.data)
         return in_body_axes(engine, i, F_q, F_v, B[nv:] / STEP, engine.data.qacc.copy())
 
-    method = f"mjd_transitionFD, {'centred' if centred else 'one-sided'}, {knobs}"
+    method = f"mjd_transitionFD, {'centred' if centred else 'one-sided'}, {parameters}"
     return Candidate(DERIVATIVES, method, call, answer, "finite differences of a soft step")
 
 
@@ -200,9 +202,9 @@ def _cross(x: np.ndarray) -> np.ndarray:
     return np.array([[0.0, -x[2], x[1]], [x[2], 0.0, -x[0]], [-x[1], x[0], 0.0]])
 
 
-def stepping(scene: Exported, knobs: Knobs) -> Candidate:
+def stepping(scene: Exported, parameters: Knobs) -> Candidate:
     """Return a Python loop of mj_step."""
-    engine = Engine(scene, knobs)
+    engine = Engine(scene, parameters)
     count = round(scene.duration / STEP)
 
     def call(_: int) -> None:
@@ -215,12 +217,12 @@ def stepping(scene: Exported, knobs: Knobs) -> Candidate:
         call(0)
         return engine.configuration(engine.data.qpos)
 
-    return Candidate(MOTION, f"mj_step, {knobs.integrator}, 1 ms, {knobs}", call, answer)
+    return Candidate(MOTION, f"mj_step, {parameters.integrator}, 1 ms, {parameters}", call, answer)
 
 
-def rolled(scene: Exported, knobs: Knobs) -> Candidate:
+def rolled(scene: Exported, parameters: Knobs) -> Candidate:
     """Return mujoco.rollout, the loop in C++, in one thread."""
-    engine = Engine(scene, knobs)
+    engine = Engine(scene, parameters)
     model, data, count = engine.model, engine.data, round(scene.duration / STEP)
     data.qpos[:], data.qvel[:] = engine.qpos[0], engine.qvel[0]
     kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
@@ -237,7 +239,7 @@ def rolled(scene: Exported, knobs: Knobs) -> Candidate:
         mujoco.mj_setState(model, data, state[0, -1], kind)
         return engine.configuration(data.qpos)
 
-    method = f"mujoco.rollout, {knobs.integrator}, 1 ms, {knobs}"
+    method = f"mujoco.rollout, {parameters.integrator}, 1 ms, {parameters}"
     return Candidate(MOTION, method, call, answer, "the loop is in C++")
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core import doctor
-from condyn_pin._core.errors import BrokenPinocchio, UnsupportedBackend
+from condyn_pin.errors import BrokenPinocchio, UnsupportedBackend
 
 try:
     with warnings.catch_warnings():

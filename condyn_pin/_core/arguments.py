@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.errors import InvalidArgument, InvalidModel
+from condyn_pin.errors import InvalidArgument, InvalidModel
 
 # Limits of the squared norm of a unit part of q.
 LOW: Final = 1.0 - 2 * tolerances.QUATERNION

@@ -8,7 +8,7 @@ from typing import Final, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from condyn_pin._core.errors import InvalidArgument
+from condyn_pin.errors import InvalidArgument
 
 Array = NDArray[np.float64]
 T = TypeVar("T")

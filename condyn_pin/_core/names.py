@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from condyn_pin._core.errors import InvalidArgument, unknown_name
+from condyn_pin.errors import InvalidArgument, unknown_name
 
 _NAMES_SHOWN = 8
 

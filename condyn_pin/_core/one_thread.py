@@ -11,7 +11,7 @@ from functools import wraps
 from threading import get_ident
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
-from condyn_pin._core.errors import SharedWorkspace
+from condyn_pin.errors import SharedWorkspace
 
 P = ParamSpec("P")
 R = TypeVar("R")

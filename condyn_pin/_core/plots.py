@@ -6,7 +6,7 @@ import importlib.util
 import math
 from typing import Any, Final
 
-from condyn_pin._core.errors import MissingExtra
+from condyn_pin.errors import MissingExtra
 
 PICTURES: Final = (".png", ".svg", ".pdf")
 

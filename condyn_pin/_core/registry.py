@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TypeVar
 
-from condyn_pin._core.errors import InvalidArgument
+from condyn_pin.errors import InvalidArgument
 
 _Entry = TypeVar("_Entry")
 

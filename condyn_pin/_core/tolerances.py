@@ -25,16 +25,17 @@ QUATERNION: Final = 1e-6
 # rotation of a matrix typed with twelve digits is found before it comes here.
 ROTATION: Final = 1e-9
 
-# Gap of a closed loop [m, rad]. Newton's method ends at rounding, 1e-16 times the size of the
-# robot; a state written to a file with twelve digits is still accepted.
+# Violation of a closed loop [m, rad]. Newton's method ends at rounding, 1e-16 times the
+# size of the robot; a state written to a file with twelve digits is still accepted.
 CLOSED: Final = 1e-10
 
-# Gap of a loop at which a velocity is still projected [m, rad]: J of a loop open by g is off by
-# about g over a lever of 0.1 m or more, so velocities by per mille. Simulations are kept below.
+# Violation of a loop at which a velocity is still projected [m, rad]: J of a loop open by
+# g is off by about g over a lever of 0.1 m or more, so velocities by per mille. Simulations are
+# kept below.
 NEARLY_CLOSED: Final = 1e-4
 
-# Gap of a loop where a file draws its model [m, rad]: files are written with six digits. A larger
-# one is told to the user, for the file may mean another place.
+# Violation of a loop where a file draws its model [m, rad]: files are written with six
+# digits. A larger one is told to the user, for the file may mean another place.
 DRAWN: Final = 1e-6
 
 # Two engines on one robot, relative. A file of ours says all digits and agrees to 1e-12; files are

@@ -16,9 +16,9 @@ if not decided():
 import typer
 
 from condyn_pin import __version__
-from condyn_pin._core.errors import CondynError
 from condyn_pin.cli.commands import commands
 from condyn_pin.cli.commands.output import INTERRUPTED, warn
+from condyn_pin.errors import CondynError
 
 # Exit codes; 0 and 1 are given by the commands themselves.
 _CANNOT = 2

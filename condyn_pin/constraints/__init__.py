@@ -10,3 +10,7 @@ Nouns: `Constraint` and its kinds, a file each, of which `base` has the contract
 
 It takes a `pinocchio.Model`, and must not know robots, scenes or solvers.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

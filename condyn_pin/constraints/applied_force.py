@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.errors import InvalidArgument
-from condyn_pin._core.knobs import check_called
+from condyn_pin._core.parameters import check_called
 from condyn_pin.constraints.constraint_fields import check_size, text
+from condyn_pin.errors import InvalidArgument
 
 Axes = Literal["world", "body"]
 ForceFunction = Callable[[float, Array, Array], ArrayLike]  # (t, q, v) -> (3,) or (6,) [N, N m]

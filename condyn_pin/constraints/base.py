@@ -44,9 +44,9 @@ from dataclasses import dataclass, replace
 from numbers import Real
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Protocol
 
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.registry import enter
 from condyn_pin.constraints.constraint_fields import Vector3
+from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
     from collections.abc import Callable

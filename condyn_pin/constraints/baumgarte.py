@@ -7,8 +7,8 @@ from math import e, sqrt
 from typing import ClassVar
 
 from condyn_pin._core.arrays import finite
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.constraints.drift import Drift
+from condyn_pin.errors import InvalidArgument
 
 # Of gains whose squares are numbers [1/s].
 _LARGEST = 1e154

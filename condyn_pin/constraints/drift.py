@@ -5,8 +5,8 @@ changes what is asked of the rows, J a + gamma = a_ref; one of the other kind mo
 after a step.
 
 1. Add one file to `simulation/drift/` with one frozen dataclass that inherits from `Drift`. Its
-   fields are its knobs, each with a default and a unit. Set `title`, `cost` and `use`. The class
-   registers itself under its lower-case name in `DRIFTS`.
+   fields are its parameters, each with a default and a unit. Set `title`, `cost` and `use`. The
+   class registers itself under its lower-case name in `DRIFTS`.
 2. A scheme of the first kind returns what it asks for from `rows`. Only `Baumgarte` can be asked
    for: Pinocchio's own methods know nothing else.
 3. A scheme of the second kind returns a `Correction` from `start(system, dt)`. It runs after every

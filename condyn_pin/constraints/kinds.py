@@ -12,7 +12,7 @@ from condyn_pin.constraints.line_contact import LineContact as LineContact
 from condyn_pin.constraints.planar_contact import PlanarContact as PlanarContact
 from condyn_pin.constraints.loop import Loop as Loop
 from condyn_pin.constraints.coupling import Coupling as Coupling
-from condyn_pin.constraints.knife import Knife as Knife
+from condyn_pin.constraints.knife_edge import KnifeEdge as KnifeEdge
 from condyn_pin.constraints.rolling_wheel import RollingWheel as RollingWheel
 from condyn_pin.constraints.rolling_ball import RollingBall as RollingBall
 # ruff: isort: on

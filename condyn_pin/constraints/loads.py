@@ -16,9 +16,9 @@ import numpy as np
 
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.joints import turning
 from condyn_pin.constraints.applied_force import AppliedForce
+from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.base import Machine

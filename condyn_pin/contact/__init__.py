@@ -4,3 +4,7 @@ Nouns: `FrictionCone`, `WrenchCone`, `Margin`, `ConeRows`. Verbs: `margins`, `co
 
 It takes forces as arrays, and must not know how a motion was computed.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

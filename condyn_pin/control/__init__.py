@@ -6,3 +6,7 @@ Nouns: `Actuation`, `InverseDynamics`, `OperationalSpace`, `Transmission`.
 
 It must not know motions.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

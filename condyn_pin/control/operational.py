@@ -26,9 +26,9 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.dynamics.at_state import at_state, frame_jacobian
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument
 
 Task = Literal["pose", "position"]
 

@@ -21,13 +21,13 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.joints import Indices, indices
 from condyn_pin._core.names import checked, listed
 from condyn_pin.control.actuation import Actuation, motors_of
 from condyn_pin.dynamics.at_state import at_state, frame_jacobian
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.mechanism.chains import independent_columns
+from condyn_pin.errors import InvalidArgument
+from condyn_pin.mechanism.closed_chains import independent_columns
 from condyn_pin.model.robot import Robot
 
 

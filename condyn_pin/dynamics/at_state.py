@@ -12,13 +12,13 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.loads import Load, Loads
 from condyn_pin.constraints.rows.terms import Terms, finite_terms
 from condyn_pin.dynamics.kept import equations_of
 from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.soundness import singular_mass
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from condyn_pin._core.errors import UnsupportedConstraint
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import SOLVERS
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
 from condyn_pin.dynamics.solvers.null_space import NullSpace
 from condyn_pin.dynamics.solvers.proximal import Proximal
+from condyn_pin.errors import UnsupportedConstraint
 
 _USUAL = Proximal()
 
@@ -19,28 +19,32 @@ def default_solver(scene: Scene) -> Solver:
     `Proximal`; for kinds of constraints that it cannot take, `DenseKKT`, and `NullSpace` if there
     are redundant rows besides.
     """
-    if not scene.natives.missing:
+    if not scene.pinocchio_constraints.unsupported:
         return _USUAL
-    return NullSpace() if scene.audit.dependent else DenseKKT()
+    return NullSpace() if scene.nominal.dependent else DenseKKT()
 
 
 def kinds_of(solver: type[Solver]) -> str:
     """Return in words which kinds of constraints a solver takes."""
     if solver.takes_every_kind:
         return "every kind"
-    if solver.takes_imitated:
+    if solver.takes_approximated:
         return "points, welds, hinges, edges and the planar pins of linkages in a plane"
     return "points and welds"
 
 
 def untaken(scene: Scene, solver: Solver) -> tuple[str, ...]:
     """Return the names of the constraints that a solver cannot take."""
-    natives = scene.natives
+    pinocchio_constraints = scene.pinocchio_constraints
     if solver.takes_every_kind:
         return ()
-    if not solver.takes_imitated:
-        return natives.imitated + natives.missing
-    return natives.missing if solver.takes_world_first else natives.world_first + natives.missing
+    if not solver.takes_approximated:
+        return pinocchio_constraints.approximated + pinocchio_constraints.unsupported
+    return (
+        pinocchio_constraints.unsupported
+        if solver.takes_world_first
+        else pinocchio_constraints.world_first + pinocchio_constraints.unsupported
+    )
 
 
 def check_kinds(scene: Scene, solver: Solver) -> None:
@@ -53,9 +57,9 @@ def check_kinds(scene: Scene, solver: Solver) -> None:
         f"Pinocchio has constraints of 3 and of 6 rows, and {', '.join(names)} cannot be made of "
         "those"
     )
-    if scene.natives.missing:
+    if scene.pinocchio_constraints.unsupported:
         able = [f"{k.__name__}()" for k in SOLVERS.values() if k.takes_every_kind and k.exact]
-    elif set(names) <= set(scene.natives.world_first) and solver.takes_imitated:
+    elif set(names) <= set(scene.pinocchio_constraints.world_first) and solver.takes_approximated:
         why = f"pin.lcaba crashes where the world comes first, as in {', '.join(names)}"
         able.append("exchange its frames")
     raise UnsupportedConstraint(

@@ -7,21 +7,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.gap import Gap, gap_of, slip_of
-from condyn_pin.constraints.rows.reach import ROUNDED, reach
+from condyn_pin.constraints.rows.cancellation import ROUNDED, cancellation_scale
+from condyn_pin.constraints.violation import ConstraintViolation, gap_of, slip_of
 from condyn_pin.dynamics.kept import equations_of
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
 
 
-def gaps(scene: Scene, c: Array) -> dict[str, Gap]:
+def gaps(scene: Scene, c: Array) -> dict[str, ConstraintViolation]:
     """Return how far each constraint that has a position is open, from c (m,)."""
     model = scene.robot.model
     return {b.name: gap_of(model, b, c[b.rows]) for b in scene.bounds if b.positioned}
 
 
-def slips(scene: Scene, velocity: Array) -> dict[str, Gap]:
+def slips(scene: Scene, velocity: Array) -> dict[str, ConstraintViolation]:
     """Return how fast the sides of each constraint move apart, from J v (m,)."""
     return {b.name: slip_of(scene.robot.model, b, velocity[b.rows]) for b in scene.bounds}
 
@@ -31,5 +31,5 @@ def rounding(scene: Scene, q: Array, x: Array) -> dict[str, float]:
 
     A slip is the difference of two velocities: 1e-13 of what the joints bring to either.
     """
-    sides = ROUNDED * (reach(equations_of(scene), q) @ np.abs(x))
+    sides = ROUNDED * (cancellation_scale(equations_of(scene), q) @ np.abs(x))
     return {b.name: float(sides[b.rows].max()) for b in scene.bounds}

@@ -17,15 +17,15 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.errors import BranchChanged, InvalidModel, NotAssembled
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.linalg.pivots import redundant_rows
 from condyn_pin._core.linalg.range_space import whiten
+from condyn_pin.constraints.rows.cancellation import ROUNDED, cancellation_scale
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.mass_pivots import MassPivots
-from condyn_pin.constraints.rows.reach import ROUNDED, reach
 from condyn_pin.dynamics.nominal_states import NominalState, nominal_states
-from condyn_pin.dynamics.proof import Yardstick
+from condyn_pin.dynamics.residuals import ErrorEstimator
+from condyn_pin.errors import BranchChanged, InvalidModel, NotAssembled
 from condyn_pin.model.soundness import massless_motion, singular_mass
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ class NominalAnalysis:
         M, h, J and gamma at q, at rest.
     factors : MinimumNorm
         Of M and J, without the singular values that rounding makes up.
-    reach : (m, nv) array
+    cancellation : (m, nv) array
         What the two bodies of a row bring to J before they cancel [1, m].
     gravity, weight : float
         |g| [m/s^2]; mass times gravity, or mass times 1 m/s^2 without gravity [N].
@@ -71,17 +71,19 @@ class NominalAnalysis:
         self.measured: dict[Solver, tuple[float, int, int]] = {}
         self.q, self.closed = _nominal_configuration(scene, equations)
         self.terms = equations.terms(self.q, np.zeros(robot.nv))
-        self.reach = reach(equations, self.q)
+        self.cancellation = cancellation_scale(equations, self.q)
         self.factors = factorise(
             self.terms.M, self.terms.J, tolerances.RANK, why=singular_mass(robot.model, self.q)
-        ).above_rounding(self.reach)
+        ).above_rounding(self.cancellation)
         # independent rows do not all but vanish a thousandth of a radian away
         all_count = self.rank == scene.rows
-        found = (scene.rows, False) if all_count else _lively_rows(equations, self.q, self.reach)
+        found = (
+            (scene.rows, False) if all_count else _lively_rows(equations, self.q, self.cancellation)
+        )
         self._lively, self._rounded = found
         self.gravity = float(np.linalg.norm(robot.model.gravity.linear))
         self.weight = robot.mass * (self.gravity or 1.0)
-        read_only((self.q, self.terms, self.factors, self.factors.weights, self.reach))
+        read_only((self.q, self.terms, self.factors, self.factors.weights, self.cancellation))
 
     @property
     def rank(self) -> int:
@@ -114,7 +116,7 @@ class NominalAnalysis:
 
         Those that Pinocchio takes as two points do not: a row too many.
         """
-        return self.rank == self._lively and not self._scene.natives.imitated
+        return self.rank == self._lively and not self._scene.pinocchio_constraints.approximated
 
     @property
     def rounded(self) -> bool:
@@ -142,17 +144,17 @@ class NominalAnalysis:
 
     @cached_property
     @one_blas_thread
-    def native_spectrum(self) -> tuple[float, float]:
+    def delassus_spectrum(self) -> tuple[float, float]:
         """Largest and smallest nonzero eigenvalue of G with the rows that Pinocchio has [1/kg].
 
         With lam = E^T lam_native and J L^-T = U S V^T these are the squares of the singular values
         of E U S. Rows that Pinocchio does not have stay as they are.
         """
-        native, rank = self._scene.natives, self.rank
+        native, rank = self._scene.pinocchio_constraints, self.rank
         if not rank:
             return self.delassus_norm, self.delassus_norm
         E_, S = native.to_scene, self.factors.S[:rank]
-        if E_ is not None and not native.missing:
+        if E_ is not None and not native.unsupported:
             U = self.factors.U[:, :rank]
             S = np.asarray(np.linalg.svd(E_.T @ (U * S), compute_uv=False), float)
         return float(S[0] ** 2), float(S[rank - 1] ** 2)
@@ -160,14 +162,14 @@ class NominalAnalysis:
     @property
     def delassus_condition(self) -> float:
         """Condition number of G as Pinocchio has it, but for redundant rows."""
-        largest, smallest = self.native_spectrum
+        largest, smallest = self.delassus_spectrum
         return largest / smallest
 
     @cached_property
     @one_blas_thread
-    def yardstick(self) -> Yardstick:
+    def estimator(self) -> ErrorEstimator:
         """What turns residuals into an error of a."""
-        return Yardstick.of(self.factors, self.reach, self.gravity, self.weight)
+        return ErrorEstimator.of(self.factors, self.cancellation, self.gravity, self.weight)
 
     @cached_property
     def pivots(self) -> MassPivots:
@@ -179,7 +181,7 @@ class NominalAnalysis:
     def states(self) -> tuple[NominalState, ...]:
         """Two states at q: at rest, and moving along the constraints under random torques."""
         equations = Equations(self._scene.robot.unedited, self._scene.bounds)
-        return read_only(nominal_states(equations, self.q, self.factors, self.reach))
+        return read_only(nominal_states(equations, self.q, self.factors, self.cancellation))
 
     @one_blas_thread
     def whitened_rows(self) -> Array:

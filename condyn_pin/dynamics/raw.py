@@ -11,9 +11,9 @@ from typing import Any, NoReturn
 
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
-from condyn_pin._core.errors import StaleModel
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.rows.native import Native
+from condyn_pin.constraints.rows.pinocchio_constraint import PinocchioConstraint
+from condyn_pin.errors import StaleModel
 
 
 def _refuse(*_: Any) -> NoReturn:
@@ -36,7 +36,7 @@ class ConstraintDatas(pin.StdVec_RigidConstraintData):  # type: ignore[misc]
 
 
 def raw_constraints(
-    model: Any, constraints: Sequence[Native], drift: Baumgarte | None
+    model: Any, constraints: Sequence[PinocchioConstraint], drift: Baumgarte | None
 ) -> tuple[ConstraintModels, ConstraintDatas]:
     """Return Pinocchio's objects of the constraints."""
     models, datas = ConstraintModels(), ConstraintDatas()

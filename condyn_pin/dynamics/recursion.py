@@ -24,7 +24,7 @@ import numpy as np
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.native import Native
+from condyn_pin.constraints.rows.pinocchio_constraint import PinocchioConstraint
 from condyn_pin.dynamics.raw import raw_constraints
 
 if TYPE_CHECKING:
@@ -45,23 +45,30 @@ class Recursion:
     Parameters
     ----------
     model, data : pin.Model, pin.Data
-    natives : sequence of Native
+    pinocchio_constraints : sequence of PinocchioConstraint
     models, datas
         Pinocchio's lists of these.
     """
 
     def __init__(
-        self, model: Any, data: Any, natives: Sequence[Native], models: Any, datas: Any
+        self,
+        model: Any,
+        data: Any,
+        pinocchio_constraints: Sequence[PinocchioConstraint],
+        models: Any,
+        datas: Any,
     ) -> None:
         self._solve = _pin.lcaba()
         self._bound = model, data, models, datas
         _pin.order_joints_for_lcaba(model, data, models)
         # only 6 rows read `oa` before it is written
-        joints = sorted({j for b in natives if b.size == 6 for j in (b.joint1, b.joint2) if j})
+        joints = sorted(
+            {j for b in pinocchio_constraints if b.size == 6 for j in (b.joint1, b.joint2) if j}
+        )
         self._clear = tuple(data.oa[joint].setZero for joint in joints)
         # views into the memory of the datas: to fetch an entry of the list costs a microsecond
-        held = [datas[k].contact_force for k in range(len(natives))]
-        views = [f.vector[: b.size] for f, b in zip(held, natives, strict=True)]
+        held = [datas[k].contact_force for k in range(len(pinocchio_constraints))]
+        views = [f.vector[: b.size] for f, b in zip(held, pinocchio_constraints, strict=True)]
         self._held, self._views = held, views or [np.zeros(0)]
         roots = [i for i in range(1, model.njoints) if model.parents[i] == 0]
         kind = model.joints[1].shortname() if len(roots) == 1 else ""
@@ -118,10 +125,15 @@ class Corrected:
     ) -> None:
         self._workspace, self._recursion, self._times = workspace, recursion, times
         self._run, self._latest = recursion.bind(settings), np.zeros(workspace.scene.rows)
-        weightless, natives = pin.Model(workspace.model), workspace.natives.constraints
+        weightless, pinocchio_constraints = (
+            pin.Model(workspace.model),
+            workspace.pinocchio_constraints.constraints,
+        )
         weightless.gravity = pin.Motion.Zero()
-        models, datas = raw_constraints(weightless, natives, None)
-        self._still = Recursion(weightless, weightless.createData(), natives, models, datas)
+        models, datas = raw_constraints(weightless, pinocchio_constraints, None)
+        self._still = Recursion(
+            weightless, weightless.createData(), pinocchio_constraints, models, datas
+        )
         self._correct = self._still.bind(settings)
         self._at_rest = np.zeros(workspace.model.nv)
 

@@ -45,7 +45,7 @@ class Refinement:
         residuals = workspace.equations.residuals
         for _ in range(self._times):
             r, s = residuals(q, v, tau, a, workspace.scene_forces(lam))
-            slips = workspace.native_slips(s)
+            slips = workspace.pinocchio_velocity(s)
             steps = self._cholesky.solve(np.concatenate([slips, r])).ravel()
             a = a - steps[m:]
             lam = lam + steps[:m]

@@ -17,20 +17,24 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, read_only
-from condyn_pin._core.errors import InvalidArgument, unknown_name
+from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.constraints import Constraint
 from condyn_pin.constraints.rows.binding import bind
 from condyn_pin.constraints.rows.bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.rows.natives import Natives, natives
+from condyn_pin.constraints.rows.pinocchio_constraints import (
+    PinocchioConstraints,
+    pinocchio_constraints,
+)
 from condyn_pin.dynamics.nominal import NominalAnalysis
+from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.model.robot import Robot
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.solvers.base import Solver
     from condyn_pin.mechanism.assembly_report import Assembly
-    from condyn_pin.mechanism.chains import Chains
     from condyn_pin.mechanism.check import Check
+    from condyn_pin.mechanism.closed_chains import ClosedChains
     from condyn_pin.mechanism.completion import CompleteState
     from condyn_pin.mechanism.projection import Metric
     from condyn_pin.mechanism.rank import Rank
@@ -62,6 +66,8 @@ class Scene:
 
     robot: Robot
     constraints: Sequence[Constraint] = ()
+
+    audit = renamed("nominal")
 
     def __post_init__(self) -> None:
         if not isinstance(self.robot, Robot):
@@ -98,19 +104,21 @@ class Scene:
         return sum(bound.size for bound in self.bounds)
 
     @cached_property
-    def chains(self) -> Chains:
+    def chains(self) -> ClosedChains:
         """Which joints the loops determine, and where their dead points are; found on first use."""
-        from condyn_pin.mechanism.chains import chains
+        from condyn_pin.mechanism.closed_chains import chains
 
         return read_only(chains(self))
 
     @cached_property
-    def natives(self) -> Natives:
+    def pinocchio_constraints(self) -> PinocchioConstraints:
         """The constraints as Pinocchio's own methods take them."""
-        return natives(self.robot.model, self.bounds, lambda: self.audit.whitened_rows())
+        return pinocchio_constraints(
+            self.robot.model, self.bounds, lambda: self.nominal.whitened_rows()
+        )
 
     @cached_property
-    def audit(self) -> NominalAnalysis:
+    def nominal(self) -> NominalAnalysis:
         """What the scene is at its nominal state; each figure is measured on first use."""
         return NominalAnalysis(self, Equations(self.robot.unedited, self.bounds))
 
@@ -126,7 +134,7 @@ class Scene:
     def rank(self, q: ArrayLike | None = None) -> Rank:
         """Return rank, redundant rows, mobility and conditions at q; the nominal state by default.
 
-        q is taken as it is: `Rank.gap` says how far it is from being closed.
+        q is taken as it is: `Rank.violation` says how far it is from being closed.
         """
         from condyn_pin.mechanism.rank import rank
 

@@ -11,10 +11,11 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidArgument, InvalidModel
+from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.dynamics.force import ConstraintForce, Sites, pulling
-from condyn_pin.dynamics.proof import Proof
+from condyn_pin.dynamics.residuals import Residuals
+from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.model.soundness import massless_motion
 
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ class Solution:
         Joint accelerations [rad/s^2, m/s^2]; the free-flyer's in its body frame, linear first.
     lam : (m,) array
         Constraint forces, all rows, in the axes of each constraint [N, N m].
-    proof : Proof
+    residuals : Residuals
         The residuals, recomputed by Newton-Euler and forward kinematics, whatever the solver was;
         the properties below name them.
     status : Status
@@ -104,7 +105,7 @@ class Solution:
 
     a: Array
     lam: Array
-    proof: Proof
+    residuals: Residuals
     status: Status
     iterations: int
     solve_time: float  # [s]
@@ -112,11 +113,13 @@ class Solution:
     q: Array
     applied: tuple[AppliedForce, ...] = ()
 
+    proof = renamed("residuals")
+
     def __init__(
         self,
         a: Array,
         lam: Array,
-        proof: Proof,
+        residuals: Residuals,
         status: Status,
         iterations: int,
         solve_time: float,
@@ -128,7 +131,7 @@ class Solution:
         self.__dict__.update(
             a=a,
             lam=lam,
-            proof=proof,
+            residuals=residuals,
             status=status,
             iterations=iterations,
             solve_time=solve_time,
@@ -140,27 +143,27 @@ class Solution:
     @property
     def dynamics_error(self) -> float:
         """|M a + h - tau - J^T lam - sum J_f^T f|_inf [N, N m], by recursive Newton-Euler."""
-        return self.proof.dynamics
+        return self.residuals.dynamics
 
     @property
     def constraint_error(self) -> float:
         """|J a + gamma - a_ref|_inf [m/s^2, rad/s^2], by forward kinematics."""
-        return self.proof.constraint
+        return self.residuals.constraint
 
     @property
     def state_error(self) -> StateError:
         """|c(q)|_inf and |J v|_inf: what the given state itself leaves open."""
-        return StateError(self.proof.violation, self.proof.velocity)
+        return StateError(self.residuals.violation, self.residuals.velocity)
 
     @property
     def error_bound(self) -> float:
         """Bound on the error of a, relative to the larger of |a|_inf and gravity.
 
         A bound, up to rounding of tau, at the nominal state of the scene and an estimate elsewhere;
-        see `condyn_pin.dynamics.proof`. Turns and shifts are compared as numbers in rad and m: in
-        another unit of length the larger of the two, which is what counts, may be the other one.
+        see `condyn_pin.dynamics.residuals`. Turns and shifts are compared as numbers in rad and m:
+        in another unit of length the larger of the two, which is what counts, may be the other one.
         """
-        return self.proof.bound
+        return self.residuals.bound
 
     @property
     def forces(self) -> dict[str, ConstraintForce]:
@@ -185,7 +188,8 @@ class Solution:
         Contacts that pull, as no ground does. Forces that are wrong where a is right. A singular
         configuration, where the equations ask for
         less than the loops. Where the answer is not ok, rows are not met, or forces are a thousand
-        times the weight: rows that contradict each other, and those that have lost their grip.
+        times the weight: rows that contradict each other, and those that hold nothing there any
+        more.
 
         The look at the singular values takes a few solves, when it is asked for first.
         """
@@ -211,9 +215,9 @@ class Solution:
                 return (said,)
         if not self.scene.rows:
             return ()
-        audit = self.scene.audit
-        heavy = np.abs(self.lam).max(initial=0.0) > _HEAVY * audit.weight
-        scale = max(float(np.abs(self.a).max()), audit.yardstick.gravity)
+        nominal = self.scene.nominal
+        heavy = np.abs(self.lam).max(initial=0.0) > _HEAVY * nominal.weight
+        scale = max(float(np.abs(self.a).max()), nominal.estimator.gravity)
         # of contradicting rows the best a is still unique, and may be ok
         unmet = self.constraint_error > tolerances.SOLVED * scale
         try:

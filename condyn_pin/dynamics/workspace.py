@@ -18,28 +18,28 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import FLOAT, HIGH, LOW, Arguments, unpack_quaternion
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.errors import InvalidArgument, SolveFailed, unknown_name
-from condyn_pin._core.knobs import check_accuracy_of_a
 from condyn_pin._core.one_thread import OneThread, alone, in_use
+from condyn_pin._core.parameters import check_accuracy_of_a
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.gap import Gap, worst
 from condyn_pin.constraints.loads import Load, Loads
 from condyn_pin.constraints.rows.bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms, finite_terms
+from condyn_pin.constraints.violation import ConstraintViolation, worst
 from condyn_pin.dynamics.choice import check_kinds, default_solver
 from condyn_pin.dynamics.derivatives import METHODS, Derivatives
 from condyn_pin.dynamics.derivatives.check import check_derivatives
 from condyn_pin.dynamics.derivatives.differences import DifferenceDerivatives
 from condyn_pin.dynamics.derivatives.linearised import Linearisation
 from condyn_pin.dynamics.gaps import gaps
-from condyn_pin.dynamics.judge import Judge
 from condyn_pin.dynamics.nominal import NominalAnalysis
 from condyn_pin.dynamics.raw import ConstraintDatas, ConstraintModels, raw_constraints
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solution import Solution, Status
 from condyn_pin.dynamics.solvers.base import Singular, Solver
+from condyn_pin.dynamics.verifier import Verifier
+from condyn_pin.errors import InvalidArgument, SolveFailed, unknown_name
 from condyn_pin.model.soundness import massless_motion
 
 # No acceleration of a machine: what is larger is looked at entry by entry.
@@ -125,16 +125,16 @@ class Workspace(OneThread):
         check_kinds(scene, self.solver)
         self.scene = scene
         self.bounds: tuple[AnyBound, ...] = scene.bounds
-        self.natives = scene.natives
+        self.pinocchio_constraints = scene.pinocchio_constraints
         self.proximal_settings: Any = None
         for made_on_demand in ("_made", "equations", "linearisation", "loads"):
             self.__dict__.pop(made_on_demand, None)
-        if "audit" not in vars(scene):
+        if "nominal" not in vars(scene):
             self._analyse()
         method = self.solver.start(self)
         self.bound = method  # what a simulation calls in every stage of a step
         self._run, self._lam = method.acceleration, method.lam
-        self._judge = Judge(self, method)
+        self._verifier = Verifier(self, method)
 
     def __repr__(self) -> str:
         settings = self.proximal_settings
@@ -164,7 +164,9 @@ class Workspace(OneThread):
     @cached_property
     def _made(self) -> tuple[Any, ConstraintModels, ConstraintDatas]:
         # on demand: dense methods do without, and in long chains it takes all the memory there is
-        models, datas = raw_constraints(self.model, self.natives.constraints, self.drift)
+        models, datas = raw_constraints(
+            self.model, self.pinocchio_constraints.constraints, self.drift
+        )
         _pin.init_constraint_dynamics(self.model, self._data, models, datas)
         return self._data, models, datas
 
@@ -174,12 +176,12 @@ class Workspace(OneThread):
 
     def scene_forces(self, lam: Array) -> Array:
         """Return the scene's forces from those of Pinocchio's constraints."""
-        to_scene = self.natives.to_scene
+        to_scene = self.pinocchio_constraints.to_scene
         return lam if to_scene is None else to_scene.dot(lam)
 
-    def native_slips(self, s: Array) -> Array:
+    def pinocchio_velocity(self, s: Array) -> Array:
         """Return what Pinocchio's constraints slip where the scene's rows slip by s."""
-        to_scene = self.natives.to_scene  # lam goes the other way
+        to_scene = self.pinocchio_constraints.to_scene  # lam goes the other way
         return s if to_scene is None else to_scene.T.dot(s)
 
     @cached_property
@@ -190,7 +192,7 @@ class Workspace(OneThread):
     def _analyse(self) -> None:
         """Let the scene be analysed by the equations that are needed here anyway."""
         equations = Equations(self.model, self.bounds)
-        vars(self.scene)["audit"] = NominalAnalysis(self.scene, equations)
+        vars(self.scene)["nominal"] = NominalAnalysis(self.scene, equations)
         equations.drift = self.drift
         self.equations = equations
 
@@ -334,16 +336,18 @@ class Workspace(OneThread):
         try:
             a = self._run(q_, v_, tau_ + load.torque if load else tau_)
         except Singular:
-            solution = self._judge.failed(q_, v_, perf_counter() - start, load)
+            solution = self._verifier.failed(q_, v_, perf_counter() - start, load)
         else:
             solve_time = perf_counter() - start
             for i in self.roots:
                 if not SMALLEST < a.item(i) < LARGEST:  # the status says it, so numpy need not
                     with np.errstate(all="ignore"):
-                        solution = self._judge.answered(q_, v_, tau_, a, accuracy, solve_time, load)
+                        solution = self._verifier.verify(
+                            q_, v_, tau_, a, accuracy, solve_time, load
+                        )
                     break
             else:
-                solution = self._judge.answered(q_, v_, tau_, a, accuracy, solve_time, load)
+                solution = self._verifier.verify(q_, v_, tau_, a, accuracy, solve_time, load)
         if solution.status is not _OK:
             self._arguments.check(q_, v_, tau_)  # what is not finite may be the input's fault
             if throw:
@@ -392,7 +396,7 @@ class Workspace(OneThread):
 
     def _failure(self, solution: Solution) -> SolveFailed:
         found = gaps(self.scene, self.equations.violation(solution.q))
-        gap = worst(found)[1] if found else Gap(0.0, 0.0)
+        gap = worst(found)[1] if found else ConstraintViolation(0.0, 0.0)
         slip = solution.state_error.velocity
         reason = massless_motion(self.model, solution.q, data=self.data)
         reason = reason or solution.status.text(self.scene.rows)

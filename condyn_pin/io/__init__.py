@@ -5,3 +5,7 @@ makes one; what strangers wrote is measured before it is read, and refused by na
 
 It must not know scenes, nor solve anything.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

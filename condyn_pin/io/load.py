@@ -26,7 +26,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
-from condyn_pin._core.errors import InvalidArgument, InvalidModel, unknown_name
+from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
 from condyn_pin.io.manifest.folders import example_robot_data, robots_folder
 from condyn_pin.io.manifest.reading import read_alone, read_card
 from condyn_pin.io.manifest.variants import check_variant

@@ -17,7 +17,7 @@ from __future__ import annotations
 from os import PathLike
 from pathlib import Path
 
-from condyn_pin._core.errors import CondynError, InvalidModel
+from condyn_pin.errors import CondynError, InvalidModel
 from condyn_pin.io.mjcf_build import build
 from condyn_pin.io.mjcf_compiled import read_compiled
 from condyn_pin.io.mjcf_include import insert_includes, parse

@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from condyn_pin._core.errors import InvalidModel
+from condyn_pin.errors import InvalidModel
 from condyn_pin.io.inertia import fault, inertia_in, tensor
 from condyn_pin.io.mjcf_pose import direction, pose
 from condyn_pin.io.mjcf_source import Source

@@ -22,10 +22,10 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidModel, unknown_name
 from condyn_pin._core.names import few
 from condyn_pin.constraints.constraints import WORLD, Coupling, Loop
-from condyn_pin.constraints.gap import Gap
+from condyn_pin.constraints.violation import ConstraintViolation
+from condyn_pin.errors import InvalidModel, unknown_name
 from condyn_pin.io.mjcf_posture import DRAWN, hidden, postures
 from condyn_pin.io.mjcf_types import (
     COORDINATES,
@@ -175,7 +175,7 @@ class _Tree:
         self._taken.add(name)
         self.model.addFrame(pin.Frame(name, i, 0, orthonormal(iMf), kind, inertia))
 
-    def close(self, closure: Closure) -> tuple[Loop, Gap]:
+    def close(self, closure: Closure) -> tuple[Loop, ConstraintViolation]:
         """Return the loop of a closure, and how far it is open as drawn."""
         ends = closure.ends
         given = [self._pose(closure, end) for end in ends]
@@ -192,7 +192,7 @@ class _Tree:
         turn = np.zeros(3) if closure.kind == "ball" else pin.log3(aMb.rotation)
         apart, turned = (float(np.linalg.norm(part)) for part in (aMb.translation, turn))
         loop = Loop(frames[0], frames[1], closure.kind, name=closure.name)  # type: ignore[arg-type]
-        return loop, Gap(apart, turned)
+        return loop, ConstraintViolation(apart, turned)
 
     def _pose(self, closure: Closure, end: End) -> Any:
         """Return oMend as drawn; None if it is where the other end is."""
@@ -201,7 +201,7 @@ class _Tree:
             raise InvalidModel(f"equality {closure.name!r}: {known}")
         return None if end.pose is None else self.drawn[end.body] * end.pose
 
-    def couple(self, gear: Gear) -> tuple[Coupling, Gap]:
+    def couple(self, gear: Gear) -> tuple[Coupling, ConstraintViolation]:
         """Return a coupling, and how far it is open as drawn."""
         a, b = (self.joint(n, f"equality {gear.name!r}") for n in (gear.joint_a, gear.joint_b))
         for joint in (a, b):
@@ -212,7 +212,11 @@ class _Tree:
                 )
         offset = a.reference + gear.shift - gear.ratio * b.reference
         shift = abs(gear.shift)
-        gap = Gap(shift, 0.0) if a.kind == "slide" else Gap(0.0, shift)
+        gap = (
+            ConstraintViolation(shift, 0.0)
+            if a.kind == "slide"
+            else ConstraintViolation(0.0, shift)
+        )
         return Coupling(a.name, b.name, gear.ratio, offset, name=gear.name), gap
 
     def joint(self, name: str, who: str) -> Joint:

@@ -17,7 +17,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidModel, MissingExtra
+from condyn_pin.errors import InvalidModel, MissingExtra
 from condyn_pin.io.mjcf_equality import read_polynomial
 from condyn_pin.io.mjcf_include import insert_includes, parse
 from condyn_pin.io.mjcf_size import check_size

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from xml.etree.ElementTree import Element
 
-from condyn_pin._core.errors import InvalidModel, unknown_name
+from condyn_pin.errors import InvalidModel, unknown_name
 
 MAIN = "main"
 

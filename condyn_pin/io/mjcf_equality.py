@@ -13,7 +13,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidModel, unknown_name
+from condyn_pin.errors import InvalidModel, unknown_name
 from condyn_pin.io.mjcf_types import WORLD, Closure, End, Gear
 from condyn_pin.io.mjcf_xml import Attributes
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
-from condyn_pin._core.errors import InvalidModel
+from condyn_pin.errors import InvalidModel
 from condyn_pin.io.xml import parsed
 
 

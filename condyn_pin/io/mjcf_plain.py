@@ -13,7 +13,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidModel
+from condyn_pin.errors import InvalidModel
 from condyn_pin.io.mjcf_body import read_bodies
 from condyn_pin.io.mjcf_equality import read_equality
 from condyn_pin.io.mjcf_source import Source

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 from xml.etree.ElementTree import Element
 
-from condyn_pin._core.errors import InvalidModel
+from condyn_pin.errors import InvalidModel
 from condyn_pin.io.mjcf_include import insert_includes, parse
 from condyn_pin.io.xml import label, shown
 

@@ -27,9 +27,9 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.errors import InvalidArgument, InvalidModel, unknown_name
 from condyn_pin.constraints.base import WORLD, Constraint
 from condyn_pin.constraints.constraint_fields import Vector3
+from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
 from condyn_pin.io.mjcf_posture import drawn
 from condyn_pin.io.mjcf_write_joint import (
     chains_of,

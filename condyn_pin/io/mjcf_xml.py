@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidModel
+from condyn_pin.errors import InvalidModel
 from condyn_pin.io.mjcf_words import READ, REPORTED, SILENT
 from condyn_pin.io.xml import floats, label
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core._pin import VERSION_TEXT, pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidModel
+from condyn_pin.errors import InvalidModel
 from condyn_pin.io.joint_words import joint_of, joint_words
 from condyn_pin.io.tree import NO_LIMIT
 

@@ -28,7 +28,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.errors import InvalidModel
+from condyn_pin.errors import InvalidModel
 from condyn_pin.io.inertia import inertia_in, tensor
 from condyn_pin.io.sdf_build import Choices, build
 from condyn_pin.io.sdf_graph import links_of, model_poses, parts_of, pose_in, pose_of

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.errors import InvalidModel
+from condyn_pin.errors import InvalidModel
 from condyn_pin.io.sdf_types import Closure, Joint, Link
 
 

@@ -14,7 +14,7 @@ from typing import Any, Final
 from xml.etree.ElementTree import Element
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.errors import InvalidModel, unknown_name
+from condyn_pin.errors import InvalidModel, unknown_name
 from condyn_pin.io.sdf_types import WORLD
 from condyn_pin.io.sdf_xml import word
 from condyn_pin.io.xml import find, floats, label

@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin._core.errors import InvalidModel, unknown_name
+from condyn_pin.errors import InvalidModel, unknown_name
 from condyn_pin.io.sdf_graph import MODEL, pose_of
 from condyn_pin.io.sdf_types import WORLD, Axis, Gear, Joint
 from condyn_pin.io.sdf_xml import number, word

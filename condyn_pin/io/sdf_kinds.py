@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.errors import InvalidModel, unknown_name
+from condyn_pin.errors import InvalidModel, unknown_name
 from condyn_pin.io.sdf_types import NO_AXIS, Description, Joint, Link
 
 # The degrees of freedom that each type leaves, as far as the tree is concerned.

@@ -12,8 +12,8 @@ from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-from condyn_pin._core.errors import InvalidModel, unknown_name
 from condyn_pin._core.names import quoted
+from condyn_pin.errors import InvalidModel, unknown_name
 from condyn_pin.io.sdf_kinds import FREEDOM
 from condyn_pin.io.sdf_types import WORLD, Description, Joint
 

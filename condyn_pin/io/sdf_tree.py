@@ -22,7 +22,7 @@ from typing import Any, Final
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.errors import InvalidModel
+from condyn_pin.errors import InvalidModel
 from condyn_pin.io.sdf_types import WORLD, Closure, Description, Joint
 from condyn_pin.io.tree import NO_LIMIT, one_coordinate, orthonormal
 

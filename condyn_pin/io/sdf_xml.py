@@ -7,7 +7,7 @@ from collections.abc import Container, Mapping
 from typing import Final
 from xml.etree.ElementTree import Element
 
-from condyn_pin._core.errors import InvalidModel
+from condyn_pin.errors import InvalidModel
 from condyn_pin.io.xml import find, floats, label
 
 # What is read below each element; everything else is counted and reported.

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.errors import InvalidArgument, InvalidModel
 from condyn_pin.constraints.constraints import Coupling, Loop
+from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.io.urdf_beside import Beside, read_beside
 from condyn_pin.io.urdf_check import checked
 from condyn_pin.io.urdf_closures import closings

@@ -19,10 +19,10 @@ from pathlib import Path
 from reprlib import repr as shortened  # aliases of a YAML may nest without end
 from typing import Any, Final
 
-from condyn_pin._core.errors import InvalidModel, MissingExtra, unknown_name
 from condyn_pin._core.files.text import parse_toml
 from condyn_pin._core.names import few, listed
 from condyn_pin.constraints.constraints import Loop
+from condyn_pin.errors import InvalidModel, MissingExtra, unknown_name
 from condyn_pin.io.urdf_closures import stem
 
 _KEYS: Final = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")

@@ -15,8 +15,8 @@ import numpy as np
 
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
-from condyn_pin._core.errors import InvalidModel, unknown_name
 from condyn_pin._core.joints import indices
+from condyn_pin.errors import InvalidModel, unknown_name
 
 _OF_A_HINGE: Final = ("axis", "limit", "dynamics", "mimic", "safety_controller", "calibration")
 _AXES: Final[Mapping[str, str]] = {"X": "1 0 0", "Y": "0 1 0", "Z": "0 0 1"}

@@ -11,8 +11,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidModel
 from condyn_pin._core.files.text import read_bytes
+from condyn_pin.errors import InvalidModel
 from condyn_pin.model.soundness import MOST_JOINTS
 
 _MOST_ELEMENTS: Final = 500_000

@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from condyn_pin._core.errors import Interrupted
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.drift import Drift
-from condyn_pin.lab.laboratory import Errors, area, errors
+from condyn_pin.errors import Interrupted
+from condyn_pin.lab.laboratory import DriftErrors, area, errors
 from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.drift.projection import Projection
 from condyn_pin.simulation.integrators import Integrator
@@ -27,7 +27,7 @@ class Contest:
     integrator, drift
     dt : float
         [s]
-    errors : Errors
+    errors : DriftErrors
     area : float
         By how much a step changes areas in the phase plane, as a share of them.
     """
@@ -35,7 +35,7 @@ class Contest:
     integrator: Integrator
     drift: Drift
     dt: float  # [s]
-    errors: Errors
+    errors: DriftErrors
     area: float
 
 

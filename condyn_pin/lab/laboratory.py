@@ -45,12 +45,12 @@ def rod_pendulum() -> Scene:
 
 
 @dataclass(frozen=True)
-class Errors:
+class DriftErrors:
     """What a run left of the constraints and of the energy, at worst.
 
     Attributes
     ----------
-    gap, slip : float
+    violation, constraint_velocity : float
         abs(c) [m] and abs(J v) [m/s].
     energy : float
         abs(E - E(0)) [J].
@@ -60,8 +60,8 @@ class Errors:
         Of the run, by its name. The numbers of one that diverged mean nothing.
     """
 
-    gap: float  # [m]
-    slip: float  # [m/s]
+    violation: float  # [m]
+    constraint_velocity: float  # [m/s]
     energy: float  # [J]
     early: float  # [J]
     late: float  # [J]
@@ -75,15 +75,15 @@ def errors(
     dt: float,
     steps: int,
     progress: Callable[[float], object] | None = None,
-) -> Errors:
+) -> DriftErrors:
     """Return what a run of so many steps leaves."""
     every = max(steps // _SAMPLES, 1)
     run = _run(integrator, drift, dt=dt, steps=steps, record=every, progress=progress)
     energy = np.abs(run.energy.error)
     tenth = max(len(run) // 10, 1)
-    return Errors(
+    return DriftErrors(
         float(run.violation.max()),
-        float(run.slip.max()),
+        float(run.constraint_velocity.max()),
         float(energy.max()),
         float(energy[:tenth].max()),
         float(energy[-tenth:].max()),
@@ -104,7 +104,7 @@ class Growth:
     """
 
     t: Array
-    gap: Array
+    violation: Array
     power: float
 
 

@@ -35,9 +35,9 @@ def draw_growth(found: Mapping[str, Growth], ax: Any = None) -> Any:
     """
     ax = axes(ax)
     for (title, growth), colour, line in zip(found.items(), COLOURS, _LINES, strict=False):
-        seen = growth.gap > 0
+        seen = growth.violation > 0
         label = f"{title}: t^{growth.power:.2f}"
-        ax.plot(growth.t[seen], growth.gap[seen], line, color=colour, label=label)
+        ax.plot(growth.t[seen], growth.violation[seen], line, color=colour, label=label)
     ax.set(title="gap without stabilisation", xscale="log", yscale="log")
     ax.set(xlabel="t [s]", ylabel="max abs(c) so far [m]")
     ax.grid(visible=True, color="0.9")
@@ -92,7 +92,7 @@ def draw_contest(found: Sequence[Contest], ax: Any = None) -> Any:
     """
     ax = axes(ax)
     for one, colour in zip(found, COLOURS, strict=False):
-        gap, label = max(one.errors.gap, 1e-17), title(one)
+        gap, label = max(one.errors.violation, 1e-17), title(one)
         ax.plot([gap] * 2, [one.errors.early, one.errors.late], "-", color=colour, lw=1.0)
         ax.plot(gap, one.errors.early, "o", color=colour, mfc="none", ms=7)
         ax.plot(gap, one.errors.late, "o", color=colour, ms=7, label=label)

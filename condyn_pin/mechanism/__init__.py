@@ -5,3 +5,7 @@ left out of a scene. Nouns: `Assembly`, `Rank`, `Summary`, `CompleteState`, `Red
 
 It asks `dynamics` for the equations, and must not know motions.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,7 +1,7 @@
 """Assembly: a configuration near a guess that closes the loops, and what is known of it.
 
 `condyn_pin.mechanism.closing` has the runs that are tried, one after the other, until the loops are
-closed on the branch of the start; `condyn_pin.mechanism.chains` says what a branch is.
+closed on the branch of the start; `condyn_pin.mechanism.closed_chains` says what a branch is.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.errors import InvalidArgument, unknown_name
 from condyn_pin._core.joints import Indices, indices
 from condyn_pin._core.linalg.numerical_rank import rank_of
 from condyn_pin._core.names import checked
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.gaps import gaps
+from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.mechanism.assembly_report import Assembly, AssemblyStatus
 from condyn_pin.mechanism.closing import Closer, Closing
 from condyn_pin.model.limits import NO_LIMITS, Limits
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
-    from condyn_pin.mechanism.chains import Chains
+    from condyn_pin.mechanism.closed_chains import ClosedChains
     from condyn_pin.model.robot import Robot
 
 
@@ -50,7 +50,7 @@ def assemble(
     if within_limits:
         check_held("fixed", chains.limits, start, np.flatnonzero(~moving))
     if branch is not None:
-        _check_branch(branch, chains.home)
+        _check_branch(branch, chains.assembly_mode)
     assembly = assemble_from(scene, start, moving, within_limits=within_limits, branch=branch)
     if throw and not assembly.status.ok:
         raise assembly.error()
@@ -66,7 +66,7 @@ def assemble_posture(scene: Scene, guess: Array) -> Assembly:
     """
     inside = not scene.chains.limits.beyond(guess)
     for within_limits in (True, False) if inside else (False,):
-        for branch in (None, scene.chains.home):
+        for branch in (None, scene.chains.assembly_mode):
             found = assemble(scene, guess, within_limits=within_limits, branch=branch, throw=False)
             if found.status is not AssemblyStatus.BRANCH_CHANGED:
                 break
@@ -97,7 +97,7 @@ def assemble_from(
     S = np.linalg.svd(J[chains.rows], compute_uv=False)
     return Assembly(
         q=end.q,
-        gap=gaps(scene, equations.violation(end.q)),
+        violation=gaps(scene, equations.violation(end.q)),
         iterations=iterations,
         rank=rank_of(S),
         smallest_singular_value=chains.smallest(J),
@@ -111,7 +111,7 @@ def assemble_from(
 
 
 def best_end(
-    chains: Chains, closer: Closer, start: Array, branch: Mapping[str, int] | None
+    chains: ClosedChains, closer: Closer, start: Array, branch: Mapping[str, int] | None
 ) -> tuple[Closing, int, AssemblyStatus, tuple[str, ...]]:
     """Return the first end that is closed on the right branch, or else the best one."""
     wanted = chains.branch(closer.equations.jacobian(start)) if branch is None else branch

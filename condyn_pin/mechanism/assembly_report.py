@@ -8,8 +8,9 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import BranchChanged, NotAssembled
-from condyn_pin.constraints.gap import Gap, beyond_text, closed, worst
+from condyn_pin._core.renamed import renamed
+from condyn_pin.constraints.violation import ConstraintViolation, beyond_text, closed, worst
+from condyn_pin.errors import BranchChanged, NotAssembled
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
@@ -49,7 +50,7 @@ class Assembly:
     ----------
     q : (nq,) array
         The configuration with the smallest gap found.
-    gap : dict of str to Gap
+    violation : dict of str to ConstraintViolation
         How far each loop is open at q: a length [m] and an angle [rad].
     iterations : int
         Of all runs that were needed.
@@ -60,12 +61,12 @@ class Assembly:
         zero in a dead point. Without motors, the smallest nonzero one of J.
     branch : dict of str to int
         For every cluster of loops that share such joints: +1 on the side of its dead points where
-        the first posture is, -1 across one, 0 in one; `condyn_pin.mechanism.chains` defines them.
-        Empty for a robot without motors: what is not driven has no branches. Nor have loops in
-        space with redundant rows.
+        the first posture is, -1 across one, 0 in one; `condyn_pin.mechanism.closed_chains` defines
+        them. Empty for a robot without motors: what is not driven has no branches. Nor have loops
+        in space with redundant rows.
     flipped : tuple of str
         The clusters that changed sides, if the status is BRANCH_CHANGED.
-    beyond_limits : dict of str to Gap
+    beyond_limits : dict of str to ConstraintViolation
         Joints that the closure takes out of their limits, and how far [rad, m]. Of q; or, if the
         status is BEYOND_LIMITS, of the closure that was not taken.
     status : AssemblyStatus
@@ -75,27 +76,29 @@ class Assembly:
     """
 
     q: Array
-    gap: Mapping[str, Gap]
+    violation: Mapping[str, ConstraintViolation]
     iterations: int
     rank: int
     smallest_singular_value: float  # [m, rad]
     branch: Mapping[str, int]
     flipped: tuple[str, ...]
-    beyond_limits: Mapping[str, Gap]  # [rad, m]
+    beyond_limits: Mapping[str, ConstraintViolation]  # [rad, m]
     status: AssemblyStatus
     scene: Scene
     start: Array
 
+    gap = renamed("violation")
+
     @property
     def closed(self) -> bool:
         """Whether every gap is within tolerance (1e-10)."""
-        return closed(self.gap)
+        return closed(self.violation)
 
     def error(self) -> NotAssembled | BranchChanged:
         """Return what `assemble` raises if the status is not CLOSED."""
         if self.status is AssemblyStatus.BRANCH_CHANGED:
             return BranchChanged(f"{', '.join(self.flipped)}: {self.status.value}", self)
-        name, gap = worst(self.gap)
+        name, gap = worst(self.violation)
         text = f"{name} is open by {gap} after {self.iterations} iterations; "
         text += f"{beyond_text(self.beyond_limits)}; " if self.beyond_limits else ""
         return NotAssembled(text + self.status.value, self)
@@ -103,7 +106,7 @@ class Assembly:
     def __str__(self) -> str:
         lines = [str(self.status), f"{self.iterations} iterations, rank {self.rank}"]
         lines[1] += f", smallest singular value {self.smallest_singular_value:.3g}"
-        lines += [f"{name:<28} open by {gap}" for name, gap in self.gap.items()]
+        lines += [f"{name:<28} open by {gap}" for name, gap in self.violation.items()]
         lines += [
             f"branch of {name}: {f'{side:+d}' if side else 'in a dead point'}"
             for name, side in self.branch.items()

@@ -12,10 +12,11 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import finite
-from condyn_pin._core.errors import NotAssembled
-from condyn_pin.constraints.gap import Gap, beyond_text, closed
+from condyn_pin._core.renamed import renamed
+from condyn_pin.constraints.violation import ConstraintViolation, beyond_text, closed
 from condyn_pin.dynamics.gaps import gaps, rounding, slips
 from condyn_pin.dynamics.kept import equations_of
+from condyn_pin.errors import NotAssembled
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
@@ -27,29 +28,32 @@ class Check:
 
     Attributes
     ----------
-    gap : dict of str to Gap
+    violation : dict of str to ConstraintViolation
         How far each loop and each anchored contact is open [m, rad].
-    slip : dict of str to Gap
+    constraint_velocity : dict of str to ConstraintViolation
         How fast the two sides of each constraint move apart, |J v| [m/s, rad/s].
     speed : float
         max abs(v), or 1, whichever is larger: what a slip is small in comparison to.
-    beyond_limits : dict of str to Gap
+    beyond_limits : dict of str to ConstraintViolation
         Joints outside their limits, and how far [rad, m]. The dynamics know no limits.
     rounding : dict of str to float
         What rounding alone may leave of a slip: 1e-13 of the velocities that it is the difference
         of [m/s, rad/s]. Looked at where a slip is more than 1e-10 of `speed`.
     """
 
-    gap: Mapping[str, Gap]
-    slip: Mapping[str, Gap]
+    violation: Mapping[str, ConstraintViolation]
+    constraint_velocity: Mapping[str, ConstraintViolation]
     speed: float  # [rad/s, m/s]
-    beyond_limits: Mapping[str, Gap]  # [rad, m]
+    beyond_limits: Mapping[str, ConstraintViolation]  # [rad, m]
     rounding: Mapping[str, float] = field(default_factory=dict)  # [m/s, rad/s]
+
+    gap = renamed("violation")
+    slip = renamed("constraint_velocity")
 
     @property
     def closed(self) -> bool:
         """Whether every gap is within 1e-10."""
-        return closed(self.gap)
+        return closed(self.violation)
 
     @property
     def consistent(self) -> bool:
@@ -62,15 +66,18 @@ class Check:
         return self.closed and self.consistent
 
     def raise_if_open(
-        self, *, gap: float = tolerances.CLOSED, slip: float = tolerances.CONSISTENT
+        self,
+        *,
+        violation: float = tolerances.CLOSED,
+        constraint_velocity: float = tolerances.CONSISTENT,
     ) -> None:
         """Raise if the state does not satisfy the constraints.
 
         Parameters
         ----------
-        gap : float
-            The largest gap that will do [m, rad].
-        slip : float
+        violation : float
+            The largest violation that will do [m, rad].
+        constraint_velocity : float
             The largest |J v| that will do, relative to `speed`.
 
         Raises
@@ -78,9 +85,9 @@ class Check:
         NotAssembled
             The text names every loop that is open, and every constraint that slips.
         """
-        wrong = self._open(gap)
+        wrong = self._open(violation)
         advice = ["Scene.assemble closes the loops"] if wrong else []
-        if slipping := self._slipping(slip):
+        if slipping := self._slipping(constraint_velocity):
             wrong += slipping
             advice.append("Scene.project_velocity makes v fit")
         if wrong:
@@ -88,17 +95,21 @@ class Check:
 
     def __str__(self) -> str:
         lines = self._open(tolerances.CLOSED) or ["every loop is closed"]
-        lines += self._slipping(tolerances.CONSISTENT) or (["J v = 0"] if self.slip else [])
+        lines += self._slipping(tolerances.CONSISTENT) or (
+            ["J v = 0"] if self.constraint_velocity else []
+        )
         lines += [beyond_text(self.beyond_limits)] if self.beyond_limits else []
         return "\n".join(lines)
 
     def _open(self, most: float) -> list[str]:
-        return [f"{name} is open by {gap}" for name, gap in self.gap.items() if gap.size > most]
+        return [
+            f"{name} is open by {gap}" for name, gap in self.violation.items() if gap.size > most
+        ]
 
     def _slipping(self, most: float) -> list[str]:
         return [
             f"{name} slips at {slip.text('/s')}"
-            for name, slip in self.slip.items()
+            for name, slip in self.constraint_velocity.items()
             if not slip.size <= max(most * self.speed, self.rounding.get(name, 0.0))
         ]
 

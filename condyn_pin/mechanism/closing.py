@@ -91,7 +91,7 @@ class Closer:
     moving: NDArray[np.bool_]
     limits: Limits = NO_LIMITS
 
-    def gap(self, q: Array) -> Array:
+    def violation(self, q: Array) -> Array:
         """Return c(q) of these rows."""
         return self._look(q)[0]
 
@@ -153,7 +153,7 @@ class Closer:
 
     def follow(self, q: Array) -> Closing:
         """Return the end of a run that closes the gap in shares, no joint moving far in one."""
-        c0 = self.gap(q)
+        c0 = self.violation(q)
         s, share, iterations = 0.0, 0.25, 0
         while s < 1.0 and share > _SMALLEST_SHARE:
             aim = min(1.0, s + share)

@@ -21,11 +21,11 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.errors import BranchChanged, InvalidArgument, NotAssembled
-from condyn_pin.constraints.gap import beyond_text
+from condyn_pin.constraints.violation import beyond_text
+from condyn_pin.errors import BranchChanged, InvalidArgument, NotAssembled
 from condyn_pin.mechanism.assembly import assemble_from, check_held
 from condyn_pin.mechanism.assembly_report import Assembly, AssemblyStatus
-from condyn_pin.mechanism.chains import Chains
+from condyn_pin.mechanism.closed_chains import ClosedChains
 from condyn_pin.mechanism.following import Follower
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ def complete_state(
             f"{robot.name} has no actuated joints: dataclasses.replace(robot, actuated=[...])"
         )
     v_A = np.zeros(A.size) if v_actuated is None else finite("v_actuated", v_actuated, A.size)
-    start = scene.audit.q if near is None else normalised(model, "near", near)
+    start = scene.nominal.q if near is None else normalised(model, "near", near)
     follower = Follower.of(scene)
     target = _target(follower, start, q_actuated)
     if within_limits:
@@ -112,7 +112,7 @@ def complete_state(
         G=G,
         undetermined=passive.shape[1] - known,
         conflicting=_rank(J) - known,
-        residual=max((gap.size for gap in assembly.gap.values()), default=0.0),
+        residual=max((gap.size for gap in assembly.violation.values()), default=0.0),
         assembly=assembly,
     )
 
@@ -158,7 +158,7 @@ def _drive(scene: Scene, follower: Follower, start: Array, target: Array) -> Ass
     )
 
 
-def _check_dependent(chains: Chains, assembly: Assembly) -> None:
+def _check_dependent(chains: ClosedChains, assembly: Assembly) -> None:
     """Refuse a state in which the motors take a joint out of its limits."""
     moved = {
         joint

@@ -27,10 +27,10 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.linalg.numerical_rank import null_space
 from condyn_pin.dynamics.derivatives.linearised import Linearisation
 from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.mechanism.assembly import assemble
 from condyn_pin.mechanism.check import check
 
@@ -83,7 +83,7 @@ def is_integrable(scene: Scene, q: ArrayLike | None = None) -> bool:
     check_scene(scene)
     model = scene.robot.model
     scene.robot.check_unedited()
-    q_ = scene.audit.q if q is None else normalised(model, "q", q)
+    q_ = scene.nominal.q if q is None else normalised(model, "q", q)
     check(scene, q_, None).raise_if_open()
     if not scene.rows:
         return True

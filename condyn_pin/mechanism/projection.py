@@ -27,13 +27,13 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.errors import InvalidArgument, NotAssembled
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin._core.linalg.numerical_rank import rank_of
-from condyn_pin.constraints.gap import worst
-from condyn_pin.constraints.rows.reach import reach
+from condyn_pin.constraints.rows.cancellation import cancellation_scale
+from condyn_pin.constraints.violation import worst
 from condyn_pin.dynamics.gaps import rounding, slips
 from condyn_pin.dynamics.kept import equations_of
+from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.mechanism.check import Check, check
 from condyn_pin.model.soundness import singular_mass
 
@@ -94,7 +94,7 @@ def _checked(scene: Scene, q: ArrayLike, metric: Metric) -> Check:
             f"metric = {metric!r}: one of {', '.join(get_args(Metric))} is needed"
         )
     state = check(scene, q, None)
-    state.raise_if_open(gap=tolerances.NEARLY_CLOSED)
+    state.raise_if_open(violation=tolerances.NEARLY_CLOSED)
     return state
 
 
@@ -145,5 +145,5 @@ def _ranks(scene: Scene, q: Array, factors: MinimumNorm, closed: bool) -> Iterat
     usual = min(rank_of(factors.S), scene.chains.rank)
     yield factors.at_most(usual)
     if closed:
-        most = factors.above_rounding(reach(equations_of(scene), q)).rank
+        most = factors.above_rounding(cancellation_scale(equations_of(scene), q)).rank
         yield from (factors.at_most(rank) for rank in range(usual + 1, most + 1))

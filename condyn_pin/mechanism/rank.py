@@ -24,9 +24,10 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin._core.linalg.pivots import redundant_rows
-from condyn_pin.constraints.gap import Gap, closed, worst
+from condyn_pin._core.renamed import renamed
+from condyn_pin.constraints.rows.cancellation import cancellation_scale
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.rows.reach import reach
+from condyn_pin.constraints.violation import ConstraintViolation, closed, worst
 from condyn_pin.dynamics.gaps import gaps
 from condyn_pin.model.soundness import singular_mass
 
@@ -47,7 +48,7 @@ class Rank:
     Attributes
     ----------
     q : (nq,) array
-    gap : dict of str to Gap
+    violation : dict of str to ConstraintViolation
         How far each loop is open at q [m, rad].
     rows, rank, generic_rank : int
         m; independent rows at q; independent rows at configurations near the first posture that
@@ -66,7 +67,7 @@ class Rank:
         Rows that want to be moved against each other, and by how much: the part of c(q) that no
         motion takes away, to first order [m, rad].
     weak : tuple of str
-        Rows that have all but lost their grip: those along which singular values are below 1e-4
+        Rows that hold next to nothing: those along which singular values are below 1e-4
         of the largest, and are no zeros.
     singular_values : (min(m, nv),) array
         Of J L^-T [1/sqrt(kg)].
@@ -75,7 +76,7 @@ class Rank:
     """
 
     q: Array
-    gap: Mapping[str, Gap]
+    violation: Mapping[str, ConstraintViolation]
     rows: int
     rank: int
     generic_rank: int
@@ -90,6 +91,8 @@ class Rank:
     condition: float
     delassus_condition: float
 
+    gap = renamed("violation")
+
     @property
     def licq(self) -> bool:
         """Whether every row counts: linear independence constraint qualification."""
@@ -98,7 +101,7 @@ class Rank:
     @property
     def closed(self) -> bool:
         """Whether every loop is closed to 1e-10."""
-        return closed(self.gap)
+        return closed(self.violation)
 
     @property
     def singular(self) -> bool:
@@ -128,7 +131,7 @@ class Rank:
 
     def _notes(self) -> Iterator[str]:
         if not self.closed:
-            name, gap = worst(self.gap)
+            name, gap = worst(self.violation)
             yield (
                 f"{name} is open by {gap}: redundant rows of an open loop have singular values of "
                 "that size and can be counted as independent; assemble it first"
@@ -176,7 +179,7 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
     """Return the rank of a scene at q; see `Scene.rank`."""
     robot, model = scene.robot, scene.robot.model
     robot.check_unedited()
-    q_ = scene.audit.q if q is None else normalised(model, "q", q)
+    q_ = scene.nominal.q if q is None else normalised(model, "q", q)
     equations = Equations(model, scene.bounds)
     terms = equations.terms(q_, np.zeros(model.nv))
     isolated = scene.chains.isolated
@@ -185,7 +188,7 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
     c = equations.violation(q_)
     return Rank(
         q=q_.copy(),
-        gap=gaps(scene, c),
+        violation=gaps(scene, c),
         rows=scene.rows,
         rank=r,
         generic_rank=scene.chains.rank,
@@ -206,7 +209,7 @@ def _factors(scene: Scene, equations: Equations, q: Array, M: Array, J: Array) -
     """Return M and J factorised, without the singular values that are zeros but for rounding."""
     share = tolerances.ISOLATED if scene.chains.isolated else tolerances.RANK
     factors = factorise(M, J, share, why=singular_mass(scene.robot.model, q))
-    return factors.above_rounding(reach(equations, q))
+    return factors.above_rounding(cancellation_scale(equations, q))
 
 
 def _conflict(null: Array, c: Array, names: Sequence[str]) -> dict[str, float]:

@@ -10,8 +10,8 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.errors import InvalidArgument, NotAssembled
 from condyn_pin.dynamics.kept import equations_of
+from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.mechanism.assembly import assemble, best_end
 from condyn_pin.mechanism.closing import Closer
 from condyn_pin.mechanism.projection import check_rows, nearest_velocity
@@ -33,15 +33,15 @@ def sample(
         if not finite(name, value, ()) >= 0:
             raise InvalidArgument(f"{name} = {value!r}: a number >= 0 is needed")
     scene.robot.check_unedited()
-    model, nv, home = scene.robot.model, scene.robot.nv, scene.audit.q
-    if not scene.audit.closed:
+    model, nv, home = scene.robot.model, scene.robot.nv, scene.nominal.q
+    if not scene.nominal.closed:
         scene.state()  # raises what is in the way
     chains = scene.chains
     limits = NO_LIMITS if chains.limits.beyond(home) else chains.limits
     closer = Closer(equations_of(scene), chains.rows, np.ones(nv, dtype=bool), limits)
     for _ in range(_TRIES):
         guess = normalised(model, "q", pin.integrate(model, home, spread * rng.normal(size=nv)))
-        end, _, status, _ = best_end(chains, closer, guess, chains.home)
+        end, _, status, _ = best_end(chains, closer, guess, chains.assembly_mode)
         if status.ok:
             v = speed * rng.normal(size=nv)
             M = closer.equations.mass(end.q)
@@ -49,7 +49,11 @@ def sample(
             check_rows(scene, end.q, left, (v, nearest), "/s")
             return end.q, nearest
     found = assemble(
-        scene, guess, within_limits=limits is chains.limits, branch=chains.home, throw=False
+        scene,
+        guess,
+        within_limits=limits is chains.limits,
+        branch=chains.assembly_mode,
+        throw=False,
     )
     raise NotAssembled(
         f"spread = {spread}: none of {_TRIES} random configurations about the nominal one could be "

@@ -108,7 +108,7 @@ def summarise(scene: Scene, q: ArrayLike | None) -> Summary:
     """Return the summary of a scene at q, the nominal state if it is None."""
     robot, at = scene.robot, scene.rank(q)
     notes = [*_notes(scene, at)]
-    if q is None and not scene.audit.closed:
+    if q is None and not scene.nominal.closed:
         notes.insert(0, _OPEN)
     S = at.singular_values
     return Summary(
@@ -182,7 +182,7 @@ def _notes(scene: Scene, at: Rank) -> Iterator[str]:
             f"{len(at.redundant)} redundant rows: a is unique, lam is the smallest of many; "
             "DenseKKT needs mu > 0"
         )
-    if missing := scene.natives.missing:
+    if missing := scene.pinocchio_constraints.unsupported:
         yield (
             f"{', '.join(missing)}: Pinocchio has no such rows, so that Proximal and LCABA refuse "
             "the scene; what solves it instead takes five times as long, or more"

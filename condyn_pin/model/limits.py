@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import lengths
-from condyn_pin.constraints.gap import Gap
+from condyn_pin.constraints.violation import ConstraintViolation
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,17 +62,17 @@ class Limits:
         """Move every limited coordinate of q inside, in place."""
         q[self.iq] = np.minimum(np.maximum(q[self.iq], self.lower), self.upper)
 
-    def beyond(self, q: Array) -> dict[str, Gap]:
+    def beyond(self, q: Array) -> dict[str, ConstraintViolation]:
         """Return the joints that are outside their limits, and how far; the most of a joint."""
         x = q[self.iq]
         out = np.maximum(self.lower - x, x - self.upper)
-        found: dict[str, Gap] = {}
+        found: dict[str, ConstraintViolation] = {}
         for i in np.flatnonzero(out > 0):
-            by, most = float(out[i]), found.get(self.joints[i], Gap(0.0, 0.0))
+            by, most = float(out[i]), found.get(self.joints[i], ConstraintViolation(0.0, 0.0))
             found[self.joints[i]] = (
-                Gap(max(by, most.length), most.angle)
+                ConstraintViolation(max(by, most.length), most.angle)
                 if self.length[i]
-                else Gap(most.length, max(by, most.angle))
+                else ConstraintViolation(most.length, max(by, most.angle))
             )
         return found
 

@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidArgument, InvalidModel
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.kinds import of_loops
+from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.model.spring import Spring, SpringDamper
 
 if TYPE_CHECKING:

@@ -13,9 +13,9 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidModel
 from condyn_pin._core.rotations import rotation_fault
 from condyn_pin._core.tolerances import HUGE
+from condyn_pin.errors import InvalidModel
 
 # Joints of a robot.
 MOST_JOINTS: Final = 2000  # the Data of Pinocchio takes 32 GB of half as many

@@ -5,3 +5,7 @@ Nouns: `Integrator`, one file each in `integrators/`; the drift schemes in `drif
 
 It must not know how motions are looked at, nor how they are compared.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -38,5 +38,5 @@ def anchored(
             places[constraint] = constraint if bound.anchored else constraint.anchored_at(*frame)
     placed = replace(scene, constraints=tuple(places[c] for c in scene.constraints))
     # J, and all that was measured with it, is the same where the contacts touch
-    vars(placed)["audit"] = scene.audit
+    vars(placed)["nominal"] = scene.nominal
     return placed

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from condyn_pin._core._pin import VERSION_TEXT
 from condyn_pin._core.arrays import finite
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.files.npz import read_npz, write_npz
 from condyn_pin._core.files.text import LARGEST, parse_json
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.io.model_words import model_of, model_words
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.coding import decode, encode, plain

@@ -32,7 +32,7 @@ def encode(value: Any) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """Return a number of numpy as one of Python's: a knob may be either."""
+    """Return a number of numpy as one of Python's: a parameter may be either."""
     if isinstance(value, np.generic):
         return value.item()
     raise TypeError(f"{value!r} cannot be written to a file")

@@ -50,6 +50,6 @@ def default_solver(scene: Scene) -> Solver:
     state differs by less than 1e-9 from that of twenty iterations, and by 1e-12 where loops close.
     """
     solver = choice.default_solver(scene)
-    if isinstance(solver, Proximal) and not scene.audit.independent:
+    if isinstance(solver, Proximal) and not scene.nominal.independent:
         return replace(solver, max_iterations=_ITERATIONS)
     return solver

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.robot import Robot
 
 

@@ -11,11 +11,11 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite, locked
-from condyn_pin._core.errors import InvalidArgument, UnknownName
-from condyn_pin._core.knobs import check_called
+from condyn_pin._core.parameters import check_called
 from condyn_pin.dynamics.force import ConstraintForce, Sites
 from condyn_pin.dynamics.impacts import Restitution, restitutions
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument, UnknownName
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.system import System

@@ -151,11 +151,11 @@ def to_csv(trajectory: Trajectory, path: Path_) -> None:
     names = ["t [s]", *(f"q{i}" for i in range(robot.nq))]
     names += [f"{x}{i}" for x in ("v", "a", "tau") for i in range(robot.nv)]
     names += [f"lam {name}" for name in trajectory.row_names]
-    names += ["violation", "slip", *(f"{f.name} [J]" for f in fields(energy))]
+    names += ["violation", "constraint_velocity", *(f"{f.name} [J]" for f in fields(energy))]
     table = np.column_stack(
         [
             *(trajectory.t, trajectory.q, trajectory.v, trajectory.a, trajectory.tau),
-            *(trajectory.lam, trajectory.violation, trajectory.slip),
+            *(trajectory.lam, trajectory.violation, trajectory.constraint_velocity),
             *(getattr(energy, f.name) for f in fields(energy)),
         ]
     )

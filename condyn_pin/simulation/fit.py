@@ -6,9 +6,9 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import NotAssembled
 from condyn_pin.dynamics.gaps import gaps, slips
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import NotAssembled
 from condyn_pin.mechanism.check import Check
 from condyn_pin.simulation.measures import gauge_of
 
@@ -37,6 +37,6 @@ def _raise(scene: Scene, c: Array, q: Array, v: Array, what: str) -> None:
     fit = Check(gaps(scene, c), slips(scene, velocity), speed, {})
     limit = tolerances.NEARLY_CLOSED
     try:
-        fit.raise_if_open(gap=limit, slip=limit)
+        fit.raise_if_open(violation=limit, constraint_velocity=limit)
     except NotAssembled as error:
         raise NotAssembled(f"{what}{error}") from None

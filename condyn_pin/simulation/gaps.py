@@ -54,8 +54,8 @@ def gaps_of(system: System, metric: str) -> Gaps:
     """Return the gaps of a system, from what its solver leaves behind if that closes them."""
     solver = system.workspace.solver
     if metric == "mass" and isinstance(solver, Proximal) and system.scene.rows:
-        audit, mu = system.scene.audit, solver.weight(system.scene.audit)
-        smallest = float(audit.singular_values[audit.rank - 1]) ** 2 if audit.rank else 0.0
+        nominal, mu = system.scene.nominal, solver.weight(system.scene.nominal)
+        smallest = float(nominal.singular_values[nominal.rank - 1]) ** 2 if nominal.rank else 0.0
         if solver.mu is None or mu <= _LEFT * smallest:
             return SolvedGaps(system, mu)
     return FactorisedGaps(system, metric)
@@ -75,12 +75,12 @@ class SolvedGaps:
         self._integrate = system.integrate
         self._workspace, self._mu = workspace, mu
         self._cholesky = _pin.constraint_cholesky(workspace.data)
-        natives = workspace.natives.constraints
-        self._m = sum(native.size for native in natives)
+        pinocchio_constraints = workspace.pinocchio_constraints.constraints
+        self._m = sum(native.size for native in pinocchio_constraints)
         self._rhs = np.zeros((self._m + system.model.nv, 2), order="F")
         self._gaps, self._flat = self._rhs[: self._m], self._rhs.ravel(order="K")
         c, slip = [], []  # views of Pinocchio's memory: they follow each solve
-        for native, data in zip(natives, workspace.constraint_datas, strict=True):
+        for native, data in zip(pinocchio_constraints, workspace.constraint_datas, strict=True):
             gap = data.contact_placement_error.vector[: native.size]
             c.append(gap if native.anchored else np.zeros(native.size))
             slip.append(data.contact_velocity_error.vector[: native.size])

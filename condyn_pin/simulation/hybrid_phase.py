@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidArgument, UnsupportedConstraint
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
 from condyn_pin.simulation.defaults import default_solver
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.plan import Plan

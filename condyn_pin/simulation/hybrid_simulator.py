@@ -11,7 +11,7 @@
     System            tau, and by the solver a of M a + h = tau + J^T lam, J a + gamma = a_ref
 
 Integrators, drift schemes and solvers are frozen values: they come in as functions, bound to
-the memory of one system: `Stepper`, `Correction`, `Method`.
+the memory of one system: `Stepper`, `Correction`, `BoundSolver`.
 """
 
 from __future__ import annotations

@@ -21,9 +21,9 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import StepFailed
 from condyn_pin._core.linalg.inverse import inverse
 from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin.errors import StepFailed
 from condyn_pin.simulation.system import System, total_torque
 from condyn_pin.simulation.torques import Torque
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import isfinite
 
-from condyn_pin._core.errors import InvalidArgument, SolveFailed, StepFailed
+from condyn_pin.errors import InvalidArgument, SolveFailed, StepFailed
 
 # What is left with which an iteration may end once it stops to shrink, and below which nothing can
 # be told from rounding: as shares of the numbers that a configuration is made of.

@@ -25,7 +25,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import StepFailed
+from condyn_pin.errors import StepFailed
 
 # Joints whose velocities do not commute, and which of their coordinates turn.
 _CURVED = {

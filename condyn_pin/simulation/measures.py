@@ -84,14 +84,14 @@ class Kinematics:
 
     Attributes
     ----------
-    violation, slip : (k,) array
+    violation, constraint_velocity : (k,) array
         max abs(c(q)) [m, rad] and max abs(J v) [m/s, rad/s]; zero without constraints.
     kinetic, potential : (k,) array
         [J]
     """
 
     violation: Array
-    slip: Array
+    constraint_velocity: Array
     kinetic: Array
     potential: Array
 
@@ -130,10 +130,10 @@ class Gauge:
                 energies[1, i] = pin.computePotentialEnergy(links, data)
             gaps = np.abs(states.gaps(len(block)))
             worst[:, start : block.stop] = gaps.max(axis=2, initial=0.0)
-        (violation, slip), (kinetic, potential) = worst, energies
+        (violation, constraint_velocity), (kinetic, potential) = worst, energies
         with np.errstate(all="ignore"):  # a run that was lost ends with numbers that overflow
             kinetic = kinetic + v**2 @ self._armature / 2
-        return Kinematics(violation, slip, kinetic, potential)
+        return Kinematics(violation, constraint_velocity, kinetic, potential)
 
     def momentum(self, q: Array, v: Array) -> Array:
         """Return the momentum (k, 6) of the links at states q (k, nq), v (k, nv).

@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.joints import lengths
-from condyn_pin.constraints.gap import Gap, beyond_text, worst
+from condyn_pin.constraints.violation import ConstraintViolation, beyond_text, worst
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.mechanism.check import check
 from condyn_pin.model.limits import Limits
@@ -59,7 +59,7 @@ def _open_constraints(trajectory: Trajectory) -> list[str]:
     scenes = [
         p.scene for p in trajectory.phases if when in range(*p.samples.indices(len(violation)))
     ]
-    open_by = [worst(check(scene, trajectory.q[when], None).gap) for scene in scenes]
+    open_by = [worst(check(scene, trajectory.q[when], None).violation) for scene in scenes]
     name, gap = max(open_by, key=lambda item: item[1].size)
     remedy = "use a smaller dt, a higher order, or another drift scheme"
     if not run.solver.exact:
@@ -106,7 +106,7 @@ def _hardly_lifted(scene: Scene) -> float:
     return tolerances.ENERGY_KEPT * scene.robot.mass * gravity
 
 
-def _beyond_limits(trajectory: Trajectory) -> dict[str, Gap]:
+def _beyond_limits(trajectory: Trajectory) -> dict[str, ConstraintViolation]:
     """Return the joints that leave their limits, and how far at most, unless they began so."""
     q, limits = trajectory.q, Limits.of(trajectory.scene.robot.model)
     inside = limits.beyond(q[0]).keys()

@@ -72,11 +72,13 @@ class Run:
 
     @property
     def choices(self) -> str:
-        """Integrator, drift scheme and solver, with the knobs that are not at their defaults."""
+        """Integrator, drift scheme and solver, with what is not at its default."""
         return ", ".join(_short(choice) for choice in (self.integrator, self.drift, self.solver))
 
 
 def _short(value: Any) -> str:
-    """Return the repr of a choice with those knobs that are not at their defaults."""
-    knobs = (f"{f.name}={x!r}" for f in fields(value) if (x := getattr(value, f.name)) != f.default)
-    return f"{type(value).__name__}({', '.join(knobs)})"
+    """Return the repr of a choice with those parameters that are not at their defaults."""
+    parameters = (
+        f"{f.name}={x!r}" for f in fields(value) if (x := getattr(value, f.name)) != f.default
+    )
+    return f"{type(value).__name__}({', '.join(parameters)})"

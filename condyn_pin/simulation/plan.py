@@ -9,12 +9,12 @@ from math import ceil
 from numpy.typing import ArrayLike
 
 from condyn_pin._core.arrays import finite
-from condyn_pin._core.errors import InvalidArgument
-from condyn_pin._core.knobs import check_called, check_count
+from condyn_pin._core.parameters import check_called, check_count
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.defaults import default_drift, default_integrator
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Event

@@ -51,7 +51,7 @@ class Residuals:
     def __init__(self, system: System) -> None:
         self._system, self._model = system, system.model
         self._data = system.model.createData()
-        self.damping = _DAMPING * system.scene.audit.delassus_norm
+        self.damping = _DAMPING * system.scene.nominal.delassus_norm
 
     def at(self, t: float, q: Array, v: Array, a: Array, lam: Array) -> Residual:
         """Return the residuals."""

@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.errors import CondynError, InvalidArgument
-from condyn_pin._core.knobs import check_called
+from condyn_pin._core.parameters import check_called
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solvers import Solver
+from condyn_pin.errors import CondynError, InvalidArgument
 from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Ended, Event, ZenoDetected
 from condyn_pin.simulation.fit import check_fit

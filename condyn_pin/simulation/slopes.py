@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core.arrays import Array, finite, locked
-from condyn_pin._core.errors import InvalidArgument, StepFailed
+from condyn_pin.errors import InvalidArgument, StepFailed
 from condyn_pin.simulation.torques import Applied
 
 # (t, q, v) -> tau by q and by v, (nv, nv) each [N m/rad, N m s/rad and so on]

@@ -26,8 +26,8 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidArgument, StepFailed
 from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.errors import InvalidArgument, StepFailed
 from condyn_pin.simulation.slopes import Slopes
 from condyn_pin.simulation.torques import Applied
 

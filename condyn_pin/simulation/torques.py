@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arguments import FLOAT
 from condyn_pin._core.arrays import Array, finite, locked
 from condyn_pin._core.joints import Indices, indices
-from condyn_pin._core.knobs import check_called
+from condyn_pin._core.parameters import check_called
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.spring_dampers import SpringDampers
 

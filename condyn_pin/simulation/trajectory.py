@@ -9,6 +9,7 @@ from os import PathLike
 import numpy as np
 
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.renamed import renamed
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.simulation.measures import Energy, Kinematics, gauge_of, work
 from condyn_pin.simulation.notices import notices_of
@@ -48,6 +49,8 @@ class Trajectory:
     lam: Array
     tau: Array
     run: Run
+
+    slip = renamed("constraint_velocity")
 
     @property
     def scene(self) -> Scene:
@@ -102,9 +105,9 @@ class Trajectory:
         return self._kinematics.violation
 
     @property
-    def slip(self) -> Array:
+    def constraint_velocity(self) -> Array:
         """Max abs(J v) at each sample (k,) [m/s, rad/s]: the violation of the velocities."""
-        return self._kinematics.slip
+        return self._kinematics.constraint_velocity
 
     @cached_property
     def momentum(self) -> Array:
@@ -171,7 +174,7 @@ class Trajectory:
         return load(path)
 
     def to_csv(self, path: str | PathLike[str]) -> None:
-        """Write t, q, v, a, tau, lam, violation, slip and energy, one sample a line."""
+        """Write t, q, v, a, tau, lam, violation, J v and energy, one sample a line."""
         from condyn_pin.simulation.files import to_csv
 
         to_csv(self, path)
@@ -195,7 +198,7 @@ class Trajectory:
             run.effects.text(self.scene.robot),
             f"took        {run.wall_time:.3g} s, {ratio:.3g} x real time",
             f"violation   {self.violation.max():.1e} m, rad at most; "
-            f"{self.slip.max():.1e} m/s, rad/s",
+            f"{self.constraint_velocity.max():.1e} m/s, rad/s",
             f"energy      {energy.total[0]:.6g} J to {energy.total[-1]:.6g} J; work of tau "
             f"{energy.work[-1]:.4g} J, of damping {energy.damping[-1]:.4g} J, impacts "
             f"{energy.impacts[-1]:.4g} J",

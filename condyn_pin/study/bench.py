@@ -19,9 +19,8 @@ import numpy as np
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import Interrupted
-from condyn_pin._core.knobs import check_called
 from condyn_pin._core.machine import machine
+from condyn_pin._core.parameters import check_called
 from condyn_pin._core.timing import Call, State, Times, interleaved
 from condyn_pin.dynamics.catalogue import standard_scenes
 from condyn_pin.dynamics.choice import untaken
@@ -32,6 +31,7 @@ from condyn_pin.dynamics.solvers.lcaba import LCABA
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.errors import Interrupted
 from condyn_pin.io.load import load_robot
 from condyn_pin.study.bench_table import BenchRow, BenchTable
 from condyn_pin.study.by_hand import by_hand
@@ -167,7 +167,7 @@ def _solvers(scene: Scene) -> list[Solver]:
 
 def _damping(scene: Scene) -> float:
     """Return what a dense matrix needs where redundant rows make the exact one singular [1/kg]."""
-    return float(f"{1e-11 * scene.audit.delassus_norm:.1e}") if scene.audit.dependent else 0.0
+    return float(f"{1e-11 * scene.nominal.delassus_norm:.1e}") if scene.nominal.dependent else 0.0
 
 
 def _named(method: str, mu: float) -> str:
@@ -175,7 +175,7 @@ def _named(method: str, mu: float) -> str:
 
 
 def _worst(scene: Scene, answers: Sequence[Array], truth: Sequence[Array]) -> float:
-    gravity = scene.audit.yardstick.gravity
+    gravity = scene.nominal.estimator.gravity
     return max(relative(a, true, gravity) for a, true in zip(answers, truth, strict=True))
 
 
@@ -204,7 +204,7 @@ class _ByHand:
             scene=label,
             method=self.method,
             rows=self._scene.rows,
-            rank=self._scene.audit.rank,
+            rank=self._scene.nominal.rank,
             error=self._error,
             status=BY_HAND,
         )
@@ -251,16 +251,16 @@ class _Candidate:
 
     def row(self, label: str, times: dict[str, Times], dense: Times | None) -> BenchRow:
         """Return the row of this candidate."""
-        proofs = [solution.proof for solution in self.solutions]
+        residuals = [solution.residuals for solution in self.solutions]
         statuses = Counter(solution.status.name.lower() for solution in self.solutions)
         row = BenchRow(
             scene=label,
             method=self.method,
             rows=self.scene.rows,
-            rank=self.scene.audit.rank,
+            rank=self.scene.nominal.rank,
             error=self.error,
-            dynamics_error=max(proof.dynamics for proof in proofs),
-            constraint_error=max(proof.constraint for proof in proofs),
+            dynamics_error=max(each.dynamics for each in residuals),
+            constraint_error=max(each.constraint for each in residuals),
             iterations=max(solution.iterations for solution in self.solutions),
             status=", ".join(f"{n} {status}" for status, n in sorted(statuses.items())),
         )

@@ -8,11 +8,11 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.files.beside import write_text
 from condyn_pin._core.files.text import parse_json, read_text
 from condyn_pin._core.table_text import nulled, write_csv
 from condyn_pin._core.timing import Times
+from condyn_pin.errors import InvalidArgument
 
 
 @dataclass(frozen=True)

@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import CondynError
 from condyn_pin._core.machine import machine
 from condyn_pin._core.timing import State
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solvers.base import Solver, knob_fields
+from condyn_pin.dynamics.solvers.base import Solver, parameter_fields
 from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.errors import CondynError
 from condyn_pin.study.measures.base import Answer, Measure
-from condyn_pin.study.row import Key, Knob, Row, key
+from condyn_pin.study.row import Key, Parameter, Row, key
 from condyn_pin.study.states import States
 
 # Statuses of a state that no solution was returned for.
@@ -76,7 +76,7 @@ def prepare(label: str, scene: Scene, measure: Measure, states: States, accuracy
     """Return the case of a scene: its states, and the truth at each."""
     chosen = states.of(scene)
     truth = tuple(measure.truth(scene, state) for state in chosen)
-    floor = scene.audit.yardstick.rounding
+    floor = scene.nominal.estimator.rounding
     return Case(label, scene, measure, accuracy, states.name, chosen, truth, floor)
 
 
@@ -95,7 +95,7 @@ def measure_errors(case: Case, solver: Solver) -> Row:
         nv=case.scene.robot.nv,
         method=solver.title,
         solver=repr(solver),
-        knobs=knobs_of(solver),
+        parameters=parameters_of(solver),
         measure=case.measure.label,
         states=case.set_name,
         n=len(case.states),
@@ -133,17 +133,17 @@ def _answers(case: Case, solver: Solver) -> tuple[list[Answer], Counter[str], li
     return answers, statuses, list(notes)
 
 
-def knobs_of(solver: Solver) -> dict[str, Knob]:
-    """Return the knobs of a solver by name; one that is no plain value as text.
+def parameters_of(solver: Solver) -> dict[str, Parameter]:
+    """Return the parameters of a solver by name; one that is no plain value as text.
 
     Its accuracy is among them where it is not the usual one.
     """
-    names = [knob.name for knob in knob_fields(type(solver))]
+    names = [parameter.name for parameter in parameter_fields(type(solver))]
     names += ["accuracy"] if solver.accuracy != SOLVED else []
     return {name: _plain(getattr(solver, name)) for name in names}
 
 
-def _plain(value: Any) -> Knob:
+def _plain(value: Any) -> Parameter:
     if isinstance(value, np.generic):
         value = value.item()
     return value if isinstance(value, float | int | str | bool | None) else repr(value)

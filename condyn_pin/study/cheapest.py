@@ -9,17 +9,17 @@ from functools import lru_cache
 from typing import Any, Final
 
 from condyn_pin._core.arrays import finite
-from condyn_pin._core.errors import CondynError, InvalidArgument, NotReached, unknown_name
-from condyn_pin._core.knobs import read_call
+from condyn_pin._core.parameters import read_call
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import SOLVERS
 from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.errors import CondynError, InvalidArgument, NotReached, unknown_name
 from condyn_pin.study.exports import short
 from condyn_pin.study.fresh import Fresh, FreshErrors, as_fresh
-from condyn_pin.study.front import answered, comparable, microseconds
 from condyn_pin.study.measures import MEASURES, Measure
-from condyn_pin.study.row import Knob, Row
+from condyn_pin.study.pareto_front import answered, comparable, microseconds
+from condyn_pin.study.row import Parameter, Row
 from condyn_pin.study.states import States
 
 # Several errors are asked of one table after the other: the states and the truth stay the same.
@@ -126,47 +126,51 @@ def promising(solver: Solver, error: float) -> Solver:
 
 
 def solver_of(row: Row) -> Solver:
-    """Return the solver of a row, with its knobs."""
-    solver = made(row.solver.split("(")[0], row.knobs)
+    """Return the solver of a row, with its parameters."""
+    solver = made(row.solver.split("(")[0], row.parameters)
     if repr(solver) != row.solver:
-        raise InvalidArgument(f"{row.solver}: with its knobs it is {solver!r}; run the study again")
+        raise InvalidArgument(
+            f"{row.solver}: with its parameters it is {solver!r}; run the study again"
+        )
     return solver
 
 
-def made(name: str, knobs: Mapping[str, Knob]) -> Solver:
-    """Return the solver of a class with knobs as rows keep them: a tuple as text."""
+def made(name: str, parameters: Mapping[str, Parameter]) -> Solver:
+    """Return the solver of a class with parameters as rows keep them: a tuple as text."""
     if name.lower() not in SOLVERS:
         raise unknown_name("solver", name, [kind.__name__ for kind in SOLVERS.values()])
     kind = SOLVERS[name.lower()]
     usual = {f.name: f.default for f in fields(kind)}
     try:
-        return kind(**{key: _value(knob, usual[key]) for key, knob in knobs.items()})
+        return kind(**{key: _value(parameter, usual[key]) for key, parameter in parameters.items()})
     except (KeyError, TypeError, SyntaxError, ValueError) as error:
         if isinstance(error, CondynError):
             raise
-        raise InvalidArgument(f"{dict(knobs)}: not the knobs of {kind.__name__}") from error
+        raise InvalidArgument(
+            f"{dict(parameters)}: not the parameters of {kind.__name__}"
+        ) from error
 
 
-def _value(knob: Knob, usual: Any) -> Any:
-    is_text = isinstance(knob, str) and not isinstance(usual, str)
-    if is_text and len(knob) > _LONGEST:  # type: ignore[arg-type]
+def _value(parameter: Parameter, usual: Any) -> Any:
+    is_text = isinstance(parameter, str) and not isinstance(usual, str)
+    if is_text and len(parameter) > _LONGEST:  # type: ignore[arg-type]
         raise ValueError("a text of this length")
-    return ast.literal_eval(knob) if is_text else knob  # type: ignore[arg-type]
+    return ast.literal_eval(parameter) if is_text else parameter  # type: ignore[arg-type]
 
 
 def measure_of(label: str) -> Measure:
-    """Return the measure that tables call so: a name, with the knobs that are not as usual."""
+    """Return the measure that tables call so: a name, with the parameters that are not as usual."""
     if label in MEASURES:  # a name may be more than one word
         return MEASURES[label]()
     try:
-        name, knobs = read_call(label)
-        return MEASURES[name](**knobs)
+        name, parameters = read_call(label)
+        return MEASURES[name](**parameters)
     except (ValueError, KeyError, TypeError) as error:
         raise unknown_name("measure", label, MEASURES) from error
 
 
 def measured_as(row: Row) -> Measure:
-    """Return the measure of a row, with the knobs that belong to its answer."""
+    """Return the measure of a row, with the parameters that belong to its answer."""
     measure = measure_of(row.measure)
     if not row.how:
         return measure
@@ -175,7 +179,7 @@ def measured_as(row: Row) -> Measure:
     except (ValueError, KeyError, TypeError) as error:
         if isinstance(error, CondynError):
             raise
-        raise InvalidArgument(f"{row.measure}: it has no knobs {row.how}") from error
+        raise InvalidArgument(f"{row.measure}: it has no parameters {row.how}") from error
     if dict(again.how) != row.how:
         raise InvalidArgument(f"{row.measure}: {row.how} in a table do not make it again")
     return again
@@ -207,4 +211,4 @@ def _not_reached(
         return NotReached(f"{text}({row.timed}); run the study with timed=True", row)
     else:
         text += f"; the best is {short(row)} with {row.error_worst:.1e}"
-    return NotReached(f"{text}; ask for less, or try more knobs", row)
+    return NotReached(f"{text}; ask for less, or try more parameters", row)

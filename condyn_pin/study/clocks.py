@@ -10,7 +10,7 @@ from time import perf_counter, process_time
 
 import numpy as np
 
-from condyn_pin._core.knobs import check_count
+from condyn_pin._core.parameters import check_count
 from condyn_pin._core.timing import Call, Times, interleaved
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace

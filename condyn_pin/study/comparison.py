@@ -16,7 +16,7 @@ from statistics import median
 from typing import TYPE_CHECKING, Final
 
 from condyn_pin.study.exports import short
-from condyn_pin.study.front import answered
+from condyn_pin.study.pareto_front import answered
 from condyn_pin.study.row import Row
 
 if TYPE_CHECKING:

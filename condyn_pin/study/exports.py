@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from condyn_pin._core import table_text
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.files.beside import write_text
 from condyn_pin._core.files.text import parse_json, read_text
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.study.row import Row
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ def write_csv(table: Table, path: str | Path) -> None:
     """Write the rows, after comment lines with the machine."""
 
     def in_words(row: Row) -> dict[str, Any]:
-        words = {name: words_of(getattr(row, name)) for name in ("knobs", "how")}
+        words = {name: words_of(getattr(row, name)) for name in ("parameters", "how")}
         return asdict(row) | words | {"statuses": status_words(row)}
 
     columns = [field.name for field in fields(Row)]
@@ -95,24 +95,26 @@ def cells(row: Row) -> tuple[str, ...]:
 
 
 def short(row: Row) -> str:
-    """Return the solver with the knobs that were set, as one would type it, and those of `how`."""
+    """Return the solver as one would type it, with what was set, and what `how` says."""
     name = row.solver.split("(")[0]
-    chosen = {key: value for key, value in row.knobs.items() if value != _defaults(name).get(key)}
+    chosen = {
+        key: value for key, value in row.parameters.items() if value != _defaults(name).get(key)
+    }
     how = f", {words_of(row.how)}" if row.how else ""
     return f"{name}({words_of(chosen)}){how}"
 
 
 def _defaults(name: str) -> dict[str, Any]:
     from condyn_pin.dynamics.solvers import SOLVERS
-    from condyn_pin.dynamics.solvers.base import knob_fields
+    from condyn_pin.dynamics.solvers.base import parameter_fields
 
     kind = SOLVERS.get(name.lower())
-    return {} if kind is None else {f.name: f.default for f in knob_fields(kind)}
+    return {} if kind is None else {f.name: f.default for f in parameter_fields(kind)}
 
 
-def words_of(knobs: dict[str, Any]) -> str:
-    """Return knobs as they stand in a call."""
-    return ", ".join(f"{key}={value!r}" for key, value in knobs.items())
+def words_of(parameters: dict[str, Any]) -> str:
+    """Return parameters as they stand in a call."""
+    return ", ".join(f"{key}={value!r}" for key, value in parameters.items())
 
 
 def status_words(row: Row) -> str:

@@ -28,14 +28,14 @@ from math import inf, isfinite, sqrt
 from typing import Final
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.timing import State
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
-from condyn_pin.study.front import ANSWERED
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.study.measures import Measure
+from condyn_pin.study.pareto_front import ANSWERED
 from condyn_pin.study.states import SampledStates, States, as_states
 
 _TENTH: Final = 10

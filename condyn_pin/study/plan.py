@@ -16,10 +16,10 @@ from math import inf
 from pathlib import Path
 from typing import Any, Final
 
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.files.beside import check_writable, write_text
 from condyn_pin._core.files.text import parse_json, read_text
 from condyn_pin._core.machine import machine
+from condyn_pin.errors import InvalidArgument
 
 FORMAT: Final = 1
 _FITS: Final = ("processor", "system", "pinocchio", "condyn_pin", "numpy")
@@ -38,8 +38,8 @@ class Plan:
         What was asked for, relative.
     solver : str
         Class of the solver.
-    knobs : dict
-        Its knobs by name.
+    parameters : dict
+        Its parameters by name.
     median_us : float
         What it took [us].
     found, expected : float
@@ -55,7 +55,7 @@ class Plan:
     measure: str
     error: float
     solver: str
-    knobs: dict[str, Any]
+    parameters: dict[str, Any]
     median_us: float
     found: float
     expected: float

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.plot_style import COLOURS, write_figure
 from condyn_pin._core.plots import axes, panels
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics.solvers import SOLVERS
-from condyn_pin.study.front import ANSWERED, answered, comparable, front, microseconds
+from condyn_pin.errors import InvalidArgument
+from condyn_pin.study.pareto_front import ANSWERED, answered, comparable, microseconds, pareto_front
 from condyn_pin.study.row import Row
 
 if TYPE_CHECKING:
@@ -46,13 +46,13 @@ def style(name: str) -> dict[str, str]:
 def work_precision(
     table: Table, scene: str | None = None, measure: str | None = None, ax: Any = None
 ) -> Any:
-    """Draw worst error against median time of every solver with all its knobs.
+    """Draw worst error against median time of every solver with all its parameters.
 
-    Every mark is a solver with its knobs; a line is the front of one method, the grey staircase
-    that of all. Hollow marks said at some state that they are inaccurate. Dotted is the rounding of
-    one number, dash-dotted the error that `Reference` itself may have: nothing below it is known.
-    What diverges is drawn at 10. Solvers that failed at a state are counted behind the name of
-    their method.
+    Every mark is a solver with its parameters; a line is the front of one method, the grey
+    staircase that of all. Hollow marks said at some state that they are inaccurate. Dotted is the
+    rounding of one number, dash-dotted the error that `Reference` itself may have: nothing below it
+    is known. What diverges is drawn at 10. Solvers that failed at a state are counted behind the
+    name of their method.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def work_precision(
     """
     rows = _one_question(table.of(scene=scene, measure=measure).rows)
     ax = axes(ax)
-    best = [(microseconds(row), _height(row)) for row in front(rows)]
+    best = [(microseconds(row), _height(row)) for row in pareto_front(rows)]
     if best:
         ax.step(
             *zip(*best, strict=True),
@@ -111,7 +111,7 @@ def _draw_method(ax: Any, name: str, rows: Sequence[Row]) -> None:
         if points:
             fill = "white" if hollow else look["color"]
             ax.plot(*zip(*points, strict=True), **mark, mfc=fill, alpha=0.5)
-    line = [(microseconds(row), _height(row)) for row in front(rows)]
+    line = [(microseconds(row), _height(row)) for row in pareto_front(rows)]
     label = rows[0].method + _failed(rows)
     if line:
         ax.plot(*zip(*line, strict=True), **look, lw=1.2, ms=5, mfc="none", label=label)

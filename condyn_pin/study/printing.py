@@ -7,7 +7,7 @@ from rich.table import Table as Grid
 
 from condyn_pin._core.printing import print_whole
 from condyn_pin.study.exports import COLUMNS, cells, short, status_words
-from condyn_pin.study.front import answered
+from condyn_pin.study.pareto_front import answered
 from condyn_pin.study.row import ALONE, Row
 from condyn_pin.study.table import Table
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.files.text import parse_json
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.study.row import Key, Row
 
 _START = b'{"fingerprint": '

@@ -1,4 +1,4 @@
-"""Row: one solver with its knobs on one set of states, its time beside its error."""
+"""Row: one solver with its parameters on one set of states, its time beside its error."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from dataclasses import MISSING, asdict, dataclass, field, fields
 from math import inf, isfinite
 from typing import Any, Final
 
-from condyn_pin._core.errors import InvalidArgument
+from condyn_pin._core.renamed import renamed
+from condyn_pin.errors import InvalidArgument
 
-Knob = float | int | str | bool | None
+Parameter = float | int | str | bool | None
 Key = tuple[str, str, str, str, str]
 
 # What a row with times says of them.
@@ -22,7 +23,7 @@ _TIMES = ("build_us", "median_us", "p95_us", "bare_us", "solve_us")
 
 @dataclass(frozen=True)
 class Row:
-    """What one solver with its knobs costs and gives on one set of states.
+    """What one solver with its parameters costs and gives on one set of states.
 
     Attributes
     ----------
@@ -33,12 +34,12 @@ class Row:
     method : str
         Title of the solver.
     solver : str
-        The solver as text, with every knob.
-    knobs : dict of str to float, int, str, bool or None
-        Its knobs by name; None where the solver chooses by itself.
+        The solver as text, with every parameter.
+    parameters : dict of str to float, int, str, bool or None
+        Its parameters by name; None where the solver chooses by itself.
     measure : str
-        What the error is one of: a name of `MEASURES`, with the knobs that change the question.
-        Rows of the same scene and measure can be compared.
+        What the error is one of: a name of `MEASURES`, with the parameters that change the
+        question. Rows of the same scene and measure can be compared.
     states : str
         Name of the set of states.
     n : int
@@ -63,7 +64,7 @@ class Row:
     note : str
         What a refusal said.
     how : dict of str to float, int, str, bool or None
-        Knobs of the measure that belong to the answer, such as the step of an integrator.
+        Parameters of the measure that belong to the answer, such as the step of an integrator.
     """
 
     scene: str
@@ -71,7 +72,7 @@ class Row:
     nv: int
     method: str
     solver: str
-    knobs: dict[str, Knob]
+    parameters: dict[str, Parameter]
     measure: str
     states: str
     n: int
@@ -88,7 +89,9 @@ class Row:
     solve_us: float | None = None
     timed: str = "not timed"
     note: str = ""
-    how: dict[str, Knob] = field(default_factory=dict)
+    how: dict[str, Parameter] = field(default_factory=dict)
+
+    knobs = renamed("parameters")
 
     @property
     def key(self) -> Key:
@@ -128,7 +131,7 @@ class Row:
                     f"row: {name} = {row[name]!r}: {kinds[name].__name__} is needed"
                 )
         _check_table("statuses", row["statuses"], (int,))
-        for name in ("knobs", "how"):
+        for name in ("parameters", "how"):
             _check_table(name, row.get(name, {}), (float, int, str, bool, type(None)))
         return cls(**{**row, **{name: inf if row[name] is None else row[name] for name in _ERRORS}})
 
@@ -148,6 +151,6 @@ def _check_number(name: str, value: Any) -> None:
         raise InvalidArgument(f"row: {name} = {value!r}: a number from 0, or null, is needed")
 
 
-def key(scene: str, solver: str, measure: str, how: Mapping[str, Knob], states: str) -> Key:
+def key(scene: str, solver: str, measure: str, how: Mapping[str, Parameter], states: str) -> Key:
     """Return what tells a row from others."""
     return scene, solver, measure, ", ".join(f"{k}={v!r}" for k, v in how.items()), states

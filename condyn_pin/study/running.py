@@ -9,11 +9,11 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from condyn_pin._core.errors import Interrupted, WorkersLost
-from condyn_pin._core.knobs import check_called
 from condyn_pin._core.machine import machine
 from condyn_pin._core.parallel.chunks import map_chunks
+from condyn_pin._core.parameters import check_called
 from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.errors import Interrupted, WorkersLost
 from condyn_pin.study.bench import Progress
 from condyn_pin.study.case import Case, measure_errors, prepare
 from condyn_pin.study.clocks import Candidate, measure_times

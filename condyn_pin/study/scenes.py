@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping
 
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.constraints.constraints import Constraint
 from condyn_pin.dynamics.catalogue import standard_scenes
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.io.load import load_robot
 
 Scenes = Scene | str | Mapping[str, Scene] | Iterable[Scene | str]

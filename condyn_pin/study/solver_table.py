@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from condyn_pin.dynamics.choice import kinds_of
 from condyn_pin.dynamics.solvers import SOLVERS, Solver
-from condyn_pin.dynamics.solvers.base import knob_fields
+from condyn_pin.dynamics.solvers.base import parameter_fields
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class SolverRow:
     redundant : str
         What it makes of redundant rows, and of states where rows become so.
     cost, use : str
-    knobs : str
+    parameters : str
         Its fields with their defaults, one a line; None is found on the scene.
     """
 
@@ -31,7 +31,7 @@ class SolverRow:
     redundant: str
     cost: str
     use: str
-    knobs: str
+    parameters: str
 
 
 def solver_rows() -> tuple[SolverRow, ...]:
@@ -52,4 +52,4 @@ def _redundant(kind: type[Solver]) -> str:
 
 def _knobs(kind: type[Solver]) -> str:
     default = kind()
-    return "\n".join(f"{f.name}={getattr(default, f.name)!r}" for f in knob_fields(kind))
+    return "\n".join(f"{f.name}={getattr(default, f.name)!r}" for f in parameter_fields(kind))

@@ -12,12 +12,12 @@ from typing import Final
 import numpy as np
 
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.errors import InvalidArgument, unknown_name
-from condyn_pin._core.knobs import check_count, is_whole
+from condyn_pin._core.parameters import check_count, is_whole
 from condyn_pin._core.timing import State
 from condyn_pin.control.inverse import gravity_compensation
 from condyn_pin.dynamics.catalogue import motor_torque
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument, unknown_name
 
 
 class States(ABC):
@@ -131,7 +131,7 @@ class NominalStates(States):
 
     def of(self, scene: Scene) -> tuple[State, ...]:
         """Return the states of a scene."""
-        return tuple((s.q, s.v, s.tau) for s in scene.audit.states)
+        return tuple((s.q, s.v, s.tau) for s in scene.nominal.states)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Study: which solver with which knobs costs how much, and is how wrong."""
+"""Study: which solver with which parameters costs how much, and is how wrong."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from condyn_pin._core.errors import InvalidArgument
-from condyn_pin._core.knobs import check_accuracy_of_a
+from condyn_pin._core.parameters import check_accuracy_of_a
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.study.bench import Progress, silent
 from condyn_pin.study.clocks import TimingEffort
 from condyn_pin.study.measures import Measure
@@ -30,10 +30,10 @@ class Study:
     ----------
     scenes : Scene, name of a robot, mapping of labels to Scene, or several of the first two
         The name of a robot stands for its standard scenes; `modellings` gives other ways to model
-        the same machine, and ``LADDERS[name].scenes()`` smaller ones.
+        the same machine, and ``HIERARCHIES[name].scenes()`` smaller ones.
     solvers : sequence of Solver, optional
-        By default all but `Reference`, each with the knobs that it declares worth a look; `sweep`
-        makes others.
+        By default all but `Reference`, each with the parameters that it declares worth a look;
+        `sweep` makes others.
     states : States or int
         Where to look; a number is that many of `SampledStates`.
     measure : name of `MEASURES`, Measure, or several

@@ -1,4 +1,4 @@
-"""Sweeps: a solver, or a measure, with its knobs turned."""
+"""Sweeps: a solver, or a measure, with its parameters turned."""
 
 from __future__ import annotations
 
@@ -8,47 +8,47 @@ from itertools import product
 from typing import Any, TypeVar
 
 from condyn_pin._core import _pin
-from condyn_pin._core.errors import InvalidArgument, unknown_name
 from condyn_pin.dynamics.choice import untaken
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import SOLVERS, Solver
 from condyn_pin.dynamics.solvers.lcaba import LCABA
 from condyn_pin.dynamics.solvers.reference import Reference
+from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.study.measures import Measure
 
 _Knobbed = TypeVar("_Knobbed", Solver, Measure)
 
 
-def sweep(one: _Knobbed, **knobs: Sequence[Any]) -> tuple[_Knobbed, ...]:
-    """Return a solver, or a measure, with every combination of some knobs.
+def sweep(one: _Knobbed, **parameters: Sequence[Any]) -> tuple[_Knobbed, ...]:
+    """Return a solver, or a measure, with every combination of some parameters.
 
     Parameters
     ----------
     one : Solver or Measure
-        Knobs that are not named keep the values that they have here.
-    **knobs : sequence
+        Parameters that are not named keep the values that they have here.
+    **parameters : sequence
         Values by name: ``sweep(Proximal(), mu=[1e-8, 1e-4], max_iterations=[1, 20])``.
         Without any, `one` itself and what its class declares to be worth a look.
 
     Returns
     -------
     tuple of Solver or Measure
-        Each once, the first knob slowest.
+        Each once, the first parameter slowest.
 
     Raises
     ------
     InvalidArgument
         If a value cannot be used, or is no sequence.
     UnknownName
-        If there is no such knob.
+        If there is no such parameter.
     """
     if not isinstance(one, Solver | Measure):
         raise InvalidArgument(f"{one!r}: a solver such as Proximal(), or a measure, is needed")
-    grids = ({}, *one.sweeps) if not knobs else (knobs,)
+    grids = ({}, *one.sweeps) if not parameters else (parameters,)
     known = [field.name for field in fields(one)]  # type: ignore[arg-type]
-    for name, values in knobs.items():
+    for name, values in parameters.items():
         if name not in known:
-            raise unknown_name(f"knob of {type(one).__name__}", name, known)
+            raise unknown_name(f"parameter of {type(one).__name__}", name, known)
         if isinstance(values, str) or not hasattr(values, "__iter__"):
             raise InvalidArgument(f"{name} = {values!r}: a list of values is needed")
     made = [
@@ -60,7 +60,7 @@ def sweep(one: _Knobbed, **knobs: Sequence[Any]) -> tuple[_Knobbed, ...]:
 
 
 def default_sweep(scene: Scene) -> tuple[Solver, ...]:
-    """Return every solver with its knobs turned; those that do not take the scene once.
+    """Return every solver with its parameters turned; those that do not take the scene once.
 
     `Reference` judges the others, and is not among them.
     """

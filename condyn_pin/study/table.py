@@ -7,14 +7,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from condyn_pin._core.errors import InvalidArgument, unknown_name
 from condyn_pin._core.machine import machine
+from condyn_pin._core.renamed import renamed
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.study import exports
 from condyn_pin.study.cheapest import Choice, cheapest
 from condyn_pin.study.comparison import Comparison, compare
-from condyn_pin.study.front import front
+from condyn_pin.study.pareto_front import pareto_front
 from condyn_pin.study.row import Row
 from condyn_pin.study.states import States
 
@@ -38,6 +39,8 @@ class Table:
     machine: dict[str, str] = field(default_factory=machine)
     floors: dict[str, float] = field(default_factory=dict)
     scenes: Mapping[str, Scene] = field(default_factory=dict, compare=False, repr=False)
+
+    front = renamed("pareto_front")
 
     def of(self, *, scene: str | None = None, measure: str | None = None) -> Table:
         """Return the table of one scene, of one measure, or of both.
@@ -67,7 +70,7 @@ class Table:
         kept = [
             row
             for question in questions
-            for row in front([r for r in self.rows if (r.scene, r.measure) == question])
+            for row in pareto_front([r for r in self.rows if (r.scene, r.measure) == question])
         ]
         return replace(self, rows=tuple(kept))
 

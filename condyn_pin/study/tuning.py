@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from condyn_pin._core.errors import CondynError, NotReached, NotTuned
-from condyn_pin._core.knobs import check_called
 from condyn_pin._core.machine import machine
+from condyn_pin._core.parameters import check_called
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.errors import CondynError, NotReached, NotTuned
 from condyn_pin.study import plan as plans
 from condyn_pin.study.bench import Progress, silent
 from condyn_pin.study.cheapest import Choice, check_error, made, promising, solver_of
 from condyn_pin.study.clocks import TimingEffort
 from condyn_pin.study.fingerprint import fingerprint
-from condyn_pin.study.front import answered, comparable, microseconds
+from condyn_pin.study.pareto_front import answered, comparable, microseconds
 from condyn_pin.study.plan import Plan
 from condyn_pin.study.row import Row
 from condyn_pin.study.study import Study
@@ -47,7 +47,8 @@ def tune(
     measure : str
         A name of `MEASURES`: what is timed, and what the error is one of.
     solvers : sequence of Solver, optional
-        What to choose from; as in `Study` by default: all, with the knobs that are worth a look.
+        What to choose from; as in `Study` by default: all, with the parameters that are worth a
+        look.
     progress : callable
         Called with (what, done, total).
     save : bool
@@ -145,7 +146,7 @@ def tuned(scene: Scene, error: float = SOLVED, *, measure: str = "acceleration")
         raise NotTuned(f"no plan for this scene to {error:g}{_others(found)}; {call} makes one")
     try:
         plan = plans.read(path)
-        return promising(made(plan.solver, plan.knobs), error)
+        return promising(made(plan.solver, plan.parameters), error)
     except CondynError as reason:
         raise NotTuned(f"{reason}; {call} makes a new one") from reason
 
@@ -187,7 +188,7 @@ def plan_for(scene: Scene, choice: Choice) -> Plan:
         measure=choice.row.measure,
         error=choice.error,
         solver=type(choice.solver).__name__,
-        knobs=dict(choice.row.knobs),
+        parameters=dict(choice.row.parameters),
         median_us=microseconds(choice.row),
         found=choice.fresh.error,
         expected=choice.fresh.expected,

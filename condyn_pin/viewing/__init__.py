@@ -12,3 +12,7 @@ an arrow as long as its force. One moment makes a still picture, many make an an
     three, page                    the words of meshcat's viewer, and a page that holds them
     viewer, server, chromium       who looks: a browser, or a headless one for a file
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

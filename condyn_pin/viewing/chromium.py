@@ -9,8 +9,8 @@ import tempfile
 from pathlib import Path
 from typing import Final
 
-from condyn_pin._core.errors import BrowserFailed, MissingExtra
 from condyn_pin._core.files.beside import written_beside
+from condyn_pin.errors import BrowserFailed, MissingExtra
 
 _NAMES: Final = (
     "chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome",

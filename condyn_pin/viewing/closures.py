@@ -8,7 +8,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.gap import Gap
+from condyn_pin.constraints.violation import ConstraintViolation
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.viewing import meshes
 from condyn_pin.viewing.labels import label
@@ -17,13 +17,15 @@ from condyn_pin.viewing.palette import AXES, Colour, gap_colour
 from condyn_pin.viewing.part import Part, Pose, Tint, at_point, span
 
 
-def closure_parts(scene: Scene, worst: Mapping[str, Gap], size: float) -> Iterator[Part]:
+def closure_parts(
+    scene: Scene, worst: Mapping[str, ConstraintViolation], size: float
+) -> Iterator[Part]:
     """Return the parts of every loop.
 
     Parameters
     ----------
     scene : Scene
-    worst : mapping of str to Gap
+    worst : mapping of str to ConstraintViolation
         What the labels say: the largest gap of all moments.
     size : float
         Of the scene [m].
@@ -72,7 +74,7 @@ def _knob(path: str, name: str, size: float) -> Part:
     return Part(path, middle(name), ((ball, gap_colour(0.0)),), on_top=True, tint=_tint(name))
 
 
-def _label(path: str, name: str, gap: Gap, height: float) -> Part:
+def _label(path: str, name: str, gap: ConstraintViolation, height: float) -> Part:
     said = str(gap) if gap.size > tolerances.CLOSED else f"{1e3 * gap.length:.1g} mm"
     return label(path, f"{name}: {said}", gap_colour(gap.length), middle(name), height)
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.gap import Gap
+from condyn_pin.constraints.violation import ConstraintViolation
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.model.robot import Robot
 from condyn_pin.viewing import palette, three
@@ -120,7 +120,7 @@ def draw(
     title: str,
     before: Moment | None = None,
     frames: Array | None = None,
-    gaps: Iterable[Mapping[str, Gap]] | None = None,
+    gaps: Iterable[Mapping[str, ConstraintViolation]] | None = None,
     peaks: Mapping[str, Peak] | None = None,
     fps: float = 30.0,
     light: bool = False,
@@ -222,9 +222,9 @@ def extent(robot: Robot, moments: Sequence[Moment]) -> tuple[Array, float]:
     return 0.5 * (low + high), max(float(np.linalg.norm(high - low)), _TINY)
 
 
-def _worst(gaps: Iterable[Mapping[str, Gap]]) -> dict[str, Gap]:
+def _worst(gaps: Iterable[Mapping[str, ConstraintViolation]]) -> dict[str, ConstraintViolation]:
     """Return the largest gap of each constraint."""
-    worst: dict[str, Gap] = {}
+    worst: dict[str, ConstraintViolation] = {}
     for each in gaps:
         for name, gap in each.items():
             worst[name] = max(worst.get(name, gap), gap, key=lambda of: of.size)

@@ -14,7 +14,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidModel
+from condyn_pin.errors import InvalidModel
 from condyn_pin.io.mjcf_include import insert_includes, parse
 from condyn_pin.io.mjcf_size import check_size
 from condyn_pin.viewing.meshes import Mesh

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidModel
+from condyn_pin.errors import InvalidModel
 
 _HEADER = 84  # bytes of a binary STL before its triangles: a text of 80, and their number
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])

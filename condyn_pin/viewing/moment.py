@@ -10,9 +10,9 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.gap import Gap
 from condyn_pin.constraints.rows.bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.violation import ConstraintViolation
 from condyn_pin.dynamics.force import ConstraintForce
 from condyn_pin.dynamics.gaps import gaps
 from condyn_pin.dynamics.scene import Scene
@@ -30,7 +30,7 @@ class Moment:
         Centre of mass [m].
     ends : mapping of str to pair of pin.SE3
         The frames c1 and c2 of each constraint in the world; couplings have none.
-    gaps : mapping of str to Gap
+    gaps : mapping of str to ConstraintViolation
         How far each constraint that has a position is open.
     bounds : mapping of str to AnyBound
         The constraints that hold at this moment.
@@ -41,7 +41,7 @@ class Moment:
     joints: list[Any]
     com: Array  # [m]
     ends: Mapping[str, tuple[Any, Any]]
-    gaps: Mapping[str, Gap]
+    gaps: Mapping[str, ConstraintViolation]
     bounds: Mapping[str, AnyBound]
     forces: Mapping[str, ConstraintForce] = field(default_factory=dict)
 

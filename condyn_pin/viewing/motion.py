@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.gap import Gap
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.violation import ConstraintViolation
 from condyn_pin.dynamics.force import Sites
 from condyn_pin.dynamics.gaps import gaps
 from condyn_pin.simulation.recorder import Phase
@@ -91,7 +91,7 @@ def moments_of(trajectory: Trajectory, samples: Iterable[int], *, forces: bool) 
     return found
 
 
-def gaps_of(trajectory: Trajectory) -> Iterator[dict[str, Gap]]:
+def gaps_of(trajectory: Trajectory) -> Iterator[dict[str, ConstraintViolation]]:
     """Yield how far every constraint is open at each sample, drawn or not."""
     for phase in trajectory.phases:
         equations = Equations(phase.scene.robot.model, phase.scene.bounds)

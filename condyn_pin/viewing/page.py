@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import MissingExtra
+from condyn_pin.errors import MissingExtra
 from condyn_pin.viewing.three import Command, packed
 
 # The commands are decoded at once, in order and without a request, so that a page that is loaded

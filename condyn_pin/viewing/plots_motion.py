@@ -7,9 +7,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from condyn_pin._core.errors import unknown_name
 from condyn_pin._core.plot_style import finished, line
 from condyn_pin._core.plots import axes
+from condyn_pin.errors import unknown_name
 from condyn_pin.simulation.trajectory import Trajectory
 
 _LEAST: Final = 1e-17  # where zero is drawn on a scale of logarithms
@@ -34,7 +34,7 @@ def violation(trajectory: Trajectory, ax: Any = None) -> Any:
     for i, (values, label) in enumerate(
         [
             (trajectory.violation, "max |c(q)| [m, rad]"),
-            (trajectory.slip, "max |J v| [m/s, rad/s]"),
+            (trajectory.constraint_velocity, "max |J v| [m/s, rad/s]"),
         ]
     ):
         ax.plot(trajectory.t, np.maximum(values, _LEAST), label=label, **line(i))

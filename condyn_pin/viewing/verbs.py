@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.errors import InvalidArgument, NotAssembled
 from condyn_pin._core.files.beside import check_writable
 from condyn_pin.control.inverse import InverseDynamics
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Solution
+from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.mechanism.assembly_report import Assembly
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.trajectory import Trajectory

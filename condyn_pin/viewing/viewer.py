@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Final
 
 from condyn_pin._core.arrays import shown
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.files.beside import check_writable, write_text
-from condyn_pin._core.knobs import is_whole
+from condyn_pin._core.parameters import is_whole
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.viewing.chromium import screenshot
 from condyn_pin.viewing.drawing import Drawing
 from condyn_pin.viewing.part import Part

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
 
-from condyn_pin._core.errors import InvalidArgument
+from condyn_pin.errors import InvalidArgument
 
 
 @contextmanager

@@ -28,7 +28,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidModel
+from condyn_pin.errors import InvalidModel
 
 _EPS = float(np.finfo(np.float64).eps)
 

@@ -9,8 +9,8 @@ from contextlib import closing
 from dataclasses import dataclass
 from typing import Any, Final, Generic, TypeVar
 
-from condyn_pin._core.errors import InvalidArgument, WorkersLost
 from condyn_pin._core.parallel.processes import GUARD, Processes
+from condyn_pin.errors import InvalidArgument, WorkersLost
 
 Chunk = TypeVar("Chunk")
 Result = TypeVar("Result")

@@ -12,8 +12,8 @@ from threading import Thread
 from typing import Any, Final, TypeVar
 
 from condyn_pin._core.blas_threads import keep_to_one_thread
-from condyn_pin._core.errors import InvalidArgument, WorkersLost
-from condyn_pin._core.knobs import check_count
+from condyn_pin._core.parameters import check_count
+from condyn_pin.errors import InvalidArgument, WorkersLost
 
 Result = TypeVar("Result")
 

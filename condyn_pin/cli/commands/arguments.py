@@ -107,7 +107,7 @@ SolverOrNone = Annotated[
 SolversToSweep = Annotated[
     str,
     typer.Option(
-        help="Comma-separated names of `condyn solvers`, all knobs turned; all by default.",
+        help="Comma-separated names of `condyn solvers`, all parameters turned; all by default.",
         autocompletion=_solvers,
     ),
 ]

@@ -40,8 +40,8 @@ def bench(
 
     Ctrl-C keeps the scenes that were measured.
     """
-    from condyn_pin._core.errors import Interrupted
     from condyn_pin.cli.commands.words import solvers_of
+    from condyn_pin.errors import Interrupted
     from condyn_pin.study.bench import FULL, QUICK, ROBOTS
     from condyn_pin.study.bench import bench as run
     from condyn_pin.study.bench_print import print_bench

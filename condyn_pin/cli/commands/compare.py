@@ -7,10 +7,10 @@ from typing import Annotated, Any
 
 import typer
 
-from condyn_pin._core.errors import InvalidModel
 from condyn_pin._core.tolerances import ENGINES
 from condyn_pin.cli.commands.arguments import AsJson, RobotName, Variant
 from condyn_pin.cli.commands.output import print_json, say
+from condyn_pin.errors import InvalidModel
 
 PANEL = "Look"
 

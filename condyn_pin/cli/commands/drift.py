@@ -37,7 +37,7 @@ def drift(
 
     Ctrl-C keeps the runs that went to their end.
     """
-    from condyn_pin._core.errors import Interrupted, InvalidArgument
+    from condyn_pin.errors import Interrupted, InvalidArgument
     from condyn_pin.lab.contest import contest
     from condyn_pin.lab.laboratory import gap_growth
     from condyn_pin.simulation.integrators.explicit_euler import ExplicitEuler
@@ -80,7 +80,7 @@ def _facts(
 
     return {
         "growth": {
-            name: {"gap": growth.gap[-1], "t": growth.t[-1], "power": growth.power}
+            name: {"gap": growth.violation[-1], "t": growth.t[-1], "power": growth.power}
             for name, growth in growths.items()
         },
         "walls": {integrator.title: stability_limit(integrator) for integrator in integrators},
@@ -99,7 +99,9 @@ def _print(
 
     table = Table("without stabilisation", "gap at the end [m]", "grows like")
     for name, growth in growths.items():
-        table.add_row(name, f"{growth.gap[-1]:.1e} at {growth.t[-1]:g} s", f"t^{growth.power:.2f}")
+        table.add_row(
+            name, f"{growth.violation[-1]:.1e} at {growth.t[-1]:g} s", f"t^{growth.power:.2f}"
+        )
     print_whole(table, console)
 
     table = Table("alpha dt of Baumgarte below", *(f"beta = {r:.3g} alpha" for r in _RATIOS))
@@ -112,7 +114,7 @@ def _print(
     table = Table(heading, *columns, "status")
     for one in found:
         e = one.errors
-        numbers = (f"{x:.1e}" for x in (e.gap, e.slip, e.early, e.late))
+        numbers = (f"{x:.1e}" for x in (e.violation, e.constraint_velocity, e.early, e.late))
         table.add_row(title(one), *numbers, f"1 {one.area:+.0e}", e.status)
     print_whole(table, console)
     console.print(

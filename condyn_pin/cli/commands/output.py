@@ -17,8 +17,8 @@ from rich.segment import Segment
 from rich.table import Column, Table
 from rich.text import Text
 
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.files.beside import check_writable
+from condyn_pin.errors import InvalidArgument
 
 # As shells say that a program was interrupted.
 INTERRUPTED: Final = 130

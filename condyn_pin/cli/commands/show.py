@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.cli.commands.arguments import AsJson, Contacts, Loops, Posture, RobotName, Variant
 from condyn_pin.cli.commands.output import (
     check_picture,
@@ -17,6 +16,7 @@ from condyn_pin.cli.commands.output import (
     progress_bar,
     words,
 )
+from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
@@ -83,20 +83,20 @@ def _print(scene: Scene, summary: Summary, frames: bool) -> None:
 
 
 def _show_ladder(name: str, plot: Path | None, variant: list[str] | None, as_json: bool) -> None:
-    from condyn_pin.lab.climbing import ladder
-    from condyn_pin.lab.ladder_print import print_ladder
+    from condyn_pin.lab.hierarchy import model_hierarchy
+    from condyn_pin.lab.hierarchy_print import print_ladder
 
     if variant:
-        raise InvalidArgument("--ladder has no variants: its rungs are; leave --variant out")
+        raise InvalidArgument("--ladder has no variants: its models are; leave --variant out")
     check_picture(plot)
     with progress_bar() as progress:
-        progress(f"{name}: every rung, about ten seconds", 0, 1)
-        table = ladder(name)
+        progress(f"{name}: every model, about ten seconds", 0, 1)
+        table = model_hierarchy(name)
     if as_json:
         print_json(table.as_dict())
     else:
         print_ladder(table, console)
     if plot:
-        from condyn_pin.lab.ladder_plot import save_ladders
+        from condyn_pin.lab.hierarchy_plot import save_ladders
 
         save_ladders([table], plot)

@@ -100,7 +100,7 @@ def _summary(found: Trajectory) -> dict[str, object]:
         "drift": repr(run.drift),
         "solver": repr(run.solver),
         "violation": float(found.violation.max()),
-        "slip": float(found.slip.max()),
+        "constraint_velocity": float(found.constraint_velocity.max()),
         "energy_error": float(abs(energy.error).max()),
         "wall_time": run.wall_time,
         "q": found.q[-1].tolist(),

@@ -11,7 +11,7 @@ PANEL = "Look"
 
 
 def solvers(as_json: AsJson = False) -> None:
-    """List the solvers: what each takes, what it costs, when to use it, its knobs."""
+    """List the solvers: what each takes, what it costs, when to use it, its parameters."""
     from condyn_pin.study.solver_table import SolverRow, solver_rows
 
     if as_json:
@@ -24,7 +24,7 @@ def solvers(as_json: AsJson = False) -> None:
         lines.add_row("redundant", row.redundant)
         lines.add_row("cost", row.cost)
         lines.add_row("use", row.use)
-        lines.add_row("knobs", row.knobs.replace("\n", ", "))
+        lines.add_row("parameters", row.parameters.replace("\n", ", "))
         return lines
 
     table = words("solver", "redundant: rows that depend on others, and singular states")

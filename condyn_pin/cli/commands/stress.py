@@ -50,8 +50,8 @@ def stress(
     Ctrl-C keeps the cases that were put.
     """
     from condyn_pin._core._pin import VERSION_TEXT
-    from condyn_pin._core.errors import Interrupted, InvalidArgument
     from condyn_pin.cli.commands.words import names_in
+    from condyn_pin.errors import Interrupted, InvalidArgument
     from condyn_pin.lab.extremes.stress import stress as run
     from condyn_pin.lab.extremes.stress_table import maps, read_csv, write_csv
 

@@ -53,12 +53,12 @@ def trade(
     markdown: Annotated[Path | None, typer.Option(help="Write the table here.")] = None,
     plot: Plot = None,
 ) -> None:
-    """Measure time and error of every solver with every knob; name the cheapest for an error.
+    """Measure time and error of every solver with every parameter; name the cheapest for an error.
 
     Ctrl-C keeps what was measured. Exits with 1 if no solver meets the error.
     """
-    from condyn_pin._core.errors import Interrupted
     from condyn_pin.cli.commands.words import swept_solvers_of
+    from condyn_pin.errors import Interrupted
     from condyn_pin.study.bench import ROBOTS
     from condyn_pin.study.cheapest import check_error
     from condyn_pin.study.clocks import TimingEffort
@@ -115,7 +115,7 @@ def _run(study: Study, jobs: int, results: Path | None) -> Table:
 
 def _choose(table: Table, error: float, console: Console) -> bool:
     """Print the cheapest solver of each scene; return whether there is one for all."""
-    from condyn_pin._core.errors import NotReached
+    from condyn_pin.errors import NotReached
 
     reached = True
     for scene, measure in dict.fromkeys((row.scene, row.measure) for row in table.rows):

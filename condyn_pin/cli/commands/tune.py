@@ -33,8 +33,8 @@ def tune(
     as_json: AsJson = False,
 ) -> None:
     """Choose the fastest solver that meets an error; exits with 1 if there is none."""
-    from condyn_pin._core.errors import NotReached
     from condyn_pin.cli.commands.words import scene_of, swept_solvers_of
+    from condyn_pin.errors import NotReached
     from condyn_pin.study.plan import check_folder, path_of
     from condyn_pin.study.tuning import choose, keep, plan_for
 

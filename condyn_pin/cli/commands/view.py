@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.cli.commands.arguments import Loops, Posture, Variant, complete_robots
 from condyn_pin.cli.commands.output import check_ending, check_written, say
+from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
     from condyn_pin.viewing.verbs import Subject

@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from condyn_pin._core import _pin
-from condyn_pin._core.errors import InvalidArgument, unknown_name
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.constraints import Constraint
 from condyn_pin.constraints.kinds import worded
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import SOLVERS, Solver
-from condyn_pin.dynamics.solvers.base import knob_fields
+from condyn_pin.dynamics.solvers.base import parameter_fields
+from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.io.load import load_robot
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.drift import DRIFTS, Drift
@@ -64,15 +64,17 @@ def _contact(robot: Robot, text: str) -> Constraint:
     raise unknown_name(f"ready-made contact (or {wanted})", text, ready)
 
 
-def solver_of(name: str, knobs: Mapping[str, Any] | None = None) -> Solver:
-    """Return the solver of a name, with the knobs that are not None."""
+def solver_of(name: str, parameters: Mapping[str, Any] | None = None) -> Solver:
+    """Return the solver of a name, with the parameters that are not None."""
     if name.lower() not in SOLVERS:
         raise unknown_name("solver", name, SOLVERS)
     chosen = SOLVERS[name.lower()]
-    given = {key: value for key, value in (knobs or {}).items() if value is not None}
-    known = {knob.name for knob in knob_fields(chosen)}
+    given = {key: value for key, value in (parameters or {}).items() if value is not None}
+    known = {parameter.name for parameter in parameter_fields(chosen)}
     for key in given.keys() - known:
-        raise InvalidArgument(f"{key}: {chosen.__name__} has no such knob; it has {sorted(known)}")
+        raise InvalidArgument(
+            f"{key}: {chosen.__name__} has no such parameter; it has {sorted(known)}"
+        )
     return chosen(**given)
 
 
@@ -112,5 +114,5 @@ def drift_of(name: str | None, gain: float | None) -> Drift | None:
 
 
 def swept_solvers_of(names: str) -> tuple[Solver, ...] | None:
-    """Return the solvers of a list with their knobs turned; None of an empty one."""
+    """Return the solvers of a list with their parameters turned; None of an empty one."""
     return tuple(one for solver in solvers_of(names) for one in sweep(solver)) or None

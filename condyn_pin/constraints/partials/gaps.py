@@ -24,17 +24,17 @@ _skew = pin.skew
 _STRAIGHT = 1e-4  # [rad]; below, the series of (1 - angle cot(angle)) / sin^2 is exact
 
 
-class Gap(NamedTuple):
+class ConstraintViolation(NamedTuple):
     """Partial derivatives by q of the rows of one constraint."""
 
     c_q: Array  # (rows, nv), of the violation; zero without an anchor
     v_q: Array  # (rows, nv), of J v
 
 
-def gap_of(b: Bound | Related, one: End, two: End, c1Mc2: Any) -> Gap:
+def gap_of(b: Bound | Related, one: End, two: End, c1Mc2: Any) -> ConstraintViolation:
     """Return the partials of the gap of a constraint and of its rate."""
     if isinstance(b, Related):
-        return Gap(*gap_of_relation(b, one, two, c1Mc2))
+        return ConstraintViolation(*gap_of_relation(b, one, two, c1Mc2))
     if b.is_plain and b.size == 6:
         c_q, v_q = _of_weld(one, two, c1Mc2)
     else:
@@ -47,7 +47,7 @@ def gap_of(b: Bound | Related, one: End, two: End, c1Mc2: Any) -> Gap:
         else:
             pairs = zip((-slip.dr, slip.slip_q), _of_turn(b, one, two, R), strict=True)
             c_q, v_q = (np.vstack(pair)[list(b.selection)] for pair in pairs)
-    return Gap(c_q if b.anchored else np.zeros_like(c_q), v_q)
+    return ConstraintViolation(c_q if b.anchored else np.zeros_like(c_q), v_q)
 
 
 def _of_weld(one: End, two: End, c1Mc2: Any) -> tuple[Array, Array]:

@@ -22,7 +22,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.partials.formulas import End, dual_cross
 from condyn_pin.constraints.partials.frames import Frames
-from condyn_pin.constraints.partials.gaps import Gap
+from condyn_pin.constraints.partials.gaps import ConstraintViolation
 from condyn_pin.constraints.rows.bound import FLAT, AnyBound, Rolled
 
 _skew = pin.skew
@@ -183,12 +183,12 @@ def rows_of_touch(of: Touch, lam: Array) -> Rows:
     return Rows(J, s_q, s_v, np.vstack([force_q, moment_q]))
 
 
-def gap_of_rolled(b: Rolled, of: Touch, J: Array) -> Gap:
+def gap_of_rolled(b: Rolled, of: Touch, J: Array) -> ConstraintViolation:
     """Return the partials of the gap and of J v: the rate of the gap is J v."""
     c_q = np.zeros_like(J)
     held = [row - b.rows.start for row in b.positioned]
     c_q[held] = J[held]
-    return Gap(c_q, v_q_of_touch(of))
+    return ConstraintViolation(c_q, v_q_of_touch(of))
 
 
 def v_q_of_touch(of: Touch) -> Array:

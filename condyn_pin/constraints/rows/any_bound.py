@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidArgument
+from condyn_pin.errors import InvalidArgument
 
 
 class AnyBound(ABC):

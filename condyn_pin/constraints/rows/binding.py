@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from condyn_pin._core.errors import InvalidConstraint
 from condyn_pin.constraints.base import Constraint, Machine
 from condyn_pin.constraints.rows.bound import AnyBound
+from condyn_pin.errors import InvalidConstraint
 
 
 def bind(robot: Machine, constraints: Sequence[Constraint]) -> tuple[AnyBound, ...]:
@@ -50,5 +50,6 @@ def bind(robot: Machine, constraints: Sequence[Constraint]) -> tuple[AnyBound, .
 def _unknown(constraint: object) -> InvalidConstraint:
     return InvalidConstraint(
         f"{constraint!r}: a contact (PointContact, SurfaceContact, LineContact, PlanarContact), "
-        "what rolls or glides (RollingWheel, RollingBall, Knife), a Loop or a Coupling is needed"
+        "what rolls or glides (RollingWheel, RollingBall, KnifeEdge), a Loop or a Coupling "
+        "is needed"
     )

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.joints import lengths
 from condyn_pin.constraints.rows.any_bound import AnyBound as AnyBound
 from condyn_pin.constraints.rows.any_bound import OnFrames
+from condyn_pin.errors import InvalidArgument
 
 _AXES: Final = ("x", "y", "z", "rx", "ry", "rz")
 
@@ -59,7 +59,7 @@ class Bound(OnFrames):
         Of a rod [m]; NaN for all else.
     lever : float
         Half the distance of two points on `axis` that stand for a hinge, and what points that are
-        nearly one are moved apart by (`condyn_pin.constraints.rows.spread`) [m].
+        nearly one are moved apart by (`condyn_pin.constraints.rows.point_pairs`) [m].
     """
 
     name: str

@@ -21,20 +21,20 @@ from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.loads import Load
 from condyn_pin.constraints.rows.any_bound import OnFrames
 from condyn_pin.constraints.rows.bound import FRAME, POINT, AnyBound
+from condyn_pin.constraints.rows.cancellation import ROUNDED, cancellation_scale
 from condyn_pin.constraints.rows.couplings import Couplings
 from condyn_pin.constraints.rows.cut_joints import CutJoints
 from condyn_pin.constraints.rows.ends import Ends
 from condyn_pin.constraints.rows.frames import WorldContacts, Wrenches
 from condyn_pin.constraints.rows.loops import Balls, Weld
 from condyn_pin.constraints.rows.plain import PlainRows
-from condyn_pin.constraints.rows.reach import ROUNDED, reach
 from condyn_pin.constraints.rows.related import Relations
 from condyn_pin.constraints.rows.rods import Rods
 from condyn_pin.constraints.rows.rolling import Rolling
 from condyn_pin.constraints.rows.sorting import sorted_by_rows
 from condyn_pin.constraints.rows.terms import Terms
 
-# bound once: these are called in every proof, which is to cost little more than they do
+# bound once: these are called in every residuals, which is to cost little more than they do
 _rnea, _crba, _bias = pin.rnea, pin.crba, pin.nonLinearEffects
 _forward_kinematics = pin.forwardKinematics
 _largest = np.maximum.reduceat
@@ -73,7 +73,9 @@ class Equations:
             for start, size in zip(self._starts, (n, n, *4 * [self.m]), strict=True)
         )
         self._motion = self._all[2 * n + width : 2 * n + 3 * width].reshape(2, width)
-        reached = reach(self, pin.neutral(model))  # here, where data holds no state of anybody's
+        reached = cancellation_scale(
+            self, pin.neutral(model)
+        )  # here, where data holds no state of anybody's
         self._least = ROUNDED**2 * float(np.vdot(reached, reached))
 
     def _sort(self) -> None:
@@ -115,13 +117,13 @@ class Equations:
     def terms(self, q: Array, v: Array) -> Terms:
         """Return M, h, J, gamma and a_ref; they are owned by the caller."""
         M, h, J, gamma = self.parts(q, v)
-        return Terms(M, h, self.grip(J), gamma, self.a_ref())
+        return Terms(M, h, self.drop_roundoff_rows(J), gamma, self.a_ref())
 
     def parts(self, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
         """Return M, h, J and gamma for who looks at the rank of J himself; owned by the caller."""
         M, h = _crba(self.model, self.data, q), _bias(self.model, self.data, q, v)
         gamma = self._gamma(q, v)
-        return M, h, self._ungripped(), gamma
+        return M, h, self._raw_jacobian(), gamma
 
     def jacobian(self, q: Array) -> Array:
         """Return J (m, nv)."""
@@ -279,9 +281,9 @@ class Equations:
 
     def _jacobian(self) -> Array:
         """Return J, right after `motion`."""
-        return self.grip(self._ungripped())
+        return self.drop_roundoff_rows(self._raw_jacobian())
 
-    def _ungripped(self) -> Array:
+    def _raw_jacobian(self) -> Array:
         pin.computeJointJacobians(self.model, self.data)
         J = self._plain.jacobian() if self._plain.are_all else self._mixed_jacobian()
         return self.sign[:, None] * J if self._flipped else J
@@ -306,8 +308,8 @@ class Equations:
             self._couplings.jacobian(J)
         return J
 
-    def grip(self, J: Array) -> Array:
-        """Return J (m, nv), or zeros where all of it is rounding, as of a second hinge of a door.
+    def drop_roundoff_rows(self, J: Array) -> Array:
+        """Return J (m, nv), or zeros where J is numerically zero.
 
         The rank is relative to the largest singular value: such rows would hold what they cannot.
         """

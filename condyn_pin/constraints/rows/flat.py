@@ -18,7 +18,7 @@ import numpy as np
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.bound import Bound
-from condyn_pin.constraints.rows.reach import ROUNDED
+from condyn_pin.constraints.rows.cancellation import ROUNDED
 
 
 def height_of(model: Any, b: Bound) -> float | None:

@@ -18,7 +18,7 @@ from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.bound import POINT, AnyBound, Bound
 from condyn_pin.constraints.rows.frames import rows_of
-from condyn_pin.constraints.rows.native import Native
+from condyn_pin.constraints.rows.pinocchio_constraint import PinocchioConstraint
 
 # bound once: these are called for every row
 _classical = pin.getFrameClassicalAcceleration
@@ -71,9 +71,9 @@ class PlainRows:
             out[rows] = gamma()
 
 
-def _native(b: Bound) -> Native:
+def _native(b: Bound) -> PinocchioConstraint:
     ends = b.joint1, b.placement1, b.joint2, b.placement2
-    return Native(b.name, b.size, *ends, b.anchored, b.lever, imitates=False)
+    return PinocchioConstraint(b.name, b.size, *ends, b.anchored, b.lever, approximates=False)
 
 
 def _gamma_of(model: Any, data: Any, b: Bound) -> Callable[[], Array]:

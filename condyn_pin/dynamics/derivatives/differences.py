@@ -63,7 +63,7 @@ class DifferenceDerivatives(Derivatives):
         self._model, self._equations = workspace.model, workspace.equations
         scene = solution.scene
         terms = self._equations.terms(solution.q, v)
-        self.along = directions(terms.J, scene.audit.dependent)
+        self.along = directions(terms.J, scene.nominal.dependent)
         self._heaviest = float(np.diag(terms.M).max(initial=0.0))
         self.step = 0.0
 

@@ -79,7 +79,7 @@ class KktDerivatives(Derivatives):
         if solution.applied:
             of.rhs[: self._n, : self._n] += load_partial(workspace.loads, q, solution.applied)
         self._factors: MinimumNorm | None = None  # of redundant rows
-        self._J = J = workspace.equations.grip(of.J)
+        self._J = J = workspace.equations.drop_roundoff_rows(of.J)
         Y = of.M_inv.dot(J.T)
         K = _independent(J.dot(Y), _rounding(of.M_inv, J))
         if K is None:
@@ -87,7 +87,7 @@ class KktDerivatives(Derivatives):
             K = self._factors.U[:, : self._factors.rank] / self._factors.S[: self._factors.rank]
         self._inverse, self._workspace, self._v = _inverse(of.M_inv, Y, K), workspace, v
         self._matrix: Array | None = None
-        if workspace.scene.audit.condition * _EPS > _ILL:
+        if workspace.scene.nominal.condition * _EPS > _ILL:
             self._matrix = _saddle(of.M, J)
 
     @cached_property

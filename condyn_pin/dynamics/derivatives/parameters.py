@@ -16,8 +16,8 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidArgument, unknown_name
 from condyn_pin.constraints.rows.bound import AnyBound
+from condyn_pin.errors import InvalidArgument, unknown_name
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.derivatives.linearised import Linearisation

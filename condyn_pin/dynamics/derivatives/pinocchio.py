@@ -25,7 +25,6 @@ import numpy as np
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import DerivativesDisagree, InvalidArgument, UnsupportedConstraint
 from condyn_pin._core.joints import turning
 from condyn_pin._core.tolerances import DERIVATIVES
 from condyn_pin.dynamics.derivatives.base import Derivatives
@@ -33,6 +32,7 @@ from condyn_pin.dynamics.derivatives.kkt import KktDerivatives
 from condyn_pin.dynamics.derivatives.loads import load_partial
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.proximal import Proximal
+from condyn_pin.errors import DerivativesDisagree, InvalidArgument, UnsupportedConstraint
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.workspace import Workspace
@@ -62,8 +62,8 @@ class PinocchioDerivatives(Derivatives):
         if solution.applied:
             tau = tau + workspace.loads.at(q, solution.applied).torque
         by_q, by_v, by_tau = _damped(workspace, q, v, tau, settings)
-        audit = workspace.scene.audit
-        if audit.rounded or not audit.independent:
+        nominal = workspace.scene.nominal
+        if nominal.rounded or not nominal.independent:
             twice, more = (_damped(workspace, q, v, tau, _weighted(settings, k)) for k in (2, 4))
             one = (by_q, by_v, by_tau)
             by_q, by_v, by_tau = found = _continued(one, twice)
@@ -121,12 +121,12 @@ def _check_continued(
     accelerate are the motions that the rows leave: those by q and v are looked at along them. Sums
     over the columns count, for rounding along one redundant row is the same in all of them.
     """
-    audit, n = workspace.scene.audit, len(solution.a)
-    size = max(float(np.abs(solution.a).max()), audit.yardstick.gravity) / 1e3
+    nominal, n = workspace.scene.nominal, len(solution.a)
+    size = max(float(np.abs(solution.a).max()), nominal.estimator.gravity) / 1e3
     felt = np.sqrt(np.diag(workspace.equations.mass(solution.q)))
     along = found[2][:n] * felt
     # where everything is held there is none, and what the heaviest joint feels stands for it
-    largest = max(float(np.abs(along).max()), float(audit.yardstick.weights.min()))
+    largest = max(float(np.abs(along).max()), float(nominal.estimator.weights.min()))
     for x, y, step, least in (
         (found[0], rougher[0], along, size * largest),
         (found[1], rougher[1], along, size * largest),

@@ -1,4 +1,4 @@
-"""Solvers: frozen values whose fields are their knobs, one file each.
+"""Solvers: frozen values whose fields are their parameters, one file each.
 
 Every module of this folder is imported once, and each solver in it registers itself, so that to
 add a solver is to add one file (`base.py` says what it must contain).

@@ -1,12 +1,12 @@
 """The contract of a solver, and how to write one.
 
 1. Add one file to this folder with one frozen dataclass that inherits from `Solver`. Its fields
-   are its knobs, each with a default, a unit, and in the docstring the reason of the default.
+   are its parameters, each with a default, a unit, and in the docstring the reason of the default.
 2. Set `title` (what tables show), `cost`, `use` (when to take it) and `takes_redundant`. The class
    registers itself under its lower-case name in `SOLVERS`; tests and the command line find it
    there.
 3. Write `start(workspace)`. It runs once per workspace, may take hundreds of microseconds, and
-   returns a `Method`: three callables closed over what they need. `workspace.data` and
+   returns a `BoundSolver`: three callables closed over what they need. `workspace.data` and
    `workspace.equations` are made when they are first read, and cost a `pin.Data` each: read the
    one if you need it, and the other in the call.
 4. `acceleration(q, v, tau)` is the hot loop. It returns an array that nobody else will write to,
@@ -14,15 +14,16 @@
    `Singular` rather than return numbers that mean nothing, and ValueError for arguments of another
    size (`free_force`); NaN may come out, the workspace catches it.
 5. `lam()` returns an owned array: the forces of the last call, with M a + h = tau + J^T lam for the
-   J of the scene. Pinocchio's own lam is that of `workspace.natives`; `workspace.scene_forces`
-   turns it into the scene's.
+   J of the scene. Pinocchio's own lam is that of `workspace.pinocchio_constraints`;
+   `workspace.scene_forces` turns it into the scene's.
 6. A solver sees rows, not kinds: `workspace.equations` has M, h, J and gamma of whatever the scene
    contains. `workspace.constraint_models` has Pinocchio's objects, of 3 and 6 rows only: a solver
    that uses them sets `takes_every_kind = False` and is never started on kinds without such an
    equivalent. Kinds that are imitated, such as a hinge by two points, bring a row too many: with
-   `takes_imitated = False` it is not started on those either, and with `takes_world_first = False`
-   not on a planar pin whose first frame is the world's.
-7. `accuracy` is of every solver, and no knob: what a status of ok promises where nothing else is
+   `takes_approximated = False` it is not started on those either, and with `takes_world_first =
+   False` not on a planar pin whose first frame is the world's.
+7. `accuracy` is of every solver, and no parameter: what a status of ok promises where nothing else
+is
    said. `tune` and `Table.cheapest` return solvers with the one that they were chosen for.
 8. A solver of another problem, such as soft constraints, sets `exact = False`: its answer is judged
    by the hard equations like all others, and is called inaccurate by what it differs.
@@ -39,7 +40,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.knobs import Grid, check_accuracy_of_a
+from condyn_pin._core.parameters import Grid, check_accuracy_of_a
 from condyn_pin._core.registry import enter
 from condyn_pin._core.tolerances import SOLVED
 
@@ -54,7 +55,7 @@ class Singular(ArithmeticError):
 
 
 @dataclass(frozen=True)
-class Method:
+class BoundSolver:
     """A solver at work in one workspace.
 
     Attributes
@@ -95,11 +96,11 @@ class Solver(ABC):
     use: ClassVar[str]  # when to take it
     takes_redundant: ClassVar[bool]  # whether redundant rows are no trouble
     takes_every_kind: ClassVar[bool] = True  # or only kinds that Pinocchio has, or can imitate
-    takes_imitated: ClassVar[bool] = True  # or only kinds that Pinocchio has
+    takes_approximated: ClassVar[bool] = True  # or only kinds that Pinocchio has
     takes_world_first: ClassVar[bool] = True  # or only a moving body as the first of the two
     exact: ClassVar[bool] = True  # whether it solves the two equations, or others near them
 
-    sweeps: ClassVar[tuple[Grid, ...]] = ()  # values of knobs that are worth a look
+    sweeps: ClassVar[tuple[Grid, ...]] = ()  # values of parameters that are worth a look
 
     accuracy: float = field(default=SOLVED, kw_only=True)
 
@@ -107,10 +108,10 @@ class Solver(ABC):
         check_accuracy_of_a(self.accuracy)
 
     def __repr__(self) -> str:
-        shown = [knob.name for knob in knob_fields(type(self))]
+        shown = [parameter.name for parameter in parameter_fields(type(self))]
         shown += ["accuracy"] if self.accuracy != SOLVED else []
-        knobs = ", ".join(f"{name}={getattr(self, name)!r}" for name in shown)
-        return f"{type(self).__qualname__}({knobs})"
+        parameters = ", ".join(f"{name}={getattr(self, name)!r}" for name in shown)
+        return f"{type(self).__qualname__}({parameters})"
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -122,10 +123,10 @@ class Solver(ABC):
         enter(SOLVERS, name, cls, f"a solver named {cls.__name__}")
 
     @abstractmethod
-    def start(self, workspace: Workspace) -> Method:
+    def start(self, workspace: Workspace) -> BoundSolver:
         """Return this solver at work in `workspace`."""
 
 
-def knob_fields(kind: type[Solver]) -> tuple[Field[Any], ...]:
-    """Return the knobs of a solver: its fields without the accuracy, which all solvers have."""
-    return tuple(knob for knob in fields(kind) if knob.name != "accuracy")
+def parameter_fields(kind: type[Solver]) -> tuple[Field[Any], ...]:
+    """Return the parameters of a solver: its fields but for the accuracy, which all have."""
+    return tuple(parameter for parameter in fields(kind) if parameter.name != "accuracy")

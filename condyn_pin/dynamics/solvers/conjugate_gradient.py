@@ -10,7 +10,8 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.knobs import (
+from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.parameters import (
     ACCURACIES,
     ITERATIONS,
     WEIGHTS,
@@ -19,10 +20,9 @@ from condyn_pin._core.knobs import (
     check_damping,
     check_iterations,
 )
-from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.quietly import quietly
 from condyn_pin._core.tolerances import RANK
-from condyn_pin.dynamics.solvers.base import Method, Solver
+from condyn_pin.dynamics.solvers.base import BoundSolver, Solver
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.nominal import NominalAnalysis
@@ -89,12 +89,12 @@ class ConjugateGradient(Solver):
         check_iterations(self.max_iterations)
         check_damping(self.mu)
 
-    def start(self, workspace: Workspace) -> Method:
+    def start(self, workspace: Workspace) -> BoundSolver:
         """Return the iteration bound to the memory of `workspace`."""
         model, data = workspace.model, workspace.model.createData()
-        audit, mu = workspace.scene.audit, self.mu
-        precondition = inverse_delassus(audit)
-        enough = audit.yardstick.enough / 10 if self.tolerance is None else self.tolerance
+        nominal, mu = workspace.scene.nominal, self.mu
+        precondition = inverse_delassus(nominal)
+        enough = nominal.estimator.enough / 10 if self.tolerance is None else self.tolerance
         # at rest and without gravity, all of tau accelerates: ABA is M^-1
         weightless = pin.Model(model)
         weightless.gravity = pin.Motion.Zero()
@@ -117,7 +117,7 @@ class ConjugateGradient(Solver):
             forces = tau + equations.torque(latest)
             return np.array(pin.aba(model, data, q, v, forces, equations.wrenches(latest)))
 
-        return Method(acceleration, latest.copy, lambda: count[0])
+        return BoundSolver(acceleration, latest.copy, lambda: count[0])
 
 
 def conjugate_gradients(
@@ -158,10 +158,10 @@ def conjugate_gradients(
     return best, k
 
 
-def inverse_delassus(audit: NominalAnalysis) -> Array:
+def inverse_delassus(nominal: NominalAnalysis) -> Array:
     """Return the inverse of G at the nominal state, a multiple of I on what is redundant there."""
-    factors = factorise(audit.terms.M, audit.terms.J, RANK)
+    factors = factorise(nominal.terms.M, nominal.terms.J, RANK)
     U, S = factors.U, factors.S
-    eigenvalues = np.full(U.shape[1], audit.delassus_norm)
+    eigenvalues = np.full(U.shape[1], nominal.delassus_norm)
     eigenvalues[: factors.rank] = S[: factors.rank] ** 2
     return np.asarray((U / eigenvalues) @ U.T)

@@ -9,10 +9,10 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.knobs import WEIGHTS, Grid, check_damping
 from condyn_pin._core.linalg.range_space import range_space
+from condyn_pin._core.parameters import WEIGHTS, Grid, check_damping
 from condyn_pin._core.quietly import quietly
-from condyn_pin.dynamics.solvers.base import Method, Singular, Solver, free_force
+from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver, free_force
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.workspace import Workspace
@@ -56,7 +56,7 @@ class DelassusCholesky(Solver):
         super().__post_init__()
         check_damping(self.mu)
 
-    def start(self, workspace: Workspace) -> Method:
+    def start(self, workspace: Workspace) -> BoundSolver:
         """Return the two factorisations bound to the equations of `workspace`."""
         mu = self.mu
         latest = np.zeros(workspace.scene.rows)
@@ -71,4 +71,4 @@ class DelassusCholesky(Solver):
             a, latest[:] = factors.solve(free_force(tau, terms.h), terms.a_ref - terms.gamma)
             return a
 
-        return Method(acceleration, latest.copy, lambda: 1)
+        return BoundSolver(acceleration, latest.copy, lambda: 1)

@@ -10,9 +10,9 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.knobs import WEIGHTS, Grid, check_damping, check_refinements
+from condyn_pin._core.parameters import WEIGHTS, Grid, check_damping, check_refinements
 from condyn_pin._core.quietly import quietly
-from condyn_pin.dynamics.solvers.base import Method, Singular, Solver, free_force
+from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver, free_force
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.rows.terms import Terms
@@ -74,12 +74,12 @@ class DenseKKT(Solver):
         check_damping(self.mu)
         check_refinements(self.refinements)
 
-    def start(self, workspace: Workspace) -> Method:
+    def start(self, workspace: Workspace) -> BoundSolver:
         """Return the assembled solve bound to the memory of `workspace`."""
         # imported here: scipy.linalg takes as long to import as Pinocchio
         from scipy.linalg.lapack import dsysv, dsytrs
 
-        n, d = workspace.model.nv, scaling(workspace.scene.audit.terms)
+        n, d = workspace.model.nv, scaling(workspace.scene.nominal.terms)
         size, drift, corrections = len(d), workspace.drift, range(self.refinements)
         scale = np.asfortranarray(np.outer(d, d))
         # the lower triangle of D K D; LAPACK writes its factor over it
@@ -116,7 +116,7 @@ class DenseKKT(Solver):
                 y[:] -= dsytrs(factor, pivots, np.concatenate(left) * d, lower=1)[0].ravel()
             return d_n * y_n
 
-        return Method(acceleration, lambda: d_m * y_m, lambda: 1 + len(corrections))
+        return BoundSolver(acceleration, lambda: d_m * y_m, lambda: 1 + len(corrections))
 
 
 def probing(size: int) -> Array:

@@ -10,11 +10,11 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.errors import InvalidModel
-from condyn_pin._core.knobs import check_share
 from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.parameters import check_share
 from condyn_pin._core.quietly import quietly
-from condyn_pin.dynamics.solvers.base import Method, Singular, Solver, free_force
+from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver, free_force
+from condyn_pin.errors import InvalidModel
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.workspace import Workspace
@@ -59,10 +59,10 @@ class GaussPrinciple(Solver):
         super().__post_init__()
         check_share("rank_tolerance", self.rank_tolerance)
 
-    def start(self, workspace: Workspace) -> Method:
+    def start(self, workspace: Workspace) -> BoundSolver:
         """Return the formula bound to the equations of `workspace`."""
         rank_tolerance = self.rank_tolerance
-        least = tolerances.BLURRED * workspace.scene.audit.yardstick.blur
+        least = tolerances.BLURRED * workspace.scene.nominal.estimator.blur
         latest = np.zeros(workspace.scene.rows)
 
         @one_blas_thread
@@ -76,4 +76,4 @@ class GaussPrinciple(Solver):
             a, latest[:] = factors.solve(free_force(tau, terms.h), terms.a_ref - terms.gamma)
             return a
 
-        return Method(acceleration, latest.copy, lambda: 1)
+        return BoundSolver(acceleration, latest.copy, lambda: 1)

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from condyn_pin._core import _pin, tolerances
-from condyn_pin._core.errors import NotAssembled, UnsupportedConstraint
-from condyn_pin._core.knobs import (
+from condyn_pin._core.parameters import (
     ACCURACIES,
     ITERATIONS,
     WEIGHTS,
@@ -20,8 +19,9 @@ from condyn_pin._core.knobs import (
     check_refinements,
 )
 from condyn_pin.dynamics.recursion import Corrected, Recursion
-from condyn_pin.dynamics.solvers.base import Method, Solver
+from condyn_pin.dynamics.solvers.base import BoundSolver, Solver
 from condyn_pin.dynamics.solvers.reference import Reference
+from condyn_pin.errors import NotAssembled, UnsupportedConstraint
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.nominal import NominalAnalysis
@@ -142,43 +142,43 @@ class LCABA(Solver):
         if self.refinements is not None:
             check_refinements(self.refinements)
 
-    def start(self, workspace: Workspace) -> Method:
+    def start(self, workspace: Workspace) -> BoundSolver:
         """Return the cured `pin.lcaba` bound to the memory of `workspace`."""
         if workspace.drift:
             raise UnsupportedConstraint(
                 "LCABA: Pinocchio's lcaba ignores drift control on constraints of 3 rows; "
                 "use Proximal() with drift"
             )
-        natives = workspace.natives.constraints
+        pinocchio_constraints = workspace.pinocchio_constraints.constraints
         models, datas = workspace.constraint_models, workspace.constraint_datas
-        recursion = Recursion(workspace.model, workspace.data, natives, models, datas)
-        audit = workspace.scene.audit
+        recursion = Recursion(workspace.model, workspace.data, pinocchio_constraints, models, datas)
+        nominal = workspace.scene.nominal
         if self.mu is not None:
             chosen = Choice(self.mu, self.max_iterations, self.refinements or 0)
-        elif (found := audit.measured.get(self)) is not None:
+        elif (found := nominal.measured.get(self)) is not None:
             chosen = Choice(*found)
         else:
-            audit.measured[self] = chosen = self._best(workspace, recursion)
-        settings = workspace.proximal_settings = self._settings(audit, chosen)
+            nominal.measured[self] = chosen = self._best(workspace, recursion)
+        settings = workspace.proximal_settings = self._settings(nominal, chosen)
         return self._method(workspace, recursion, settings, chosen.refinements)
 
     def _method(
         self, workspace: Workspace, recursion: Recursion, settings: Any, refinements: int
-    ) -> Method:
+    ) -> BoundSolver:
         if not refinements:
             run = recursion.bind(settings)
-            return Method(
+            return BoundSolver(
                 run, lambda: workspace.scene_forces(recursion.lam()), lambda: int(settings.iter)
             )
         corrected = Corrected(workspace, recursion, settings, refinements)
-        return Method(
+        return BoundSolver(
             corrected.acceleration, corrected.lam, lambda: refinements + int(settings.iter)
         )
 
-    def _settings(self, audit: NominalAnalysis, chosen: Choice) -> Any:
+    def _settings(self, nominal: NominalAnalysis, chosen: Choice) -> Any:
         accuracy = self.absolute_accuracy
         if accuracy is None:
-            accuracy = audit.yardstick.enough / 10
+            accuracy = nominal.estimator.enough / 10
         return _pin.proximal_settings(accuracy, 0.0, chosen.mu, chosen.limit)
 
     def _best(self, workspace: Workspace, recursion: Recursion) -> Choice:
@@ -188,8 +188,8 @@ class LCABA(Solver):
         than a quarter of the sweeps there is left out: it would not converge elsewhere. Where none
         is left that is sure, answers are corrected.
         """
-        audit, large = workspace.scene.audit, workspace.model.nv > _LARGE
-        states = audit.states if large else (*audit.states, *_drawn_states(workspace))
+        nominal, large = workspace.scene.nominal, workspace.model.nv > _LARGE
+        states = nominal.states if large else (*nominal.states, *_drawn_states(workspace))
 
         def best(refinements: int, limit: int) -> Measured:
             return min(
@@ -197,7 +197,7 @@ class LCABA(Solver):
                     workspace,
                     recursion,
                     states,
-                    Choice(share * audit.delassus_norm, limit, refinements),
+                    Choice(share * nominal.delassus_norm, limit, refinements),
                 )
                 for share in _WEIGHT_SHARES
             )
@@ -224,8 +224,8 @@ class LCABA(Solver):
         choice: Choice,
     ) -> Measured:
         """Return how a choice does at some states."""
-        audit = workspace.scene.audit
-        settings = self._settings(audit, choice)
+        nominal = workspace.scene.nominal
+        settings = self._settings(nominal, choice)
         method = self._method(workspace, recursion, settings, choice.refinements)
         worst, sweeps = 0.0, 0
         for s in states:
@@ -240,7 +240,7 @@ class LCABA(Solver):
 
 
 @np.errstate(over="ignore", invalid="ignore")  # the error says it
-def _error(workspace: Workspace, method: Method, s: NominalState) -> float:
+def _error(workspace: Workspace, method: BoundSolver, s: NominalState) -> float:
     """Return that of a and of what forces do to the joints, each relative to what it may be.
 
     Where a carries next to nothing of it, rounding of 1/mu goes into lam alone. The right a and the
@@ -262,7 +262,7 @@ def _drawn_states(workspace: Workspace) -> Iterator[NominalState]:
     from condyn_pin.dynamics.nominal_states import NominalState  # it imports a solver
 
     scene, rng = workspace.scene, np.random.default_rng(1)
-    if not scene.audit.closed:
+    if not scene.nominal.closed:
         return
     exact = type(workspace)(scene, Reference())
     for _ in range(_DRAWN):
@@ -273,5 +273,5 @@ def _drawn_states(workspace: Workspace) -> Iterator[NominalState]:
         tau = exact.terms(q, v).M @ rng.normal(size=len(v))
         solution = exact.solve(q, v, tau, throw=False)
         if solution.status.ok:
-            terms, gravity = exact.terms(q, v), scene.audit.yardstick.gravity
+            terms, gravity = exact.terms(q, v), scene.nominal.estimator.gravity
             yield NominalState.of(q, v, tau, solution.a, terms, gravity)

@@ -10,10 +10,10 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.knobs import check_share
+from condyn_pin._core.parameters import check_share
 from condyn_pin._core.quietly import quietly
-from condyn_pin.constraints.rows.reach import reach
-from condyn_pin.dynamics.solvers.base import Method, Singular, Solver, free_force
+from condyn_pin.constraints.rows.cancellation import cancellation_scale
+from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver, free_force
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.rows.terms import Terms
@@ -63,10 +63,12 @@ class NullSpace(Solver):
         super().__post_init__()
         check_share("rank_tolerance", self.rank_tolerance)
 
-    def start(self, workspace: Workspace) -> Method:
+    def start(self, workspace: Workspace) -> BoundSolver:
         """Return the factorisation bound to the equations of `workspace`."""
-        rank_tolerance, audit = self.rank_tolerance, workspace.scene.audit
-        reached = reach(workspace.equations, audit.q) / np.sqrt(audit.terms.M.diagonal())
+        rank_tolerance, nominal = self.rank_tolerance, workspace.scene.nominal
+        reached = cancellation_scale(workspace.equations, nominal.q) / np.sqrt(
+            nominal.terms.M.diagonal()
+        )
         least = tolerances.BLURRED * float(np.finfo(float).eps * np.linalg.norm(reached))
         latest: list[tuple[_Split, Array]] = []
 
@@ -85,7 +87,7 @@ class NullSpace(Solver):
             split, missing = latest[-1]
             return split.forces(missing)
 
-        return Method(acceleration, lam, lambda: 1)
+        return BoundSolver(acceleration, lam, lambda: 1)
 
 
 class _Split:

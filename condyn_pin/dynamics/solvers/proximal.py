@@ -11,7 +11,7 @@ import numpy as np
 from condyn_pin._core import _pin, tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.knobs import (
+from condyn_pin._core.parameters import (
     ACCURACIES,
     ITERATIONS,
     WEIGHTS,
@@ -20,10 +20,10 @@ from condyn_pin._core.knobs import (
     check_knobs,
     check_refinements,
 )
-from condyn_pin.dynamics.imitation import exact_where_open
+from condyn_pin.dynamics.approximated import exact_where_open
+from condyn_pin.dynamics.proximal_mu import FEW, MuAtState, default_accuracy, default_mu
 from condyn_pin.dynamics.refinement import Refinement
-from condyn_pin.dynamics.solvers.base import Method, Solver
-from condyn_pin.dynamics.weights import FEW, WeightAtState, default_accuracy, default_mu
+from condyn_pin.dynamics.solvers.base import BoundSolver, Solver
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.nominal import NominalAnalysis
@@ -62,7 +62,7 @@ class Proximal(Solver):
         open, the others are made with a share of the smallest eigenvalue there that is more than
         rounding: 0.09 for the fourteen that are left by default, 0.17 for eighteen, which is the
         most, and 0.001 for five, where corrections follow that G needs, or where that eigenvalue
-        is more than a hundredth of the largest (`condyn_pin.dynamics.weights`).
+        is more than a hundredth of the largest (`condyn_pin.dynamics.proximal_mu`).
     max_iterations : int
         Upper limit. It is met without harm where lam keeps a little noise; convergence is judged
         by the errors of the `Solution`, never by this.
@@ -124,27 +124,27 @@ class Proximal(Solver):
             check_accuracy("relative_accuracy", self.relative_accuracy)
         check_accuracy("absolute_accuracy", self.absolute_accuracy)
 
-    def weight(self, audit: NominalAnalysis) -> float:
-        """Return mu, or what the audit of a scene says where it was left to us [1/kg]."""
-        return default_mu(audit) if self.mu is None else float(self.mu)
+    def weight(self, nominal: NominalAnalysis) -> float:
+        """Return mu, or what the `nominal` analysis says where it was left to us [1/kg]."""
+        return default_mu(nominal) if self.mu is None else float(self.mu)
 
-    def start(self, workspace: Workspace) -> Method:
+    def start(self, workspace: Workspace) -> BoundSolver:
         """Return `pin.constraintDynamics` bound to the memory of `workspace`."""
-        audit = workspace.scene.audit
-        mu = self.weight(audit)
+        nominal = workspace.scene.nominal
+        mu = self.weight(nominal)
         accuracy = self.relative_accuracy
         if accuracy is None:
-            accuracy = default_accuracy(audit, mu)
+            accuracy = default_accuracy(nominal, mu)
         patient = self.mu is None and self.max_iterations >= _PATIENT
         limit = FEW if patient else self.max_iterations
         settings = _pin.proximal_settings(self.absolute_accuracy, accuracy, mu, limit)
         workspace.proximal_settings = settings
         model, data = workspace.model, workspace.data
         models, datas = workspace.constraint_models, workspace.constraint_datas
-        needed = _refinements(audit)
+        needed = _refinements(nominal)
         refinements = needed if self.refinements is None else self.refinements
         left, corrected = self.max_iterations - limit, needed > 0 and refinements > 0
-        at_state = cache(lambda: WeightAtState(workspace, mu, accuracy, left, corrected))
+        at_state = cache(lambda: MuAtState(workspace, mu, accuracy, left, corrected))
         solve = pin.constraintDynamics
 
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
@@ -168,20 +168,24 @@ class Proximal(Solver):
             return int(settings.iter) + (0 if last is settings else int(last.iter))
 
         run = persistent if patient else acceleration
-        to_scene = workspace.natives.to_scene
+        to_scene = workspace.pinocchio_constraints.to_scene
         forces = lam if to_scene is None else lambda: workspace.scene_forces(lam())
-        method = Method(run, forces, iterations)
+        method = BoundSolver(run, forces, iterations)
         if refinements:
             refinement = Refinement(workspace, refinements)
-            method = Method(
+            method = BoundSolver(
                 lambda q, v, tau: refinement.correct(q, v, tau, run(q, v, tau), lam()),
                 lambda: workspace.scene_forces(refinement.lam),
                 lambda: iterations() + refinements,
             )
-        return exact_where_open(workspace, method) if workspace.natives.imitated else method
+        return (
+            exact_where_open(workspace, method)
+            if workspace.pinocchio_constraints.approximated
+            else method
+        )
 
 
-def _refinements(audit: NominalAnalysis) -> int:
+def _refinements(nominal: NominalAnalysis) -> int:
     """Return how many corrections a scene needs: one where rounding alone spoils an answer."""
     most = tolerances.SOLVED / _EPS
-    return int(audit.delassus_condition > most or audit.condition_exceeds(most))
+    return int(nominal.delassus_condition > most or nominal.condition_exceeds(most))

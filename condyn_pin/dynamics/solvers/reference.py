@@ -11,13 +11,13 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.errors import InvalidModel
-from condyn_pin._core.knobs import check_count, check_share
 from condyn_pin._core.linalg.extended import add, exact_residual
 from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.parameters import check_count, check_share
 from condyn_pin._core.quietly import quietly
-from condyn_pin.constraints.rows.reach import reach
-from condyn_pin.dynamics.solvers.base import Method, Singular, Solver
+from condyn_pin.constraints.rows.cancellation import cancellation_scale
+from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver
+from condyn_pin.errors import InvalidModel
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.rows.terms import Terms
@@ -71,7 +71,7 @@ class Reference(Solver):
         check_share("rank_tolerance", self.rank_tolerance)
         check_count("refinements", self.refinements, least=0)
 
-    def start(self, workspace: Workspace) -> Method:
+    def start(self, workspace: Workspace) -> BoundSolver:
         """Return the reference bound to the memory of `workspace`."""
         latest = np.zeros(workspace.scene.rows)
 
@@ -79,10 +79,10 @@ class Reference(Solver):
         @quietly  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             equations = workspace.equations
-            a, latest[:] = self.solve(equations.terms(q, v), tau, reach(equations, q))
+            a, latest[:] = self.solve(equations.terms(q, v), tau, cancellation_scale(equations, q))
             return a
 
-        return Method(acceleration, latest.copy, lambda: 1 + self.refinements)
+        return BoundSolver(acceleration, latest.copy, lambda: 1 + self.refinements)
 
     def solve(self, terms: Terms, tau: Array, P: Array | None = None) -> tuple[Array, Array]:
         """Return a and the minimum-norm lam of the given terms.

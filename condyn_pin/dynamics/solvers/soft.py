@@ -11,11 +11,11 @@ import numpy as np
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.errors import InvalidArgument, InvalidModel
-from condyn_pin._core.knobs import Grid
 from condyn_pin._core.linalg.range_space import whiten
+from condyn_pin._core.parameters import Grid
 from condyn_pin._core.quietly import quietly
-from condyn_pin.dynamics.solvers.base import Method, Singular, Solver, free_force
+from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver, free_force
+from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.io.mjcf_posture import drawn
 from condyn_pin.model.soundness import massless_motion
 
@@ -101,7 +101,7 @@ class Soft(Solver):
         object.__setattr__(self, "solref", tuple(map(float, self.solref)))
         object.__setattr__(self, "solimp", tuple(map(float, self.solimp)))
 
-    def start(self, workspace: Workspace) -> Method:
+    def start(self, workspace: Workspace) -> BoundSolver:
         """Return the regularised problem bound to the equations of `workspace`."""
         # imported here: scipy.linalg takes as long to import as Pinocchio
         from scipy.linalg.lapack import dposv, dtrtrs
@@ -137,7 +137,7 @@ class Soft(Solver):
                 z += W @ latest
             return np.asarray(dtrtrs(U, z)[0])
 
-        return Method(acceleration, latest.copy, lambda: 1)
+        return BoundSolver(acceleration, latest.copy, lambda: 1)
 
     def impedance(self, gap: Array) -> Array:
         """Return the impedance d at each `gap` >= 0 (m,) [m, rad]."""

@@ -11,10 +11,10 @@ import numpy as np
 from condyn_pin._core import _pin, tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.knobs import WEIGHTS, Grid, check_damping
 from condyn_pin._core.linalg.range_space import whiten
+from condyn_pin._core.parameters import WEIGHTS, Grid, check_damping
 from condyn_pin._core.quietly import quietly
-from condyn_pin.dynamics.solvers.base import Method, Singular, Solver, free_force
+from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver, free_force
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.nominal import NominalAnalysis
@@ -58,7 +58,7 @@ class SparseKKT(Solver):
     use: ClassVar[str] = "to compare with; independent rows of points and welds"
     takes_redundant: ClassVar[bool] = False
     takes_every_kind: ClassVar[bool] = False
-    takes_imitated: ClassVar[bool] = False
+    takes_approximated: ClassVar[bool] = False
     sweeps: ClassVar[tuple[Grid, ...]] = ({"mu": WEIGHTS},)
 
     mu: float = 0.0  # [1/kg]
@@ -67,14 +67,14 @@ class SparseKKT(Solver):
         super().__post_init__()
         check_damping(self.mu)
 
-    def start(self, workspace: Workspace) -> Method:
+    def start(self, workspace: Workspace) -> BoundSolver:
         """Return the factorisation bound to the memory of `workspace`."""
         model, data = workspace.model, workspace.data
         models, datas = workspace.constraint_models, workspace.constraint_datas
         m, mu = workspace.scene.rows, self.mu
-        slips, scene_forces = workspace.native_slips, workspace.scene_forces
+        slips, scene_forces = workspace.pinocchio_velocity, workspace.scene_forces
         # pivots of what is left of a row are squares of those of J L^-T
-        own = _delassus_diagonal(workspace.scene.audit, slips)
+        own = _delassus_diagonal(workspace.scene.nominal, slips)
         limits = np.full(m, -mu / 2) if mu else -(tolerances.RANK**2) * own
         answer = np.zeros(m + model.nv)
 
@@ -88,10 +88,10 @@ class SparseKKT(Solver):
             answer[:] = factor.solve(np.concatenate([target, forces]))
             return answer[m:].copy()
 
-        return Method(acceleration, lambda: scene_forces(-answer[:m]), lambda: 1)
+        return BoundSolver(acceleration, lambda: scene_forces(-answer[:m]), lambda: 1)
 
 
-def _delassus_diagonal(audit: NominalAnalysis, slips: Callable[[Array], Array]) -> Array:
+def _delassus_diagonal(nominal: NominalAnalysis, slips: Callable[[Array], Array]) -> Array:
     """Return the diagonal of J M^-1 J^T of Pinocchio's rows at the nominal state [1/kg]."""
-    whitened = whiten(audit.terms.M, slips(audit.terms.J))
+    whitened = whiten(nominal.terms.M, slips(nominal.terms.J))
     return np.zeros(0) if whitened is None else np.array(whitened[2].diagonal())

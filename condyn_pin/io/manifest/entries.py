@@ -9,9 +9,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, fields
 from typing import Any, Final, TypeVar
 
-from condyn_pin._core.errors import CondynError, InvalidModel, unknown_name
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.kinds import Loop, worded
+from condyn_pin.errors import CondynError, InvalidModel, unknown_name
 
 Made = TypeVar("Made")
 Table = Mapping[str, Any]

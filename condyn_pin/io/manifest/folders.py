@@ -6,7 +6,7 @@ from importlib import metadata
 from pathlib import Path
 
 import condyn_pin
-from condyn_pin._core.errors import InvalidModel, MissingExtra
+from condyn_pin.errors import InvalidModel, MissingExtra
 
 
 def robots_folder() -> Path:

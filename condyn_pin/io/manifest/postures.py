@@ -11,7 +11,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.errors import InvalidModel, UnknownName, unknown_name
+from condyn_pin.errors import InvalidModel, UnknownName, unknown_name
 from condyn_pin.io.manifest.srdf import read_srdf
 
 

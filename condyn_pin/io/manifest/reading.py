@@ -11,13 +11,13 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.errors import CondynError, InvalidModel
 from condyn_pin._core.files.text import parse_toml, read_text
 from condyn_pin._core.names import few
 from condyn_pin.constraints.constraints import Constraint, Loop
-from condyn_pin.constraints.gap import gap_of
 from condyn_pin.constraints.rows.binding import bind
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.violation import gap_of
+from condyn_pin.errors import CondynError, InvalidModel
 from condyn_pin.io.manifest.entries import FOR_SDF, check_card, contacts_of, loops_of, said
 from condyn_pin.io.manifest.folders import description_file
 from condyn_pin.io.manifest.postures import posture, srdf_postures

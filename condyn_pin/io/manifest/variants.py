@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from condyn_pin._core.errors import InvalidArgument, InvalidModel, unknown_name
+from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
 
 
 def chosen_card(card: Mapping[str, Any], variant: Mapping[str, str]) -> dict[str, Any]:

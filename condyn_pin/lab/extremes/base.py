@@ -23,12 +23,12 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.registry import enter
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.integrators.base import Integrator
@@ -87,8 +87,8 @@ class Case:
     q, v, tau : (nq,), (nv,), (nv,) array
     right : tuple of (nv,) array
         The acceleration, in closed form; empty where `Reference` has to say it.
-    knobs : mapping of str to number
-        Knobs that are turned on every solver that has them.
+    parameters : mapping of str to number
+        Parameters that are turned on every solver that has them.
     drift : Baumgarte, optional
     motion : Motion, optional
         Where the question is one of many steps.
@@ -101,7 +101,7 @@ class Case:
     v: Array
     tau: Array
     right: tuple[Array, ...] = ()
-    knobs: Mapping[str, float | int] = field(default_factory=dict)
+    parameters: Mapping[str, float | int] = field(default_factory=dict)
     drift: Baumgarte | None = None
     motion: Motion | None = None
     flight: Flight | None = None
@@ -172,7 +172,7 @@ def powers(first: int, last: int, step: int = 1) -> tuple[float, ...]:
 
 def torques(scene: Scene, rng: np.random.Generator) -> Array:
     """Return torques that alone would accelerate every joint by about 1 rad/s^2 or 1 m/s^2."""
-    M = scene.audit.terms.M
+    M = scene.nominal.terms.M
     return np.asarray(M @ rng.normal(size=scene.robot.nv))
 
 

@@ -10,5 +10,5 @@ from condyn_pin.lab.extremes.base import Case, extreme, moving, whole
 
 @extreme(severities=(1e4, 1e3, 1e2, 20.0, 10.0, 5.0, 3.0, 2.0, 1.0, 0.0), any_scene=True)
 def few_iterations(severity: float, rng: np.random.Generator, scene: Scene) -> Case:
-    """How large the knob max_iterations is."""
-    return Case(scene, *moving(scene, rng), knobs={"max_iterations": whole(severity)})
+    """How large the parameter max_iterations is."""
+    return Case(scene, *moving(scene, rng), parameters={"max_iterations": whole(severity)})

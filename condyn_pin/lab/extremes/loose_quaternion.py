@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from condyn_pin._core.arguments import Arguments
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.lab.extremes.base import Case, by_reference, extreme, moving, powers
 
 

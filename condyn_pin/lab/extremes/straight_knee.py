@@ -18,7 +18,7 @@ from condyn_pin.model.robot import Robot
 def straight_knee(severity: float, rng: np.random.Generator) -> Case:
     """Angle of three links of a leg to the line between its held ends [rad].
 
-    Stretched, the rows along the leg lose their grip, and forces grow without bound before.
+    Stretched, the rows along the leg hold less and less, and forces grow without bound before.
     """
     leg = chain(3)
     q = severity * np.array([1.0, -2.0, 1.5])

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._core._pin import HAS_LCABA
-from condyn_pin._core.errors import Interrupted, WorkersLost, unknown_name
-from condyn_pin._core.knobs import check_called
+from condyn_pin._core.parameters import check_called
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import Interrupted, WorkersLost, unknown_name
 from condyn_pin.io.load import load_robot
 from condyn_pin.lab.extremes.base import EXTREMES
 from condyn_pin.lab.extremes.verdict import Outcome, Task, Verdict

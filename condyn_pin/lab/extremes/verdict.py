@@ -19,7 +19,6 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import CondynError
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.linalg.numerical_rank import rank_of
 from condyn_pin.constraints.rows.terms import Terms
@@ -27,6 +26,7 @@ from condyn_pin.dynamics.solution import Status
 from condyn_pin.dynamics.solvers.base import Singular, Solver
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.errors import CondynError
 from condyn_pin.lab.extremes.base import Case
 
 # Shares of the largest singular value: below the first all is rounding, and below the last no
@@ -85,10 +85,10 @@ class Outcome:
     said: str
 
 
-def turned(kind: type[Solver], knobs: Mapping[str, float | int]) -> Solver:
-    """Return a solver with those of the knobs that it has."""
+def turned(kind: type[Solver], parameters: Mapping[str, float | int]) -> Solver:
+    """Return a solver with those of the parameters that it has."""
     own = {field.name for field in fields(kind)}
-    return replace(kind(), **{name: value for name, value in knobs.items() if name in own})
+    return replace(kind(), **{name: value for name, value in parameters.items() if name in own})
 
 
 def judge(case: Case, solver: Solver, right: tuple[Array, ...]) -> tuple[Verdict, float, str]:

@@ -16,5 +16,5 @@ from condyn_pin.lab.extremes.base import Case, extreme, moving
     any_scene=True,
 )
 def weight(severity: float, rng: np.random.Generator, scene: Scene) -> Case:
-    """How large the knob mu is [1/kg]."""
-    return Case(scene, *moving(scene, rng), knobs={"mu": severity})
+    """How large the parameter mu is [1/kg]."""
+    return Case(scene, *moving(scene, rng), parameters={"mu": severity})

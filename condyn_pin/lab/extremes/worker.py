@@ -11,8 +11,8 @@ from importlib import import_module
 from itertools import chain
 from multiprocessing.connection import Connection
 
-from condyn_pin._core.errors import CondynError
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import CondynError
 from condyn_pin.lab.extremes import EXTREMES
 from condyn_pin.lab.extremes.base import Case
 from condyn_pin.lab.extremes.flight_verdict import judge_flight
@@ -83,7 +83,7 @@ def answers(task: Task, methods: list[str], memory: Memory) -> Iterator[str | Ou
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # a library that warns has not thought of it
             try:
-                solver = turned(SOLVERS[method], case.knobs)
+                solver = turned(SOLVERS[method], case.parameters)
                 if case.motion:
                     verdict, error, said = judge_run(case, case.motion, solver)
                 elif case.flight:

@@ -9,9 +9,9 @@ from typing import Any, ClassVar, Final
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.io.load import load_robot
 from condyn_pin.lab.problems.base import Limit, Problem, Published, Setting, Torque
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince

@@ -11,10 +11,10 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.constraints import Loop
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.lab.problems.base import Limit, Problem, Setting, Torque
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince

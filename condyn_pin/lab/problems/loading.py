@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from condyn_pin._core.errors import InvalidArgument, unknown_name
+from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.lab.problems import PROBLEMS
 from condyn_pin.lab.problems.base import Problem
 

@@ -6,19 +6,20 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
+from condyn_pin._core.renamed import renamed
 from condyn_pin.lab.problems.base import Limit, Problem, Setting
 from condyn_pin.simulation.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
-class Errors:
+class MotionErrors:
     """What is wrong with a motion; by default everything."""
 
     error: float = math.inf  # by the problem's own measure
     difference: float = math.inf  # largest of a number that is compared, in its own unit
     energy_drift: float | None = math.inf  # largest change along the motion [J]
     violation: float = math.inf  # largest |c(q)| along it [m, rad]
-    slip: float = math.inf  # largest |J v| along it [m/s, rad/s]
+    constraint_velocity: float = math.inf  # largest |J v| along it [m/s, rad/s]
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class ProblemResult:
         What was asked for.
     duration : float
         [s].
-    errors : Errors
+    errors : MotionErrors
         Infinite for a motion that ended early.
     cpu_seconds : float
         Processor time of `simulate`, its workspace included [s].
@@ -45,10 +46,12 @@ class ProblemResult:
     problem: Problem
     setting: Setting
     duration: float  # [s]
-    errors: Errors
+    errors: MotionErrors
     cpu_seconds: float  # [s]
     evaluations: int
     trajectory: Trajectory = field(repr=False, compare=False)
+
+    slip = renamed("constraint_velocity")
 
     @property
     def dt(self) -> float:
@@ -103,7 +106,7 @@ class ProblemResult:
 
     @property
     def method(self) -> str:
-        """Integrator, drift scheme and solver, every knob said."""
+        """Integrator, drift scheme and solver, every parameter said."""
         run = self.trajectory.run
         return f"{run.integrator!r}, {run.drift!r}, {run.solver!r}"
 
@@ -118,7 +121,7 @@ class ProblemResult:
             "error": f"{e.error:.2g}: {self.problem.measure}",
             "difference": f"{e.difference:.2g}, the largest of a number that is compared",
             "energy drift": drift,
-            "violation": f"{e.violation:.2g} in c(q), {e.slip:.2g} in J v",
+            "violation": f"{e.violation:.2g} in c(q), {e.constraint_velocity:.2g} in J v",
             "CPU": f"{self.cpu_seconds:.3g} s for {self.duration:g} s, "
             f"{self.evaluations} evaluations",
             "verdict": self.verdict,
@@ -132,7 +135,7 @@ class ProblemResult:
             "difference": e.difference,
             "energy_drift": e.energy_drift,
             "violation": e.violation,
-            "slip": e.slip,
+            "constraint_velocity": e.constraint_velocity,
         }
         return {
             "problem": self.problem.label,

@@ -8,10 +8,10 @@ from time import process_time
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.constraints.constraint_fields import check_positive
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.lab.problems.base import Problem, Setting, Torque
-from condyn_pin.lab.problems.result import Errors, ProblemResult
+from condyn_pin.lab.problems.result import MotionErrors, ProblemResult
 from condyn_pin.simulation.run import simulate
 from condyn_pin.simulation.trajectory import Trajectory
 
@@ -45,14 +45,14 @@ def run_problem(problem: Problem, setting: Setting, duration: float | None) -> P
         problem,
         setting,
         duration,
-        measure(problem, trajectory) if whole else Errors(),
+        measure(problem, trajectory) if whole else MotionErrors(),
         cpu_seconds=seconds,
         evaluations=count,
         trajectory=trajectory,
     )
 
 
-def measure(problem: Problem, trajectory: Trajectory) -> Errors:
+def measure(problem: Problem, trajectory: Trajectory) -> MotionErrors:
     """Return what is wrong with a motion of a problem."""
     states = list(zip(trajectory.t.tolist(), trajectory.q, trajectory.v, strict=True))
     known = states[-1:] if problem.only_at else states
@@ -62,12 +62,12 @@ def measure(problem: Problem, trajectory: Trajectory) -> Errors:
     if problem.conservative:
         energies = np.array([problem.energy(q, v) for _, q, v in states])
         energy_drift = float(np.abs(energies - energies[0]).max())
-    return Errors(
+    return MotionErrors(
         problem.error(found, wanted),
         float(np.abs(found - wanted).max()),
         energy_drift,
         float(trajectory.violation.max()),
-        float(trajectory.slip.max()),
+        float(trajectory.constraint_velocity.max()),
     )
 
 

@@ -23,12 +23,12 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidArgument, InvalidConstraint
 from condyn_pin._core.joints import indices
 from condyn_pin._core.names import checked, listed
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.frames import rows_of
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument, InvalidConstraint
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.smaller_robot import free_flyers, sifted, smaller_robot
@@ -71,7 +71,7 @@ def follows(scene: Scene, loops: Sequence[str], joints: Sequence[str]) -> bool:
 
     It is so if the rows of the loops have no less rank in the columns of these joints alone.
     """
-    J = scene.audit.terms.J[rows_of([b for b in scene.bounds if b.name in loops])]
+    J = scene.nominal.terms.J[rows_of([b for b in scene.bounds if b.name in loops])]
     p = indices(scene.robot.model, joints)[1]
     return bool(_rank(J[:, p]) == _rank(J))
 

@@ -14,10 +14,10 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidModel
 from condyn_pin.constraints.constraints import Constraint
 from condyn_pin.constraints.contacts import LineContact, SurfaceContact
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidModel
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
 from condyn_pin.model.robot import Robot
 

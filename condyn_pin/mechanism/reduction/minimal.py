@@ -22,7 +22,6 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.errors import CondynError, InvalidArgument, NotAssembled
 from condyn_pin._core.joints import indices
 from condyn_pin._core.timing import State
 from condyn_pin.dynamics.catalogue import motor_torque
@@ -30,8 +29,9 @@ from condyn_pin.dynamics.choice import default_solver
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
-from condyn_pin.mechanism.reduction.minimal_report import Minimal, Step
-from condyn_pin.mechanism.reduction.price import Errors, answers, compare, watched_joints
+from condyn_pin.errors import CondynError, InvalidArgument, NotAssembled
+from condyn_pin.mechanism.reduction.minimal_report import Minimal, ReductionStep
+from condyn_pin.mechanism.reduction.price import ReductionErrors, answers, compare, watched_joints
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
 from condyn_pin.mechanism.reduction.suggestions import Suggestion, suggestions
 from condyn_pin.mechanism.reduction.trials import time_trials, trial
@@ -41,7 +41,7 @@ from condyn_pin.model.smaller_robot import free_flyers
 _SAMPLES = 10  # states that simplifications are chosen by
 _FRESH = 50  # states that the result is judged by
 _ROUNDS = 100
-_NONE = Errors(0.0, 0.0, 0.0, 0.0)
+_NONE = ReductionErrors(0.0, 0.0, 0.0, 0.0)
 
 
 @one_blas_thread
@@ -67,7 +67,7 @@ def minimal(
     if motion is None:
         judge = _Question.of(scene, _sampled(scene, 1, _FRESH), asked)
     scenes = [reduced(scene, scene.robot, scene.constraints, states[0][0], ())]
-    steps: list[Step] = []
+    steps: list[ReductionStep] = []
     errors = None
     while errors is None:
         _search(question, solver, limit, scenes, steps)
@@ -102,7 +102,7 @@ class _Question:
     def of(cls, scene: Scene, states: Sequence[State], asked: tuple[str, ...]) -> _Question:
         return cls(scene, states, asked, answers(scene, states, asked))
 
-    def errors(self, small: ReducedScene) -> Errors:
+    def errors(self, small: ReducedScene) -> ReductionErrors:
         """Return the errors of a smaller scene, or raise the CondynError that prevents them."""
         found = answers(small, [_reduce(small, state) for state in self.states], self.asked)
         return compare(self.scene, self.full, found)
@@ -113,7 +113,7 @@ def _search(
     solver: Solver,
     limit: float,
     scenes: list[ReducedScene],
-    steps: list[Step],
+    steps: list[ReductionStep],
 ) -> None:
     """Try what was not tried yet; add every step, and the scene after each that is kept."""
     while (suggestion := _untried(scenes[-1], question, steps, solver)) is not None:
@@ -122,17 +122,19 @@ def _search(
             Workspace(after, solver)
             errors = question.errors(after)
         except CondynError as refusal:
-            steps.append(Step(suggestion.what, kept=False, errors=None, reason=f"; {refusal}"))
+            steps.append(
+                ReductionStep(suggestion.what, kept=False, errors=None, reason=f"; {refusal}")
+            )
             continue
         good = errors.worst <= limit
         reason = "" if good else f"; {limit:g} is allowed"
-        steps.append(Step(suggestion.what, kept=good, errors=errors, reason=reason))
+        steps.append(ReductionStep(suggestion.what, kept=good, errors=errors, reason=reason))
         if good:
             scenes.append(after)
 
 
 def _untried(
-    small: ReducedScene, question: _Question, steps: Sequence[Step], solver: Solver
+    small: ReducedScene, question: _Question, steps: Sequence[ReductionStep], solver: Solver
 ) -> Suggestion | None:
     tried = {step.what for step in steps}
     moving = _moving(small.full.robot, small.robot.joints, question.states)
@@ -141,8 +143,8 @@ def _untried(
 
 
 def _judged(
-    judge: _Question, limit: float, scenes: list[ReducedScene], steps: list[Step]
-) -> Errors | None:
+    judge: _Question, limit: float, scenes: list[ReducedScene], steps: list[ReductionStep]
+) -> ReductionErrors | None:
     """Return the errors of the last scene if they are within the limit, or else take it back."""
     if len(scenes) == 1:
         return _NONE

@@ -6,12 +6,12 @@ import math
 from dataclasses import dataclass
 
 from condyn_pin.dynamics.solvers.base import Solver
-from condyn_pin.mechanism.reduction.price import Errors
+from condyn_pin.mechanism.reduction.price import ReductionErrors
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene
 
 
 @dataclass(frozen=True)
-class Step:
+class ReductionStep:
     """A simplification that was tried.
 
     Attributes
@@ -19,7 +19,7 @@ class Step:
     what : str
         What it leaves out, and why that may do.
     kept : bool
-    errors : Errors or None
+    errors : ReductionErrors or None
         Of all simplifications so far, this one included; None if it could not be made.
     reason : str
         Why it was not kept; empty if it was.
@@ -27,7 +27,7 @@ class Step:
 
     what: str
     kept: bool
-    errors: Errors | None
+    errors: ReductionErrors | None
     reason: str = ""
 
     def __str__(self) -> str:
@@ -51,7 +51,7 @@ class Minimal:
         What the solver says before and after: "ok", or why it was not timed.
     solver : Solver
         What was timed, and has to take the smaller scene.
-    errors : Errors
+    errors : ReductionErrors
         Against the full scene, at random states that no simplification was tried at; at those of
         the motion if one was given.
     limit : float
@@ -60,7 +60,7 @@ class Minimal:
         States that the errors are of.
     watch : tuple of str
         Joints whose accelerations were compared.
-    steps : tuple of Step
+    steps : tuple of ReductionStep
         What was tried, in order.
     """
 
@@ -70,11 +70,11 @@ class Minimal:
     us: tuple[float, float]
     said: tuple[str, str]
     solver: Solver
-    errors: Errors
+    errors: ReductionErrors
     limit: float
     states: int
     watch: tuple[str, ...]
-    steps: tuple[Step, ...]
+    steps: tuple[ReductionStep, ...]
 
     def __str__(self) -> str:
         timed = [

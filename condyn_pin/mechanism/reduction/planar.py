@@ -14,12 +14,12 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidConstraint
 from condyn_pin._core.linalg.pivots import first_of_largest
 from condyn_pin._core.names import checked
 from condyn_pin.constraints.rows.bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidConstraint
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
 
 
@@ -32,7 +32,7 @@ def as_planar(scene: Scene, name: str) -> ReducedScene:
     pin_joint = loop.as_planar_pin(frame)
     if pin_joint is None:
         raise InvalidConstraint(f"{name}: a loop of kind ball is needed")
-    U, S, _ = np.linalg.svd(scene.audit.terms.J[bound.rows])
+    U, S, _ = np.linalg.svd(scene.nominal.terms.J[bound.rows])
     rank = int(np.count_nonzero(tolerances.RANK * S[0] < S))
     if rank != 2:
         said = (
@@ -56,7 +56,7 @@ def _in_axes_of_first(scene: Scene, bound: AnyBound, direction: Array) -> Array:
     """
     if bound.sign > 0:
         return direction
-    placements = Equations(scene.robot.model, scene.bounds).placements(scene.audit.q)
+    placements = Equations(scene.robot.model, scene.bounds).placements(scene.nominal.q)
     ends = placements[scene.bounds.index(bound)]
     assert ends is not None  # a loop has two of them
     rows, first = ends

@@ -31,7 +31,7 @@ _REFERENCE = Reference(refinements=0)
 
 
 @dataclass(frozen=True)
-class Errors:
+class ReductionErrors:
     """Relative errors over some states: the worst and the median of each.
 
     Attributes
@@ -84,12 +84,12 @@ def answers(scene: Scene, states: Sequence[State], joints: Sequence[str]) -> tup
     return np.array(found_a), np.array(found_f)
 
 
-def compare(scene: Scene, full: tuple[Array, Array], small: tuple[Array, Array]) -> Errors:
+def compare(scene: Scene, full: tuple[Array, Array], small: tuple[Array, Array]) -> ReductionErrors:
     """Return the errors of the answers of a smaller scene against those of the full one."""
-    yardstick = scene.audit.yardstick
-    a = _relative(full[0], small[0], yardstick.gravity)
-    f = _relative(full[1], small[1], scene.audit.weight)
-    return Errors(float(a.max()), float(np.median(a)), float(f.max()), float(np.median(f)))
+    estimator = scene.nominal.estimator
+    a = _relative(full[0], small[0], estimator.gravity)
+    f = _relative(full[1], small[1], scene.nominal.weight)
+    return ReductionErrors(float(a.max()), float(np.median(a)), float(f.max()), float(np.median(f)))
 
 
 def _relative(full: Array, small: Array, floor: float) -> Array:

@@ -20,10 +20,10 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.joints import Indices, indices
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.mechanism.summary import Summary
 from condyn_pin.model.robot import Robot
 

@@ -14,10 +14,10 @@ from itertools import permutations
 from numpy.typing import ArrayLike
 
 from condyn_pin._core.arguments import normalised
-from condyn_pin._core.errors import InvalidArgument, NotAssembled
 from condyn_pin._core.joints import indices
 from condyn_pin._core.names import checked, listed
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
 from condyn_pin.model.smaller_robot import free_flyers, sifted, smaller_robot
 

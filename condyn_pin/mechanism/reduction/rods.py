@@ -23,11 +23,11 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidArgument, InvalidConstraint
 from condyn_pin._core.joints import indices
 from condyn_pin._core.names import checked, listed
 from condyn_pin.constraints.constraints import Constraint, Loop
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument, InvalidConstraint
 from condyn_pin.mechanism.reduction.linkages import check_passive
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
 from condyn_pin.model.robot import Robot
@@ -169,9 +169,10 @@ def _check_mobility(before: Scene, after: Scene, rods: Sequence[_Rod]) -> None:
     What goes with a rod on a ball is its spin about itself, and nothing with one on a hinge.
     """
     spins = sum(before.robot.model.joints[rod.number].nv == 3 for rod in rods)
-    wanted = before.audit.mobility - spins
-    if after.audit.mobility != wanted:
+    wanted = before.nominal.mobility - spins
+    if after.nominal.mobility != wanted:
         raise InvalidConstraint(
             f"rods {listed([rod.joint for rod in rods])}: as distances they leave mobility "
-            f"{after.audit.mobility} where {wanted} is right, so they do more than keep a distance"
+            f"{after.nominal.mobility} where {wanted} is right, so they do more than "
+            "keep a distance"
         )

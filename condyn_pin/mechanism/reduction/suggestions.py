@@ -91,10 +91,10 @@ def _as_distance(scene: ReducedScene, joint: str) -> ReducedScene:
 
 def _implied(scene: ReducedScene) -> Iterator[str]:
     """Yield constraints without which the rank is the same."""
-    terms = scene.audit.terms
+    terms = scene.nominal.terms
     for bound in scene.bounds:
         others = np.delete(terms.J, bound.rows, axis=0)
-        if factorise(terms.M, others, tolerances.RANK).rank == scene.audit.rank:
+        if factorise(terms.M, others, tolerances.RANK).rank == scene.nominal.rank:
             yield bound.name
 
 
@@ -124,7 +124,7 @@ def _linkages(scene: ReducedScene, asked: Sequence[str]) -> Iterator[tuple[str, 
 
 def _planar_balls(scene: ReducedScene) -> Iterator[str]:
     """Yield ball loops with a redundant row of their own."""
-    M, J = scene.audit.terms.M, scene.audit.terms.J
+    M, J = scene.nominal.terms.M, scene.nominal.terms.J
     for bound in scene.bounds:
         loop = next(c for c in scene.constraints if c.name == bound.name)
         if loop.as_planar_pin(loop.name) is not None:

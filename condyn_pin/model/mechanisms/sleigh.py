@@ -6,7 +6,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints.constraint_fields import check_positive
-from condyn_pin.constraints.nonholonomic import Knife
+from condyn_pin.constraints.nonholonomic import KnifeEdge
 from condyn_pin.model.mechanisms.base import LICENCE, along_x, mechanism, source
 from condyn_pin.model.robot import Robot
 
@@ -62,7 +62,7 @@ def sleigh(*, arm: float = 0.2, mass: float = 1.0, inertia: float = 0.1) -> Robo
         "sleigh",
         model,
         postures={"origin": pin.neutral(model)},
-        contacts=(Knife("blade", axis="y"),),
+        contacts=(KnifeEdge("blade", axis="y"),),
         source=source("sleigh"),
         licence=LICENCE,
     )

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array, finite, read_only
-from condyn_pin._core.knobs import check_count
 from condyn_pin._core.parallel.outcome import MISSING
+from condyn_pin._core.parameters import check_count
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import Solver
 from condyn_pin.model.robot import Robot

@@ -14,14 +14,14 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import NotAssembled, SolveFailed, StepFailed
 from condyn_pin._core.parallel.memory import Arrays, Kind
-from condyn_pin._core.parallel.ways import Words
+from condyn_pin._core.parallel.transports import Messages
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import Solver
 from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.errors import NotAssembled, SolveFailed, StepFailed
 from condyn_pin.simulation.batch.forces import RowForces
 from condyn_pin.simulation.batch.trajectory import RUN_STATUSES
 from condyn_pin.simulation.hybrid_phase import HybridPhase
@@ -35,7 +35,16 @@ from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.simulation.uninterrupted import uninterrupted
 
 _CODES: Final = {status: code for code, status in enumerate(RUN_STATUSES)}
-ENDS: Final = ("t", "q", "v", "violation", "slip", "energy_error", "run_times", "statuses")
+ENDS: Final = (
+    "t",
+    "q",
+    "v",
+    "violation",
+    "constraint_velocity",
+    "energy_error",
+    "run_times",
+    "statuses",
+)
 SAMPLED: Final = ("t", "q", "v", "a", "lam", "tau")
 
 # What `simulate` raises of a state that no motion begins at.
@@ -59,7 +68,7 @@ class Motions:
     every: int
     forces: RowForces
 
-    def __call__(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> Words:
+    def __call__(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> Messages:
         """Simulate the rows; return why those ended early that did."""
         runner: Runner | None = getattr(_last, "runner", None)
         if runner is None or not runner.fits(self, workspace):
@@ -146,7 +155,9 @@ def of_ends(scene: Scene) -> dict[str, Kind]:
     return {
         "q": Kind((robot.nq,)),
         "v": Kind((robot.nv,)),
-        **dict.fromkeys(("t", "violation", "slip", "energy_error", "run_times"), number),
+        **dict.fromkeys(
+            ("t", "violation", "constraint_velocity", "energy_error", "run_times"), number
+        ),
         "statuses": Kind((), "i1"),
     }
 
@@ -164,7 +175,7 @@ def _put(outputs: Arrays, i: int, found: Trajectory) -> None:
         "q": found.q[-1],
         "v": found.v[-1],
         "violation": found.violation.max(),
-        "slip": found.slip.max(),
+        "constraint_velocity": found.constraint_velocity.max(),
         "energy_error": np.abs(found.energy.error).max(),
         "statuses": _CODES[found.status],
     }
@@ -178,7 +189,7 @@ def _put(outputs: Arrays, i: int, found: Trajectory) -> None:
 def _put_nothing(outputs: Arrays, i: int, q: Array, v: Array) -> None:
     """Put the status of a motion that could not begin."""
     outputs["q"][i], outputs["v"][i], outputs["t"][i] = q, v, 0.0
-    for name in ("violation", "slip", "energy_error"):
+    for name in ("violation", "constraint_velocity", "energy_error"):
         outputs[name][i] = nan
     outputs["statuses"][i] = _CODES[RunStatus.FAILED]
     for _, samples in samples_of(outputs):

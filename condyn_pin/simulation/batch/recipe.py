@@ -9,11 +9,11 @@ from hashlib import blake2b
 from threading import get_ident
 from typing import Final
 
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.errors import InvalidArgument
 
 # Workspaces that a process keeps: a study has dozens of scenes and solvers, each in turn.
 _KEPT: Final = 32

@@ -14,17 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import read_only
-from condyn_pin._core.errors import Interrupted, InvalidArgument, WorkersLost
-from condyn_pin._core.knobs import check_called
 from condyn_pin._core.parallel.chunks import Progress, in_flight, silent
 from condyn_pin._core.parallel.memory import CAN_SHARE, Arrays, Kinds
 from condyn_pin._core.parallel.outcome import MISSING
 from condyn_pin._core.parallel.processes import Processes, workers_of
-from condyn_pin._core.parallel.ways import ByCopies, ByMemory, InPlace, Kernel, Way
+from condyn_pin._core.parallel.transports import ByCopies, ByMemory, InPlace, Kernel, Transport
+from condyn_pin._core.parameters import check_called
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.verbs import workspace_for
+from condyn_pin.errors import Interrupted, InvalidArgument, WorkersLost
 from condyn_pin.simulation.batch.recipe import Recipe
 
 Batch = TypeVar("Batch")
@@ -98,8 +98,8 @@ class Rows:
             return batch(_sealed(outputs | {"words": words}, done))
 
         try:
-            with closing(self._way(inputs, outputs, chunks)) as way:
-                self._drain(chunks, way, words, done)
+            with closing(self._transport(inputs, outputs, chunks)) as transport:
+                self._drain(chunks, transport, words, done)
         except WorkersLost as lost:
             lost.done = found()
             raise
@@ -107,8 +107,8 @@ class Rows:
             raise Interrupted(found()) from stop
         return found()
 
-    def _way(self, inputs: Arrays, outputs: Arrays, chunks: list[slice]) -> Way:
-        """Return the way to whoever does the work."""
+    def _transport(self, inputs: Arrays, outputs: Arrays, chunks: list[slice]) -> Transport:
+        """Return the transport to whoever does the work."""
         if self.executor is None:
             workspace = workspace_for(self.scene, self.solver, self.drift)
             return InPlace(self.kernel, workspace, inputs, outputs)
@@ -152,16 +152,20 @@ class Rows:
         return chunks
 
     def _drain(
-        self, chunks: list[slice], way: Way, words: NDArray[Any], done: NDArray[np.bool_]
+        self,
+        chunks: list[slice],
+        transport: Transport,
+        words: NDArray[Any],
+        done: NDArray[np.bool_],
     ) -> None:
         """Have all chunks done; put down what is said of rows, and which of them are done."""
         results = in_flight(
-            way.work, len(chunks), lambda i, place: way.send(chunks[i], place), self.executor,
-            way.places,
+            transport.work, len(chunks), lambda i, place: transport.send(chunks[i], place),
+            self.executor, transport.places,
         )  # fmt: skip
         with closing(results):  # an interrupt cancels what nobody has begun
             for i, found in results:
-                for k, text in way.receive(chunks[i], found).items():
+                for k, text in transport.receive(chunks[i], found).items():
                     words[chunks[i].start + k] = text
                 done[chunks[i]] = True
                 self.progress(int(np.count_nonzero(done)), len(done))

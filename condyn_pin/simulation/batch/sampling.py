@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidArgument
-from condyn_pin._core.knobs import check_count
 from condyn_pin._core.parallel.chunks import in_flight
+from condyn_pin._core.parameters import check_count
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.mechanism.sampling import check_generator, sample
 from condyn_pin.simulation.batch.recipe import Recipe
 

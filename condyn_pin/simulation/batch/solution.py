@@ -11,18 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array, read_only
-from condyn_pin._core.errors import WorkersLost
 from condyn_pin._core.parallel.outcome import MISSING, Outcome
+from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.applied_force import AppliedForce
-from condyn_pin.dynamics.proof import Proof
+from condyn_pin.dynamics.residuals import Residuals
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Solution, Status
+from condyn_pin.errors import WorkersLost
 
 # A status as a number is its place here.
 STATUSES: Final = tuple(Status)
 
 # The arrays with a row a state.
-_ROWS: Final = ("q", "a", "lam", "proofs", "statuses", "iterations", "solve_times")
+_ROWS: Final = ("q", "a", "lam", "residuals", "statuses", "iterations", "solve_times")
 
 Some = slice | list[int] | NDArray[Any]  # of the rows, as NumPy takes them
 
@@ -41,8 +42,8 @@ class BatchSolution(Outcome):
         Joint accelerations [rad/s^2, m/s^2].
     lam : (N, m) array
         Constraint forces in the axes of each constraint [N, N m].
-    proofs : (N, 5) array
-        A `Proof` a row; the properties below name its columns.
+    residuals : (N, 5) array
+        A `Residuals` a row; the properties below name its columns.
     statuses : (N,) int8 array
         Place in ``tuple(Status)``: 0 is ok. -1 where no worker got that far, which only the
         batch of a `WorkersLost` or an `Interrupted` has.
@@ -66,7 +67,7 @@ class BatchSolution(Outcome):
     q: Array
     a: Array
     lam: Array
-    proofs: Array
+    residuals: Array
     statuses: NDArray[np.int8]
     iterations: NDArray[np.int32]
     solve_times: Array  # [s]
@@ -75,30 +76,32 @@ class BatchSolution(Outcome):
 
     _endings: ClassVar[Sequence[Enum]] = STATUSES
 
+    proofs = renamed("residuals")
+
     @property
     def dynamics_error(self) -> Array:
         """|M a + h - tau - J^T lam - sum J_f^T f|_inf [N, N m], (N,)."""
-        return self.proofs[:, 0]
+        return self.residuals[:, 0]
 
     @property
     def constraint_error(self) -> Array:
         """|J a + gamma - a_ref|_inf [m/s^2, rad/s^2], (N,)."""
-        return self.proofs[:, 1]
+        return self.residuals[:, 1]
 
     @property
     def violation(self) -> Array:
         """|c(q)|_inf [m, rad] of each state given, (N,)."""
-        return self.proofs[:, 2]
+        return self.residuals[:, 2]
 
     @property
     def velocity_violation(self) -> Array:
         """|J v|_inf [m/s, rad/s] of each state given, (N,)."""
-        return self.proofs[:, 3]
+        return self.residuals[:, 3]
 
     @property
     def error_bound(self) -> Array:
         """Bound on the error of a, relative to the larger of |a|_inf and gravity, (N,)."""
-        return self.proofs[:, 4]
+        return self.residuals[:, 4]
 
     @property
     def forces(self) -> dict[str, Array]:
@@ -125,11 +128,11 @@ class BatchSolution(Outcome):
         status = int(self.statuses[i])
         if status == MISSING:
             raise WorkersLost(f"no worker got to state {i}; `missing` has all of them", self)
-        proof = Proof(*self.proofs[i].tolist())
+        residuals = Residuals(*self.residuals[i].tolist())
         return Solution(
             self.a[i],
             self.lam[i],
-            proof,
+            residuals,
             STATUSES[status],
             int(self.iterations[i]),
             float(self.solve_times[i]),

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core.arguments import HIGH, LOW, Arguments
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.errors import InvalidArgument
+from condyn_pin.errors import InvalidArgument
 
 
 def check_states(

@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array, read_only
-from condyn_pin._core.errors import NotRecorded, WorkersLost
 from condyn_pin._core.parallel.outcome import MISSING, Outcome
+from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.errors import NotRecorded, WorkersLost
 from condyn_pin.simulation.anchoring import anchored
 from condyn_pin.simulation.batch.solution import Some
 from condyn_pin.simulation.integrators.base import Integrator
@@ -30,7 +31,7 @@ RUN_STATUSES: Final = tuple(RunStatus)
 
 # The arrays with a row a motion.
 _ROWS: Final = (
-    *("t", "q", "v", "violation", "slip", "energy_error"),
+    *("t", "q", "v", "violation", "constraint_velocity", "energy_error"),
     *("statuses", "reasons", "run_times"),
 )
 
@@ -80,7 +81,7 @@ class BatchTrajectory(Outcome):
         How far each motion went [s]; 0 where it could not begin.
     q, v : (N, nq), (N, nv) array
         Where it ended.
-    violation, slip : (N,) array
+    violation, constraint_velocity : (N,) array
         The largest abs(c(q)) [m, rad] and abs(J v) [m/s, rad/s] among the samples looked at.
     energy_error : (N,) array
         The largest energy that came or went without work, among the samples looked at [J]. Work is
@@ -116,7 +117,7 @@ class BatchTrajectory(Outcome):
     q: Array
     v: Array
     violation: Array
-    slip: Array
+    constraint_velocity: Array
     energy_error: Array
     statuses: NDArray[np.int8]
     reasons: NDArray[np.object_]
@@ -125,6 +126,8 @@ class BatchTrajectory(Outcome):
     seconds: float  # [s]
 
     _endings: ClassVar[Sequence[Enum]] = RUN_STATUSES
+
+    slip = renamed("constraint_velocity")
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write all of it to a file (npz), as `Trajectory.save` does."""
@@ -196,7 +199,7 @@ class BatchTrajectory(Outcome):
                 f"{repr(self)[len('BatchTrajectory(') : -1]}, {self.steps} steps of "
                 f"{1e3 * self.dt:.4g} ms, in {self.seconds:.3g} s: {speed:.4g} steps/s",
                 f"violation   {self._worst(self.violation)} m, rad at most; "
-                f"{self._worst(self.slip)} m/s, rad/s",
+                f"{self._worst(self.constraint_velocity)} m/s, rad/s",
                 f"unexplained {self._worst(self.energy_error)} J at most",
                 *self._not_ok(),
             )

@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core.arrays import Array, read_only
-from condyn_pin._core.errors import SolveFailed, unknown_name
-from condyn_pin._core.knobs import check_accuracy_of_a, check_count
 from condyn_pin._core.parallel.chunks import Progress, silent
 from condyn_pin._core.parallel.memory import Arrays, Kind
-from condyn_pin._core.parallel.ways import Words
+from condyn_pin._core.parallel.transports import Messages
+from condyn_pin._core.parameters import check_accuracy_of_a, check_count
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.dynamics.derivatives import METHODS
@@ -26,6 +25,7 @@ from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.errors import SolveFailed, unknown_name
 from condyn_pin.simulation.batch.derivatives import BatchDerivatives
 from condyn_pin.simulation.batch.forces import RowForces, split
 from condyn_pin.simulation.batch.rows import Rows
@@ -191,7 +191,7 @@ def _of_solution(scene: Scene) -> dict[str, Kind]:
     return {
         "a": Kind((scene.robot.nv,)),
         "lam": Kind((scene.rows,)),
-        "proofs": Kind((5,)),
+        "residuals": Kind((5,)),
         "statuses": Kind((), "i1"),
         "iterations": Kind((), "i4"),
         "solve_times": Kind(()),
@@ -205,7 +205,7 @@ def _of_derivatives(scene: Scene) -> dict[str, Kind]:
 
 def _solve_rows(
     accuracy: float | None, forces: RowForces, workspace: Workspace, inputs: Arrays, outputs: Arrays
-) -> Words:
+) -> Messages:
     """Solve some rows."""
     for i, state in enumerate(_states(inputs)):
         applied = forces.at(inputs, i)
@@ -220,7 +220,7 @@ def _derivatives_rows(
     workspace: Workspace,
     inputs: Arrays,
     outputs: Arrays,
-) -> Words:
+) -> Messages:
     """Differentiate some rows."""
     for i, state in enumerate(_states(inputs)):
         applied = forces.at(inputs, i)
@@ -245,7 +245,7 @@ def _states(inputs: Arrays) -> zip[tuple[Array, Array, Array]]:
 def _put(outputs: Arrays, i: int, solution: Solution) -> None:
     outputs["a"][i] = solution.a
     outputs["lam"][i] = solution.lam
-    outputs["proofs"][i] = solution.proof
+    outputs["residuals"][i] = solution.residuals
     outputs["statuses"][i] = _CODES[solution.status]
     outputs["iterations"][i] = solution.iterations
     outputs["solve_times"][i] = solution.solve_time

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.errors import InvalidArgument
-from condyn_pin._core.knobs import check_count
+from condyn_pin._core.parameters import check_count
 from condyn_pin.constraints.drift import Correction, Drift
+from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.gaps import Gaps
@@ -46,7 +46,7 @@ class Projection(Drift):
     every : int
         Steps from one look to the next.
     tolerance : float
-        Gap [m, rad] and slip [m/s, rad/s] that are left.
+        Violation [m, rad] and velocity [m/s, rad/s] that are left.
 
     References
     ----------

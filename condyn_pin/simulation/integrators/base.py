@@ -1,12 +1,13 @@
 """The contract of an integrator, and how to write one.
 
 1. Add one file to this folder with one frozen dataclass that inherits from `Integrator`. Its fields
-   are its knobs, each with a default, and in the docstring the reason of the default.
-2. Set `title`, `order` (of q, v and lam, as theory has it; a property where a knob changes it),
+   are its parameters, each with a default, and in the docstring the reason of the default.
+2. Set `title`, `order` (of q, v and lam, as theory has it; a property where a parameter changes
+it),
    `symplectic`, `solves_per_step` (solves of the equations, or factorisations of their size; a
    typical number where it varies) and `use`. The class registers itself under its lower-case name
    in `INTEGRATORS`; tests and the command line find it there, and `tests/test_orders.py` measures
-   its orders with every value of its knobs that is entered there.
+   its orders with every value of its parameters that is entered there.
 3. Write `start(system, dt)`. It returns a `Stepper`: two callables closed over what they need.
    `step(t, q, v)` returns (q, v, a): the state at t + dt, and the acceleration of the step. None
    of the arrays is written to later, and neither are the arguments. Where `a_at` is the end of the
@@ -83,7 +84,7 @@ class Integrator(ABC):
     @property
     @abstractmethod
     def order(self) -> Order:
-        """Of q, v and lam, with the knobs that it has."""
+        """Of q, v and lam, with the parameters that it has."""
 
     @property
     def takes_stiff_damping(self) -> bool:

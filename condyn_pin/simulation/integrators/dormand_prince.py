@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidArgument, SolveFailed, StepFailed
-from condyn_pin._core.knobs import check_share
+from condyn_pin._core.parameters import check_share
+from condyn_pin.errors import InvalidArgument, SolveFailed, StepFailed
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.linalg.inverse import inverse as inverse_of
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
 from condyn_pin.simulation.integrators.radau import RadauIIA
 from condyn_pin.simulation.iteration import fixed_point_iteration

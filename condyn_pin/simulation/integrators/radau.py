@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidArgument
-from condyn_pin._core.knobs import is_whole
 from condyn_pin._core.linalg.inverse import inverse
+from condyn_pin._core.parameters import is_whole
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
 from condyn_pin.simulation.iteration import fixed_point_iteration
 from condyn_pin.simulation.residuals import Partials, Residuals

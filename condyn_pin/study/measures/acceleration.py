@@ -9,11 +9,11 @@ from typing import ClassVar
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import SolveFailed
 from condyn_pin._core.timing import Call, State
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.errors import SolveFailed
 from condyn_pin.study.measures.base import Answer, Measure, relative
 from condyn_pin.study.timed_calls import bare, unthrown
 
@@ -39,12 +39,12 @@ class AccelerationMeasure(Measure):
         except SolveFailed:
             hot = np.full(workspace.model.nv, np.nan)
         solution = workspace.solve(*state, accuracy=accuracy, throw=False)
-        gravity = workspace.scene.audit.yardstick.gravity
+        gravity = workspace.scene.nominal.estimator.gravity
         error = max(relative(a, truth, gravity) for a in (hot, solution.a))
         return Answer.of(solution, error, accuracy)
 
     def calls(self, workspace: Workspace) -> Mapping[str, Call]:
-        """Return the hot loop, the solve with its proof, and Pinocchio's own call."""
+        """Return the hot loop, the solve with its residuals, and Pinocchio's own call."""
         calls: dict[str, Call] = {"once": workspace.acceleration, "solve": unthrown(workspace)}
         pinocchio = bare(workspace)
         return calls if pinocchio is None else calls | {"bare": pinocchio}

@@ -1,7 +1,7 @@
 """The contract of a measure, and how to write one.
 
 1. Add one file to this folder with one frozen dataclass that inherits from `Measure`. Its fields
-   are its knobs, each with a default. Set `name`: the class registers itself under it in
+   are its parameters, each with a default. Set `name`: the class registers itself under it in
    `MEASURES`, and studies and the command line find it there.
 2. `truth(scene, state)` is what an answer is compared with: an array, by `Reference`, by a closed
    form, or by a computation that is converged far beyond what is measured. It may take
@@ -12,7 +12,8 @@
 4. `calls(workspace)` returns what is timed, each called with (q, v, tau): "once", what a user of
    this measure would call; and, where they exist, "bare", Pinocchio's own call behind it, and
    "solve", with the proof. None of them may raise at a state that `answer` took.
-5. Knobs that change the question are in `label`, by default all: rows of one label are compared
+5. Parameters that change the question are in `label`, by default all: rows of one label are
+compared
    with each other. Those that belong to the answer, such as a step size, are in `how`.
 6. A relative error is relative to something that cannot be zero by accident, and says so.
 """
@@ -28,14 +29,14 @@ from typing import ClassVar
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import unknown_name
-from condyn_pin._core.knobs import Grid
+from condyn_pin._core.parameters import Grid
 from condyn_pin._core.registry import enter
 from condyn_pin._core.timing import Call, State
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.workspace import Workspace
-from condyn_pin.study.row import Knob
+from condyn_pin.errors import unknown_name
+from condyn_pin.study.row import Parameter
 
 MEASURES: dict[str, type[Measure]] = {}
 
@@ -81,7 +82,7 @@ class Measure(ABC):
     """What the error of a study is one of; a frozen value."""
 
     name: ClassVar[str]
-    sweeps: ClassVar[tuple[Grid, ...]] = ()  # values of knobs that are worth a look
+    sweeps: ClassVar[tuple[Grid, ...]] = ()  # values of parameters that are worth a look
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -89,18 +90,18 @@ class Measure(ABC):
 
     @property
     def label(self) -> str:
-        """What tables call it: the name, and the knobs that are not as usual."""
+        """What tables call it: the name, and the parameters that are not as usual."""
         mine = [f.name for f in fields(self) if getattr(self, f.name) != f.default]  # type: ignore[arg-type]
-        knobs = ", ".join(f"{name}={getattr(self, name)!r}" for name in mine)
-        return f"{self.name}({knobs})" if knobs else self.name
+        parameters = ", ".join(f"{name}={getattr(self, name)!r}" for name in mine)
+        return f"{self.name}({parameters})" if parameters else self.name
 
     @property
-    def how(self) -> Mapping[str, Knob]:
-        """The knobs that belong to the answer, as rows keep them; none by default."""
+    def how(self) -> Mapping[str, Parameter]:
+        """The parameters that belong to the answer, as rows keep them; none by default."""
         return {}
 
-    def with_how(self, how: Mapping[str, Knob]) -> Measure:
-        """Return the measure with knobs of the answer, as `how` has them."""
+    def with_how(self, how: Mapping[str, Parameter]) -> Measure:
+        """Return the measure with parameters of the answer, as `how` has them."""
         return replace(self, **how)  # type: ignore[type-var]
 
     @abstractmethod
@@ -117,7 +118,7 @@ class Measure(ABC):
 
 
 def as_measure(measure: Measure | str) -> Measure:
-    """Return a measure, or the one of a name with its usual knobs."""
+    """Return a measure, or the one of a name with its usual parameters."""
     if isinstance(measure, Measure):
         return measure
     if measure not in MEASURES:

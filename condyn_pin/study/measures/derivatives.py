@@ -10,8 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidArgument, unknown_name
-from condyn_pin._core.knobs import Grid
+from condyn_pin._core.parameters import Grid
 from condyn_pin._core.timing import Call, State
 from condyn_pin.dynamics.derivatives import METHODS
 from condyn_pin.dynamics.derivatives.differences import directions
@@ -19,6 +18,7 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.study.measures.base import Answer, Measure, relative
 from condyn_pin.study.timed_calls import unthrown
 
@@ -63,7 +63,7 @@ class DerivativeMeasure(Measure):
         error = inf
         if isfinite(solution.error_bound):
             found = self._formed(workspace, solution, state)
-            J, redundant = workspace.jacobian(solution.q), workspace.scene.audit.dependent
+            J, redundant = workspace.jacobian(solution.q), workspace.scene.nominal.dependent
             error = _worst(found, truth, directions(J, redundant))
         return Answer.of(solution, error, promised=inf)
 

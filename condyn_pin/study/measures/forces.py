@@ -35,7 +35,7 @@ class ForceMeasure(Measure):
         """Return the answer of a workspace's solver at a state."""
         solution = workspace.solve(*state, accuracy=accuracy, throw=False)
         force = workspace.jacobian(state[0]).T @ solution.lam
-        error = relative(force, truth, workspace.scene.audit.weight)
+        error = relative(force, truth, workspace.scene.nominal.weight)
         # a status of ok speaks of a, and promises nothing of forces
         return Answer.of(solution, error, promised=float("inf"))
 

@@ -12,12 +12,12 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.errors import InvalidArgument
-from condyn_pin._core.knobs import Grid, read_call
+from condyn_pin._core.parameters import Grid, read_call
 from condyn_pin._core.timing import Call, State
 from condyn_pin.dynamics.choice import default_solver
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.drift import DRIFTS, Drift
 from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
@@ -26,7 +26,7 @@ from condyn_pin.simulation.run import simulate
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.simulation.uninterrupted import uninterrupted
 from condyn_pin.study.measures.base import Answer, Measure, relative
-from condyn_pin.study.row import Knob
+from condyn_pin.study.row import Parameter
 
 # As far as doubles go: a thousandth of what any integrator with a fixed step reaches.
 _CONVERGED = DormandPrince(relative_tolerance=1e-13, absolute_tolerance=1e-14)
@@ -36,7 +36,7 @@ _T = TypeVar("_T")
 
 
 def _usual(registry: Mapping[str, type[_T]]) -> tuple[_T, ...]:
-    """Return what a registry has, with its defaults; not what has none for a knob."""
+    """Return what a registry has, with its defaults; not what has none for a parameter."""
     kinds = registry.values()
     return tuple(kind() for kind in kinds if not any(f.default is MISSING for f in fields(kind)))  # type: ignore[arg-type]
 
@@ -55,7 +55,7 @@ class TrajectoryMeasure(Measure):
     Parameters
     ----------
     duration : float
-        [s]. The only knob that changes the question.
+        [s]. The only parameter that changes the question.
     dt : float
         Step [s].
     integrator, drift : Integrator, Drift, optional
@@ -77,10 +77,10 @@ class TrajectoryMeasure(Measure):
     drift: Drift | None = None
 
     def __post_init__(self) -> None:
-        for knob in ("duration", "dt"):
-            value = getattr(self, knob)
+        for parameter in ("duration", "dt"):
+            value = getattr(self, parameter)
             if not isinstance(value, (int, float)) or not 0 < value < np.inf:
-                raise InvalidArgument(f"{knob} = {value!r}: a number > 0 [s] is needed")
+                raise InvalidArgument(f"{parameter} = {value!r}: a number > 0 [s] is needed")
 
     @property
     def label(self) -> str:
@@ -89,15 +89,16 @@ class TrajectoryMeasure(Measure):
         return self.name if usual else f"{self.name}(duration={self.duration!r})"
 
     @property
-    def how(self) -> Mapping[str, Knob]:
+    def how(self) -> Mapping[str, Parameter]:
         """Step, integrator and drift scheme; None where `simulate` chooses."""
         chosen = {"integrator": self.integrator, "drift": self.drift}
         return {"dt": self.dt} | {k: v if v is None else repr(v) for k, v in chosen.items()}
 
-    def with_how(self, how: Mapping[str, Knob]) -> Measure:
+    def with_how(self, how: Mapping[str, Parameter]) -> Measure:
         """Return the measure with a step, an integrator and a drift scheme, as `how` has them."""
         made: dict[str, Any] = {
-            name: _made(knob) if isinstance(knob, str) else knob for name, knob in how.items()
+            name: _made(parameter) if isinstance(parameter, str) else parameter
+            for name, parameter in how.items()
         }
         return replace(self, **made)
 
@@ -112,7 +113,7 @@ class TrajectoryMeasure(Measure):
         q, v = truth[:nq], truth[nq:]
         off = np.array(pin.difference(workspace.model, q, motion.q[-1]))
         way = np.array(pin.difference(workspace.model, state[0], q))
-        gravity = workspace.scene.audit.yardstick.gravity
+        gravity = workspace.scene.nominal.estimator.gravity
         return Answer(
             error=max(
                 relative(way + off, way, gravity * self.duration**2 / 2),
@@ -147,9 +148,9 @@ class TrajectoryMeasure(Measure):
 
 def _made(text: str) -> Integrator | Drift:
     """Return the integrator or the drift scheme that has this repr."""
-    name, knobs = read_call(text)
+    name, parameters = read_call(text)
     kinds: Mapping[str, type[Integrator | Drift]] = {**INTEGRATORS, **DRIFTS}
-    return kinds[name.lower()](**knobs)
+    return kinds[name.lower()](**parameters)
 
 
 @lru_cache(maxsize=1000)

@@ -20,14 +20,14 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.linalg.numerical_rank import counted
 from condyn_pin._core.names import listed
-from condyn_pin.constraints.gap import Gap
 from condyn_pin.constraints.rows.terms import Terms
+from condyn_pin.constraints.violation import ConstraintViolation
 from condyn_pin.dynamics.gaps import gaps
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.study.mujoco.causes import causes
 from condyn_pin.study.mujoco.cross_check import CrossCheck, TermCheck
 from condyn_pin.study.mujoco.mujoco_terms import LoopRows, MujocoTerms, equalities_of
@@ -102,12 +102,14 @@ def _of_loops(
     here = _our_loops(workspace, q, terms.J)
     there = _with_hinges(theirs.loops, workspace, here)
     groups, notes = _paired(here, there)
-    found = [_of_gap(name, here[name].gap, there[name].gap) for name in here if name in there]
+    found = [
+        _of_gap(name, here[name].violation, there[name].violation) for name in here if name in there
+    ]
     whitened = np.linalg.inv(np.linalg.cholesky(terms.M)).T
     for name, ours, others in groups:
         # of a gear, one row, J does not depend on q
-        found_gaps = (rows.gap for rows in (*ours, *others) if len(rows.J) > 1)
-        open_by = max(found_gaps, key=lambda gap: gap.size, default=Gap(0.0, 0.0))
+        found_gaps = (rows.violation for rows in (*ours, *others) if len(rows.J) > 1)
+        open_by = max(found_gaps, key=lambda gap: gap.size, default=ConstraintViolation(0.0, 0.0))
         if open_by.size > tolerances.CLOSED:
             notes.append(f"J of {name} was not compared: it is open by {open_by}")
         else:
@@ -141,7 +143,9 @@ def _with_hinges(
         name, axis = bound.name, f"{bound.name}_axis"
         if bound.size == 5 and there.keys() >= {name, axis}:
             J = np.vstack((there[name].J, there.pop(axis).J))
-            there[name] = LoopRows(J, Gap(there[name].gap.length, here[name].gap.angle))
+            there[name] = LoopRows(
+                J, ConstraintViolation(there[name].violation.length, here[name].violation.angle)
+            )
     return there
 
 
@@ -152,12 +156,12 @@ def _our_loops(workspace: Workspace, q: Array, J: Array) -> dict[str, LoopRows]:
     for bound in workspace.scene.bounds:
         gap = opened[bound.name]
         if bound.size == 1:
-            gap = Gap(gap.size, 0.0)
+            gap = ConstraintViolation(gap.size, 0.0)
         found[bound.name] = LoopRows(J[bound.rows], gap)
     return found
 
 
-def _of_gap(name: str, here: Gap, there: Gap) -> TermCheck:
+def _of_gap(name: str, here: ConstraintViolation, there: ConstraintViolation) -> TermCheck:
     apart = float(np.abs(np.subtract(here, there)).max())
     return TermCheck("gap", apart, name, here.size, there.size)
 

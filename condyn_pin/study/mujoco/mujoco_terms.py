@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.gap import Gap
+from condyn_pin.constraints.violation import ConstraintViolation
 
 if TYPE_CHECKING:
     from condyn_pin.study.mujoco.mujoco_bridge import MujocoBridge
@@ -28,7 +28,7 @@ class LoopRows(NamedTuple):
     """A loop in one engine: its rows of J (m, nv), and how far it is open [m, rad]."""
 
     J: Array
-    gap: Gap
+    violation: ConstraintViolation
 
 
 class MujocoTerms:
@@ -92,7 +92,7 @@ def equalities_of(mj: Any) -> dict[int, str]:
     return {k: tags[int(kind)] for k, kind in enumerate(mj.eq_type) if int(kind) in tags}
 
 
-def _gap(rows: Array, torque_scale: float) -> Gap:
+def _gap(rows: Array, torque_scale: float) -> ConstraintViolation:
     """Return how far an equality is open; the angular rows of a weld are scale sin(angle / 2)."""
     sine = float(np.linalg.norm(rows[3:])) / (torque_scale or 1.0)
-    return Gap(float(np.linalg.norm(rows[:3])), 2.0 * asin(min(sine, 1.0)))
+    return ConstraintViolation(float(np.linalg.norm(rows[:3])), 2.0 * asin(min(sine, 1.0)))

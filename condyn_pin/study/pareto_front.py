@@ -27,7 +27,7 @@ def microseconds(row: Row) -> float:
     return row.median_us
 
 
-def front(rows: Sequence[Row]) -> tuple[Row, ...]:
+def pareto_front(rows: Sequence[Row]) -> tuple[Row, ...]:
     """Return the rows that no other is faster than with at most the same error, fastest first.
 
     Rows of different scenes or measures do not compare: hand in those of one.

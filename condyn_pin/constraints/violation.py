@@ -15,7 +15,7 @@ from condyn_pin.constraints.rows.bound import AnyBound
 _TINY = 1e-3  # [mm, deg]
 
 
-class Gap(NamedTuple):
+class ConstraintViolation(NamedTuple):
     """How far apart the two sides of a constraint are, or how far a joint is beyond its limits."""
 
     length: float  # [m], or [m/s] of a velocity
@@ -43,29 +43,29 @@ class Gap(NamedTuple):
         return self.text()
 
 
-def beyond_text(beyond: Mapping[str, Gap]) -> str:
+def beyond_text(beyond: Mapping[str, ConstraintViolation]) -> str:
     """Return for a sentence which joints are beyond their limits, and how far."""
     return ", ".join(f"{joint} is {by} beyond its limits" for joint, by in beyond.items())
 
 
-def closed(gap: Mapping[str, Gap]) -> bool:
+def closed(gap: Mapping[str, ConstraintViolation]) -> bool:
     """Whether every gap is within tolerance (1e-10)."""
     return all(each.size <= tolerances.CLOSED for each in gap.values())
 
 
-def worst(gap: Mapping[str, Gap]) -> tuple[str, Gap]:
+def worst(gap: Mapping[str, ConstraintViolation]) -> tuple[str, ConstraintViolation]:
     """Return the name and the gap of what is open furthest."""
     return max(gap.items(), key=lambda item: item[1].size)
 
 
-def gap_of(model: Any, bound: AnyBound, c: Array) -> Gap:
+def gap_of(model: Any, bound: AnyBound, c: Array) -> ConstraintViolation:
     """Return how far one constraint is open, from its rows of c."""
-    return Gap(*bound.opening(model, c))
+    return ConstraintViolation(*bound.opening(model, c))
 
 
-def slip_of(model: Any, bound: AnyBound, rows: Array) -> Gap:
+def slip_of(model: Any, bound: AnyBound, rows: Array) -> ConstraintViolation:
     """Return how fast the sides of one constraint move apart, from its rows of J v."""
-    return Gap(*bound.rates(model, rows))
+    return ConstraintViolation(*bound.rates(model, rows))
 
 
 def _digits(x: float) -> str:

@@ -1,4 +1,4 @@
-"""A knob, a gain or a step that no method and no run can use."""
+"""A parameter, a gain or a step that no method and no run can use."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ def bad_gain(severity: float, rng: np.random.Generator) -> Case:
 
 @extreme(severities=_SIZES)
 def bad_mu(severity: float, rng: np.random.Generator) -> Case:
-    """Knob mu on a four-bar, from nothing to what is not a number [1/kg]."""
+    """Parameter mu on a four-bar, from nothing to what is not a number [1/kg]."""
     scene = _linkage()
-    return Case(scene, *moving(scene, rng), knobs={"mu": severity})
+    return Case(scene, *moving(scene, rng), parameters={"mu": severity})
 
 
 @extreme(severities=_STEPS)

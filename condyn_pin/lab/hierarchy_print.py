@@ -6,11 +6,11 @@ from rich.console import Console
 from rich.table import Table
 
 from condyn_pin._core.printing import print_whole
-from condyn_pin.lab.ladder_table import COLUMNS, LadderTable
+from condyn_pin.lab.hierarchy_table import COLUMNS, HierarchyTable
 
 
-def print_ladder(table: LadderTable, console: Console) -> None:
-    """Print what every rung costs and saves, and why it is there."""
+def print_ladder(table: HierarchyTable, console: Console) -> None:
+    """Print what every model costs and saves, and why it is there."""
     shown = Table(*COLUMNS)
     for cells in table.cells():
         shown.add_row(*cells)
@@ -18,6 +18,6 @@ def print_ladder(table: LadderTable, console: Console) -> None:
     for row in table.rows:
         console.print(f"{row.label}: {row.why}", soft_wrap=True)
     console.print(
-        f"worst of {table.states} motions on both feet, against the first rung / the rung above",
+        f"worst of {table.states} motions on both feet, against the first model / the model above",
         soft_wrap=True,
     )

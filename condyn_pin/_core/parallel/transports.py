@@ -23,11 +23,11 @@ from condyn_pin._core.parallel.chunks import IN_FLIGHT
 from condyn_pin._core.parallel.memory import Address, Arrays, Kind, Kinds, SharedArrays
 
 # What there is to say of some rows, by their place in the chunk: most have nothing.
-Words = dict[int, str]
+Messages = dict[int, str]
 
 # It writes every number of its outputs, where those of another chunk may have been, and returns
 # words. To travel to workers it has to pickle: a function of a module, or a partial of one.
-Kernel = Callable[[Any, Arrays, Arrays], Words]
+Kernel = Callable[[Any, Arrays, Arrays], Messages]
 
 
 class Recipe(Protocol):
@@ -37,7 +37,7 @@ class Recipe(Protocol):
         """Return the workspace of this thread, made when it is first asked for."""
 
 
-class Way(ABC):
+class Transport(ABC):
     """What a worker is sent, does, and sends back.
 
     Attributes
@@ -56,14 +56,14 @@ class Way(ABC):
         """Return what the worker needs for some rows; while it works, the place is theirs."""
 
     @abstractmethod
-    def receive(self, rows: slice, found: Any) -> Words:
+    def receive(self, rows: slice, found: Any) -> Messages:
         """Put into the outputs what the worker found, as `work` returned it; return its words."""
 
     def close(self) -> None:  # noqa: B027 - most ways take nothing
         """Give back what the way took."""
 
 
-class InPlace(Way):
+class InPlace(Transport):
     """In this process: there is nothing to send."""
 
     def __init__(self, kernel: Kernel, workspace: Any, inputs: Arrays, outputs: Arrays) -> None:
@@ -73,12 +73,12 @@ class InPlace(Way):
         """Return the rows: the arrays are here."""
         return rows
 
-    def receive(self, rows: slice, found: Words) -> Words:
+    def receive(self, rows: slice, found: Messages) -> Messages:
         """Return the words: the outputs are filled."""
         return found
 
 
-class ByMemory(Way):
+class ByMemory(Transport):
     """To processes of this machine, in memory that they share with this one.
 
     Parameters
@@ -125,7 +125,7 @@ class ByMemory(Way):
             self._shared[name][there] = array[rows]
         return there
 
-    def receive(self, rows: slice, found: tuple[slice, Words]) -> Words:
+    def receive(self, rows: slice, found: tuple[slice, Messages]) -> Messages:
         """Copy out of shared memory."""
         there, words = found
         for name, array in self._outputs.items():
@@ -137,7 +137,7 @@ class ByMemory(Way):
         self._memory.close()
 
 
-class ByCopies(Way):
+class ByCopies(Transport):
     """To workers anywhere, as pickled copies."""
 
     def __init__(self, kernel: Kernel, recipe: Recipe, inputs: Arrays, outputs: Arrays) -> None:
@@ -149,7 +149,7 @@ class ByCopies(Way):
         """Return the number of rows and their inputs."""
         return rows.stop - rows.start, _inputs_of(self._inputs, rows)
 
-    def receive(self, rows: slice, found: tuple[Arrays, Words]) -> Words:
+    def receive(self, rows: slice, found: tuple[Arrays, Messages]) -> Messages:
         """Put the copies into their place."""
         arrays, words = found
         for name, array in arrays.items():
@@ -166,7 +166,7 @@ class _InMemory:
     address: Address
     inputs: tuple[str, ...]
 
-    def __call__(self, rows: slice) -> tuple[slice, Words]:
+    def __call__(self, rows: slice) -> tuple[slice, Messages]:
         arrays = _opened(self.address)
         inputs = {name: arrays[name] for name in self.inputs}
         outputs = {name: arrays[name] for name in arrays.keys() - inputs.keys()}
@@ -187,7 +187,7 @@ class _OnCopies:
     recipe: Recipe
     kinds: Kinds  # of a row
 
-    def __call__(self, sent: tuple[int, Arrays]) -> tuple[Arrays, Words]:
+    def __call__(self, sent: tuple[int, Arrays]) -> tuple[Arrays, Messages]:
         count, inputs = sent
         kinds = {name: kind.times(count) for name, kind in self.kinds.items()}
         outputs = {name: np.zeros(kind.shape, kind.dtype) for name, kind in kinds.items()}
@@ -200,7 +200,7 @@ def _fill(
     inputs: Arrays,
     outputs: Arrays,
     rows: slice,
-) -> Words:
+) -> Messages:
     """Have a kernel fill some rows."""
     chosen = {name: array[rows] for name, array in outputs.items()}
     return kernel(workspace(), _inputs_of(inputs, rows), chosen)

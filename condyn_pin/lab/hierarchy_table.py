@@ -1,4 +1,4 @@
-"""LadderTable: the rungs of a ladder with their speed and their price."""
+"""HierarchyTable: the models of a ladder with their speed and their price."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from condyn_pin._core.table_text import markdown, nulled, write_csv
 
 
 @dataclass(frozen=True)
-class LadderRow:
-    """One rung; NaN where no solver said ok at every state.
+class HierarchyRow:
+    """One model; NaN where no solver said ok at every state.
 
     Attributes
     ----------
@@ -27,16 +27,16 @@ class LadderRow:
     us : float
         `Workspace.acceleration` with it, median [us].
     speedup : float
-        Times faster than the first rung, median of ratios within a round.
+        Times faster than the first model, median of ratios within a round.
     a_worst, a_median : float
-        Error of the accelerations of floating base and motors against the first rung, relative to
+        Error of the accelerations of floating base and motors against the first model, relative to
         the larger of |a| and gravity.
     force_worst, force_median : float
         Error of the wrench of all contacts, relative to the larger of it and the weight.
     a_step, force_step : float
-        The worst errors against the rung above: the price of this step alone.
+        The worst errors against the model above: the price of this step alone.
     slower_as : str
-        Why it is slower than a rung above, if the solver of that one cannot take it; empty if not.
+        Why it is slower than a model above, if the solver of that one cannot take it; empty if not.
     """
 
     label: str
@@ -58,27 +58,27 @@ class LadderRow:
 
 
 @dataclass(frozen=True)
-class LadderTable:
-    """The rungs of one ladder, the states that they were compared at, and the machine.
+class HierarchyTable:
+    """The models of one ladder, the states that they were compared at, and the machine.
 
     Attributes
     ----------
     name : str
         Of the ladder.
-    rows : tuple of LadderRow
-        The first rung, and those below it.
+    rows : tuple of HierarchyRow
+        The first model, and those below it.
     states : int
         How many motions they were compared at.
     machine : dict of str to str
     """
 
     name: str
-    rows: tuple[LadderRow, ...]
+    rows: tuple[HierarchyRow, ...]
     states: int
     machine: dict[str, str]
 
-    def fastest(self, error: float) -> LadderRow:
-        """Return the fastest rung whose errors all stay below `error`."""
+    def fastest(self, error: float) -> HierarchyRow:
+        """Return the fastest model whose errors all stay below `error`."""
         good = [r for r in self.rows if max(r.a_worst, r.force_worst) <= error]
         return max(good, key=lambda row: row.speedup if math.isfinite(row.speedup) else 0.0)
 
@@ -126,14 +126,14 @@ class LadderTable:
 
 
 COLUMNS = (
-    "rung", "nv", "rows", "solver", "a [us]", "x faster",
+    "model", "nv", "rows", "solver", "a [us]", "x faster",
     "error of a: all / this step", "of contact wrench: all / this step",
 )  # fmt: skip
 
 
-def write_ladders(tables: Sequence[LadderTable], path: str | Path) -> None:
+def write_ladders(tables: Sequence[HierarchyTable], path: str | Path) -> None:
     """Write the rows of ladders that were measured together, after lines with the machine."""
-    columns = ["ladder", *(field.name for field in fields(LadderRow))]
+    columns = ["ladder", *(field.name for field in fields(HierarchyRow))]
     rows = ({"ladder": table.name} | asdict(row) for table in tables for row in table.rows)
     write_csv(path, tables[0].machine, columns, rows)
 

@@ -1,4 +1,4 @@
-"""What knobs may be, and the sentences that say so."""
+"""What parameters may be, and the sentences that say so."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any, Final
 import numpy as np
 
 from condyn_pin._core.arrays import finite, shown
-from condyn_pin._core.errors import InvalidArgument
 from condyn_pin._core.tolerances import FINEST
+from condyn_pin.errors import InvalidArgument
 
 _MOST_REFINEMENTS = 100
-# Values that are worth a look in a study: a solver declares which of its knobs take which.
+# Values that are worth a look in a study: a solver declares which of its parameters take which.
 WEIGHTS: Final = tuple(float(f"1e{k}") for k in range(-12, 1))  # [1/kg]
 ITERATIONS: Final = (1, 2, 3, 5, 10, 20, 50, 100)
 ACCURACIES: Final = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
@@ -114,7 +114,7 @@ def check_called(name: str, function: object, words: str) -> None:
 
 
 def read_call(text: str) -> tuple[str, dict[str, Any]]:
-    """Return the name and the knobs in ``Name(knob=value)``, the repr of a choice; or a bare name.
+    """Return the name and the parameters in ``Name(parameter=value)``, or a bare name.
 
     Raises
     ------
@@ -126,9 +126,9 @@ def read_call(text: str) -> tuple[str, dict[str, Any]]:
     try:
         call = ast.parse(text, mode="eval").body
         name, words = (call.func, call.keywords) if isinstance(call, ast.Call) else (call, [])
-        knobs = {str(word.arg): ast.literal_eval(word.value) for word in words}
+        parameters = {str(word.arg): ast.literal_eval(word.value) for word in words}
     except SyntaxError as error:
         raise ValueError(text) from error
     if not isinstance(name, ast.Name):
         raise ValueError(text)
-    return name.id, knobs
+    return name.id, parameters

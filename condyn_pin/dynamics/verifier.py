@@ -1,4 +1,4 @@
-"""Judge: what a method returned becomes a Solution, with its proof and its status."""
+"""Verifier: what a method returned becomes a Solution, with its proof and its status."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.errors import InvalidModel
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin.constraints.loads import Load
-from condyn_pin.constraints.rows.reach import reach
+from condyn_pin.constraints.rows.cancellation import cancellation_scale
 from condyn_pin.constraints.rows.terms import largest_torque
-from condyn_pin.dynamics.proof import Proof, Yardstick
+from condyn_pin.dynamics.residuals import ErrorEstimator, Residuals
 from condyn_pin.dynamics.solution import Solution, Status
-from condyn_pin.dynamics.solvers.base import Method
+from condyn_pin.dynamics.solvers.base import BoundSolver
+from condyn_pin.errors import InvalidModel
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.workspace import Workspace
@@ -31,22 +31,22 @@ _OK = Status.OK
 _LOOSE = 1e-12
 
 
-class Judge:
+class Verifier:
     """The judge of one method in one workspace.
 
     Parameters
     ----------
     workspace : Workspace
-    method : Method
+    method : BoundSolver
     """
 
-    def __init__(self, workspace: Workspace, method: Method) -> None:
+    def __init__(self, workspace: Workspace, method: BoundSolver) -> None:
         self._workspace, self._method = workspace, method
         self._scene = workspace.scene
-        audit = workspace.scene.audit
-        self._yardstick, self._pivots = audit.yardstick, audit.pivots
+        nominal = workspace.scene.nominal
+        self._estimator, self._pivots = nominal.estimator, nominal.pivots
 
-    def answered(
+    def verify(
         self,
         q: Array,
         v: Array,
@@ -57,33 +57,33 @@ class Judge:
         load: Load | None = None,
     ) -> Solution:
         """Return the solution of a method that returned `a` just now."""
-        equations, yardstick = self._workspace.equations, self._yardstick
+        equations, estimator = self._workspace.equations, self._estimator
         lam = self._method.lam()
         dynamics, largest = equations.errors(q, v, tau, a, lam, load)
-        proof, doubtful = yardstick.prove(dynamics, largest, _torques(tau, load))
+        residuals, doubtful = estimator.prove(dynamics, largest, _torques(tau, load))
         singular = False
         # rotations by a loose quaternion are none: the residuals agree with an answer that is off
         loose = not pin.isNormalized(self._workspace.model, q, _LOOSE)
         doubtful = doubtful or loose
         if not doubtful and self._pivots.may_fall:
-            doubtful = proof.bound > tolerances.SOLVED * self._pivots.left(equations.mass(q))
-        if doubtful and isfinite(proof.bound):
+            doubtful = residuals.bound > tolerances.SOLVED * self._pivots.left(equations.mass(q))
+        if doubtful and isfinite(residuals.bound):
             try:
-                proof = self._careful_proof(q, v, tau, a, lam, load)
+                residuals = self._careful_proof(q, v, tau, a, lam, load)
             except InvalidModel:  # M is not positive definite to working precision
-                singular, proof = True, proof._replace(bound=inf)
-        if proof.bound <= accuracy and self._forces_hold(
-            q, v, tau, proof, largest[1], accuracy, load
+                singular, residuals = True, residuals._replace(bound=inf)
+        if residuals.bound <= accuracy and self._forces_hold(
+            q, v, tau, residuals, largest[1], accuracy, load
         ):
             status = _OK
         elif singular:
             status = Status.SINGULAR
         else:
-            status = Status.INACCURATE if isfinite(proof.bound) else Status.NOT_FINITE
+            status = Status.INACCURATE if isfinite(residuals.bound) else Status.NOT_FINITE
         iterations = self._method.iterations()
         applied = load.forces if load else ()
         return Solution(
-            a, lam, proof, status, iterations, solve_time, self._scene, q.copy(), applied
+            a, lam, residuals, status, iterations, solve_time, self._scene, q.copy(), applied
         )
 
     def _forces_hold(
@@ -91,7 +91,7 @@ class Judge:
         q: Array,
         v: Array,
         tau: Array,
-        proof: Proof,
+        residuals: Residuals,
         max_a: float,
         accuracy: float,
         load: Load | None,
@@ -102,13 +102,13 @@ class Judge:
 
             J^T dlam = r + M e,    |J^T dlam|_inf <= |r|_inf + bound (|M| |a|_inf)_inf.
         """
-        size = max(max_a, self._yardstick.gravity)
-        if proof.dynamics <= self._yardstick.unheard * size:
+        size = max(max_a, self._estimator.gravity)
+        if residuals.dynamics <= self._estimator.unheard * size:
             return True
         torques = tau if load is None else tau + load.torque
         largest = largest_torque(self._workspace.equations.terms(q, v), torques, size)
         allowed = tolerances.FORCES * max(accuracy / tolerances.SOLVED, 1.0)
-        return proof.dynamics <= (allowed - proof.bound) * largest
+        return residuals.dynamics <= (allowed - residuals.bound) * largest
 
     def failed(self, q: Array, v: Array, solve_time: float, load: Load | None) -> Solution:
         """Return the solution of a method that met a singular matrix."""
@@ -121,7 +121,7 @@ class Judge:
         return Solution(
             np.full(self._workspace.model.nv, nan),
             np.full(self._scene.rows, nan),
-            Proof(inf, inf, violation, velocity, inf),
+            Residuals(inf, inf, violation, velocity, inf),
             Status.SINGULAR,
             self._method.iterations(),
             solve_time,
@@ -133,24 +133,24 @@ class Judge:
     @one_blas_thread
     def _careful_proof(
         self, q: Array, v: Array, tau: Array, a: Array, lam: Array, load: Load | None
-    ) -> Proof:
+    ) -> Residuals:
         """Return the proof by the factors of the state itself, and by the rounding of J^T lam.
 
         Quaternions are normalised, so that what is left of them in an answer is seen.
         """
-        equations, nominal = self._workspace.equations, self._yardstick
+        equations, nominal = self._workspace.equations, self._estimator
         q = normalised(equations.model, "q", q)
         terms = equations.terms(q, np.zeros(self._workspace.model.nv))
-        P = reach(equations, q)
+        P = cancellation_scale(equations, q)
         factors = factorise(terms.M, terms.J, tolerances.REFERENCE_RANK).above_rounding(P)
-        yardstick = Yardstick.of(factors, P, nominal.gravity, nominal.weight)
+        estimator = ErrorEstimator.of(factors, P, nominal.gravity, nominal.weight)
         r, s = equations.residuals(q, v, tau, a, lam, load)
         dynamics, largest = equations.errors(q, v, tau, a, lam, load)
-        missing = yardstick.missing(factors, r, s, P, v, a)
-        proof, _ = yardstick.prove(dynamics, largest, _torques(tau, load), missing)
+        missing = estimator.missing(factors, r, s, P, v, a)
+        residuals, _ = estimator.prove(dynamics, largest, _torques(tau, load), missing)
         scale = max(largest[1], nominal.gravity)
-        rounded = yardstick.rounding_of(np.abs(lam) @ P)
-        return proof._replace(bound=hypot(proof.bound, rounded / scale if scale else 0.0))
+        rounded = estimator.rounding_of(np.abs(lam) @ P)
+        return residuals._replace(bound=hypot(residuals.bound, rounded / scale if scale else 0.0))
 
 
 def _torques(tau: Array, load: Load | None) -> Array:

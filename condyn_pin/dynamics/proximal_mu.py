@@ -60,32 +60,32 @@ _USUAL, _FINEST = 1e-9, 1e-12
 _USUAL_REDUNDANT = 32.0 * _EPS / _LARGEST
 
 
-def default_mu(audit: NominalAnalysis) -> float:
+def default_mu(nominal: NominalAnalysis) -> float:
     """Return a proximal weight with which every part of lam converges in a few iterations."""
-    largest, smallest = audit.native_spectrum
-    if audit.independent and not audit.rounded:
+    largest, smallest = nominal.delassus_spectrum
+    if nominal.independent and not nominal.rounded:
         return min(_LARGEST_FREE * largest, _SMALLEST_FREE * smallest)
     return max(min(_LARGEST * largest, _SMALLEST * smallest), _LEAST * largest)
 
 
-def default_accuracy(audit: NominalAnalysis, mu: float) -> float:
+def default_accuracy(nominal: NominalAnalysis, mu: float) -> float:
     """Return the step of lam after which an iteration may end [N].
 
     1e-9 of the robot's weight, or 4e-9 where rows are redundant. The next one is smaller by
-    mu / (sigma + mu), and moves a joint by up to max(w) sigma^1/2 of it, w the `Yardstick.weights`:
-    where that is more than 1e-9 of gravity, as along points that hold light bodies and weigh little
-    in G, the step has to be less: unless rounding of J^T lam moves that joint by more than this
-    anyway.
+    mu / (sigma + mu), and moves a joint by up to max(w) sigma^1/2 of it, w the
+    `ErrorEstimator.weights`: where that is more than 1e-9 of gravity, as along points that hold
+    light bodies and weigh little in G, the step has to be less: unless rounding of J^T lam moves
+    that joint by more than this anyway.
     """
-    yardstick, (_, smallest) = audit.yardstick, audit.native_spectrum
-    moved = yardstick.largest_weight * smallest**0.5 * mu / (smallest + mu)
-    enough = max(tolerances.SOLVED / 10.0, yardstick.shaking) * (yardstick.gravity or 1.0)
-    free = audit.independent and not audit.rounded
-    usual = (_USUAL if free else _USUAL_REDUNDANT) * audit.weight
-    return max(min(usual, enough / moved), _FINEST * audit.weight) if moved > 0.0 else usual
+    estimator, (_, smallest) = nominal.estimator, nominal.delassus_spectrum
+    moved = estimator.largest_weight * smallest**0.5 * mu / (smallest + mu)
+    enough = max(tolerances.SOLVED / 10.0, estimator.shaking) * (estimator.gravity or 1.0)
+    free = nominal.independent and not nominal.rounded
+    usual = (_USUAL if free else _USUAL_REDUNDANT) * nominal.weight
+    return max(min(usual, enough / moved), _FINEST * nominal.weight) if moved > 0.0 else usual
 
 
-class WeightAtState:
+class MuAtState:
     """The weight for a state at which an iteration has just not converged.
 
     With pivots on the diagonal, P^T G P = R^T R, the squares of the diagonal of R fall as the
@@ -117,12 +117,15 @@ class WeightAtState:
         self._cholesky, self._factorise = _pin.constraint_cholesky(workspace.data), dpstrf
         # a row that is rounding has sigma < m eps |G|: a force f along it moves a by w sigma^1/2 f,
         # and ten steps of lam are more than were made
-        audit, rows = workspace.scene.audit, sum(c.size for c in workspace.natives.constraints)
-        largest, _ = audit.native_spectrum
+        nominal, rows = (
+            workspace.scene.nominal,
+            sum(c.size for c in workspace.pinocchio_constraints.constraints),
+        )
+        largest, _ = nominal.delassus_spectrum
         rounding = _EPS * largest
-        moved = audit.yardstick.largest_weight * (rows * rounding) ** 0.5
+        moved = nominal.estimator.largest_weight * (rows * rounding) ** 0.5
         self._harmless = (
-            tolerances.SOLVED * audit.yardstick.gravity / (10.0 * moved) if rows else 0.0
+            tolerances.SOLVED * nominal.estimator.gravity / (10.0 * moved) if rows else 0.0
         )
         self._damping, self._least = self._mu * np.eye(rows), _NOISE * rounding
         self._weak = rounding / tolerances.SOLVED if corrected else 0.0

@@ -7,7 +7,7 @@ from condyn_pin.constraints.constraints import Coupling
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot
-from condyn_pin.lab.climbing import Ladder, Rung
+from condyn_pin.lab.hierarchy import HierarchyModel, ModelHierarchy
 from condyn_pin.mechanism.reduction.reduced_scene import reduced
 from condyn_pin.mechanism.reduction.same_motion import loaded
 
@@ -57,27 +57,27 @@ def _geared(scene: Scene) -> Scene:
     return reduced(scene, scene.robot, list(constraints.values()), q, (words,))
 
 
-LADDER = Ladder(
+HIERARCHY = ModelHierarchy(
     name="cassie",
     top=_whole,
     label="springs free",
-    rungs=(
-        Rung(
+    models=(
+        HierarchyModel(
             "feet driven directly",
             "cranks and plantar rods are reflected inertia, and their loops dropped",
             _feet_driven_directly,
         ),
-        Rung(
+        HierarchyModel(
             "springs locked",
             "at what they are bent by standing; compared where free springs carry their load",
             _springs_locked,
         ),
-        Rung(
+        HierarchyModel(
             "achilles rods as distances",
             "their mass is shared by their ends; two points a foot are one edge",
             _rods_as_distances,
         ),
-        Rung(
+        HierarchyModel(
             "knee and tarsus geared",
             "the proportion of the linkage while standing, in place of the linkage",
             _geared,

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.native import Native
+from condyn_pin.constraints.rows.pinocchio_constraint import PinocchioConstraint
 
 # Distance from their middle, as a share of the lever, at which points are nearly one. At 1e-2 they
 # leave 1e-4 in G, and so twelve digits. Below 1e-9 rounding of the placements alone, eps |p|, turns
@@ -54,7 +54,7 @@ class Cluster:
         Theirs among all constraints.
     rows : (3 n,) array
         Theirs among all rows.
-    points : tuple of Native
+    points : tuple of PinocchioConstraint
         c1 of all is on the same body, and c2: so their axes are those of the first, turned for
         good.
     k : float
@@ -63,7 +63,7 @@ class Cluster:
 
     places: tuple[int, ...]
     rows: NDArray[np.intp]
-    points: tuple[Native, ...]
+    points: tuple[PinocchioConstraint, ...]
     k: float
 
     @cached_property
@@ -80,7 +80,7 @@ class Cluster:
         turns = [axes @ point.placement1.rotation for point in self.points]
         return np.block([[w * R for w, R in zip(row, turns, strict=True)] for row in self.weights])
 
-    def moved(self) -> list[Native]:
+    def moved(self) -> list[PinocchioConstraint]:
         """Return the points p' = W p on both bodies."""
         axes = self.points[0].placement1.rotation
         return [
@@ -97,28 +97,28 @@ class Cluster:
 
 
 def spread(
-    natives: Sequence[Native], rows: Callable[[], Array]
-) -> tuple[tuple[Native, ...], Array | None]:
+    pinocchio_constraints: Sequence[PinocchioConstraint], rows: Callable[[], Array]
+) -> tuple[tuple[PinocchioConstraint, ...], Array | None]:
     """Return constraints in which no two points are nearly one that alone hold a turn.
 
     Parameters
     ----------
-    natives : sequence of Native
+    pinocchio_constraints : sequence of PinocchioConstraint
     rows : callable
         Returns their Jacobian at the nominal state in the metric of M, J L^-T (m, nv). It is called
         where there are points that are nearly one.
 
     Returns
     -------
-    natives : tuple of Native
+    pinocchio_constraints : tuple of PinocchioConstraint
         As many, in the same order.
     W : (m, m) array or None
         lam = W^T lam'; None where all are as before.
     """
-    clusters = _clusters(natives)
+    clusters = _clusters(pinocchio_constraints)
     if not clusters:
-        return tuple(natives), None
-    made, J = list(natives), rows()
+        return tuple(pinocchio_constraints), None
+    made, J = list(pinocchio_constraints), rows()
     W, needed = np.eye(len(J)), _needed(clusters, J)
     for cluster in needed:
         W[np.ix_(cluster.rows, cluster.rows)] = cluster.W
@@ -127,11 +127,11 @@ def spread(
     return tuple(made), W if needed else None
 
 
-def _clusters(natives: Sequence[Native]) -> list[Cluster]:
+def _clusters(pinocchio_constraints: Sequence[PinocchioConstraint]) -> list[Cluster]:
     """Return the points that are nearly one, if no others of their two bodies are far from them."""
-    ends = np.cumsum([native.size for native in natives])
+    ends = np.cumsum([native.size for native in pinocchio_constraints])
     groups: dict[tuple[int, int, bool], list[int]] = {}
-    for i, native in enumerate(natives):
+    for i, native in enumerate(pinocchio_constraints):
         if native.size == 3:
             bodies = native.joint1, native.joint2, native.anchored
             groups.setdefault(bodies, []).append(i)
@@ -139,7 +139,7 @@ def _clusters(natives: Sequence[Native]) -> list[Cluster]:
     for places in groups.values():
         if len(places) == 1:
             continue
-        points = tuple(natives[i] for i in places)
+        points = tuple(pinocchio_constraints[i] for i in places)
         p = np.array([point.placement1.translation for point in points])
         radius = float(np.linalg.norm(p - p.mean(axis=0), axis=1).max())
         lever = max(point.lever for point in points)

@@ -1,8 +1,8 @@
-"""Ladders: one machine, scene by scene smaller, with speed and price of each rung.
+"""Ladders: one machine, scene by scene smaller, with speed and price of each model.
 
-The same motions are put into every rung (`condyn_pin.mechanism.reduction.same_motion`), and what is
-watched is compared with the first rung (`condyn_pin.mechanism.reduction.price`). A ladder is data:
-`condyn_pin/lab/ladders/` has one file each.
+The same motions are put into every model (`condyn_pin.mechanism.reduction.same_motion`), and what
+is watched is compared with the first model (`condyn_pin.mechanism.reduction.price`). A ladder is
+data: `condyn_pin/lab/ladders/` has one file each.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from condyn_pin._core import _pin
-from condyn_pin._core.errors import unknown_name
 from condyn_pin._core.joints import indices
 from condyn_pin._core.machine import machine
 from condyn_pin._core.timing import State, Times
@@ -23,7 +22,8 @@ from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
 from condyn_pin.dynamics.solvers.lcaba import LCABA
 from condyn_pin.dynamics.solvers.proximal import Proximal
-from condyn_pin.lab.ladder_table import LadderRow, LadderTable
+from condyn_pin.errors import unknown_name
+from condyn_pin.lab.hierarchy_table import HierarchyRow, HierarchyTable
 from condyn_pin.mechanism.reduction.price import answers, compare
 from condyn_pin.mechanism.reduction.same_motion import same_motion, standing_torque
 from condyn_pin.mechanism.reduction.trials import time_trials, trial
@@ -34,7 +34,7 @@ _PUSH = 0.02
 
 
 @dataclass(frozen=True)
-class Rung:
+class HierarchyModel:
     """One step down.
 
     Parameters
@@ -44,7 +44,7 @@ class Rung:
     why : str
         What is left out, and what that presumes, in a sentence.
     make : callable
-        From the scene of the rung above to this one.
+        From the scene of the model above to this one.
     """
 
     label: str
@@ -53,37 +53,37 @@ class Rung:
 
 
 @dataclass(frozen=True)
-class Ladder:
+class ModelHierarchy:
     """A machine, scene by scene smaller.
 
     Parameters
     ----------
     name : str
     top : callable
-        Returns the scene of the first rung.
+        Returns the scene of the first model.
     label : str
-        Of the first rung.
-    rungs : tuple of Rung
+        Of the first model.
+    models : tuple of HierarchyModel
     sampled : str
-        Label of the rung that random states are drawn in: the smallest whose geometry is exact.
+        Label of the model that random states are drawn in: the smallest whose geometry is exact.
     """
 
     name: str
     top: Callable[[], Scene]
     label: str
-    rungs: tuple[Rung, ...]
+    models: tuple[HierarchyModel, ...]
     sampled: str
 
     def scenes(self) -> dict[str, Scene]:
-        """Return the scene of every rung, by label, the first one first."""
+        """Return the scene of every model, by label, the first one first."""
         made = {self.label: self.top()}
-        for rung in self.rungs:
-            made[rung.label] = rung.make(list(made.values())[-1])
+        for model in self.models:
+            made[model.label] = model.make(list(made.values())[-1])
         return made
 
 
 @dataclass(frozen=True)
-class LadderEffort:
+class HierarchyEffort:
     """How long to look.
 
     Parameters
@@ -99,22 +99,22 @@ class LadderEffort:
     repeats: int = 10
 
 
-FULL = LadderEffort()
-QUICK = LadderEffort(states=3, rounds=20, repeats=5)
+FULL = HierarchyEffort()
+QUICK = HierarchyEffort(states=3, rounds=20, repeats=5)
 
 
-def ladder(name: str, *, effort: LadderEffort = FULL) -> LadderTable:
-    """Climb down a ladder: nv, rows, time and error of every rung.
+def model_hierarchy(name: str, *, effort: HierarchyEffort = FULL) -> HierarchyTable:
+    """Climb down a ladder: nv, rows, time and error of every model.
 
     Parameters
     ----------
     name : str
-        One of `condyn_pin.LADDERS`.
-    effort : LadderEffort
+        One of `condyn_pin.lab.HIERARCHIES`.
+    effort : HierarchyEffort
 
     Returns
     -------
-    LadderTable
+    HierarchyTable
 
     Raises
     ------
@@ -123,17 +123,17 @@ def ladder(name: str, *, effort: LadderEffort = FULL) -> LadderTable:
 
     Notes
     -----
-    Cost: some seconds, in which every rung is solved at 20 motions and timed.
+    Cost: some seconds, in which every model is solved at 20 motions and timed.
     """
-    from condyn_pin.lab.ladders import LADDERS
+    from condyn_pin.lab.hierarchies import HIERARCHIES
 
-    if name not in LADDERS:
-        raise unknown_name("ladder", name, LADDERS)
-    return climb(LADDERS[name], effort=effort)
+    if name not in HIERARCHIES:
+        raise unknown_name("ladder", name, HIERARCHIES)
+    return climb(HIERARCHIES[name], effort=effort)
 
 
-def climb(chosen: Ladder, *, effort: LadderEffort) -> LadderTable:
-    """Measure every rung of a ladder: errors on the same motions, times in one interleaved run."""
+def climb(chosen: ModelHierarchy, *, effort: HierarchyEffort) -> HierarchyTable:
+    """Measure every model of a ladder: errors on the same motions, times in one interleaved run."""
     scenes = chosen.scenes()
     source, smallest = scenes[chosen.sampled], list(scenes.values())[-1]
     watched = (*free_flyers(smallest.robot), *smallest.robot.actuated)
@@ -146,20 +146,20 @@ def climb(chosen: Ladder, *, effort: LadderEffort) -> LadderTable:
     found = {label: answers(scenes[label], states[label], watched) for label in scenes}
     times = _fastest(scenes, states, effort)
     first = next(iter(scenes))
-    reasons = {chosen.label: "the whole machine"} | {r.label: r.why for r in chosen.rungs}
-    rows: list[LadderRow] = []
+    reasons = {chosen.label: "the whole machine"} | {r.label: r.why for r in chosen.models}
+    rows: list[HierarchyRow] = []
     for (label, scene), above in zip(scenes.items(), [first, *scenes], strict=False):
         errors = compare(scenes[first], found[first], found[label])
         step = compare(scenes[first], found[above], found[label])
         best = times[label]
         rows.append(
-            LadderRow(
+            HierarchyRow(
                 label=label,
                 why=reasons[label],
                 nv=scene.robot.nv,
                 rows=scene.rows,
-                rank=scene.audit.rank,
-                mobility=scene.audit.mobility,
+                rank=scene.nominal.rank,
+                mobility=scene.nominal.mobility,
                 solver=best.solver,
                 us=best.times.median,
                 speedup=times[first].times.ratio(best.times),
@@ -172,7 +172,7 @@ def climb(chosen: Ladder, *, effort: LadderEffort) -> LadderTable:
                 slower_as=_why_slower(best, [times[row.label] for row in rows]),
             )
         )
-    return LadderTable(chosen.name, tuple(rows), effort.states, machine())
+    return HierarchyTable(chosen.name, tuple(rows), effort.states, machine())
 
 
 def _standing(scene: Scene, rng: np.random.Generator) -> State:
@@ -181,13 +181,13 @@ def _standing(scene: Scene, rng: np.random.Generator) -> State:
     q, v = scene.sample(rng)
     _, motors = indices(robot.model, robot.actuated)
     tau = standing_torque(scene, q)
-    tau[motors] += _PUSH * scene.audit.weight * rng.normal(size=len(motors))
+    tau[motors] += _PUSH * scene.nominal.weight * rng.normal(size=len(motors))
     return q, v, tau
 
 
 @dataclass(frozen=True)
 class _Best:
-    """The fastest solver of a rung that says ok at every state."""
+    """The fastest solver of a model that says ok at every state."""
 
     solver: str
     times: Times
@@ -195,9 +195,9 @@ class _Best:
 
 
 def _fastest(
-    scenes: Mapping[str, Scene], states: Mapping[str, Sequence[State]], effort: LadderEffort
+    scenes: Mapping[str, Scene], states: Mapping[str, Sequence[State]], effort: HierarchyEffort
 ) -> dict[str, _Best]:
-    """Return the fastest solver of each rung, timed in one run with all the others."""
+    """Return the fastest solver of each model, timed in one run with all the others."""
     trials = {
         (label, solver.title): trial(scene, solver, states[label])
         for label, scene in scenes.items()
@@ -218,10 +218,10 @@ def _solvers() -> tuple[Solver, ...]:
     return (*lcaba, Proximal(), DenseKKT())
 
 
-def _why_slower(rung: _Best, above: Sequence[_Best]) -> str:
-    """Return why a rung is slower than one above, if that one's solver cannot take it."""
+def _why_slower(model: _Best, above: Sequence[_Best]) -> str:
+    """Return why a model is slower than one above, if that one's solver cannot take it."""
     timed = [best for best in above if math.isfinite(best.times.median)]
-    fastest = min(timed, key=lambda best: best.times.median, default=rung)
-    if fastest.times.median >= rung.times.median or fastest.solver not in rung.refused:
+    fastest = min(timed, key=lambda best: best.times.median, default=model)
+    if fastest.times.median >= model.times.median or fastest.solver not in model.refused:
         return ""
-    return f"{fastest.solver} {rung.refused[fastest.solver]}"
+    return f"{fastest.solver} {model.refused[fastest.solver]}"

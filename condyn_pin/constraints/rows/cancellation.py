@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 ROUNDED: Final = 1e-13
 
 
-def reach(equations: Equations, q: Array) -> Array:
+def cancellation_scale(equations: Equations, q: Array) -> Array:
     """Return the sizes of what J is a difference of (m, nv).
 
     The same for all shifts of a constraint, and for all its turns. Of all places of a machine it

@@ -12,27 +12,27 @@ from typing import TYPE_CHECKING, Final
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin.dynamics.solvers.base import Method
+from condyn_pin.dynamics.solvers.base import BoundSolver
 from condyn_pin.dynamics.solvers.null_space import NullSpace
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.workspace import Workspace
 
-# Gap [m] and slip [m/s] from which on a loop counts as open; those of a loop that was assembled, or
-# is kept closed in motion, are at 1e-15 to 1e-12.
+# Violation [m] and velocity [m/s] from which on a loop counts as open; those of a loop that
+# was assembled, or is kept closed in motion, are at 1e-15 to 1e-12.
 _OPEN_SQUARED: Final = (0.1 * tolerances.CLOSED) ** 2
 
 
-def exact_where_open(workspace: Workspace, closed: Method) -> Method:
+def exact_where_open(workspace: Workspace, closed: BoundSolver) -> BoundSolver:
     """Return a method that is exact on open loops too.
 
     Parameters
     ----------
     workspace : Workspace
-    closed : Method
+    closed : BoundSolver
         Of `pin.constraintDynamics`, by the rows that Pinocchio has.
     """
-    dense: list[Method] = []  # started at the first state that needs it
+    dense: list[BoundSolver] = []  # started at the first state that needs it
     method = closed
     run, squares = closed.acceleration, [(gap.dot, gap) for gap in _gaps(workspace)]
 
@@ -48,15 +48,17 @@ def exact_where_open(workspace: Workspace, closed: Method) -> Method:
         method = closed
         return a
 
-    return Method(acceleration, lambda: method.lam(), lambda: method.iterations())
+    return BoundSolver(acceleration, lambda: method.lam(), lambda: method.iterations())
 
 
 def _gaps(workspace: Workspace) -> list[Array]:
     """Return views of c and J v in Pinocchio's memory, of the rows that stand for others."""
     gaps = []
-    pairs = zip(workspace.natives.constraints, workspace.constraint_datas, strict=True)
+    pairs = zip(
+        workspace.pinocchio_constraints.constraints, workspace.constraint_datas, strict=True
+    )
     for native, data in pairs:
-        if not native.imitates:
+        if not native.approximates:
             continue
         if native.anchored:
             gaps.append(data.contact_placement_error.vector[: native.size])

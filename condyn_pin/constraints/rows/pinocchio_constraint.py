@@ -9,7 +9,7 @@ from condyn_pin._core._pin import LOCAL, pin
 
 
 @dataclass(frozen=True)
-class Native:
+class PinocchioConstraint:
     """A constraint that Pinocchio has itself.
 
     Attributes
@@ -19,7 +19,7 @@ class Native:
         3 or 6.
     joint1, placement1, joint2, placement2, anchored, lever
         As in `Bound`.
-    imitates : bool
+    approximates : bool
         Whether it stands for rows of another kind.
     """
 
@@ -31,7 +31,7 @@ class Native:
     placement2: Any
     anchored: bool
     lever: float  # [m]
-    imitates: bool
+    approximates: bool
 
     def to_pinocchio(self, model: Any) -> Any:
         """Return the RigidConstraintModel."""

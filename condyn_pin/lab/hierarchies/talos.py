@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot
-from condyn_pin.lab.climbing import Ladder, Rung
+from condyn_pin.lab.hierarchy import HierarchyModel, ModelHierarchy
 
 
 def _corners() -> Scene:
@@ -25,18 +25,18 @@ def _legs(scene: Scene) -> Scene:
     return scene.keep([name for name in scene.robot.joints if name.startswith("leg_")])
 
 
-LADDER = Ladder(
+HIERARCHY = ModelHierarchy(
     name="talos",
     top=_corners,
     label="eight corners",
-    rungs=(
-        Rung("two surfaces", "the same support in half the rows: exact", _surfaces),
-        Rung(
+    models=(
+        HierarchyModel("two surfaces", "the same support in half the rows: exact", _surfaces),
+        HierarchyModel(
             "arms and head locked",
             "exact if they do not move; here their motors only carry their weight",
             _without_arms,
         ),
-        Rung("legs alone", "the torso is locked too", _legs),
+        HierarchyModel("legs alone", "the torso is locked too", _legs),
     ),
     sampled="legs alone",
 )

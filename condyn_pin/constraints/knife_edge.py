@@ -14,7 +14,7 @@ from condyn_pin.constraints.with_world import shifted
 
 
 @dataclass(frozen=True)
-class Knife(Nonholonomic):
+class KnifeEdge(Nonholonomic):
     """A blade, a skate, a wheel seen from above: a point that does not slip sideways. 1 row.
 
     e . v = 0, with e an axis of the frame and v the velocity of the point.

@@ -12,6 +12,31 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Any
 
+__all__ = [
+    "BranchChanged",
+    "BrokenPinocchio",
+    "BrowserFailed",
+    "CondynError",
+    "DerivativesDisagree",
+    "Interrupted",
+    "InvalidArgument",
+    "InvalidConstraint",
+    "InvalidModel",
+    "MissingExtra",
+    "NotAssembled",
+    "NotReached",
+    "NotRecorded",
+    "NotTuned",
+    "SharedWorkspace",
+    "SolveFailed",
+    "StaleModel",
+    "StepFailed",
+    "UnknownName",
+    "UnsupportedBackend",
+    "UnsupportedConstraint",
+    "WorkersLost",
+]
+
 
 class CondynError(Exception):
     """Root of every error of this library."""

@@ -1,4 +1,4 @@
-"""Proof: what two residuals say about the error of a.
+"""Residuals: what two residuals say about the error of a.
 
 Let a be an answer with r = M a + h - tau - J^T lam and s = J a + gamma - a_ref. The exact answer
 differs by e with
@@ -34,7 +34,7 @@ row bring to J before they cancel. A row of which rounding is all that is left t
 and is found by that.
 
 Forces may be off where a is not, along what the rows hold: J^T dlam = r + M e, so that r is held
-against the largest torque in the equation of a joint as well (`Judge`).
+against the largest torque in the equation of a joint as well (`Verifier`).
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ _CLEAR = 100.0
 _HEAVY = 100.0
 
 
-class Proof(NamedTuple):
+class Residuals(NamedTuple):
     """Sizes of the residuals of an answer, and what they say about a."""
 
     dynamics: float  # |M a + h - tau - J^T lam|_inf [N, N m]
@@ -75,7 +75,7 @@ class Proof(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Yardstick:
+class ErrorEstimator:
     """What turns residuals of a scene into an error of its accelerations.
 
     Attributes
@@ -111,8 +111,8 @@ class Yardstick:
     shaking: float = 0.0
 
     @classmethod
-    def of(cls, factors: MinimumNorm, P: Array, gravity: float, weight: float) -> Yardstick:
-        """Return the yardstick of a state, from the factors of its M and J, and `reach`."""
+    def of(cls, factors: MinimumNorm, P: Array, gravity: float, weight: float) -> ErrorEstimator:
+        """Return the estimator of a state: factors of its M and J, and `cancellation_scale`."""
         L, weights = factors.L, factors.weights  # the rows of L have the norms M_jj^1/2
         return cls(
             weights=weights,
@@ -149,7 +149,7 @@ class Yardstick:
 
     def prove(
         self, dynamics: Array, largest: list[float], tau: Array, e: float | None = None
-    ) -> tuple[Proof, bool]:
+    ) -> tuple[Residuals, bool]:
         """Return the sizes of the residuals and what they say about a.
 
         Parameters
@@ -162,7 +162,7 @@ class Yardstick:
 
         Returns
         -------
-        proof : Proof
+        residuals : Residuals
         doubtful : bool
             Whether w and sigma have to be computed anew, at the state itself.
         """
@@ -182,7 +182,7 @@ class Yardstick:
             or max_a > self.no_machine
             or max_lam > self.no_force * scale
         )
-        return Proof(max_dynamics, constraint, violation, velocity, bound), doubtful
+        return Residuals(max_dynamics, constraint, violation, velocity, bound), doubtful
 
     def rounding_of(self, torques: Array) -> float:
         """Return what rounding of some torques (nv,), all positive, does to a: eps max(w) w.tau.
@@ -201,7 +201,7 @@ class Yardstick:
 
     @cached_property
     def no_force(self) -> float:
-        """A force that only a row without grip explains, relative to the size of a [N s^2/m].
+        """A multiplier above the round-off threshold, relative to the size of a [N s^2/m].
 
         A hundred times what the robot weighs: near a singular configuration lam grows as 1 / sigma,
         and a row that is rounding takes 1e17. Less where light joints are shaken by less.

@@ -1,4 +1,4 @@
-"""Chains: which joints the loops determine, and on which side of their dead points they stand.
+"""ClosedChains: which joints the loops determine, and on which side of dead points they stand.
 
 Of the joints, as many depend on the others as there are independent rows: r of them, with J_D the
 columns that belong to them. They are chosen once for a scene, those without motor or spring first.
@@ -31,8 +31,8 @@ from condyn_pin._core.joints import Indices, indices
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.linalg.numerical_rank import counted
 from condyn_pin._core.linalg.pivots import pivots, redundant_rows
+from condyn_pin.constraints.rows.cancellation import cancellation_scale
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.rows.reach import reach
 from condyn_pin.mechanism.closing import Closer
 from condyn_pin.mechanism.clusters import Cluster, clusters, isolated
 from condyn_pin.model.limits import NO_LIMITS, Limits
@@ -46,7 +46,7 @@ _LOOKS = 2
 
 
 @dataclass(frozen=True, eq=False)
-class Chains:
+class ClosedChains:
     """The closed chains of a scene.
 
     Attributes
@@ -60,7 +60,7 @@ class Chains:
     clusters : tuple of Cluster
         Empty if the robot has no motor, or no closed configuration was found: then there is
         nothing to tell branches by.
-    home : dict of str to int
+    assembly_mode : dict of str to int
         The branch of the first posture.
     rank : int
         Of all rows of the scene, at configurations that are not singular by accident.
@@ -75,7 +75,7 @@ class Chains:
     actuated: Indices
     dependent: Indices
     clusters: tuple[Cluster, ...]
-    home: Mapping[str, int]
+    assembly_mode: Mapping[str, int]
     rank: int
     redundant: tuple[str, ...]
     isolated: tuple[str, ...]
@@ -99,7 +99,7 @@ class Chains:
 
 
 @one_blas_thread
-def chains(scene: Scene) -> Chains:
+def chains(scene: Scene) -> ClosedChains:
     """Find the closed chains of a scene, near its first posture."""
     robot = scene.robot
     robot.check_unedited()
@@ -115,7 +115,7 @@ def chains(scene: Scene) -> Chains:
     for q in tries:
         terms = equations.terms(q, np.zeros(robot.nv))
         factors = factorise(terms.M, terms.J, tolerances.RANK, why=singular_mass(robot.model, q))
-        factors = factors.above_rounding(reach(equations, q))
+        factors = factors.above_rounding(cancellation_scale(equations, q))
         dependent = independent_columns(terms.J[rows], passive_classes)
         found.append((factors, terms.J, dependent))
     jacobians = [each[1] for each in found]
@@ -126,13 +126,13 @@ def chains(scene: Scene) -> Chains:
         columns = independent_columns(J[rows], (*passive_classes, actuated))
         groups = tuple(clusters(scene, J, jacobians, rows, columns))
     moved = [np.abs(pin.difference(robot.model, tries[0], q)) for q in tries[1:]]
-    return Chains(
+    return ClosedChains(
         rows=rows,
         limits=limits,
         actuated=actuated,
         dependent=dependent,
         clusters=groups,
-        home={each.name: each.side(found[0][1]) for each in groups if each.sided},
+        assembly_mode={each.name: each.side(found[0][1]) for each in groups if each.sided},
         rank=factors.rank,
         redundant=redundant_rows(factors.U[:, factors.rank :], scene.row_names),
         isolated=isolated(scene, np.max(moved, axis=0), jacobians, rows) if moved else (),

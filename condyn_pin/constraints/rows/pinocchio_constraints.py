@@ -13,7 +13,7 @@ pin:
 
     s_ball = E s,     E = columns of 1 but for that of e.
 
-Both are exact where the loop is closed (`condyn_pin.dynamics.imitation` has the others).
+Both are exact where the loop is closed (`condyn_pin.dynamics.approximated` has the others).
 
 A planar pin in space, a slider, a rod, a plane, a coupling, a blade and what rolls have no
 equivalent: three rows of a point, or six of a frame, hold more than they do. A rod is one of them:
@@ -32,37 +32,39 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.bound import AnyBound, Bound
 from condyn_pin.constraints.rows.flat import height_of
-from condyn_pin.constraints.rows.native import Native
-from condyn_pin.constraints.rows.spread import spread
+from condyn_pin.constraints.rows.pinocchio_constraint import PinocchioConstraint
+from condyn_pin.constraints.rows.point_pairs import spread
 
 _HERE = np.zeros(3)
 
 
 @dataclass(frozen=True, eq=False)
-class Natives:
+class PinocchioConstraints:
     """The constraints of a scene as Pinocchio takes them.
 
     Attributes
     ----------
-    constraints : tuple of Native
+    constraints : tuple of PinocchioConstraint
     to_scene : (m, m_native) array or None
         E^T with the signs of the scene: lam from Pinocchio's; None where they are the same.
-    imitated : tuple of str
+    approximated : tuple of str
         Names of constraints that take rows of Pinocchio's with one too many.
     world_first : tuple of str
         Those of them whose first frame is the world's, which `pin.lcaba` must not see.
-    missing : tuple of str
+    unsupported : tuple of str
         Names of constraints without an equivalent.
     """
 
-    constraints: tuple[Native, ...]
+    constraints: tuple[PinocchioConstraint, ...]
     to_scene: Array | None
-    imitated: tuple[str, ...]
+    approximated: tuple[str, ...]
     world_first: tuple[str, ...]
-    missing: tuple[str, ...]
+    unsupported: tuple[str, ...]
 
 
-def natives(model: Any, bounds: Sequence[AnyBound], rows: Callable[[], Array]) -> Natives:
+def pinocchio_constraints(
+    model: Any, bounds: Sequence[AnyBound], rows: Callable[[], Array]
+) -> PinocchioConstraints:
     """Return the constraints of a scene as Pinocchio takes them.
 
     Parameters
@@ -72,32 +74,32 @@ def natives(model: Any, bounds: Sequence[AnyBound], rows: Callable[[], Array]) -
     rows : callable
         Returns the Jacobian of the scene at its nominal state in the metric of M, J L^-T (m, nv).
     """
-    made: list[Native] = []
+    made: list[PinocchioConstraint] = []
     blocks: list[Array] = []
-    imitated: list[tuple[str, int]] = []
-    missing: list[str] = []
+    approximated: list[tuple[str, int]] = []
+    unsupported: list[str] = []
     for bound in bounds:
         points, block = _equivalent(model, bound)
         made += points
         blocks.append(block)
         if not points:
-            missing.append(bound.name)
-        elif points[0].imitates:
-            imitated.append((bound.name, points[0].joint1))
+            unsupported.append(bound.name)
+        elif points[0].approximates:
+            approximated.append((bound.name, points[0].joint1))
     blocked = _block_diagonal(blocks)
     constraints, W = spread(made, lambda: blocked.T @ rows())
     to_scene = blocked if W is None else blocked @ W.T
     same = to_scene.shape[0] == to_scene.shape[1] and (to_scene == np.eye(len(to_scene))).all()
-    return Natives(
+    return PinocchioConstraints(
         constraints,
         None if same else to_scene,
-        tuple(name for name, _ in imitated),
-        tuple(name for name, joint1 in imitated if joint1 == 0),
-        tuple(missing),
+        tuple(name for name, _ in approximated),
+        tuple(name for name, joint1 in approximated if joint1 == 0),
+        tuple(unsupported),
     )
 
 
-def _equivalent(model: Any, bound: AnyBound) -> tuple[list[Native], Array]:
+def _equivalent(model: Any, bound: AnyBound) -> tuple[list[PinocchioConstraint], Array]:
     """Return what Pinocchio has in place of a constraint, and E^T; nothing where it has nothing."""
     if isinstance(bound, Bound) and bound.is_plain:
         return [_native(bound, bound.size)], bound.sign * np.eye(bound.size)
@@ -114,10 +116,10 @@ def _equivalent(model: Any, bound: AnyBound) -> tuple[list[Native], Array]:
     return [], np.zeros((bound.size, 0))
 
 
-def _native(bound: Bound, size: int, d1: Array = _HERE, d2: Array = _HERE) -> Native:
+def _native(bound: Bound, size: int, d1: Array = _HERE, d2: Array = _HERE) -> PinocchioConstraint:
     """Return a point or a frame at d1 in the axes of c1, and at d2 in those of c2."""
     # where a contact is unanchored, c2 is not looked at
-    return Native(
+    return PinocchioConstraint(
         bound.name if size == bound.size else f"{bound.name}{'-' if d2.sum() < 0 else '+'}",
         size,
         bound.joint1,
@@ -126,7 +128,7 @@ def _native(bound: Bound, size: int, d1: Array = _HERE, d2: Array = _HERE) -> Na
         bound.placement2 * pin.SE3(np.eye(3), d2),
         bound.anchored,
         bound.lever,
-        imitates=size != bound.size,
+        approximates=size != bound.size,
     )
 
 

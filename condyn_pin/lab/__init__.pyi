@@ -1,0 +1,14 @@
+# Every public name of this room, and the file that has it; `__init__.py` reads this file.
+
+from .extremes import EXTREMES as EXTREMES
+from .hierarchies import HIERARCHIES as HIERARCHIES
+from .hierarchy import HierarchyEffort as HierarchyEffort
+from .hierarchy import HierarchyModel as HierarchyModel
+from .hierarchy import ModelHierarchy as ModelHierarchy
+from .hierarchy import model_hierarchy as model_hierarchy
+from .hierarchy_table import HierarchyRow as HierarchyRow
+from .hierarchy_table import HierarchyTable as HierarchyTable
+from .problems import PROBLEMS as PROBLEMS
+from .problems import Problem as Problem
+from .problems.loading import load_problem as load_problem
+from .problems.result import ProblemResult as ProblemResult
