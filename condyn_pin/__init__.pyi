@@ -47,10 +47,10 @@ from .simulation.drift.post_stabilization import PostStabilization as PostStabil
 from .simulation.drift.projection import Projection as Projection
 from .simulation.events import Event as Event
 from .simulation.integrators.dormand_prince import DormandPrince as DormandPrince
-from .simulation.integrators.implicit_midpoint import ImplicitMidpoint as ImplicitMidpoint
+from .simulation.integrators.explicit import RungeKutta4 as RungeKutta4
+from .simulation.integrators.explicit import SemiImplicitEuler as SemiImplicitEuler
+from .simulation.integrators.midpoint import ImplicitMidpoint as ImplicitMidpoint
 from .simulation.integrators.radau import RadauIIA as RadauIIA
-from .simulation.integrators.runge_kutta4 import RungeKutta4 as RungeKutta4
-from .simulation.integrators.semi_implicit_euler import SemiImplicitEuler as SemiImplicitEuler
 from .simulation.run import simulate as simulate
 from .simulation.trajectory import Trajectory as Trajectory
 from .study.study import Study as Study

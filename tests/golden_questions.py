@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 
 # Robots that move, by every integrator with every drift scheme; those beyond 20 joints by a few.
 MOVED = ("four_bar", "pendulum", "delta", "cassie", "solo12", "rolling_disc", "sleigh")
+ON_LARGE = (
+    *("dormandprince", "expliciteuler", "implicitmidpoint"),
+    *("generalisedalpha", "radauiia", "gearguptaleimkuhler"),
+)
 ON_EXTREMES = (cp.dynamics.NullSpace, cp.Proximal, cp.DenseKKT, cp.dynamics.GaussPrinciple)
 BLOCKS = ("da_dq", "da_dv", "da_dtau", "dlam_dq", "dlam_dv", "dlam_dtau")
 COMMANDS = """
@@ -176,8 +180,8 @@ def on_motions(record: Record, name: str) -> None:
         cp.PostStabilization(),
         cp.Projection(),
     ]
-    integrators = [kind() for kind in cp.simulation.INTEGRATORS.values()]
-    for integrator in integrators if robot.nv < 20 else integrators[:6]:
+    kinds = cp.simulation.INTEGRATORS
+    for integrator in (kinds[each]() for each in (kinds if robot.nv < 20 else ON_LARGE)):
         for drift in drifts:
             key = f"{name}: {integrator}, {drift}"
             x = record.keep(

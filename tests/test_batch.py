@@ -21,12 +21,12 @@ from lost import KillsOnce
 from shared import all_scenes
 
 import condyn_pin as cp
-from condyn_pin._core.parallel import memory
+from condyn_pin._core.parallel import memory, rows
+from condyn_pin._core.parallel.chunks import silent
 from condyn_pin._core.parallel.memory import Kind, SharedArrays
 from condyn_pin.dynamics.catalogue import motor_torque
 from condyn_pin.dynamics.derivatives.check import BLOCKS
-from condyn_pin.simulation.batch import rows
-from condyn_pin.simulation.batch.recipe import Recipe
+from condyn_pin.simulation.batch.recipe import PickledRecipe, Recipe
 
 LABELS = ("talos contacts", "cassie loops", "four_bar loops", "solo12 alone")
 N = 24
@@ -326,7 +326,7 @@ def test_other_refusals(executor):
 
 @pytest.mark.parametrize("count", [0, 1, 15, 1000, 100_000])
 def test_chunks_cover_all_rows_and_become_smaller(count):
-    chunks = rows.Rows(print, all_scenes()["four_bar loops"], most=1000)._chunks(count)
+    chunks = rows.Rows(print, None, None, None, 1000, silent)._chunks(count)
     assert [i for rows in chunks for i in range(rows.start, rows.stop)] == list(range(count))
     sizes = [rows.stop - rows.start for rows in chunks]
     assert sizes == sorted(sizes, reverse=True)
@@ -353,7 +353,7 @@ def test_unpickled_states_take_the_hot_path(monkeypatch):
 
 
 def test_a_workspace_is_made_once(executor):
-    recipes = [Recipe.of(all_scenes()[label], None, None) for label in LABELS]
+    recipes = [Recipe(all_scenes()[label]).pickled() for label in LABELS]
     for recipe in recipes:
         found = dict(cp.map_chunks(_whose, [recipe] * 12, executor=executor))
         again = dict(cp.map_chunks(_whose, [recipe] * 12, executor=executor))
@@ -361,7 +361,7 @@ def test_a_workspace_is_made_once(executor):
         assert len(made) == len({process for process, _ in made}) <= 2
 
 
-def _whose(recipe: Recipe) -> tuple[int, int]:
+def _whose(recipe: PickledRecipe) -> tuple[int, int]:
     return os.getpid(), id(recipe.workspace())
 
 

@@ -14,8 +14,7 @@ from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.drift.post_stabilization import PostStabilization
 from condyn_pin.simulation.drift.projection import Projection
 from condyn_pin.simulation.gaps import FactorisedGaps, SolvedGaps, gaps_of
-from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4
-from condyn_pin.simulation.integrators.semi_implicit_euler import SemiImplicitEuler
+from condyn_pin.simulation.integrators.explicit import RungeKutta4, SemiImplicitEuler
 from condyn_pin.simulation.run import simulate
 from condyn_pin.simulation.system import System
 

@@ -18,8 +18,8 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.model.spring_dampers import SpringDampers
 from condyn_pin.simulation.implicit import with_rows
+from condyn_pin.simulation.passive import Passive
 from condyn_pin.simulation.system import System
-from condyn_pin.simulation.torques import Passive
 from condyn_pin.study.fingerprint import fingerprint
 
 MASSES = (1.0, 2.0)  # [kg]

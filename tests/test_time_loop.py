@@ -10,8 +10,6 @@ import pytest
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin.simulation import walls
-from condyn_pin.simulation.stability_limit import growth, stability_limit
 
 HOME = str(Path(cp.__file__).parent)
 DT = 1e-3  # [s]
@@ -53,15 +51,9 @@ def test_a_step_goes_through_few_files(name):
     assert 0 < changes(files_of(scene, 8)) - changes(files_of(scene, 7)) <= MOST
 
 
-def test_names_of_the_last_version_warn():
+def test_a_moment_is_a_snapshot_now():
     with pytest.warns(DeprecationWarning, match="Snapshot"):
         assert cp.Moment is cp.simulation.Snapshot
-    with pytest.warns(DeprecationWarning, match=r"stability_limit\.stability_limit"):
-        assert walls.wall is stability_limit
-    with pytest.warns(DeprecationWarning, match="growth"):
-        assert walls.growth is growth
-    with pytest.raises(AttributeError):
-        walls.ceiling  # noqa: B018
 
 
 def test_next_acceleration_is_acceleration():

@@ -13,9 +13,8 @@ from condyn_pin.lab.laboratory import DriftErrors, area, errors
 from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.drift.projection import Projection
 from condyn_pin.simulation.integrators import Integrator
+from condyn_pin.simulation.integrators.explicit import RungeKutta4, SemiImplicitEuler
 from condyn_pin.simulation.integrators.rattle import Rattle
-from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4
-from condyn_pin.simulation.integrators.semi_implicit_euler import SemiImplicitEuler
 
 
 @dataclass(frozen=True)

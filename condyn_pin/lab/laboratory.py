@@ -25,8 +25,7 @@ from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.run import simulate
 from condyn_pin.simulation.stability_limit import growth
-from condyn_pin.simulation.trajectory import Trajectory
-from condyn_pin.simulation.uninterrupted import uninterrupted
+from condyn_pin.simulation.trajectory import Trajectory, uninterrupted
 
 # Samples of a run whose largest errors are wanted.
 _SAMPLES = 20_000

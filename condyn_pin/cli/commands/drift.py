@@ -40,9 +40,11 @@ def drift(
     from condyn_pin.errors import Interrupted, InvalidArgument
     from condyn_pin.lab.contest import contest
     from condyn_pin.lab.laboratory import gap_growth
-    from condyn_pin.simulation.integrators.explicit_euler import ExplicitEuler
-    from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4
-    from condyn_pin.simulation.integrators.semi_implicit_euler import SemiImplicitEuler
+    from condyn_pin.simulation.integrators.explicit import (
+        ExplicitEuler,
+        RungeKutta4,
+        SemiImplicitEuler,
+    )
 
     if not 0 < dt < float("inf"):
         raise InvalidArgument(f"--dt {dt}: a number > 0 [s] is needed")

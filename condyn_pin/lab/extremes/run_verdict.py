@@ -21,10 +21,10 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.lab.extremes.base import Case, Motion
 from condyn_pin.lab.extremes.verdict import Verdict
-from condyn_pin.simulation.integrators.semi_implicit_euler import SemiImplicitEuler
+from condyn_pin.simulation.integrators.explicit import SemiImplicitEuler
+from condyn_pin.simulation.notices import solver_notices
 from condyn_pin.simulation.run import simulate
 from condyn_pin.simulation.trajectory import Trajectory
-from condyn_pin.simulation.verify import solver_notices
 
 # What a gap may be off, relative to the first: it is 1e-7 of a lever, whose turning is left out.
 _FOLLOWED = 1e-4

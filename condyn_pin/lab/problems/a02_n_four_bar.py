@@ -18,7 +18,7 @@ from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.lab.problems.base import Limit, Problem, Published, Setting
 from condyn_pin.model.mechanisms.n_four_bar import n_four_bar
 from condyn_pin.model.soundness import MOST_JOINTS
-from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4
+from condyn_pin.simulation.integrators.explicit import RungeKutta4
 
 _GRAVITY: Final = 9.81  # [m/s^2]
 _THRESHOLD: Final = 1e-3  # [m, m/s]: what smaller values are divided by instead

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from enum import Enum
 from math import nan
 from os import PathLike
@@ -13,14 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array, read_only
+from condyn_pin._core.parallel.memory import Arrays, Kind
 from condyn_pin._core.parallel.outcome import MISSING, Outcome
 from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.errors import NotRecorded, WorkersLost
-from condyn_pin.simulation.anchoring import anchored
 from condyn_pin.simulation.batch.solution import Some
+from condyn_pin.simulation.fit import anchored
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.recorder import Phase
@@ -29,10 +30,10 @@ from condyn_pin.simulation.trajectory import Trajectory
 # A status as a number is its place here.
 RUN_STATUSES: Final = tuple(RunStatus)
 
-# The arrays with a row a motion.
-_ROWS: Final = (
-    *("t", "q", "v", "violation", "constraint_velocity", "energy_error"),
-    *("statuses", "reasons", "run_times"),
+# The arrays with a row a motion, as numbers.
+ENDS: Final = (
+    *("q", "v", "t", "violation", "constraint_velocity", "energy_error", "run_times"),
+    "statuses",
 )
 
 
@@ -62,6 +63,25 @@ class Samples:
     def of(self, motions: Some) -> Samples:
         """Return those of some motions."""
         return Samples(*(read_only(array[motions]) for array in vars(self).values()))
+
+
+SAMPLED: Final = tuple(field.name for field in fields(Samples))
+
+
+def kinds_of(scene: Scene, kept: int) -> dict[str, Kind]:
+    """Return what a row of each array of a batch is, with so many samples of each motion."""
+    robot = scene.robot
+    widths: dict[str, tuple[int, ...]] = {"t": (), "q": (robot.nq,), "lam": (scene.rows,)}
+    widths |= dict.fromkeys(("v", "a", "tau"), (robot.nv,))
+    ends = {name: Kind(widths.get(name, ())) for name in ENDS} | {"statuses": Kind((), "i1")}
+    samples = {f"samples_{name}": Kind((kept, *widths[name])) for name in SAMPLED}
+    return ends | samples if kept else ends
+
+
+def samples_in(arrays: Arrays) -> Samples | None:
+    """Return the samples among the arrays of a batch."""
+    found = [arrays[f"samples_{name}"] for name in SAMPLED if f"samples_{name}" in arrays]
+    return Samples(*found) if found else None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -160,7 +180,7 @@ class BatchTrajectory(Outcome):
     def __getitem__(self, i: int | np.integer[Any] | Some) -> Trajectory | BatchTrajectory:
         if not isinstance(i, slice | list | np.ndarray):
             return self._motion(range(len(self))[i])
-        some = {name: read_only(getattr(self, name)[i]) for name in _ROWS}
+        some = {name: read_only(getattr(self, name)[i]) for name in (*ENDS, "reasons")}
         return replace(self, samples=self.samples and self.samples.of(i), **some)
 
     def __iter__(self) -> Iterator[Trajectory]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -11,10 +11,8 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.parameters import check_count
 from condyn_pin.constraints.drift import Correction, Drift
 from condyn_pin.errors import InvalidArgument
-
-if TYPE_CHECKING:
-    from condyn_pin.simulation.gaps import Gaps
-    from condyn_pin.simulation.system import System
+from condyn_pin.simulation.gaps import Gaps, gaps_of
+from condyn_pin.simulation.system import System
 
 Metric = Literal["mass", "euclidean"]
 METRICS: tuple[Metric, ...] = ("mass", "euclidean")
@@ -79,9 +77,6 @@ class Projection(Drift):
 
     def start(self, system: System, dt: float) -> Correction:
         """Return what projects the state after a step."""
-        # it needs the rows of the scene, which need this folder
-        from condyn_pin.simulation.gaps import gaps_of
-
         gaps, integrate, count = gaps_of(system, self.metric), system.integrate, 0
 
         def correct(t: float, q: Array, v: Array) -> tuple[Array, Array]:

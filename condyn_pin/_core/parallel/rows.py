@@ -14,18 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import read_only
-from condyn_pin._core.parallel.chunks import Progress, in_flight, silent
+from condyn_pin._core.parallel.chunks import Progress, in_flight
 from condyn_pin._core.parallel.memory import CAN_SHARE, Arrays, Kinds
 from condyn_pin._core.parallel.outcome import MISSING
 from condyn_pin._core.parallel.processes import Processes, workers_of
-from condyn_pin._core.parallel.transports import ByCopies, ByMemory, InPlace, Kernel, Transport
-from condyn_pin._core.parameters import check_called
-from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solvers.base import Solver
-from condyn_pin.dynamics.verbs import workspace_for
+from condyn_pin._core.parallel.transports import (
+    ByCopies,
+    ByMemory,
+    InPlace,
+    Kernel,
+    Recipe,
+    Transport,
+)
+from condyn_pin._core.parameters import check_called, check_count
 from condyn_pin.errors import Interrupted, InvalidArgument, WorkersLost
-from condyn_pin.simulation.batch.recipe import Recipe
 
 Batch = TypeVar("Batch")
 
@@ -39,55 +41,32 @@ _SMALLER: Final = 5
 class Rows:
     """What is done to the rows of arrays, and by whom.
 
-    Parameters
-    ----------
-    kernel : Kernel
-    scene, solver, drift
-        Of the workspace.
-    executor : Executor, optional
-    chunk : int, optional
-        Rows that a worker is handed at a time; by default a sixteenth of what is left, up to
-        `most`.
-    most : int
-        Rows that take a tenth of a second or less.
-    progress : callable
-        Called with the number of rows done and that of all.
+    Without an executor this process does the work. Workers are handed `chunk` rows at a time; by
+    default a sixteenth of what is left, up to `most`, which should take a tenth of a second or
+    less. `progress` is called with the number of rows done and that of all.
     """
 
     kernel: Kernel
-    scene: Scene
-    solver: Solver | None = None
-    drift: Baumgarte | None = None
-    executor: Executor | None = None
-    chunk: int | None = None
-    most: int = 1000
-    progress: Progress = silent
+    recipe: Recipe
+    executor: Executor | None
+    chunk: int | None
+    most: int
+    progress: Progress
 
     def __post_init__(self) -> None:
         check_called("progress", self.progress, "done, total")
+        if self.chunk is not None:
+            check_count("chunk", self.chunk)
 
     def fill(
         self, count: int, inputs: Arrays, kinds: Kinds, batch: Callable[[Arrays], Batch]
     ) -> Batch:
-        """Return the batch that is made of the outputs, a row a state.
+        """Return the `batch` that is made of the outputs, a row a state.
 
-        Parameters
-        ----------
-        count : int
-            Number of states.
-        inputs : mapping of str to array
-            With two axes, a row a state; with one, the same for all.
-        kinds : mapping of str to Kind
-            What a row of each output is; one of them is ``statuses``.
-        batch : callable
-            Makes a value of the outputs, to which nobody writes any more. Where a row was not
-            worked on, ``statuses`` is MISSING, and floats are NaN; ``words`` has what the kernel
-            said of each, a text that may be empty.
-
-        Raises
-        ------
-        WorkersLost, Interrupted
-            Its `done`, or its `table`, is the batch of what was worked on.
+        Inputs with two axes have a row a state; with one, they are the same for all. `kinds` says
+        what a row of each output is; one of them is ``statuses``: MISSING where nobody has worked
+        on a row, and its floats are NaN. ``words`` has what the kernel said of each row.
+        WorkersLost and Interrupted have the batch of what was worked on, as `done` and `table`.
         """
         kinds = {name: kind.times(count) for name, kind in kinds.items()}
         outputs = {name: np.zeros(kind.shape, kind.dtype) for name, kind in kinds.items()}
@@ -110,9 +89,8 @@ class Rows:
     def _transport(self, inputs: Arrays, outputs: Arrays, chunks: list[slice]) -> Transport:
         """Return the transport to whoever does the work."""
         if self.executor is None:
-            workspace = workspace_for(self.scene, self.solver, self.drift)
-            return InPlace(self.kernel, workspace, inputs, outputs)
-        recipe = Recipe.of(self.scene, self.solver, self.drift)
+            return InPlace(self.kernel, self.recipe, inputs, outputs)
+        recipe = self.recipe.pickled()
         if not isinstance(self.executor, ProcessPoolExecutor | Processes):
             return ByCopies(self.kernel, recipe, inputs, outputs)
         self._check_travels()
@@ -138,10 +116,7 @@ class Rows:
             ) from error
 
     def _chunks(self, count: int) -> list[slice]:
-        """Return the rows of each chunk.
-
-        The last ones are small, since nobody works while the last worker ends.
-        """
+        """Return the rows of each chunk: the last ones few, as nobody works while the last ends."""
         chunks, start = [], 0
         least = min(_part(count, _SHARES), _part(self.most, _SMALLER))
         while start < count:

@@ -1,8 +1,9 @@
-"""The states of a batch: shapes, finiteness, unit quaternions, every row looked at."""
+"""What comes into a batch, row by row: states, and forces from outside."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,26 +11,18 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core.arguments import HIGH, LOW, Arguments
 from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.parallel.memory import Arrays
+from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.model.robot import Robot
 
 
 def check_states(
     model: Any, Q: ArrayLike, V: ArrayLike, TAU: ArrayLike, *, suffix: str = ""
 ) -> tuple[Array, Array, Array]:
-    """Return the arrays of a batch, converted where necessary.
+    """Return Q (N, nq), V (N, nv) and TAU (N, nv) or (nv,), converted where necessary.
 
-    Parameters
-    ----------
-    model : pin.Model
-    Q, V : (N, nq), (N, nv) array_like
-    TAU : (N, nv) or (nv,) array_like, or 0
-    suffix : str
-        Of the names of the first two arguments: "0" where they are the first states of motions.
-
-    Raises
-    ------
-    InvalidArgument
-        Naming the argument, the row and the entry, the value, and what would do.
+    What cannot be is refused by row and entry; `suffix` is that of the names of Q and V.
     """
     name = f"Q{suffix}"
     count = _rows(name, Q, model.nq)
@@ -67,3 +60,33 @@ def _rows(name: str, value: ArrayLike, width: int) -> int:
             f"{name} has shape {shape}: an array of shape (N, {width}) is needed, a row a state"
         )
     return int(shape[0])
+
+
+@dataclass(frozen=True)
+class RowForces:
+    """Forces as they travel with a kernel: those of the first state, and inputs with the others."""
+
+    forces: tuple[AppliedForce, ...] = ()
+    rows: tuple[tuple[int, str], ...] = ()  # which have a row a state, and the name of the input
+
+    def at(self, inputs: Arrays, i: int) -> tuple[AppliedForce, ...]:
+        """Return the forces at state i of some inputs."""
+        if not self.rows:
+            return self.forces
+        found = list(self.forces)
+        for k, name in self.rows:
+            found[k] = AppliedForce(found[k].frame, inputs[name][i], found[k].frame_of)
+        return tuple(found)
+
+
+def split(
+    robot: Robot, forces: Sequence[AppliedForce], count: int, *, functions: bool = False
+) -> tuple[tuple[AppliedForce, ...], RowForces, Arrays]:
+    """Return the forces of a batch checked, as a kernel has them, and their inputs."""
+    checked = applied_forces(forces, functions=functions, rows=count)
+    for force in checked:
+        robot.frame(force.frame)  # what is no frame is refused before the work
+    some = tuple((k, f"force{k}") for k, force in enumerate(checked) if force.has_rows)
+    inputs = {name: checked[k].numbers for k, name in some}
+    first = tuple(force.row(0) for force in checked) if count else ()
+    return checked, RowForces(first, some), inputs
