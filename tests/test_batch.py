@@ -115,18 +115,16 @@ def test_threads_give_the_same():
     assert_same(found, cp.solve_batch(scene, *states))
 
 
-def test_one_torque_for_all(executor):
+@pytest.mark.parametrize(
+    ("same", "torque"),
+    [(list, 1.0), (np.array, 1.0), (lambda _: 0, 0.0), (lambda _: 0.0, 0.0)],
+    ids=["list", "array", "0", "0.0"],
+)
+def test_one_torque_for_all(same, torque, executor):
     scene, (q, v, tau) = all_scenes()["talos contacts"], batch_of("talos contacts")
-    wanted = cp.solve_batch(scene, q, v, np.tile(tau[0], (N, 1)))
-    assert_same(cp.solve_batch(scene, q, v, tau[0]), wanted)
-    assert_same(cp.solve_batch(scene, q, v, tau[0].tolist(), executor=executor), wanted)
-
-
-def test_no_torque(executor):
-    scene, (q, v, _) = all_scenes()["talos contacts"], batch_of("talos contacts")
-    wanted = cp.solve_batch(scene, q, v, np.zeros_like(v))
-    assert_same(cp.solve_batch(scene, q, v, 0), wanted)
-    assert_same(cp.solve_batch(scene, q, v, 0.0, executor=executor), wanted)
+    wanted = cp.solve_batch(scene, q, v, np.tile(torque * tau[0], (N, 1)))
+    for where in (None, executor):
+        assert_same(cp.solve_batch(scene, q, v, same(tau[0]), executor=where), wanted)
 
 
 def test_some_rows_are_a_batch_and_one_is_an_answer():
@@ -155,19 +153,17 @@ def test_some_rows_are_a_batch_and_one_is_an_answer():
 
 def test_the_derivatives_of_one_row_are_those_of_the_state():
     scene, (q, v, tau) = all_scenes()["cassie loops"], batch_of("cassie loops", 2)
-    found, wanted = (
-        cp.derivatives_batch(scene, q, v, tau)[1],
-        cp.derivatives(scene, q[1], v[1], tau[1]),
-    )
+    found = cp.derivatives_batch(scene, q, v, tau)[1]
+    wanted = cp.derivatives(scene, q[1], v[1], tau[1])
     for name in BLOCKS:
         np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name))
     n, m = scene.robot.nv, scene.rows
     rng = np.random.default_rng(1)
     steps, gradients = rng.normal(size=(3, n)), (rng.normal(size=n), rng.normal(size=m))
-    for mine, theirs in zip(found.jvp(*steps), wanted.jvp(*steps), strict=True):
-        np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-9 * np.abs(theirs).max())
-    for mine, theirs in zip(found.vjp(*gradients), wanted.vjp(*gradients), strict=True):
-        np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-9 * np.abs(theirs).max())
+    mine = *found.jvp(*steps), *found.vjp(*gradients)
+    theirs = *wanted.jvp(*steps), *wanted.vjp(*gradients)
+    for one, other in zip(mine, theirs, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * np.abs(other).max())
 
 
 @pytest.mark.parametrize("kind", [cp.Processes, ThreadPoolExecutor])
@@ -256,21 +252,19 @@ def test_answers_are_frozen_pickle_and_do_not_follow_their_arguments(executor):
     assert_same(pickle.loads(pickle.dumps(batch)), batch)
 
 
-ROWS = ["Q", "V", "TAU"]
-
-
+@pytest.mark.parametrize("verb", [cp.solve_batch, cp.derivatives_batch])
 @pytest.mark.parametrize("which", [0, 1, 2])
-def test_a_number_that_is_not_finite_is_named_with_its_row(which):
+def test_a_number_that_is_not_finite_is_named_with_its_row(which, verb):
     scene, states = all_scenes()["talos contacts"], batch_of("talos contacts")
     states[which][13, 9] = np.nan
-    with pytest.raises(cp.InvalidArgument, match=rf"{ROWS[which]}\[13, 9\] = nan: finite"):
-        cp.solve_batch(scene, *states)
-    with pytest.raises(cp.InvalidArgument, match=rf"{ROWS[which]}\[13, 9\] = nan: finite"):
-        cp.derivatives_batch(scene, *states)
+    with pytest.raises(cp.InvalidArgument, match=rf"{'QVT'[which]}.*\[13, 9\] = nan: finite"):
+        verb(scene, *states)
 
 
-def test_shapes_are_named():
+def test_shapes_and_quaternions_are_named():
     scene, (q, v, tau) = all_scenes()["talos contacts"], batch_of("talos contacts")
+    loose = q.copy()
+    loose[5, 3:7] *= 1.1
     for states, text in (
         ((q[0], v, tau), r"Q has shape \(39,\): .* shape \(N, 39\) is needed, a row a state"),
         ((q[:, 1:], v, tau), r"Q has shape \(24, 38\): an array of shape \(24, 39\)"),
@@ -280,16 +274,10 @@ def test_shapes_are_named():
         ((q, v, 1.0), r"TAU has shape \(\): an array of shape \(24, 38\)"),
         (([[0.0], [0.0, 1.0]], v, tau), r"Q: an array of shape \(N, 39\) is needed"),
         (("states", v, tau), r"Q has shape \(\)"),
+        ((loose, v, tau), r"Q\[5, 3:7\] = .* has norm 1\.1: .* Q\[5\]"),
     ):
         with pytest.raises(cp.InvalidArgument, match=text):
             cp.solve_batch(scene, *states)
-
-
-def test_quaternions_are_named_with_their_row():
-    scene, (q, v, tau) = all_scenes()["talos contacts"], batch_of("talos contacts")
-    q[5, 3:7] *= 1.1
-    with pytest.raises(cp.InvalidArgument, match=r"Q\[5, 3:7\] = .* has norm 1\.1: .* Q\[5\]"):
-        cp.solve_batch(scene, q, v, tau)
 
 
 @pytest.mark.parametrize(

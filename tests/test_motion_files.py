@@ -1,7 +1,8 @@
-"""One motion of a batch is that of `simulate`, also after a file; bad files are refused."""
+"""Motions, alone and of a batch, come back from files to the bit; bad files are refused."""
 
 from __future__ import annotations
 
+import csv
 import dataclasses
 import json
 import pickle
@@ -11,10 +12,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from motions import bar, falling, hanging_cassie
 from shared import robot
-from test_simulate_batch import CHOICES, DURATION, N, assert_same, scene_of, states
+from test_simulate_batch import DURATION, N, assert_same, scene_of, states
 
 import condyn_pin as cp
+from condyn_pin.constraints.kinds import named
 
 NUMBERS = ("t", "q", "v", "a", "lam", "tau", "violation", "constraint_velocity", "momentum")
 
@@ -37,6 +40,29 @@ def assert_same_motion(found: cp.Trajectory, wanted: cp.Trajectory) -> None:
     assert found.scene == wanted.scene
     assert (found.row_names, found.notices) == (wanted.row_names, wanted.notices)
     assert dataclasses.replace(found.run, wall_time=wanted.run.wall_time) == wanted.run
+
+
+def edit(path: Path, change: Callable[[dict, dict], object]) -> None:
+    """Change header and arrays of a file."""
+    with np.load(path) as file:
+        content = dict(file)
+    header = json.loads(str(content["header"]))
+    change(header, content)
+    np.savez(path, **{**content, "header": np.array(json.dumps(header))})
+
+
+def entry(name: str, at: Any, value: Any) -> Callable[[dict, dict], object]:
+    return lambda header, content: content[name].__setitem__(at, value)
+
+
+CHOICES = [
+    ("four_bar", {"integrator": cp.SemiImplicitEuler(), "drift": cp.PostStabilization()}),
+    ("four_bar", {"integrator": cp.simulation.Rattle(), "record": 7}),
+    ("four_bar", {"integrator": cp.simulation.GeneralisedAlpha(), "record": 7}),
+    ("cassie", {"integrator": cp.SemiImplicitEuler(), "drift": cp.Projection(every=3)}),
+    ("talos feet", {"integrator": cp.RungeKutta4(), "record": 20}),
+    ("talos feet", {"integrator": cp.SemiImplicitEuler(), "record": 10}),
+]
 
 
 @pytest.mark.parametrize(("label", "choices"), CHOICES)
@@ -67,6 +93,8 @@ def test_one_of_them_is_what_simulate_returns(label, choices, executor, tmp_path
             continue
         wanted = cp.simulate(scene, Q[i], V[i], TAU[i], duration=DURATION, **choices)
         assert bool(wanted.reason) == (i == 3)
+        assert batch.violation[i] == wanted.violation.max()
+        assert batch.energy_error[i] == np.abs(wanted.energy.error).max() or i == 3
         for motions in (batch, again):
             assert_same_motion(motions[i], wanted)
             assert motions[i].run.wall_time == batch.run_times[i] > 0
@@ -148,19 +176,6 @@ def test_what_was_done_before_workers_were_lost_can_be_in_a_file(tmp_path):
     assert_same(cp.simulation.BatchTrajectory.load(tmp_path / "done.npz"), done)
 
 
-def edit(path: Path, change: Callable[[dict, dict], object]) -> None:
-    """Change header and arrays of a file."""
-    with np.load(path) as file:
-        content = dict(file)
-    header = json.loads(str(content["header"]))
-    change(header, content)
-    np.savez(path, **{**content, "header": np.array(json.dumps(header))})
-
-
-def entry(name: str, at: Any, value: Any) -> Callable[[dict, dict], object]:
-    return lambda header, content: content[name].__setitem__(at, value)
-
-
 WRONG = [
     (lambda header, content: content.pop("samples_lam"), "samples_lam"),
     (lambda header, content: content.update(q=content["q"][:-1]), "q has shape"),
@@ -201,13 +216,22 @@ def test_files_that_do_not_fit_together(tmp_path):
     assert cp.simulation.BatchTrajectory.load(bad).ok is False
 
 
-def test_a_batch_with_a_loose_quaternion_is_refused(tmp_path):
-    scene, path = cp.Scene(robot("talos")), tmp_path / "batch.npz"
+@pytest.mark.parametrize(
+    ("load", "array", "words"),
+    [
+        (cp.Trajectory.load, "q", r"q\[1\] has a quaternion"),
+        (cp.simulation.BatchTrajectory.load, "samples_q", "samples_q has a quaternion that is not"),
+    ],
+)
+def test_a_loose_quaternion_is_refused(load, array, words, tmp_path):
+    scene, path = cp.Scene(robot("talos")), tmp_path / "motion.npz"
     q, v = scene.state()
-    cp.simulate_batch(scene, [q], [v], duration=0.003, record=1).save(path)
-    edit(path, entry("samples_q", (0, 1, slice(3, 7)), 1.0))
-    with pytest.raises(cp.InvalidArgument, match="samples_q has a quaternion that is not norm"):
-        cp.simulation.BatchTrajectory.load(path)
+    batch = cp.simulate_batch(scene, [q], [v], duration=0.003, record=1)
+    (batch[0] if array == "q" else batch).save(path)
+    quaternion = (slice(1, 2), slice(3, 7)) if array == "q" else (0, 1, slice(3, 7))
+    edit(path, entry(array, quaternion, 1.0))
+    with pytest.raises(cp.InvalidArgument, match=words):
+        load(path)
 
 
 def test_files_that_are_cut_short_or_of_something_else(tmp_path):
@@ -251,3 +275,142 @@ def test_there_is_no_pickle_in_a_file(tmp_path):
     with np.load(tmp_path / "batch.npz", allow_pickle=False) as file:
         kinds = {file[name].dtype.kind for name in file.files}
     assert kinds <= set("fiU")
+
+
+# --- of one motion
+
+
+def save_bar(path: Path, **options: Any) -> cp.Trajectory:
+    """Write a motion of 11 samples of a four-bar."""
+    found = cp.simulate(*bar(), **{"duration": 0.01} | options)
+    found.save(path)
+    return found
+
+
+def test_one_motion_is_saved_and_loaded(tmp_path):
+    air, _ = falling()
+    stop = cp.Event(
+        name="stop", at=0.01, scene=cp.Scene(air.robot, [cp.constraints.PlanarContact("origin")])
+    )
+    for start, events in (((air, [0.0], [0.0]), [stop]), (hanging_cassie(), [])):
+        found = cp.simulate(*start, duration=0.02, events=events)
+        found.save(tmp_path / "run.npz")
+        again = cp.Trajectory.load(tmp_path / "run.npz")
+        assert_same_motion(again, found)
+        assert again.run == found.run
+        assert [p.scene for p in again.phases] == [p.scene for p in found.phases]
+        assert str(again) == str(found)
+
+
+def test_files_of_something_else(tmp_path):
+    text, other, array = (tmp_path / name for name in ("text.npz", "other.npz", "array.npy"))
+    text.write_text("no archive")
+    np.savez(other, x=np.zeros(3))
+    np.save(array, np.zeros(3))
+    for path in (text, other, array, tmp_path / "missing.npz"):
+        with pytest.raises(cp.InvalidArgument, match=rf"{path.name}: no file of a trajectory"):
+            cp.Trajectory.load(path)
+
+
+def test_files_with_a_damaged_byte(tmp_path):
+    good, bad = tmp_path / "good.npz", tmp_path / "bad.npz"
+    save_bar(good)
+    whole, refused = good.read_bytes(), 0
+    for i in range(0, len(whole), len(whole) // 60):
+        bad.write_bytes(whole[:i] + bytes([whole[i] ^ 0xFF]) + whole[i + 1 :])
+        try:
+            cp.Trajectory.load(bad)  # a byte that says nothing, such as a date, may be any
+        except cp.InvalidArgument:
+            refused += 1
+    assert refused > 30
+
+
+def test_values_of_ones_own_and_of_numpy_can_be_in_a_file(tmp_path):
+    @dataclasses.dataclass(frozen=True)
+    class Mine(cp.dynamics.NullSpace):
+        pass
+
+    drift = cp.Projection(every=np.int64(2), tolerance=np.float32(1e-6))
+    path = tmp_path / "run.npz"
+    try:
+        save_bar(path, solver=Mine(), drift=drift, duration=np.float32(0.01))
+        run = cp.Trajectory.load(path).run
+        assert (run.solver, run.drift) == (Mine(), drift)
+    finally:
+        del cp.dynamics.SOLVERS["mine"]
+    with pytest.raises(cp.InvalidArgument, match="Mine is not known here: import the module"):
+        cp.Trajectory.load(path)
+
+
+def phase(**changes: Any) -> Callable[[dict, dict], object]:
+    return lambda header, content: header["phases"][0].update(changes)
+
+
+def run(**changes: Any) -> Callable[[dict, dict], object]:
+    return lambda header, content: header["run"].update(changes)
+
+
+def happened(**changes: Any) -> Callable[[dict, dict], object]:
+    return lambda header, content: header["run"]["happened"][0].update(changes)
+
+
+def array(name: str, change: Callable[[np.ndarray], np.ndarray]) -> Callable[[dict, dict], object]:
+    return lambda header, content: content.update({name: change(content[name])})
+
+
+WRONG_OF_ONE = [
+    (array("q", lambda q: q[:-1]), "q"),
+    (array("t", lambda t: t[:-1]), "t"),
+    (array("lam", lambda lam: lam[:, :1]), "lam"),
+    (array("v", lambda v: np.nan * v), "v"),
+    (array("a", lambda a: a.astype(str)), "a"),
+    (array("tau", lambda tau: np.zeros(3)), "tau"),
+    (array("t", lambda t: t[::-1]), "t goes back"),
+    (phase(samples=[0, 3]), "do not follow 3"),
+    (phase(samples=[0.5, 6]), "do not follow 0"),
+    (phase(samples=[0, 0]), "do not follow 0"),
+    (phase(columns=[0, 0, 1]), "3 different ones"),
+    (phase(columns=[-1, 0, 1]), "3 different ones"),
+    (run(dt="fast"), "dt = 'fast'"),
+    (run(wall_time=None), "wall_time"),
+    (lambda header, content: run(integrator=header["run"]["drift"])(header, content), "integrator"),
+    (happened(sample=99), "of 12 samples"),
+    (happened(sample="a"), "of 12 samples"),
+    (
+        lambda header, content: run(happened=[header["run"]["drift"]])(header, content),
+        "of 12 samples",
+    ),
+]
+
+
+def test_what_is_in_a_file_fits_together(tmp_path):
+    """Else it breaks later on."""
+    good, bad = tmp_path / "good.npz", tmp_path / "bad.npz"
+    let_go = cp.Event(name="let go", at=0.005, scene=cp.Scene(robot("four_bar")))
+    save_bar(good, events=[let_go])
+    for change, words in WRONG_OF_ONE:
+        bad.write_bytes(good.read_bytes())
+        edit(bad, change)
+        with pytest.raises(cp.InvalidArgument, match=f"no file of a trajectory.*{words}"):
+            cp.Trajectory.load(bad)
+    assert len(cp.Trajectory.load(good)) == 12
+
+
+def kinds_below(kind: type) -> set[type]:
+    return {kind}.union(*(kinds_below(each) for each in kind.__subclasses__()))
+
+
+def test_every_kind_of_constraint_can_be_in_a_file():
+    kinds = {k for k in kinds_below(cp.constraints.Constraint) if not k.__abstractmethods__}
+    ours = {k for k in kinds if k.__module__.startswith("condyn_pin")}
+    assert {named(kind.__name__) for kind in ours} == ours
+
+
+def test_csv(tmp_path):
+    found = cp.simulate(*bar(), duration=0.01)
+    found.to_csv(tmp_path / "run.csv")
+    with (tmp_path / "run.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(found)
+    assert float(rows[5]["q1"]) == found.q[5, 1]
+    assert float(rows[5]["kinetic [J]"]) == found.energy.kinetic[5]
