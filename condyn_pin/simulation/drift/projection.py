@@ -77,13 +77,9 @@ class Projection(Drift):
 
     def start(self, system: System, dt: float) -> Correction:
         """Return what projects the state after a step."""
-        gaps, integrate, count = gaps_of(system, self.metric), system.integrate, 0
+        gaps, integrate = gaps_of(system, self.metric), system.integrate
 
         def correct(t: float, q: Array, v: Array) -> tuple[Array, Array]:
-            nonlocal count
-            count += 1
-            if count % self.every:
-                return q, v
             gap, slip = self._sizes(gaps, t, q, v)
             for k in range(_MOST_STEPS):
                 if gap <= self.tolerance and slip <= self.tolerance:
@@ -100,7 +96,7 @@ class Projection(Drift):
                     break  # rounding, or out of reach
             return q, v
 
-        return correct
+        return once_every(self.every, correct)
 
     def _sizes(self, gaps: Gaps, t: float, q: Array, v: Array) -> tuple[float, float]:
         """Return the largest gap and the largest slip, zero for what is not to be kept."""
@@ -118,3 +114,17 @@ def check_projection(metric: str, every: int) -> None:
     if metric not in METRICS:
         raise InvalidArgument(f"metric = {metric!r}: one of {', '.join(METRICS)} is needed")
     check_count("every", every)
+
+
+def once_every(steps: int, correct: Correction) -> Correction:
+    """Return a correction that leaves all states alone but those after so many steps."""
+    if steps == 1:
+        return correct
+    count = 0
+
+    def correct_some(t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        nonlocal count
+        count += 1
+        return (q, v) if count % steps else correct(t, q, v)
+
+    return correct_some
