@@ -215,17 +215,19 @@ def test_limits_are_those_of_linear_theory():
 
 
 @pytest.mark.parametrize(
-    "integrator",
+    ("integrator", "near"),
     [
-        cp.SemiImplicitEuler(), cp.simulation.Leapfrog(), cp.simulation.LinearlyImplicitMidpoint()
+        (cp.SemiImplicitEuler(), 0.01),
+        (cp.simulation.Leapfrog(), 0.05),
+        (cp.simulation.LinearlyImplicitMidpoint(), 0.05),
     ],
     ids=repr,
-)  # fmt: skip
-@pytest.mark.parametrize(("share", "stable"), [(0.95, True), (1.05, False)])
-def test_the_limit_is_where_gaps_grow(integrator, share, stable, monkeypatch):
+)
+@pytest.mark.parametrize("stable", [True, False])
+def test_the_limit_is_where_gaps_grow(integrator, near, stable, monkeypatch):
     """The run itself, past the check; the last two remember a step."""
     monkeypatch.setattr("condyn_pin.simulation.plan.check_stability_limit", lambda *_: None)
-    dt = 1e-2
+    dt, share = 1e-2, 1 - near if stable else 1 + near
     found = cp.simulate(
         *rod_pendulum(), duration=20.0, dt=dt, integrator=integrator,
         drift=cp.Baumgarte.critical(share * stability_limit(integrator) / dt),

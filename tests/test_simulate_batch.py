@@ -99,10 +99,14 @@ def test_torques_for_all_and_functions(torques, of_one, executor):
     scene = scene_of("four_bar")
     Q, V = states(scene)
     wanted = cp.simulate(scene, Q[4], V[4], of_one, duration=DURATION).q[-1]
-    for torque in torques:
-        for where in ({}, {"executor": executor, "chunk": 2}):
-            found = cp.simulate_batch(scene, Q, V, torque, duration=DURATION, **where)
-            np.testing.assert_array_equal(found.q[4], wanted)
+    runs = [
+        cp.simulate_batch(scene, Q, V, torque, duration=DURATION, chunk=2, executor=where)
+        for torque in torques
+        for where in (None, executor)
+    ]
+    np.testing.assert_array_equal(runs[0].q[4], wanted)
+    for other in runs[1:]:
+        assert_same(other, runs[0])
 
 
 def test_a_torque_that_cannot_travel_is_named(executor):

@@ -10,6 +10,7 @@ import pytest
 from shared import robot
 
 import condyn_pin as cp
+from condyn_pin.simulation import stability_limit, walls
 
 HOME = str(Path(cp.__file__).parent)
 DT = 1e-3  # [s]
@@ -51,9 +52,14 @@ def test_a_step_goes_through_few_files(name):
     assert 0 < changes(files_of(scene, 8)) - changes(files_of(scene, 7)) <= MOST
 
 
-def test_a_moment_is_a_snapshot_now():
+def test_names_of_the_last_version_warn():
     with pytest.warns(DeprecationWarning, match="Snapshot"):
         assert cp.Moment is cp.simulation.Snapshot
+    for old, now in (("wall", "stability_limit"), ("growth", "growth")):
+        with pytest.warns(DeprecationWarning, match=rf"stability_limit\.{now}"):
+            assert getattr(walls, old) is getattr(stability_limit, now)
+    with pytest.raises(AttributeError):
+        walls.ceiling  # noqa: B018
 
 
 def test_next_acceleration_is_acceleration():
