@@ -1,4 +1,4 @@
-"""Verdicts on a short run: whether gaps close as drift control says.
+"""Verdicts on runs: whether gaps close as drift control says, and whether an end is reached.
 
 At rest, without weight and torques, nothing moves but the gaps, and semi-implicit Euler takes each
 of them by
@@ -15,11 +15,12 @@ from math import nan
 
 import numpy as np
 
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.solvers.base import Solver
-from condyn_pin.lab.extremes.base import Case, Motion
+from condyn_pin.lab.extremes.base import Case, Flight, Motion
 from condyn_pin.lab.extremes.verdict import Verdict
 from condyn_pin.simulation.integrators.semi_implicit_euler import SemiImplicitEuler
 from condyn_pin.simulation.run import simulate
@@ -74,3 +75,26 @@ def gap_error(run: Trajectory, step: Array) -> float:
         worst = max(worst, float(np.abs(gap - state[0]).max(initial=0.0)))
         state = step @ state
     return worst / max(float(np.abs(gaps[0]).max(initial=0.0)), _ROUNDED)
+
+
+def judge_flight(case: Case, flight: Flight, solver: Solver) -> tuple[Verdict, float, str]:
+    """Return the verdict on a solver in motion, what the run misses the end by, and its status.
+
+    A run that breaks down has said so. A notice is not enough: energy that comes or goes is told of
+    rough runs as of wrong ones.
+
+    Raises
+    ------
+    CondynError
+        If the run is refused.
+    """
+    run = simulate(
+        case.scene, case.q, case.v, case.tau if flight.tau is None else flight.tau,
+        duration=flight.duration, dt=flight.dt, integrator=flight.integrator, solver=solver,
+    )  # fmt: skip
+    status = run.status.name.lower()
+    if not run.status.ok:
+        return Verdict.SAID_SO, nan, status
+    missed = pin.difference(case.scene.robot.model, flight.end, run.q[-1])
+    error = float(np.abs(missed).max())
+    return (Verdict.OK if error <= flight.within else Verdict.WRONG), error, status
