@@ -336,11 +336,11 @@ def test_a_ladder_is_json_too(monkeypatch):
     from condyn_pin.lab.hierarchy_table import HierarchyTable
 
     monkeypatch.setattr(
-        "condyn_pin.lab.hierarchy.model_hierarchy", lambda n: HierarchyTable(n, (), 20, {})
+        "condyn_pin.lab.hierarchy.model_hierarchy", lambda n: HierarchyTable((), {}, n, 20)
     )
     result = run("show", "talos", "--ladder", "--json")
     assert result.exit_code == 0, result.output
-    assert json.loads(result.stdout)["ladder"] == "talos"
+    assert json.loads(result.stdout)["name"] == "talos"
 
 
 def test_solve_prints_accelerations_and_says_that_nothing_holds_the_robot():

@@ -18,7 +18,7 @@ from condyn_pin._core.tolerances import EXACT
 from condyn_pin.dynamics.catalogue import motor_torque
 from condyn_pin.lab import hierarchy
 from condyn_pin.lab.hierarchy import climb
-from condyn_pin.lab.hierarchy_plot import draw_ladder, save_ladders
+from condyn_pin.lab.hierarchy_table import draw_hierarchy, save_hierarchies
 from condyn_pin.mechanism.reduction.same_motion import loaded, same_motion, standing_torque
 
 FEW = cp.lab.HierarchyEffort(states=2, rounds=5, repeats=2)
@@ -299,12 +299,13 @@ def test_tables_travel(tmp_path):
     saved = json.loads((tmp_path / "l.json").read_text())
     assert saved["machine"]["pinocchio"]
     assert saved["rows"][2]["nv"] == 20
+    assert cp.lab.HierarchyTable.from_json(tmp_path / "l.json") == found
     assert found.to_markdown().count("\n") == len(found.rows) + 1
     assert "eight corners" in str(found)
     assert pickle.loads(pickle.dumps(found)) == found
-    save_ladders([found, found], tmp_path / "l.png")
+    save_hierarchies([found, found], tmp_path / "l.png")
     assert (tmp_path / "l.png").read_bytes().startswith(b"\x89PNG")
-    assert draw_ladder(found).get_title() == "talos"
+    assert draw_hierarchy(found).get_title() == "talos"
 
 
 def test_an_unknown_ladder_is_named():

@@ -111,7 +111,7 @@ def test_table_is_the_one_of_the_committed_results(monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
     import results
 
-    table = results.load(ROOT / "benchmarks" / "results" / "bench.json")
+    table = results.BenchTable.from_json(ROOT / "benchmarks" / "results" / "bench.json")
     assert_written(results.pages(table))
 
 

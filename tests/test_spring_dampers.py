@@ -20,7 +20,7 @@ from condyn_pin.model.spring_dampers import SpringDampers
 from condyn_pin.simulation.implicit import with_rows
 from condyn_pin.simulation.system import System
 from condyn_pin.simulation.torques import Passive
-from condyn_pin.study.fingerprint import fingerprint
+from condyn_pin.study.plan import fingerprint
 
 MASSES = (1.0, 2.0)  # [kg]
 REDUCED = MASSES[0] * MASSES[1] / sum(MASSES)  # [kg]

@@ -27,17 +27,9 @@ Answer = Callable[[Array, Array, Array], Array]
 def by_hand(scene: Scene, mu: float = 0.0) -> dict[str, Answer]:
     """Return ways to a (nv,) by the name of what solves, each called with (q, v, tau).
 
-    Parameters
-    ----------
-    scene : Scene
-    mu : float
-        Damping [1/kg], needed where rows are redundant.
-
-    Returns
-    -------
-    dict of str to callable
-        Empty for constraints that Pinocchio does not have, and for welds of two bodies: whoever
-        writes these by hand has written a library.
+    Damping mu [1/kg] is needed where rows are redundant. There is none for constraints that
+    Pinocchio does not have, and for welds of two bodies: whoever writes these by hand has written a
+    library.
     """
     rows = PlainRows(scene.robot.model, scene.robot.model.createData(), scene.bounds)
     if not (scene.rows and rows.have_gamma):

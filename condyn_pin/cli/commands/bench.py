@@ -44,8 +44,8 @@ def bench(
     from condyn_pin.errors import Interrupted
     from condyn_pin.study.bench import FULL, QUICK, ROBOTS
     from condyn_pin.study.bench import bench as run
-    from condyn_pin.study.bench_print import print_bench
     from condyn_pin.study.bench_table import BenchTable
+    from condyn_pin.study.printing import print_bench
 
     chosen, effort, stopped = solvers_of(solvers), QUICK if quick else FULL, False
     beside = BenchTable((), {}).with_native(native) if native else BenchTable((), {})
@@ -63,7 +63,7 @@ def bench(
     if as_json:
         write_json(table, as_json)
     if plot and table.rows:
-        from condyn_pin.study.plots_bench import save_bench
+        from condyn_pin.study.plots import save_bench
 
         save_bench(table, plot)
     if stopped:

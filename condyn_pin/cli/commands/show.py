@@ -84,7 +84,7 @@ def _print(scene: Scene, summary: Summary, frames: bool) -> None:
 
 def _show_ladder(name: str, plot: Path | None, variant: list[str] | None, as_json: bool) -> None:
     from condyn_pin.lab.hierarchy import model_hierarchy
-    from condyn_pin.lab.hierarchy_print import print_ladder
+    from condyn_pin.lab.hierarchy_table import print_hierarchy, save_hierarchies
 
     if variant:
         raise InvalidArgument("--ladder has no variants: its models are; leave --variant out")
@@ -95,8 +95,6 @@ def _show_ladder(name: str, plot: Path | None, variant: list[str] | None, as_jso
     if as_json:
         print_json(table.as_dict())
     else:
-        print_ladder(table, console)
+        print_hierarchy(table, console)
     if plot:
-        from condyn_pin.lab.hierarchy_plot import save_ladders
-
-        save_ladders([table], plot)
+        save_hierarchies([table], plot)

@@ -97,7 +97,7 @@ def _show(
     if markdown:
         write_text(markdown, table.to_markdown() + "\n")
     if plot and table.rows:
-        from condyn_pin.study.plots_trade import save_trade
+        from condyn_pin.study.plots import save_trade
 
         save_trade(table, plot)
 

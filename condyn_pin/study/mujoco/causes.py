@@ -30,14 +30,7 @@ if TYPE_CHECKING:
 def causes(bridge: MujocoBridge, data: Any, q: Array, tolerance: float) -> tuple[str, ...]:
     """Return where the models differ, a sentence each, the root first.
 
-    Parameters
-    ----------
-    bridge : MujocoBridge
-    data : mujoco.MjData
-        Where MuJoCo has placed the bodies at q.
-    q : (nq,) array
-    tolerance : float
-        Relative.
+    `data` is where MuJoCo has placed the bodies at q; the tolerance is relative.
     """
     return tuple(_Causes(bridge, data, q, tolerance).all())
 

@@ -32,8 +32,7 @@ from condyn_pin.errors import InvalidArgument
 from condyn_pin.io.mjcf_compiled import require_mujoco
 from condyn_pin.model.robot import Robot
 from condyn_pin.study.mujoco.pairs import Pair, check_axes, pairs_of
-from condyn_pin.study.mujoco.quaternions import moved, reordered
-from condyn_pin.study.mujoco.velocity_map import VelocityMap
+from condyn_pin.study.mujoco.velocity_map import VelocityMap, moved, reordered
 
 if TYPE_CHECKING:
     from condyn_pin.study.mujoco.cross_check import CrossCheck
