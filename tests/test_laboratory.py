@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 
 import condyn_pin as cp
 from condyn_pin.cli.main import app
-from condyn_pin.lab.contest import contest
 from condyn_pin.lab.laboratory import (
     area,
+    contest,
     errors,
     gap_growth,
     rod_pendulum,

@@ -19,8 +19,7 @@ from condyn_pin.cli.commands.output import (
 )
 
 if TYPE_CHECKING:
-    from condyn_pin.lab.contest import Contest
-    from condyn_pin.lab.laboratory import Growth
+    from condyn_pin.lab.laboratory import Contest, Growth
 
 PANEL = "Simulate"
 
@@ -38,8 +37,7 @@ def drift(
     Ctrl-C keeps the runs that went to their end.
     """
     from condyn_pin.errors import Interrupted, InvalidArgument
-    from condyn_pin.lab.contest import contest
-    from condyn_pin.lab.laboratory import gap_growth
+    from condyn_pin.lab.laboratory import contest, gap_growth
     from condyn_pin.simulation.integrators.explicit_euler import ExplicitEuler
     from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4
     from condyn_pin.simulation.integrators.semi_implicit_euler import SemiImplicitEuler
@@ -75,7 +73,6 @@ def drift(
 def _facts(
     growths: Mapping[str, Growth], integrators: Sequence[Any], found: Sequence[Contest]
 ) -> dict[str, Any]:
-    from condyn_pin.lab.plots_drift import title
     from condyn_pin.simulation.stability_limit import stability_limit
 
     return {
@@ -84,7 +81,7 @@ def _facts(
             for name, growth in growths.items()
         },
         "walls": {integrator.title: stability_limit(integrator) for integrator in integrators},
-        "runs": {title(one): {"area": one.area, "errors": one.errors} for one in found},
+        "runs": {one.title: {"area": one.area, "errors": one.errors} for one in found},
     }
 
 
@@ -94,7 +91,6 @@ def _print(
     found: Sequence[Contest],
     heading: str,
 ) -> None:
-    from condyn_pin.lab.plots_drift import title
     from condyn_pin.simulation.stability_limit import stability_limit
 
     table = Table("without stabilisation", "gap at the end [m]", "grows like")
@@ -115,7 +111,7 @@ def _print(
     for one in found:
         e = one.errors
         numbers = (f"{x:.1e}" for x in (e.violation, e.constraint_velocity, e.early, e.late))
-        table.add_row(title(one), *numbers, f"1 {one.area:+.0e}", e.status)
+        table.add_row(one.title, *numbers, f"1 {one.area:+.0e}", e.status)
     print_whole(table, console)
     console.print(
         "A constraint that is kept to the last digit says nothing about energy. What keeps areas "

@@ -42,7 +42,7 @@ def problem(
         return
     from condyn_pin._core.machine import machine
     from condyn_pin.cli.commands.words import drift_of, integrator_of, solver_of
-    from condyn_pin.lab.problems.loading import load_problem
+    from condyn_pin.lab.problems import load_problem
 
     result = load_problem(name, n=n).run(
         dt=dt,

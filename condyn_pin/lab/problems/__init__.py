@@ -8,9 +8,9 @@ its name, so that to add a problem is to add one file; tests, `condyn problem` a
 from importlib import import_module
 from pkgutil import iter_modules
 
-from condyn_pin.lab.problems.base import PROBLEMS, Problem
+from condyn_pin.lab.problems.base import PROBLEMS, Problem, load_problem
 
 for _module in iter_modules(__path__):
     import_module(f"{__name__}.{_module.name}")
 
-__all__ = ["PROBLEMS", "Problem"]
+__all__ = ["PROBLEMS", "Problem", "load_problem"]
