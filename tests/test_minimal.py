@@ -294,6 +294,7 @@ def test_tables_travel(tmp_path):
     found = table("talos")
     found.to_csv(tmp_path / "l.csv")
     found.to_json(tmp_path / "l.json")
+    assert (tmp_path / "l.csv").read_text().startswith("# name: talos\n# states: 2\n")
     lines = [x for x in (tmp_path / "l.csv").read_text().splitlines() if not x.startswith("#")]
     assert [row["label"] for row in csv.DictReader(lines)] == [row.label for row in found.rows]
     saved = json.loads((tmp_path / "l.json").read_text())

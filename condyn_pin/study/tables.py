@@ -106,9 +106,11 @@ class Measurements(Generic[Row]):
     machine: dict[str, str] = field(default_factory=machine)
 
     def to_csv(self, path: str | Path) -> None:
-        """Write the rows, after comment lines with the machine."""
+        """Write the rows, after comment lines with what belongs to them and the machine."""
         columns = [f.name for f in fields(self.kind)]  # type: ignore[arg-type]
-        write_csv(path, self.machine, columns, (row.in_words() for row in self.rows))
+        parts = {name: getattr(self, name) for name in self.parts}
+        about = {name: str(part) for name, part in parts.items() if not isinstance(part, Mapping)}
+        write_csv(path, about | self.machine, columns, (row.in_words() for row in self.rows))
 
     def to_json(self, path: str | Path) -> None:
         """Write the rows, a line each, and what belongs to them; what was not measured is null."""
