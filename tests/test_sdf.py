@@ -19,6 +19,7 @@ from sdf_texts import (
     joint,
     link,
     pose,
+    springs,
 )
 
 NO_LIMIT = np.finfo(float).max
@@ -222,7 +223,7 @@ def test_damping_springs_and_friction_go_where_they_belong(read):
     body += joint("three", "c", "d", "prismatic", axis("", spring))
     robot = read(body)
     assert robot.model.damping.tolist() == [0.5, 0.25, 0.25, 0.25, 0]
-    assert robot.springs == {"three": (9.0, -1.0)}
+    assert springs(robot) == {"three": (9.0, -1.0)}
     assert robot.unused == ("joint friction: 'one'",)
 
 
@@ -234,7 +235,7 @@ def test_what_a_cut_joint_cannot_do_is_reported(read):
         + joint("ac", "a", "c")
         + joint("cut", "b", "c", "ball", axis("<upper>1</upper>", lost))
     )
-    assert robot.springs == {}
+    assert springs(robot) == {}
     assert robot.unused == tuple(
         f"joint {setting}: 'cut'" for setting in ("friction", "damping", "spring", "limits")
     )

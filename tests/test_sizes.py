@@ -10,7 +10,7 @@ from shared import robot
 import condyn_pin as cp
 from condyn_pin._core.files import text as texts
 from condyn_pin.io import xml
-from condyn_pin.io.mjcf_compiled import compiled
+from condyn_pin.io.mjcf_file import compiled
 from condyn_pin.model.soundness import _memory
 
 INERTIA = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'

@@ -7,20 +7,18 @@ from math import inf
 from typing import Any
 
 from condyn_pin._core.names import quoted
-from condyn_pin.io.sdf_types import Description, Joint
+from condyn_pin.io.sdf_types import Joint, SdfModel
 
 
 def unused_parts(
-    sdf: Description,
+    sdf: SdfModel,
     kinds: Mapping[str, str],
     drop: Sequence[str],
     root_pose: Any | None,
     idle: Sequence[str],
 ) -> Iterator[str]:
     """Say which parts of the file are not in the model."""
-    if sdf.unread:
-        counted = ", ".join(f"{n} <{tag}>" for tag, n in sorted(sdf.unread.items()))
-        yield f"elements that are not read: {counted}"
+    yield from sdf.unread
     if drop:
         yield f"joints left out: {quoted(drop)}"
     changed = [

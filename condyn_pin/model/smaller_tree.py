@@ -51,7 +51,11 @@ def smaller_tree(model: Any, joints: Collection[str], q: Array, *, cut: bool = F
         if not (cut and model.names[i] in joints):
             small.appendBodyToJoint(carriers[i][0], model.inertias[i], carriers[i][1])
     _copy_frames(model, small, carriers, joints, cut)
-    _copy_numbers(model, small)
+    kept = list(small.names)[1:]
+    copy_numbers(model, small, kept)
+    index_q, _ = indices(model, kept)
+    for entry in model.referenceConfigurations:
+        small.referenceConfigurations[entry.key()] = np.array(entry.data())[index_q]
     return small
 
 
@@ -75,10 +79,11 @@ def _copy_frames(
         numbers.append(small.addFrame(made, False))
 
 
-def _copy_numbers(model: Any, small: Any) -> None:
-    index_q, index_v = indices(model, list(small.names)[1:])
-    for index, names in ((index_q, _pin.NUMBERS_OF_Q), (index_v, _pin.NUMBERS_OF_V)):
-        for name in names:
-            setattr(small, name, np.array(getattr(model, name))[index])
-    for entry in model.referenceConfigurations:
-        small.referenceConfigurations[entry.key()] = np.array(entry.data())[index_q]
+def copy_numbers(model: Any, made: Any, joints: Sequence[str]) -> None:
+    """Give a model the limits, armatures and so on that another one has of these joints."""
+    of_q, of_v = zip(indices(model, joints), indices(made, joints), strict=True)
+    for (old, new), numbers in ((of_q, _pin.NUMBERS_OF_Q), (of_v, _pin.NUMBERS_OF_V)):
+        for each in numbers:
+            values = np.array(getattr(made, each))
+            values[new] = np.array(getattr(model, each))[old]
+            setattr(made, each, values)

@@ -15,7 +15,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin.io.xml import parsed
+from condyn_pin.io.xml import open_xml
 from condyn_pin.viewing.geoms import geoms_of
 from condyn_pin.viewing.palette import BODY, Colour
 from condyn_pin.viewing.shapes import Shape
@@ -36,7 +36,7 @@ def shapes_of(description: str) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
         return geoms_of(path)
     if path.suffix not in (".urdf", ".sdf") or not path.is_file():
         return (), ()
-    root = parsed(path)
+    root = open_xml(path)
     colours = {
         material.get("name"): _colour(material)
         for material in root.findall("material")

@@ -15,8 +15,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.errors import InvalidModel
-from condyn_pin.io.mjcf_include import insert_includes, parse
-from condyn_pin.io.mjcf_size import check_size
+from condyn_pin.io.mjcf_file import open_mjcf
 from condyn_pin.viewing.meshes import Mesh
 from condyn_pin.viewing.shapes import Shape
 
@@ -31,9 +30,7 @@ _NO_MUJOCO: Final = "its geoms are not drawn without MuJoCo: pip install 'condyn
 def geoms_of(path: Path) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
     """Return the shapes of an MJCF file, and what could not be drawn, a sentence each."""
     try:
-        root = parse(path)
-        insert_includes(root, path.parent)
-        check_size(root, path.parent)
+        root = open_mjcf(path)
     except InvalidModel as error:
         return (), (str(error),)
     if root.tag != "mujoco" or next(root.iter("geom"), None) is None:

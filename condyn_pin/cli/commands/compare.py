@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from condyn_pin._core.tolerances import ENGINES
 from condyn_pin.cli.commands.arguments import AsJson, RobotName, Variant
 from condyn_pin.cli.commands.output import print_json, say
-from condyn_pin.errors import InvalidModel
 
 PANEL = "Look"
 
@@ -44,11 +43,15 @@ def compare(
     from condyn_pin._core.joints import indices
     from condyn_pin.cli.commands.words import names_in, pairs_in, robot_of
     from condyn_pin.dynamics.scene import Scene
+    from condyn_pin.io.mjcf_file import compiled
+    from condyn_pin.io.xml import place
     from condyn_pin.study.mujoco.mujoco_bridge import MujocoBridge
 
     chosen = robot_of(robot, variant)
     names = pairs_in("--name", name, "OURS=THEIRS is needed, such as root_joint=floating_base")
-    bridge = MujocoBridge(chosen, _model(mjcf), names=names, without=names_in(without))
+    with place(mjcf):
+        model = compiled(mjcf)
+    bridge = MujocoBridge(chosen, model, names=names, without=names_in(without))
     rng = np.random.default_rng(seed)
     q, v = Scene(chosen, chosen.loops).sample(rng)
     tau = np.zeros(chosen.nv)
@@ -61,13 +64,3 @@ def compare(
         say(str(found))
     if not found.ok:
         raise typer.Exit(1)
-
-
-def _model(path: Path) -> Any:
-    from condyn_pin.io.mjcf_compiled import compiled
-
-    try:
-        return compiled(path)
-    except InvalidModel as error:
-        error.args = (f"{path}: {error}",)
-        raise

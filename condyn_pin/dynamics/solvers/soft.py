@@ -16,7 +16,7 @@ from condyn_pin._core.parameters import Grid
 from condyn_pin._core.quietly import quietly
 from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver, free_force
 from condyn_pin.errors import InvalidArgument, InvalidModel
-from condyn_pin.io.mjcf_posture import drawn
+from condyn_pin.io.mjcf_write import drawn
 from condyn_pin.model.soundness import massless_motion
 
 if TYPE_CHECKING:

@@ -1,9 +1,10 @@
-"""From a robot.toml to a robot; `load` opens with the format, `entries` has what it may say."""
+"""From a robot.toml to a robot; `load` opens with the format, `card` has what it may say."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -11,50 +12,47 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.files.text import parse_toml, read_text
 from condyn_pin._core.names import few
-from condyn_pin.constraints.constraints import Constraint, Loop
+from condyn_pin.constraints.constraints import Constraint
 from condyn_pin.constraints.rows.binding import bind
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.violation import gap_of
-from condyn_pin.errors import CondynError, InvalidModel
-from condyn_pin.io.manifest.entries import FOR_SDF, check_card, contacts_of, loops_of, said
+from condyn_pin.errors import InvalidModel, UnknownName, unknown_name
+from condyn_pin.io.description import Description
+from condyn_pin.io.manifest.card import FOR_SDF, check_card, chosen_card, contacts_of, loops_of
 from condyn_pin.io.manifest.folders import description_file
-from condyn_pin.io.manifest.postures import posture, srdf_postures
-from condyn_pin.io.manifest.variants import chosen_card
 from condyn_pin.io.mjcf import read_mjcf
 from condyn_pin.io.sdf import read_sdf
+from condyn_pin.io.srdf import read_srdf
 from condyn_pin.io.urdf import check_root_joint, read_urdf
+from condyn_pin.io.xml import place
 from condyn_pin.model.limits import Limits
 from condyn_pin.model.lock import lock_joints
 from condyn_pin.model.robot import Robot
-from condyn_pin.model.spring import Spring
 
 _UNKNOWN = "unknown"
 
 
 def read_card(path: Path, variant: Mapping[str, str]) -> Robot:
     """Return the robot of a robot.toml."""
-    try:
-        card = parse_toml(read_text(path))
-    except (OSError, ValueError) as error:
-        raise InvalidModel(f"{path}: {error}") from error
-    try:
+    with place(path):
+        try:
+            card = parse_toml(read_text(path))
+        except (OSError, ValueError) as error:
+            raise InvalidModel(str(error)) from error
         return _robot(chosen_card(card, variant), path.parent)
-    except CondynError as error:
-        raise said(str(path), error) from error
 
 
 def read_alone(path: Path, root_joint: str) -> Robot:
     """Return the robot of a description that no robot.toml describes."""
-    fields, _ = _read(path, {}, root_joint, ())
-    try:
-        robot = Robot(path.stem, source=str(path), description=str(path), **fields)
+    read = _read(path, {}, root_joint, ())
+    with place(path):
+        robot = Robot(path.stem, source=str(path), description=str(path), **_fields(read))
         for loop in robot.loops:
             bind(robot, [loop])
-        return _with_notices(robot, path)
-    except CondynError as error:
-        raise said(str(path), error) from error
+        return _with_notices(robot)
 
 
 def _robot(card: Mapping[str, Any], folder: Path) -> Robot:
@@ -63,55 +61,78 @@ def _robot(card: Mapping[str, Any], folder: Path) -> Robot:
     file = description_file(description["file"], folder)
     root_joint = description.get("root_joint", "fixed")
     check_root_joint(root_joint)
-    fields, inverted = _read(file, description, root_joint, card.get("actuated", ()))
-    postures = {}
-    if "srdf" in description:
-        srdf = description_file(description["srdf"], folder)
-        rotors = description.get("rotors", False)
-        postures = srdf_postures(fields["model"], srdf, rotors, inverted)
-    for name, values in card.get("postures", {}).items():
-        postures[name] = posture(fields["model"], values, f"postures.{name}")
-    drawn = fields.get("postures", {})  # by an MJCF; they come last, and the card's own win
-    fields["postures"] = {**postures, **drawn, **postures}
+    read = _read(file, description, root_joint, card.get("actuated", ()))
     own = loops_of(card.get("loops", ()))
     ends = {_ends(loop) for loop in own}
-    fields["loops"] = (*(loop for loop in fields["loops"] if _ends(loop) not in ends), *own)
-    fields["contacts"] = contacts_of(card.get("contacts", ()))
-    if "actuated" in card:
-        fields["actuated"] = tuple(card["actuated"])
-    source, licence = (card.get(key, _UNKNOWN) for key in ("source", "licence"))
-    origin = {"source": source, "licence": licence, "description": str(file)}
-    robot = Robot(card["name"], **origin, **fields)
+    robot = Robot(
+        card["name"],
+        **_fields(read)
+        | {
+            "postures": _postures(card, folder, read),
+            "loops": (*(loop for loop in read.loops if _ends(loop) not in ends), *own),
+            "contacts": contacts_of(card.get("contacts", ())),
+            "actuated": tuple(card.get("actuated", read.actuated)),
+            "source": card.get("source", _UNKNOWN),
+            "licence": card.get("licence", _UNKNOWN),
+            "description": str(file),
+        },
+    )
     for i, table in enumerate(card.get("frames", ())):
-        try:
+        with place(f"frames[{i}]"):
             robot = robot.with_frame(**table)
-        except CondynError as error:
-            raise said(f"frames[{i}]", error) from error
     _check_constraints(robot, own)
-    return _with_notices(lock_joints(robot, description.get("lock", ())), file)
+    return _with_notices(lock_joints(robot, description.get("lock", ())))
 
 
 def _read(
     file: Path, description: Mapping[str, Any], root_joint: str, actuated: Sequence[str]
-) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Return what a file says, as fields of a Robot, and the joints that it has reversed."""
+) -> Description:
     if file.suffix == ".xml":
-        return dict(vars(read_mjcf(file))), ()
+        return read_mjcf(file)
     if file.suffix != ".sdf":
-        mimic = description.get("mimic", True)
-        return dict(vars(read_urdf(file, root_joint, mimic=mimic))), ()
+        return read_urdf(file, root_joint, mimic=description.get("mimic", True))
     options = {key: description[key] for key in FOR_SDF if key in description}
     if root_joint == "free_flyer":
         options["root_joint"] = pin.JointModelFreeFlyer()
-    sdf = read_sdf(file, actuated=actuated, **options)
-    closures = [Loop(c.frame_a, c.frame_b, c.kind, name=c.name) for c in sdf.closures]  # type: ignore[arg-type]
-    fields = {
-        "model": sdf.model,
-        "loops": (*closures, *sdf.couplings),
-        "springs": tuple(Spring(joint, k, ref) for joint, (k, ref) in sdf.springs.items()),
-        "unused": sdf.unused,
-    }
-    return fields, sdf.reversed
+    return read_sdf(file, actuated=actuated, **options)
+
+
+def _fields(read: Description) -> dict[str, Any]:
+    """Return the fields of a Robot."""
+    return {key: value for key, value in vars(read).items() if key != "reversed"}
+
+
+def _postures(card: Mapping[str, Any], folder: Path, read: Description) -> dict[str, Array]:
+    """Return the postures of the SRDF, of the card, and of an MJCF, which come last."""
+    found, description = {}, card["description"]
+    if "srdf" in description:
+        srdf = description_file(description["srdf"], folder)
+        rotors = description.get("rotors", False)
+        found = read_srdf(read.model, srdf, rotors=rotors, inverted=read.reversed)
+    for name, values in card.get("postures", {}).items():
+        found[name] = _posture(read.model, values, f"postures.{name}")
+    return {**found, **read.postures, **found}
+
+
+def _posture(model: Any, values: Mapping[str, Any], where: str) -> Array:
+    """Return the configuration with these values by joint, and neutral otherwise.
+
+    The value of a joint that is (cos, sin) may be its angle [rad].
+    """
+    q, joints = np.array(pin.neutral(model)), tuple(model.names)[1:]
+    for name, value in values.items():
+        if name not in joints:
+            raise UnknownName(f"{where}: {unknown_name('joint', name, joints)}")
+        joint = model.joints[model.getJointId(name)]
+        one = isinstance(value, Real)
+        if one and joint.nq == 2 and joint.nv == 1:
+            angle = finite(f"{where}: {name}", value, ())
+            value = [np.cos(angle), np.sin(angle)]
+        elif one and joint.nq == 1:
+            value = [value]
+        numbers = finite(f"{where}: {name}", value, joint.nq)
+        q[joint.idx_q : joint.idx_q + joint.nq] = numbers
+    return q
 
 
 def _check_constraints(robot: Robot, own: Sequence[Constraint]) -> None:
@@ -125,17 +146,13 @@ def _check_constraints(robot: Robot, own: Sequence[Constraint]) -> None:
     before: list[Constraint] = []
     for where, constraint in places:
         before.append(constraint)
-        try:
+        with place(where):
             bind(robot, before)
-        except CondynError as error:
-            raise said(where, error) from error
 
 
-def _with_notices(robot: Robot, file: Path) -> Robot:
+def _with_notices(robot: Robot) -> Robot:
     """Return the robot, its open loops and its locked joints among what it says of itself."""
-    said = [*_locked(robot)]
-    if file.suffix != ".xml":  # whose reader says it, at the pose that the file draws
-        said += _gaps(robot)
+    said = [*_locked(robot), *_gaps(robot)]
     return replace(robot, unused=(*robot.unused, *said)) if said else robot
 
 

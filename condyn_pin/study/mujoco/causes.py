@@ -19,7 +19,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.io.mjcf_compiled import body_names
+from condyn_pin.io.mjcf_file import body_names
 from condyn_pin.io.mjcf_write_joint import scalar_axis
 from condyn_pin.study.mujoco.pairs import Pair, axes, holder
 

@@ -29,7 +29,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import HIGH, LOW, Arguments
 from condyn_pin._core.arrays import Array, finite, finite_rows
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.io.mjcf_compiled import require_mujoco
+from condyn_pin.io.mjcf_file import require_mujoco
 from condyn_pin.model.robot import Robot
 from condyn_pin.study.mujoco.pairs import Pair, check_axes, pairs_of
 from condyn_pin.study.mujoco.quaternions import moved, reordered

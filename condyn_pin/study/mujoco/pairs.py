@@ -18,7 +18,8 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.names import checked, listed
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
-from condyn_pin.io.mjcf_compiled import KINDS, joint_names
+from condyn_pin.io.mjcf import KINDS
+from condyn_pin.io.mjcf_file import joint_names
 from condyn_pin.io.mjcf_write_joint import scalar_axis
 from condyn_pin.model.robot import Robot
 

@@ -1,19 +1,26 @@
-"""Entries of a robot.toml: which there are, and what each has to be.
+"""Cards: what a robot.toml may say, and the pieces of it that are chosen by a variant.
 
 What is wrong is said in the words of the file: the entry, its value, and what would do.
+
+    [variants.springs.free]
+    [variants.springs.locked.description]
+    lock = ["left-knee-shin-joint"]
+
+The first value of an option is its default. A piece has the entries of the card itself: tables are
+merged, lists grow, and the rest is replaced.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, fields
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.kinds import Loop, worded
-from condyn_pin.errors import CondynError, InvalidModel, unknown_name
+from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
+from condyn_pin.io.xml import place
 
-Made = TypeVar("Made")
 Table = Mapping[str, Any]
 Check = tuple[Callable[[Any], bool], str]
 
@@ -74,13 +81,12 @@ def _check_file(description: Table) -> None:
 
 def loops_of(tables: Sequence[Table]) -> tuple[Constraint, ...]:
     """Return the loops that a card lists: a kind without a word of its own is one of `Loop`."""
-    made: list[Constraint] = []
     known = worded(closes=True)
+    made = []
     for i, table in enumerate(tables):
         kind = table.get("kind")
         if isinstance(kind, str) and kind in known:
-            rest = {key: value for key, value in table.items() if key != "kind"}
-            made.append(_made(known[kind], rest, f"loops[{i}]"))
+            made.append(_made(known[kind], _without_kind(table), f"loops[{i}]"))
         else:
             made.append(_made(Loop, table, f"loops[{i}]"))
     return tuple(made)
@@ -88,35 +94,29 @@ def loops_of(tables: Sequence[Table]) -> tuple[Constraint, ...]:
 
 def contacts_of(tables: Sequence[Table]) -> tuple[Constraint, ...]:
     """Return the contacts that a card lists."""
-    made: list[Constraint] = []
     known = worded(closes=False)
+    made = []
     for i, table in enumerate(tables):
-        where = f"contacts[{i}]"
-        kind = table.get("kind")
+        where, kind = f"contacts[{i}]", table.get("kind")
         if kind is None:
             raise InvalidModel(f"{where}: the entry 'kind' is missing: one of {', '.join(known)}")
         if not isinstance(kind, str) or kind not in known:
             raise InvalidModel(f"{where}: {unknown_name('kind of contact', str(kind), known)}")
-        rest = {key: value for key, value in table.items() if key != "kind"}
-        made.append(_made(known[kind], rest, where))
+        made.append(_made(known[kind], _without_kind(table), where))
     return tuple(made)
 
 
-def said(where: str, error: CondynError) -> CondynError:
-    """Return an error with the place in the file before its text."""
-    error.args = (f"{where}: {error}", *error.args[1:])
-    return error
+def _without_kind(table: Table) -> Table:
+    return {key: value for key, value in table.items() if key != "kind"}
 
 
-def _made(kind: Callable[..., Made], table: Table, where: str) -> Made:
-    """Return the value whose fields a table gives."""
+def _made(kind: Callable[..., Constraint], table: Table, where: str) -> Constraint:
+    """Return the constraint whose fields a table gives."""
     known = fields(kind)  # type: ignore[arg-type]
     needed = [f.name for f in known if f.default is MISSING and f.default_factory is MISSING]
     _check_names(where, table, [f.name for f in known], needed)
-    try:
+    with place(where):
         return kind(**table)
-    except CondynError as error:
-        raise said(where, error) from error
 
 
 def _check_names(where: str, table: Table, known: Sequence[str], needed: Sequence[str]) -> None:
@@ -139,3 +139,82 @@ def _check(where: str, key: str, value: Any, check: Check) -> None:
     fits, needed = check
     if not fits(value):
         raise InvalidModel(f"the entry {where}{key} = {value!r}: {needed} is needed")
+
+
+def chosen_card(card: Mapping[str, Any], variant: Mapping[str, str]) -> dict[str, Any]:
+    """Return a card with the chosen values of its options, and the defaults of the others.
+
+    Parameters
+    ----------
+    card : mapping
+        A robot.toml, as read.
+    variant : mapping of str to str
+        Option to value, such as ``{"springs": "locked"}``.
+
+    Raises
+    ------
+    UnknownName
+        If the robot has no such option, or the option no such value.
+    """
+    options = card.get("variants", {})
+    _check_options(options)
+    check_variant(variant, options)
+    merged = {key: entry for key, entry in card.items() if key != "variants"}
+    other = []  # what is not the default, for the name
+    for option, values in options.items():
+        default = next(iter(values))
+        value = variant.get(option, default)
+        if value not in values:
+            raise unknown_name(f"value of the variant {option!r}", value, values)
+        merged = _merged(merged, values[value], f"variants.{option}.{value}")
+        if value != default:
+            other.append(f"{option} {value}")
+    if other:
+        merged["name"] = f"{merged['name']}, {', '.join(other)}"
+    return merged
+
+
+def _check_options(options: Any) -> None:
+    """Refuse what is not a table of options, each a table of values, each a table of entries."""
+    if not isinstance(options, Mapping):
+        raise InvalidModel(f"the entry variants = {options!r}: tables by option are needed")
+    for option, values in options.items():
+        pieces = list(values.values()) if isinstance(values, Mapping) else []
+        if not pieces or not all(isinstance(piece, Mapping) for piece in pieces):
+            raise InvalidModel(
+                f"the entry variants.{option} = {values!r}: a table for each value is needed, "
+                f"such as [variants.{option}.default]"
+            )
+
+
+def check_variant(variant: Any, options: Mapping[str, Any]) -> None:
+    """Refuse what is not a choice among the options of a robot."""
+    pairs = variant.items() if isinstance(variant, Mapping) else [(None, None)]
+    if not all(isinstance(name, str) for pair in pairs for name in pair):
+        raise InvalidArgument(
+            f"variant = {variant!r}: names by name are needed, such as {{'springs': 'locked'}}"
+        )
+    for option in variant:
+        if option not in options:
+            raise unknown_name("variant", option, options)
+
+
+def _merged(below: Mapping[str, Any], above: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Return a table with another one over it."""
+    merged = dict(below)
+    for key, entry in above.items():
+        old = below.get(key, entry)
+        if any(isinstance(old, kind) != isinstance(entry, kind) for kind in (Mapping, list)):
+            raise InvalidModel(f"the entry {where}.{key} = {entry!r} does not fit over {old!r}")
+        if isinstance(old, Mapping):
+            merged[key] = _merged(old, entry, f"{where}.{key}")
+        elif isinstance(old, list) and key in below and not _is_value(old):
+            merged[key] = [*old, *entry]
+        else:
+            merged[key] = entry
+    return merged
+
+
+def _is_value(entry: list[Any]) -> bool:
+    """Whether a list is one value, such as the quaternion of a posture, and no collection."""
+    return all(isinstance(x, (int, float)) for x in entry)
