@@ -386,8 +386,8 @@ def test_load_robot_refuses_what_is_not_a_name(name):
 NAMES = {
     "cassi": "no robot named 'cassi'; did you mean 'cassie'",
     "Talos": "'talos'",
-    "nobody": "no robot named 'nobody'; known: andrews, ",
-    "/nowhere/arm.urdf": r"/nowhere/arm\.urdf: no such file",
+    "nobody": "no robot named 'nobody'; known: anymal_c, ",
+    "/nowhere/arm.urdf": r"/nowhere/arm\.urdf: cannot be opened",
     "/nowhere/arm.sdf": r"/nowhere/arm\.sdf: cannot be opened: No such file",
     "/nowhere/arm.xacro": "a .urdf, an .sdf or an .xml with an MJCF is needed",
     "/nowhere/arm": "no robot named '/nowhere/arm'",

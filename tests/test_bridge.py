@@ -681,7 +681,7 @@ def test_the_command_takes_names_and_joints_that_are_held(tmp_path):
         ((str(path),), "names={'shoulder': ...}"),
         ((str(path), "--name", "shoulder"), "OURS=THEIRS is needed"),
         ((str(path), "--name", "shoulder=s", "--without", "crete"), "did you mean 'crate'"),
-        ((str(tmp_path / "no.xml"),), "no.xml: MuJoCo refuses"),
+        ((str(tmp_path / "no.xml"),), "no.xml: cannot be opened"),
         ((str(path), "--name", "shoulder=s", "--tolerance", "2"), "tolerance = 2"),
     ):
         result = run("compare", str(model), *words)

@@ -33,6 +33,13 @@ def read(tmp_path: Path):
     return read_text
 
 
+GEOM_OF_MESH = '<geom type="mesh" mesh="m"/>'
+
+
+def body(inside: str, joint: str = '<joint name="j"/>') -> str:
+    return f'<worldbody><body name="b">{joint}{inside}</body></worldbody>'
+
+
 def relative(x: np.ndarray, reference: np.ndarray) -> float:
     return float(np.abs(x - reference).max() / np.abs(reference).max())
 
@@ -219,6 +226,15 @@ def test_without_mujoco_the_remedy_is_named(read, monkeypatch):
     said = r"robot\.xml: MuJoCo's own compiler .* pip install 'condyn_pin\[mjcf\]'"
     with pytest.raises(cp.errors.MissingExtra, match=said):
         read(GEOMS)
+
+
+def test_a_mesh_that_is_not_there_and_weighs_nothing_is_left_out(read):
+    robot = read(
+        '<mujoco><asset><mesh name="m" file="nowhere.stl"/></asset>'
+        f"{body(INERTIAL + GEOM_OF_MESH)}</mujoco>"
+    )
+    assert robot.mass == 2.0
+    assert "body 'b' is not drawn whole: no file 'nowhere.stl'" in robot.unused
 
 
 def test_quaternions_of_keyframes_are_normalised_as_mujoco_does(read):
@@ -459,10 +475,6 @@ def test_what_mujoco_has_not_is_refused_by_name():
 # What is wrong with a file ------------------------------------------------------------------------
 
 
-def body(inside: str, joint: str = '<joint name="j"/>') -> str:
-    return f'<worldbody><body name="b">{joint}{inside}</body></worldbody>'
-
-
 EQUALITY = body(INERTIAL) + "<equality>{}</equality>"
 NO_MASS = '<inertial pos="0 0 0" mass="{}" diaginertia="{}"/>'
 # What is in a file, and what is said of it; most of it by MuJoCo, with the element and its line.
@@ -490,7 +502,11 @@ WRONG = {
     "qpos": (f'{body(INERTIAL)}<keyframe><key qpos="1 2"/></keyframe>', "qpos size"),
     "a lost mesh": (
         '<asset><mesh name="m" file="nowhere.stl"/></asset>'
-        + body('<geom type="mesh" mesh="m"/>'), r"nowhere\.stl",
+        + body(GEOM_OF_MESH), r"nowhere\.stl",
+    ),
+    "a lost mesh that weighs": (
+        '<asset><mesh name="m" file="nowhere.stl"/></asset>'
+        + body(INERTIAL + f"<body>{GEOM_OF_MESH}</body>"), r"nowhere\.stl",
     ),
     "nothing": ("", "no degree of freedom"),
     "without end": (f"<worldbody>{'<body>' * 4000}{'</body>' * 4000}</worldbody>", "nesting"),

@@ -428,12 +428,13 @@ def test_geoms_of_an_mjcf_are_drawn(tmp_path):
     assert len(at) == 3  # what MuJoCo's viewer hides is not seen
 
 
-def test_geoms_need_mujoco_and_mechanisms_without_them_do_not(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "mujoco", None)
-    assert drawing(cp.load_robot("stewart")).notes == ()
+def test_geoms_need_mujoco_and_mechanisms_do_not(tmp_path, monkeypatch):
     path = tmp_path / "arm.xml"
     path.write_text(_MJCF)
-    (note,) = drawing(cp.load_robot(path)).notes
+    robot = cp.load_robot(path)
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    assert drawing(cp.load_robot("stewart")).notes == ()
+    (note,) = drawing(robot).notes
     assert "condyn_pin[mjcf]" in note
 
 

@@ -11,7 +11,7 @@ and x y z w here. The format: https://mujoco.readthedocs.io/en/stable/XMLreferen
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import inf
 from os import PathLike
 from typing import Any, Final
@@ -62,13 +62,13 @@ def read_mjcf(path: str | PathLike[str]) -> Description:
     ``NAME_b``. Loops are rigid here, whatever their solref and solimp.
     """
     with place(path):
-        return _Reader(compiled(path, "mujoco")).read()
+        return _Reader(*compiled(path, "mujoco")).read()
 
 
 class _Reader:
     """A compiled model that is being read."""
 
-    def __init__(self, mj: Any) -> None:
+    def __init__(self, mj: Any, lost: Sequence[str]) -> None:
         self.mujoco, self.mj = require_mujoco("an MJCF is read by MuJoCo"), mj
         self.bodies, self.joints = body_names(mj), joint_names(mj)
         self.sites = [mj.site(s).name for s in range(mj.nsite)]
@@ -76,7 +76,7 @@ class _Reader:
             if name in WORLD:
                 raise InvalidModel(f"the name {name!r} is the world's; rename it")
         self.tree = DrawnTree(mj.names.split(b"\0", 1)[0].decode(), self.bodies)
-        self.unused: list[str] = []
+        self.unused = list(lost)
 
     def read(self) -> Description:
         mj, tree = self.mj, self.tree

@@ -8,10 +8,12 @@ at any, in a time that grows with the square of
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import prod
 from os import PathLike
 from pathlib import Path
 from typing import Any, Final
+from warnings import catch_warnings
 from xml.etree.ElementTree import Element
 
 from condyn_pin.errors import InvalidModel, MissingExtra
@@ -42,8 +44,11 @@ def open_mjcf(path: Path, tag: str = "") -> Element:
     return root
 
 
-def compiled(path: str | PathLike[str], tag: str = "") -> Any:
-    """Return the mujoco.MjModel of a file; without MuJoCo's own file of warnings.
+def compiled(path: str | PathLike[str], tag: str = "") -> tuple[Any, tuple[str, ...]]:
+    """Return the mujoco.MjModel of a file, and which meshes it lacks, a sentence each.
+
+    A mesh that is not there is left out where it gives no inertia. MuJoCo writes no file of
+    warnings.
 
     Raises
     ------
@@ -56,18 +61,37 @@ def compiled(path: str | PathLike[str], tag: str = "") -> Any:
     if path.suffix == ".xml":
         open_mjcf(path, tag)
     mujoco = require_mujoco("MuJoCo's own compiler reads an MJCF")
-    warnings: list[str] = []
+    told: list[str] = []
     handler = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(warnings.append)  # by itself it writes a file MUJOCO_LOG.TXT
+    mujoco.set_mju_user_warning(told.append)  # by itself it writes a file MUJOCO_LOG.TXT
     try:
-        mj = mujoco.MjModel.from_xml_path(str(path))
+        spec = mujoco.MjSpec.from_file(str(path))
+        lost = tuple(_without_lost_meshes(mujoco, spec, path.parent))
+        with catch_warnings(action="ignore"):  # about M, which is looked at here
+            mj = spec.compile()
     except (ValueError, RuntimeError, MemoryError, mujoco.FatalError) as error:
         raise InvalidModel(f"MuJoCo refuses: {' '.join(str(error).split())}") from error
     finally:
         mujoco.set_mju_user_warning(handler)
-    if any("NaN" in warning for warning in warnings):
+    if any("NaN" in warning for warning in told):
         raise InvalidModel("a number in it is NaN; finite numbers are needed")
-    return mj
+    return mj, lost
+
+
+def _without_lost_meshes(mujoco: Any, spec: Any, folder: Path) -> Iterator[str]:
+    """Delete what is drawn by a file that is not there and has no mass, and say so."""
+    if spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
+        return
+    for mesh in list(spec.meshes):
+        geoms = [geom for geom in spec.geoms if geom.meshname == mesh.name]
+        there = not mesh.file or folder.joinpath(spec.meshdir, mesh.file).is_file()
+        weighs = any(not (g.parent.explicitinertial or g.parent.name == "world") for g in geoms)
+        if there or weighs:  # what is not there is named by MuJoCo then
+            continue
+        for geom in geoms:
+            yield f"body {geom.parent.name!r} is not drawn whole: no file {mesh.file!r}"
+            spec.delete(geom)
+        spec.delete(mesh)
 
 
 def require_mujoco(reason: str) -> Any:

@@ -27,7 +27,7 @@ from condyn_pin.io.sdf_file import parse
 from condyn_pin.io.sdf_kinds import chosen_joints, coupling_of, in_series, with_copies
 from condyn_pin.io.sdf_span import Span, span
 from condyn_pin.io.sdf_tree import SdfTree
-from condyn_pin.io.sdf_types import Joint, Link, SdfModel
+from condyn_pin.io.sdf_types import Joint, Link
 from condyn_pin.io.sdf_unused import unused_parts, unused_settings
 from condyn_pin.io.xml import place
 from condyn_pin.model.spring import Spring
@@ -102,9 +102,11 @@ def read_sdf(
     The file draws the model at ``pin.neutral(model)``, where therefore every loop is closed. A
     continuous joint is one angle without limits.
     """
+    _check_as_file(as_file, cut)
     with place(path):
         sdf = parse(path)
-        kinds = _kinds_as_file(sdf, kinds, cut) if _is_true("as_file", as_file) else kinds
+        if as_file:
+            kinds = {j.name: "revolute" for j in sdf.joints if j.kind == "gearbox"} | dict(kinds)
         links, chosen = in_series(sdf.links, chosen_joints(sdf, kinds, drop))
         gearboxes = tuple(joint for joint in chosen if joint.kind == "gearbox")
         joints = tuple(joint for joint in chosen if joint.kind != "gearbox")
@@ -140,21 +142,13 @@ def read_sdf(
         )
 
 
-def _is_true(name: str, value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise InvalidArgument(f"{name} = {value!r}: True or False is needed")
-    return value
-
-
-def _kinds_as_file(
-    sdf: SdfModel, kinds: Mapping[str, str], cut: Sequence[str]
-) -> Mapping[str, str]:
-    """Return the types of joints with gearboxes as hinges, for `as_file`."""
-    if cut:
+def _check_as_file(as_file: Any, cut: Sequence[str]) -> None:
+    if not isinstance(as_file, bool):
+        raise InvalidArgument(f"as_file = {as_file!r}: True or False is needed")
+    if as_file and cut:
         raise InvalidArgument(
             f"cut = {list(cut)!r}: with as_file no joint is cut; give one of the two"
         )
-    return {joint.name: "revolute" for joint in sdf.joints if joint.kind == "gearbox"} | dict(kinds)
 
 
 def _kept(

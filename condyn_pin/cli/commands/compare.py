@@ -50,7 +50,7 @@ def compare(
     chosen = robot_of(robot, variant)
     names = pairs_in("--name", name, "OURS=THEIRS is needed, such as root_joint=floating_base")
     with place(mjcf):
-        model = compiled(mjcf)
+        model, _ = compiled(mjcf)
     bridge = MujocoBridge(chosen, model, names=names, without=names_in(without))
     rng = np.random.default_rng(seed)
     q, v = Scene(chosen, chosen.loops).sample(rng)
