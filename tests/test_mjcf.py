@@ -501,12 +501,11 @@ WRONG = {
     ),
     "qpos": (f'{body(INERTIAL)}<keyframe><key qpos="1 2"/></keyframe>', "qpos size"),
     "a lost mesh": (
-        '<asset><mesh name="m" file="nowhere.stl"/></asset>'
-        + body(GEOM_OF_MESH), r"nowhere\.stl",
+        '<asset><mesh name="m" file="nowhere.stl"/></asset>' + body(GEOM_OF_MESH), r"nowhere\.stl",
     ),
     "a lost mesh that weighs": (
-        '<asset><mesh name="m" file="nowhere.stl"/></asset>'
-        + body(INERTIAL + f"<body>{GEOM_OF_MESH}</body>"), r"nowhere\.stl",
+        '<asset><mesh name="m" file="nowhere.stl"/></asset>' + body(INERTIAL +
+        f"<body>{GEOM_OF_MESH}</body>"), r"nowhere\.stl",
     ),
     "nothing": ("", "no degree of freedom"),
     "without end": (f"<worldbody>{'<body>' * 4000}{'</body>' * 4000}</worldbody>", "nesting"),

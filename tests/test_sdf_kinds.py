@@ -90,7 +90,7 @@ UNIVERSAL_WRONG = {
         joint("u", "a", "b", "universal", AXES) + link("u_axis2"),
         "'u' is universal and needs the name 'u_axis2'",
     ),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("body", "says"), UNIVERSAL_WRONG.values(), ids=UNIVERSAL_WRONG)
@@ -197,14 +197,11 @@ GEARBOX_WRONG = {
     "a ratio of zero": (gears(ROTOR, OUTPUT, box(), ratio="0"), "'g'.*<gearbox_ratio> is 0"),
     "a ratio that is no number": (gears(ROTOR, OUTPUT, box(), ratio="nan"), "'g'.*finite"),
     "an unknown reference": (
-        gears(ROTOR, OUTPUT, box(), reference="aa"),
-        "'g': <gearbox_reference_body>.*'aa'",
+        gears(ROTOR, OUTPUT, box(), reference="aa"), "'g': <gearbox_reference_body>.*'aa'",
     ),
     "no reference": (
-        gears(ROTOR, OUTPUT, box()).replace(
-            "<gearbox_reference_body>a</gearbox_reference_body>", ""
-        ),
-        "'g' is a gearbox and has no <gearbox_reference_body>",
+        gears(ROTOR, OUTPUT, box()).replace("<gearbox_reference_body>a</gearbox_reference_body>",
+        ""), "'g' is a gearbox and has no <gearbox_reference_body>",
     ),
     "no second axis": (gears(ROTOR, OUTPUT, UP), "'g' is gearbox and has no <axis2/xyz>"),
     "an axis across its hinge": (
@@ -215,7 +212,7 @@ GEARBOX_WRONG = {
         gears(ROTOR, joint("op", "b", "c"), box()),
         "'g' is a gearbox, and no revolute joint connects 'c' to its reference body 'a'",
     ),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("body", "says"), GEARBOX_WRONG.values(), ids=GEARBOX_WRONG)

@@ -82,11 +82,8 @@ TOO_MUCH = {
     "keys.xml": (mjcf(beside='<size nkey="2000000000"/>'), "nkey = '2000000000'"),
     "users.xml": (mjcf(beside='<size nuser_body="2000000000"/>'), "nuser_body"),
     "attach.xml": (
-        mjcf(
-            '<attach model="c" body="b" prefix="p"/>',
-            '<asset><model name="c" file="attach.xml"/></asset>',
-        ),
-        "attach each other without an end",
+        mjcf('<attach model="c" body="b" prefix="p"/>',
+        '<asset><model name="c" file="attach.xml"/></asset>'), "attach each other without an end",
     ),
     "laughs.urdf": (LAUGHTER, "amplification"),
     "digits.urdf": (urdf(1).replace("1", "1" * 5000, 1), r"'1{60}'\.\.\. \(5000 characters\)"),
