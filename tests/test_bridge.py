@@ -23,7 +23,7 @@ from typer.testing import CliRunner
 
 import condyn_pin as cp
 from condyn_pin.cli.main import app
-from condyn_pin.io.manifest.folders import example_robot_data
+from condyn_pin.io.load import example_robot_data
 
 ROUNDING = 1e-13
 

@@ -16,7 +16,7 @@ from condyn_pin._core.tolerances import CLOSED
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.dynamics.catalogue import motor_torque
-from condyn_pin.model.smaller_tree import smaller_tree
+from condyn_pin.model.smaller_robot import smaller_tree
 
 ARMS = tuple(f"arm_{side}_{i}_joint" for side in ("left", "right") for i in range(1, 8))
 SPRINGS = tuple(

@@ -11,7 +11,7 @@ from shared import robot
 
 import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA, pin
-from condyn_pin.io.manifest.card import chosen_card
+from condyn_pin.io.card import chosen_card
 from condyn_pin.model.lock import lock_joints
 
 FREE, LOCKED = {"springs": "free"}, {"springs": "locked"}

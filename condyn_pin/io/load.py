@@ -17,7 +17,7 @@ leave out: loops, contacts, motors, postures, the licence.
     [[contacts]]   kind = "point", "surface", "line" or "planar", and the fields of that class
     [postures.X]   joint = value or list of values; joints left out stay at neutral; of a joint
                    without limits, which is (cos, sin), also its angle [rad]
-    [variants.OPTION.VALUE]  pieces of the card that are merged over it: see `manifest.card`
+    [variants.OPTION.VALUE]  pieces of the card that are merged over it: see `io.card`
 """
 
 from __future__ import annotations
@@ -27,9 +27,13 @@ from functools import partial
 from pathlib import Path
 
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
-from condyn_pin.io.manifest.card import check_variant
-from condyn_pin.io.manifest.folders import example_robot_data, robots_folder
-from condyn_pin.io.manifest.reading import read_alone, read_card
+from condyn_pin.io.card import check_variant
+from condyn_pin.io.manifest import (
+    example_robot_data,
+    read_alone,
+    read_card,
+    robots_folder,
+)
 from condyn_pin.io.urdf import check_root_joint
 from condyn_pin.model.mechanisms import MECHANISMS
 from condyn_pin.model.robot import Robot

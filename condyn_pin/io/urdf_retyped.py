@@ -13,7 +13,7 @@ from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
 
 from condyn_pin._core._pin import pin
 from condyn_pin.errors import InvalidModel, unknown_name
-from condyn_pin.model.smaller_tree import copy_numbers
+from condyn_pin.model.smaller_robot import copy_numbers
 
 _OF_A_HINGE: Final = ("axis", "limit", "dynamics", "mimic", "safety_controller", "calibration")
 _AXES: Final[Mapping[str, str]] = {"X": "1 0 0", "Y": "0 1 0", "Z": "0 0 1"}

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from importlib import metadata
 from numbers import Real
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+import condyn_pin
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
@@ -19,10 +21,9 @@ from condyn_pin.constraints.constraints import Constraint
 from condyn_pin.constraints.rows.binding import bind
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.violation import gap_of
-from condyn_pin.errors import InvalidModel, UnknownName, unknown_name
+from condyn_pin.errors import InvalidModel, MissingExtra, UnknownName, unknown_name
+from condyn_pin.io.card import FOR_SDF, check_card, chosen_card, contacts_of, loops_of
 from condyn_pin.io.description import Description
-from condyn_pin.io.manifest.card import FOR_SDF, check_card, chosen_card, contacts_of, loops_of
-from condyn_pin.io.manifest.folders import description_file
 from condyn_pin.io.mjcf import read_mjcf
 from condyn_pin.io.sdf import read_sdf
 from condyn_pin.io.srdf import read_srdf
@@ -188,3 +189,35 @@ def _gaps(robot: Robot) -> Iterator[str]:
 def _ends(loop: Constraint) -> frozenset[str]:
     """Return what it ties; joints are no frames of the same names."""
     return frozenset({*loop.joints, "joints"} if loop.joints else loop.frames)
+
+
+def robots_folder() -> Path:
+    """Return the folder of robots: inside the installed package, or beside it in a checkout."""
+    package = Path(condyn_pin.__file__).parent
+    packed = package / "robots"
+    return packed if packed.is_dir() else package.parent / "robots"
+
+
+def example_robot_data() -> Path:
+    """Return the folder of robots that the package example-robot-data installed."""
+    try:
+        package = metadata.distribution("example-robot-data")
+    except metadata.PackageNotFoundError as error:
+        raise MissingExtra(
+            "the robot descriptions are missing: python -m pip install example-robot-data"
+        ) from error
+    return Path(str(package.locate_file("cmeel.prefix/share/example-robot-data/robots")))
+
+
+def description_file(name: str, folder: Path) -> Path:
+    """Return a file that a robot.toml names: beside it, or in example-robot-data."""
+    beside = folder / name
+    try:
+        if beside.is_file():
+            return beside
+        packed = example_robot_data() / name
+        if packed.is_file():
+            return packed
+    except OSError as error:
+        raise InvalidModel(f"file {name[:80]!r}: {error.strerror}") from error
+    raise InvalidModel(f"no file {name!r}: neither {beside} nor {packed} is one")
