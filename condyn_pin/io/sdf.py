@@ -7,19 +7,20 @@ The other files of the reader, in the order in which a file passes through them:
     sdf_kinds    the types of joints; universal joints, gearboxes, copies of links
     sdf_span     which joints make the tree, and which are cut
     sdf_tree     the Pinocchio model, and frames for what was cut
-    sdf_unused   what is not in the model
 
 The format: http://sdformat.org/spec
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from math import inf
 from os import PathLike
 from types import MappingProxyType
 from typing import Any
 
+from condyn_pin._core.names import quoted
 from condyn_pin.constraints.constraints import Coupling, Loop
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.io.description import Description, doubts
@@ -27,8 +28,7 @@ from condyn_pin.io.sdf_file import parse
 from condyn_pin.io.sdf_kinds import chosen_joints, coupling_of, in_series, with_copies
 from condyn_pin.io.sdf_span import Span, span
 from condyn_pin.io.sdf_tree import SdfTree
-from condyn_pin.io.sdf_types import Joint, Link
-from condyn_pin.io.sdf_unused import unused_parts, unused_settings
+from condyn_pin.io.sdf_types import Joint, Link, SdfModel
 from condyn_pin.io.xml import place
 from condyn_pin.model.spring import Spring
 
@@ -131,8 +131,8 @@ def read_sdf(
             springs=_springs(joints, spanned),
             reversed=spanned.reversed,
             unused=(
-                *unused_parts(sdf, kinds, drop, root_pose, idle),
-                *unused_settings((*joints, *gearboxes), (*spanned.cut, *gearboxes)),
+                *_unused_parts(sdf, kinds, drop, root_pose, idle),
+                *_unused_settings((*joints, *gearboxes), (*spanned.cut, *gearboxes)),
                 *doubts(
                     (link.name, link.inertia.mass, link.inertia.inertia)
                     for link in links
@@ -180,3 +180,57 @@ def _springs(joints: Sequence[Joint], spanned: Span) -> tuple[Spring, ...]:
         for joint in joints
         if joint.axis.stiffness != 0 and joint.has_axis and joint not in spanned.cut
     )
+
+
+def _unused_parts(
+    sdf: SdfModel,
+    kinds: Mapping[str, str],
+    drop: Sequence[str],
+    root_pose: Any | None,
+    idle: Sequence[str],
+) -> Iterator[str]:
+    """Say which parts of the file are not in the model."""
+    yield from sdf.unread
+    if drop:
+        yield f"joints left out: {quoted(drop)}"
+    changed = [
+        f"{joint.name!r} ({joint.kind} as {kinds[joint.name]})"
+        for joint in sdf.joints
+        if joint.name not in drop and kinds.get(joint.name, joint.kind) != joint.kind
+    ]
+    if changed:
+        yield f"joint types of the file: {', '.join(changed)}"
+    if idle:
+        yield f"joints between links that cannot move against each other: {quoted(idle)}"
+    if root_pose is not None and not root_pose.isIdentity():
+        yield "pose of the root link in the file: the root joint's configuration replaces it"
+
+
+def _unused_settings(joints: Sequence[Joint], cut: Sequence[Joint]) -> Iterator[str]:
+    """Say which settings of the joints that are kept are not in the model."""
+    second = [
+        joint.name
+        for joint in joints
+        if joint.axis2.direction is not None and joint.kind != "gearbox"
+    ]
+    if second:
+        yield f"second axis: {quoted(second)}"
+    lost = [(joint.name, tuple(_lost(joint, joint not in cut))) for joint in joints]
+    for setting in ("friction", "damping", "spring", "limits"):
+        names = [name for name, settings in lost if setting in settings]
+        if names:
+            yield f"joint {setting}: {quoted(names)}"
+
+
+def _lost(joint: Joint, hanging: bool) -> Iterator[str]:
+    """Yield the settings of a joint, hanging in the tree or cut, that are not in the model."""
+    axis, uses_axis = joint.axis, hanging and joint.has_axis
+    if axis.friction != 0:
+        yield "friction"
+    if axis.damping != 0 and (not hanging or joint.kind == "fixed"):
+        yield "damping"
+    if axis.stiffness != 0 and not uses_axis:
+        yield "spring"
+    limited = axis.lower > -inf or axis.upper < inf
+    if limited and (not uses_axis or joint.kind == "continuous"):
+        yield "limits"
