@@ -12,7 +12,7 @@ from test_traps import two_boxes
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.rows.bound import Coupled
+from condyn_pin.constraints.rows.couplings import Coupled
 
 GRAVITY = 9.81
 

@@ -10,8 +10,9 @@ from shared import all_scenes, each_exact_solver, each_scene, relative, robot, s
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.rows.bound import Coupled, Rolled
+from condyn_pin.constraints.rows.couplings import Coupled
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.rolling import Rolled
 
 
 def c1_c2(scene: cp.Scene, q: np.ndarray) -> list:

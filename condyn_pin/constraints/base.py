@@ -51,7 +51,7 @@ from condyn_pin.errors import InvalidArgument
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from condyn_pin.constraints.rows.bound import AnyBound
+    from condyn_pin.constraints.rows.any_bound import AnyBound
 
 WORLD = ("world", "universe")
 

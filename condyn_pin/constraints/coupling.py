@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 from condyn_pin._core.arrays import finite
 from condyn_pin.constraints.base import Constraint, Machine, MjcfWriter
 from condyn_pin.constraints.constraint_fields import check_size, text
-from condyn_pin.constraints.rows.bound import Coupled
+from condyn_pin.constraints.rows.couplings import Coupled
 from condyn_pin.errors import InvalidArgument, InvalidConstraint, unknown_name
 
 

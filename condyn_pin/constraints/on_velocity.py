@@ -27,7 +27,7 @@ from condyn_pin.constraints.constraint_fields import (
     floats,
     text,
 )
-from condyn_pin.constraints.rows.bound import Rolled
+from condyn_pin.constraints.rows.rolling import Rolled
 from condyn_pin.constraints.with_world import WithWorld, plane
 
 Direction = Literal["rolling", "lateral", "normal"]

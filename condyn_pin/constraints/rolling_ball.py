@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from condyn_pin.constraints.base import Machine, Support
 from condyn_pin.constraints.constraint_fields import Vector3
 from condyn_pin.constraints.on_velocity import OnPlane
-from condyn_pin.constraints.rows.bound import Rolled
+from condyn_pin.constraints.rows.rolling import Rolled
 
 
 @dataclass(frozen=True)

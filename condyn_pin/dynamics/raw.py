@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.rows.pinocchio_constraint import PinocchioConstraint
+from condyn_pin.constraints.rows.bound import PinocchioConstraint
 from condyn_pin.errors import StaleModel
 
 

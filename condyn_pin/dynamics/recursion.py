@@ -24,7 +24,7 @@ import numpy as np
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.pinocchio_constraint import PinocchioConstraint
+from condyn_pin.constraints.rows.bound import PinocchioConstraint
 from condyn_pin.dynamics.raw import raw_constraints
 
 if TYPE_CHECKING:

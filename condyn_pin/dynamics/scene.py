@@ -19,8 +19,8 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.constraints import Constraint
+from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.binding import bind
-from condyn_pin.constraints.rows.bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.pinocchio_constraints import (
     PinocchioConstraints,

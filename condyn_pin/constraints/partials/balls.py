@@ -28,7 +28,8 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.rows.bound import AnyBound, Bound
+from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.constraints.rows.bound import Bound
 from condyn_pin.constraints.rows.ends import Ends
 from condyn_pin.constraints.rows.frames import rows_of
 from condyn_pin.constraints.rows.rolling import skews

@@ -20,8 +20,11 @@ from condyn_pin.constraints.partials.balls import BallPartials
 from condyn_pin.constraints.partials.frames import Frames
 from condyn_pin.constraints.partials.pairs import PairPartials
 from condyn_pin.constraints.partials.rolling import RollingPartials
-from condyn_pin.constraints.rows.bound import AnyBound, Bound, Coupled, Rolled
+from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.constraints.rows.bound import Bound
+from condyn_pin.constraints.rows.couplings import Coupled
 from condyn_pin.constraints.rows.related import Related
+from condyn_pin.constraints.rows.rolling import Rolled
 
 
 class ConstraintPartials:

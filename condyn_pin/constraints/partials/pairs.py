@@ -25,7 +25,8 @@ from condyn_pin.constraints.partials.formulas import (
 from condyn_pin.constraints.partials.frames import Frames
 from condyn_pin.constraints.partials.gaps import gap_of
 from condyn_pin.constraints.partials.relations import of_relation, wrenches_of_relation
-from condyn_pin.constraints.rows.bound import POINT, AnyBound, Bound
+from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.constraints.rows.bound import POINT, Bound
 from condyn_pin.constraints.rows.related import Related
 
 

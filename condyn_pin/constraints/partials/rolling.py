@@ -23,7 +23,8 @@ from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.partials.formulas import End, dual_cross
 from condyn_pin.constraints.partials.frames import Frames
 from condyn_pin.constraints.partials.gaps import ConstraintViolation
-from condyn_pin.constraints.rows.bound import FLAT, AnyBound, Rolled
+from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.constraints.rows.rolling import FLAT, Rolled
 
 _skew = pin.skew
 

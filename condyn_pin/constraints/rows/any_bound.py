@@ -1,7 +1,7 @@
 """The contract of a bound constraint: what the rest of the program asks it.
 
 `condyn_pin.constraints.base` says how a kind is made. Rows are evaluated in groups, not one by one:
-that stays inside of this room (`condyn_pin.constraints.rows.sorting`).
+that stays inside of this room (`condyn_pin.constraints.rows.groups`).
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from condyn_pin.constraints.base import Constraint, Machine
-from condyn_pin.constraints.rows.bound import AnyBound
+from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.errors import InvalidConstraint
 
 

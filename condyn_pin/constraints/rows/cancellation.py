@@ -15,7 +15,8 @@ import numpy as np
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.any_bound import OnFrames
-from condyn_pin.constraints.rows.bound import Coupled, Rolled
+from condyn_pin.constraints.rows.couplings import Coupled
+from condyn_pin.constraints.rows.rolling import Rolled
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.rows.equations import Equations

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.any_bound import OnFrames
-from condyn_pin.constraints.rows.bound import POINT, AnyBound, Bound
+from condyn_pin.constraints.rows.any_bound import AnyBound, OnFrames
+from condyn_pin.constraints.rows.bound import POINT, Bound
 
 _log6 = pin.log6
 
@@ -106,13 +106,13 @@ class WorldContacts:
     ----------
     data : pin.Data
     bounds : sequence of Bound
-    width : int
-        Number of columns of the result, at least the number of rows of the scene.
+    motion : (2, m + 1) array
+        Where J v and J a + gamma of the scene are; what `evaluate` does not write there it zeroes.
     """
 
-    def __init__(self, data: Any, bounds: Sequence[Bound], width: int) -> None:
-        self._joints = Joints(data, {b.joint1 for b in bounds})
-        X = np.zeros((width, self._joints.size))
+    def __init__(self, data: Any, bounds: Sequence[Bound], motion: Array) -> None:
+        self._joints, self._out = Joints(data, {b.joint1 for b in bounds}), motion
+        X = np.zeros((motion.shape[1], self._joints.size))
         for b in bounds:
             six = b.placement1.toActionMatrixInverse()
             X[b.rows, self._joints.place[b.joint1]] = six[list(b.selection)]
@@ -133,19 +133,19 @@ class WorldContacts:
             (b.rows, oMi, one, two) for b, oMi, one, two in anchored if b not in points
         ]
 
-    def evaluate(self, c: Array, out: Array) -> None:
-        """Write c of these rows, and J v and J a + gamma into the two rows of `out` (2, width).
-
-        Other columns of `out` are 0.
-        """
+    def evaluate(self, c: Array, _velocity: Array, acceleration: Array) -> None:
+        """Write c of these rows, and J v and J a + gamma into all of `motion`."""
         motion = self._joints.read()
-        np.dot(motion, self._XT, out=out)
+        np.dot(motion, self._XT, out=self._out)
         if self._has_points:
-            out[1, self._points] += self._centripetal.of(motion[0])
+            acceleration[self._points] += self._centripetal.of(motion[0])
         for rows, oMi, one, p2 in self._anchored_points:
             c[rows] = -(oMi * one).actInv(p2)
         for rows, oMi, one, two in self._anchored_frames:
             c[rows] = _log6(two.actInv(oMi * one)).vector
+
+    def stack(self, lam: Array, f1: Array, f2: Array) -> None:
+        """Write nothing: f1 is lam already, and no body is behind c2."""
 
     def jacobian(self, J: Array, of_frame: FrameJacobian) -> None:
         """Write the rows into J (m, nv) that Pinocchio does not have."""

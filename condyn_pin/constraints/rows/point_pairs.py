@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.pinocchio_constraint import PinocchioConstraint
+from condyn_pin.constraints.rows.bound import PinocchioConstraint
 
 # Distance from their middle, as a share of the lever, at which points are nearly one. At 1e-2 they
 # leave 1e-4 in G, and so twelve digits. Below 1e-9 rounding of the placements alone, eps |p|, turns

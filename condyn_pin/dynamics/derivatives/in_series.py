@@ -16,7 +16,7 @@ from typing import Any
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.joints import turning
-from condyn_pin.constraints.rows.bound import AnyBound
+from condyn_pin.constraints.rows.any_bound import AnyBound
 
 
 def in_series(model: Any, bounds: Sequence[AnyBound]) -> tuple[Any, tuple[AnyBound, ...]]:

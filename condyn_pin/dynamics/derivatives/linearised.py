@@ -25,7 +25,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import turning
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.partials.groups import ConstraintPartials
-from condyn_pin.constraints.rows.bound import AnyBound
+from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.dynamics.derivatives.carried import Carried
 from condyn_pin.dynamics.derivatives.in_series import in_series
 

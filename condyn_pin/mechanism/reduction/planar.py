@@ -16,7 +16,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.pivots import first_of_largest
 from condyn_pin._core.names import checked
-from condyn_pin.constraints.rows.bound import AnyBound
+from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidConstraint
