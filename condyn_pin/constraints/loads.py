@@ -70,14 +70,7 @@ class Load(NamedTuple):
 
 
 class Loads:
-    """The forces on the frames of one robot, and the memory to evaluate them.
-
-    Parameters
-    ----------
-    robot : Robot, or what has frames by name
-    model, data : pin.Model, pin.Data
-        The model, or one that moves like it. The data is written to.
-    """
+    """The forces on the frames of one robot, or what has frames by name; the data is written to."""
 
     def __init__(self, robot: Machine, model: Any, data: Any) -> None:
         self._robot, self.model, self.data = robot, model, data

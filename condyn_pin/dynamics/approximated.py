@@ -24,14 +24,7 @@ _OPEN_SQUARED: Final = (0.1 * tolerances.CLOSED) ** 2
 
 
 def exact_where_open(workspace: Workspace, closed: BoundSolver) -> BoundSolver:
-    """Return a method that is exact on open loops too.
-
-    Parameters
-    ----------
-    workspace : Workspace
-    closed : BoundSolver
-        Of `pin.constraintDynamics`, by the rows that Pinocchio has.
-    """
+    """Return a method that is exact on open loops too, from that by the rows that Pinocchio has."""
     dense: list[BoundSolver] = []  # started at the first state that needs it
     method = closed
     run, squares = closed.acceleration, [(gap.dot, gap) for gap in _gaps(workspace)]

@@ -24,15 +24,7 @@ from condyn_pin.model.soundness import singular_mass
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A checked state with M, h, J, gamma, and the factors of M and J.
-
-    Attributes
-    ----------
-    q, v : (nq,), (nv,) array
-        Owned.
-    terms : Terms
-    factors : MinimumNorm
-    """
+    """A checked state with M, h, J, gamma, and the factors of M and J; q and v are owned."""
 
     q: Array
     v: Array

@@ -25,15 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Sites:
-    """Where the constraints of a scene are at one configuration; found when first asked for.
-
-    Parameters
-    ----------
-    scene : Scene
-    q : (nq,) array
-    equations : Equations, optional
-        Memory to find them with; made for it otherwise.
-    """
+    """Where the constraints of a scene are at one configuration; found when first asked for."""
 
     scene: Scene
     q: Array

@@ -40,15 +40,7 @@ _FAR: Final = 1e300
 
 
 class Recursion:
-    """`pin.lcaba` on one model.
-
-    Parameters
-    ----------
-    model, data : pin.Model, pin.Data
-    pinocchio_constraints : sequence of PinocchioConstraint
-    models, datas
-        Pinocchio's lists of these.
-    """
+    """`pin.lcaba` on one model, and on Pinocchio's lists of its constraints."""
 
     def __init__(
         self,
@@ -110,15 +102,7 @@ def _longest_chain(model: Any) -> float:
 
 
 class Corrected:
-    """A recursion whose answers are corrected.
-
-    Parameters
-    ----------
-    workspace : Workspace
-    recursion : Recursion
-    settings : pin.ProximalSettings
-    times : int
-    """
+    """A recursion whose answers are corrected."""
 
     def __init__(
         self, workspace: Workspace, recursion: Recursion, settings: Any, times: int

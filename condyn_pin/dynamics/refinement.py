@@ -23,15 +23,7 @@ if TYPE_CHECKING:
 class Refinement:
     """Corrections by the factor that `pin.constraintDynamics` leaves behind.
 
-    Parameters
-    ----------
-    workspace : Workspace
-    times : int
-
-    Attributes
-    ----------
-    lam : (m,) array
-        Forces of the rows that Pinocchio has, after the last correction.
+    `lam` are the forces of the rows that Pinocchio has, after the last correction.
     """
 
     def __init__(self, workspace: Workspace, times: int) -> None:

@@ -150,21 +150,10 @@ class ErrorEstimator:
     def prove(
         self, dynamics: Array, largest: list[float], tau: Array, e: float | None = None
     ) -> tuple[Residuals, bool]:
-        """Return the sizes of the residuals and what they say about a.
+        """Return the sizes of the residuals, and whether w and sigma have to be computed anew.
 
-        Parameters
-        ----------
-        dynamics, largest
-            As `Equations.errors` returns them.
-        tau : (nv,) array
-        e : float, optional
-            A bound on |e|_inf, where it was computed.
-
-        Returns
-        -------
-        residuals : Residuals
-        doubtful : bool
-            Whether w and sigma have to be computed anew, at the state itself.
+        `dynamics` and `largest` are those of `Equations.errors`; `e` bounds |e|_inf, where it was
+        computed.
         """
         max_dynamics, max_a, violation, velocity, constraint, max_lam = largest
         e_M = self.weights.dot(dynamics) + self.per_row * constraint

@@ -38,13 +38,7 @@ from condyn_pin.constraints.rows.rolling import skews
 class BallPartials:
     """The partials of all balls between two bodies in one scene.
 
-    Parameters
-    ----------
-    model : pin.Model
-    data : pin.Data
-        Holds `oMi` for `apply`, and what `pin.computeRNEADerivatives` leaves for the others.
-    bounds : sequence of AnyBound
-    drift : Baumgarte, optional
+    `data` holds `oMi` for `apply`, and what `pin.computeRNEADerivatives` leaves for the others.
     """
 
     def __init__(

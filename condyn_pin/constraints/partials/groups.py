@@ -30,13 +30,7 @@ from condyn_pin.constraints.rows.rolling import Rolled
 class ConstraintPartials:
     """The partials of all constraints of one scene.
 
-    Parameters
-    ----------
-    model : pin.Model
-    data : pin.Data
-        Holds `oMi` for `apply`, and what `pin.computeRNEADerivatives` leaves for the others.
-    bounds : sequence of AnyBound
-    drift : Baumgarte, optional
+    `data` holds `oMi` for `apply`, and what `pin.computeRNEADerivatives` leaves for the others.
 
     Attributes
     ----------

@@ -40,14 +40,7 @@ class _Pair(NamedTuple):
 
 
 class PairPartials:
-    """The partials of all constraints between two frames in one scene, but those that are balls.
-
-    Parameters
-    ----------
-    frames : Frames
-    bounds : sequence of AnyBound
-    drift : Baumgarte, optional
-    """
+    """The partials of all constraints between two frames in one scene, but those that are balls."""
 
     def __init__(self, frames: Frames, bounds: Sequence[AnyBound], drift: Baumgarte | None) -> None:
         self._frames, self._drift = frames, drift

@@ -30,14 +30,7 @@ _skew = pin.skew
 
 
 class RollingPartials:
-    """The partials of all that rolls in one scene.
-
-    Parameters
-    ----------
-    frames : Frames
-    bounds : sequence of AnyBound
-    drift : Baumgarte, optional
-    """
+    """The partials of all that rolls in one scene."""
 
     def __init__(self, frames: Frames, bounds: Sequence[AnyBound], drift: Baumgarte | None) -> None:
         self._frames, self._drift = frames, drift

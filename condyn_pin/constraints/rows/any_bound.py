@@ -134,12 +134,8 @@ class AnyBound(ABC):
     ) -> Any:
         """Return what MuJoCo takes for the diagonal of J M^-1 J^T, a number a row or one for all.
 
-        Parameters
-        ----------
-        body : callable
-            Returns what the body of a joint gives way to a force and to a moment (2,).
-        columns : callable
-            Returns the sum of what some velocities give way.
+        `body` returns what the body of a joint gives way to a force and to a moment (2,), `columns`
+        the sum of what some velocities give way.
         """
 
 

@@ -31,19 +31,12 @@ class Bound(OnFrames):
 
     Attributes
     ----------
-    name : str
-    rows : slice
-        Its rows among those of the scene.
     joint1, placement1 : int, pin.SE3
         The joint that carries frame c1, and where.
     joint2, placement2 : int, pin.SE3
         The same of c2. The world is joint 0.
     selection : tuple of int
         The rows of the slip x y z rx ry rz that stay zero; empty for a rod.
-    anchored : bool
-        False for a contact that belongs wherever it is: it has no position error.
-    sign : float
-        +1 if the force on the first-named body is the one on joint 1, else -1.
     axis : int
         What a hinge or an edge turns about: 0, 1 or 2 for x, y or z of c1.
     length : float

@@ -17,16 +17,9 @@ from condyn_pin.errors import InvalidArgument
 
 @dataclass(frozen=True)
 class Coupled(AnyBound):
-    """A coupling of two joints, bound.
+    """A coupling of two joints, bound: q_a = ratio q_b + offset.
 
-    Attributes
-    ----------
-    name : str
-    rows : slice
-    configuration, velocity : pair of int
-        Where q and v hold joint a and joint b.
-    ratio, offset : float
-        q_a = ratio q_b + offset.
+    `configuration` and `velocity` say where q and v hold joint a and joint b.
     """
 
     name: str
@@ -88,13 +81,7 @@ class Coupled(AnyBound):
 
 
 class Couplings:
-    """All couplings of one scene.
-
-    Parameters
-    ----------
-    bounds : sequence of Coupled
-    nv : int
-    """
+    """All couplings of one scene."""
 
     def __init__(self, bounds: Sequence[Coupled], nv: int) -> None:
         self._rows = np.array([b.rows.start for b in bounds], dtype=np.int_)

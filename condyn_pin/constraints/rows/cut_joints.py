@@ -30,14 +30,7 @@ _YZX, _ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 
 class CutJoints:
-    """All loops of one scene with other rows than Pinocchio's.
-
-    Parameters
-    ----------
-    ends : Ends
-        Of these loops.
-    bounds : sequence of Bound
-    """
+    """All loops of one scene with other rows than Pinocchio's."""
 
     def __init__(self, ends: Ends, bounds: Sequence[Bound]) -> None:
         self._bounds, self._ends = tuple(bounds), ends

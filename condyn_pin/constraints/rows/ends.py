@@ -17,14 +17,7 @@ from condyn_pin.constraints.rows.frames import Centripetal, Joints
 
 
 class Ends:
-    """The ends of k loops.
-
-    Parameters
-    ----------
-    data : pin.Data
-        Holds `oMi`, `v` and `a` after forward kinematics.
-    bounds : sequence of OnFrames
-    """
+    """The ends of k loops, after forward kinematics into `data`."""
 
     def __init__(self, data: Any, bounds: Sequence[OnFrames]) -> None:
         self.k = len(bounds)

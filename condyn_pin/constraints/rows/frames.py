@@ -28,19 +28,10 @@ FrameJacobian = Callable[[int, Any], Array]
 
 
 class Joints:
-    """Velocities and accelerations of some joints, side by side.
+    """Velocities and accelerations of some joints, side by side, after forward kinematics.
 
-    Parameters
-    ----------
-    data : pin.Data
-        Holds `oMi`, `v` and `a` after forward kinematics.
-    joints : set of int
-        The world may be among them: it does not move.
-
-    Attributes
-    ----------
-    velocities : list of (6,) array
-        Views into the memory of `data`, one a joint.
+    `velocities` are views into that memory, (6,) a joint. The world may be among the joints: it
+    does not move.
     """
 
     def __init__(self, data: Any, joints: set[int]) -> None:
@@ -102,12 +93,8 @@ class WorldContacts:
 
         c = log6(E2^-1 E1),    for points c = -R1^T (p2 - p1).
 
-    Parameters
-    ----------
-    data : pin.Data
-    bounds : sequence of Bound
-    motion : (2, m + 1) array
-        Where J v and J a + gamma of the scene are; what `evaluate` does not write there it zeroes.
+    `motion` is where J v and J a + gamma of the scene are; what `evaluate` does not write it
+    zeroes.
     """
 
     def __init__(self, data: Any, bounds: Sequence[Bound], motion: Array) -> None:
@@ -168,13 +155,8 @@ def rows_of(bounds: Sequence[AnyBound]) -> NDArray[np.int_] | slice:
 class Wrenches:
     """The constraint forces as wrenches on the joints: f on joint 1, its opposite on joint 2.
 
-    Parameters
-    ----------
-    model : pin.Model
-    places : sequence of (OnFrames, slice, tuple of int)
-        Where the stacked force of a constraint is found, and which of the six components it has.
-    size : int
-        Of the stacked forces.
+    `places` say where the stacked force of a constraint is found, and which of the six components
+    it has; `size` is that of the stacked forces.
     """
 
     def __init__(
@@ -202,11 +184,8 @@ class Wrenches:
     def of(self, forces: Array) -> Any:
         """Return the wrench on each joint, in its axes, in memory of this object.
 
-        Parameters
-        ----------
-        forces : (2 size,) array
-            The stacked forces in the axes and at the origin of c1, and the same ones in the axes
-            and at the origin of c2.
+        `forces` (2 size,) are the stacked ones in the axes and at the origin of c1, and the same of
+        c2.
         """
         np.dot(self._on_joints, forces, out=self._stacked)
         for wrench, force in self._targets:

@@ -79,14 +79,8 @@ class UnlikePinocchio(Group, Protocol):
 class Groups:
     """All groups of one scene, and the memory that they share with its `Equations`.
 
-    Parameters
-    ----------
-    model : pin.Model
-    data : pin.Data
-        Of which they hold views.
-    bounds : sequence of AnyBound
-    motion : (2, m + 1) array
-        J v and J a + gamma, with a zero behind each, as contacts write them.
+    They hold views of `data`. `motion` (2, m + 1) is where J v and J a + gamma are, a zero behind
+    each.
     """
 
     def __init__(self, model: Any, data: Any, bounds: Sequence[AnyBound], motion: Array) -> None:

@@ -25,14 +25,7 @@ from condyn_pin.constraints.rows.frames import rows_of
 
 
 class Balls:
-    """All 3-row loops at once: R1^T times the difference of both ends in the world.
-
-    Parameters
-    ----------
-    ends : Ends
-        Of these loops.
-    bounds : sequence of Bound
-    """
+    """All 3-row loops at once: R1^T times the difference of both ends in the world."""
 
     def __init__(self, ends: Ends, bounds: Sequence[Bound]) -> None:
         self._ends = ends

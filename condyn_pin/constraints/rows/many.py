@@ -31,11 +31,8 @@ MANY: Final = 16
 class ManyGaps:
     """The gaps and slips of up to `MANY` states of one scene.
 
-    Parameters
-    ----------
-    equations : Equations
-        Of the scene. Contacts, welds, relations and couplings are evaluated by it, state by state,
-        and so are all others of a scene that has any.
+    Contacts, welds, relations and couplings are evaluated by its equations, state by state, and so
+    are all others of a scene that has any.
     """
 
     def __init__(self, equations: Equations) -> None:

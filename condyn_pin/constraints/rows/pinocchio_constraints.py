@@ -71,12 +71,7 @@ def pinocchio_constraints(
 ) -> PinocchioConstraints:
     """Return the constraints of a scene as Pinocchio takes them.
 
-    Parameters
-    ----------
-    model : pin.Model
-    bounds : sequence of AnyBound
-    rows : callable
-        Returns the Jacobian of the scene at its nominal state in the metric of M, J L^-T (m, nv).
+    `rows` returns the Jacobian at the nominal state in the metric of M, J L^-T (m, nv).
     """
     made: list[PinocchioConstraint] = []
     blocks: list[Array] = []

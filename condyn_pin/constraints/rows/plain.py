@@ -29,21 +29,14 @@ _WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 class PlainRows:
     """J and gamma of the points and frames of a scene; other rows are left as they are.
 
-    Parameters
-    ----------
-    model : pin.Model
-    data : pin.Data
-        Holds Jacobians of joints for `jacobian`, and forward kinematics with a = 0 for `gamma`.
-    bounds : sequence of AnyBound
+    `data` holds Jacobians of joints for `jacobian`, and forward kinematics with a = 0 for `gamma`.
 
     Attributes
     ----------
     rows : slice or array of int
         Which rows of J these are.
-    are_all : bool
-        Whether there are no others.
-    have_gamma : bool
-        Whether `gamma` is that of all rows.
+    are_all, have_gamma : bool
+        Whether there are no others, and whether `gamma` is that of all rows.
     """
 
     def __init__(self, model: Any, data: Any, bounds: Sequence[AnyBound]) -> None:

@@ -48,15 +48,7 @@ class Relation(Protocol):
 
 @dataclass(frozen=True)
 class Related(OnFrames):
-    """A relation of two frames, bound.
-
-    Attributes
-    ----------
-    name, rows, joint1, placement1, joint2, placement2, anchored, sign
-        As in `Bound`.
-    relation : Relation
-        Which has the equations.
-    """
+    """A relation of two frames, bound; its `relation` has the equations."""
 
     name: str
     rows: slice

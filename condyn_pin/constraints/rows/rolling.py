@@ -45,16 +45,12 @@ class Rolled(OnFrames):
 
     Attributes
     ----------
-    name : str
-    rows : slice
     joint1, placement1 : int, pin.SE3
         The joint that carries the frame c1 in the middle, and where.
     placement2 : pin.SE3
         A frame c2 of the plane in the world, z along its normal.
     selection : tuple of int
         Which of forward, sideways and off the plane stay zero: 0, 1 and 2.
-    radius : float
-        [m].
     axle : int or None
         The axis of c1 that a wheel turns about; None for a ball.
     anchored : bool
@@ -128,14 +124,7 @@ class Rolled(OnFrames):
 
 
 class Rolling:
-    """All that rolls in one scene.
-
-    Parameters
-    ----------
-    ends : Ends
-        The body and the plane of each.
-    bounds : sequence of Rolled
-    """
+    """All that rolls in one scene; the ends are the body and the plane of each."""
 
     def __init__(self, ends: Ends, bounds: Sequence[Rolled]) -> None:
         self._bounds, self._ends = tuple(bounds), ends

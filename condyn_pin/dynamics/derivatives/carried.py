@@ -56,14 +56,7 @@ class _Joint(NamedTuple):
 class Carried:
     """A model with free bodies in the place of the joints whose axes turn.
 
-    Parameters
-    ----------
-    model : pin.Model
-
-    Attributes
-    ----------
-    model : pin.Model
-        With the same joints by number; without their armature, which needs no derivatives.
+    `model` has the same joints by number, without their armature, which needs no derivatives.
     """
 
     def __init__(self, model: Any) -> None:
@@ -109,18 +102,8 @@ class Carried:
     def back(self, chain: Chain, by_state: Array, by_a: Array, r: Array) -> Array:
         """Return what the model has for [[r_q, r_v], [s_q, s_v]] of that with free bodies.
 
-        Parameters
-        ----------
-        chain : Chain
-        by_state : (n~ + m, 2 n~) array
-        by_a : (n~ + m, n~) array
-            M~ above J~.
-        r : (n~,) array
-            Torques and forces that move the bodies so.
-
-        Returns
-        -------
-        (n + m, 2 n) array
+        `by_a` (n~ + m, n~) is M~ above J~, and r (n~,) are torques and forces that move the bodies
+        so.
         """
         of_q, of_v = np.hsplit(by_state, 2)
         by_q = of_q @ chain.Phi + of_v @ chain.v_q + by_a @ chain.a_q

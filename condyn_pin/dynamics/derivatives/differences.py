@@ -42,12 +42,6 @@ _CLOSINGS = 2
 class DifferenceDerivatives(Derivatives):
     """Central differences of `Reference`.
 
-    Parameters
-    ----------
-    workspace : Workspace
-    solution : Solution
-    v, tau : (nv,) array
-
     Attributes
     ----------
     step : float

@@ -60,14 +60,7 @@ class Linearised(NamedTuple):
 
 
 class Linearisation:
-    """The linearised equations of one model with its bound constraints, and their memory.
-
-    Parameters
-    ----------
-    model : pin.Model
-    bounds : sequence of AnyBound
-    drift : Baumgarte, optional
-    """
+    """The linearised equations of one model with its bound constraints, and their memory."""
 
     def __init__(
         self, model: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None = None

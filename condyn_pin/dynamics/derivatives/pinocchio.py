@@ -45,15 +45,7 @@ Blocks = tuple[Array, Array, Array]
 
 
 class PinocchioDerivatives(Derivatives):
-    """`pin.computeConstraintDynamicsDerivatives`, copied and repaired.
-
-    Parameters
-    ----------
-    workspace : Workspace
-        Its solver has to be `Proximal`.
-    solution : Solution
-    v, tau : (nv,) array
-    """
+    """`pin.computeConstraintDynamicsDerivatives` for `Proximal`, copied and repaired."""
 
     def __init__(self, workspace: Workspace, solution: Solution, v: Array, tau: Array) -> None:
         super().__init__(solution)

@@ -125,17 +125,9 @@ def conjugate_gradients(
 ) -> tuple[Array, int]:
     """Return x with |b - A x|_inf < enough, or the best one met, and the iterations.
 
-    Parameters
-    ----------
-    product : callable
-        Returns A x; A is symmetric and positive semidefinite.
-    b : (m,) array
-    P : (m, m) array
-        Preconditioner: an approximate inverse of A.
-    enough : float
-    most : int
-        Upper limit on the iterations. It also ends where m of them in a row have brought nothing,
-        or lead far away, as they do when what is left of b is rounding outside the range of A.
+    `product` returns A x, of a symmetric and positive semidefinite A; P is an approximate inverse
+    of A. `most` limits the iterations. They also end where m of them in a row have brought nothing,
+    or lead far away, as they do when what is left of b is rounding outside the range of A.
     """
     x, r, p = np.zeros_like(b), b.copy(), np.zeros_like(b)
     residual = smallest = np.abs(r).max(initial=0.0)
