@@ -17,11 +17,11 @@ from ._core.parallel.chunks import map_chunks as map_chunks
 from ._core.parallel.processes import Processes as Processes
 from .constraints.applied_force import AppliedForce as AppliedForce
 from .constraints.baumgarte import Baumgarte as Baumgarte
-from .constraints.constraints import Coupling as Coupling
-from .constraints.constraints import Loop as Loop
-from .constraints.contacts import PointContact as PointContact
-from .constraints.contacts import SurfaceContact as SurfaceContact
-from .constraints.nonholonomic import RollingWheel as RollingWheel
+from .constraints.coupling import Coupling as Coupling
+from .constraints.loop import Loop as Loop
+from .constraints.point_contact import PointContact as PointContact
+from .constraints.rolling_wheel import RollingWheel as RollingWheel
+from .constraints.surface_contact import SurfaceContact as SurfaceContact
 from .control.inverse import inverse_dynamics as inverse_dynamics
 from .dynamics.impacts import impact as impact
 from .dynamics.scene import Scene as Scene

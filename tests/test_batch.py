@@ -24,7 +24,7 @@ import condyn_pin as cp
 from condyn_pin._core.parallel import memory
 from condyn_pin._core.parallel.memory import Kind, SharedArrays
 from condyn_pin.dynamics.catalogue import motor_torque
-from condyn_pin.dynamics.derivatives.check import BLOCKS
+from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.simulation.batch import rows
 from condyn_pin.simulation.batch.recipe import Recipe
 

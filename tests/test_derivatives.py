@@ -12,7 +12,7 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.tolerances import DERIVATIVES
 from condyn_pin.dynamics.derivatives import METHODS
-from condyn_pin.dynamics.derivatives.check import BLOCKS, check_derivatives
+from condyn_pin.dynamics.derivatives.differences import BLOCKS, check_derivatives
 
 ROOTS = {
     "revolute": pin.JointModelRY,

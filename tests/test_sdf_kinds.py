@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from sdf_texts import AB, INERTIAL, ROUNDING, T, frame_poses, joint, link, pose
 
 import condyn_pin as cp
-from condyn_pin.constraints.constraints import Coupling
+from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.errors import InvalidModel
 from condyn_pin.model.robot import Robot
 

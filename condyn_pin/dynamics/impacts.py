@@ -22,12 +22,10 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.constraints.violation import worst
-from condyn_pin.dynamics.at_state import at_state
+from condyn_pin.dynamics.at_state import at_state, equations_of, gaps
 from condyn_pin.dynamics.derivatives.kkt import turning_null_space
 from condyn_pin.dynamics.derivatives.linearised import Linearisation
 from condyn_pin.dynamics.force import ConstraintForce, Sites, pulling
-from condyn_pin.dynamics.gaps import gaps
-from condyn_pin.dynamics.kept import equations_of
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, unknown_name
 

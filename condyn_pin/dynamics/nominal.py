@@ -7,6 +7,7 @@ first asked for.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -17,14 +18,15 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin._core.linalg.pivots import redundant_rows
 from condyn_pin._core.linalg.range_space import whiten
 from condyn_pin.constraints.rows.cancellation import ROUNDED, cancellation_scale
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.mass_pivots import MassPivots
-from condyn_pin.dynamics.nominal_states import NominalState, nominal_states
+from condyn_pin.constraints.rows.terms import Terms, largest_torque
 from condyn_pin.dynamics.residuals import ErrorEstimator
+from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.errors import BranchChanged, InvalidModel, NotAssembled
 from condyn_pin.model.soundness import massless_motion, singular_mass
 
@@ -34,6 +36,34 @@ if TYPE_CHECKING:
 
 # How far joints are moved to open loops [rad, m].
 _APART = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class NominalState:
+    """A state on the constraints, and the accelerations there by `Reference`.
+
+    Attributes
+    ----------
+    size : float
+        What errors of a are relative to: the larger of |a|_inf and gravity [rad/s^2, m/s^2].
+    torque : float
+        The same for forces: the largest torque in the equation of a joint [N, N m].
+    """
+
+    q: Array
+    v: Array
+    tau: Array
+    a: Array
+    size: float
+    torque: float
+
+    @classmethod
+    def of(
+        cls, q: Array, v: Array, tau: Array, a: Array, terms: Terms, gravity: float
+    ) -> NominalState:
+        """Return the state with its sizes."""
+        size = max(float(np.abs(a).max()), gravity) or 1.0
+        return cls(q, v, tau, a, size, largest_torque(terms, tau, size))
 
 
 class NominalAnalysis:
@@ -218,3 +248,19 @@ def _lively_rows(equations: Equations, q: Array, P: Array) -> tuple[int, bool]:
     sizes = np.linalg.norm(equations.jacobian(q), axis=1)
     lively = sizes > ROUNDED * np.linalg.norm(P, axis=1)
     return int(np.count_nonzero(lively)), bool(sizes[~lively].any())
+
+
+def nominal_states(
+    equations: Equations, q: Array, factors: MinimumNorm, P: Array
+) -> tuple[NominalState, ...]:
+    """Return a state at rest, and one moving along the constraints under random torques."""
+    rng = np.random.default_rng(0)
+    nv, gravity = equations.model.nv, float(np.linalg.norm(equations.model.gravity.linear))
+    # torques that alone would accelerate every joint by about 1 rad/s^2 or 1 m/s^2
+    push = factors.L @ (factors.L.T @ rng.normal(size=nv))
+    made = []
+    for v, tau in ((np.zeros(nv), np.zeros(nv)), (factors.tangent(rng.normal(size=nv)), push)):
+        terms = equations.terms(q, v)
+        a, _ = Reference().solve(terms, tau, P)
+        made.append(NominalState.of(q, v, tau, a, terms, gravity))
+    return tuple(made)

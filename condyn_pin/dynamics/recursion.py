@@ -7,7 +7,7 @@ nothing, so one that is further away than its longest chain is taken to the orig
 root joint that is free are set to 0.
 
 What is left, eps / mu of the size of the robot, is made up for as in
-`condyn_pin.dynamics.refinement`: the residual r = M a + h - tau - J^T lam of Newton-Euler is taken
+`condyn_pin.dynamics.corrections`: the residual r = M a + h - tau - J^T lam of Newton-Euler is taken
 for a torque on the same robot, at rest and without weight, so that rounding is a share of the
 correction,
 

@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.renamed import renamed
-from condyn_pin.constraints.constraints import Constraint
+from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.kinds import bind
 from condyn_pin.constraints.rows.any_bound import AnyBound
-from condyn_pin.constraints.rows.binding import bind
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.pinocchio_constraints import (
     PinocchioConstraints,

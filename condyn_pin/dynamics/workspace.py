@@ -27,12 +27,11 @@ from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms, finite_terms
 from condyn_pin.constraints.violation import ConstraintViolation, worst
+from condyn_pin.dynamics.at_state import gaps
 from condyn_pin.dynamics.choice import check_kinds, default_solver
 from condyn_pin.dynamics.derivatives import METHODS, Derivatives
-from condyn_pin.dynamics.derivatives.check import check_derivatives
-from condyn_pin.dynamics.derivatives.differences import DifferenceDerivatives
+from condyn_pin.dynamics.derivatives.differences import DifferenceDerivatives, check_derivatives
 from condyn_pin.dynamics.derivatives.linearised import Linearisation
-from condyn_pin.dynamics.gaps import gaps
 from condyn_pin.dynamics.nominal import NominalAnalysis
 from condyn_pin.dynamics.raw import ConstraintDatas, ConstraintModels, raw_constraints
 from condyn_pin.dynamics.scene import Scene, check_scene

@@ -23,7 +23,9 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.names import few
-from condyn_pin.constraints.constraints import WORLD, Coupling, Loop
+from condyn_pin.constraints.base import WORLD
+from condyn_pin.constraints.coupling import Coupling
+from condyn_pin.constraints.loop import Loop
 from condyn_pin.constraints.violation import ConstraintViolation
 from condyn_pin.errors import InvalidModel, unknown_name
 from condyn_pin.io.mjcf_posture import DRAWN, hidden, postures

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.constraints import Coupling, Loop
+from condyn_pin.constraints.coupling import Coupling
+from condyn_pin.constraints.loop import Loop
 from condyn_pin.model.spring import Spring
 
 WORLD: Final = "world"

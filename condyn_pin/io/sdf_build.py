@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from condyn_pin.constraints.constraints import Coupling
+from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.io.inertia import Body, doubts
 from condyn_pin.io.sdf_copies import with_copies

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from condyn_pin._core import tolerances
-from condyn_pin.constraints.constraints import Coupling
+from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.errors import InvalidModel
 from condyn_pin.io.sdf_types import Axis, Gear, Joint
 

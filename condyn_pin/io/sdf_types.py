@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin.constraints.constraints import Coupling
+from condyn_pin.constraints.coupling import Coupling
 
 WORLD: Final = "world"
 

@@ -19,7 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.constraints import Coupling, Loop
+from condyn_pin.constraints.coupling import Coupling
+from condyn_pin.constraints.loop import Loop
 from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.io.urdf_beside import Beside, read_beside
 from condyn_pin.io.urdf_check import checked

@@ -21,7 +21,7 @@ from typing import Any, Final
 
 from condyn_pin._core.files.text import parse_toml
 from condyn_pin._core.names import few, listed
-from condyn_pin.constraints.constraints import Loop
+from condyn_pin.constraints.loop import Loop
 from condyn_pin.errors import InvalidModel, MissingExtra, unknown_name
 from condyn_pin.io.urdf_closures import stem
 

@@ -8,7 +8,7 @@ from typing import Final
 from xml.etree.ElementTree import Element
 
 from condyn_pin._core.names import few
-from condyn_pin.constraints.constraints import Loop
+from condyn_pin.constraints.loop import Loop
 from condyn_pin.io.inertia import Body, doubts, tensor
 from condyn_pin.io.urdf_check import without_bounds
 from condyn_pin.io.urdf_closures import alone

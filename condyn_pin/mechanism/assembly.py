@@ -20,7 +20,7 @@ from condyn_pin._core.joints import Indices, indices
 from condyn_pin._core.linalg.numerical_rank import rank_of
 from condyn_pin._core.names import checked
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.dynamics.gaps import gaps
+from condyn_pin.dynamics.at_state import gaps
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.mechanism.assembly_report import Assembly, AssemblyStatus
 from condyn_pin.mechanism.closing import Closer, Closing

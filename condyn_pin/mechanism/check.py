@@ -14,8 +14,7 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import finite
 from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.violation import ConstraintViolation, beyond_text, closed
-from condyn_pin.dynamics.gaps import gaps, rounding, slips
-from condyn_pin.dynamics.kept import equations_of
+from condyn_pin.dynamics.at_state import equations_of, gaps, rounding, slips
 from condyn_pin.errors import NotAssembled
 
 if TYPE_CHECKING:

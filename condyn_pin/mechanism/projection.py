@@ -31,8 +31,7 @@ from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin._core.linalg.numerical_rank import rank_of
 from condyn_pin.constraints.rows.cancellation import cancellation_scale
 from condyn_pin.constraints.violation import worst
-from condyn_pin.dynamics.gaps import rounding, slips
-from condyn_pin.dynamics.kept import equations_of
+from condyn_pin.dynamics.at_state import equations_of, rounding, slips
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.mechanism.check import Check, check
 from condyn_pin.model.soundness import singular_mass

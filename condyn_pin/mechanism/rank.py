@@ -28,7 +28,7 @@ from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.rows.cancellation import cancellation_scale
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.violation import ConstraintViolation, closed, worst
-from condyn_pin.dynamics.gaps import gaps
+from condyn_pin.dynamics.at_state import gaps
 from condyn_pin.model.soundness import singular_mass
 
 if TYPE_CHECKING:

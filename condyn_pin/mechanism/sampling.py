@@ -10,7 +10,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin.dynamics.kept import equations_of
+from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.mechanism.assembly import assemble, best_end
 from condyn_pin.mechanism.closing import Closer

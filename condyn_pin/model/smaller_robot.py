@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import indices
-from condyn_pin.constraints.constraints import Constraint
+from condyn_pin.constraints.base import Constraint
 from condyn_pin.errors import UnknownName
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.smaller_tree import smaller_tree

@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.constraints import Constraint
+from condyn_pin.constraints.base import Constraint
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.simulation.measures import gauge_of
 

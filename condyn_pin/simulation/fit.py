@@ -6,7 +6,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin.dynamics.gaps import gaps, slips
+from condyn_pin.dynamics.at_state import gaps, slips
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import NotAssembled
 from condyn_pin.mechanism.check import Check

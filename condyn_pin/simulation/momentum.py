@@ -26,8 +26,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import turning
 from condyn_pin._core.linalg.inverse import inverse
-from condyn_pin.dynamics.derivatives.carried import Carried
-from condyn_pin.dynamics.derivatives.in_series import in_series
+from condyn_pin.dynamics.derivatives.carried import Carried, in_series
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.system import System

@@ -11,7 +11,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.constraints import Constraint
+from condyn_pin.constraints.base import Constraint
 from condyn_pin.dynamics.force import pull_text, upward
 from condyn_pin.simulation.measures import gauge_of
 

@@ -17,7 +17,7 @@ import numpy as np
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.partials.balls import BallPartials
-from condyn_pin.constraints.partials.frames import Frames
+from condyn_pin.constraints.partials.formulas import Frames
 from condyn_pin.constraints.partials.pairs import PairPartials
 from condyn_pin.constraints.partials.rolling import RollingPartials
 from condyn_pin.constraints.rows.any_bound import AnyBound

@@ -25,7 +25,7 @@ _SHARE: Final = 1e-2
 
 
 class MassPivots:
-    """The pivots of a robot that may fall, to `least` at any q, from those of M at the nominal q."""
+    """The pivots of a robot that may fall, to `least` at any q, from those of the nominal M."""
 
     def __init__(self, least: Array, M: Array) -> None:
         nominal = pivots(M)

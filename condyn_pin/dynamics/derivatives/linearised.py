@@ -26,8 +26,7 @@ from condyn_pin._core.joints import turning
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.partials.groups import ConstraintPartials
 from condyn_pin.constraints.rows.any_bound import AnyBound
-from condyn_pin.dynamics.derivatives.carried import Carried
-from condyn_pin.dynamics.derivatives.in_series import in_series
+from condyn_pin.dynamics.derivatives.carried import Carried, in_series
 
 
 @cache

@@ -13,8 +13,9 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.files.text import parse_toml, read_text
 from condyn_pin._core.names import few
-from condyn_pin.constraints.constraints import Constraint, Loop
-from condyn_pin.constraints.rows.binding import bind
+from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.kinds import bind
+from condyn_pin.constraints.loop import Loop
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.violation import gap_of
 from condyn_pin.errors import CondynError, InvalidModel

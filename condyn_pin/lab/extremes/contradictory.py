@@ -6,7 +6,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.contacts import PointContact
+from condyn_pin.constraints.point_contact import PointContact
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot
 from condyn_pin.lab.extremes.base import Case, extreme, powers, torques

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.constraints import Loop
+from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot
 from condyn_pin.lab.extremes.base import Case, extreme, powers

@@ -8,7 +8,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.contacts import SurfaceContact
+from condyn_pin.constraints.surface_contact import SurfaceContact
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot
 from condyn_pin.lab.extremes.base import Case, extreme, powers, torques

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from condyn_pin.constraints.constraints import Loop
+from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.lab.extremes.base import Case, extreme, whole
 from condyn_pin.model.mechanisms.chain import chain

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from condyn_pin.constraints.contacts import PlanarContact
+from condyn_pin.constraints.planar_contact import PlanarContact
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot
 from condyn_pin.lab.extremes.base import Case, extreme, moving, powers

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.constraints import Loop
+from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.lab.extremes.base import Case, extreme, powers
 from condyn_pin.model.mechanisms.chain import chain

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.contacts import SurfaceContact
+from condyn_pin.constraints.surface_contact import SurfaceContact
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot
 from condyn_pin.lab.extremes.base import Case, by_reference, extreme, moving, powers, unit

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.constraints import Loop
-from condyn_pin.constraints.contacts import SurfaceContact
+from condyn_pin.constraints.loop import Loop
+from condyn_pin.constraints.surface_contact import SurfaceContact
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.lab.extremes.base import Case, extreme, torques, with_inertias
 from condyn_pin.lab.extremes.planar_chain import accelerations

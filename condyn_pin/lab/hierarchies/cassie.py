@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from condyn_pin._core.joints import indices
-from condyn_pin.constraints.constraints import Coupling
+from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot

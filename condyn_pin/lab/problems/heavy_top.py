@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.constraints import Loop
+from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.lab.problems.base import Limit, Problem, Setting
 from condyn_pin.model.robot import Robot

@@ -14,8 +14,9 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.constraints import Constraint
-from condyn_pin.constraints.contacts import LineContact, SurfaceContact
+from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.line_contact import LineContact
+from condyn_pin.constraints.surface_contact import SurfaceContact
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidModel
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced

@@ -25,7 +25,8 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import indices
 from condyn_pin._core.names import checked, listed
-from condyn_pin.constraints.constraints import Constraint, Loop
+from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, InvalidConstraint
 from condyn_pin.mechanism.reduction.linkages import check_passive

@@ -6,7 +6,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints.constraint_fields import check_positive
-from condyn_pin.constraints.nonholonomic import RollingBall
+from condyn_pin.constraints.rolling_ball import RollingBall
 from condyn_pin.model.mechanisms.base import LICENCE, floating_body, mechanism, source
 from condyn_pin.model.robot import Robot
 

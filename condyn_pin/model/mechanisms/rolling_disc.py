@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from condyn_pin.constraints.constraint_fields import check_positive
-from condyn_pin.constraints.nonholonomic import RollingWheel
+from condyn_pin.constraints.rolling_wheel import RollingWheel
 from condyn_pin.model.mechanisms.base import (
     LICENCE,
     disc,

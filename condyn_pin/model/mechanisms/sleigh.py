@@ -6,7 +6,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints.constraint_fields import check_positive
-from condyn_pin.constraints.nonholonomic import KnifeEdge
+from condyn_pin.constraints.knife_edge import KnifeEdge
 from condyn_pin.model.mechanisms.base import LICENCE, along_x, mechanism, source
 from condyn_pin.model.robot import Robot
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin.dynamics.derivatives.base import Derivatives
-from condyn_pin.dynamics.derivatives.check import BLOCKS
+from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.simulation.batch.solution import BatchSolution, Some
 

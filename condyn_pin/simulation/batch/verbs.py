@@ -20,7 +20,7 @@ from condyn_pin._core.parameters import check_accuracy_of_a, check_count
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.dynamics.derivatives import METHODS
-from condyn_pin.dynamics.derivatives.check import BLOCKS
+from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.base import Solver

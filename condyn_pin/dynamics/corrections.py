@@ -1,16 +1,26 @@
-"""Imitation: answers by Pinocchio's rows, where these stand for rows of another kind.
+"""What is done to an answer of Pinocchio's own before it is one of the scene's equations.
 
-A hinge as two points and a planar pin as a ball are exact where the loop is closed. Where it is
-open by a gap g, or slips, J and gamma of the two differ by about g omega. Pinocchio's solve leaves
-both errors behind; where they are more than an assembled loop has, the equations of the scene are
-solved as they are.
+Refinement. The residuals of an answer are solved for with the factor that it came from:
+
+    [ -mu 1  J ] [ -dlam ]     [ s ]
+    [  J^T   M ] [   da  ] = - [ r ],     r = M a + h - tau - J^T lam,   s = J a + gamma - a_ref
+
+They are recomputed by Newton-Euler and forward kinematics. So the damping mu and what the factor
+lost to rounding are both made up for; each correction leaves a share mu / (sigma + mu).
+
+Approximated kinds. A hinge as two points and a planar pin as a ball are exact where the loop is
+closed. Where it is open by a gap g, or slips, J and gamma of the two differ by about g omega.
+Pinocchio's solve leaves both errors behind; where they are more than an assembled loop has, the
+equations of the scene are solved as they are.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from condyn_pin._core import tolerances
+import numpy as np
+
+from condyn_pin._core import _pin, tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.dynamics.solvers.base import BoundSolver
 from condyn_pin.dynamics.solvers.null_space import NullSpace
@@ -21,6 +31,31 @@ if TYPE_CHECKING:
 # Violation [m] and velocity [m/s] from which on a loop counts as open; those of a loop that
 # was assembled, or is kept closed in motion, are at 1e-15 to 1e-12.
 _OPEN_SQUARED: Final = (0.1 * tolerances.CLOSED) ** 2
+
+
+class Refinement:
+    """Corrections by the factor that `pin.constraintDynamics` leaves behind.
+
+    `lam` are the forces of the rows that Pinocchio has, after the last correction.
+    """
+
+    def __init__(self, workspace: Workspace, times: int) -> None:
+        self._workspace, self._times = workspace, times
+        self._cholesky = _pin.constraint_cholesky(workspace.data)
+        self.lam: Array = np.zeros(0)
+
+    def correct(self, q: Array, v: Array, tau: Array, a: Array, lam: Array) -> Array:
+        """Return a (nv,) after the corrections, from a and the forces of Pinocchio's rows."""
+        workspace, m = self._workspace, len(lam)
+        residuals = workspace.equations.residuals
+        for _ in range(self._times):
+            r, s = residuals(q, v, tau, a, workspace.scene_forces(lam))
+            slips = workspace.pinocchio_velocity(s)
+            steps = self._cholesky.solve(np.concatenate([slips, r])).ravel()
+            a = a - steps[m:]
+            lam = lam + steps[:m]
+        self.lam = lam
+        return a
 
 
 def exact_where_open(workspace: Workspace, closed: BoundSolver) -> BoundSolver:
