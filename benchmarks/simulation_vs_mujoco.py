@@ -100,7 +100,7 @@ def problems() -> tuple[Problem, ...]:
     cassie = replace(cassie, model=model)
     closed, legs = cp.Scene(bar, bar.loops), cp.Scene(cassie, cassie.loops)
     q, _ = legs.state()
-    v = legs.project_velocity(q, np.random.default_rng(0).normal(size=cassie.nv))
+    v = cp.mechanism.project_velocity(legs, q, np.random.default_rng(0).normal(size=cassie.nv))
     kinetic = 0.5 * v @ cp.Workspace(legs).terms(q, v).M @ v
     return (
         Problem("four_bar", closed, *closed.state(), duration=2.0),

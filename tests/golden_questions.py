@@ -100,15 +100,21 @@ def on_states(record: Record, label: str, scene: cp.Scene) -> None:
     record.keep(f"{label}: rank in words", lambda: str(scene.rank()))
     record.keep(f"{label}: rows", lambda: scene.row_names)
     record.keep(f"{label}: sample", states, scene, 3)
-    record.keep(f"{label}: sample_batch", scene.sample_batch, 3, np.random.default_rng(3))
+    record.keep(
+        f"{label}: sample_batch", cp.simulation.sample_batch, scene, 3, np.random.default_rng(3)
+    )
     for posture in scene.robot.postures:
         record.keep(f"{label}: state {posture}", scene.state, posture)
-        guess = scene.guess(posture)
+        guess = cp.dynamics.described_posture(scene, posture)
         record.keep(f"{label}: assemble {posture}", scene.assemble, guess, throw=False)
     q, v, _ = states(scene)[0]
-    record.keep(f"{label}: check", scene.check, scene.guess(), v)
-    record.keep(f"{label}: project", scene.project_velocity, q, v + 1.0, metric="identity")
-    record.keep(f"{label}: project a", scene.project_acceleration, q, v, np.ones(len(v)))
+    record.keep(f"{label}: check", scene.check, cp.dynamics.described_posture(scene), v)
+    record.keep(
+        f"{label}: project", cp.mechanism.project_velocity, scene, q, v + 1.0, metric="identity"
+    )
+    record.keep(
+        f"{label}: project a", cp.mechanism.project_acceleration, scene, q, v, np.ones(len(v))
+    )
 
 
 def on_solvers(record: Record, label: str, scene: cp.Scene) -> None:
@@ -159,7 +165,7 @@ def on_verbs(record: Record, label: str, scene: cp.Scene) -> None:
         "mjcf": lambda: scene.robot.to_mjcf(),
     }
     if scene.robot.nv < 20:
-        calls["merged"] = lambda: str(scene.merge_points().summary())
+        calls["merged"] = lambda: str(cp.mechanism.merge_points(scene).summary())
         calls["minimal"] = lambda: str(scene.minimal(error=1e-3))
     for name, call in calls.items():
         record.keep(f"{label}: {name}", call)
@@ -192,7 +198,7 @@ def on_motions(record: Record, name: str) -> None:
 def on_batches(record: Record) -> None:
     """Many states at once, in this thread and in others."""
     scene = cp.Scene(cassie := cp.load_robot("cassie"), cassie.loops)
-    Q, V = scene.sample_batch(6, np.random.default_rng(1))
+    Q, V = cp.simulation.sample_batch(scene, 6, np.random.default_rng(1))
     TAU = np.zeros_like(V)
     with ThreadPoolExecutor(2) as threads:
         for name, executor in {"serial": None, "threads": threads}.items():

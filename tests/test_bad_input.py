@@ -964,7 +964,7 @@ def test_a_status_that_is_not_finite_says_so():
         lambda scene, q, v: cp.impact(scene, q, v),
         lambda scene, q, v: cp.simulation.switch(cp.Scene(scene.robot), scene, q, v),
         lambda scene, q, v: cp.inverse_dynamics(scene, q, v, 0 * v),
-        lambda scene, q, v: scene.project_acceleration(q, v, 0 * v),
+        lambda scene, q, v: cp.mechanism.project_acceleration(scene, q, v, 0 * v),
         lambda scene, q, v: cp.Workspace(scene).terms(q, v),
     ],
     ids=["impact", "switch", "inverse_dynamics", "project_acceleration", "terms"],

@@ -513,7 +513,7 @@ def test_a_script_ends_without_a_word(start_method, tmp_path):
 @pytest.mark.parametrize("label", ["cassie loops", "four_bar loops", "talos contacts"])
 def test_many_samples_are_one_after_the_other_whoever_draws_them(label, executor):
     scene, n = all_scenes()[label], 70  # two chunks
-    Q, V = scene.sample_batch(n, np.random.default_rng(7), spread=0.1, speed=0.5)
+    Q, V = cp.simulation.sample_batch(scene, n, np.random.default_rng(7), spread=0.1, speed=0.5)
     children = np.random.default_rng(7).spawn(n)
     single = [scene.sample(child, spread=0.1, speed=0.5) for child in children]
     assert np.array_equal(Q, [q for q, _ in single])
@@ -521,16 +521,16 @@ def test_many_samples_are_one_after_the_other_whoever_draws_them(label, executor
     with ThreadPoolExecutor(2) as threads:
         for by in (executor, threads):
             rng = np.random.default_rng(7)
-            found = scene.sample_batch(n, rng, spread=0.1, speed=0.5, executor=by)
+            found = cp.simulation.sample_batch(scene, n, rng, spread=0.1, speed=0.5, executor=by)
             assert np.array_equal(found[0], Q)
             assert np.array_equal(found[1], V)
 
 
 def test_samples_of_a_second_call_are_others():
     scene, rng = all_scenes()["four_bar loops"], np.random.default_rng(7)
-    first, second = (scene.sample_batch(3, rng)[0] for _ in range(2))
+    first, second = (cp.simulation.sample_batch(scene, 3, rng)[0] for _ in range(2))
     assert not np.isin(first, second).any()
-    assert [x.shape for x in scene.sample_batch(0, rng)] == [(0, 3), (0, 3)]
+    assert [x.shape for x in cp.simulation.sample_batch(scene, 0, rng)] == [(0, 3), (0, 3)]
 
 
 @pytest.mark.parametrize(
@@ -542,4 +542,4 @@ def test_samples_of_a_second_call_are_others():
 )
 def test_bad_arguments_of_many_samples_are_refused(arguments, text):
     with pytest.raises(cp.InvalidArgument, match=text):
-        all_scenes()["four_bar loops"].sample_batch(*arguments)
+        cp.simulation.sample_batch(all_scenes()["four_bar loops"], *arguments)

@@ -86,7 +86,9 @@ def test_every_block_of_every_kind(root, kind, closed, moving, drift):
     if closed:
         q, v = scene.sample(rng)
     else:
-        q = pin.integrate(scene.robot.model, scene.guess(), rng.normal(size=scene.robot.nv))
+        q = pin.integrate(
+            scene.robot.model, cp.dynamics.described_posture(scene), rng.normal(size=scene.robot.nv)
+        )
         v = rng.normal(size=scene.robot.nv)
     v, tau = moving * v, rng.normal(size=scene.robot.nv)
     workspace = cp.Workspace(scene, cp.dynamics.Reference(refinements=0), drift=drift)
@@ -121,7 +123,7 @@ def test_rows_turn_as_differences_say(kind):
     """J w by q at a fixed w: what the smallest lam of redundant rows needs."""
     scene, rng = cp.Scene(two_arms("free_flyer"), [CONSTRAINTS[kind]]), np.random.default_rng(2)
     workspace, model = cp.Workspace(scene, cp.dynamics.Reference()), scene.robot.model
-    q = pin.integrate(model, scene.guess(), rng.normal(size=model.nv))
+    q = pin.integrate(model, cp.dynamics.described_posture(scene), rng.normal(size=model.nv))
     w, step = rng.normal(size=(2, model.nv))
     had = workspace.linearisation.turning(q, w) @ step
     (wanted,) = central(
@@ -231,7 +233,7 @@ def test_a_redundant_row_is_found_whatever_rounding_leaves_of_it(seed):
     )
     still = np.zeros(cassie.nv)
     step = 0.3 * np.random.default_rng(seed).normal(size=cassie.nv)
-    q = pin.integrate(cassie.model, scene.guess(), step)
+    q = pin.integrate(cassie.model, cp.dynamics.described_posture(scene), step)
     found = cp.derivatives(scene, q, still, still)
     terms = cp.Workspace(scene).terms(q, still)
     L_inv = np.linalg.inv(np.linalg.cholesky(terms.M))

@@ -137,10 +137,10 @@ def test_a_projection_that_an_open_loop_makes_impossible_is_refused(spread):
     rng = np.random.default_rng(0)
     opened = pin.integrate(scene.robot.model, q, spread * rng.normal(size=38))
     x = rng.normal(size=38)
-    scene.project_velocity(q, x)
+    cp.mechanism.project_velocity(scene, q, x)
     for project in (
-        lambda: scene.project_velocity(opened, x),
-        lambda: scene.project_acceleration(opened, v, x),
+        lambda: cp.mechanism.project_velocity(scene, opened, x),
+        lambda: cp.mechanism.project_acceleration(scene, opened, v, x),
     ):
         with pytest.raises(cp.NotAssembled, match=r"(front|back) is open by .* mm"):
             project()
@@ -152,8 +152,8 @@ def test_a_projection_asks_for_loops_that_are_nearly_closed():
     for crank, refused in ((1e-5, False), (1e-2, True)):
         at = q + crank * np.eye(3)[0]
         for project in (
-            lambda at=at: scene.project_velocity(at, np.ones(3)),
-            lambda at=at: scene.project_acceleration(at, v, np.ones(3)),
+            lambda at=at: cp.mechanism.project_velocity(scene, at, np.ones(3)),
+            lambda at=at: cp.mechanism.project_acceleration(scene, at, v, np.ones(3)),
         ):
             if refused:
                 with pytest.raises(cp.NotAssembled, match=r"coupler_rocker is open by .* mm; "):
@@ -224,7 +224,7 @@ def test_a_gap_is_told_in_millimetres():
 
 def test_a_state_from_the_motors_is_told():
     scene = loops_of("four_bar")
-    text = str(scene.complete_state(scene.state()[0][:1], [1.0]))
+    text = str(cp.mechanism.complete_state(scene, scene.state()[0][:1], [1.0]))
     for said in ("closed: ", "branch of coupler_rocker: +1", "0 directions", "q = [", "v = ["):
         assert said in text
     flat = str(parallelogram().assemble(np.zeros(3)))

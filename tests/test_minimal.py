@@ -329,7 +329,9 @@ def test_a_ladder_of_ones_own():
         "whole",
         (
             cp.lab.HierarchyModel(
-                "rod", "the coupler is light", lambda s: s.rods_as_distances(["coupler"])
+                "rod",
+                "the coupler is light",
+                lambda s: cp.mechanism.rods_as_distances(s, ["coupler"]),
             ),
         ),
         "rod",

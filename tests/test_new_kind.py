@@ -181,7 +181,7 @@ def test_it_is_drawn(scene, state):
 
 def test_summaries_and_gaps_have_it(scene, state):
     assert ("line~point", "OnCylinder", 1) in scene.summary().constraints
-    assert scene.pinocchio_constraints.unsupported == ("line~point",)
+    assert scene.nominal.pinocchio_constraints.unsupported == ("line~point",)
     assert scene.row_names[0] == "line~point.1"
     assert cp.Workspace(scene).violation(state[0])[0] == pytest.approx(0.0, abs=1e-10)
 

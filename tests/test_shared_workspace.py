@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -80,16 +81,16 @@ def test_whatever_ends_a_call_leaves_the_workspace_free(monkeypatch, error):
     scene = all_scenes()[LABEL]
     q, v, tau = states(LABEL)[0]
     workspace = cp.Workspace(scene, cp.dynamics.Reference())
-    run = workspace._run
+    bound = workspace.bound
 
     def fails(*_):
         raise error
 
     for name in ("solve", "acceleration", "derivatives"):
-        workspace._run = fails
+        workspace.bound = replace(bound, acceleration=fails)
         with pytest.raises(error):
             CALLS[name](workspace, q, v, tau)
-        workspace._run = run
+        workspace.bound = bound
         with ThreadPoolExecutor(1) as pool:
             pool.submit(CALLS[name], workspace, q, v, tau).result(WAIT)
 
@@ -168,7 +169,11 @@ def test_lazy_properties_of_a_scene_may_be_asked_for_at_once():
 
     def look(_):
         both.wait()
-        return fresh.nominal.weight, fresh.pinocchio_constraints.constraints, fresh.rank().rank
+        return (
+            fresh.nominal.weight,
+            fresh.nominal.pinocchio_constraints.constraints,
+            fresh.rank().rank,
+        )
 
     with ThreadPoolExecutor(4) as pool:
         found = list(pool.map(look, range(4)))

@@ -1001,7 +1001,7 @@ def test_iterations_that_move_nothing_are_left_out(drift):
     """Rows that are redundant come to life where loops are a little open."""
     cassie = cp.Scene(robot("cassie"), robot("cassie").loops)
     q, _ = cassie.state()
-    v = cassie.project_velocity(q, 0.3 * np.random.default_rng(0).normal(size=32))
+    v = cp.mechanism.project_velocity(cassie, q, 0.3 * np.random.default_rng(0).normal(size=32))
     options = {"duration": 0.1, "drift": drift}
     found = cp.simulate(cassie, q, v, **options)
     assert found.run.solver == cp.Proximal(max_iterations=4)
@@ -1104,7 +1104,7 @@ def test_an_open_state_is_an_error_that_names_the_gap():
     scene, q, v = bar()
     with pytest.raises(cp.NotAssembled, match=r"is open by .* mm; Scene.assemble"):
         cp.simulate(scene, q + 0.01, v, duration=1.0)
-    with pytest.raises(cp.NotAssembled, match=r"slips at .*Scene.project_velocity"):
+    with pytest.raises(cp.NotAssembled, match=r"slips at .*mechanism.project_velocity"):
         cp.simulate(scene, q, v + 0.1, duration=1.0)
 
 
@@ -1166,7 +1166,7 @@ def test_bad_input_is_refused(arguments, words):
 def test_steps_of_any_size_end_in_a_run_or_in_an_error(kind, dt):
     """Warnings are errors here: what overflows on the way may not come out as one."""
     scene, q, v = bar()
-    v = scene.project_velocity(q, [1.0, 2.0, 3.0])
+    v = cp.mechanism.project_velocity(scene, q, [1.0, 2.0, 3.0])
     drifts = [None] if kind.keeps_constraints else [None, cp.Baumgarte(1.0, 1.0)]
     for drift in drifts:
         try:

@@ -159,7 +159,7 @@ def test_it_is_how_complete_state_follows_the_motors(label):
     scene, (q, _, _) = all_scenes()[label], states(label)[0]
     model = scene.robot.model
     motors = [model.joints[model.getJointId(name)].idx_q for name in scene.robot.actuated]
-    state = scene.complete_state(q[motors], near=q)
+    state = cp.mechanism.complete_state(scene, q[motors], near=q)
     through = cp.control.transmission(scene, state.q)
     assert np.abs(through.G - state.G).max() < 1e-9 * np.abs(state.G).max()
     assert through.undetermined == state.undetermined

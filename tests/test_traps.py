@@ -79,7 +79,7 @@ def bare(of: cp.Scene):
     """Return Pinocchio's own objects for the constraints of a scene, initialised."""
     model, data = of.robot.model, of.robot.model.createData()
     models, datas = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
-    for bound in of.pinocchio_constraints.constraints:
+    for bound in of.nominal.pinocchio_constraints.constraints:
         models.append(bound.to_pinocchio(model))
         datas.append(models[len(models) - 1].createData())
     _pin.init_constraint_dynamics(model, data, models, datas)
@@ -680,7 +680,7 @@ def test_trap_19_setting_gains_does_not_resize_them(name):
     """Pinocchio 3: assigning six gains to a constraint with three rows is accepted."""
     made = (
         scene(name)
-        .pinocchio_constraints.constraints[0]
+        .nominal.pinocchio_constraints.constraints[0]
         .to_pinocchio(robot("talos" if name == "talos" else "solo12").model)
     )
     _pin.set_baumgarte(made, 3.0, 4.0)

@@ -7,7 +7,6 @@ first asked for.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -18,16 +17,25 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
+from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.linalg.pivots import redundant_rows
 from condyn_pin._core.linalg.range_space import whiten
 from condyn_pin.constraints.rows.cancellation import ROUNDED, cancellation_scale
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.mass_pivots import MassPivots
-from condyn_pin.constraints.rows.terms import Terms, largest_torque
+from condyn_pin.constraints.rows.pinocchio_constraints import (
+    PinocchioConstraints,
+    pinocchio_constraints,
+)
+from condyn_pin.dynamics.nominal_states import NominalState, nominal_states
 from condyn_pin.dynamics.residuals import ErrorEstimator
-from condyn_pin.dynamics.solvers.reference import Reference
-from condyn_pin.errors import BranchChanged, InvalidModel, NotAssembled
+from condyn_pin.errors import (
+    BranchChanged,
+    InvalidArgument,
+    InvalidModel,
+    NotAssembled,
+    unknown_name,
+)
 from condyn_pin.model.soundness import massless_motion, singular_mass
 
 if TYPE_CHECKING:
@@ -36,34 +44,6 @@ if TYPE_CHECKING:
 
 # How far joints are moved to open loops [rad, m].
 _APART = 1e-3
-
-
-@dataclass(frozen=True, eq=False)
-class NominalState:
-    """A state on the constraints, and the accelerations there by `Reference`.
-
-    Attributes
-    ----------
-    size : float
-        What errors of a are relative to: the larger of |a|_inf and gravity [rad/s^2, m/s^2].
-    torque : float
-        The same for forces: the largest torque in the equation of a joint [N, N m].
-    """
-
-    q: Array
-    v: Array
-    tau: Array
-    a: Array
-    size: float
-    torque: float
-
-    @classmethod
-    def of(
-        cls, q: Array, v: Array, tau: Array, a: Array, terms: Terms, gravity: float
-    ) -> NominalState:
-        """Return the state with its sizes."""
-        size = max(float(np.abs(a).max()), gravity) or 1.0
-        return cls(q, v, tau, a, size, largest_torque(terms, tau, size))
 
 
 class NominalAnalysis:
@@ -88,6 +68,12 @@ class NominalAnalysis:
         Of M and J, without the singular values that rounding makes up.
     cancellation : (m, nv) array
         What the two bodies of a row bring to J before they cancel [1, m].
+    rank, mobility : int
+        Independent rows; degrees of freedom that are left, nv minus the rank.
+    dependent : bool
+        Whether there are redundant rows.
+    rounded : bool
+        Whether rows that are zero are so but for rounding, as in a slanted plane's loop.
     gravity, weight : float
         |g| [m/s^2]; mass times gravity, or mass times 1 m/s^2 without gravity [N].
     measured : dict of Solver to tuple
@@ -105,35 +91,20 @@ class NominalAnalysis:
         self.factors = factorise(
             self.terms.M, self.terms.J, tolerances.RANK, why=singular_mass(robot.model, self.q)
         ).above_rounding(self.cancellation)
+        self.rank = self.factors.rank
+        self.mobility, self.dependent = robot.nv - self.rank, self.rank < scene.rows
         # independent rows do not all but vanish a thousandth of a radian away
-        all_count = self.rank == scene.rows
-        found = (
-            (scene.rows, False) if all_count else _lively_rows(equations, self.q, self.cancellation)
-        )
-        self._lively, self._rounded = found
+        self._lively, self.rounded = scene.rows, False
+        if self.dependent:
+            self._lively, self.rounded = _lively_rows(equations, self.q, self.cancellation)
         self.gravity = float(np.linalg.norm(robot.model.gravity.linear))
         self.weight = robot.mass * (self.gravity or 1.0)
         read_only((self.q, self.terms, self.factors, self.factors.weights, self.cancellation))
 
     @property
-    def rank(self) -> int:
-        """Number of independent rows."""
-        return self.factors.rank
-
-    @property
-    def mobility(self) -> int:
-        """Degrees of freedom that are left: nv minus the rank."""
-        return self._scene.robot.nv - self.rank
-
-    @property
     def singular_values(self) -> Array:
         """Of J L^-T (min(m, nv),), the constraint Jacobian in the metric of M [kg^-1/2]."""
         return self.factors.S
-
-    @property
-    def dependent(self) -> bool:
-        """Whether there are redundant rows."""
-        return self.rank < self._scene.rows
 
     @cached_property
     def redundant(self) -> tuple[str, ...]:
@@ -146,12 +117,7 @@ class NominalAnalysis:
 
         Those that Pinocchio takes as two points do not: a row too many.
         """
-        return self.rank == self._lively and not self._scene.pinocchio_constraints.approximated
-
-    @property
-    def rounded(self) -> bool:
-        """Whether rows that are zero are so but for rounding, as in a slanted plane's loop."""
-        return self._rounded
+        return self.rank == self._lively and not self.pinocchio_constraints.approximated
 
     def condition_exceeds(self, limit: float) -> bool:
         """Whether the condition number of M is above a limit: its traces say no at less cost.
@@ -180,7 +146,7 @@ class NominalAnalysis:
         With lam = E^T lam_native and J L^-T = U S V^T these are the squares of the singular values
         of E U S. Rows that Pinocchio does not have stay as they are.
         """
-        native, rank = self._scene.pinocchio_constraints, self.rank
+        native, rank = self.pinocchio_constraints, self.rank
         if not rank:
             return self.delassus_norm, self.delassus_norm
         E_, S = native.to_scene, self.factors.S[:rank]
@@ -213,8 +179,14 @@ class NominalAnalysis:
         equations = Equations(self._scene.robot.unedited, self._scene.bounds)
         return read_only(nominal_states(equations, self.q, self.factors, self.cancellation))
 
+    @cached_property
+    def pinocchio_constraints(self) -> PinocchioConstraints:
+        """The constraints as Pinocchio's own methods take them."""
+        scene = self._scene
+        return pinocchio_constraints(scene.robot.model, scene.bounds, self._whitened_rows)
+
     @one_blas_thread
-    def whitened_rows(self) -> Array:
+    def _whitened_rows(self) -> Array:
         """Return J L^-T (m, nv), the Jacobian in the metric of M."""
         whitened = whiten(self.terms.M, self.terms.J)
         if whitened is None:
@@ -223,9 +195,22 @@ class NominalAnalysis:
         return np.asarray(whitened[1].T)
 
 
+def described_posture(scene: Scene, posture: str | None = None) -> Array:
+    """Return a posture of the robot as it is in the description; neutral if it has none."""
+    postures = scene.robot.postures
+    if posture is None:
+        q = next(iter(postures.values()), None)
+        return np.array(pin.neutral(scene.robot.model) if q is None else q)
+    if not isinstance(posture, str):
+        raise InvalidArgument(f"posture = {posture!r}: the name of a posture is needed")
+    if posture not in postures:
+        raise unknown_name("posture", posture, postures)
+    return np.array(postures[posture])
+
+
 def _nominal_configuration(scene: Scene, equations: Equations) -> tuple[Array, bool]:
     """Return q of the nominal state, and whether the loops are closed there."""
-    q = normalised(scene.robot.model, "posture", scene.guess())
+    q = normalised(scene.robot.model, "posture", described_posture(scene))
     rows = [row for bound in scene.bounds for row in bound.positioned]
     if not rows or np.linalg.norm(equations.violation(q)[rows]) <= tolerances.CLOSED:
         return q, True
@@ -234,7 +219,7 @@ def _nominal_configuration(scene: Scene, equations: Equations) -> tuple[Array, b
     except BranchChanged as error:
         return error.assembly.q, True
     except NotAssembled:
-        return scene.guess(), False
+        return described_posture(scene), False
 
 
 def _lively_rows(equations: Equations, q: Array, P: Array) -> tuple[int, bool]:
@@ -248,19 +233,3 @@ def _lively_rows(equations: Equations, q: Array, P: Array) -> tuple[int, bool]:
     sizes = np.linalg.norm(equations.jacobian(q), axis=1)
     lively = sizes > ROUNDED * np.linalg.norm(P, axis=1)
     return int(np.count_nonzero(lively)), bool(sizes[~lively].any())
-
-
-def nominal_states(
-    equations: Equations, q: Array, factors: MinimumNorm, P: Array
-) -> tuple[NominalState, ...]:
-    """Return a state at rest, and one moving along the constraints under random torques."""
-    rng = np.random.default_rng(0)
-    nv, gravity = equations.model.nv, float(np.linalg.norm(equations.model.gravity.linear))
-    # torques that alone would accelerate every joint by about 1 rad/s^2 or 1 m/s^2
-    push = factors.L @ (factors.L.T @ rng.normal(size=nv))
-    made = []
-    for v, tau in ((np.zeros(nv), np.zeros(nv)), (factors.tangent(rng.normal(size=nv)), push)):
-        terms = equations.terms(q, v)
-        a, _ = Reference().solve(terms, tau, P)
-        made.append(NominalState.of(q, v, tau, a, terms, gravity))
-    return tuple(made)

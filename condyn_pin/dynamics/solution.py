@@ -37,7 +37,7 @@ class Status(Enum):
         "the two equations do not hold well enough for the accuracy asked for: allow more "
         "iterations, try another mu, or solve with Reference(); if state_error is large, the state "
         "does not satisfy the constraints and no answer can: Scene.assemble and "
-        "Scene.project_velocity repair it"
+        "mechanism.project_velocity repair it"
     )
     SINGULAR = (
         "the matrix of this method is singular: some rows are redundant or the configuration is "

@@ -23,6 +23,7 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.at_state import gaps
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.mechanism.assembly_report import Assembly, AssemblyStatus
+from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.mechanism.closing import Closer, Closing
 from condyn_pin.model.limits import NO_LIMITS, Limits
 
@@ -43,7 +44,7 @@ def assemble(
     throw: bool = True,
 ) -> Assembly:
     """Close the loops of a scene; see `Scene.assemble`."""
-    robot, chains = scene.robot, scene.chains
+    robot, chains = scene.robot, chains_of(scene)
     robot.check_unedited()
     start = normalised(robot.model, "q", q0)
     moving = _moving(robot, fixed)
@@ -64,9 +65,9 @@ def assemble_posture(scene: Scene, guess: Array) -> Assembly:
     On the side of its dead points where it is; or else on that of the first posture, for what a
     rough drawing is far from closed has no side.
     """
-    inside = not scene.chains.limits.beyond(guess)
+    inside = not chains_of(scene).limits.beyond(guess)
     for within_limits in (True, False) if inside else (False,):
-        for branch in (None, scene.chains.assembly_mode):
+        for branch in (None, chains_of(scene).assembly_mode):
             found = assemble(scene, guess, within_limits=within_limits, branch=branch, throw=False)
             if found.status is not AssemblyStatus.BRANCH_CHANGED:
                 break
@@ -84,7 +85,7 @@ def assemble_from(
     branch: Mapping[str, int] | None = None,
 ) -> Assembly:
     """Close the loops of a scene with the velocity indices that may move; nothing is raised."""
-    chains, equations = scene.chains, Equations(scene.robot.model, scene.bounds)
+    chains, equations = chains_of(scene), Equations(scene.robot.model, scene.bounds)
     closer = Closer(equations, chains.rows, moving, chains.limits if within_limits else NO_LIMITS)
     end, iterations, status, flipped = best_end(chains, closer, start, branch)
     beyond = chains.limits.beyond(end.q)

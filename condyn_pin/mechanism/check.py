@@ -16,6 +16,7 @@ from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.violation import ConstraintViolation, beyond_text, closed
 from condyn_pin.dynamics.at_state import equations_of, gaps, rounding, slips
 from condyn_pin.errors import NotAssembled
+from condyn_pin.mechanism.closed_chains import chains_of
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
@@ -88,7 +89,7 @@ class Check:
         advice = ["Scene.assemble closes the loops"] if wrong else []
         if slipping := self._slipping(constraint_velocity):
             wrong += slipping
-            advice.append("Scene.project_velocity makes v fit")
+            advice.append("mechanism.project_velocity makes v fit")
         if wrong:
             raise NotAssembled(f"{', '.join(wrong)}; {'; '.join(advice)}")
 
@@ -125,4 +126,4 @@ def check(scene: Scene, q: ArrayLike, v: ArrayLike | None) -> Check:
         if any(each.size > tolerances.CONSISTENT * speed for each in slip.values()):
             excused = rounding(scene, q_, v_)
     c = equations.violation(q_)
-    return Check(gaps(scene, c), slip, speed, scene.chains.limits.beyond(q_), excused)
+    return Check(gaps(scene, c), slip, speed, chains_of(scene).limits.beyond(q_), excused)

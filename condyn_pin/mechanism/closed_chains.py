@@ -25,7 +25,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import Indices, indices
 from condyn_pin._core.linalg.minimum_norm import factorise
@@ -33,6 +33,7 @@ from condyn_pin._core.linalg.numerical_rank import counted
 from condyn_pin._core.linalg.pivots import pivots, redundant_rows
 from condyn_pin.constraints.rows.cancellation import cancellation_scale
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.mechanism.closing import Closer
 from condyn_pin.mechanism.clusters import Cluster, clusters, isolated
 from condyn_pin.model.limits import NO_LIMITS, Limits
@@ -98,8 +99,17 @@ class ClosedChains:
         return float(kept[-1]) if kept.size else 0.0
 
 
+def chains_of(scene: Scene) -> ClosedChains:
+    """Return the closed chains of a scene; they are found once."""
+    known = vars(scene)
+    if "_chains" not in known:
+        known["_chains"] = read_only(_chains(scene))
+    found: ClosedChains = known["_chains"]
+    return found
+
+
 @one_blas_thread
-def chains(scene: Scene) -> ClosedChains:
+def _chains(scene: Scene) -> ClosedChains:
     """Find the closed chains of a scene, near its first posture."""
     robot = scene.robot
     robot.check_unedited()
@@ -110,7 +120,7 @@ def chains(scene: Scene) -> ClosedChains:
     passive = np.setdiff1d(np.arange(robot.nv), actuated)
     passive_classes = (np.setdiff1d(passive, sprung), np.intersect1d(passive, sprung))
     limits = Limits.of(robot.model)
-    closed, tries = _nearby(equations, rows, limits, scene.guess())
+    closed, tries = _nearby(equations, rows, limits, described_posture(scene))
     found = []
     for q in tries:
         terms = equations.terms(q, np.zeros(robot.nv))

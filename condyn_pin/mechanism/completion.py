@@ -25,7 +25,7 @@ from condyn_pin.constraints.violation import beyond_text
 from condyn_pin.errors import BranchChanged, InvalidArgument, NotAssembled
 from condyn_pin.mechanism.assembly import assemble_from, check_held
 from condyn_pin.mechanism.assembly_report import Assembly, AssemblyStatus
-from condyn_pin.mechanism.closed_chains import ClosedChains
+from condyn_pin.mechanism.closed_chains import ClosedChains, chains_of
 from condyn_pin.mechanism.following import Follower
 
 if TYPE_CHECKING:
@@ -81,12 +81,38 @@ class CompleteState:
 def complete_state(
     scene: Scene,
     q_actuated: ArrayLike,
-    v_actuated: ArrayLike | None,
-    near: ArrayLike | None,
-    within_limits: bool,
+    v_actuated: ArrayLike | None = None,
+    *,
+    near: ArrayLike | None = None,
+    within_limits: bool = True,
 ) -> CompleteState:
-    """Return the whole state of a scene from its motors; see `Scene.complete_state`."""
-    robot, model, chains = scene.robot, scene.robot.model, scene.chains
+    """Return the whole state from that of the motors, as their encoders measure it.
+
+    Parameters
+    ----------
+    scene : Scene
+    q_actuated : array_like
+        Positions of the actuated joints, in the order of ``robot.actuated``.
+    v_actuated : array_like, optional
+        Their velocities; at rest by default.
+    near : (nq,) array_like, optional
+        Where everything starts that the motors do not determine, and stays if the loops do not
+        either: a floating base, springs, the spin of a rod. The nominal state by default. The
+        motors are followed from there, in a straight line of their coordinates and in strides
+        of 0.1 rad or less, so that its branch is kept.
+    within_limits : bool
+        Refuse motors outside their limits, and those that take another joint out of its.
+
+    Raises
+    ------
+    InvalidArgument
+        If a motor is outside its limits, or the robot has none.
+    NotAssembled
+        If the loops cannot be closed with the motors there, or only beyond joint limits.
+    BranchChanged
+        If a dead point lies on the way, whether or not the loops close beyond it.
+    """
+    robot, model, chains = scene.robot, scene.robot.model, chains_of(scene)
     robot.check_unedited()
     A = chains.actuated
     if not A.size:
@@ -149,7 +175,7 @@ def _drive(scene: Scene, follower: Follower, start: Array, target: Array) -> Ass
     if not last.closed:
         raise NotAssembled(f"{way}; {last.error()}", last)
     J = follower.closer.equations.jacobian(q)
-    loops = scene.chains.weakest(J)
+    loops = chains_of(scene).weakest(J)
     last = replace(last, status=AssemblyStatus.BRANCH_CHANGED, flipped=(loops,))
     raise BranchChanged(
         f"{loops}: {way}, up to a dead point; beyond, they lead to more than one configuration: "

@@ -30,6 +30,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import Indices, indices
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.mechanism.closing import Closer
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ class Follower:
     @classmethod
     def of(cls, scene: Scene) -> Follower:
         """Return that of a scene."""
-        model, chains = scene.robot.model, scene.chains
+        model, chains = scene.robot.model, chains_of(scene)
         moving = np.zeros(model.nv, dtype=bool)
         moving[chains.dependent] = True
         closer = Closer(Equations(model, scene.bounds), chains.rows, moving)

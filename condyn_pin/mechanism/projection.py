@@ -34,6 +34,7 @@ from condyn_pin.constraints.violation import worst
 from condyn_pin.dynamics.at_state import equations_of, rounding, slips
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.mechanism.check import Check, check
+from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.model.soundness import singular_mass
 
 if TYPE_CHECKING:
@@ -45,8 +46,24 @@ _PASSES = 2
 
 
 @one_blas_thread
-def project_velocity(scene: Scene, q: ArrayLike, v: ArrayLike, metric: Metric) -> Array:
-    """Return the nearest velocity with J v = 0; see `Scene.project_velocity`."""
+def project_velocity(scene: Scene, q: ArrayLike, v: ArrayLike, *, metric: Metric = "mass") -> Array:
+    """Return the velocity nearest to v with J v = 0.
+
+    Parameters
+    ----------
+    scene : Scene
+    q : (nq,) array_like
+        A closed configuration.
+    v : (nv,) array_like
+    metric : {"mass", "euclidean"}
+        What near means: kinetic energy of the difference, or its squares in rad/s and m/s.
+
+    Raises
+    ------
+    NotAssembled
+        If a loop is open by more than 1e-4 m or rad, or by less but no velocity satisfies its
+        rows there; the text names it.
+    """
     v_ = finite("v", v, scene.robot.nv)
     state = _checked(scene, q, metric)
     q_ = normalised(scene.robot.model, "q", q)
@@ -59,9 +76,26 @@ def project_velocity(scene: Scene, q: ArrayLike, v: ArrayLike, metric: Metric) -
 
 @one_blas_thread
 def project_acceleration(
-    scene: Scene, q: ArrayLike, v: ArrayLike, a: ArrayLike, metric: Metric
+    scene: Scene, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, metric: Metric = "mass"
 ) -> Array:
-    """Return the nearest acceleration with J a + gamma = 0; see `Scene.project_acceleration`."""
+    """Return the acceleration nearest to a with J a + gamma(q, v) = 0.
+
+    Parameters
+    ----------
+    scene : Scene
+    q : (nq,) array_like
+        A closed configuration.
+    v : (nv,) array_like
+        A velocity with J v = 0.
+    a : (nv,) array_like
+    metric : {"mass", "euclidean"}
+        With "mass", and a the unconstrained acceleration, this is Gauss's principle.
+
+    Raises
+    ------
+    NotAssembled
+        As `project_velocity`; also if v does not fit and no acceleration satisfies its rows.
+    """
     nv = scene.robot.nv
     v_, a_ = finite("v", v, nv), finite("a", a, nv)
     state = _checked(scene, q, metric)
@@ -141,7 +175,7 @@ def check_rows(scene: Scene, q: Array, left: Array, sizes: Sequence[Array], per:
 
 def _ranks(scene: Scene, q: Array, factors: MinimumNorm, closed: bool) -> Iterator[MinimumNorm]:
     """Return the factors with as many singular values as usual, and then with one more each."""
-    usual = min(rank_of(factors.S), scene.chains.rank)
+    usual = min(rank_of(factors.S), chains_of(scene).rank)
     yield factors.at_most(usual)
     if closed:
         most = factors.above_rounding(cancellation_scale(equations_of(scene), q)).rank

@@ -29,6 +29,7 @@ from condyn_pin.constraints.rows.cancellation import cancellation_scale
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.violation import ConstraintViolation, closed, worst
 from condyn_pin.dynamics.at_state import gaps
+from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.model.soundness import singular_mass
 
 if TYPE_CHECKING:
@@ -182,7 +183,7 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
     q_ = scene.nominal.q if q is None else normalised(model, "q", q)
     equations = Equations(model, scene.bounds)
     terms = equations.terms(q_, np.zeros(model.nv))
-    isolated = scene.chains.isolated
+    isolated = chains_of(scene).isolated
     factors = _factors(scene, equations, q_, terms.M, terms.J)
     S, r = factors.S, factors.rank
     c = equations.violation(q_)
@@ -191,13 +192,13 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
         violation=gaps(scene, c),
         rows=scene.rows,
         rank=r,
-        generic_rank=scene.chains.rank,
+        generic_rank=chains_of(scene).rank,
         mobility=robot.nv - r,
         gruebler=robot.nv - scene.rows,
-        redundant=redundant_rows(factors.U[:, r:], scene.row_names, scene.chains.redundant),
-        generic_redundant=scene.chains.redundant,
+        redundant=redundant_rows(factors.U[:, r:], scene.row_names, chains_of(scene).redundant),
+        generic_redundant=chains_of(scene).redundant,
         isolated=isolated,
-        conflict=_conflict(factors.U[:, min(r, scene.chains.rank) :], c, scene.row_names),
+        conflict=_conflict(factors.U[:, min(r, chains_of(scene).rank) :], c, scene.row_names),
         weak=_weak(factors, scene.row_names),
         singular_values=S,
         condition=float(np.linalg.cond(terms.M)),
@@ -207,7 +208,7 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
 
 def _factors(scene: Scene, equations: Equations, q: Array, M: Array, J: Array) -> MinimumNorm:
     """Return M and J factorised, without the singular values that are zeros but for rounding."""
-    share = tolerances.ISOLATED if scene.chains.isolated else tolerances.RANK
+    share = tolerances.ISOLATED if chains_of(scene).isolated else tolerances.RANK
     factors = factorise(M, J, share, why=singular_mass(scene.robot.model, q))
     return factors.above_rounding(cancellation_scale(equations, q))
 

@@ -13,6 +13,7 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.mechanism.assembly import assemble, best_end
+from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.mechanism.closing import Closer
 from condyn_pin.mechanism.projection import check_rows, nearest_velocity
 from condyn_pin.model.limits import NO_LIMITS
@@ -36,7 +37,7 @@ def sample(
     model, nv, home = scene.robot.model, scene.robot.nv, scene.nominal.q
     if not scene.nominal.closed:
         scene.state()  # raises what is in the way
-    chains = scene.chains
+    chains = chains_of(scene)
     limits = NO_LIMITS if chains.limits.beyond(home) else chains.limits
     closer = Closer(equations_of(scene), chains.rows, np.ones(nv, dtype=bool), limits)
     for _ in range(_TRIES):

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.names import few
+from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.mechanism.freedom import base_freedom
 from condyn_pin.mechanism.rank import Rank
 
@@ -182,7 +183,7 @@ def _notes(scene: Scene, at: Rank) -> Iterator[str]:
             f"{len(at.redundant)} redundant rows: a is unique, lam is the smallest of many; "
             "DenseKKT needs mu > 0"
         )
-    if missing := scene.pinocchio_constraints.unsupported:
+    if missing := scene.nominal.pinocchio_constraints.unsupported:
         yield (
             f"{', '.join(missing)}: Pinocchio has no such rows, so that Proximal and LCABA refuse "
             "the scene; what solves it instead takes five times as long, or more"
@@ -192,7 +193,7 @@ def _notes(scene: Scene, at: Rank) -> Iterator[str]:
             f"{', '.join(rolling)}: rows on the velocity; mobility counts directions of motion, "
             "and they may lead to more places than that (is_integrable)"
         )
-    outside = scene.chains.limits.beyond(at.q)
+    outside = chains_of(scene).limits.beyond(at.q)
     if outside:
         joints = ", ".join(f"{joint} by {by}" for joint, by in outside.items())
         yield f"beyond joint limits, which the dynamics do not know: {joints}"

@@ -1,6 +1,7 @@
 # Every public name of this room, and the file that has it; `__init__.py` reads this file.
 
 from .batch.derivatives import BatchDerivatives as BatchDerivatives
+from .batch.sampling import sample_batch as sample_batch
 from .batch.simulation import simulate_batch as simulate_batch
 from .batch.solution import BatchSolution as BatchSolution
 from .batch.trajectory import BatchTrajectory as BatchTrajectory

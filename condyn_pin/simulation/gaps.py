@@ -20,6 +20,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin.dynamics.solvers.proximal import Proximal
+from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.model.soundness import singular_mass
 
 if TYPE_CHECKING:
@@ -153,5 +154,5 @@ class FactorisedGaps:
         W = system.mass(self._q) if self._metric == "mass" else np.eye(n)
         factors = factorise(W, J, tolerances.RANK, why=singular_mass(system.model, self._q))
         # open loops make redundant rows look independent: they are the smallest, and are left out
-        factors = factors.at_most(system.scene.chains.rank)
+        factors = factors.at_most(chains_of(system.scene).rank)
         return factors.solve(np.zeros((n, m)), np.eye(m))[0]

@@ -96,7 +96,7 @@ def _by_contact_cholesky(scene: Scene, mu: float) -> Answer:
     """Pinocchio's sparse factor of the same matrix, the rows first."""
     model = pin.Model(scene.robot.model)
     data, m, still = model.createData(), scene.rows, np.zeros(model.nv)
-    models, datas = raw_constraints(model, scene.pinocchio_constraints.constraints, None)
+    models, datas = raw_constraints(model, scene.nominal.pinocchio_constraints.constraints, None)
     _pin.init_constraint_dynamics(model, data, models, datas)
     rows, y = PlainRows(model, data, scene.bounds), np.zeros(m + model.nv)
 

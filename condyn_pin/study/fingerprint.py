@@ -10,6 +10,7 @@ import hashlib
 
 import numpy as np
 
+from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene
 
 
@@ -17,7 +18,7 @@ def fingerprint(scene: Scene) -> str:
     """Return 64 hexadecimal digits; takes about a millisecond."""
     robot = scene.robot
     robot.check_unedited()
-    nominal = np.ascontiguousarray(scene.guess(), dtype="<f8")
+    nominal = np.ascontiguousarray(described_posture(scene), dtype="<f8")
     named: tuple[object, ...] = (scene.constraints, tuple(robot.actuated), robot.springs)
     if robot.spring_dampers:  # those of robots without stay as they were
         named += (robot.spring_dampers,)

@@ -12,6 +12,7 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.files.beside import check_writable
 from condyn_pin.control.inverse import InverseDynamics
+from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.errors import InvalidArgument, NotAssembled
@@ -167,7 +168,7 @@ def _configuration(scene: Scene, wish: _Wish) -> tuple[Array, str]:
     try:
         return scene.state(wish.posture)[0], name
     except NotAssembled:
-        return scene.guess(wish.posture), f"{name}, as described: it cannot be closed"
+        return described_posture(scene, wish.posture), f"{name}, as described: it cannot be closed"
 
 
 def _motion(wish: _Wish, trajectory: Trajectory) -> Drawing:

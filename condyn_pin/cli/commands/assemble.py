@@ -8,6 +8,7 @@ import typer
 
 from condyn_pin.cli.commands.arguments import AsJson, Loops, Posture, RobotName, Variant
 from condyn_pin.cli.commands.output import plain, print_json, say
+from condyn_pin.dynamics.nominal import described_posture
 
 PANEL = "Solve"
 
@@ -26,7 +27,7 @@ def assemble(
 
     scene = scene_of(robot, "", loops, variant)
     assembly = scene.assemble(
-        scene.guess(posture), fixed=names_in(fixed), within_limits=limits, throw=False
+        described_posture(scene, posture), fixed=names_in(fixed), within_limits=limits, throw=False
     )
     joints = {}
     for name in scene.robot.joints:

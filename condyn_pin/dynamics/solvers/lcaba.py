@@ -24,7 +24,8 @@ from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.errors import NotAssembled, UnsupportedConstraint
 
 if TYPE_CHECKING:
-    from condyn_pin.dynamics.nominal import NominalAnalysis, NominalState
+    from condyn_pin.dynamics.nominal import NominalAnalysis
+    from condyn_pin.dynamics.nominal_states import NominalState
     from condyn_pin.dynamics.workspace import Workspace
 
 # What `mu` is chosen from, times the largest eigenvalue of G.
@@ -258,7 +259,7 @@ def _drawn_states(workspace: Workspace) -> Iterator[NominalState]:
 
     Where a state is nearly singular even that cannot: nothing can be measured by it.
     """
-    from condyn_pin.dynamics.nominal import NominalState  # it imports a solver
+    from condyn_pin.dynamics.nominal_states import NominalState  # it imports a solver
 
     scene, rng = workspace.scene, np.random.default_rng(1)
     if not scene.nominal.closed:

@@ -8,6 +8,7 @@ import numpy as np
 
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.lab.extremes.base import Case, extreme, powers
+from condyn_pin.mechanism.projection import project_velocity
 from condyn_pin.model.mechanisms.four_bar import four_bar
 
 _GROUND, _CRANK, _COUPLER, _ROCKER = 0.7, 0.6, 0.3, 0.6
@@ -33,5 +34,5 @@ def dead_point(severity: float, rng: np.random.Generator) -> Case:
     rocker = math.atan2(C[1], C[0] - _GROUND)
     q = np.array([theta, coupler - theta, rocker])
     scene = Scene(linkage, linkage.loops)
-    v = scene.project_velocity(q, rng.normal(size=3))
+    v = project_velocity(scene, q, rng.normal(size=3))
     return Case(scene, q, v, rng.normal(size=3))

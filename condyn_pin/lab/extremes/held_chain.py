@@ -9,6 +9,7 @@ import numpy as np
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.lab.extremes.base import Case, extreme, whole
+from condyn_pin.mechanism.projection import project_velocity
 from condyn_pin.model.mechanisms.chain import chain
 
 
@@ -23,5 +24,5 @@ def held_chain(severity: float, rng: np.random.Generator) -> Case:
     links = replace(links.with_frame("hook", "world", tip), postures={"held": q})
     scene = Scene(links, [Loop(f"joint{n - 1}_tip", "hook")])
     q, _ = scene.state()
-    v = scene.project_velocity(q, rng.normal(size=n) / n)
+    v = project_velocity(scene, q, rng.normal(size=n) / n)
     return Case(scene, q, v, rng.normal(size=n))

@@ -10,6 +10,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.lab.extremes.base import Case, extreme, whole, with_inertias
+from condyn_pin.mechanism.projection import project_velocity
 from condyn_pin.model.mechanisms.base import rod
 from condyn_pin.model.mechanisms.chain import chain
 
@@ -30,7 +31,7 @@ def massless_row(severity: float, rng: np.random.Generator) -> Case:
     inertias = [links.model.inertias[0], *(rod(1.0, mass) for mass in masses)]
     light = replace(links, model=with_inertias(links.model, inertias), postures={"held": q})
     scene = Scene(light, [Loop(f"joint{n + 1}_tip", "hook")])
-    v = scene.project_velocity(q, rng.normal(size=n + 2))
+    v = project_velocity(scene, q, rng.normal(size=n + 2))
     return Case(scene, q, v, rng.normal(size=n + 2))
 
 

@@ -15,6 +15,7 @@ from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot
 from condyn_pin.lab.extremes.base import Case, by_reference, extreme, near, powers, torques, unit
+from condyn_pin.mechanism.projection import project_velocity
 from condyn_pin.model.robot import Robot
 
 
@@ -37,7 +38,7 @@ def near_loops(severity: float, rng: np.random.Generator) -> Case:
         hinges.append(Loop(f"{name}/hinge_a", f"{name}/hinge_b", "hinge", axis="z"))
     cassie = replace(cassie, model=model, postures={"closed": q})
     hinged = Scene(cassie, hinges)
-    v = hinged.project_velocity(q, rng.normal(size=cassie.nv))
+    v = project_velocity(hinged, q, rng.normal(size=cassie.nv))
     held, free = by_reference(hinged, q, v, tau), by_reference(once, q, v, tau)
     right = near(severity, held, free)
     return Case(Scene(cassie, [*once.constraints, *seconds]), q, v, tau, right)

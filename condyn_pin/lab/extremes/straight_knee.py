@@ -10,6 +10,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.lab.extremes.base import Case, extreme, powers
+from condyn_pin.mechanism.projection import project_velocity
 from condyn_pin.model.mechanisms.chain import chain
 from condyn_pin.model.robot import Robot
 
@@ -26,7 +27,7 @@ def straight_knee(severity: float, rng: np.random.Generator) -> Case:
     tip = np.array([np.cos(turns).sum(), 0.0, np.sin(turns).sum()])
     leg = leg.with_frame("held", "world", tip)
     scene = Scene(_standing(leg, q), [Loop("joint2_tip", "held", "planar", axis="y")])
-    v = scene.project_velocity(q, rng.normal(size=3))
+    v = project_velocity(scene, q, rng.normal(size=3))
     return Case(scene, q, v, rng.normal(size=3))
 
 

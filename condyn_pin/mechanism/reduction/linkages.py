@@ -35,7 +35,26 @@ from condyn_pin.model.smaller_robot import free_flyers, sifted, smaller_robot
 
 
 def without_linkage(scene: Scene, loops: Sequence[str], joints: Sequence[str]) -> ReducedScene:
-    """Return the scene without a linkage that only follows; see `Scene.without_linkage`."""
+    """Return the scene without a linkage that only follows another joint.
+
+    Its loops are left out and its bodies welded at the nominal state; their inertia and damping
+    are reflected onto the joints that they followed, as armature and damping.
+
+    Parameters
+    ----------
+    scene : Scene
+    loops : sequence of str
+        Names of constraints.
+    joints : sequence of str
+        The joints of the linkage.
+
+    Raises
+    ------
+    InvalidArgument
+        If a motor or a spring acts on one of the joints.
+    InvalidConstraint
+        If the loops also hold other joints than these.
+    """
     gone = checked("loops", loops, scene.names, "constraint")
     names = checked("joints", joints, scene.robot.joints, "joint")
     for name in names:

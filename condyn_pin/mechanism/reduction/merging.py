@@ -17,6 +17,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.line_contact import LineContact
 from condyn_pin.constraints.surface_contact import SurfaceContact
+from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidModel
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
@@ -26,7 +27,18 @@ _FLAT = 1e-6  # singular values of the points' spread below this, relative to th
 
 
 def merge_points(scene: Scene, *, edges: bool = True) -> ReducedScene:
-    """Return the scene with points merged by their frames; see `Scene.merge_points`."""
+    """Return the scene with the points on each frame merged into an edge or a surface: exact.
+
+    Only points without an anchor: they say nothing about where the body is, so nothing is lost.
+    The merged contact has the name of the frame, or ``frame/edge``, an edge being on a new
+    frame; with a number behind it if that name is another's.
+
+    Parameters
+    ----------
+    scene : Scene
+    edges : bool
+        Merge points on a line too. Solvers that know no edges make two points of it again.
+    """
     robot, constraints, dropped = scene.robot, list(scene.constraints), []
     for frame, points in _groups(constraints).items():
         if not edges and _on_a_line(points):
@@ -37,7 +49,7 @@ def merge_points(scene: Scene, *, edges: bool = True) -> ReducedScene:
         constraints.insert(at, merged)
         rows = sum(p.rows for p in points)
         dropped.append(f"contacts on {frame}: {rows} rows of points as {merged.rows} of one")
-    return reduced(scene, robot, constraints, scene.guess(), dropped)
+    return reduced(scene, robot, constraints, described_posture(scene), dropped)
 
 
 def _groups(constraints: Sequence[Constraint]) -> dict[str, list[Constraint]]:

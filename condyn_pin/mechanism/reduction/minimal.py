@@ -53,7 +53,39 @@ def minimal(
     watch: Sequence[str] | None = None,
     solver: Solver | None = None,
 ) -> Minimal:
-    """Return the smaller scene with its report; see `Scene.minimal`."""
+    """Return a smaller scene that answers the same question within an error.
+
+    Tried in this order, each kept if the errors stay within the limit: joints that do not move
+    are locked, points of contact merged, implied constraints left out, linkages that only
+    follow reflected onto what they follow, rods replaced by distances, balls of planar
+    linkages by planar pins.
+
+    Parameters
+    ----------
+    scene : Scene
+    error : float
+        Largest relative error of accelerations and contact wrench that is allowed
+        (`condyn_pin.mechanism.reduction.price`). Zero allows only what is exact, to 1e-9.
+    motion : sequence of (q, v, tau), optional
+        Closed states that matter, by which everything is judged. By default random ones, in
+        which every joint moves: some to choose by, 50 others to judge by.
+    watch : sequence of str, optional
+        Joints whose accelerations are asked for; by default the floating base and the motors
+        that the motion moves, or all that it moves if it moves neither.
+    solver : Solver, optional
+        What has to take the smaller scene, and is timed; by default that of `solve`. Proximal()
+        takes neither distances nor planar pins, DenseKKT() does.
+
+    Returns
+    -------
+    Minimal
+        The scene, sizes and times before and after, the errors, and every step in words.
+
+    Raises
+    ------
+    NotAssembled
+        If a state of the motion is not on the constraints; the text says which.
+    """
     if not 0 <= finite("error", error, ()) < 1:
         raise InvalidArgument(f"error = {error!r}: a number from 0 to below 1 is needed")
     limit = max(float(error), tolerances.EXACT)

@@ -18,13 +18,30 @@ from condyn_pin._core.linalg.pivots import first_of_largest
 from condyn_pin._core.names import checked
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidConstraint
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
 
 
 def as_planar(scene: Scene, name: str) -> ReducedScene:
-    """Return the scene with a ball loop as a planar pin; see `Scene.as_planar`."""
+    """Return the scene in which a ball loop says nothing across the plane of its linkage.
+
+    Exact: of the three rows of such a ball, two are independent.
+
+    Parameters
+    ----------
+    scene : Scene
+    name : str
+        Of the loop.
+
+    Raises
+    ------
+    UnknownName
+        If there is no such constraint.
+    InvalidConstraint
+        If the loop is no ball, or its rows have another rank than 2.
+    """
     (chosen,) = checked("name", [name], scene.names, "constraint")
     at = scene.names.index(chosen)
     loop, bound = scene.constraints[at], scene.bounds[at]
@@ -46,7 +63,7 @@ def as_planar(scene: Scene, name: str) -> ReducedScene:
         robot = replace(robot, loops=loops)
     constraints = [pin_joint if c.name == name else c for c in scene.constraints]
     words = f"loop {name}: a planar pin, the row across the plane being redundant"
-    return reduced(scene, robot, constraints, scene.guess(), (words,))
+    return reduced(scene, robot, constraints, described_posture(scene), (words,))
 
 
 def _in_axes_of_first(scene: Scene, bound: AnyBound, direction: Array) -> Array:

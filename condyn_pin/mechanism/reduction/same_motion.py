@@ -24,6 +24,7 @@ from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.timing import State
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms
+from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.model.smaller_robot import free_flyers
@@ -62,7 +63,7 @@ def same_motion(source: Scene, target: Scene, state: State, joints: Sequence[str
     q, v, tau = state
     robot = target.robot
     common = [name for name in source.robot.joints if name in robot.joints]
-    guess, wanted, motors = target.guess(), np.zeros(robot.nv), np.zeros(robot.nv)
+    guess, wanted, motors = described_posture(target), np.zeros(robot.nv), np.zeros(robot.nv)
     guess[indices(robot.model, common)[0]] = q[indices(source.robot.model, common)[0]]
     _, from_v = indices(source.robot.model, joints)
     _, to_v = indices(robot.model, joints)

@@ -13,11 +13,12 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import indices
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.names import listed
-from condyn_pin.mechanism.reduction.linkages import follows
+from condyn_pin.mechanism.reduction.linkages import follows, without_linkage
 from condyn_pin.mechanism.reduction.merging import merge_points
 from condyn_pin.mechanism.reduction.planar import as_planar
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene
-from condyn_pin.mechanism.reduction.rods import is_rod
+from condyn_pin.mechanism.reduction.reduction import without
+from condyn_pin.mechanism.reduction.rods import is_rod, rods_as_distances
 from condyn_pin.model.smaller_robot import free_flyers
 
 
@@ -78,15 +79,15 @@ def suggestions(
 
 
 def _without(scene: ReducedScene, name: str) -> ReducedScene:
-    return scene.without([name])
+    return without(scene, [name])
 
 
 def _without_linkage(scene: ReducedScene, loop: str, joints: Sequence[str]) -> ReducedScene:
-    return scene.without_linkage([loop], joints)
+    return without_linkage(scene, [loop], joints)
 
 
 def _as_distance(scene: ReducedScene, joint: str) -> ReducedScene:
-    return scene.rods_as_distances([joint])
+    return rods_as_distances(scene, [joint])
 
 
 def _implied(scene: ReducedScene) -> Iterator[str]:

@@ -29,11 +29,41 @@ def sample_batch(
     scene: Scene,
     n: int,
     rng: np.random.Generator,
-    spread: float,
-    speed: float,
-    executor: Executor | None,
+    *,
+    spread: float = 0.2,
+    speed: float = 1.0,
+    executor: Executor | None = None,
 ) -> tuple[Array, Array]:
-    """Return n random states (Q, V), each from a stream of its own; see `Scene.sample_batch`."""
+    """Return n random states that satisfy the constraints, a row each.
+
+    Row i is ``scene.sample(rng.spawn(n)[i])``: each state has a stream of its own, so that the
+    states do not depend on who draws them. A second call with the same generator gives others.
+
+    Parameters
+    ----------
+    scene : Scene
+    n : int
+    rng : numpy.random.Generator
+        The source of randomness, made from a seed.
+    spread, speed
+        As in `Scene.sample`.
+    executor : Executor, optional
+        Who does the work, as in `solve_batch`; this process by default.
+
+    Returns
+    -------
+    Q : (n, nq) array
+    V : (n, nv) array
+
+    Raises
+    ------
+    InvalidArgument
+        If an argument is none of these.
+    NotAssembled
+        As in `Scene.sample`, for any of the states.
+    WorkersLost
+        As in `solve_batch`.
+    """
     check_count("n", n, least=0)
     check_generator(rng)
     try:
