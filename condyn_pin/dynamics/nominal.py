@@ -165,7 +165,7 @@ class NominalAnalysis:
     @one_blas_thread
     def estimator(self) -> ErrorEstimator:
         """What turns residuals into an error of a."""
-        return ErrorEstimator.of(self.factors, self.cancellation, self.gravity, self.weight)
+        return ErrorEstimator(self.factors, self.cancellation, self.gravity, self.weight)
 
     @cached_property
     def pivots(self) -> MassPivots:
