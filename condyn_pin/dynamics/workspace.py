@@ -94,11 +94,8 @@ class Workspace(Memory):
         self.solver = default_solver(scene) if solver is None else solver
         self._arguments = Arguments(self.model)
         self._quaternions, self._pairs = self._arguments.quaternions, self._arguments.pairs
-        self.roots = tuple(
-            int(joint.idx_v)
-            for joint, parent in zip(self.model.joints, self.model.parents, strict=True)
-            if parent == 0 and joint.idx_v >= 0
-        )
+        offsets = [*zip(self.model.idx_vs, self.model.parents, strict=True)][1:]  # not the world's
+        self.roots = tuple(int(v) for v, parent in offsets if parent == 0 and v >= 0)
         self._start(scene, equations)
 
     @alone

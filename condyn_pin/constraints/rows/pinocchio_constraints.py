@@ -85,11 +85,14 @@ def pinocchio_constraints(
             unsupported.append(bound.name)
         elif points[0].approximates:
             approximated.append((bound.name, points[0].joint1))
-    from scipy.linalg import block_diag  # as long to import as Pinocchio
-
-    blocked = block_diag(np.zeros((0, 0)), *blocks)
-    constraints, W = spread(made, lambda: blocked.T @ rows())
-    to_scene = blocked if W is None else blocked @ W.T
+    E_T = np.zeros((sum(len(b) for b in blocks), sum(b.shape[1] for b in blocks)))
+    row = column = 0
+    for block in blocks:
+        height, width = block.shape
+        E_T[row : row + height, column : column + width] = block
+        row, column = row + height, column + width
+    constraints, W = spread(made, lambda: E_T.T @ rows())
+    to_scene = E_T if W is None else E_T @ W.T
     same = to_scene.shape[0] == to_scene.shape[1] and (to_scene == np.eye(len(to_scene))).all()
     return PinocchioConstraints(
         constraints,
