@@ -21,7 +21,7 @@ from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
-    from condyn_pin.constraints.base import Machine
+    from condyn_pin.constraints.protocols import Machine
 
 _ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
