@@ -130,7 +130,7 @@ class Bound(OnFrames):
         if self.is_plain:  # a weld keeps its wrench whole, a ball acts at each body's own point
             at_two = self.selection == POINT and on_first != (self.sign > 0)
             return np.array((c2 if at_two else c1).translation)
-        return np.array(c2.translation)
+        return super().acts_at(c1, c2, on_first=on_first)
 
     def turns(self, model: Any) -> NDArray[np.bool_]:
         """Return for each row whether it is an angle."""

@@ -49,10 +49,6 @@ class Coupled(AnyBound):
         """Return None: it has no frames."""
         return
 
-    def whole(self, lam: Array) -> Array:
-        """Return the force along the coordinate of joint a (1,) [N m or N]."""
-        return lam.copy()
-
     def acts_at(self, c1: Any, c2: Any, *, on_first: bool) -> Array:
         """Refuse: it acts along joints."""
         raise InvalidArgument(f"{self.name}: a coupling acts along joints, at no point")

@@ -75,20 +75,12 @@ class Related(OnFrames):
         """False: the world enters its rows."""
         return False
 
-    def whole(self, lam: Array) -> Array:
-        """Return the rows of the force."""
-        return lam.copy()
-
     def force(self, lam: Array, ends: Any) -> Array:
         """Return force and moment W^T lam in the axes of c1, at c2 (6,)."""
         c1, c2 = ends()
         between = c1.actInv(c2)
         W = self.relation.weights(between.rotation, between.translation)
         return np.asarray(W.T @ lam)
-
-    def acts_at(self, c1: Any, c2: Any, *, on_first: bool) -> Array:
-        """Return the origin of c2."""
-        return np.array(c2.translation)
 
     def turns(self, model: Any) -> NDArray[np.bool_]:
         """Return for each row whether it is an angle."""
