@@ -5,14 +5,19 @@ from __future__ import annotations
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.one_thread import OneThread
+from condyn_pin._core.one_thread import OneThread, alone
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.loads import Loads
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.terms import Terms, finite_terms
 from condyn_pin.dynamics.derivatives.linearised import Linearisation
 from condyn_pin.dynamics.nominal import NominalAnalysis
 from condyn_pin.dynamics.raw import ConstraintDatas, ConstraintModels, raw_constraints
@@ -29,6 +34,7 @@ class Memory(OneThread):
     def __init__(self, scene: Scene, drift: Baumgarte | None) -> None:
         scene.robot.check_unedited()
         self.model, self.drift = pin.Model(scene.robot.model), drift
+        self._arguments = Arguments(self.model)
 
     def analysed(self, scene: Scene) -> Equations | None:
         """Analyse a scene that was not; return the equations that it took, for who needs them."""
@@ -106,3 +112,23 @@ class Memory(OneThread):
     def loads(self) -> Loads:
         """Forces on frames, evaluated in the memory of the equations."""
         return Loads(self.scene.robot, self.model, self.equations.data)
+
+    @alone
+    def terms(self, q: ArrayLike, v: ArrayLike) -> Terms:
+        """Return M, h, J, gamma and a_ref at a state."""
+        q_, v_, _ = self._arguments.check(q, v, np.zeros(self.model.nv))
+        return finite_terms(self.equations, q_, v_)
+
+    @alone
+    def jacobian(self, q: ArrayLike) -> Array:
+        """Return the constraint Jacobian J (m, nv)."""
+        return self.equations.jacobian(self._configuration(q))
+
+    @alone
+    def violation(self, q: ArrayLike) -> Array:
+        """Return c(q) (m,) [m, rad]."""
+        return self.equations.violation(self._configuration(q))
+
+    def _configuration(self, q: ArrayLike) -> Array:
+        still = np.zeros(self.model.nv)
+        return self._arguments.check(q, still, still)[0]

@@ -212,25 +212,11 @@ class Scene:
     ) -> tuple[Array, Array]:
         """Return a random (q, v) that satisfies the constraints.
 
-        It is on the branch of the first posture, and within the joint limits if that is.
-
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-            The source of randomness; the same generator gives the same states.
-        spread : float
-            Standard deviation of each joint about the nominal state, before closing [rad, m].
-        speed : float
-            Standard deviation of each velocity, before projection to J v = 0 [rad/s, m/s].
-
-        Raises
-        ------
-        NotAssembled
-            If the loops cannot be closed at the nominal state, or from none of 50 random guesses.
+        Arguments and errors are those of `condyn_pin.mechanism.sample`.
         """
         from condyn_pin.mechanism.sampling import sample
 
-        return sample(self, rng, spread, speed)
+        return sample(self, rng, spread=spread, speed=speed)
 
     def check(self, q: ArrayLike, v: ArrayLike | None = None) -> Check:
         """Return how far each loop is open at q, and which constraints slip with v."""

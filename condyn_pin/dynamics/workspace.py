@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.arguments import FLOAT, HIGH, LOW, Arguments, unpack_quaternion
+from condyn_pin._core.arguments import FLOAT, HIGH, LOW, unpack_quaternion
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.one_thread import alone, in_use
@@ -22,7 +22,6 @@ from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.loads import Load
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.rows.terms import Terms, finite_terms
 from condyn_pin.dynamics.choice import check_kinds, default_solver
 from condyn_pin.dynamics.derivatives import METHODS, Derivatives
 from condyn_pin.dynamics.derivatives.differences import DifferenceDerivatives, check_derivatives
@@ -59,13 +58,11 @@ class Workspace(Memory):
     scene, solver : Scene, Solver
     model, data, constraint_models, constraint_datas, proximal_settings
         Pinocchio's raw objects, for what this library does not offer. Between two solves you may
-        call any function of Pinocchio on `model` and `data`, and read the lists. The settings are
-        those of the last answer. You may not
-        resize the lists (`StaleModel`), edit the model, initialise `data` for other constraints,
-        or leave Baumgarte gains or `contact_acceleration_desired` behind: the next solve would
-        read them. After `LCABA` the constraint datas must not go into `pin.constraintDynamics`,
-        which reads what `lcaba` left there. `model` is a private copy: an edit of
-        ``robot.model`` does not reach it.
+        call any function of Pinocchio on `model`, a private copy, and `data`, and read the lists
+        and the settings of the last answer. You may not resize the lists (`StaleModel`), edit the
+        model, initialise `data` for other constraints, or leave Baumgarte gains or
+        `contact_acceleration_desired` behind: the next solve would read them. After `LCABA` the
+        constraint datas must not go into `pin.constraintDynamics`, which reads what `lcaba` left.
 
     Notes
     -----
@@ -92,7 +89,6 @@ class Workspace(Memory):
         super().__init__(scene, drift)
         equations = self.analysed(scene)
         self.solver = default_solver(scene) if solver is None else solver
-        self._arguments = Arguments(self.model)
         self._quaternions, self._pairs = self._arguments.quaternions, self._arguments.pairs
         offsets = [*zip(self.model.idx_vs, self.model.parents, strict=True)][1:]  # not the world's
         self.roots = tuple(int(v) for v, parent in offsets if parent == 0 and v >= 0)
@@ -291,23 +287,3 @@ class Workspace(Memory):
     def __reduce__(self) -> tuple[Any, ...]:
         # a copy has memory of its own: Pinocchio 4 crashes on a copied Data
         return partial(Workspace, drift=self.drift), (self.scene, self.solver)
-
-    @alone
-    def terms(self, q: ArrayLike, v: ArrayLike) -> Terms:
-        """Return M, h, J, gamma and a_ref at a state."""
-        q_, v_, _ = self._arguments.check(q, v, np.zeros(self.model.nv))
-        return finite_terms(self.equations, q_, v_)
-
-    @alone
-    def jacobian(self, q: ArrayLike) -> Array:
-        """Return the constraint Jacobian J (m, nv)."""
-        return self.equations.jacobian(self._configuration(q))
-
-    @alone
-    def violation(self, q: ArrayLike) -> Array:
-        """Return c(q) (m,) [m, rad]."""
-        return self.equations.violation(self._configuration(q))
-
-    def _configuration(self, q: ArrayLike) -> Array:
-        still = np.zeros(self.model.nv)
-        return self._arguments.check(q, still, still)[0]

@@ -22,4 +22,5 @@ from .reduction.reduction import lock as lock
 from .reduction.reduction import without as without
 from .reduction.reduction import without_bodies as without_bodies
 from .reduction.rods import rods_as_distances as rods_as_distances
+from .sampling import sample as sample
 from .summary import Summary as Summary

@@ -26,9 +26,27 @@ _TRIES = 50
 
 @one_blas_thread
 def sample(
-    scene: Scene, rng: np.random.Generator, spread: float, speed: float
+    scene: Scene, rng: np.random.Generator, *, spread: float = 0.2, speed: float = 1.0
 ) -> tuple[Array, Array]:
-    """Return a random (q, v) on the constraints; see `Scene.sample`."""
+    """Return a random (q, v) that satisfies the constraints.
+
+    It is on the branch of the first posture, and within the joint limits if that is.
+
+    Parameters
+    ----------
+    scene : Scene
+    rng : numpy.random.Generator
+        The source of randomness; the same generator gives the same states.
+    spread : float
+        Standard deviation of each joint about the nominal state, before closing [rad, m].
+    speed : float
+        Standard deviation of each velocity, before projection to J v = 0 [rad/s, m/s].
+
+    Raises
+    ------
+    NotAssembled
+        If the loops cannot be closed at the nominal state, or from none of 50 random guesses.
+    """
     check_generator(rng)
     for name, value in (("spread", spread), ("speed", speed)):
         if not finite(name, value, ()) >= 0:

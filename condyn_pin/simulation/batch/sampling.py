@@ -93,7 +93,7 @@ def _sample(scene: Scene, spread: float, speed: float, streams: Streams) -> tupl
     Q = np.zeros((len(streams), scene.robot.nq))
     V = np.zeros((len(streams), scene.robot.nv))
     for i, rng in enumerate(streams):
-        Q[i], V[i] = sample(scene, rng, spread, speed)
+        Q[i], V[i] = sample(scene, rng, spread=spread, speed=speed)
     return Q, V
 
 
