@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from condyn_pin._core import tolerances
+from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.errors import NotAssembled
 
 if TYPE_CHECKING:
@@ -136,9 +137,7 @@ def _drawn_states(workspace: Workspace) -> Iterator[NominalState]:
 
     Where a state is nearly singular even that cannot: nothing can be measured by it.
     """
-    # imported here: it imports a solver
-    from condyn_pin.dynamics.nominal_states import NominalState
-    from condyn_pin.dynamics.solvers.reference import Reference
+    from condyn_pin.dynamics.nominal_states import NominalState  # it imports a solver
 
     scene, rng = workspace.scene, np.random.default_rng(1)
     if not scene.nominal.closed:
