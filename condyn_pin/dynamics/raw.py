@@ -47,3 +47,10 @@ def raw_constraints(
         pin.StdVec_RigidConstraintModel.append(models, made)
         pin.StdVec_RigidConstraintData.append(datas, made.createData())
     return models, datas
+
+
+def weightless(model: Any) -> Any:
+    """Return a copy of a model without gravity."""
+    copy = pin.Model(model)
+    copy.gravity = pin.Motion.Zero()
+    return copy

@@ -22,10 +22,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from condyn_pin._core import _pin
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.bound import PinocchioConstraint
-from condyn_pin.dynamics.raw import raw_constraints
+from condyn_pin.dynamics.raw import raw_constraints, weightless
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.workspace import Workspace
@@ -109,15 +108,12 @@ class Corrected:
     ) -> None:
         self._workspace, self._recursion, self._times = workspace, recursion, times
         self._run, self._latest = recursion.bind(settings), np.zeros(workspace.scene.rows)
-        weightless, pinocchio_constraints = (
-            pin.Model(workspace.model),
+        model, constraints = (
+            weightless(workspace.model),
             workspace.pinocchio_constraints.constraints,
         )
-        weightless.gravity = pin.Motion.Zero()
-        models, datas = raw_constraints(weightless, pinocchio_constraints, None)
-        self._still = Recursion(
-            weightless, weightless.createData(), pinocchio_constraints, models, datas
-        )
+        models, datas = raw_constraints(model, constraints, None)
+        self._still = Recursion(model, model.createData(), constraints, models, datas)
         self._correct = self._still.bind(settings)
         self._at_rest = np.zeros(workspace.model.nv)
 

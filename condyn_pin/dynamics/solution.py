@@ -129,16 +129,9 @@ class Solution:
     ) -> None:
         # at once: the eight guarded assignments of a frozen dataclass take twice as long
         self.__dict__.update(
-            a=a,
-            lam=lam,
-            residuals=residuals,
-            status=status,
-            iterations=iterations,
-            solve_time=solve_time,
-            scene=scene,
-            q=q,
-            applied=applied,
-        )
+            a=a, lam=lam, residuals=residuals, status=status, iterations=iterations,
+            solve_time=solve_time, scene=scene, q=q, applied=applied,
+        )  # fmt: skip
 
     @property
     def dynamics_error(self) -> float:
@@ -186,10 +179,9 @@ class Solution:
         """What deserves attention, a sentence each.
 
         Contacts that pull, as no ground does. Forces that are wrong where a is right. A singular
-        configuration, where the equations ask for
-        less than the loops. Where the answer is not ok, rows are not met, or forces are a thousand
-        times the weight: rows that contradict each other, and those that hold nothing there any
-        more.
+        configuration, where the equations ask for less than the loops. Where the answer is not ok,
+        rows are not met, or forces are a thousand times the weight: rows that contradict each
+        other, and those that hold nothing there any more.
 
         The look at the singular values takes a few solves, when it is asked for first.
         """
