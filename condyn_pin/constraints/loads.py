@@ -23,7 +23,7 @@ from condyn_pin.errors import InvalidArgument
 if TYPE_CHECKING:
     from condyn_pin.constraints.protocols import Machine
 
-_ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
 class Place(NamedTuple):
@@ -106,7 +106,7 @@ class Loads:
         pin.computeJointJacobians(model, data, q)
         torque, size, wrenches = np.zeros(model.nv), np.zeros(model.nv), []
         for (joint, placement), in_world, wrench in self.bind(forces):
-            axes = _ALIGNED if in_world else LOCAL
+            axes = ALIGNED if in_world else LOCAL
             J = frame_jacobian(model, data, joint, placement, axes)
             torque += J.T @ wrench
             size += np.abs(J.T) @ np.abs(wrench)

@@ -14,6 +14,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
+from condyn_pin.constraints import loads
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.loads import Load, Loads
 from condyn_pin.constraints.rows.cancellation import ROUNDED, cancellation_scale
@@ -76,9 +77,7 @@ def frame_jacobian(scene: Scene, q: Array, frame: str) -> Array:
     equations = equations_of(scene)
     model, data = equations.model, equations.data
     pin.computeJointJacobians(model, data, q)
-    axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-    J = np.array(pin.getFrameJacobian(model, data, joint, placement, axes))
-    return J.reshape(6, model.nv)  # a single column comes as a vector
+    return np.array(loads.frame_jacobian(model, data, joint, placement, loads.ALIGNED))
 
 
 def gaps(scene: Scene, c: Array) -> dict[str, ConstraintViolation]:

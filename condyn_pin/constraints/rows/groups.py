@@ -12,8 +12,9 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from condyn_pin._core._pin import LOCAL, pin
+from condyn_pin._core._pin import LOCAL
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.loads import frame_jacobian
 from condyn_pin.constraints.rows.any_bound import AnyBound, OnFrames
 from condyn_pin.constraints.rows.bound import FRAME, POINT, Bound
 from condyn_pin.constraints.rows.couplings import Coupled, Couplings
@@ -149,10 +150,7 @@ class Groups:
         nothing = np.zeros((6, model.nv))
 
         def of_frame(joint: int, placement: Any) -> Array:
-            if joint == 0:
-                return nothing
-            found: Array = pin.getFrameJacobian(model, data, joint, placement, LOCAL)
-            return found if found.ndim == 2 else found.reshape(6, 1)  # of a single column
+            return frame_jacobian(model, data, joint, placement, LOCAL) if joint else nothing
 
         for group in self._unlike_pinocchio:
             group.jacobian(J, of_frame)

@@ -36,6 +36,7 @@ import numpy as np
 
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.loads import frame_jacobian
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.bound import Bound, PinocchioConstraint
 from condyn_pin.constraints.rows.cancellation import ROUNDED
@@ -133,8 +134,7 @@ def _height_of(model: Any, b: Bound) -> float | None:
     def twist(joint: int, placement: Any) -> Array:
         if joint == 0:
             return np.zeros((6, model.nv))
-        # a single column comes as a vector
-        return np.reshape(pin.getFrameJacobian(model, data, joint, placement, LOCAL), (6, -1))
+        return frame_jacobian(model, data, joint, placement, LOCAL)
 
     first, second = (
         twist(b.joint1, b.placement1),
