@@ -13,6 +13,7 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.tolerances import CLOSED
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.mechanism.closed_chains import chains_of
 
 # rows, rank, mobility: counted by hand or taken from an independent engine
@@ -219,3 +220,26 @@ def test_what_says_nothing_holds_nothing(leaves):
         np.testing.assert_allclose(cp.solve(door, q, v, v, solver=solver).a, free, rtol=1e-9)
     found = cp.derivatives(door, q, v, v, check=True)
     np.testing.assert_allclose(found.da_dtau, pin.computeMinverse(model, model.createData(), q))
+
+
+def test_scenes_that_differ_by_anchors_have_their_own_rows():
+    """A run anchors its contacts and keeps the analysis: gains act on gaps of its own scene."""
+    solo = robot("solo12")
+    scene = cp.Scene(solo, solo.contacts)
+    q, v = scene.state()
+    run = cp.simulate(scene, q, v, duration=2e-3, drift=cp.Baumgarte(30.0, 30.0))
+    assert run.scene.nominal is scene.nominal
+    for which, anchored in ((scene, False), (run.scene, True)):
+        rows = pinocchio_constraints_of(which).constraints
+        assert {row.anchored for row in rows} == {anchored}
+
+
+def test_former_members_warn_and_forward():
+    scene = all_scenes()["four_bar loops"]
+    with pytest.warns(DeprecationWarning, match="Scene.project_velocity is mechanism"):
+        v = scene.project_velocity(scene.nominal.q, np.ones(3))
+    assert np.array_equal(v, cp.mechanism.project_velocity(scene, scene.nominal.q, np.ones(3)))
+    with pytest.warns(DeprecationWarning, match="dynamics.nominal.pinocchio_constraints_of now"):
+        assert scene.natives is pinocchio_constraints_of(scene)
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        _ = scene.nonsense

@@ -11,6 +11,7 @@ import pytest
 from shared import all_scenes, robot, states
 
 import condyn_pin as cp
+from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.dynamics.solvers.base import BoundSolver
 
 WAIT = 60.0  # [s], far more than anything here takes
@@ -171,7 +172,7 @@ def test_lazy_properties_of_a_scene_may_be_asked_for_at_once():
         both.wait()
         return (
             fresh.nominal.weight,
-            fresh.nominal.pinocchio_constraints.constraints,
+            pinocchio_constraints_of(fresh).constraints,
             fresh.rank().rank,
         )
 

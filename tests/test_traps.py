@@ -20,6 +20,7 @@ import condyn_pin as cp
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import HAS_LCABA, pin
 from condyn_pin.dynamics.catalogue import motor_torque
+from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.lab.extremes.units import Units
 
 GRAVITY = 9.81
@@ -79,7 +80,7 @@ def bare(of: cp.Scene):
     """Return Pinocchio's own objects for the constraints of a scene, initialised."""
     model, data = of.robot.model, of.robot.model.createData()
     models, datas = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
-    for bound in of.nominal.pinocchio_constraints.constraints:
+    for bound in pinocchio_constraints_of(of).constraints:
         models.append(bound.to_pinocchio(model))
         datas.append(models[len(models) - 1].createData())
     _pin.init_constraint_dynamics(model, data, models, datas)
@@ -679,8 +680,8 @@ def test_trap_18_a_joint_that_cannot_be_checked_is_refused():
 def test_trap_19_setting_gains_does_not_resize_them(name):
     """Pinocchio 3: assigning six gains to a constraint with three rows is accepted."""
     made = (
-        scene(name)
-        .nominal.pinocchio_constraints.constraints[0]
+        pinocchio_constraints_of(scene(name))
+        .constraints[0]
         .to_pinocchio(robot("talos" if name == "talos" else "solo12").model)
     )
     _pin.set_baumgarte(made, 3.0, 4.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import SOLVERS
 from condyn_pin.dynamics.solvers.base import Solver
@@ -19,7 +20,7 @@ def default_solver(scene: Scene) -> Solver:
     `Proximal`; for kinds of constraints that it cannot take, `DenseKKT`, and `NullSpace` if there
     are redundant rows besides.
     """
-    if not scene.nominal.pinocchio_constraints.unsupported:
+    if not pinocchio_constraints_of(scene).unsupported:
         return _USUAL
     return NullSpace() if scene.nominal.dependent else DenseKKT()
 
@@ -35,7 +36,7 @@ def kinds_of(solver: type[Solver]) -> str:
 
 def untaken(scene: Scene, solver: Solver) -> tuple[str, ...]:
     """Return the names of the constraints that a solver cannot take."""
-    found = scene.nominal.pinocchio_constraints
+    found = pinocchio_constraints_of(scene)
     if solver.takes_every_kind:
         return ()
     if not solver.takes_approximated:
@@ -48,7 +49,7 @@ def check_kinds(scene: Scene, solver: Solver) -> None:
     names = untaken(scene, solver)
     if not names:
         return
-    found, able = scene.nominal.pinocchio_constraints, ["Proximal()"]
+    found, able = pinocchio_constraints_of(scene), ["Proximal()"]
     why = (
         f"Pinocchio has constraints of 3 and of 6 rows, and {', '.join(names)} cannot be made of "
         "those"

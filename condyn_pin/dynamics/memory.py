@@ -19,7 +19,7 @@ from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms, finite_terms
 from condyn_pin.dynamics.derivatives.linearised import Linearisation
-from condyn_pin.dynamics.nominal import NominalAnalysis
+from condyn_pin.dynamics.nominal import NominalAnalysis, pinocchio_constraints_of
 from condyn_pin.dynamics.raw import ConstraintDatas, ConstraintModels, raw_constraints
 from condyn_pin.dynamics.scene import Scene
 
@@ -49,7 +49,7 @@ class Memory(OneThread):
         """Take another scene of the same model; nothing of the old one is left."""
         self.scene = scene
         self.bounds: tuple[AnyBound, ...] = scene.bounds
-        self.pinocchio_constraints = scene.nominal.pinocchio_constraints
+        self.pinocchio_constraints = pinocchio_constraints_of(scene)
         self.proximal_settings: Any = None
         for made_on_demand in ("_made", "equations", "linearisation", "loads"):
             self.__dict__.pop(made_on_demand, None)

@@ -117,7 +117,7 @@ class NominalAnalysis:
 
         Those that Pinocchio takes as two points do not: a row too many.
         """
-        return self.rank == self._lively and not self.pinocchio_constraints.approximated
+        return self.rank == self._lively and not pinocchio_constraints_of(self._scene).approximated
 
     def condition_exceeds(self, limit: float) -> bool:
         """Whether the condition number of M is above a limit: its traces say no at less cost.
@@ -146,7 +146,7 @@ class NominalAnalysis:
         With lam = E^T lam_native and J L^-T = U S V^T these are the squares of the singular values
         of E U S. Rows that Pinocchio does not have stay as they are.
         """
-        native, rank = self.pinocchio_constraints, self.rank
+        native, rank = pinocchio_constraints_of(self._scene), self.rank
         if not rank:
             return self.delassus_norm, self.delassus_norm
         E_, S = native.to_scene, self.factors.S[:rank]
@@ -179,20 +179,28 @@ class NominalAnalysis:
         equations = Equations(self._scene.robot.unedited, self._scene.bounds)
         return read_only(nominal_states(equations, self.q, self.factors, self.cancellation))
 
-    @cached_property
-    def pinocchio_constraints(self) -> PinocchioConstraints:
-        """The constraints as Pinocchio's own methods take them."""
-        scene = self._scene
-        return pinocchio_constraints(scene.robot.model, scene.bounds, self._whitened_rows)
-
     @one_blas_thread
-    def _whitened_rows(self) -> Array:
+    def whitened_rows(self) -> Array:
         """Return J L^-T (m, nv), the Jacobian in the metric of M."""
         whitened = whiten(self.terms.M, self.terms.J)
         if whitened is None:
             said = massless_motion(self._scene.robot.model, self.q)
             raise InvalidModel(said or "the mass matrix is not positive definite")
         return np.asarray(whitened[1].T)
+
+
+def pinocchio_constraints_of(scene: Scene) -> PinocchioConstraints:
+    """Return the constraints of a scene as Pinocchio's own methods take them; made once.
+
+    Scenes that differ by anchors share a `NominalAnalysis`, but not these.
+    """
+    known = vars(scene)
+    if "_pinocchio_constraints" not in known:
+        known["_pinocchio_constraints"] = pinocchio_constraints(
+            scene.robot.model, scene.bounds, lambda: scene.nominal.whitened_rows()
+        )
+    found: PinocchioConstraints = known["_pinocchio_constraints"]
+    return found
 
 
 def described_posture(scene: Scene, posture: str | None = None) -> Array:

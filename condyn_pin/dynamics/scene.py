@@ -10,7 +10,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from importlib import import_module
-from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 from warnings import warn
 
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.kinds import bind
 from condyn_pin.constraints.rows.any_bound import AnyBound
@@ -40,12 +40,13 @@ if TYPE_CHECKING:
 # that is named; they go with the next.
 _MOVED = {
     "as_planar": "mechanism.as_planar",
-    "audit": "Scene.nominal",
+    "chains": "mechanism.closed_chains.chains_of",
     "complete_state": "mechanism.complete_state",
     "guess": "dynamics.described_posture",
     "keep": "mechanism.keep",
     "merge_points": "mechanism.merge_points",
-    "natives": "Scene.nominal.pinocchio_constraints",
+    "natives": "dynamics.nominal.pinocchio_constraints_of",
+    "pinocchio_constraints": "dynamics.nominal.pinocchio_constraints_of",
     "project_acceleration": "mechanism.project_acceleration",
     "project_velocity": "mechanism.project_velocity",
     "rods_as_distances": "mechanism.rods_as_distances",
@@ -54,6 +55,7 @@ _MOVED = {
     "without_bodies": "mechanism.without_bodies",
     "without_linkage": "mechanism.without_linkage",
 }
+_VALUES = ("chains", "natives", "pinocchio_constraints")  # members that were no methods
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,8 @@ class Scene:
 
     robot: Robot
     constraints: Sequence[Constraint] = ()
+
+    audit = renamed("nominal")
 
     def __post_init__(self) -> None:
         if not isinstance(self.robot, Robot):
@@ -254,10 +258,9 @@ class Scene:
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
         now = _MOVED[name]
         warn(f"Scene.{name} is {now} now", DeprecationWarning, stacklevel=2)
-        room, _, member = now.partition(".")
-        if room == "Scene":
-            return attrgetter(member)(self)
-        return partial(getattr(import_module(f"condyn_pin.{room}"), member), self)
+        room, _, member = now.rpartition(".")
+        function = getattr(import_module(f"condyn_pin.{room}"), member)
+        return function(self) if name in _VALUES else partial(function, self)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Scene, (self.robot, self.constraints)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.names import few
+from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.mechanism.freedom import base_freedom
 from condyn_pin.mechanism.rank import Rank
@@ -183,7 +184,7 @@ def _notes(scene: Scene, at: Rank) -> Iterator[str]:
             f"{len(at.redundant)} redundant rows: a is unique, lam is the smallest of many; "
             "DenseKKT needs mu > 0"
         )
-    if missing := scene.nominal.pinocchio_constraints.unsupported:
+    if missing := pinocchio_constraints_of(scene).unsupported:
         yield (
             f"{', '.join(missing)}: Pinocchio has no such rows, so that Proximal and LCABA refuse "
             "the scene; what solves it instead takes five times as long, or more"

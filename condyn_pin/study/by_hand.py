@@ -18,6 +18,7 @@ from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.plain import PlainRows
+from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.dynamics.raw import raw_constraints
 from condyn_pin.dynamics.scene import Scene
 
@@ -96,7 +97,7 @@ def _by_contact_cholesky(scene: Scene, mu: float) -> Answer:
     """Pinocchio's sparse factor of the same matrix, the rows first."""
     model = pin.Model(scene.robot.model)
     data, m, still = model.createData(), scene.rows, np.zeros(model.nv)
-    models, datas = raw_constraints(model, scene.nominal.pinocchio_constraints.constraints, None)
+    models, datas = raw_constraints(model, pinocchio_constraints_of(scene).constraints, None)
     _pin.init_constraint_dynamics(model, data, models, datas)
     rows, y = PlainRows(model, data, scene.bounds), np.zeros(m + model.nv)
 
