@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.cli.main import app
+from condyn_pin.dynamics.verifier import failure
 from condyn_pin.io.load import robots_folder
 
 ROCKER = 0.6  # of four_bar() [m]
@@ -388,7 +389,7 @@ def test_every_text_on_an_open_weld_tells_distance_and_angle():
     with pytest.raises(cp.NotAssembled, match="open by 1000 mm after"):
         scene.sample(np.random.default_rng(0))
     with pytest.raises(cp.SolveFailed, match=told):
-        raise cp.Workspace(scene)._failure(cp.solve(scene, q, q, q, throw=False))
+        raise failure(cp.Workspace(scene), cp.solve(scene, q, q, q, throw=False))
 
 
 # --- what is left free

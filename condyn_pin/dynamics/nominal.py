@@ -204,7 +204,25 @@ def pinocchio_constraints_of(scene: Scene) -> PinocchioConstraints:
 
 
 def described_posture(scene: Scene, posture: str | None = None) -> Array:
-    """Return a posture of the robot as it is in the description; neutral if it has none."""
+    """Return a posture of the robot as it is in the description; neutral if it has none.
+
+    Parameters
+    ----------
+    scene : Scene
+    posture : str, optional
+        Its name; the first one by default.
+
+    Returns
+    -------
+    q : (nq,) array
+
+    Raises
+    ------
+    InvalidArgument
+        If the name is no text.
+    UnknownName
+        If there is no such posture.
+    """
     postures = scene.robot.postures
     if posture is None:
         q = next(iter(postures.values()), None)

@@ -216,7 +216,8 @@ class Scene:
     ) -> tuple[Array, Array]:
         """Return a random (q, v) that satisfies the constraints.
 
-        Arguments and errors are those of `condyn_pin.mechanism.sample`.
+        What `rng`, `spread` and `speed` are, and what is raised, `condyn_pin.mechanism.sample`
+        says.
         """
         from condyn_pin.mechanism.sampling import sample
 
@@ -229,9 +230,9 @@ class Scene:
         return check(self, q, v)
 
     def lock(self, joints: Sequence[str], q: ArrayLike | None = None) -> ReducedScene:
-        """Return the scene of the smaller robot in which some joints are held at q: exact.
+        """Return the scene of the smaller robot in which some `joints` are held at `q`: exact.
 
-        Arguments and errors are those of `condyn_pin.mechanism.lock`.
+        The arguments and errors are those of `condyn_pin.mechanism.lock`.
         """
         from condyn_pin.mechanism.reduction.reduction import lock
 
@@ -245,9 +246,10 @@ class Scene:
         watch: Sequence[str] | None = None,
         solver: Solver | None = None,
     ) -> Minimal:
-        """Return a smaller scene that answers the same question within an error.
+        """Return a smaller scene that answers the same question within an `error`.
 
-        Arguments and errors are those of `condyn_pin.mechanism.minimal`.
+        What `motion`, `watch` and `solver` are, and what is raised, `condyn_pin.mechanism.minimal`
+        says.
         """
         from condyn_pin.mechanism.reduction.minimal import minimal
 

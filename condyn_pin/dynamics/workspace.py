@@ -217,7 +217,9 @@ class Workspace(Memory):
         accuracy: float | None = None,
         throw: bool = True,
     ) -> Solution:
-        """Return a, lam and the proof of both; arguments are those of `condyn_pin.solve`.
+        """Return a, lam and the proof of both.
+
+        `forces`, `accuracy` and `throw` are those of `condyn_pin.solve`, and so are the errors.
 
         Raises
         ------

@@ -91,17 +91,21 @@ def complete_state(
     Parameters
     ----------
     scene : Scene
-    q_actuated : array_like
-        Positions of the actuated joints, in the order of ``robot.actuated``.
-    v_actuated : array_like, optional
-        Their velocities; at rest by default.
+    q_actuated : (n,) array_like
+        Positions of the actuated joints, in the order of ``robot.actuated`` [rad, m].
+    v_actuated : (n,) array_like, optional
+        Their velocities [rad/s, m/s]; at rest by default.
     near : (nq,) array_like, optional
         Where everything starts that the motors do not determine, and stays if the loops do not
-        either: a floating base, springs, the spin of a rod. The nominal state by default. The
-        motors are followed from there, in a straight line of their coordinates and in strides
+        either: a floating base, springs, the spin of a rod [m, rad]. The nominal state by default.
+        The motors are followed from there, in a straight line of their coordinates and in strides
         of 0.1 rad or less, so that its branch is kept.
     within_limits : bool
         Refuse motors outside their limits, and those that take another joint out of its.
+
+    Returns
+    -------
+    CompleteState
 
     Raises
     ------

@@ -58,6 +58,10 @@ def project_velocity(scene: Scene, q: ArrayLike, v: ArrayLike, *, metric: Metric
     metric : {"mass", "euclidean"}
         What near means: kinetic energy of the difference, or its squares in rad/s and m/s.
 
+    Returns
+    -------
+    v : (nv,) array
+
     Raises
     ------
     NotAssembled
@@ -90,6 +94,10 @@ def project_acceleration(
     a : (nv,) array_like
     metric : {"mass", "euclidean"}
         With "mass", and a the unconstrained acceleration, this is Gauss's principle.
+
+    Returns
+    -------
+    a : (nv,) array
 
     Raises
     ------

@@ -42,8 +42,15 @@ def sample(
     speed : float
         Standard deviation of each velocity, before projection to J v = 0 [rad/s, m/s].
 
+    Returns
+    -------
+    q : (nq,) array
+    v : (nv,) array
+
     Raises
     ------
+    InvalidArgument
+        If an argument is none of these.
     NotAssembled
         If the loops cannot be closed at the nominal state, or from none of 50 random guesses.
     """

@@ -48,6 +48,10 @@ def without_linkage(scene: Scene, loops: Sequence[str], joints: Sequence[str]) -
     joints : sequence of str
         The joints of the linkage.
 
+    Returns
+    -------
+    ReducedScene
+
     Raises
     ------
     InvalidArgument

@@ -38,6 +38,10 @@ def merge_points(scene: Scene, *, edges: bool = True) -> ReducedScene:
     scene : Scene
     edges : bool
         Merge points on a line too. Solvers that know no edges make two points of it again.
+
+    Returns
+    -------
+    ReducedScene
     """
     robot, constraints, dropped = scene.robot, list(scene.constraints), []
     for frame, points in _groups(constraints).items():

@@ -83,6 +83,8 @@ def minimal(
 
     Raises
     ------
+    InvalidArgument
+        If an argument is none of these, or nothing would be left to move.
     NotAssembled
         If a state of the motion is not on the constraints; the text says which.
     """

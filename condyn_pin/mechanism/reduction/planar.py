@@ -35,6 +35,10 @@ def as_planar(scene: Scene, name: str) -> ReducedScene:
     name : str
         Of the loop.
 
+    Returns
+    -------
+    ReducedScene
+
     Raises
     ------
     UnknownName

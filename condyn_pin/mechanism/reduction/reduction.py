@@ -47,6 +47,8 @@ def lock(scene: Scene, joints: Sequence[str], q: ArrayLike | None = None) -> Red
 
     Raises
     ------
+    InvalidArgument
+        If an argument is none of these, or nothing would be left to move.
     NotAssembled
         If the loops cannot be closed with the joints there.
     """
@@ -73,16 +75,38 @@ def lock(scene: Scene, joints: Sequence[str], q: ArrayLike | None = None) -> Red
 
 
 def keep(scene: Scene, joints: Sequence[str], q: ArrayLike | None = None) -> ReducedScene:
-    """Return the scene with all but some joints locked, as by `Scene.lock`.
+    """Return the scene with all but some joints locked, as by `lock`.
 
-    A free-flyer is kept without being named; `Scene.lock` holds it.
+    A free-flyer is kept without being named; `lock` holds it.
+
+    Parameters
+    ----------
+    scene : Scene
+    joints : sequence of str
+    q : (nq,) array_like, optional
+        As in `lock`.
+
+    Returns
+    -------
+    ReducedScene
     """
     kept = {*checked("joints", joints, scene.robot.joints, "joint"), *free_flyers(scene.robot)}
     return lock(scene, [name for name in scene.robot.joints if name not in kept], q)
 
 
 def without(scene: Scene, names: Sequence[str]) -> ReducedScene:
-    """Return the scene without some of its constraints, given by their names."""
+    """Return the scene without some of its constraints.
+
+    Parameters
+    ----------
+    scene : Scene
+    names : sequence of str
+        Of the constraints.
+
+    Returns
+    -------
+    ReducedScene
+    """
     gone = checked("names", names, scene.names, "constraint")
     kept = [c for c in scene.constraints if c.name not in gone]
     dropped = tuple(f"constraint {name}: left out" for name in gone)
@@ -93,6 +117,20 @@ def without_bodies(scene: Scene, joints: Sequence[str]) -> ReducedScene:
     """Return the scene without the bodies that hang on some joints, their mass included.
 
     What hangs on these bodies goes with them, and the constraints that are fixed to them.
+
+    Parameters
+    ----------
+    scene : Scene
+    joints : sequence of str
+
+    Returns
+    -------
+    ReducedScene
+
+    Raises
+    ------
+    InvalidArgument
+        If nothing is left.
     """
     model = scene.robot.model
     named = checked("joints", joints, scene.robot.joints, "joint")

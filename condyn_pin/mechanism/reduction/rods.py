@@ -78,6 +78,10 @@ def rods_as_distances(
         Whether a rod's mass is shared by its two ends, so that total mass and centre of mass
         along the rod stay, or dropped.
 
+    Returns
+    -------
+    ReducedScene
+
     Raises
     ------
     InvalidArgument
