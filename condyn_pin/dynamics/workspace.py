@@ -241,14 +241,14 @@ class Workspace(Memory):
         except Singular:
             solution = self._verifier.failed(q_, v_, perf_counter() - start, load)
         else:
-            answer = q_, v_, tau_, a, accuracy, perf_counter() - start, load
+            took, verify = perf_counter() - start, self._verifier.verify
             for i in self.roots:
                 if not SMALLEST < a.item(i) < LARGEST:  # the status says it, so numpy need not
                     with np.errstate(all="ignore"):
-                        solution = self._verifier.verify(*answer)
+                        solution = verify(q_, v_, tau_, a, accuracy, took, load)
                     break
             else:
-                solution = self._verifier.verify(*answer)
+                solution = verify(q_, v_, tau_, a, accuracy, took, load)
         if solution.status is not _OK:
             self._arguments.check(q_, v_, tau_)  # what is not finite may be the input's fault
             if throw:

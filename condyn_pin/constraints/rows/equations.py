@@ -64,6 +64,7 @@ class Equations:
         motion = self._all[2 * n + width : 2 * n + 3 * width].reshape(2, width)
         self._groups = Groups(model, self.data, self.bounds, motion)
         self._plain, self._couplings = self._groups.plain, self._groups.couplings
+        self._evaluators = self._groups.evaluators
         reached = cancellation_scale(
             self, pin.neutral(model)
         )  # here, where data holds no state of anybody's
@@ -162,7 +163,7 @@ class Equations:
         self.motion(q, v, a)
         if self.drift:
             self._acceleration += self.drift.Kd * self._velocity + self.drift.Kp * self._c
-        wrenches = self.wrenches(lam)
+        wrenches = self._groups.wrenches(lam * self.sign if self._flipped else lam)
         if load:
             wrenches = load.on_top_of(wrenches)
         np.subtract(_rnea(self.model, self.data, q, v, a, wrenches), tau, out=self._dynamics)
@@ -188,8 +189,9 @@ class Equations:
     def motion(self, q: Array, v: Array, a: Array) -> None:
         """Evaluate c(q), J v and J a + gamma into the memory of this object."""
         _forward_kinematics(self.model, self.data, q, v, a)
-        rows = self._c, self._velocity, self._acceleration
-        self._groups.evaluate(*rows)
+        c, velocity, acceleration = rows = self._c, self._velocity, self._acceleration
+        for evaluate in self._evaluators:
+            evaluate(c, velocity, acceleration)
         if self._couplings:
             self._couplings.evaluate(q, v, a, rows)
         if self._flipped:

@@ -80,8 +80,8 @@ class UnlikePinocchio(Group, Protocol):
 class Groups:
     """All groups of one scene, and the memory that they share with its `Equations`.
 
-    They hold views of `data`. `motion` (2, m + 1) is where J v and J a + gamma are, a zero behind
-    each.
+    They hold views of `data`. `evaluators` write the rows of all but couplings. `motion` (2, m + 1)
+    is where J v and J a + gamma are, a zero behind each.
     """
 
     def __init__(self, model: Any, data: Any, bounds: Sequence[AnyBound], motion: Array) -> None:
@@ -102,7 +102,8 @@ class Groups:
                 others.append((kind(Ends(data, chosen), chosen), chosen, components))
         # contacts come first: they write zeros into all other rows
         self._unlike_pinocchio = [*contacts, *(group for group, _, _ in others)]
-        self._groups: list[Group] = [*contacts, *loops, *(group for group, _, _ in others)]
+        groups: list[Group] = [*contacts, *loops, *(group for group, _, _ in others)]
+        self.evaluators = [group.evaluate for group in groups]
         self._place(loops, [*held, *balls, *welds], others)
 
     def _place(
@@ -127,11 +128,6 @@ class Groups:
         f1, f2 = self._forces[:size], self._forces[size:]
         self._lam = f1[: self._m]
         self._stacks = [(group.stack, f1[at], f2[at]) for group, at in slices]
-
-    def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
-        """Write the rows of all but couplings, after forward kinematics."""
-        for group in self._groups:
-            group.evaluate(c, velocity, acceleration)
 
     def wrenches(self, lam: Array) -> Any:
         """Return lam, with the signs of joint 1, as a wrench on each joint, after `evaluate`."""
