@@ -1,4 +1,4 @@
-"""Cone: what friction cones of every kind have, and the sides of a pyramid.
+"""Cone: what friction cones of every kind have, the sides of a pyramid, and margins.
 
 In the axes of the floor, z along its normal, with f the force on the robot, a pyramid stands for
 the round cone |(f_x, f_y)| <= mu f_z in inequalities that are linear, with k sides
@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import zip_longest
 from math import cos, pi, sin
-from typing import Literal, get_args
+from typing import Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,12 +25,93 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, finite, finite_rows, read_only
 from condyn_pin.constraints.constraint_fields import Vector3, check_size, direction
 from condyn_pin.constraints.constraints import WORLD, Constraint
-from condyn_pin.contact.cones.margin import FAULTS, ConeRows, Margin
 from condyn_pin.dynamics.force import ConstraintForce, upward
 from condyn_pin.errors import InvalidArgument
 
 Pyramid = Literal["inner", "outer"]
 Row = tuple[str, tuple[float, ...]]  # its name and its entries of A
+
+# What a contact does where its force leaves the cone. The later ones are often only consequences of
+# the first: what pulls also slips, by numbers.
+FAULTS: Final = ("pulls", "slips", "tips", "twists")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Margin:
+    """How far forces are from leaving a cone; what is below zero has left it.
+
+    Each has a number for each of k forces, and a single number for a single force. Where a contact
+    is away all are infinite, and where there is no answer NaN. Impulses have [N s] in place of [N].
+
+    Attributes
+    ----------
+    pulls : (k,) array
+        Normal force [N].
+    slips : (k,) array
+        Tangential force that is left before it slips [N].
+    tips : (k,) array
+        Normal force on the edge that lifts first [N]; infinite for a point.
+    twists : (k,) array
+        Yaw torque that is left before it turns about the normal, over half_length + half_width, as
+        a tangential force [N]; infinite for a point.
+    noise : (k,) array
+        The size of a force that counts as none [N].
+    """
+
+    pulls: Array
+    slips: Array
+    tips: Array
+    twists: Array
+    noise: Array  # [N]
+
+    @property
+    def least(self) -> Array:
+        """The smallest of the four [N]; a floor can give the force if it is not negative."""
+        return np.asarray(np.minimum.reduce(self._four))[()]
+
+    @property
+    def fault(self) -> str | Array:
+        """Which of the four is violated, the first of them if several are; empty if none is.
+
+        An array of text for many forces. "unknown" where there is no answer.
+        """
+        left = [four < -self.noise for four in self._four]
+        found = np.select([np.isnan(self.least), *left], ["unknown", *FAULTS], "")
+        return found if found.ndim else str(found)
+
+    @property
+    def _four(self) -> tuple[Array, ...]:
+        return self.pulls, self.slips, self.tips, self.twists
+
+    def __repr__(self) -> str:
+        faults, least = np.ravel(self.fault), np.ravel(self.least)
+        if least.size == 1:
+            return f"Margin({least[0]:.4g} N{f': {faults[0]}' if faults[0] else ''})"
+        counts = ((int((faults == each).sum()), each) for each in (*FAULTS, "unknown"))
+        said = ", ".join(f"{n} {fault}" for n, fault in counts if n) or "no faults"
+        worst = float(np.fmin.reduce(least, initial=np.inf))
+        return f"Margin({least.size} forces, {worst:.4g} N at least: {said})"
+
+
+@dataclass(frozen=True, eq=False)
+class ConeRows:
+    """Linear inequalities of forces, A f <= b, as a quadratic program takes them.
+
+    Attributes
+    ----------
+    A : (r, m) array
+        For the forces of a scene, columns in the order and sign of its `lam` [1, 1/m].
+    names : tuple of str
+        Of the rows: the contact, what it does where the row is violated, and on which side.
+    """
+
+    A: Array
+    names: tuple[str, ...]
+
+    @property
+    def b(self) -> Array:
+        """Zeros (r,) [N]: these are cones."""
+        return np.zeros(len(self.A))
 
 
 @dataclass(frozen=True)

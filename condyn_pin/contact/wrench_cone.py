@@ -29,8 +29,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.constraint_fields import check_lengths, check_size
 from condyn_pin.constraints.constraints import Constraint
-from condyn_pin.contact.cones.base import Cone, Row
-from condyn_pin.contact.cones.margin import Margin
+from condyn_pin.contact.cone import Cone, Margin, Row
 from condyn_pin.errors import InvalidArgument
 
 _SIGNS: Final = (("+", 1.0), ("-", -1.0))

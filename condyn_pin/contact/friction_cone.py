@@ -19,8 +19,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.parameters import check_count
 from condyn_pin.constraints.constraints import Constraint
-from condyn_pin.contact.cones.base import Cone, Row
-from condyn_pin.contact.cones.margin import Margin
+from condyn_pin.contact.cone import Cone, Margin, Row
 from condyn_pin.errors import InvalidArgument
 
 _MOST_SIDES: Final = 1000

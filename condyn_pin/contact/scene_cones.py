@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
-from condyn_pin.contact.cones.base import Cone, turned
-from condyn_pin.contact.cones.margin import FAULTS, ConeRows, Margin
+from condyn_pin.contact.cone import FAULTS, Cone, ConeRows, Margin, turned
 from condyn_pin.dynamics.force import upward
 from condyn_pin.dynamics.kept import equations_of
 from condyn_pin.dynamics.scene import Scene, check_scene
