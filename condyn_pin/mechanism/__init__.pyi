@@ -1,7 +1,7 @@
 # Every public name of this room, and the file that has it; `__init__.py` reads this file.
 
-from .assembly_report import Assembly as Assembly
-from .assembly_report import AssemblyStatus as AssemblyStatus
+from .assembly import Assembly as Assembly
+from .assembly import AssemblyStatus as AssemblyStatus
 from .check import Check as Check
 from .completion import CompleteState as CompleteState
 from .integrability import is_integrable as is_integrable

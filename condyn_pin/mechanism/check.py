@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,10 +15,8 @@ from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.violation import ConstraintViolation, beyond_text, closed
 from condyn_pin.dynamics.gaps import gaps, rounding, slips
 from condyn_pin.dynamics.kept import equations_of
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import NotAssembled
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,6 @@ of a rod: it stays where it is. `condyn_pin.mechanism.following` moves the motor
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,15 +20,19 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.linalg.numerical_rank import rank_of
 from condyn_pin.constraints.violation import beyond_text
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import BranchChanged, InvalidArgument, NotAssembled
-from condyn_pin.mechanism.assembly import assemble_from, check_held
-from condyn_pin.mechanism.assembly_report import Assembly, AssemblyStatus
+from condyn_pin.mechanism.assembly import (
+    Assembly,
+    AssemblyStatus,
+    assemble_from,
+    check_held,
+    limited,
+)
 from condyn_pin.mechanism.closed_chains import ClosedChains
 from condyn_pin.mechanism.following import Follower
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.scene import Scene
 
 _FARTHEST = 100.0  # that a motor is followed [rad, m]
 
@@ -95,7 +98,7 @@ def complete_state(
         )
     v_A = np.zeros(A.size) if v_actuated is None else finite("v_actuated", v_actuated, A.size)
     start = scene.nominal.q if near is None else normalised(model, "near", near)
-    follower = Follower.of(scene)
+    follower = Follower(scene)
     target = _target(follower, start, q_actuated)
     if within_limits:
         check_held("q_actuated", chains.limits, target, A)
@@ -160,11 +163,7 @@ def _drive(scene: Scene, follower: Follower, start: Array, target: Array) -> Ass
 
 def _check_dependent(chains: ClosedChains, assembly: Assembly) -> None:
     """Refuse a state in which the motors take a joint out of its limits."""
-    moved = {
-        joint
-        for joint, iv in zip(chains.limits.joints, chains.limits.iv, strict=True)
-        if iv in chains.dependent
-    }
+    moved = limited(chains.limits, chains.dependent)
     out = {joint: by for joint, by in assembly.beyond_limits.items() if joint in moved}
     if out:
         raise NotAssembled(
@@ -175,5 +174,4 @@ def _check_dependent(chains: ClosedChains, assembly: Assembly) -> None:
 
 
 def _rank(J: Array) -> int:
-    S = np.linalg.svd(J, compute_uv=False)
-    return int(np.count_nonzero(tolerances.DEAD_POINT * S.max(initial=0.0) < S))
+    return rank_of(np.linalg.svd(J, compute_uv=False), tolerances.DEAD_POINT)

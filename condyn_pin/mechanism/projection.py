@@ -18,7 +18,7 @@ independent by as much.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,12 +33,10 @@ from condyn_pin.constraints.rows.cancellation import cancellation_scale
 from condyn_pin.constraints.violation import worst
 from condyn_pin.dynamics.gaps import rounding, slips
 from condyn_pin.dynamics.kept import equations_of
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.mechanism.check import Check, check
 from condyn_pin.model.soundness import singular_mass
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.scene import Scene
 
 Metric = Literal["mass", "euclidean"]
 

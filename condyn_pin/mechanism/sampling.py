@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin.dynamics.kept import equations_of
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.mechanism.assembly import assemble, best_end
 from condyn_pin.mechanism.closing import Closer
 from condyn_pin.mechanism.projection import check_rows, nearest_velocity
 from condyn_pin.model.limits import NO_LIMITS
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.scene import Scene
 
 _TRIES = 50
 
@@ -38,10 +33,10 @@ def sample(
         scene.state()  # raises what is in the way
     chains = scene.chains
     limits = NO_LIMITS if chains.limits.beyond(home) else chains.limits
-    closer = Closer(equations_of(scene), chains.rows, np.ones(nv, dtype=bool), limits)
+    closer = Closer.of(scene, limits=limits)
     for _ in range(_TRIES):
         guess = normalised(model, "q", pin.integrate(model, home, spread * rng.normal(size=nv)))
-        end, _, status, _ = best_end(chains, closer, guess, chains.assembly_mode)
+        end, status, _ = best_end(chains, closer, guess, chains.assembly_mode)
         if status.ok:
             v = speed * rng.normal(size=nv)
             M = closer.equations.mass(end.q)

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from numpy.typing import ArrayLike
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.names import few
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.mechanism.freedom import base_freedom
 from condyn_pin.mechanism.rank import Rank
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.scene import Scene
 
 _ROWS_SHOWN = 12
 _ILL_CONDITIONED = 1e12

@@ -15,7 +15,7 @@ from condyn_pin.control.inverse import InverseDynamics
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.errors import InvalidArgument, NotAssembled
-from condyn_pin.mechanism.assembly_report import Assembly
+from condyn_pin.mechanism.assembly import Assembly
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.viewing.drawing import Drawing, draw
