@@ -32,7 +32,7 @@ from condyn_pin.model.robot import Robot
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.solvers.base import Solver
-    from condyn_pin.mechanism.assembly_report import Assembly
+    from condyn_pin.mechanism.assembly import Assembly
     from condyn_pin.mechanism.check import Check
     from condyn_pin.mechanism.closed_chains import ClosedChains
     from condyn_pin.mechanism.completion import CompleteState
@@ -443,7 +443,7 @@ class Scene:
         edges : bool
             Merge points on a line too. Solvers that know no edges make two points of it again.
         """
-        from condyn_pin.mechanism.reduction.merging import merge_points
+        from condyn_pin.mechanism.reduction.fewer_rows import merge_points
 
         return merge_points(self, edges=edges)
 
@@ -464,7 +464,7 @@ class Scene:
         InvalidConstraint
             If the loop is no ball, or its rows have another rank than 2.
         """
-        from condyn_pin.mechanism.reduction.planar import as_planar
+        from condyn_pin.mechanism.reduction.fewer_rows import as_planar
 
         return as_planar(self, name)
 

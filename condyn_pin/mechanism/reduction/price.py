@@ -21,7 +21,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import indices
 from condyn_pin._core.names import checked
 from condyn_pin._core.timing import State
-from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.dynamics.kept import equations_of
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.model.smaller_robot import free_flyers
@@ -72,7 +72,7 @@ def answers(scene: Scene, states: Sequence[State], joints: Sequence[str]) -> tup
 
     The wrenches have no columns if the robot does not float or touches nothing.
     """
-    equations = Equations(scene.robot.model, scene.bounds)
+    equations = equations_of(scene)
     _, watched = indices(scene.robot.model, joints)
     _, base = indices(scene.robot.model, free_flyers(scene.robot) if scene.rows else ())
     found_a, found_f = [], []

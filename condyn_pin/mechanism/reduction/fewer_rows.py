@@ -1,12 +1,20 @@
-"""Point contacts of one body as the edge or the surface that they span: fewer rows, same motion.
+"""The same motion by fewer rows: points of one body as one contact, a ball in a plane as a pin.
 
 The velocities of points that do not lie on a line leave a body no freedom, as a surface does
 (6 rows); those of points on a line leave the turn about it, as an edge does (5 rows).
+
+A ball that closes a planar linkage has two independent rows in place of three,
+
+    J_ball = U S V^T,     S = (s1, s2, 0),     n = u3.
+
+The third column of U is the direction in which the ball says nothing, the normal of the plane. It
+becomes the z axis of a new frame at `frame_a`, so that the force is still the one on that body.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
 from itertools import count
 from typing import Any
 
@@ -14,10 +22,15 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.linalg.numerical_rank import rank_of
+from condyn_pin._core.linalg.pivots import first_of_largest
+from condyn_pin._core.names import checked
 from condyn_pin.constraints.constraints import Constraint
 from condyn_pin.constraints.contacts import LineContact, SurfaceContact
+from condyn_pin.constraints.rows.bound import AnyBound
+from condyn_pin.dynamics.kept import equations_of
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.errors import InvalidModel
+from condyn_pin.errors import InvalidConstraint, InvalidModel
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
 from condyn_pin.model.robot import Robot
 
@@ -97,3 +110,52 @@ def _is_at(robot: Robot, frame: str, place: tuple[int, Any]) -> bool:
     except InvalidModel:  # several frames of this name
         return False
     return joint == place[0] and bool(placement == place[1])
+
+
+def as_planar(scene: Scene, name: str) -> ReducedScene:
+    """Return the scene with a ball loop as a planar pin; see `Scene.as_planar`."""
+    (chosen,) = checked("name", [name], scene.names, "constraint")
+    at = scene.names.index(chosen)
+    loop, bound = scene.constraints[at], scene.bounds[at]
+    frame = f"{name}/plane"
+    pin_joint = loop.as_planar_pin(frame)
+    if pin_joint is None:
+        raise InvalidConstraint(f"{name}: a loop of kind ball is needed")
+    U, S, _ = np.linalg.svd(scene.nominal.terms.J[bound.rows])
+    if (rank := rank_of(S)) != 2:
+        said = (
+            "independent: no plane is left free" if rank == 3 else f"of rank {rank}: no one plane"
+        )
+        raise InvalidConstraint(f"{name}: its three rows are {said}")
+    normal = _in_axes_of_first(scene, bound, U[:, 2])
+    robot = scene.robot.with_frame(frame, loop.frames[0], np.zeros(3), _axes(normal))
+    if loop in robot.loops:
+        loops = [pin_joint if known == loop else known for known in robot.loops]
+        robot = replace(robot, loops=loops)
+    constraints = [pin_joint if c.name == name else c for c in scene.constraints]
+    words = f"loop {name}: a planar pin, the row across the plane being redundant"
+    return reduced(scene, robot, constraints, scene.guess(), (words,))
+
+
+def _in_axes_of_first(scene: Scene, bound: AnyBound, direction: Array) -> Array:
+    """Return a direction in the axes of the rows in those of the frame that was named first.
+
+    The two differ where that frame is the world's, which no row is written in.
+    """
+    if bound.sign > 0:
+        return direction
+    q = scene.nominal.q
+    ends = equations_of(scene).placements(q)[scene.bounds.index(bound)]
+    assert ends is not None  # a loop has two of them
+    rows, first = ends
+    turned: Array = first.rotation.T @ rows.rotation @ direction
+    return turned
+
+
+def _axes(normal: Array) -> Array:
+    """Return axes with z along the normal, the way that its largest component is positive."""
+    normal = normal * np.sign(normal[first_of_largest(np.abs(normal))])
+    least_along = first_of_largest(1.0 - np.abs(normal))
+    x = np.cross(np.eye(3)[least_along], normal)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(normal, x), normal])
