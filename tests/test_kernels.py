@@ -17,7 +17,7 @@ from shared import all_scenes, states
 import condyn_pin as cp
 from condyn_pin._core.linalg.pivots import pivots, redundant_rows
 from condyn_pin.mechanism.closed_chains import independent_columns
-from condyn_pin.mechanism.reduction.planar import _axes
+from condyn_pin.mechanism.reduction.fewer_rows import _axes
 from condyn_pin.simulation.stiffness import _fastest
 
 HELD_TWICE = tuple(f"again.{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz"))
