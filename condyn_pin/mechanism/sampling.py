@@ -12,7 +12,7 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.mechanism.assembly import assemble, best_end
 from condyn_pin.mechanism.closing import Closer
-from condyn_pin.mechanism.projection import check_rows, nearest_velocity
+from condyn_pin.mechanism.projection import nearest
 from condyn_pin.model.limits import NO_LIMITS
 
 _TRIES = 50
@@ -39,10 +39,8 @@ def sample(
         end, status, _ = best_end(chains, closer, guess, chains.assembly_mode)
         if status.ok:
             v = speed * rng.normal(size=nv)
-            M = closer.equations.mass(end.q)
-            nearest, left = nearest_velocity(scene, end.q, v, M, end.J, closed=True)
-            check_rows(scene, end.q, left, (v, nearest), "/s")
-            return end.q, nearest
+            terms = closer.equations.mass(end.q), end.J, np.zeros(scene.rows)
+            return end.q, nearest(scene, end.q, "v", v, terms, closed=True)
     found = assemble(
         scene,
         guess,

@@ -8,7 +8,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.joints import indices
 from condyn_pin._core.names import few
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.mechanism.freedom import base_freedom
@@ -136,7 +136,8 @@ def _unused(scene: Scene) -> Iterator[str]:
     robot = scene.robot
     yield from robot.unused
     for what, advice in (("damping", ": add Robot.passive_torque to tau"), ("friction", "")):
-        where = _where(robot.model, getattr(robot.model, what))
+        values = getattr(robot.model, what)
+        where = [n for n in robot.joints if values[indices(robot.model, [n])[1]].any()]
         if where and not any(what in text for text in robot.unused):  # else the reader said it
             yield f"joint {what} ({few(where)}){advice}"
     if robot.springs:
@@ -148,16 +149,6 @@ def _unused(scene: Scene) -> Iterator[str]:
     left_out = [loop.name for loop in robot.loops if loop not in scene.constraints]
     if left_out:
         yield f"loops that are not in this scene ({', '.join(left_out)})"
-
-
-def _where(model: Any, values: Array) -> list[str]:
-    """Return the joints where a value of each velocity is not zero."""
-    pairs = zip(model.names, model.joints, strict=True)
-    return [
-        name
-        for name, joint in pairs
-        if joint.idx_v >= 0 and values[joint.idx_v : joint.idx_v + joint.nv].any()
-    ]
 
 
 def _notes(scene: Scene, at: Rank) -> Iterator[str]:
