@@ -108,9 +108,10 @@ def test_every_scene_is_closed_within_its_limits_or_is_not_called_ok(label):
     scene = all_scenes()[label]
     model = scene.robot.model
     rng = np.random.default_rng(3)
-    for _ in range(5):
-        start = np.array(pin.integrate(model, scene.nominal.q, 0.2 * rng.normal(size=model.nv)))
+    for spread in (0.2, 0.2, 0.2, 0.6, 1.0):
+        start = np.array(pin.integrate(model, scene.nominal.q, spread * rng.normal(size=model.nv)))
         assembly = scene.assemble(start, throw=False)
+        assert np.isfinite(assembly.q).all()
         assert assembly.closed == (gap(scene, assembly.q) <= CLOSED)
         assert pin.isNormalized(model, assembly.q, 1e-9)
         if assembly.status.ok:
@@ -245,17 +246,25 @@ def test_the_mirror_image_is_another_branch_and_a_flip_is_not_silent():
     assert isinstance(error.value, cp.NotAssembled)  # what callers catch catches this too
 
 
-def test_what_is_called_closed_is_on_the_side_of_the_start():
-    """The angle between coupler and rocker, by trigonometry, keeps its sign."""
-    scene, statuses = bar_scene(), []
+@pytest.mark.parametrize("fixed", [(), ("crank",)])
+def test_what_is_called_closed_is_on_the_side_of_the_start(fixed):
+    """The angle between coupler and rocker, by trigonometry, keeps its sign; or it is said."""
+    scene, statuses, flips = bar_scene(), [], 0
     rng = np.random.default_rng(5)
-    for _ in range(300):
+    for _ in range(200):
         start = rng.uniform(-np.pi, np.pi, 3)
-        assembly = scene.assemble(start, fixed=["crank"], throw=False)
+        side = scene.chains.branch(cp.Workspace(scene).jacobian(start))
+        assembly = scene.assemble(start, fixed=fixed, throw=False)
         statuses.append(assembly.status)
-        if assembly.status.ok and abs(elbow(start)) > 1e-3:
-            assert elbow(start) * elbow(assembly.q) > 0
-    assert statuses.count(cp.mechanism.AssemblyStatus.CLOSED) > 200
+        if assembly.status.ok:
+            assert assembly.branch == side
+            if abs(elbow(start)) > 1e-3:
+                assert elbow(start) * elbow(assembly.q) > 0
+        flips += scene.assemble(start, fixed=fixed, branch={}, throw=False).branch != side
+    assert statuses.count(cp.mechanism.AssemblyStatus.CLOSED) > 130
+    assert fixed or flips > 10
+    changed = cp.mechanism.AssemblyStatus.BRANCH_CHANGED
+    assert fixed or set(statuses) <= {cp.mechanism.AssemblyStatus.CLOSED, changed}
 
 
 def test_loops_that_have_no_side_have_no_branch():
@@ -273,21 +282,6 @@ def test_loops_that_have_no_side_have_no_branch():
     assert gap(scene, q) < CLOSED
     for name in ("stewart", "delta", "cassie", "four_bar", "parallelogram", "five_bar"):
         assert all(cluster.sided for cluster in loops_of(name).chains.clusters)
-
-
-def test_a_far_guess_is_not_flipped_in_silence():
-    scene = bar_scene()
-    rng, flips = np.random.default_rng(11), 0
-    for _ in range(200):
-        start = rng.uniform(-np.pi, np.pi, 3)
-        side = scene.chains.branch(cp.Workspace(scene).jacobian(start))
-        anywhere = scene.assemble(start, branch={})
-        flips += anywhere.branch != side
-        assembly = scene.assemble(start, throw=False)
-        assert (
-            assembly.branch == side or assembly.status is cp.mechanism.AssemblyStatus.BRANCH_CHANGED
-        )
-    assert flips > 10
 
 
 def test_cassies_legs_have_signs_of_their_own():
@@ -427,17 +421,6 @@ def test_the_result_is_closed_or_it_raises_and_closing_again_changes_nothing(sta
     again = scene.assemble(assembly.q, fixed=fixed)
     assert np.abs(again.q - assembly.q).max() <= 1e-9
     assert again.iterations <= 1
-
-
-@given(st.integers(0, 2**32 - 1), st.floats(0.0, 1.0))
-def test_cassie_is_closed_or_it_raises(seed, spread):
-    scene, model = loops_of("cassie"), robot("cassie").model
-    rng = np.random.default_rng(seed)
-    start = pin.integrate(model, scene.nominal.q, spread * rng.normal(size=model.nv))
-    assembly = scene.assemble(start, throw=False)
-    assert np.isfinite(assembly.q).all()
-    assert assembly.status.ok <= (gap(scene, assembly.q) <= CLOSED)
-    assert assembly.status is not cp.mechanism.AssemblyStatus.CLOSED or not assembly.beyond_limits
 
 
 # --- projections
