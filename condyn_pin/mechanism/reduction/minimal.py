@@ -23,6 +23,7 @@ from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import indices
+from condyn_pin._core.names import checked
 from condyn_pin._core.timing import State
 from condyn_pin.dynamics.catalogue import motor_torque
 from condyn_pin.dynamics.choice import default_solver
@@ -31,7 +32,7 @@ from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError, InvalidArgument, NotAssembled
 from condyn_pin.mechanism.reduction.minimal_report import Minimal, ReductionStep
-from condyn_pin.mechanism.reduction.price import ReductionErrors, answers, compare, watched_joints
+from condyn_pin.mechanism.reduction.price import ReductionErrors, answers, compare
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
 from condyn_pin.mechanism.reduction.suggestions import Suggestion, suggestions
 from condyn_pin.mechanism.reduction.trials import time_trials, trial
@@ -151,13 +152,16 @@ class _Search:
 
 
 def _asked(scene: Scene, states: Sequence[State], watch: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the joints to watch; by default those of base and motors that the motion moves."""
-    joints = watched_joints(scene, watch)
+    """Return the joints to watch; by default the base, and those with motors that move.
+
+    Without motors all that move.
+    """
+    robot = scene.robot
     if watch is not None:
-        return joints
-    moving = _moving(scene.robot, scene.robot.joints, states)
-    kept = (*free_flyers(scene.robot), *(name for name in joints if name in moving))
-    return tuple(dict.fromkeys(kept)) or tuple(n for n in scene.robot.joints if n in moving)
+        return checked("watch", watch, robot.joints, "joint")
+    base, moving = free_flyers(robot), _moving(robot, robot.joints, states)
+    kept = (*base, *(name for name in robot.actuated or robot.joints if name in moving))
+    return tuple(dict.fromkeys(kept)) or tuple(n for n in robot.joints if n in moving)
 
 
 def _reduce(small: ReducedScene, state: State) -> State:
@@ -187,7 +191,11 @@ def _checked(scene: Scene, motion: Any) -> list[State]:
     states = []
     for k, state in enumerate(motion):
         try:
-            q, v, tau = check(*_three(state))
+            q, v, tau = state
+        except (TypeError, ValueError) as error:
+            raise InvalidArgument(f"motion[{k}]: (q, v, tau) is needed ({error})") from error
+        try:
+            q, v, tau = check(q, v, tau)
             scene.check(q, v).raise_if_open()
         except InvalidArgument as error:
             raise InvalidArgument(f"motion[{k}]: {error}") from error
@@ -197,14 +205,6 @@ def _checked(scene: Scene, motion: Any) -> list[State]:
     if not states:
         raise InvalidArgument("motion: it is empty; one state (q, v, tau) at least is needed")
     return states
-
-
-def _three(state: Any) -> tuple[Any, Any, Any]:
-    try:
-        q, v, tau = state
-    except (TypeError, ValueError) as error:
-        raise InvalidArgument(f"(q, v, tau) is needed ({error})") from error
-    return q, v, tau
 
 
 def _times(

@@ -19,7 +19,6 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import indices
-from condyn_pin._core.names import checked
 from condyn_pin._core.timing import State
 from condyn_pin.dynamics.kept import equations_of
 from condyn_pin.dynamics.scene import Scene
@@ -57,14 +56,6 @@ class ReductionErrors:
     def worst(self) -> float:
         """The larger one of the two worst errors."""
         return max(self.a_worst, self.force_worst)
-
-
-def watched_joints(scene: Scene, watch: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the joints to watch: by default the floating base and the motors, or all joints."""
-    robot = scene.robot
-    if watch is not None:
-        return checked("watch", watch, robot.joints, "joint")
-    return (*free_flyers(robot), *robot.actuated) if robot.actuated else robot.joints
 
 
 def answers(scene: Scene, states: Sequence[State], joints: Sequence[str]) -> tuple[Array, Array]:
