@@ -177,16 +177,6 @@ def test_a_wrench_is_inside_just_if_corner_forces_make_it(mu, length, width, pyr
     assert not corners_make(cone, middle + 1.001 * high * way)
 
 
-@given(st.lists(st.tuples(shares, shares, st.floats(0.0, 1.0)), min_size=4, max_size=4))
-def test_whatever_corners_give_is_inside(parts):
-    mu, wrench = 0.6, np.zeros(6)
-    flat = mu / np.sqrt(2)
-    for (x, y, z), (sx, sy) in zip(parts, [(1, 1), (1, -1), (-1, 1), (-1, -1)], strict=True):
-        force = np.array([flat * z * x, flat * z * y, z])
-        wrench += np.concatenate([force, np.cross([sx * X, sy * Y, 0.0], force)])
-    assert WrenchCone(mu, X, Y).margin(wrench).least > -1e-12
-
-
 # Pyramids
 
 
