@@ -8,15 +8,15 @@ from typing import Annotated, Any
 import typer
 
 from condyn_pin._core.tolerances import ENGINES
-from condyn_pin.cli.commands.arguments import AsJson, RobotName, Variant
-from condyn_pin.cli.commands.output import print_json, say
+from condyn_pin.cli import arguments as arg
+from condyn_pin.cli.output import leave, print_json, say
 from condyn_pin.errors import InvalidModel
 
 PANEL = "Look"
 
 
 def compare(
-    robot: RobotName,
+    robot: arg.RobotName,
     mjcf: Annotated[Path, typer.Argument(help="The same robot, as MuJoCo is to have it.")],
     name: Annotated[
         list[str] | None,
@@ -31,8 +31,8 @@ def compare(
     seed: Annotated[
         int, typer.Option(help="Seed of the random state that is compared.", min=0)
     ] = 0,
-    variant: Variant = None,
-    as_json: AsJson = False,
+    variant: arg.Variant = None,
+    as_json: arg.AsJson = False,
 ) -> None:
     """Compare a robot with a file in MuJoCo, and name what differs; exits with 1 if they differ.
 
@@ -42,7 +42,7 @@ def compare(
     import numpy as np
 
     from condyn_pin._core.joints import indices
-    from condyn_pin.cli.commands.words import names_in, pairs_in, robot_of
+    from condyn_pin.cli.words import names_in, pairs_in, robot_of
     from condyn_pin.dynamics.scene import Scene
     from condyn_pin.study.mujoco.mujoco_bridge import MujocoBridge
 
@@ -59,8 +59,7 @@ def compare(
         print_json(found.to_dict())
     else:
         say(str(found))
-    if not found.ok:
-        raise typer.Exit(1)
+    leave(ok=found.ok)
 
 
 def _model(path: Path) -> Any:

@@ -1,4 +1,4 @@
-"""What all commands share: where they print, and which files they may write."""
+"""What commands share: where they print, which files they may write, and what Ctrl-C keeps."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from time import monotonic
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import typer
 from rich.console import Console
@@ -17,11 +17,14 @@ from rich.segment import Segment
 from rich.table import Column, Table
 from rich.text import Text
 
-from condyn_pin._core.files.beside import check_writable
+from condyn_pin._core.files.beside import check_writable, write_text
 from condyn_pin.errors import InvalidArgument
 
 # As shells say that a program was interrupted.
 INTERRUPTED: Final = 130
+
+Report = Callable[[str, int, int], None]
+_Found = TypeVar("_Found")
 
 _PAPER: Final = 118  # columns of a file
 
@@ -64,7 +67,7 @@ def _wide(*, stderr: bool = False) -> Console:
 console, _beside = _wide(), _wide(stderr=True)
 
 _REDRAW: Final = 0.2  # [s]
-_STDOUT: Final = Path("-")
+STDOUT: Final = Path("-")
 
 
 def say(text: str) -> None:
@@ -87,15 +90,14 @@ def words(*headings: str | Column) -> Table:
 
 def for_people(as_json: Path | None) -> Console:
     """Return where people read: stderr if a table in json goes to stdout."""
-    return _beside if as_json == _STDOUT else console
+    return _beside if as_json == STDOUT else console
 
 
 def check_written(*paths: Path | None) -> None:
     """Refuse files that could not be written when everything has been measured."""
     for path in paths:
-        if path is None or path == _STDOUT:
-            continue
-        check_writable(path)
+        if path is not None and path != STDOUT:
+            check_writable(path)
 
 
 def check_ending(path: Path | None, *endings: str) -> None:
@@ -114,17 +116,28 @@ def check_picture(path: Path | None) -> None:
         check_written(path)
 
 
-def write_json(table: Any, path: Path) -> None:
-    """Write a table with `to_json` and `as_dict` to a file, or to stdout if its name is ``-``."""
-    if path == _STDOUT:
+def write_table(table: Any, *, csv: Path | None = None, as_json: Path | None = None) -> None:
+    """Write a table to the files that are wanted; json whose name is ``-`` goes to stdout."""
+    if csv:
+        table.to_csv(csv)
+    if as_json == STDOUT:
         print_json(table.as_dict())
+    elif as_json:
+        table.to_json(as_json)
+
+
+def write_json(answer: Any, path: Path) -> None:
+    """Write an answer as json to a file, or to stdout if its name is ``-``; see `plain`."""
+    text = json.dumps(plain(answer), indent=1)
+    if path == STDOUT:
+        typer.echo(text)
     else:
-        table.to_json(path)
+        write_text(path, text + "\n")
 
 
 def print_json(answer: Any) -> None:
-    """Print an answer as json; see `plain`."""
-    typer.echo(json.dumps(plain(answer), indent=1))
+    """Print an answer as json."""
+    write_json(answer, STDOUT)
 
 
 def plain(value: Any) -> Any:
@@ -145,7 +158,7 @@ def plain(value: Any) -> Any:
 
 
 @contextmanager
-def progress_bar() -> Iterator[Callable[[str, int, int], None]]:
+def progress_bar() -> Iterator[Report]:
     """Give what is called with (what, done, total), and shows it with the time that is left.
 
     Drawn when it is called, five times a second at most, and never in between: a thread that draws
@@ -167,3 +180,20 @@ def progress_bar() -> Iterator[Callable[[str, int, int], None]]:
             drawn = now if due else drawn
 
         yield show
+
+
+def until_stopped(run: Callable[[Report], _Found]) -> tuple[_Found, bool]:
+    """Return what a run has measured, beside a bar of progress, and whether Ctrl-C stopped it."""
+    from condyn_pin.errors import Interrupted
+
+    try:
+        with progress_bar() as progress:
+            return run(progress), False
+    except Interrupted as stop:
+        return stop.table, True
+
+
+def leave(*, ok: bool = True, stopped: bool = False) -> None:
+    """Leave with the code of an answer that is not ok, or that Ctrl-C stopped."""
+    if stopped or not ok:
+        raise typer.Exit(INTERRUPTED if stopped else 1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 from condyn_pin._core import _pin
 from condyn_pin.constraints.baumgarte import Baumgarte
@@ -18,6 +18,8 @@ from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.drift import DRIFTS, Drift
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
 from condyn_pin.study.sweeps import sweep
+
+_Kind = TypeVar("_Kind")
 
 _GAIN = 30.0  # [1/s] of Baumgarte's method, if none is given
 
@@ -64,11 +66,16 @@ def _contact(robot: Robot, text: str) -> Constraint:
     raise unknown_name(f"ready-made contact (or {wanted})", text, ready)
 
 
+def _named(kind: str, name: str, registry: Mapping[str, _Kind]) -> _Kind:
+    """Return the entry of a name; an error names those that are near."""
+    if name.lower() not in registry:
+        raise unknown_name(kind, name, registry)
+    return registry[name.lower()]
+
+
 def solver_of(name: str, parameters: Mapping[str, Any] | None = None) -> Solver:
     """Return the solver of a name, with the parameters that are not None."""
-    if name.lower() not in SOLVERS:
-        raise unknown_name("solver", name, SOLVERS)
-    chosen = SOLVERS[name.lower()]
+    chosen = _named("solver", name, SOLVERS)
     given = {key: value for key, value in (parameters or {}).items() if value is not None}
     known = {parameter.name for parameter in parameter_fields(chosen)}
     for key in given.keys() - known:
@@ -93,21 +100,15 @@ def solvers_of(names: str) -> tuple[Solver, ...]:
 
 def integrator_of(name: str | None) -> Integrator | None:
     """Return the integrator of a name, with its defaults."""
-    if name is None:
-        return None
-    if name.lower() not in INTEGRATORS:
-        raise unknown_name("integrator", name, INTEGRATORS)
-    return INTEGRATORS[name.lower()]()
+    return None if name is None else _named("integrator", name, INTEGRATORS)()
 
 
 def drift_of(name: str | None, gain: float | None) -> Drift | None:
     """Return the drift scheme of a name; `gain` is alpha and beta of Baumgarte's [1/s]."""
-    if name is not None and name.lower() not in DRIFTS:
-        raise unknown_name("drift scheme", name, DRIFTS)
-    kind = DRIFTS[name.lower()] if name else None
+    kind = None if name is None else _named("drift scheme", name, DRIFTS)
     if kind is Baumgarte:
-        chosen = _GAIN if gain is None else gain
-        return Baumgarte(chosen, chosen)
+        gain = _GAIN if gain is None else gain
+        return Baumgarte(gain, gain)
     if gain is not None:
         raise InvalidArgument(f"--gain {gain:g} is of Baumgarte's method; add --drift baumgarte")
     return kind() if kind else None

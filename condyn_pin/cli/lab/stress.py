@@ -1,4 +1,4 @@
-"""condyn stress: every method on hard questions."""
+"""condyn lab stress: every method on hard questions."""
 
 from __future__ import annotations
 
@@ -9,21 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from condyn_pin.cli.commands.arguments import (
-    AsJson,
-    Csv,
-    Families,
-    Plot,
-    RobotsToStress,
-    SolversToStress,
-)
-from condyn_pin.cli.commands.output import (
-    INTERRUPTED,
+from condyn_pin.cli import arguments as arg
+from condyn_pin.cli.output import (
     check_picture,
     check_written,
+    leave,
     print_json,
-    progress_bar,
     say,
+    until_stopped,
 )
 
 if TYPE_CHECKING:
@@ -31,6 +24,30 @@ if TYPE_CHECKING:
     from condyn_pin.lab.extremes.verdict import Outcome, Task
 
 PANEL = "Measure"
+
+RobotsToStress = Annotated[
+    list[str] | None,
+    typer.Argument(
+        help="Robots to put through it; four of them, and mechanisms, if none.",
+        autocompletion=arg.robot_names,
+    ),
+]
+SolversToStress = Annotated[
+    str,
+    typer.Option(
+        "--solver",
+        "--solvers",
+        help="Comma-separated names of `condyn solvers`, or all.",
+        autocompletion=arg.solver_names,
+    ),
+]
+Families = Annotated[
+    str,
+    typer.Option(
+        help="Comma-separated: families; all of them by default.",
+        autocompletion=arg.names_of("lab", "EXTREMES"),
+    ),
+]
 
 
 def stress(
@@ -41,17 +58,17 @@ def stress(
     seconds: Annotated[
         float, typer.Option(help="Stop after this time; cases come in a mixed order then.")
     ] = math.inf,
-    plot: Plot = None,
-    csv: Csv = None,
-    as_json: AsJson = False,
+    plot: arg.Plot = None,
+    csv: arg.Csv = None,
+    as_json: arg.AsJson = False,
 ) -> None:
     """Put cases from tame to absurd to every method; exits with 1 if an answer is wrong unsaid.
 
     Ctrl-C keeps the cases that were put.
     """
     from condyn_pin._core._pin import VERSION_TEXT
-    from condyn_pin.cli.commands.words import names_in
-    from condyn_pin.errors import Interrupted, InvalidArgument
+    from condyn_pin.cli.words import names_in
+    from condyn_pin.errors import InvalidArgument
     from condyn_pin.lab.extremes.stress import stress as run
     from condyn_pin.lab.extremes.stress_table import maps, read_csv, write_csv
 
@@ -63,12 +80,9 @@ def stress(
     check_picture(plot)
     todo = _tasks(robots, names_in(families), seeds, seconds)
     methods = [] if solver.lower() == "all" else [name.lower() for name in names_in(solver)]
-    stopped = False
-    try:
-        with progress_bar() as progress:
-            outcomes = run(todo, methods, seconds=seconds, progress=partial(progress, "cases"))
-    except Interrupted as stop:
-        outcomes, stopped = stop.table, True
+    outcomes, stopped = until_stopped(
+        lambda bar: run(todo, methods, seconds=seconds, progress=partial(bar, "cases"))
+    )
     whole = not stopped and not math.isfinite(seconds)
     found = maps(outcomes)
     if as_json:
@@ -81,10 +95,7 @@ def stress(
         from condyn_pin.lab.extremes.stress_plot import save_maps
 
         save_maps(found, plot, f"Pinocchio {VERSION_TEXT}; ")
-    if stopped:
-        raise typer.Exit(INTERRUPTED)
-    if _defects(outcomes):
-        raise typer.Exit(1)
+    leave(ok=not _defects(outcomes), stopped=stopped)
 
 
 def _tasks(robots: list[str] | None, families: list[str], seeds: int, seconds: float) -> list[Task]:
