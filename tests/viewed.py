@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
+import pytest
+
 import condyn_pin as cp
-from condyn_pin.viewing.verbs import _drawing, _Wish
-
-
-def drawing(subject, q=None, *, posture=None, forces=True, speed=1.0, light=False):
-    """What `view` draws, without the page."""
-    return _drawing(_Wish(q, posture, forces, speed, light), subject)
+from condyn_pin.viewing.verbs import drawing_of as drawing
 
 
 def parts(subject, *args, **options):
@@ -16,7 +13,8 @@ def parts(subject, *args, **options):
     return {part.path: part for part in drawing(subject, *args, **options).parts}
 
 
-def bent_cassie():
+@pytest.fixture(scope="module")
+def standing():
     """Cassie with its loops and its feet; closed (q, v), and a configuration with a loop open."""
     cassie = cp.load_robot("cassie")
     scene = cp.Scene(cassie, (*cassie.loops, *cassie.contacts))
@@ -26,7 +24,8 @@ def bent_cassie():
     return scene, q, v, bent
 
 
-def falling_bar():
+@pytest.fixture(scope="module")
+def swinging():
     """Half a second of a four-bar that falls."""
     bar = cp.model.four_bar()
     scene = cp.Scene(bar, bar.loops)

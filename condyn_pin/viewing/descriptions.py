@@ -17,8 +17,8 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin.io.xml import parsed
 from condyn_pin.viewing.geoms import geoms_of
+from condyn_pin.viewing.meshes import Shape
 from condyn_pin.viewing.palette import BODY, Colour
-from condyn_pin.viewing.shapes import Shape
 
 _ROUND = ("cylinder", "capsule", "sphere")
 

@@ -17,8 +17,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.errors import InvalidModel
 from condyn_pin.io.mjcf_include import insert_includes, parse
 from condyn_pin.io.mjcf_size import check_size
-from condyn_pin.viewing.meshes import Mesh
-from condyn_pin.viewing.shapes import Shape
+from condyn_pin.viewing.meshes import Mesh, Shape
 
 WORLD: Final = "universe"  # Pinocchio's name of it, as a frame
 _HIDDEN: Final = 3  # geoms of this group and above are not seen in MuJoCo's viewer, by custom

@@ -29,6 +29,7 @@ ViewedContacts = Annotated[
     typer.Option(help="As in `condyn solve`; by default the ready-made ones if there are forces."),
 ]
 Port = Annotated[int, typer.Option(help="Of the server; a free one by default.", min=0, max=65535)]
+Browser = Annotated[bool, typer.Option(help="Open the browser, where there is a screen.")]
 
 
 def view(
@@ -44,7 +45,9 @@ def view(
     html: Annotated[Path | None, typer.Option(help="Write one page that opens from disk.")] = None,
     png: Annotated[Path | None, typer.Option(help="Write a picture; needs Chromium.")] = None,
     port: Port = 0,
-    browser: Annotated[bool, typer.Option(help="Open the browser, where there is a screen.")] = True,
+    browser: Annotated[
+        bool, typer.Option(help="Open the browser, where there is a screen.")
+    ] = True,
     variant: arg.Variant = None,
     motion: Annotated[
         int | None, typer.Option(help="Which motion of a batch, from 0.", min=0)
