@@ -21,7 +21,7 @@ import pinocchio as pin
 import pytest
 from shared import calls, robot
 from typer.testing import CliRunner
-from viewed import bent_cassie, drawing, falling_bar
+from viewed import bent, drawing, standing, swinging
 
 import condyn_pin as cp
 from condyn_pin.cli.main import app
@@ -30,16 +30,6 @@ from condyn_pin.viewing.motion import tracks
 
 BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
 PATIENCE = 300.0  # [s] that no machine needs, for what may hang
-
-
-@pytest.fixture(scope="module")
-def standing():
-    return bent_cassie()
-
-
-@pytest.fixture(scope="module")
-def swinging():
-    return falling_bar()
 
 
 # Pages
@@ -219,18 +209,18 @@ def test_the_command_writes_a_page(tmp_path):
     assert "force on the other body" in path.read_text()
 
 
-def test_the_command_plays_a_motion(tmp_path, swinging):
-    swinging.save(tmp_path / "run.npz")
+def test_the_command_plays_a_motion(tmp_path):
+    swinging().save(tmp_path / "run.npz")
     result = run(str(tmp_path / "run.npz"), "--html", str(tmp_path / "run.html"))
     assert result.exit_code == 0, result.output
     result = run(str(tmp_path / "run.npz"), "--forces")
     assert isinstance(result.exception, cp.InvalidArgument)
 
 
-def test_the_command_plays_one_motion_of_a_batch(tmp_path, swinging):
+def test_the_command_plays_one_motion_of_a_batch(tmp_path):
     path, page = tmp_path / "many.npz", tmp_path / "run.html"
-    q, v = swinging.q[0], swinging.v[0]
-    cp.simulate_batch(swinging.scene, [q, q], [v, 2 * v], duration=0.1, record=5).save(path)
+    q, v = swinging().q[0], swinging().v[0]
+    cp.simulate_batch(swinging().scene, [q, q], [v, 2 * v], duration=0.1, record=5).save(path)
     result = run(str(path), "--motion", "1", "--html", str(page))
     assert result.exit_code == 0, result.output
     assert page.stat().st_size > 10**5
@@ -285,8 +275,8 @@ window.addEventListener("load", () => setTimeout(() => {
 
 
 @pytest.mark.chromium
-def test_a_browser_plays_the_motion_without_a_network(tmp_path, swinging):
-    found = drawing(swinging)
+def test_a_browser_plays_the_motion_without_a_network(tmp_path):
+    found = drawing(swinging())
     paths = [p.path for p in found.parts if p.path.startswith(("robot/", "forces/"))]
     question = _QUESTION.replace("PATHS", json.dumps(paths))
     answer = asked(tmp_path, found.html().replace("</body>", question))
@@ -300,11 +290,11 @@ def test_a_browser_plays_the_motion_without_a_network(tmp_path, swinging):
 
 
 @pytest.mark.chromium
-def test_a_browser_plays_by_itself(monkeypatch, swinging):
+def test_a_browser_plays_by_itself(monkeypatch):
     monkeypatch.syspath_prepend(str(BENCHMARKS))
     import viewing
 
-    seen = viewing.play(drawing(swinging).html(), seconds=0.0, warm=0.1)
+    seen = viewing.play(drawing(swinging()).html(), seconds=0.0, warm=0.1)
     assert seen.count == 2  # of different times; it waits for the second
     assert seen.triangles > 100
 
@@ -328,8 +318,8 @@ document.body.appendChild(answer);
 
 
 @pytest.mark.chromium
-def test_a_slow_browser_leaves_pictures_out_and_keeps_the_speed(tmp_path, swinging):
-    found = asked(tmp_path, drawing(swinging).html().replace("</body>", _SLOW))
+def test_a_slow_browser_leaves_pictures_out_and_keeps_the_speed(tmp_path):
+    found = asked(tmp_path, drawing(swinging()).html().replace("</body>", _SLOW))
     assert found["seen"] == pytest.approx([0.2, 0.4, 0.1])  # of half a second, again and again
     assert found["kinds"] == ["MeshLambertMaterial"]
     assert found["smoothed"] is False  # by more pixels at a pause
@@ -375,10 +365,9 @@ document.body.appendChild(answer);
 
 
 @pytest.fixture(scope="module")
-def pace(tmp_path_factory, standing):
+def pace(tmp_path_factory):
     """Pixels each way and triangles of what a browser without a graphics card draws, and when."""
-    scene, q, _, _ = standing
-    found = drawing(scene, q, light=True)
+    found = drawing(standing(), posture="standing", light=True)
     found = replace(found, moments=2 * found.moments)  # a motion, which the questions play
     return asked(tmp_path_factory.mktemp("pace"), found.html().replace("</body>", _PACE))
 
@@ -409,7 +398,7 @@ def test_a_slow_motion_has_fewer_pixels_until_it_is_fast_again(pace):
 
 
 @pytest.mark.chromium
-def test_the_slider_follows_the_motion(tmp_path, swinging):
+def test_the_slider_follows_the_motion(tmp_path):
     look = """<script>
     let answer = document.createElement("pre"), clock = performance.now(), {animator} = viewer;
     answer.id = "answer";
@@ -425,7 +414,7 @@ def test_the_slider_follows_the_motion(tmp_path, swinging):
     answer.textContent = JSON.stringify(seen);
     document.body.appendChild(answer);
     </script></body>"""
-    moving, resting = asked(tmp_path, drawing(swinging).html().replace("</body>", look))
+    moving, resting = asked(tmp_path, drawing(swinging()).html().replace("</body>", look))
     assert float(moving) > 0.0
     assert float(resting) == 0.4
 
@@ -442,11 +431,11 @@ moved -= 250;  // [ms] for which what moved is still drawn with fewer pixels
 
 
 @pytest.mark.chromium
-def test_a_rest_is_as_smooth_as_a_graphics_card_draws_it(tmp_path, swinging, monkeypatch):
+def test_a_rest_is_as_smooth_as_a_graphics_card_draws_it(tmp_path, monkeypatch):
     from PIL import Image
 
     monkeypatch.setattr(chromium, "SIZE", (320, 240))
-    still, moving = drawing(swinging).first.html(), drawing(swinging).html()
+    still, moving = drawing(swinging()).first.html(), drawing(swinging()).html()
     one = ("software ? 2 : 1", "1")
     pages = {
         "smooth": still.replace(*one).replace("antialias: !software", "antialias: true"),
@@ -466,11 +455,11 @@ def test_a_rest_is_as_smooth_as_a_graphics_card_draws_it(tmp_path, swinging, mon
 
 
 @pytest.mark.chromium
-def test_a_browser_draws_robot_arrows_and_closures(tmp_path, standing):
+def test_a_browser_draws_robot_arrows_and_closures(tmp_path):
     from PIL import Image
 
-    scene, _, v, bent = standing
-    sol = cp.solve(scene, bent, v, 0 * v, throw=False)  # one loop is open, three are closed
+    v = standing().state("standing")[1]
+    sol = cp.solve(standing(), bent(), v, 0 * v, throw=False)  # one loop is open, three are closed
     cp.view(sol, png=tmp_path / "c.png", light=True)
     picture = Image.open(tmp_path / "c.png").convert("RGB")
     assert picture.size == chromium.SIZE
