@@ -360,14 +360,13 @@ def test_a_mesh_that_is_missing_is_said(tmp_path):
     assert np.allclose(mesh.vertices.max(axis=0), (0.5, 1.0, 2.5))
 
 
-def test_a_shape_without_sizes_is_said(tmp_path):
+@pytest.mark.parametrize("shape", ["<cylinder/>", '<box size="1 2"/>', "<sphere/>", "<cone/>"])
+def test_a_shape_without_its_sizes_is_said(tmp_path, shape):
     path = tmp_path / "r.urdf"
-    path.write_text(_URDF.replace('<box size="1 2 3"/>', "<cylinder/>"))
-    _, missing = shapes_of(str(path))
-    (shape,) = shapes_of(str(path))[0]
-    assert len(missing) == 1
-    with pytest.raises(TypeError):
-        shape.mesh()
+    path.write_text(_URDF.replace('<box size="1 2 3"/>', shape))
+    shapes, missing = shapes_of(str(path))
+    assert shapes == ()
+    assert [text.split(": ")[0] for text in missing] == 2 * ["link 'arm' is not drawn whole"]
 
 
 _MJCF = """<mujoco>

@@ -42,7 +42,7 @@ def body_parts(robot: Robot, size: float) -> tuple[tuple[Part, ...], tuple[str, 
             continue  # what was left out of the robot is not to be seen
         try:
             mesh = shape.mesh().moved(frame.placement.homogeneous)
-        except (ValueError, TypeError) as error:  # or too few sizes
+        except ValueError as error:
             missing = (*missing, f"link {shape.link!r} is not drawn whole: {error}")
             continue
         of_joint = drawn.setdefault(int(frame.parentJoint), {})
