@@ -120,12 +120,11 @@ Some names mean the same everywhere:
 
 
 def _page(area: str, names: list[str]) -> str:
-    entries = "".join(_entry(name) for name in names)
-    return f"{_title(area)}.. currentmodule:: condyn_pin\n\n{entries}"
+    return _title(area) + "".join(_entry(name) for name in names)
 
 
 def _entry(name: str) -> str:
-    value = reduce(getattr, name.split("."), condyn_pin)
+    value, name = reduce(getattr, name.split("."), condyn_pin), f"condyn_pin.{name}"
     if inspect.isclass(value):
         return f".. autoclass:: {name}\n   :members:\n   :inherited-members: {_STOP}\n\n"
     if isinstance(value, dict):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+from functools import reduce
 from pathlib import Path
 
 import pytest
@@ -113,7 +114,7 @@ def headings(page: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_links_paths_and_figures_are_there(page):
+def test_links_paths_figures_and_names_are_there(page):
     drawn = (ROOT / "docs" / "figures.py").read_text(encoding="utf-8")
     for link in re.findall(r"\]\(([^)]+)\)", TEXTS[page]):
         if link.startswith("https://"):
@@ -126,6 +127,8 @@ def test_links_paths_and_figures_are_there(page):
         assert (ROOT / path).exists(), path
     for name in re.findall(r"_figures/(\w+)\.svg", TEXTS[page]):
         assert f"def {name}(" in drawn, name
+    for name in re.findall(r"\{py:obj\}`[^<`]*<condyn_pin\.([\w.]+)>`", TEXTS[page]):
+        assert reduce(getattr, name.split("."), cp), name
 
 
 def test_the_readme_stays_one_page():

@@ -28,8 +28,6 @@ ViewedContacts = Annotated[
     str | None,
     typer.Option(help="As in `condyn solve`; by default the ready-made ones if there are forces."),
 ]
-Port = Annotated[int, typer.Option(help="Of the server; a free one by default.", min=0, max=65535)]
-Browser = Annotated[bool, typer.Option(help="Open the browser, where there is a screen.")]
 
 
 def view(
@@ -44,7 +42,9 @@ def view(
     light: Annotated[bool, typer.Option("--light", help="At most 30 000 triangles.")] = False,
     html: Annotated[Path | None, typer.Option(help="Write one page that opens from disk.")] = None,
     png: Annotated[Path | None, typer.Option(help="Write a picture; needs Chromium.")] = None,
-    port: Port = 0,
+    port: Annotated[
+        int, typer.Option(help="Of the server; a free one by default.", min=0, max=65535)
+    ] = 0,
     browser: Annotated[
         bool, typer.Option(help="Open the browser, where there is a screen.")
     ] = True,
