@@ -382,6 +382,13 @@ def test_json_of_the_answers_equals_the_library():
     assert json.loads(run("robots --json").stdout)["cassie"]["nv"] == 32
 
 
+@pytest.mark.parametrize("line", ["", "lab"])
+def test_nothing_asked_is_help(line, condyn):
+    code, page, said = condyn(line)
+    assert (code, said) == (0, "")
+    assert "--help" in page
+
+
 def test_help_is_a_page_of_the_manual():
     page = run("--help").output
     for said in ("First steps", "Exit codes", "interrupted", "--debug", "--install-completion"):

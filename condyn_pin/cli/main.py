@@ -98,8 +98,10 @@ def options(
 def main() -> None:
     """Run the command line; an error is a line, and a traceback only with --debug."""
     words = _of_today([word for word in sys.argv[1:] if word != "--debug"])
+    if words in ([], ["lab"]):
+        words += ["--help"]
     try:
-        code = app(words or ["--help"], prog_name="condyn", standalone_mode=False)
+        code = app(words, prog_name="condyn", standalone_mode=False)
         sys.stdout.flush()  # a full disk, while it can still be told
     except KeyboardInterrupt:
         code = INTERRUPTED
