@@ -120,19 +120,22 @@ Some names mean the same everywhere:
 
 
 def _page(area: str, names: list[str]) -> str:
-    return _title(area) + "".join(_entry(name) for name in names)
+    return f"{_title(area)}{''.join(_entry(name) for name in names)}"
 
 
-def _entry(name: str) -> str:
-    value, name = reduce(getattr, name.split("."), condyn_pin), f"condyn_pin.{name}"
+def _entry(path: str) -> str:
+    value = reduce(getattr, path.split("."), condyn_pin)
+    room, _, name = f"condyn_pin.{path}".rpartition(".")
     if inspect.isclass(value):
-        return f".. autoclass:: {name}\n   :members:\n   :inherited-members: {_STOP}\n\n"
-    if isinstance(value, dict):
+        shown = f".. autoclass:: {name}\n   :members:\n   :inherited-members: {_STOP}"
+    elif isinstance(value, dict):
         keys = ", ".join(f"``{key}``" for key in value)
-        return f".. data:: {name}\n\n   A registry: what there is, by name. {keys}.\n\n"
-    if callable(value):
-        return f".. autofunction:: {name}\n\n"
-    return f".. autodata:: {name}\n   :no-value:\n\n"
+        shown = f".. data:: {name}\n\n   A registry: what there is, by name. {keys}."
+    elif callable(value):
+        shown = f".. autofunction:: {name}"
+    else:
+        shown = f".. autodata:: {name}\n   :no-value:"
+    return f".. currentmodule:: {room}\n\n{shown}\n\n"
 
 
 # Whose own methods are not ours to document.

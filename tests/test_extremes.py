@@ -544,7 +544,15 @@ def test_severities_are_written_shortly(number, text):
 
 def test_command_prints_advice_and_counts_and_draws(tmp_path):
     plot, table = tmp_path / "s.png", tmp_path / "s.csv"
-    line = ["stress", "four_bar", "--solver", "proximal,reference", "--families", "few_iterations"]
+    line = [
+        "lab",
+        "stress",
+        "four_bar",
+        "--solver",
+        "proximal,reference",
+        "--families",
+        "few_iterations",
+    ]
     result = CliRunner().invoke(app, [*line, "--plot", str(plot), "--csv", str(table)])
     assert result.exit_code == 0, result.output
     assert re.search(r"reference: right (to \S+ )?at every severity", result.output)
@@ -554,7 +562,7 @@ def test_command_prints_advice_and_counts_and_draws(tmp_path):
 
 
 def test_a_robot_that_does_not_exist_is_no_refusal():
-    line = ["stress", "nope", "--solver", "proximal", "--families", "few_iterations"]
+    line = ["lab", "stress", "nope", "--solver", "proximal", "--families", "few_iterations"]
     result = CliRunner().invoke(app, line)
     assert isinstance(result.exception, cp.errors.UnknownName)
     assert "no robot named 'nope'" in str(result.exception)

@@ -299,7 +299,7 @@ def run(*words: str):
 
 
 def test_condyn_tune_chooses_keeps_and_says_how_to_use_it(scene):
-    result = run("tune", "four_bar", "--solvers", "nullspace", "--error", "1e-8")
+    result = run("trade", "--tune", "four_bar", "--solvers", "nullspace", "--error", "1e-8")
     assert result.exit_code == 0, result.output
     for said in ("NullSpace()", "200 fresh states", "kept in", "solver=tuned(scene, 1e-08)"):
         assert said in result.output
@@ -307,7 +307,7 @@ def test_condyn_tune_chooses_keeps_and_says_how_to_use_it(scene):
 
 
 def test_condyn_tune_prints_json_and_may_keep_nothing(cache):
-    result = run("tune", "four_bar", "--solvers", "nullspace", "--json", "--no-save")
+    result = run("trade", "--tune", "four_bar", "--solvers", "nullspace", "--json=-", "--no-save")
     assert result.exit_code == 0, result.output
     plan = json.loads(result.stdout)
     assert (plan["solver"], plan["error"]) == ("NullSpace", 1e-8)
@@ -316,6 +316,6 @@ def test_condyn_tune_prints_json_and_may_keep_nothing(cache):
 
 
 def test_condyn_tune_fails_where_nothing_is_good_enough():
-    result = run("tune", "four_bar", "--solvers", "nullspace", "--error", "1e-20")
+    result = run("trade", "--tune", "four_bar", "--solvers", "nullspace", "--error", "1e-20")
     assert result.exit_code == 1
     assert "nothing in this table meets acceleration to 1e-20" in result.output
