@@ -72,7 +72,7 @@ stress: $(VENV)/ready $(VENV3)/ready
 	$(BIN)/python benchmarks/stress.py
 
 stress-slice: $(VENV)/ready
-	$(BIN)/condyn stress --seconds 60
+	$(BIN)/condyn lab stress --seconds 60
 
 native: $(VENV)/ready
 	mkdir -p demo

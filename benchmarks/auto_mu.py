@@ -150,7 +150,7 @@ def comparisons(
     todo: Sequence[Task], *, seeds: int = 1, timed: bool = True
 ) -> Iterator[Comparison]:
     """Yield all comparisons of some cases; those that are refused are left out."""
-    memory = Memory({})
+    memory = Memory()
     for task in todo:
         if task.family in LEFT_OUT:
             continue

@@ -86,7 +86,10 @@ class Way:
 def moving(scene: cp.Scene) -> tuple[np.ndarray, np.ndarray]:
     """Return starts at the first posture, moving along the loops."""
     rng, (q, v) = np.random.default_rng(0), scene.state()
-    some = [scene.project_velocity(q, 0.3 * rng.normal(size=len(v))) for _ in range(MOTIONS)]
+    some = [
+        cp.mechanism.project_velocity(scene, q, 0.3 * rng.normal(size=len(v)))
+        for _ in range(MOTIONS)
+    ]
     return np.tile(q, (MOTIONS, 1)), np.array(some)
 
 

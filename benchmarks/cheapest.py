@@ -23,12 +23,11 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import condyn_pin as cp
 from condyn_pin._core.parallel.chunks import map_chunks
-from condyn_pin._core.table_text import write_csv
 from condyn_pin.dynamics.catalogue import standard_scenes
-from condyn_pin.study.exports import short
 from condyn_pin.study.fresh import FreshErrors
 from condyn_pin.study.measures import MEASURES
 from condyn_pin.study.states import SampledStates
+from condyn_pin.study.tables import write_csv
 
 RESULTS = Path(__file__).resolve().parent / "results"
 LEVELS = (1e-3, 1e-6, 1e-9)
@@ -119,7 +118,7 @@ def verdict(table: cp.study.Table, label: str, level: float, others: FreshErrors
         scene=label,
         rows=rows,
         error=level,
-        solver=short(choice.row),
+        solver=choice.row.short,
         us=choice.row.median_us or 0.0,
         study=choice.row.error_worst,
         fresh=choice.fresh.error,

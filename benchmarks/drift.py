@@ -38,9 +38,8 @@ import numpy as np
 
 import condyn_pin as cp
 from condyn_pin._core.machine import machine
-from condyn_pin.lab.contest import contest
-from condyn_pin.lab.laboratory import errors, gap_growth
-from condyn_pin.lab.plots_drift import save_laboratory, title
+from condyn_pin.lab.laboratory import contest, errors, gap_growth
+from condyn_pin.lab.plots_drift import save_laboratory
 from condyn_pin.simulation.stability_limit import stability_limit
 
 if TYPE_CHECKING:
@@ -300,7 +299,7 @@ def long_runs(steps: int) -> dict[str, Any]:
         "walls": {i.title: stability_limit(i) for i in (cp.simulation.ExplicitEuler(), SEMI, RK4)},
         "growth": {name: growth.power for name, growth in growths.items()},
         "contest": [
-            {"label": title(one), "dt": one.dt, "steps": steps, "area": one.area}
+            {"label": one.title, "dt": one.dt, "steps": steps, "area": one.area}
             | asdict(one.errors)
             for one in found
         ],

@@ -21,11 +21,11 @@ import numpy as np
 
 import condyn_pin as cp
 from condyn_pin._core.machine import machine
-from condyn_pin._core.table_text import write_csv
 from condyn_pin._core.tolerances import SOLVED
-from condyn_pin.cli.commands.words import solvers_of
+from condyn_pin.cli.words import solvers_of
 from condyn_pin.dynamics.catalogue import motor_torque, standard_scenes
 from condyn_pin.dynamics.choice import untaken
+from condyn_pin.study.tables import write_csv
 
 RESULTS = Path(__file__).resolve().parent / "results" / "equivalence.csv"
 

@@ -9,19 +9,20 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import os
 from collections.abc import Sequence
+from dataclasses import asdict, fields
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import marks
 
+from condyn_pin._core.files.text import parse_json, read_text
 from condyn_pin.lab.hierarchies import HIERARCHIES
 from condyn_pin.lab.hierarchy import FULL, QUICK, model_hierarchy
-from condyn_pin.lab.hierarchy_plot import save_ladders
-from condyn_pin.lab.hierarchy_table import HierarchyRow, HierarchyTable, write_ladders
+from condyn_pin.lab.hierarchy_table import HierarchyRow, HierarchyTable, save_hierarchies
+from condyn_pin.study.tables import write_csv
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
@@ -30,18 +31,7 @@ GOOD = 0.01  # the error that the docs name the fastest model for
 
 def load(path: Path) -> list[HierarchyTable]:
     """Return the tables that `main` wrote."""
-    return [
-        HierarchyTable(
-            saved["ladder"],
-            tuple(
-                HierarchyRow(**{k: math.nan if x is None else x for k, x in row.items()})
-                for row in saved["rows"]
-            ),
-            saved["states"],
-            saved["machine"],
-        )
-        for saved in json.loads(path.read_text(encoding="utf-8"))
-    ]
+    return [HierarchyTable.from_dict(saved) for saved in parse_json(read_text(path))]
 
 
 def markdown(tables: Sequence[HierarchyTable]) -> str:
@@ -81,10 +71,12 @@ def main() -> None:
         tables = [
             model_hierarchy(name, effort=QUICK if arguments.quick else FULL) for name in HIERARCHIES
         ]
-        write_ladders(tables, RESULTS / "ladder.csv")
+        columns = ["hierarchy", *(field.name for field in fields(HierarchyRow))]
+        rows = [{"hierarchy": table.name} | asdict(row) for table in tables for row in table.rows]
+        write_csv(RESULTS / "ladder.csv", tables[0].machine, columns, rows)
         text = json.dumps([table.as_dict() for table in tables], indent=1)
         (RESULTS / "ladder.json").write_text(text + "\n", encoding="utf-8")
-        save_ladders(tables, RESULTS / "ladder.png")
+        save_hierarchies(tables, RESULTS / "ladder.png")
     marks.write(pages(tables))
     print(markdown(tables))
 

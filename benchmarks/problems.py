@@ -28,7 +28,6 @@ from condyn_pin._core.machine import machine
 from condyn_pin._core.plots import panels
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.lab.problems.base import Problem, Setting
-from condyn_pin.simulation.defaults import default_integrator
 from condyn_pin.simulation.drift import DRIFTS, Drift
 from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.drift.post_stabilization import PostStabilization
@@ -80,7 +79,7 @@ def drifts(problem: Problem, integrator: Integrator) -> Iterator[Drift]:
     if integrator.keeps_constraints:
         yield NoDrift()
         return
-    every = integrator == default_integrator()
+    every = integrator == cp.RungeKutta4()
     for kind in DRIFTS.values() if every else (PostStabilization, Baumgarte):
         yield Baumgarte.critical(GAINS[problem.name]) if kind is Baumgarte else kind()
 

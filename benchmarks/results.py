@@ -8,7 +8,6 @@ With --from-json the table is made from the committed results, without running a
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import os
 from pathlib import Path
@@ -19,20 +18,10 @@ import marks
 
 from condyn_pin.study.bench import BY_HAND, bench
 from condyn_pin.study.bench_table import BenchRow, BenchTable
-from condyn_pin.study.plots_bench import save_bench
+from condyn_pin.study.plots import save_bench
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
-
-
-def load(path: Path) -> BenchTable:
-    """Return the table that `to_json` wrote."""
-    saved = json.loads(path.read_text(encoding="utf-8"))
-    rows = tuple(
-        BenchRow(**{key: math.nan if value is None else value for key, value in row.items()})
-        for row in saved["rows"]
-    )
-    return BenchTable(rows, saved["machine"])
 
 
 def markdown(table: BenchTable) -> str:
@@ -141,7 +130,7 @@ def main() -> None:
     arguments = parser.parse_args()
     RESULTS.mkdir(exist_ok=True)
     if arguments.from_json:
-        table = load(RESULTS / "bench.json")
+        table = BenchTable.from_json(RESULTS / "bench.json")
     else:
         table = bench()
         if arguments.native:

@@ -31,11 +31,11 @@ from method_lines import Lines
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.machine import machine
-from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.measures import gauge_of
+from condyn_pin.simulation.outcome import Effects
+from condyn_pin.simulation.passive import Passive
 from condyn_pin.simulation.plan import plan
 from condyn_pin.simulation.run import follow
-from condyn_pin.simulation.torques import Passive
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
@@ -100,7 +100,7 @@ def problems() -> tuple[Problem, ...]:
     cassie = replace(cassie, model=model)
     closed, legs = cp.Scene(bar, bar.loops), cp.Scene(cassie, cassie.loops)
     q, _ = legs.state()
-    v = legs.project_velocity(q, np.random.default_rng(0).normal(size=cassie.nv))
+    v = cp.mechanism.project_velocity(legs, q, np.random.default_rng(0).normal(size=cassie.nv))
     kinetic = 0.5 * v @ cp.Workspace(legs).terms(q, v).M @ v
     return (
         Problem("four_bar", closed, *closed.state(), duration=2.0),

@@ -57,7 +57,7 @@ def first_solve(scene: cp.Scene) -> tuple[float, float, float]:
     least of them, since memory that is new gives other programs their turn.
     """
     still = np.zeros(scene.robot.nv)
-    state, older = (scene.guess(), still, still), cp.Workspace(scene)
+    state, older = (cp.dynamics.described_posture(scene), still, still), cp.Workspace(scene)
     times = []
     for _ in range(21):
         new = cp.Scene(scene.robot, scene.constraints)

@@ -30,8 +30,8 @@ import trade_text
 from cheapest import RESULTS, catalogue, read, verify, write
 
 import condyn_pin as cp
-from condyn_pin.cli.commands.output import progress_bar
-from condyn_pin.study.plots_trade import save_trade
+from condyn_pin.cli.output import progress_bar
+from condyn_pin.study.plots import save_trade
 from condyn_pin.study.printing import timed
 from condyn_pin.study.row import ALONE
 

@@ -12,9 +12,8 @@ from cheapest import LEVELS, Verdict
 from marks import SOLVERS as PAGE
 
 import condyn_pin as cp
-from condyn_pin.study.exports import short
-from condyn_pin.study.pareto_front import answered, comparable, microseconds, pareto_front
 from condyn_pin.study.printing import timed
+from condyn_pin.study.row import pareto_front
 
 
 def pages(
@@ -89,16 +88,16 @@ def methods(table: cp.study.Table) -> str:
     ]
     fastest = {
         scene: min(
-            (microseconds(r) for r in table.rows if r.scene == scene and comparable(r) and r.ok),
+            (r.us for r in table.rows if r.scene == scene and r.comparable and r.ok),
             default=None,
         )
         for scene in dict.fromkeys(row.scene for row in table.rows)
     }
-    plain = [row for row in table.rows if short(row).endswith("()")]
-    for name in dict.fromkeys(short(row) for row in plain):
-        rows = [row for row in plain if short(row) == name]
-        good = [row for row in rows if row.ok and comparable(row)]
-        times = sorted(microseconds(row) / (fastest[row.scene] or 1.0) for row in good)
+    plain = [row for row in table.rows if row.short.endswith("()")]
+    for name in dict.fromkeys(row.short for row in plain):
+        rows = [row for row in plain if row.short == name]
+        good = [row for row in rows if row.ok and row.comparable]
+        times = sorted(row.us / (fastest[row.scene] or 1.0) for row in good)
         spread = f"{times[0]:.2f}, {times[len(times) // 2]:.2f}, {times[-1]:.2f}" if times else ""
         worst = f"{max(row.error_worst for row in good):.0e}" if good else ""
         lines.append(f"| `{name}` | {len(good)} of {len(rows)} | {spread} | {worst} |")
@@ -110,8 +109,8 @@ def exact(table: cp.study.Table, shown: Sequence[str]) -> str:
     lines = ["| scene | solver | time [us] | worst error |", "|---|---|---|---|"]
     for scene in shown:
         for row in pareto_front([r for r in table.rows if r.scene == scene]):
-            time, error = microseconds(row), row.error_worst
-            lines.append(f"| {scene} | `{short(row)}` | {time:.1f} | {error:.0e} |")
+            time, error = row.us, row.error_worst
+            lines.append(f"| {scene} | `{row.short}` | {time:.1f} | {error:.0e} |")
     return "\n".join(lines)
 
 
@@ -119,7 +118,7 @@ def failures(table: cp.study.Table) -> str:
     """Return which methods do not answer on which scenes, with their default parameters."""
     lines = ["| method | scene | statuses |", "|---|---|---|"]
     for row in table.rows:
-        if short(row).endswith("()") and not answered(row):
+        if row.short.endswith("()") and not row.answered:
             said = ", ".join(f"{n} {status}" for status, n in row.statuses.items())
-            lines.append(f"| `{short(row)}` | {row.scene} | {said} |")
+            lines.append(f"| `{row.short}` | {row.scene} | {said} |")
     return "\n".join(lines)

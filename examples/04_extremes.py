@@ -6,7 +6,6 @@ python examples/04_extremes.py
 import sys
 
 import condyn_pin as cp
-from condyn_pin.lab.extremes.verdict import Verdict, judge, right_answers
 
 quick = "--quick" in sys.argv
 methods = {
@@ -17,14 +16,14 @@ methods = {
 }
 
 
-def ask(name: str, severity: float, solver: cp.dynamics.Solver) -> tuple[Verdict, float]:
+def ask(name: str, severity: float, solver: cp.dynamics.Solver) -> tuple[cp.lab.Verdict, float]:
     """Return what a method makes of a case, and its error where there is an answer."""
     try:
         case = cp.lab.EXTREMES[name].case(severity, seed=0)
-        right = right_answers(case)  # in closed form, or by Reference
-        verdict, error, _ = judge(case, solver, right)
+        right = cp.lab.right_answers(case)  # in closed form, or by Reference
+        verdict, error, _ = cp.lab.judge(case, solver, right)
     except cp.CondynError:  # no such machine, or rows that the method does not take
-        return Verdict.REFUSED, float("nan")
+        return cp.lab.Verdict.REFUSED, float("nan")
     return verdict, error
 
 
@@ -39,9 +38,9 @@ for name in ("parallelogram", "mass_ratio", "light_rod", "near_points", "straigh
         cells = []
         for severity in dial:
             verdict, error = ask(name, severity, solver)
-            ok = verdict is Verdict.OK
+            ok = verdict is cp.lab.Verdict.OK
             worst = max(worst, error) if ok else worst
-            wrong += verdict is Verdict.WRONG
+            wrong += verdict is cp.lab.Verdict.WRONG
             cells.append(f"{error:.0e}" if ok else verdict.name.lower())
         print(f"{label:<18}" + "".join(f"{cell:>9}" for cell in cells))
 

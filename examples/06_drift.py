@@ -8,9 +8,8 @@ import argparse
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin.lab.contest import contest
-from condyn_pin.lab.laboratory import area, gap_growth, rod_pendulum
-from condyn_pin.lab.plots_drift import save_laboratory, title
+from condyn_pin.lab.laboratory import area, contest, gap_growth, rod_pendulum
+from condyn_pin.lab.plots_drift import save_laboratory
 from condyn_pin.simulation.stability_limit import stability_limit
 
 parser = argparse.ArgumentParser(description=__doc__)
@@ -52,12 +51,12 @@ print(f"\n{given.steps} steps of 10 ms: gap [m], energy error [J] in the first a
 results = contest(1e-2, given.steps)
 for one in results:
     e = one.errors
-    print(f"{title(one):34} {e.violation:.0e}  {e.early:.1e} -> {e.late:.1e}")
+    print(f"{one.title:34} {e.violation:.0e}  {e.early:.1e} -> {e.late:.1e}")
 
 # 4. Why: RATTLE's step keeps areas of the phase plane; a correction behind a step breaks that.
 print("\nchange of phase-plane area by a step:")
 for one in results:
-    print(f"{title(one):34} {one.area:+.0e}")
+    print(f"{one.title:34} {one.area:+.0e}")
 
 if given.plot:
     save_laboratory(growths, (euler, cp.RungeKutta4()), results, given.plot)

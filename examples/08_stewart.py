@@ -23,7 +23,7 @@ steps = 10 if quick else 100
 worst, smallest = 0.0, np.inf
 for k in range(steps):
     wave = 0.02 * np.sin(2 * np.pi * k / steps + np.arange(6))
-    state = scene.complete_state(home + wave, near=q)
+    state = cp.mechanism.complete_state(scene, home + wave, near=q)
     q = state.q
     worst = max(worst, state.residual)
     smallest = min(smallest, state.assembly.smallest_singular_value)

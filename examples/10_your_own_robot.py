@@ -56,7 +56,7 @@ with tempfile.TemporaryDirectory() as folder:
 scene = cp.Scene(robot, robot.loops)
 print(scene.summary(), "\n")  # mobility 2: as many as there are motors
 
-guess = scene.guess("ready")
+guess = cp.dynamics.described_posture(scene, "ready")
 print("as typed in:", scene.check(guess))
 q, v = scene.state("ready")
 print("closed:     ", scene.check(q), "\n")

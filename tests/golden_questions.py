@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 
 # Robots that move, by every integrator with every drift scheme; those beyond 20 joints by a few.
 MOVED = ("four_bar", "pendulum", "delta", "cassie", "solo12", "rolling_disc", "sleigh")
+ON_LARGE = (
+    *("dormandprince", "expliciteuler", "implicitmidpoint"),
+    *("generalisedalpha", "radauiia", "gearguptaleimkuhler"),
+)
 ON_EXTREMES = (cp.dynamics.NullSpace, cp.Proximal, cp.DenseKKT, cp.dynamics.GaussPrinciple)
 BLOCKS = ("da_dq", "da_dv", "da_dtau", "dlam_dq", "dlam_dv", "dlam_dtau")
 COMMANDS = """
@@ -100,15 +104,21 @@ def on_states(record: Record, label: str, scene: cp.Scene) -> None:
     record.keep(f"{label}: rank in words", lambda: str(scene.rank()))
     record.keep(f"{label}: rows", lambda: scene.row_names)
     record.keep(f"{label}: sample", states, scene, 3)
-    record.keep(f"{label}: sample_batch", scene.sample_batch, 3, np.random.default_rng(3))
+    record.keep(
+        f"{label}: sample_batch", cp.simulation.sample_batch, scene, 3, np.random.default_rng(3)
+    )
     for posture in scene.robot.postures:
         record.keep(f"{label}: state {posture}", scene.state, posture)
-        guess = scene.guess(posture)
+        guess = cp.dynamics.described_posture(scene, posture)
         record.keep(f"{label}: assemble {posture}", scene.assemble, guess, throw=False)
     q, v, _ = states(scene)[0]
-    record.keep(f"{label}: check", scene.check, scene.guess(), v)
-    record.keep(f"{label}: project", scene.project_velocity, q, v + 1.0, metric="identity")
-    record.keep(f"{label}: project a", scene.project_acceleration, q, v, np.ones(len(v)))
+    record.keep(f"{label}: check", scene.check, cp.dynamics.described_posture(scene), v)
+    record.keep(
+        f"{label}: project", cp.mechanism.project_velocity, scene, q, v + 1.0, metric="identity"
+    )
+    record.keep(
+        f"{label}: project a", cp.mechanism.project_acceleration, scene, q, v, np.ones(len(v))
+    )
 
 
 def on_solvers(record: Record, label: str, scene: cp.Scene) -> None:
@@ -159,7 +169,7 @@ def on_verbs(record: Record, label: str, scene: cp.Scene) -> None:
         "mjcf": lambda: scene.robot.to_mjcf(),
     }
     if scene.robot.nv < 20:
-        calls["merged"] = lambda: str(scene.merge_points().summary())
+        calls["merged"] = lambda: str(cp.mechanism.merge_points(scene).summary())
         calls["minimal"] = lambda: str(scene.minimal(error=1e-3))
     for name, call in calls.items():
         record.keep(f"{label}: {name}", call)
@@ -176,8 +186,8 @@ def on_motions(record: Record, name: str) -> None:
         cp.PostStabilization(),
         cp.Projection(),
     ]
-    integrators = [kind() for kind in cp.simulation.INTEGRATORS.values()]
-    for integrator in integrators if robot.nv < 20 else integrators[:6]:
+    kinds = cp.simulation.INTEGRATORS
+    for integrator in (kinds[each]() for each in (kinds if robot.nv < 20 else ON_LARGE)):
         for drift in drifts:
             key = f"{name}: {integrator}, {drift}"
             x = record.keep(
@@ -192,7 +202,7 @@ def on_motions(record: Record, name: str) -> None:
 def on_batches(record: Record) -> None:
     """Many states at once, in this thread and in others."""
     scene = cp.Scene(cassie := cp.load_robot("cassie"), cassie.loops)
-    Q, V = scene.sample_batch(6, np.random.default_rng(1))
+    Q, V = cp.simulation.sample_batch(scene, 6, np.random.default_rng(1))
     TAU = np.zeros_like(V)
     with ThreadPoolExecutor(2) as threads:
         for name, executor in {"serial": None, "threads": threads}.items():

@@ -35,7 +35,8 @@ import mpmath
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin.constraints.rows.bound import FRAME, POINT, Bound, Rolled
+from condyn_pin.constraints.rows.bound import FRAME, POINT, Bound
+from condyn_pin.constraints.rows.rolling import Rolled
 
 DIGITS = 50
 mp = mpmath.mp.clone()

@@ -9,6 +9,9 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
+import condyn_pin as cp
+from condyn_pin.io.description import Description
+
 ROUNDING = 1e-14  # a handful of products of numbers of size 1
 SIDES = ("left", "right")
 
@@ -111,3 +114,15 @@ def assert_orthonormal(model: pin.Model) -> None:
     for placement in (*model.jointPlacements, *frames):
         R = placement.rotation
         np.testing.assert_allclose(R.T @ R, np.eye(3), rtol=0, atol=4 * np.finfo(float).eps)
+
+
+def closures(robot: Description) -> tuple[cp.Loop, ...]:
+    return tuple(loop for loop in robot.loops if isinstance(loop, cp.Loop))
+
+
+def couplings(robot: Description) -> tuple[cp.Coupling, ...]:
+    return tuple(loop for loop in robot.loops if isinstance(loop, cp.Coupling))
+
+
+def springs(robot: Description) -> dict[str, tuple[float, float]]:
+    return {spring.joint: (spring.stiffness, spring.reference) for spring in robot.springs}

@@ -131,6 +131,11 @@ def relative(a: np.ndarray, b: np.ndarray, floor: float = 9.81) -> float:
     return float(np.abs(a - b).max(initial=0.0) / max(np.abs(b).max(initial=0.0), floor))
 
 
+def central(f: Callable[[float], np.ndarray], h: float = 1e-4) -> np.ndarray:
+    """f'(0) by central differences of the fourth order."""
+    return (8 * (f(h) - f(-h)) - (f(2 * h) - f(-2 * h))) / (12 * h)
+
+
 def calls(work: Callable[[], object]) -> int:
     """Count the calls that Python makes, the second time: a clock that no other work slows."""
     work()  # it may import

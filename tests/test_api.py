@@ -22,6 +22,16 @@ PUBLIC = {
 }
 FUNCTIONS = [name for name, value in PUBLIC.items() if inspect.isfunction(value)]
 CLASSES = [name for name, value in PUBLIC.items() if inspect.isclass(value)]
+METHODS = {**cp.dynamics.SOLVERS, **cp.simulation.INTEGRATORS, **cp.simulation.DRIFTS}
+# Functions that compute, and those of them whose equations are of the literature.
+VERBS = (
+    "solve", "derivatives", "inverse_dynamics", "gravity_compensation", "operational_space",
+    "transmission", "impact", "switch", "is_integrable", "simulate", "solve_batch",
+    "derivatives_batch", "simulate_batch", "model_hierarchy", "tune",
+)  # fmt: skip
+SOURCED = VERBS[:9]
+COST = re.compile(r"\bCosts?\b|\bTakes\b|\b(us|ms)\b")
+SOURCE = re.compile(r"^References$|source are those of", re.MULTILINE)
 # What means the same everywhere: methods need not say it again, the first page of the API does.
 KNOWN = {"q", "v", "a", "tau", "lam", "t", "dt", "scene", "path", "workspace", "system", "terms"}
 # Words that make an entry speak of a quantity, and the shapes and units that it then has to have.
@@ -81,93 +91,6 @@ def parameters(function: Any) -> list[str]:
     return [name for name in names if name not in ("self", "cls") and not name.startswith("_")]
 
 
-def test_what_means_the_same_everywhere_is_said_once():
-    page = (Path(cp.__file__).parents[1] / "docs" / "reference.py").read_text(encoding="utf-8")
-    table = page.split('_INTRODUCTION = """')[1].split('"""')[0]
-    assert set(re.findall(r"``(\w+)``", table)) >= KNOWN
-
-
-def methods(kind: type) -> Iterator[tuple[str, Any]]:
-    """What a class defines itself and others may call; what only fills a contract has its words."""
-    for name, value in vars(kind).items():
-        function = value.__func__ if isinstance(value, (classmethod, staticmethod)) else value
-        if name.startswith("_") or not inspect.isfunction(function):
-            continue
-        inherited = any(text(vars(base).get(name)) for base in kind.__mro__[1:])
-        if not inherited:
-            yield name, function
-
-
-@pytest.mark.parametrize("name", [*FUNCTIONS, *CLASSES])
-def test_the_first_line_is_a_sentence(name):
-    first = text(PUBLIC[name]).split("\n")[0]
-    assert len(first) > 10
-    assert first[0].isupper()
-    assert first.endswith((".", ":")), first
-
-
-@pytest.mark.parametrize("name", FUNCTIONS)
-def test_a_function_documents_every_parameter(name):
-    listed = entries(sections(text(PUBLIC[name])).get("Parameters", ""))
-    assert set(listed) == set(parameters(PUBLIC[name]))
-
-
-@pytest.mark.parametrize("name", FUNCTIONS)
-def test_a_function_says_what_comes_back(name):
-    if inspect.signature(PUBLIC[name]).return_annotation in (None, "None"):
-        return
-    assert {"Returns", "Yields"} & sections(text(PUBLIC[name])).keys()
-
-
-@pytest.mark.parametrize("name", [*FUNCTIONS, *CLASSES])
-def test_what_is_raised_is_documented(name):
-    value = PUBLIC[name]
-    functions = [value] if name in FUNCTIONS else [getattr(value, "__post_init__", None)]
-    for function in filter(inspect.isfunction, functions):
-        raised = set(re.findall(r"raise (?:errors\.)?([A-Z]\w+)\(", inspect.getsource(function)))
-        if name in FUNCTIONS and raised:
-            assert raised <= set(re.findall(r"\w+", sections(text(value)).get("Raises", "")))
-
-
-@pytest.mark.parametrize("name", CLASSES)
-def test_a_class_documents_every_field(name):
-    """As a parameter or an attribute, its own or that of the class that it has the field from."""
-    if not dataclasses.is_dataclass(PUBLIC[name]):
-        return
-    fields = [field.name for field in dataclasses.fields(PUBLIC[name])]
-    listed: set[str] = set()
-    for base in PUBLIC[name].__mro__:
-        said = sections(inspect.cleandoc(base.__doc__ or ""))
-        for title in ("Parameters", "Attributes"):
-            listed |= entries(said.get(title, "")).keys()
-    assert {field for field in fields if not field.startswith("_")} - listed == set()
-
-
-@pytest.mark.parametrize("name", CLASSES)
-def test_a_method_names_its_parameters(name):
-    if name in ("Processes",):  # an Executor: its methods are Python's
-        return
-    for method, function in methods(PUBLIC[name]):
-        said = text(function)
-        assert said, f"{name}.{method}"
-        missing = [
-            parameter
-            for parameter in parameters(function)
-            if parameter not in KNOWN and not re.search(rf"\b{parameter}\b", said)
-        ]
-        assert not missing, f"{name}.{method}: {missing}"
-
-
-@pytest.mark.parametrize("name", [*FUNCTIONS, *CLASSES])
-def test_arrays_have_a_shape(name):
-    said = sections(text(PUBLIC[name]))
-    for title in ("Parameters", "Attributes", "Returns"):
-        for entry, body in entries(said.get(title, "")).items():
-            kind = body.split("\n")[0] if title != "Returns" else entry
-            if ARRAYS.search(kind):
-                assert SHAPE.search(kind) or SHAPE.search(body), f"{name}: {entry} : {kind}"
-
-
 def quantities(name: str) -> Iterator[tuple[str, str]]:
     """Entries of a docstring that are numbers, and not counts, with their words."""
     said = sections(text(PUBLIC[name]))
@@ -178,50 +101,111 @@ def quantities(name: str) -> Iterator[tuple[str, str]]:
                 yield entry, body
 
 
-@pytest.mark.parametrize("name", [*FUNCTIONS, *CLASSES])
-def test_quantities_have_a_unit(name):
+# What may be wrong with a public name, a sentence each
+
+
+def first_line(name: str) -> Iterator[str]:
+    first = text(PUBLIC[name]).split("\n")[0]
+    if name in FUNCTIONS + CLASSES and not re.fullmatch(r"[A-Z].{9,}[.:]", first):
+        yield f"its first line is no sentence: {first!r}"
+
+
+def what_is_taken_returned_and_raised(name: str) -> Iterator[str]:
+    if name not in FUNCTIONS:
+        return
+    function, said = PUBLIC[name], sections(text(PUBLIC[name]))
+    if set(entries(said.get("Parameters", ""))) != set(parameters(function)):
+        yield "its parameters are not those that it documents"
+    nothing = inspect.signature(function).return_annotation in (None, "None")
+    if not nothing and not {"Returns", "Yields"} & said.keys():
+        yield "it does not say what comes back"
+    raised = re.findall(r"raise (?:errors\.)?([A-Z]\w+)\(", inspect.getsource(function))
+    yield from set(raised) - set(re.findall(r"\w+", said.get("Raises", "")))
+
+
+def fields(name: str) -> Iterator[str]:
+    """As a parameter or an attribute, its own or that of the class that it has the field from."""
+    if not dataclasses.is_dataclass(PUBLIC[name]):
+        return
+    listed: set[str] = set()
+    for base in PUBLIC[name].__mro__:
+        said = sections(inspect.cleandoc(base.__doc__ or ""))
+        for title in ("Parameters", "Attributes"):
+            listed |= entries(said.get(title, "")).keys()
+    every = {field.name for field in dataclasses.fields(PUBLIC[name])}
+    yield from {field for field in every if not field.startswith("_")} - listed
+
+
+def methods(name: str) -> Iterator[str]:
+    """What a class defines itself and others may call; what only fills a contract has its words."""
+    kind = PUBLIC[name]
+    if name not in CLASSES or name == "Processes":  # an Executor: its methods are Python's
+        return
+    for method, value in vars(kind).items():
+        function = value.__func__ if isinstance(value, (classmethod, staticmethod)) else value
+        if method.startswith("_") or not inspect.isfunction(function):
+            continue
+        if any(text(vars(base).get(method)) for base in kind.__mro__[1:]):
+            continue
+        said = text(function)
+        if not said:
+            yield f"{method} says nothing"
+        for parameter in parameters(function):
+            if parameter not in KNOWN and not re.search(rf"\b{parameter}\b", said):
+                yield f"{method} does not say what {parameter} is"
+
+
+def shapes(name: str) -> Iterator[str]:
+    said = sections(text(PUBLIC[name]))
+    for title in ("Parameters", "Attributes", "Returns"):
+        for entry, body in entries(said.get(title, "")).items():
+            kind = body.split("\n")[0] if title != "Returns" else entry
+            if ARRAYS.search(kind) and not SHAPE.search(kind) and not SHAPE.search(body):
+                yield f"{entry} : {kind} has no shape"
+
+
+def units(name: str) -> Iterator[str]:
     for entry, body in quantities(name):
-        if entry not in CONVENTIONAL | DIMENSIONLESS and (name, entry) not in OTHER:
-            assert UNIT.search(body), f"{name}: {entry}: {' '.join(body.split())}"
+        said = entry in CONVENTIONAL | DIMENSIONLESS or (name, entry) in OTHER
+        if not said and not UNIT.search(body):
+            yield f"{entry} has no unit"
+
+
+def verbs(name: str) -> Iterator[str]:
+    said = text(PUBLIC[name])
+    if name in VERBS and not ("Raises" in sections(said) and COST.search(said)):
+        yield "a computation says what goes wrong, and what it costs"
+    if name in SOURCED and not SOURCE.search(said):
+        yield "it names no source"
+
+
+RULES = (first_line, what_is_taken_returned_and_raised, fields, methods, shapes, units, verbs)
+
+
+@pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.__name__)
+def test_public_names_are_documented(rule):
+    names = [name for name in PUBLIC if name in FUNCTIONS or name in CLASSES]
+    assert len(names) > 150
+    assert [f"{name}: {fault}" for name in names for fault in rule(name)] == []
 
 
 def test_no_exception_from_units_is_idle():
     seen = {(name, entry) for name in [*FUNCTIONS, *CLASSES] for entry, _ in quantities(name)}
     assert OTHER.keys() <= seen
     assert {entry for _, entry in seen} >= DIMENSIONLESS
+    assert PUBLIC.keys() >= set(VERBS)
 
 
-def test_units_of_conventional_names_are_on_the_first_page():
+def test_what_means_the_same_everywhere_is_said_on_the_first_page_with_its_unit():
     page = (Path(cp.__file__).parents[1] / "docs" / "reference.py").read_text(encoding="utf-8")
     table = page.split('_INTRODUCTION = """')[1].split('"""')[0]
     with_unit = [row for row in re.split(r"\n(?=``)", table) if UNIT.search(row)]
+    assert set(re.findall(r"``(\w+)``", table)) >= KNOWN
     assert set(re.findall(r"``(\w+)``", "".join(with_unit))) >= CONVENTIONAL
 
 
-# Functions that compute, and those of them whose equations are of the literature.
-VERBS = (
-    "solve", "derivatives", "inverse_dynamics", "gravity_compensation", "operational_space",
-    "transmission", "impact", "switch", "is_integrable", "simulate", "solve_batch",
-    "derivatives_batch", "simulate_batch", "model_hierarchy", "tune",
-)  # fmt: skip
-SOURCED = VERBS[:9]
-COST = re.compile(r"\bCosts?\b|\bTakes\b|\b(us|ms)\b")
-SOURCE = re.compile(r"^References$|source are those of", re.MULTILINE)
-
-
-@pytest.mark.parametrize("name", VERBS)
-def test_a_computation_has_errors_a_cost_and_a_source(name):
-    said = text(PUBLIC[name])
-    assert "Raises" in sections(said)
-    assert COST.search(said)
-    assert SOURCE.search(said) or name not in SOURCED
-
-
-@pytest.mark.parametrize(
-    "name", list(cp.dynamics.SOLVERS) + list(cp.simulation.INTEGRATORS) + list(cp.simulation.DRIFTS)
-)
-def test_a_method_has_a_cost_a_use_and_a_source(name):
-    kind = {**cp.dynamics.SOLVERS, **cp.simulation.INTEGRATORS, **cp.simulation.DRIFTS}[name]
-    assert kind.use
-    assert getattr(kind, "cost", "") or kind.solves_per_step
-    assert name in ("nodrift",) or "References" in sections(text(kind)), name
+def test_a_method_has_a_cost_a_use_and_a_source():
+    for name, kind in METHODS.items():
+        assert kind.use, name
+        assert getattr(kind, "cost", "") or kind.solves_per_step, name
+        assert name == "nodrift" or "References" in sections(text(kind)), name

@@ -21,12 +21,12 @@ from lost import KillsOnce
 from shared import all_scenes
 
 import condyn_pin as cp
-from condyn_pin._core.parallel import memory
+from condyn_pin._core.parallel import memory, rows
+from condyn_pin._core.parallel.chunks import silent
 from condyn_pin._core.parallel.memory import Kind, SharedArrays
 from condyn_pin.dynamics.catalogue import motor_torque
-from condyn_pin.dynamics.derivatives.check import BLOCKS
-from condyn_pin.simulation.batch import rows
-from condyn_pin.simulation.batch.recipe import Recipe
+from condyn_pin.dynamics.derivatives.differences import BLOCKS
+from condyn_pin.simulation.batch.recipe import PickledRecipe, Recipe
 
 LABELS = ("talos contacts", "cassie loops", "four_bar loops", "solo12 alone")
 N = 24
@@ -115,18 +115,16 @@ def test_threads_give_the_same():
     assert_same(found, cp.solve_batch(scene, *states))
 
 
-def test_one_torque_for_all(executor):
+@pytest.mark.parametrize(
+    ("same", "torque"),
+    [(list, 1.0), (np.array, 1.0), (lambda _: 0, 0.0), (lambda _: 0.0, 0.0)],
+    ids=["list", "array", "0", "0.0"],
+)
+def test_one_torque_for_all(same, torque, executor):
     scene, (q, v, tau) = all_scenes()["talos contacts"], batch_of("talos contacts")
-    wanted = cp.solve_batch(scene, q, v, np.tile(tau[0], (N, 1)))
-    assert_same(cp.solve_batch(scene, q, v, tau[0]), wanted)
-    assert_same(cp.solve_batch(scene, q, v, tau[0].tolist(), executor=executor), wanted)
-
-
-def test_no_torque(executor):
-    scene, (q, v, _) = all_scenes()["talos contacts"], batch_of("talos contacts")
-    wanted = cp.solve_batch(scene, q, v, np.zeros_like(v))
-    assert_same(cp.solve_batch(scene, q, v, 0), wanted)
-    assert_same(cp.solve_batch(scene, q, v, 0.0, executor=executor), wanted)
+    wanted = cp.solve_batch(scene, q, v, np.tile(torque * tau[0], (N, 1)))
+    for where in (None, executor):
+        assert_same(cp.solve_batch(scene, q, v, same(tau[0]), executor=where), wanted)
 
 
 def test_some_rows_are_a_batch_and_one_is_an_answer():
@@ -155,19 +153,17 @@ def test_some_rows_are_a_batch_and_one_is_an_answer():
 
 def test_the_derivatives_of_one_row_are_those_of_the_state():
     scene, (q, v, tau) = all_scenes()["cassie loops"], batch_of("cassie loops", 2)
-    found, wanted = (
-        cp.derivatives_batch(scene, q, v, tau)[1],
-        cp.derivatives(scene, q[1], v[1], tau[1]),
-    )
+    found = cp.derivatives_batch(scene, q, v, tau)[1]
+    wanted = cp.derivatives(scene, q[1], v[1], tau[1])
     for name in BLOCKS:
         np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name))
     n, m = scene.robot.nv, scene.rows
     rng = np.random.default_rng(1)
     steps, gradients = rng.normal(size=(3, n)), (rng.normal(size=n), rng.normal(size=m))
-    for mine, theirs in zip(found.jvp(*steps), wanted.jvp(*steps), strict=True):
-        np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-9 * np.abs(theirs).max())
-    for mine, theirs in zip(found.vjp(*gradients), wanted.vjp(*gradients), strict=True):
-        np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-9 * np.abs(theirs).max())
+    mine = *found.jvp(*steps), *found.vjp(*gradients)
+    theirs = *wanted.jvp(*steps), *wanted.vjp(*gradients)
+    for one, other in zip(mine, theirs, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * np.abs(other).max())
 
 
 @pytest.mark.parametrize("kind", [cp.Processes, ThreadPoolExecutor])
@@ -256,21 +252,21 @@ def test_answers_are_frozen_pickle_and_do_not_follow_their_arguments(executor):
     assert_same(pickle.loads(pickle.dumps(batch)), batch)
 
 
-ROWS = ["Q", "V", "TAU"]
-
-
+@pytest.mark.parametrize("verb", [cp.solve_batch, cp.derivatives_batch])
 @pytest.mark.parametrize("which", [0, 1, 2])
-def test_a_number_that_is_not_finite_is_named_with_its_row(which):
+def test_a_number_that_is_not_finite_is_named_with_its_row(which, verb):
     scene, states = all_scenes()["talos contacts"], batch_of("talos contacts")
     states[which][13, 9] = np.nan
-    with pytest.raises(cp.InvalidArgument, match=rf"{ROWS[which]}\[13, 9\] = nan: finite"):
-        cp.solve_batch(scene, *states)
-    with pytest.raises(cp.InvalidArgument, match=rf"{ROWS[which]}\[13, 9\] = nan: finite"):
-        cp.derivatives_batch(scene, *states)
+    with pytest.raises(
+        cp.InvalidArgument, match=rf"{('Q', 'V', 'TAU')[which]}\[13, 9\] = nan: finite"
+    ):
+        verb(scene, *states)
 
 
-def test_shapes_are_named():
+def test_shapes_and_quaternions_are_named():
     scene, (q, v, tau) = all_scenes()["talos contacts"], batch_of("talos contacts")
+    loose = q.copy()
+    loose[5, 3:7] *= 1.1
     for states, text in (
         ((q[0], v, tau), r"Q has shape \(39,\): .* shape \(N, 39\) is needed, a row a state"),
         ((q[:, 1:], v, tau), r"Q has shape \(24, 38\): an array of shape \(24, 39\)"),
@@ -280,16 +276,10 @@ def test_shapes_are_named():
         ((q, v, 1.0), r"TAU has shape \(\): an array of shape \(24, 38\)"),
         (([[0.0], [0.0, 1.0]], v, tau), r"Q: an array of shape \(N, 39\) is needed"),
         (("states", v, tau), r"Q has shape \(\)"),
+        ((loose, v, tau), r"Q\[5, 3:7\] = .* has norm 1\.1: .* Q\[5\]"),
     ):
         with pytest.raises(cp.InvalidArgument, match=text):
             cp.solve_batch(scene, *states)
-
-
-def test_quaternions_are_named_with_their_row():
-    scene, (q, v, tau) = all_scenes()["talos contacts"], batch_of("talos contacts")
-    q[5, 3:7] *= 1.1
-    with pytest.raises(cp.InvalidArgument, match=r"Q\[5, 3:7\] = .* has norm 1\.1: .* Q\[5\]"):
-        cp.solve_batch(scene, q, v, tau)
 
 
 @pytest.mark.parametrize(
@@ -326,7 +316,7 @@ def test_other_refusals(executor):
 
 @pytest.mark.parametrize("count", [0, 1, 15, 1000, 100_000])
 def test_chunks_cover_all_rows_and_become_smaller(count):
-    chunks = rows.Rows(print, all_scenes()["four_bar loops"], most=1000)._chunks(count)
+    chunks = rows.Rows(print, None, None, None, 1000, silent)._chunks(count)
     assert [i for rows in chunks for i in range(rows.start, rows.stop)] == list(range(count))
     sizes = [rows.stop - rows.start for rows in chunks]
     assert sizes == sorted(sizes, reverse=True)
@@ -353,7 +343,7 @@ def test_unpickled_states_take_the_hot_path(monkeypatch):
 
 
 def test_a_workspace_is_made_once(executor):
-    recipes = [Recipe.of(all_scenes()[label], None, None) for label in LABELS]
+    recipes = [Recipe(all_scenes()[label]).pickled() for label in LABELS]
     for recipe in recipes:
         found = dict(cp.map_chunks(_whose, [recipe] * 12, executor=executor))
         again = dict(cp.map_chunks(_whose, [recipe] * 12, executor=executor))
@@ -361,7 +351,7 @@ def test_a_workspace_is_made_once(executor):
         assert len(made) == len({process for process, _ in made}) <= 2
 
 
-def _whose(recipe: Recipe) -> tuple[int, int]:
+def _whose(recipe: PickledRecipe) -> tuple[int, int]:
     return os.getpid(), id(recipe.workspace())
 
 
@@ -513,7 +503,7 @@ def test_a_script_ends_without_a_word(start_method, tmp_path):
 @pytest.mark.parametrize("label", ["cassie loops", "four_bar loops", "talos contacts"])
 def test_many_samples_are_one_after_the_other_whoever_draws_them(label, executor):
     scene, n = all_scenes()[label], 70  # two chunks
-    Q, V = scene.sample_batch(n, np.random.default_rng(7), spread=0.1, speed=0.5)
+    Q, V = cp.simulation.sample_batch(scene, n, np.random.default_rng(7), spread=0.1, speed=0.5)
     children = np.random.default_rng(7).spawn(n)
     single = [scene.sample(child, spread=0.1, speed=0.5) for child in children]
     assert np.array_equal(Q, [q for q, _ in single])
@@ -521,16 +511,16 @@ def test_many_samples_are_one_after_the_other_whoever_draws_them(label, executor
     with ThreadPoolExecutor(2) as threads:
         for by in (executor, threads):
             rng = np.random.default_rng(7)
-            found = scene.sample_batch(n, rng, spread=0.1, speed=0.5, executor=by)
+            found = cp.simulation.sample_batch(scene, n, rng, spread=0.1, speed=0.5, executor=by)
             assert np.array_equal(found[0], Q)
             assert np.array_equal(found[1], V)
 
 
 def test_samples_of_a_second_call_are_others():
     scene, rng = all_scenes()["four_bar loops"], np.random.default_rng(7)
-    first, second = (scene.sample_batch(3, rng)[0] for _ in range(2))
+    first, second = (cp.simulation.sample_batch(scene, 3, rng)[0] for _ in range(2))
     assert not np.isin(first, second).any()
-    assert [x.shape for x in scene.sample_batch(0, rng)] == [(0, 3), (0, 3)]
+    assert [x.shape for x in cp.simulation.sample_batch(scene, 0, rng)] == [(0, 3), (0, 3)]
 
 
 @pytest.mark.parametrize(
@@ -542,4 +532,4 @@ def test_samples_of_a_second_call_are_others():
 )
 def test_bad_arguments_of_many_samples_are_refused(arguments, text):
     with pytest.raises(cp.InvalidArgument, match=text):
-        all_scenes()["four_bar loops"].sample_batch(*arguments)
+        cp.simulation.sample_batch(all_scenes()["four_bar loops"], *arguments)

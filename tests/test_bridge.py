@@ -23,7 +23,7 @@ from typer.testing import CliRunner
 
 import condyn_pin as cp
 from condyn_pin.cli.main import app
-from condyn_pin.io.manifest.folders import example_robot_data
+from condyn_pin.io.load import example_robot_data
 
 ROUNDING = 1e-13
 
@@ -368,24 +368,21 @@ def compared(robot: cp.Robot, model: mujoco.MjModel, **more) -> cp.study.CrossCh
 
 
 @pytest.mark.parametrize("name", ["every joint", "cassie", "talos", "solo12", "stewart", "delta"])
-def test_robots_agree_with_their_own_file(name):
+def test_robots_agree_with_their_own_file(name, tmp_path):
+    """And the other way about: MuJoCo's file is the source, the robot what is read from it."""
     robot = every_joint() if name == "every joint" else cp.load_robot(name)
-    found = compared(robot, mujoco_of(robot), tolerance=1e-10)
-    assert found.ok, str(found)
-    assert not found.causes
-    assert {term.term for term in found.terms} >= {"M", "h", "passive", "a"}
-    checked = {term.where for term in found.terms if term.term == "J"}
+    found = [compared(robot, mujoco_of(robot), tolerance=1e-10)]
+    checked = {term.where for term in found[0].terms if term.term == "J"}
     assert checked == {loop.name for loop in robot.loops}
-
-
-@pytest.mark.parametrize("name", ["cassie", "talos"])
-def test_what_was_read_from_mujocos_file_agrees(name, tmp_path):
-    """The other way about: MuJoCo's file is the source, the robot is what is read from it."""
-    path = tmp_path / "robot.xml"
-    path.write_text(cp.load_robot(name).to_mjcf(), encoding="utf-8")
-    found = compared(cp.load_robot(path), mujoco.MjModel.from_xml_path(str(path)), tolerance=1e-9)
-    assert found.ok, str(found)
-    assert not found.causes
+    if name in ("cassie", "talos"):
+        path = tmp_path / "robot.xml"
+        path.write_text(robot.to_mjcf(), encoding="utf-8")
+        model = mujoco.MjModel.from_xml_path(str(path))
+        found.append(compared(cp.load_robot(path), model, tolerance=1e-9))
+    for each in found:
+        assert each.ok, str(each)
+        assert not each.causes
+        assert {term.term for term in each.terms} >= {"M", "h", "passive", "a"}
 
 
 MANY_JOINTS = """<mujoco><compiler angle="radian"/><worldbody>
@@ -446,102 +443,68 @@ def test_one_urdf_read_by_both():
             assert any(re.search(said, cause) for cause in found.causes), str(found)
 
 
-def body(model, name: str) -> int:
-    """The index of the body that a joint of Cassie moves."""
-    return int(model.joint(name).bodyid[0])
+def spoil(model: mujoco.MjModel, field: str, joint: str, change) -> None:
+    """Change the entry of a joint in an array of the model, or an option."""
+    if hasattr(model.opt, field):
+        setattr(model.opt, field, change(getattr(model.opt, field)))
+        return
+    there, kind = model.joint(joint), field.split("_")[0].rstrip("0")
+    at = {"body": there.bodyid, "dof": there.dofadr, "jnt": [there.id], "qpos": there.qposadr}
+    k, values = int(at[kind][0]), getattr(model, field)
+    values[k] = change(values[k])
 
 
-def dof(model, name: str) -> int:
-    return int(model.joint(name).dofadr[0])
-
-
+ASKEW = pin.Quaternion(pin.exp3(np.array([0.5, 0.0, 0.0]))).coeffs()[[3, 0, 1, 2]]
+KNEE, FOOT, SHIN, CRANK = (
+    f"left-{joint}" for joint in ("knee-op", "foot-op", "knee-shin-joint", "tarsus-crank-joint")
+)
+OFF = mujoco.mjtDisableBit
 # What is changed in Cassie, the term that has to see it, and the sentence that has to name it.
-def heavier(model):
-    model.body_mass[body(model, "left-tarsus-crank-joint")] *= 1.04
+WRONG = [
+    ("dof_armature", "root_joint", lambda x: 0.01,  # a default class gives it to a free joint
+     "M", r"^joint root_joint: armature .*0.01"),
+    ("body_mass", CRANK, lambda x: 1.04 * x,
+     "M", r"^body left-tarsus-crank-joint .*: mass 0.\d+ kg here, 0.1"),
+    ("body_ipos", KNEE, lambda x: np.add(x, [0, 0, 0.01]),
+     "M", r"^body left-knee-op .*: centre of mass .* 0.01 m off$"),
+    ("body_inertia", KNEE, lambda x: 1.1 * x,
+     "M", r"^body left-knee-op .*: principal moments .* kg m\^2 here, \("),
+    ("body_iquat", KNEE, lambda x: ASKEW,
+     "M", r"^body left-knee-op .*: principal moments .* in both, about other axes"),
+    ("dof_armature", FOOT, lambda x: 0.1,
+     "M", r"^joint left-foot-op: armature 0 kg m\^2 here, 0.1 in MuJoCo"),
+    ("dof_damping", KNEE, lambda x: x + 0.5,
+     "passive", r"^joint left-knee-op: damping 1 N m s/rad here, 1.5 in MuJoCo"),
+    ("jnt_stiffness", SHIN, lambda x: 1600.0,
+     "passive", r"^joint left-knee-shin-joint: stiffness 1500 N m/rad here, 1600 in"),
+    ("disableflags", "springs", lambda x: x | OFF.mjDSBL_SPRING,
+     "passive", r"stiffness 1500 N m/rad here, 0 in MuJoCo"),
+    ("qpos_spring", SHIN, lambda x: 0.1,
+     "passive", r"^joint left-knee-shin-joint: its spring rests at 0 rad here, 0.1"),
+    ("body_pos", KNEE, lambda x: np.add(x, [0.002, 0, 0]),
+     "gap", r"^joint left-knee-op: it stands at .* 0.002 m off; places of what"),
+    ("qpos0", FOOT, lambda x: 0.2,
+     "M", r"^joint left-foot-op: the same coordinate puts it -0.2 rad further in MuJoCo"),
+    ("gravity", "", lambda x: [0, 0, -9.8],
+     "h", r"^gravity: \(0, 0, -9.81\) m/s\^2 here, \(0, 0, -9.8\) in MuJoCo"),
+    ("disableflags", "gravity", lambda x: x | OFF.mjDSBL_GRAVITY,
+     "h", r"^gravity: \(0, 0, -9.81\) m/s\^2 here, \(0, 0, -?0\) in MuJoCo"),
+]  # fmt: skip
 
 
-def off_centre(model):
-    model.body_ipos[body(model, "left-knee-op"), 2] += 0.01
-
-
-def other_moments(model):
-    model.body_inertia[body(model, "left-knee-op")] *= 1.1
-
-
-def turned(model):
-    k = body(model, "left-knee-op")
-    model.body_iquat[k] = pin.Quaternion(pin.exp3(np.array([0.5, 0.0, 0.0]))).coeffs()[[3, 0, 1, 2]]
-
-
-def geared(model):
-    model.dof_armature[dof(model, "left-foot-op")] = 0.1
-
-
-def damped(model):
-    model.dof_damping[dof(model, "left-knee-op")] += 0.5
-
-
-def stiffer(model):
-    model.jnt_stiffness[model.joint("left-knee-shin-joint").id] = 1600.0
-
-
-def unsprung(model):
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SPRING
-
-
-def bent_spring(model):
-    model.qpos_spring[model.joint("left-knee-shin-joint").qposadr[0]] = 0.1
-
-
-def elsewhere(model):
-    model.body_pos[body(model, "left-knee-op"), 0] += 0.002
-
-
-def zeroed(model):
-    model.qpos0[model.joint("left-foot-op").qposadr[0]] = 0.2
-
-
-def lighter_world(model):
-    model.opt.gravity[2] = -9.8
-
-
-def weightless(model):
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_GRAVITY
-
-
-def free_armature(model):
-    model.dof_armature[:6] = 0.01  # a default class gives it to <joint type="free">
-
-
-WRONG = {
-    free_armature: ("M", r"^joint root_joint: armature 0 kg m\^2 here, 0.01 in MuJoCo"),
-    heavier: ("M", r"^body left-tarsus-crank-joint .*: mass 0.\d+ kg here, 0.1"),
-    off_centre: ("M", r"^body left-knee-op .*: centre of mass .* 0.01 m off$"),
-    other_moments: ("M", r"^body left-knee-op .*: principal moments .* kg m\^2 here, \("),
-    turned: ("M", r"^body left-knee-op .*: principal moments .* in both, about other axes"),
-    geared: ("M", r"^joint left-foot-op: armature 0 kg m\^2 here, 0.1 in MuJoCo"),
-    damped: ("passive", r"^joint left-knee-op: damping 1 N m s/rad here, 1.5 in MuJoCo"),
-    stiffer: ("passive", r"^joint left-knee-shin-joint: stiffness 1500 N m/rad here, 1600 in"),
-    unsprung: ("passive", r"stiffness 1500 N m/rad here, 0 in MuJoCo"),
-    bent_spring: ("passive", r"^joint left-knee-shin-joint: its spring rests at 0 rad here, 0.1"),
-    elsewhere: ("gap", r"^joint left-knee-op: it stands at .* 0.002 m off; places of what"),
-    zeroed: ("M", r"^joint left-foot-op: the same coordinate puts it -0.2 rad further in MuJoCo"),
-    lighter_world: ("h", r"^gravity: \(0, 0, -9.81\) m/s\^2 here, \(0, 0, -9.8\) in MuJoCo"),
-    weightless: ("h", r"^gravity: \(0, 0, -9.81\) m/s\^2 here, \(0, 0, -?0\) in MuJoCo"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("wrong", WRONG, ids=lambda wrong: wrong.__name__)
-def test_what_is_wrong_is_seen_and_named(wrong):
+@pytest.mark.parametrize(
+    ("field", "joint", "change", "term", "said"), WRONG, ids=[" ".join(one[:2]) for one in WRONG]
+)
+def test_what_is_wrong_is_seen_and_named(field, joint, change, term, said):
     cassie, q, v = cassie_and_state()
     model = mujoco_of(cassie)
-    wrong(model)
-    term, said = WRONG[wrong]
+    spoil(model, field, joint, change)
     found = cp.study.MujocoBridge(cassie, model).compare(q, v, 0 * v)
     assert not found.ok
     assert max(each.error for each in found.terms if each.term == term) > found.tolerance
     assert re.search(said, found.causes[0]), str(found)
-    several = wrong in (elsewhere, unsprung)  # what follows on the other side of a loop, or leg
+    # what follows on the other side of a loop, or leg
+    several = field == "body_pos" or joint == "springs"
     assert len(found.causes) == 1 or several, str(found)
     assert f"differs: {found.causes[0]}" in str(found)
     assert "Pinocchio and MuJoCo differ" in str(found)
@@ -553,7 +516,7 @@ def test_any_link_of_talos_can_be_the_culprit():
     original = mujoco_of(talos)
     for name in talos.joints[::3]:
         model = copy.copy(original)
-        model.body_mass[body(model, name)] *= 1.001
+        spoil(model, "body_mass", name, lambda x: 1.001 * x)
         found = cp.study.MujocoBridge(talos, model).compare(q, v, 0 * v)
         assert not found.ok, name
         assert len(found.causes) == 1
@@ -681,7 +644,7 @@ def test_the_command_takes_names_and_joints_that_are_held(tmp_path):
         ((str(path),), "names={'shoulder': ...}"),
         ((str(path), "--name", "shoulder"), "OURS=THEIRS is needed"),
         ((str(path), "--name", "shoulder=s", "--without", "crete"), "did you mean 'crate'"),
-        ((str(tmp_path / "no.xml"),), "no.xml: MuJoCo refuses"),
+        ((str(tmp_path / "no.xml"),), "no.xml: cannot be opened"),
         ((str(path), "--name", "shoulder=s", "--tolerance", "2"), "tolerance = 2"),
     ):
         result = run("compare", str(model), *words)

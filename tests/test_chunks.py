@@ -7,8 +7,10 @@ import signal
 import subprocess
 import sys
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import nullcontext
 from functools import partial
 from multiprocessing import get_context
+from pathlib import Path
 
 import crash
 import pytest
@@ -47,11 +49,8 @@ def results(work, executor, **options) -> dict[int, int]:
     return dict(cp.map_chunks(work, range(10), executor=executor, **options))
 
 
-def test_without_an_executor_the_work_is_done_here_and_in_order():
+def test_work_is_done_here_and_in_order_or_by_threads():
     assert list(cp.map_chunks(square, [3, 4])) == [(0, 9), (1, 16)]
-
-
-def test_threads():
     with ThreadPoolExecutor(2) as executor:
         assert results(square, executor) == SQUARES
 
@@ -97,13 +96,9 @@ def test_a_plain_pool_says_that_it_is_of_no_use_any_more():
         results(die, pool)
 
 
-@pytest.mark.parametrize("executor", [None, ThreadPoolExecutor, cp.Processes])
+@pytest.mark.parametrize("executor", [nullcontext, ThreadPoolExecutor, cp.Processes])
 def test_what_the_work_raises_is_raised(executor):
-    if executor is None:
-        with pytest.raises(cp.InvalidArgument, match="x = 3"):
-            results(refuse, None)
-        return
-    with executor(2) as pool:
+    with executor(*([] if executor is nullcontext else [2])) as pool:
         with pytest.raises(cp.InvalidArgument, match="x = 3"):
             results(refuse, pool)
         assert results(square, pool) == SQUARES
@@ -146,24 +141,37 @@ def test_stopping_early_cancels_what_nobody_has_begun():
     assert results(square, None) == SQUARES
 
 
-@pytest.mark.parametrize("executor", [2, "processes", cp.Processes])
-def test_what_is_no_executor_is_refused(executor):
-    with pytest.raises(cp.InvalidArgument, match=r"executor = .* Processes\(2\)"):
-        results(square, executor)
-
-
-@pytest.mark.parametrize("workers", [0, -1, 1.5, True, "two"])
-def test_numbers_of_workers(workers):
-    with pytest.raises(cp.InvalidArgument, match="workers = "):
-        cp.Processes(workers)
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        *(
+            (partial(results, square, executor), r"executor = .* Processes\(2\)")
+            for executor in (2, "processes", cp.Processes)
+        ),
+        *((partial(cp.Processes, n), "workers = ") for n in (0, -1, 1.5, True, "two")),
+        (
+            partial(cp.Processes, 2, start_method="thread"),
+            "start_method = 'thread': one of fork, spawn",
+        ),
+    ],
+)
+def test_what_is_no_executor_is_refused(call, words):
+    with pytest.raises(cp.InvalidArgument, match=words):
+        call()
 
 
 def test_processes_say_what_they_are():
-    with pytest.raises(cp.InvalidArgument, match="start_method = 'thread': one of fork, spawn"):
-        cp.Processes(2, start_method="thread")
     with cp.Processes() as executor:
         assert repr(executor) == f"Processes({executor.workers}, start_method='spawn')"
         assert executor.workers == len(os.sched_getaffinity(0))
+
+
+def run_script(text: str, path: Path) -> subprocess.CompletedProcess[str]:
+    path.write_text(text)
+    # its output ends when the last process that has it open ends
+    return subprocess.run(
+        [sys.executable, str(path)], capture_output=True, text=True, check=False, timeout=300
+    )
 
 
 ORPHANS = """
@@ -180,14 +188,9 @@ if __name__ == "__main__":
 
 @pytest.mark.parametrize("start_method", ["spawn", "forkserver", "fork"])
 def test_workers_end_with_their_parent(start_method, tmp_path):
-    path = tmp_path / "script.py"
-    path.write_text(ORPHANS.format(start_method=start_method))
-    # its output ends when the last process that has it open ends
-    result = subprocess.run(
-        [sys.executable, str(path)], stdout=subprocess.PIPE, text=True, check=False, timeout=300
-    )
-    assert result.returncode == -signal.SIGKILL
-    assert result.stdout.split()
+    done = run_script(ORPHANS.format(start_method=start_method), tmp_path / "script.py")
+    assert done.returncode == -signal.SIGKILL
+    assert done.stdout.split()
 
 
 UNGUARDED = """
@@ -211,11 +214,7 @@ with {pool} as executor:
 )  # fmt: skip
 def test_a_script_without_a_guard_is_told_so_at_once(pool, tmp_path):
     """No worker is started a second time: each would do the work of the script again."""
-    path = tmp_path / "script.py"
-    path.write_text(UNGUARDED.format(pool=pool))
-    done = subprocess.run(
-        [sys.executable, str(path)], capture_output=True, text=True, check=False, timeout=300
-    )
+    done = run_script(UNGUARDED.format(pool=pool), tmp_path / "script.py")
     assert done.returncode == 1
     # behind it the tracker of another process may tell what that one left
     lost = "condyn_pin.errors.WorkersLost: "
@@ -226,12 +225,11 @@ def test_a_script_without_a_guard_is_told_so_at_once(pool, tmp_path):
 
 
 def test_a_script_that_workers_cannot_import_does_not_blame_the_work(tmp_path):
-    path = tmp_path / "script.py"
-    path.write_text(
+    done = run_script(
         "import condyn_pin as cp\nif __name__ == '__main__':\n"
         "    dict(cp.map_chunks(abs, range(4), executor=cp.Processes(1)))\n"
-        "else:\n    raise SystemExit('no licence')\n"
+        "else:\n    raise SystemExit('no licence')\n",
+        tmp_path / "script.py",
     )
-    done = subprocess.run([sys.executable, str(path)], capture_output=True, text=True, check=False)
     assert "no licence" in done.stderr
     assert "could begin, and printed why" in done.stderr.splitlines()[-1]

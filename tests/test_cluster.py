@@ -12,7 +12,7 @@ from shared import all_scenes
 
 import condyn_pin as cp
 from condyn_pin.dynamics.catalogue import motor_torque
-from condyn_pin.dynamics.derivatives.check import BLOCKS
+from condyn_pin.dynamics.derivatives.differences import BLOCKS
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from motions import body
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
@@ -16,9 +17,7 @@ CURVED = {
     "Spherical": [0.5, 10.0, 0.3],
     "Planar": [0.2, 0.1, 10.0],
 }
-FIXED = sorted(
-    name for name in cp.simulation.INTEGRATORS if not cp.simulation.INTEGRATORS[name].is_adaptive
-)
+FIXED = [kind for kind in cp.simulation.INTEGRATORS.values() if not kind.is_adaptive]
 
 
 def spinning(kind: str) -> tuple[cp.Scene, np.ndarray, np.ndarray]:
@@ -48,12 +47,9 @@ def test_adaptive_steps_change_charts(kind, method):
 
 
 @pytest.mark.parametrize("kind", list(CURVED))
-@pytest.mark.parametrize("name", FIXED)
-def test_fixed_steps_say_where_they_end(name, kind):
-    scene, q, v = spinning(kind)
-    found = cp.simulate(
-        scene, q, v, duration=2 * DT, dt=DT, integrator=cp.simulation.INTEGRATORS[name]()
-    )
+@pytest.mark.parametrize("integrator", FIXED)
+def test_fixed_steps_say_where_they_end(integrator, kind):
+    found = cp.simulate(*spinning(kind), duration=2 * DT, dt=DT, integrator=integrator())
     assert found.status is cp.simulation.RunStatus.FAILED
     assert "joint 'body' turns by 4" in found.reason
     assert "take dt below 0.3" in found.reason
@@ -73,22 +69,17 @@ def test_a_body_that_comes_to_turn_too_fast_ends_the_run_there():
 @pytest.mark.parametrize("kind", ["RY", "RUBY"])
 def test_a_hinge_that_turns_far_in_a_step_is_told(kind):
     """Its angle has no chart to leave, but what it does to others is not resolved."""
-    model = pin.Model()
-    joint = model.addJoint(0, getattr(pin, f"JointModel{kind}")(), pin.SE3.Identity(), "wheel")
-    model.appendBodyToJoint(joint, pin.Inertia.FromBox(1.0, 0.2, 0.3, 0.5), pin.SE3.Identity())
-    scene, q = cp.Scene(cp.Robot("wheel", model)), pin.neutral(model)
-    fast = cp.simulate(scene, q, [40.0], duration=1.0, dt=0.1)
-    assert "joint 'wheel' turns by 4 rad in a step of 0.1 s" in "".join(fast.notices)
-    assert not cp.simulate(scene, q, [40.0], duration=1.0, dt=0.05).notices
-    adaptive = cp.simulate(scene, q, [40.0], duration=1.0, dt=0.1, integrator=cp.DormandPrince())
+    wheel = cp.Scene(body(getattr(pin, f"JointModel{kind}")()))
+    start = wheel, pin.neutral(wheel.robot.model), [40.0]
+    fast = cp.simulate(*start, duration=1.0, dt=0.1)
+    assert "joint 'joint' turns by 4 rad in a step of 0.1 s" in "".join(fast.notices)
+    assert not cp.simulate(*start, duration=1.0, dt=0.05).notices
+    adaptive = cp.simulate(*start, duration=1.0, dt=0.1, integrator=cp.DormandPrince())
     assert not adaptive.notices
 
 
 def slider(mass: float = 1.0) -> cp.Scene:
-    model = pin.Model()
-    joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "slider")
-    model.appendBodyToJoint(joint, pin.Inertia(mass, np.zeros(3), np.eye(3)), pin.SE3.Identity())
-    return cp.Scene(cp.Robot("slider", model))
+    return cp.Scene(body(pin.JointModelPX(), mass=mass))
 
 
 @pytest.mark.parametrize("method", [5, 8])

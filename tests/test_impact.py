@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from shared import all_scenes, each_scene, robot, states
+from shared import all_scenes, central, each_scene, robot, states
 from test_derivatives import CONSTRAINTS, ROOTS, two_arms
 from test_traps import two_boxes
 
@@ -197,11 +197,6 @@ def test_a_loop_that_snaps_shut_keeps_the_momentum(kind):
     )
     assert np.abs(met.v - v).max() > 0.1
     assert np.allclose(before, after, atol=1e-12)
-
-
-def central(f, h):
-    """Central difference of the fourth order of f at 0."""
-    return (8 * (f(h) - f(-h)) - (f(2 * h) - f(-2 * h))) / (12 * h)
 
 
 @pytest.mark.parametrize("e", [0.0, 0.6])

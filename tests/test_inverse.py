@@ -11,6 +11,8 @@ from shared import relative, robot
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
+from condyn_pin._core.joints import indices
+from condyn_pin.control import Actuation, gravity_compensation
 
 GRAVITY = 9.81
 
@@ -24,7 +26,7 @@ def scene(name: str, *, contacts: bool = False) -> cp.Scene:
 def test_a_pendulum_by_hand(ratio):
     """ratio u = m l^2 theta'' + m g l sin(theta)."""
     pendulum = cp.model.pendulum(length=0.5, mass=2.0)
-    motor = cp.control.Actuation(pendulum, ratios=[ratio])
+    motor = Actuation(pendulum, ratios=[ratio])
     inverse = cp.inverse_dynamics(cp.Scene(pendulum), [0.7], [1.3], [4.0], actuation=motor)
     torque = 2.0 * 0.25 * 4.0 + 2.0 * GRAVITY * 0.5 * np.sin(0.7)
     assert inverse.u[0] == pytest.approx(torque / ratio, rel=1e-12)
@@ -55,7 +57,7 @@ def test_a_two_link_arm_by_hand():
     torque1 += m2 * l1 * l2 * (c * (a1 + a2) - s * (v1 + v2) ** 2)
     inverse = cp.inverse_dynamics(cp.Scene(arm), [q1, q2], [v1, v2], [a1, a2])
     assert np.allclose(inverse.u, [torque1, torque2], rtol=1e-12)
-    held = cp.control.gravity_compensation(cp.Scene(arm), [q1, q2])
+    held = gravity_compensation(cp.Scene(arm), [q1, q2])
     second = m2 * GRAVITY * l2 * np.sin(q1 + q2)
     first = second + (m1 + m2) * GRAVITY * l1 * np.sin(q1)
     assert np.allclose(held.u, [first, second], rtol=1e-12)
@@ -75,9 +77,9 @@ def test_a_hanging_box_needs_no_motor_torque():
     """Motors could carry it: of all ways to share the weight, the smallest torques are none."""
     held = box()
     hanging = cp.Scene(held, [cp.SurfaceContact("hook")])
-    motors = cp.control.Actuation(held, ["float"])
+    motors = Actuation(held, ["float"])
     assert motors.motors == tuple(f"float.{i}" for i in range(6))
-    inverse = cp.control.gravity_compensation(hanging, pin.neutral(held.model), actuation=motors)
+    inverse = gravity_compensation(hanging, pin.neutral(held.model), actuation=motors)
     assert np.abs(inverse.u).max() < 1e-12
     assert np.allclose(inverse.lam, [0, 0, 2.0 * GRAVITY, 0, 0, 0], atol=1e-12)
     assert (inverse.rank, inverse.mobility) == (0, 0)
@@ -98,7 +100,7 @@ def test_the_crank_holds_the_four_bar_with_the_slope_of_its_potential_energy():
 
     h = 1e-3
     slope = (8 * (energy(h) - energy(-h)) - (energy(2 * h) - energy(-2 * h))) / (12 * h)
-    inverse = cp.control.gravity_compensation(four_bar, q)
+    inverse = gravity_compensation(four_bar, q)
     assert inverse.u[0] == pytest.approx(slope, rel=1e-8)
     assert inverse.fully_actuated
     assert inverse.null_space.shape == (4, 1)  # the redundant row across the plane
@@ -109,7 +111,7 @@ def test_talos_stands_by_itself():
     """Feet carry m g, motors and ground leave nothing to be done, and nothing moves."""
     stance = scene("talos", contacts=True)
     q, v = stance.state()
-    held = cp.control.gravity_compensation(stance, q)
+    held = gravity_compensation(stance, q)
     assert held.fully_actuated
     assert (held.rank, held.mobility) == (26, 26)
     assert np.abs(held.residual).max() < 1e-10
@@ -131,7 +133,7 @@ MECHANISMS = sorted(
 def test_forward_of_inverse_is_the_acceleration(name, contacts):
     """To 1e-10, for accelerations that the motors can make, springs acting by themselves."""
     where = scene(name, contacts=contacts)
-    motors = cp.control.Actuation(where.robot)
+    motors = Actuation(where.robot)
     rng = np.random.default_rng(1)
     for _ in range(10):
         q, v = where.sample(rng)
@@ -200,7 +202,7 @@ def test_cassie_with_locked_springs_stands_on_her_knees_motors():
     cassie = cp.load_robot("cassie", variant={"springs": "locked"})
     feet = [cp.constraints.LineContact(f"{side}-foot") for side in ("left", "right")]
     stance = cp.Scene(cassie, [*cassie.loops, *feet])
-    held = cp.control.gravity_compensation(stance, stance.state()[0])
+    held = gravity_compensation(stance, stance.state()[0])
     assert (held.rank, held.mobility) == (6, 8)
     assert np.abs(held.residual).max() < 0.05
     assert held.torques["left-knee-op"] == pytest.approx(39.2, abs=0.2)
@@ -212,7 +214,7 @@ def test_cassie_with_locked_springs_stands_on_her_knees_motors():
 def test_springs_that_hold_nothing_up_show_in_the_notices():
     """Cassie's springs are slack at this posture: what her motors can still do takes 45 kN m."""
     stance = scene("cassie", contacts=True)
-    held = cp.control.gravity_compensation(stance, stance.state("standing")[0])
+    held = gravity_compensation(stance, stance.state("standing")[0])
     assert not held.fully_actuated
     assert held.weakest < 1e-4
     text = str(held)
@@ -223,29 +225,27 @@ def test_springs_that_hold_nothing_up_show_in_the_notices():
 def test_gears_change_motor_torques_and_which_are_smallest():
     stance = scene("talos", contacts=True)
     q, _ = stance.state()
-    plain = cp.control.gravity_compensation(stance, q)
-    geared = cp.control.Actuation(stance.robot, ratios=dict.fromkeys(stance.robot.actuated, 100.0))
-    assert np.allclose(
-        cp.control.gravity_compensation(stance, q, actuation=geared).u, plain.u / 100.0
-    )
-    strong = cp.control.Actuation(stance.robot, ratios={"leg_left_4_joint": 100.0})
-    other = cp.control.gravity_compensation(stance, q, actuation=strong)
+    plain = gravity_compensation(stance, q)
+    geared = Actuation(stance.robot, ratios=dict.fromkeys(stance.robot.actuated, 100.0))
+    assert np.allclose(gravity_compensation(stance, q, actuation=geared).u, plain.u / 100.0)
+    strong = Actuation(stance.robot, ratios={"leg_left_4_joint": 100.0})
+    other = gravity_compensation(stance, q, actuation=strong)
     assert np.abs(cp.solve(stance, q, np.zeros(38), other.tau).a).max() < 1e-10
     assert np.linalg.norm(other.u) < np.linalg.norm(plain.u)
 
 
 def test_actuation_is_a_value():
     solo = robot("solo12")
-    motors = cp.control.Actuation(solo, ["FL_KFE", "HR_HAA"], {"HR_HAA": 9.0})
-    assert motors == cp.control.Actuation(solo, ("FL_KFE", "HR_HAA"), (1.0, 9.0))
+    motors = Actuation(solo, ["FL_KFE", "HR_HAA"], {"HR_HAA": 9.0})
+    assert motors == Actuation(solo, ("FL_KFE", "HR_HAA"), (1.0, 9.0))
     assert motors == dataclasses.replace(motors)
-    assert motors != cp.control.Actuation(solo, ["FL_KFE", "HR_HAA"])
+    assert motors != Actuation(solo, ["FL_KFE", "HR_HAA"])
     copy = pickle.loads(pickle.dumps(motors))
     assert copy == motors
     assert hash(copy) == hash(motors)
     assert np.array_equal(copy.B, motors.B)
     model = solo.model
-    rows = [model.joints[model.getJointId(name)].idx_v for name in ("FL_KFE", "HR_HAA")]
+    _, rows = indices(model, ("FL_KFE", "HR_HAA"))
     assert motors.B.shape == (18, 2)
     assert np.count_nonzero(motors.B) == 2
     assert motors.B[rows[0], 0] == 1.0
@@ -258,7 +258,7 @@ def test_actuation_is_a_value():
 
 def test_answers_pickle():
     where = scene("four_bar")
-    held = cp.control.gravity_compensation(where, where.state()[0])
+    held = gravity_compensation(where, where.state()[0])
     copy = pickle.loads(pickle.dumps(held))
     assert np.array_equal(copy.u, held.u)
     assert copy.actuation == held.actuation
@@ -282,13 +282,13 @@ def test_answers_pickle():
 )
 def test_actuation_refuses(joints, ratios, error, said):
     with pytest.raises(error, match=said):
-        cp.control.Actuation(robot("solo12"), joints, ratios)
+        Actuation(robot("solo12"), joints, ratios)
 
 
 def test_bad_input_is_refused():
     where = scene("four_bar")
     q, v = where.state()
-    motors = cp.control.Actuation(robot("solo12"))
+    motors = Actuation(robot("solo12"))
     for call, said in (
         (lambda: cp.inverse_dynamics(where, q, v, [1.0]), "a has shape"),
         (lambda: cp.inverse_dynamics(where, q, v, [1.0, np.nan, 0.0]), r"a\[1\] = nan"),
@@ -296,12 +296,9 @@ def test_bad_input_is_refused():
         (lambda: cp.inverse_dynamics(where, q, v, v, passive=[1.0]), "passive has shape"),
         (lambda: cp.inverse_dynamics(where, q, v, v, actuation=motors), "made for the model of"),
         (lambda: cp.inverse_dynamics(where, q, v, v, actuation=["crank"]), "actuation = "),
-        (lambda: cp.control.gravity_compensation("four_bar", q), "scene = str: a Scene is needed"),
-        (
-            lambda: cp.control.gravity_compensation(cp.Scene(box()), q),
-            "names no joint with a motor",
-        ),
-        (lambda: cp.control.Actuation("solo12"), "robot = str"),
+        (lambda: gravity_compensation("four_bar", q), "scene = str: a Scene is needed"),
+        (lambda: gravity_compensation(cp.Scene(box()), q), "names no joint with a motor"),
+        (lambda: Actuation("solo12"), "robot = str"),
     ):
         with pytest.raises(cp.InvalidArgument, match=said):
             call()

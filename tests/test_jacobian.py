@@ -10,7 +10,6 @@ from shared import robot
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin.simulation.slopes import Slopes
 from condyn_pin.simulation.torques import Applied
 
 IMPLICIT = [
@@ -151,7 +150,8 @@ def test_what_is_not_stiff_is_not_differenced():
 
 def test_differences_are_along_the_tangent():
     """Of a free body, whose configuration has another coordinate than its velocity."""
-    model = robot("solo12").model
+    solo = robot("solo12")
+    model = solo.model
     rng, n = np.random.default_rng(0), model.nv
     q0, q = (pin.integrate(model, pin.neutral(model), rng.normal(size=n)) for _ in range(2))
     D = rng.normal(size=(n, n))
@@ -159,8 +159,7 @@ def test_differences_are_along_the_tangent():
     def tau(t, q, v):
         return 50.0 * pin.difference(model, q0, q) + D @ v
 
-    slopes = Slopes(Applied(n, tau), lambda q, dq: pin.integrate(model, q, dq))
-    by_q, by_v = slopes.at(0.0, q, rng.normal(size=n))
+    by_q, by_v = Applied(solo, tau).slopes(0.0, q, rng.normal(size=n))
     wanted = 50.0 * pin.dDifference(model, q0, q, pin.ARG1)
     assert np.abs(by_q - wanted).max() < 1e-5
     assert np.abs(by_v - D).max() < 1e-6

@@ -16,8 +16,8 @@ from shared import all_scenes, states
 
 import condyn_pin as cp
 from condyn_pin._core.linalg.pivots import pivots, redundant_rows
-from condyn_pin.mechanism.closed_chains import independent_columns
-from condyn_pin.mechanism.reduction.planar import _axes
+from condyn_pin.mechanism.closed_chains import chains_of, independent_columns
+from condyn_pin.mechanism.reduction.fewer_rows import _axes
 from condyn_pin.simulation.stiffness import _fastest
 
 HELD_TWICE = tuple(f"again.{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz"))
@@ -35,8 +35,8 @@ def facts() -> dict[str, object]:
     found: dict[str, object] = {}
     for label, scene in {**{name: all_scenes()[name] for name in LABELS}, "cart": cart()}.items():
         found[f"{label}: names"] = [
-            scene.nominal.redundant, scene.rank().redundant, scene.chains.redundant,
-            scene.chains.dependent.tolist(), sorted(scene.chains.assembly_mode.items()),
+            scene.nominal.redundant, scene.rank().redundant, chains_of(scene).redundant,
+            chains_of(scene).dependent.tolist(), sorted(chains_of(scene).assembly_mode.items()),
         ]  # fmt: skip
     workspace = cp.Workspace(all_scenes()["cassie loops"])
     answers = [workspace.solve(*state) for state in states("cassie loops", 60)]

@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 
 import condyn_pin as cp
 from condyn_pin.cli.main import app
-from condyn_pin.lab.contest import contest
 from condyn_pin.lab.laboratory import (
     area,
+    contest,
     errors,
     gap_growth,
     rod_pendulum,
@@ -133,12 +133,12 @@ def run(*words: str):
 
 
 def test_condyn_drift(tmp_path):
-    result = run("drift", "--steps", "60", "--plot", str(tmp_path / "d.png"))
+    result = run("lab", "drift", "--steps", "60", "--plot", str(tmp_path / "d.png"))
     assert result.exit_code == 0, result.output
     for said in ("0.828", "2.785", "RATTLE", "t^2.00", "60 steps of 10 ms"):
         assert said in result.output
     assert (tmp_path / "d.png").exists()
-    assert isinstance(run("drift", "--plot", "nowhere/d.png").exception, cp.InvalidArgument)
+    assert isinstance(run("lab", "drift", "--plot", "nowhere/d.png").exception, cp.InvalidArgument)
 
 
 def test_condyn_simulate(tmp_path):

@@ -91,7 +91,9 @@ def test_without_constraints_too(scene):
     "ask",
     [
         lambda scene, still: scene.rank(LOCKED),
-        lambda scene, still: scene.project_velocity(LOCKED, still + 1.0, metric="mass"),
+        lambda scene, still: cp.mechanism.project_velocity(
+            scene, LOCKED, still + 1.0, metric="mass"
+        ),
         lambda scene, still: cp.derivatives(scene, LOCKED, still, still),
         lambda scene, still: cp.simulate(scene, LOCKED, still, duration=0.01, dt=0.001),
         lambda scene, still: cp.control.operational_space(scene, LOCKED, "foot"),

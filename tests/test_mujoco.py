@@ -14,6 +14,7 @@ import pinocchio as pin
 import pytest
 from referee import MujocoReferee, truncated_svd
 from scipy.linalg import block_diag
+from test_bridge import every_joint
 
 import condyn_pin as cp
 
@@ -44,30 +45,6 @@ def projector(J: np.ndarray) -> np.ndarray:
 # The referee, against plain Pinocchio
 
 
-def every_joint() -> pin.Model:
-    """Two limbs on a free-flyer that hold each joint the referee knows."""
-    model = pin.Model()
-    oblique = np.array([0.0, 0.6, 0.8])
-    trunk = add_box(model, 0, pin.JointModelFreeFlyer())
-    thigh = add_box(model, trunk, pin.JointModelSpherical())
-    shank = add_box(model, thigh, pin.JointModelRX())
-    add_box(model, shank, pin.JointModelPrismaticUnaligned(oblique))
-    upper_arm = add_box(model, trunk, pin.JointModelRevoluteUnaligned(oblique))
-    forearm = add_box(model, upper_arm, pin.JointModelRUBY())
-    add_box(model, forearm, pin.JointModelPZ())
-    hinges_and_slides = slice(9, None)
-    model.armature[hinges_and_slides] = 0.1
-    return model
-
-
-def add_box(model: pin.Model, parent: int, joint: pin.JointModel) -> int:
-    """Hang a box, askew in its joint, askew on its parent."""
-    askew = pin.exp6(np.array([0.1, -0.2, 0.3, 0.4, 0.5, -0.6]))
-    index = model.addJoint(parent, joint, askew, f"joint{model.njoints}")
-    model.appendBodyToJoint(index, pin.Inertia.FromBox(2.0, 0.1, 0.2, 0.3), askew)
-    return index
-
-
 def random_state(model: pin.Model, seed: int) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
     displacement, v = rng.normal(size=(2, model.nv))
@@ -76,7 +53,7 @@ def random_state(model: pin.Model, seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_referee_knows_every_joint(seed: int) -> None:
-    model = every_joint()
+    model = every_joint().model
     q, v = random_state(model, seed)
     referee = MujocoReferee(cp.Robot("every joint", model))
     M = pin.crba(model, model.createData(), q)
@@ -89,12 +66,12 @@ def test_referee_knows_every_joint(seed: int) -> None:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_referee_differentiates_loops(seed: int) -> None:
     """J and J̇v of two tips, less each other, hold in any state, be the loop open or closed."""
-    model = every_joint()
+    model = every_joint().model
     q, v = random_state(model, seed)
-    foot, hand = 4, 7
+    foot, hand = 4, 9
     tip = pin.exp6(np.array([0.3, 0.1, 0.0, 0.2, 0.0, 0.1]))
     robot = cp.Robot("every joint", with_tips(model, foot, hand, tip))
-    referee = MujocoReferee(replace(robot, loops=[cp.Loop("tip4", "tip7", "weld")]))
+    referee = MujocoReferee(replace(robot, loops=[cp.Loop("tip4", "tip9", "weld")]))
     J, drift = zip(*(tip_motion(model, q, v, joint, tip) for joint in (foot, hand)), strict=True)
     assert relative_error(referee.loop_jacobian(q), J[0] - J[1]) < AGREES
     assert relative_error(referee.loop_acceleration_drift(q, v), drift[0] - drift[1]) < AGREES

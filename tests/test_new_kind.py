@@ -23,6 +23,7 @@ from viewed import parts
 import condyn_pin as cp
 from condyn_pin.constraints.base import KINDS
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 
 KIND = '''
 """A point at a distance from a line."""
@@ -181,7 +182,7 @@ def test_it_is_drawn(scene, state):
 
 def test_summaries_and_gaps_have_it(scene, state):
     assert ("line~point", "OnCylinder", 1) in scene.summary().constraints
-    assert scene.pinocchio_constraints.unsupported == ("line~point",)
+    assert pinocchio_constraints_of(scene).unsupported == ("line~point",)
     assert scene.row_names[0] == "line~point.1"
     assert cp.Workspace(scene).violation(state[0])[0] == pytest.approx(0.0, abs=1e-10)
 

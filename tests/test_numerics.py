@@ -250,10 +250,10 @@ def test_a_slip_of_nothing_is_no_proof_where_j_is_rounding():
     """|e| <= |s| / sigma is no bound where J a itself is only known to eps P |a|."""
     terms, P = terms_of_a_light_joint()
     factors = factorise(terms.M, np.array([[1.0, 0.0], [1.0, 1e-12]]), 0.0)
-    estimator = ErrorEstimator.of(factors, P, gravity=9.81, weight=9.81)
+    estimator = ErrorEstimator(factors, P, gravity=9.81, weight=9.81)
     a, nothing = np.array([10.0, 10.0]), np.zeros(2)
     assert estimator.unquestioned < 0.0
-    bound = estimator.missing(factors, nothing, nothing, P, nothing, a)
+    bound = estimator.missing(nothing, nothing, nothing, a)
     assert bound > 2.0**-52 * 10.0 / 1e-12
     proof, _ = estimator.prove(nothing, [0.0, 10.0, 0.0, 0.0, 0.0, 0.0], nothing, bound)
     assert proof.bound > bound / 10.0

@@ -10,6 +10,7 @@ from shared import all_scenes, robot, states
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
+from condyn_pin.control import operational_space
 
 FRAMES = {
     "talos contacts": "gripper_left_base_link",
@@ -27,7 +28,7 @@ FRAMES = {
 def test_a_pendulum_by_hand():
     """The tip of mass m feels m across the rod, and nothing along it."""
     pendulum = cp.model.pendulum(length=0.5, mass=2.0)
-    space = cp.control.operational_space(cp.Scene(pendulum), [0.4], "tip", task="position")
+    space = operational_space(cp.Scene(pendulum), [0.4], "tip", task="position")
     across = np.array([-np.cos(0.4), 0.0, np.sin(0.4)])
     assert np.allclose(space.Lambda, 2.0 * np.outer(across, across), atol=1e-13)
     assert np.allclose(space.Lambda_inverse, 0.5 * np.outer(across, across), atol=1e-13)
@@ -44,20 +45,18 @@ def test_a_free_box_off_its_centre():
     model.addJointFrame(joint)
     r = np.array([0.3, -0.2, 0.4])
     box = cp.Robot("box", model).with_frame("corner", "float", r)
-    space = cp.control.operational_space(
-        cp.Scene(box), pin.neutral(model), "corner", task="position"
-    )
+    space = operational_space(cp.Scene(box), pin.neutral(model), "corner", task="position")
     wanted = np.eye(3) / 2.0 - pin.skew(r) @ np.linalg.inv(inertia) @ pin.skew(r)
     assert np.allclose(space.Lambda_inverse, wanted, atol=1e-13)
     assert np.allclose(space.Lambda, np.linalg.inv(wanted), atol=1e-12)
-    centre = cp.control.operational_space(cp.Scene(box), pin.neutral(model), "float")
+    centre = operational_space(cp.Scene(box), pin.neutral(model), "float")
     assert np.allclose(centre.Lambda, np.diag([2.0, 2.0, 2.0, 0.1, 0.2, 0.3]), atol=1e-12)
 
 
 def test_held_fast_it_has_no_inertia_that_moves():
     talos = robot("talos")
     stance = cp.Scene(talos, talos.contacts)
-    space = cp.control.operational_space(stance, stance.state()[0], "left_sole_link")
+    space = operational_space(stance, stance.state()[0], "left_sole_link")
     assert space.rank == 0
     for nothing in (space.Lambda_inverse, space.Lambda, space.J_bar):
         assert np.abs(nothing).max() == 0.0
@@ -69,7 +68,7 @@ def test_held_fast_it_has_no_inertia_that_moves():
 def test_a_force_at_the_frame_accelerates_it_as_the_matrix_says(label, task):
     """Two solves of the constrained robot, with and without the force."""
     scene, (q, v, tau) = all_scenes()[label], states(label)[0]
-    space = cp.control.operational_space(scene, q, FRAMES[label], task=task)
+    space = operational_space(scene, q, FRAMES[label], task=task)
     f = np.random.default_rng(0).normal(size=len(space.J))
     workspace = cp.Workspace(scene, cp.dynamics.Reference())
     with_force = workspace.solve(q, v, tau + space.J.T @ f).a
@@ -84,7 +83,7 @@ def test_a_force_at_the_frame_accelerates_it_as_the_matrix_says(label, task):
 @pytest.mark.parametrize("label", list(FRAMES))
 def test_the_null_space_is_not_seen(label, task):
     scene, (q, v, tau) = all_scenes()[label], states(label)[0]
-    space = cp.control.operational_space(scene, q, FRAMES[label], task=task)
+    space = operational_space(scene, q, FRAMES[label], task=task)
     rng = np.random.default_rng(1)
     J_c = cp.Workspace(scene).jacobian(q)
     x = rng.normal(size=scene.robot.nv)
@@ -108,7 +107,7 @@ def test_the_null_space_is_not_seen(label, task):
 def test_delassus_of_the_constraints_is_what_stops_them(label):
     """J M^-1 J^T; its inverse gives the impulses that stop a velocity."""
     scene, (q, _, _) = all_scenes()[label], states(label)[0]
-    space = cp.control.operational_space(scene, q, FRAMES[label])
+    space = operational_space(scene, q, FRAMES[label])
     terms = cp.Workspace(scene).terms(q, np.zeros(scene.robot.nv))
     wanted = terms.J @ np.linalg.solve(terms.M, terms.J.T)
     size = np.abs(wanted).max(initial=1.0)
@@ -122,40 +121,20 @@ def test_delassus_of_the_constraints_is_what_stops_them(label):
 def test_answers_pickle_and_refuse():
     scene = all_scenes()["four_bar loops"]
     q, _ = scene.state()
-    space = cp.control.operational_space(scene, q, "coupler_tip")
+    space = operational_space(scene, q, "coupler_tip")
     assert np.array_equal(pickle.loads(pickle.dumps(space)).Lambda, space.Lambda)
     assert repr(space) == "OperationalSpace(four_bar, coupler_tip: 1 of 6 directions free)"
     for call, error, said in (
+        (lambda: operational_space(scene, q, "copler_tip"), cp.errors.UnknownName, "'coupler_tip'"),
+        (lambda: operational_space(scene, q, "world"), cp.InvalidArgument, "does not move"),
+        (lambda: operational_space(scene, q, 3), cp.InvalidArgument, "the name of a frame"),
         (
-            lambda: cp.control.operational_space(scene, q, "copler_tip"),
-            cp.errors.UnknownName,
-            "'coupler_tip'",
-        ),
-        (
-            lambda: cp.control.operational_space(scene, q, "world"),
-            cp.InvalidArgument,
-            "does not move",
-        ),
-        (
-            lambda: cp.control.operational_space(scene, q, 3),
-            cp.InvalidArgument,
-            "the name of a frame",
-        ),
-        (
-            lambda: cp.control.operational_space(scene, q, "coupler_tip", task="6d"),
+            lambda: operational_space(scene, q, "coupler_tip", task="6d"),
             cp.InvalidArgument,
             "one of pose, position",
         ),
-        (
-            lambda: cp.control.operational_space(scene, q[1:], "coupler_tip"),
-            cp.InvalidArgument,
-            "q has",
-        ),
-        (
-            lambda: cp.control.operational_space(robot("talos"), q, "world"),
-            cp.InvalidArgument,
-            "Robot",
-        ),
+        (lambda: operational_space(scene, q[1:], "coupler_tip"), cp.InvalidArgument, "q has"),
+        (lambda: operational_space(robot("talos"), q, "world"), cp.InvalidArgument, "Robot"),
     ):
         with pytest.raises(error, match=said):
             call()

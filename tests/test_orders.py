@@ -8,15 +8,13 @@ from functools import cache
 
 import numpy as np
 import pytest
+from motions import G, bar, rod_pendulum, top
 from scipy.special import ellipj, ellipk
-from test_simulate import bar, top
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.lab.laboratory import rod_pendulum
 
-G = 9.81
 SAMPLES = 4
 
 # How far a measured order may be from that of theory.
@@ -68,7 +66,7 @@ class Motion:
         """Return the root mean squares of the errors of q, v and lam in `steps` steps."""
         start = self.at(np.zeros(1))
         run = cp.simulate(
-            rod_pendulum(), start[0][0], start[1][0],
+            rod_pendulum()[0], start[0][0], start[1][0],
             lambda t, q, v: self.moment * np.array([-q[1], q[0]]),
             duration=self.duration, dt=self.duration / steps, integrator=integrator,
             drift=drift or cp.simulation.NoDrift(), record=steps // SAMPLES, gravity=self.g > 0,
@@ -206,7 +204,7 @@ def test_the_first_forces_of_implicit_euler_mean_nothing():
     first, second = [], []
     for dt in (1e-3, 5e-4):
         run = cp.simulate(
-            rod_pendulum(), q, v, duration=4 * dt, dt=dt, integrator=cp.RadauIIA(stages=1)
+            rod_pendulum()[0], q, v, duration=4 * dt, dt=dt, integrator=cp.RadauIIA(stages=1)
         )
         exact = run.v[:, 0] ** 2 + run.v[:, 1] ** 2 - G * run.q[:, 1]
         error = np.abs(np.abs(run.lam[:, 0]) - exact)

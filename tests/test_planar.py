@@ -10,6 +10,7 @@ import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA, pin
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics.choice import default_solver, untaken
+from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 
 FAST = [cp.Proximal(), *([cp.LCABA()] if HAS_LCABA else [])]
 SLANTED = pin.rpy.rpyToMatrix(0.4, -0.7, 1.1)
@@ -63,7 +64,7 @@ def assembled(scene: cp.Scene, seed: int = 0) -> tuple[np.ndarray, np.ndarray, n
     q0 = pin.neutral(scene.robot.model)
     q0[7:] = np.tile(bar, 2)
     q = scene.assemble(q0, fixed=[]).q
-    v = scene.project_velocity(q, rng.normal(size=scene.robot.nv))
+    v = cp.mechanism.project_velocity(scene, q, rng.normal(size=scene.robot.nv))
     return q, v, 5.0 * rng.normal(size=scene.robot.nv)
 
 
@@ -71,7 +72,7 @@ def assembled(scene: cp.Scene, seed: int = 0) -> tuple[np.ndarray, np.ndarray, n
 @pytest.mark.parametrize("solver", FAST, ids=lambda s: type(s).__name__)
 def test_the_fast_methods_take_a_pin_in_a_plane(solver, axis):
     scene = pins(legged(axis), axis)
-    assert scene.pinocchio_constraints.unsupported == ()
+    assert pinocchio_constraints_of(scene).unsupported == ()
     assert isinstance(default_solver(scene), cp.Proximal)
     state = assembled(scene)
     right = cp.solve(scene, *state, solver=cp.dynamics.Reference())
@@ -152,7 +153,7 @@ def test_a_pin_in_space_has_no_equivalent():
     robot_ = cp.Robot("joints", model)
     ends = [name for name in model.names if name != "universe"]
     loops = [cp.Loop(f"{name}_tip", "universe", "planar", name=name) for name in ends]
-    natives = cp.Scene(robot_, loops).pinocchio_constraints
+    natives = pinocchio_constraints_of(cp.Scene(robot_, loops))
     assert natives.unsupported == ("ball", "across", "screw", "two", "slanted")
     assert natives.approximated == ("in_plane", "along", "wheel")
 

@@ -374,7 +374,7 @@ def test_tables_are_those_of_the_committed_results(monkeypatch):
 
 
 def run(*words: str):
-    return CliRunner().invoke(app, ["problem", *words])
+    return CliRunner().invoke(app, ["lab", "problem", *words])
 
 
 def test_the_command_lists_every_problem():

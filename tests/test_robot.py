@@ -166,7 +166,7 @@ def test_an_sdf_alone_is_a_robot():
     cassie = cp.load_robot(path)
     assert (cassie.nv, len(cassie.loops)) == (23, 4)
     scene = cp.Scene(cassie, cassie.loops)
-    assert scene.check(scene.guess()).ok
+    assert scene.check(cp.dynamics.described_posture(scene)).ok
     with pytest.raises(cp.errors.InvalidModel, match="'static' attach the model to the world"):
         cp.load_robot(path, root_joint="free_flyer")
 

@@ -13,6 +13,8 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.tolerances import CLOSED
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.dynamics.nominal import pinocchio_constraints_of
+from condyn_pin.mechanism.closed_chains import chains_of
 
 # rows, rank, mobility: counted by hand or taken from an independent engine
 COUNTS = {
@@ -160,7 +162,7 @@ def test_cassies_postures_from_file_and_figures():
 
 def test_what_a_scene_keeps_cannot_be_written_to():
     scene = cp.Scene(robot("cassie"), robot("cassie").loops)
-    nominal, chains = scene.nominal, scene.chains
+    nominal, chains = scene.nominal, chains_of(scene)
     kept = (nominal.q, nominal.terms.J, nominal.states[1].v, chains.rows, chains.clusters[0].basis)
     for array in (*kept, nominal.singular_values, nominal.estimator.weights, chains.limits.upper):
         with pytest.raises(ValueError, match="read-only"):
@@ -207,7 +209,7 @@ def test_what_says_nothing_holds_nothing(leaves):
     q, v = np.full(model.nq, 0.7), np.ones(model.nv)
     free = pin.aba(model, model.createData(), q, v, v)
     assert door.rank(q).mobility == model.nv
-    np.testing.assert_allclose(door.project_velocity(q, v), v, rtol=1e-12)
+    np.testing.assert_allclose(cp.mechanism.project_velocity(door, q, v), v, rtol=1e-12)
     np.testing.assert_allclose(cp.impact(door, q, v).v, v, rtol=1e-12)
     for solver in (
         None,
@@ -218,3 +220,26 @@ def test_what_says_nothing_holds_nothing(leaves):
         np.testing.assert_allclose(cp.solve(door, q, v, v, solver=solver).a, free, rtol=1e-9)
     found = cp.derivatives(door, q, v, v, check=True)
     np.testing.assert_allclose(found.da_dtau, pin.computeMinverse(model, model.createData(), q))
+
+
+def test_scenes_that_differ_by_anchors_have_their_own_rows():
+    """A run anchors its contacts and keeps the analysis: gains act on gaps of its own scene."""
+    solo = robot("solo12")
+    scene = cp.Scene(solo, solo.contacts)
+    q, v = scene.state()
+    run = cp.simulate(scene, q, v, duration=2e-3, drift=cp.Baumgarte(30.0, 30.0))
+    assert run.scene.nominal is scene.nominal
+    for which, anchored in ((scene, False), (run.scene, True)):
+        rows = pinocchio_constraints_of(which).constraints
+        assert {row.anchored for row in rows} == {anchored}
+
+
+def test_former_members_warn_and_forward():
+    scene = all_scenes()["four_bar loops"]
+    with pytest.warns(DeprecationWarning, match="Scene.project_velocity is mechanism"):
+        v = scene.project_velocity(scene.nominal.q, np.ones(3))
+    assert np.array_equal(v, cp.mechanism.project_velocity(scene, scene.nominal.q, np.ones(3)))
+    with pytest.warns(DeprecationWarning, match="dynamics.nominal.pinocchio_constraints_of now"):
+        assert scene.natives is pinocchio_constraints_of(scene)
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        _ = scene.nonsense

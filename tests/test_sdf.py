@@ -19,6 +19,7 @@ from sdf_texts import (
     joint,
     link,
     pose,
+    springs,
 )
 
 NO_LIMIT = np.finfo(float).max
@@ -181,37 +182,30 @@ def test_the_mass_of_a_welded_link_is_carried_by_the_joint_before_it(read):
     np.testing.assert_allclose(model.inertias[1].lever, [0.5, 0, 0], atol=ROUNDING)
 
 
-@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
-def test_limits_are_kept(read, kind):
-    limits = "<lower>-1</lower><upper>2</upper><effort>30</effort><velocity>4</velocity>"
-    model = read(link("a") + link("b") + joint("j", "a", "b", kind, axis(limits))).model
-    assert model.lowerPositionLimit.tolist() == [-1]
-    assert model.upperPositionLimit.tolist() == [2]
-    assert model.effortLimit.tolist() == [30]
-    assert model.velocityLimit.tolist() == [4]
+LIMITS = "<lower>-1</lower><upper>2</upper><effort>30</effort><velocity>4</velocity>"
+NONE = (-NO_LIMIT, NO_LIMIT, NO_LIMIT, NO_LIMIT)
 
 
 @pytest.mark.parametrize(
-    "limits",
+    ("kind", "limits", "expected"),
     [
-        "",
-        "<lower>-1e16</lower><upper>1e16</upper><effort>-1</effort><velocity>-1</velocity>",
-        "<lower>-inf</lower><upper>inf</upper><effort>inf</effort><velocity>inf</velocity>",
+        ("revolute", LIMITS, (-1, 2, 30, 4)),
+        ("prismatic", LIMITS, (-1, 2, 30, 4)),
+        ("revolute", "", NONE),
+        ("revolute", LIMITS.replace("-1", "-1e16").replace(">2<", ">1e16<").replace("30", "-1")
+         .replace("4", "-1"), NONE),
+        ("revolute", LIMITS.replace("-1", "-inf").replace(">2<", ">inf<").replace("30", "inf")
+         .replace("4", "inf"), NONE),
+        ("continuous", "<lower>-1</lower><upper>2</upper>", NONE),
     ],
-)
-def test_no_limit_in_any_of_the_format_s_spellings_is_no_limit_of_pinocchio(read, limits):
-    model = read(link("a") + link("b") + joint("j", "a", "b", inside=axis(limits))).model
-    bounds = [model.upperPositionLimit, model.effortLimit, model.velocityLimit]
-    assert np.concatenate(bounds).tolist() == [NO_LIMIT] * 3
-    assert model.lowerPositionLimit.tolist() == [-NO_LIMIT]
-
-
-def test_a_continuous_joint_ignores_the_limits_and_says_so(read):
-    limits = axis("<lower>-1</lower><upper>2</upper>")
-    robot = read(link("a") + link("b") + joint("j", "a", "b", "continuous", limits))
-    assert robot.model.nq == 1
-    assert robot.model.upperPositionLimit.tolist() == [NO_LIMIT]
-    assert "joint limits: 'j'" in robot.unused
+)  # fmt: skip
+def test_limits_in_any_of_the_format_s_spellings(read, kind, limits, expected):
+    robot = read(AB + joint("j", "a", "b", kind, axis(limits)))
+    model = robot.model
+    keys = ("lowerPositionLimit", "upperPositionLimit", "effortLimit", "velocityLimit")
+    assert tuple(getattr(model, key).item() for key in keys) == expected
+    assert model.nq == 1
+    assert ("joint limits: 'j'" in robot.unused) == (kind == "continuous")
 
 
 def test_damping_springs_and_friction_go_where_they_belong(read):
@@ -222,7 +216,7 @@ def test_damping_springs_and_friction_go_where_they_belong(read):
     body += joint("three", "c", "d", "prismatic", axis("", spring))
     robot = read(body)
     assert robot.model.damping.tolist() == [0.5, 0.25, 0.25, 0.25, 0]
-    assert robot.springs == {"three": (9.0, -1.0)}
+    assert springs(robot) == {"three": (9.0, -1.0)}
     assert robot.unused == ("joint friction: 'one'",)
 
 
@@ -234,7 +228,7 @@ def test_what_a_cut_joint_cannot_do_is_reported(read):
         + joint("ac", "a", "c")
         + joint("cut", "b", "c", "ball", axis("<upper>1</upper>", lost))
     )
-    assert robot.springs == {}
+    assert springs(robot) == {}
     assert robot.unused == tuple(
         f"joint {setting}: 'cut'" for setting in ("friction", "damping", "spring", "limits")
     )

@@ -6,16 +6,7 @@ import re
 
 import pinocchio as pin
 import pytest
-from sdf_texts import (
-    AB,
-    AXIS,
-    INERTIAL,
-    LOOP,
-    axis,
-    joint,
-    link,
-    pose,
-)
+from sdf_texts import AB, AXIS, INERTIAL, LOOP, axis, closures, joint, link, pose
 
 from condyn_pin.errors import InvalidModel, UnknownName
 from condyn_pin.io.sdf import read_sdf
@@ -27,8 +18,7 @@ def moving(inside: str) -> str:
 
 WRONG = {
     "a pose that is relative to itself": (
-        link("a", pose("", relative_to="b")) + link("b", pose("", relative_to="a")),
-        "circle",
+        link("a", pose("", relative_to="b")) + link("b", pose("", relative_to="a")), "circle",
     ),
     "a frame attached to itself": (link("a") + '<frame name="f" attached_to="f"/>', "circle"),
     "a pose relative to nothing known": (link("arm", pose("", relative_to="amr")), "'amr'"),
@@ -37,8 +27,7 @@ WRONG = {
         "<joint> 'j'.*'k'",
     ),
     "an inertial pose in an unknown frame": (
-        moving(INERTIAL.replace("<mass>", pose("", relative_to="k") + "<mass>")),
-        "<link> 'b'.*'k'",
+        moving(INERTIAL.replace("<mass>", pose("", relative_to="k") + "<mass>")), "<link> 'b'.*'k'",
     ),
     "a model placed in an unknown frame": (pose("", relative_to="k") + AB, "'k'"),
     "two links of one name": (link("a") * 2, "rename"),
@@ -46,21 +35,17 @@ WRONG = {
     "a link without a name": ('<link name=""/>', "name"),
     "a link called world": (link("world"), "'world'"),
     "a link named as a closure's frame": (
-        LOOP + joint("cut", "b", "c", "ball") + '<frame name="cut_a"/>',
-        "'cut_a'",
+        LOOP + joint("cut", "b", "c", "ball") + '<frame name="cut_a"/>', "'cut_a'",
     ),
     "a link named as Pinocchio's universe": (link("universe"), "'universe'"),
     "a joint without a parent": (
-        AB + '<joint name="j" type="ball"><child>b</child></joint>',
-        "'j': no <parent>",
+        AB + '<joint name="j" type="ball"><child>b</child></joint>', "'j': no <parent>",
     ),
     "a joint without a child": (
-        AB + '<joint name="j" type="ball"><parent>b</parent></joint>',
-        "'j': no <child>",
+        AB + '<joint name="j" type="ball"><parent>b</parent></joint>', "'j': no <child>",
     ),
     "a joint with two children": (
-        AB + joint("j", "a", "b", inside="<child>a</child>" + AXIS),
-        "<child> is there 2 times",
+        AB + joint("j", "a", "b", inside="<child>a</child>" + AXIS), "<child> is there 2 times",
     ),
     "a joint with an unknown parent": (AB + joint("j", "aa", "b"), "'j'.*'aa'"),
     "a joint with an unknown child": (AB + joint("j", "a", "bb"), "'j'.*'bb'"),
@@ -68,57 +53,40 @@ WRONG = {
     "a joint whose child is the world": (AB + joint("j", "a", "world"), "'j'.*another child"),
     "a moving link without inertial": (moving(""), "'b' moves and has no <inertial>"),
     "a moving link without mass": (
-        moving(INERTIAL.replace("<mass>2</mass>", "")),
-        "'b': no <inertial/mass>",
+        moving(INERTIAL.replace("<mass>2</mass>", "")), "'b': no <inertial/mass>",
     ),
     "a moving link of mass zero": (moving(INERTIAL.replace(">2<", ">0<")), "'b' moves.*0 kg"),
     "a moving link of negative mass": (moving(INERTIAL.replace(">2<", ">-2<")), "-2 kg"),
     "a moving link without inertia": (
-        moving("<inertial><mass>2</mass></inertial>"),
-        "'b': no <inertial/inertia/ixx>",
+        moving("<inertial><mass>2</mass></inertial>"), "'b': no <inertial/inertia/ixx>",
     ),
     "an inertia that is not positive": (
-        moving(INERTIAL.replace("<ixx>0.1", "<ixx>-0.1")),
-        "principal moment -0.1",
+        moving(INERTIAL.replace("<ixx>0.1", "<ixx>-0.1")), "principal moment -0.1",
     ),
-    "a mass that others compute": (
-        moving('<inertial auto="true"/>'),
-        "<inertial auto>",
-    ),
+    "a mass that others compute": (moving('<inertial auto="true"/>'), "<inertial auto>"),
     "a mass that is no number": (moving(INERTIAL.replace(">2<", ">two<")), "'b'.*'two'"),
     "a mass that is empty": (moving(INERTIAL.replace(">2<", "><")), "'b'.*mass.*1 number"),
     "a number as only Python reads it": (moving(INERTIAL.replace(">2<", ">1_0<")), "1_0"),
     "a mass that is infinite": (moving(INERTIAL.replace(">2<", ">inf<")), "finite"),
     "a pose that is not a number": (link("a", pose("0 0 nan 0 0 0")), "finite"),
     "a limit that is not a number": (
-        AB + joint("j", "a", "b", inside=axis("<lower>nan</lower>")),
-        "finite",
+        AB + joint("j", "a", "b", inside=axis("<lower>nan</lower>")), "finite",
     ),
     "a pose of five numbers": (link("a", pose("0 0 0 0 0")), "'a'.*6 number"),
     "a pose in degrees": (link("a", pose("0 0 0 0 0 90", degrees="true")), "'a'.*rad"),
     "a pose with a quaternion": (
-        link("a", pose("0 0 0 0 0 0 1", rotation_format="quat_xyzw")),
-        "'a'.*roll",
+        link("a", pose("0 0 0 0 0 0 1", rotation_format="quat_xyzw")), "'a'.*roll",
     ),
     "an axis of two numbers": (
-        AB + joint("j", "a", "b", inside="<axis><xyz>0 1</xyz></axis>"),
-        "'j'.*3 number",
+        AB + joint("j", "a", "b", inside="<axis><xyz>0 1</xyz></axis>"), "'j'.*3 number",
     ),
     "an axis of length zero": (
-        AB + joint("j", "a", "b", inside="<axis><xyz>0 0 0</xyz></axis>"),
-        "'j'.*direction",
+        AB + joint("j", "a", "b", inside="<axis><xyz>0 0 0</xyz></axis>"), "'j'.*direction",
     ),
     "a hinge without axis": (AB + joint("j", "a", "b", inside=""), "'j'.*<axis/xyz>"),
     "a flag that is no flag": (
-        AB
-        + joint(
-            "j",
-            "a",
-            "b",
-            inside="<axis><xyz>0 0 1</xyz>"
-            "<use_parent_model_frame>yes</use_parent_model_frame></axis>",
-        ),
-        "'yes'",
+        AB + joint("j", "a", "b", inside="<axis><xyz>0 0 1</xyz>"
+        "<use_parent_model_frame>yes</use_parent_model_frame></axis>"), "'yes'",
     ),
     "limits the wrong way round": (
         AB + joint("j", "a", "b", inside=axis("<lower>1</lower><upper>-1</upper>")),
@@ -135,8 +103,7 @@ WRONG = {
     ),
     "a ring without a root": (AB + joint("ab", "a", "b") + joint("ba", "b", "a"), "root="),
     "a link beside one fixed to the world": (
-        AB + joint("wa", "world", "a", "fixed"),
-        "no joint leads from 'world' to the links 'b'",
+        AB + joint("wa", "world", "a", "fixed"), "no joint leads from 'world' to the links 'b'",
     ),
     "a model without links": ("", "no <link>"),
     "a model inside the model": (link("a") + '<model name="m"/>', "<model> 'm' in it.*write its"),
@@ -145,7 +112,7 @@ WRONG = {
         "<model> 'robot' has <include> 'model://arm'.*write out",
     ),
     "a joint without a type": (AB + joint("j", "a", "b", ""), "'j' has the type ''"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("body", "says"), WRONG.values(), ids=WRONG)
@@ -163,7 +130,7 @@ def test_a_joint_of_an_unsupported_type_is_named_with_what_would_do(read, kind):
 
 def test_a_joint_that_is_left_out_may_be_of_any_type(read):
     robot = read(LOOP + joint("bc", "b", "c", "screw", ""), drop=["bc"])
-    assert robot.closures == ()
+    assert closures(robot) == ()
     assert robot.unused == ("joints left out: 'bc'",)
 
 

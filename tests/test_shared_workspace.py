@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from shared import all_scenes, robot, states
 
 import condyn_pin as cp
+from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.dynamics.solvers.base import BoundSolver
 
 WAIT = 60.0  # [s], far more than anything here takes
@@ -80,16 +82,16 @@ def test_whatever_ends_a_call_leaves_the_workspace_free(monkeypatch, error):
     scene = all_scenes()[LABEL]
     q, v, tau = states(LABEL)[0]
     workspace = cp.Workspace(scene, cp.dynamics.Reference())
-    run = workspace._run
+    bound = workspace.bound
 
     def fails(*_):
         raise error
 
     for name in ("solve", "acceleration", "derivatives"):
-        workspace._run = fails
+        workspace.bound = replace(bound, acceleration=fails)
         with pytest.raises(error):
             CALLS[name](workspace, q, v, tau)
-        workspace._run = run
+        workspace.bound = bound
         with ThreadPoolExecutor(1) as pool:
             pool.submit(CALLS[name], workspace, q, v, tau).result(WAIT)
 
@@ -168,7 +170,11 @@ def test_lazy_properties_of_a_scene_may_be_asked_for_at_once():
 
     def look(_):
         both.wait()
-        return fresh.nominal.weight, fresh.pinocchio_constraints.constraints, fresh.rank().rank
+        return (
+            fresh.nominal.weight,
+            pinocchio_constraints_of(fresh).constraints,
+            fresh.rank().rank,
+        )
 
     with ThreadPoolExecutor(4) as pool:
         found = list(pool.map(look, range(4)))

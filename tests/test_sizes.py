@@ -10,7 +10,7 @@ from shared import robot
 import condyn_pin as cp
 from condyn_pin._core.files import text as texts
 from condyn_pin.io import xml
-from condyn_pin.io.mjcf_compiled import compiled
+from condyn_pin.io.mjcf_file import compiled
 from condyn_pin.model.soundness import _memory
 
 INERTIA = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
@@ -82,11 +82,8 @@ TOO_MUCH = {
     "keys.xml": (mjcf(beside='<size nkey="2000000000"/>'), "nkey = '2000000000'"),
     "users.xml": (mjcf(beside='<size nuser_body="2000000000"/>'), "nuser_body"),
     "attach.xml": (
-        mjcf(
-            '<attach model="c" body="b" prefix="p"/>',
-            '<asset><model name="c" file="attach.xml"/></asset>',
-        ),
-        "attach each other without an end",
+        mjcf('<attach model="c" body="b" prefix="p"/>',
+        '<asset><model name="c" file="attach.xml"/></asset>'), "attach each other without an end",
     ),
     "laughs.urdf": (LAUGHTER, "amplification"),
     "digits.urdf": (urdf(1).replace("1", "1" * 5000, 1), r"'1{60}'\.\.\. \(5000 characters\)"),
@@ -199,5 +196,5 @@ def test_rows_say_what_rows_say(tmp_path):
                        ("parameters", [1]), ("how", {"a": []})):  # fmt: skip
         row = saved["rows"][0] | {key: value}
         path.write_text(json.dumps(saved | {"rows": [row]}))
-        with pytest.raises(cp.InvalidArgument, match=f"row: {key} = "):
+        with pytest.raises(cp.InvalidArgument, match=f"{key} = "):
             cp.study.Table.from_json(path)

@@ -6,16 +6,12 @@ import pickle
 
 import numpy as np
 import pytest
-from shared import all_scenes, each_exact_solver, each_scene, relative, robot, states, truth
+from shared import all_scenes, each_scene, relative, robot, states, truth
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.rows.bound import Coupled, Rolled
-from condyn_pin.constraints.rows.equations import Equations
-
-
-def c1_c2(scene: cp.Scene, q: np.ndarray) -> list:
-    return Equations(scene.robot.model, scene.bounds).placements(q)
+from condyn_pin.constraints.rows.couplings import Coupled
+from condyn_pin.constraints.rows.rolling import Rolled
 
 
 @each_scene
@@ -37,43 +33,6 @@ def test_forces_are_the_rows_of_lam_by_name(label):
             assert np.array_equal(force[chosen], lam)
             assert not np.delete(force, chosen).any()
             assert force.size == (6 if max(chosen) > 2 else 3)
-
-
-@each_scene
-def test_world_forces_do_the_work_of_lam(label):
-    """J^T lam, once more: from each force on its first body, and its opposite on the other."""
-    scene = all_scenes()[label]
-    q, v, tau = states(label)[0]
-    solution = cp.solve(scene, q, v, tau)
-    model, data = scene.robot.model, scene.robot.model.createData()
-    pin.computeJointJacobians(model, data, q)
-    generalised = np.zeros(model.nv)
-    for bound, ends in zip(scene.bounds, c1_c2(scene, q), strict=True):
-        if isinstance(bound, Coupled):
-            a, b = bound.velocity
-            force = solution.forces[bound.name][0]
-            generalised[[a, b]] += force, -bound.ratio * force
-            continue
-        if isinstance(bound, Rolled):  # on the point that touches, which is no frame of the body
-            force = solution.forces[bound.name]
-            lever = force.at - data.oMi[bound.joint1].translation
-            moment = np.cross(lever, force.in_world())
-            J = pin.getJointJacobian(model, data, bound.joint1, pin.LOCAL_WORLD_ALIGNED)
-            generalised += J.T @ np.concatenate([force.in_world(), moment])
-            continue
-        F = np.zeros(6)
-        world = solution.world_forces[bound.name]
-        F[: world.size] = world
-        # at c1 where Pinocchio has the rows or nothing says where c2 is, else at c2
-        at_c1 = bound.is_plain or (bound.joint2 == 0 and not bound.anchored)
-        point = pin.SE3(np.eye(3), ends[0 if at_c1 else 1].translation)
-        for joint, sign in ((bound.joint1, bound.sign), (bound.joint2, -bound.sign)):
-            if joint:
-                at = data.oMi[joint].inverse() * point
-                J = pin.getFrameJacobian(model, data, joint, at, pin.LOCAL)
-                generalised += sign * J.T @ F
-    wanted = cp.Workspace(scene).jacobian(q).T @ solution.lam
-    assert relative(generalised, wanted, floor=scene.nominal.weight) < 1e-9
 
 
 def held_still(scene: cp.Scene) -> cp.Solution:
@@ -134,63 +93,6 @@ def test_corners_carry_the_same_wrench_as_the_surface():
             f = corners.forces[point.name]
             total += np.concatenate([f, np.cross(point.offset, f)])
         assert np.allclose(total, surface.forces[contact.name], atol=1e-5)
-
-
-@pytest.mark.parametrize("kind", ["ball", "weld"])
-def test_action_equals_reaction(kind):
-    """A loop named from either side: the forces in the world are opposite."""
-    talos = robot("talos")
-    a, b = "left_sole_link", "right_sole_link"
-    left, _ = talos.contacts
-    joint, placement = talos.frame(b)
-    q = talos.postures["half_sitting"]
-    data = talos.model.createData()
-    pin.forwardKinematics(talos.model, data, q)
-    here = (data.oMi[joint] * placement).actInv(data.oMi[talos.frame(a)[0]] * talos.frame(a)[1])
-    talos = talos.with_frame("meet", b, here.translation, here.rotation)
-    v = np.zeros(talos.nv)
-    one = cp.solve(
-        cp.Scene(talos, [left, cp.Loop(a, "meet", kind, name="drop_roundoff_rows")]), q, v, v
-    )
-    two = cp.solve(
-        cp.Scene(talos, [left, cp.Loop("meet", a, kind, name="drop_roundoff_rows")]), q, v, v
-    )
-    assert np.abs(one.a - two.a).max() < 1e-9
-    force, reaction = one.world_forces["drop_roundoff_rows"], two.world_forces["drop_roundoff_rows"]
-    assert np.abs(force).max() > 1.0
-    assert np.allclose(force, -reaction, atol=1e-8 * np.abs(force).max())
-
-
-def hanging_box() -> cp.Robot:
-    model = pin.Model()
-    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "float")
-    model.appendBodyToJoint(
-        joint, pin.Inertia(2.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity()
-    )
-    hook = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.2, 0.5), np.array([0.0, 0.0, 0.4]))
-    model.addFrame(pin.Frame("hook", joint, 0, hook, pin.FrameType.OP_FRAME))
-    return cp.Robot("box", model)
-
-
-@pytest.mark.parametrize("kind", ["ball", "weld"])
-@each_exact_solver
-def test_a_hanging_box_is_held_up_in_both_orders(kind, solver):
-    box = hanging_box()
-    _, placement = box.frame("hook")
-    box = box.with_frame("ceiling", "world", placement.translation, placement.rotation)
-    q, v = pin.neutral(box.model), np.zeros(6)
-    weight = 2.0 * 9.81 * np.array([0.0, 0.0, 1.0])
-    on_box = cp.solve(
-        cp.Scene(box, [cp.Loop("hook", "ceiling", kind, name="n")]), q, v, v, solver=solver
-    )
-    on_world = cp.solve(
-        cp.Scene(box, [cp.Loop("ceiling", "hook", kind, name="n")]), q, v, v, solver=solver
-    )
-    assert np.abs(on_box.a).max() < 1e-9
-    assert np.abs(on_world.a).max() < 1e-9
-    assert np.allclose(on_box.world_forces["n"][:3], weight, atol=1e-8)
-    assert np.allclose(on_world.world_forces["n"][:3], -weight, atol=1e-8)
-    assert np.allclose(on_box.forces["n"], -on_world.forces["n"], atol=1e-9)
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.3, 2.0, -1.0])

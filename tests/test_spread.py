@@ -12,6 +12,7 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.point_pairs import NEARLY, ONE
+from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.lab.extremes import EXTREMES
 from condyn_pin.lab.extremes.verdict import error_of, right_answers
 
@@ -45,13 +46,13 @@ def hands(*places, other=HANDS[1], opened=0.0) -> cp.Scene:
 def moved(scene: cp.Scene, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
     q = scene.robot.postures["held"]
-    v = scene.project_velocity(q, rng.normal(size=scene.robot.nv))
+    v = cp.mechanism.project_velocity(scene, q, rng.normal(size=scene.robot.nv))
     return q, v, 10.0 * rng.normal(size=scene.robot.nv)
 
 
 def is_spread(scene: cp.Scene) -> bool:
     """Whether Pinocchio has other points than the scene."""
-    ends = zip(scene.pinocchio_constraints.constraints, scene.bounds, strict=True)
+    ends = zip(pinocchio_constraints_of(scene).constraints, scene.bounds, strict=True)
     return not all(one.placement1 == two.placement1 for one, two in ends)
 
 
@@ -117,7 +118,7 @@ def test_drift_control_pulls_at_the_same_gaps():
 def test_other_points_stay_where_they_are(places):
     scene = hands(*(p * AHEAD for p in places))
     assert not is_spread(scene)
-    assert scene.pinocchio_constraints.to_scene is None
+    assert pinocchio_constraints_of(scene).to_scene is None
 
 
 def test_points_stay_where_they_are_if_others_hold_what_they_hold():

@@ -13,8 +13,8 @@ from shared import all_scenes
 import condyn_pin as cp
 from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.integrators import INTEGRATORS
+from condyn_pin.simulation.integrators.explicit import RungeKutta4
 from condyn_pin.simulation.integrators.generalised_alpha import GeneralisedAlpha
-from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4
 from condyn_pin.study.cheapest import measured_as
 from condyn_pin.study.measures.trajectory import TrajectoryMeasure
 

@@ -6,7 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 import sympy as sp
-from lagrange import ALPHA, BETA, floats
+from lagrange import ALPHA, BETA, DIGITS, floats
 from lagrange_cases import (
     DRIFTS,
     GRAVITY,
@@ -75,6 +75,38 @@ def test_the_answer_is_the_solution_of_the_lagrangian(case, closed, drift):
         assert_near(solution.a, wanted[: case.system.n], 1e-12)
         assert_near(solution.lam[case.kept], wanted[case.system.n :], 1e-12)
         assert np.abs(np.delete(solution.lam, case.kept)).max(initial=0.0) < 1e-12
+
+
+@each_drift
+@each_place
+@each_case
+def test_the_solvers_return_the_two_formulas(case, closed, drift):
+    """Elimination, and Udwadia and Kalaba's formula, in 30 digits, from SymPy's terms.
+
+    lam = (J M^-1 J^T)^-1 (b - J a0),   a = a0 + M^-1 J^T lam = a0 + M^-1/2 (J M^-1/2)^+ (b - J a0)
+    """
+    case = case()
+    solvers = [cp.dynamics.GaussPrinciple()]
+    if case.scene.rows == case.system.m:  # a ball in the plane has a redundant row
+        solvers.append(cp.dynamics.DelassusCholesky())
+    for q, v, tau in case.states(closed):
+        t = case.system.terms(q, v, *gains(drift))
+        with mpmath.workdps(DIGITS):
+            M, J = mpmath.matrix(t.M), mpmath.matrix(t.J)
+            x, b = mpmath.matrix(tau - t.h), mpmath.matrix(t.a_ref - t.gamma)
+            a0 = M**-1 * x
+            lam = (J * M**-1 * J.T) ** -1 * (b - J * a0)
+            eliminated = floats(a0 + M**-1 * J.T * lam)
+            values, Q = mpmath.eigsy(M)
+            root = Q * mpmath.diag([1 / mpmath.sqrt(value) for value in values]) * Q.T  # M^-1/2
+            U, S, V = mpmath.svd_r(J * root)
+            pseudo_inverse = V.T * mpmath.diag([1 / s for s in S]) * U.T
+            gauss = floats(a0 + root * pseudo_inverse * (b - J * a0))
+        assert_near(eliminated, gauss, 1e-15)
+        for solver in solvers:
+            solution = cp.solve(case.scene, q, v, tau, solver=solver, drift=drift)
+            assert_near(solution.a, gauss, 1e-12)
+            assert_near(solution.lam[case.kept], floats(lam), 1e-12)
 
 
 @each_drift

@@ -10,8 +10,7 @@ import pytest
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin.simulation import walls
-from condyn_pin.simulation.stability_limit import growth, stability_limit
+from condyn_pin.simulation import stability_limit, walls
 
 HOME = str(Path(cp.__file__).parent)
 DT = 1e-3  # [s]
@@ -56,10 +55,9 @@ def test_a_step_goes_through_few_files(name):
 def test_names_of_the_last_version_warn():
     with pytest.warns(DeprecationWarning, match="Snapshot"):
         assert cp.Moment is cp.simulation.Snapshot
-    with pytest.warns(DeprecationWarning, match=r"stability_limit\.stability_limit"):
-        assert walls.wall is stability_limit
-    with pytest.warns(DeprecationWarning, match="growth"):
-        assert walls.growth is growth
+    for old, now in (("wall", "stability_limit"), ("growth", "growth")):
+        with pytest.warns(DeprecationWarning, match=rf"stability_limit\.{now}"):
+            assert getattr(walls, old) is getattr(stability_limit, now)
     with pytest.raises(AttributeError):
         walls.ceiling  # noqa: B018
 

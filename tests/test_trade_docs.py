@@ -41,7 +41,7 @@ def test_every_robot_is_measured_and_every_solver_is_in_the_study():
 def test_every_choice_is_a_row_of_the_study_and_holds_at_1000_fresh_states():
     assert {one.error for one in VERDICTS} == set(cheapest.LEVELS)
     assert {one.scene for one in VERDICTS} == set(cheapest.catalogue())
-    rows = {(r.scene, trade_text.short(r)): r for r in TABLE.rows}
+    rows = {(r.scene, r.short): r for r in TABLE.rows}
     for one in VERDICTS:
         row = rows[one.scene, one.solver]
         assert (one.us, one.study) == (row.median_us, row.error_worst)

@@ -10,6 +10,8 @@ from shared import all_scenes, robot, states
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
+from condyn_pin._core.joints import indices
+from condyn_pin.control import Actuation, gravity_compensation, transmission
 
 WITH_MOTORS = [
     label for label, scene in all_scenes().items() if scene.robot.actuated and scene.rows
@@ -31,7 +33,7 @@ def test_a_four_bar_has_the_ratio_of_the_textbook(seed):
     t2, t3, t4 = q[0], q[0] + q[1], q[2]
     of_rocker = a * np.sin(t2 - t3) / (c * np.sin(t4 - t3))
     of_coupler = a * np.sin(t4 - t2) / (b * np.sin(t3 - t4))
-    through = cp.control.transmission(scene, q)
+    through = transmission(scene, q)
     assert np.allclose(through.G[:, 0], [1.0, of_coupler - 1.0, of_rocker], rtol=1e-12, atol=1e-13)
     assert through.motor_torques([0.0, 0.0, 10.0])[0] == pytest.approx(10.0 * of_rocker, rel=1e-12)
     assert through.joint_torques([10.0], ["rocker"])[0] == pytest.approx(
@@ -43,9 +45,7 @@ def test_a_four_bar_has_the_ratio_of_the_textbook(seed):
 def test_a_parallelogram_is_one_to_one():
     scene = four_bar(ground=0.7, crank=0.4, coupler=0.7, rocker=0.4)
     q = scene.assemble([0.9, -0.9, 0.9]).q
-    through = cp.control.transmission(
-        scene, q, actuation=cp.control.Actuation(scene.robot, ratios=[20.0])
-    )
+    through = transmission(scene, q, actuation=Actuation(scene.robot, ratios=[20.0]))
     assert np.allclose(through.G[:, 0], np.array([1.0, -1.0, 1.0]) / 20.0, atol=1e-12)
     assert through.motor_torques([0.0, 0.0, 60.0])[0] == pytest.approx(3.0, rel=1e-12)
     assert through.joint_torques([3.0], ["rocker"])[0] == pytest.approx(60.0, rel=1e-12)
@@ -55,7 +55,7 @@ def test_a_parallelogram_is_one_to_one():
 def test_power_at_the_motors_is_power_at_the_joints(label):
     """u . w = tau . v to 1e-12, for speeds of the motors that fit together."""
     scene, (q, _, _) = all_scenes()[label], states(label)[0]
-    through = cp.control.transmission(scene, q)
+    through = transmission(scene, q)
     J = cp.Workspace(scene).jacobian(q)
     assert np.abs(J @ through.G).max() < 1e-12 * max(np.abs(J).max() * np.abs(through.G).max(), 1)
     assert np.abs(J @ through.free).max(initial=0.0) < 1e-12 * np.abs(J).max()
@@ -74,7 +74,7 @@ def test_power_at_the_motors_is_power_at_the_joints(label):
 def test_directions_add_up(label):
     """Motors that fit, and what is left with the motors held: together the mobility."""
     scene, (q, _, _) = all_scenes()[label], states(label)[0]
-    through = cp.control.transmission(scene, q)
+    through = transmission(scene, q)
     S = np.linalg.svd(cp.Workspace(scene).jacobian(q), compute_uv=False)
     mobility = scene.robot.nv - np.count_nonzero(1e-7 * S[0] < S)
     assert through.undetermined + through.G.shape[1] - through.conflicting == mobility
@@ -89,7 +89,7 @@ def test_a_torque_is_held_by_the_motor_that_the_map_says():
     scene = four_bar()
     q, v = scene.sample(np.random.default_rng(1))
     load = np.array([0.0, 3.0, -7.0])
-    u = cp.control.transmission(scene, q).motor_torques(load)
+    u = transmission(scene, q).motor_torques(load)
     falling = cp.solve(scene, q, v, np.zeros(3)).a
     held = cp.solve(scene, q, v, load - np.array([u[0], 0.0, 0.0])).a
     assert np.abs(held - falling).max() < 1e-11
@@ -101,7 +101,7 @@ def test_the_map_is_the_derivative_of_the_closed_mechanism():
     q, _ = scene.sample(np.random.default_rng(2))
     h = 1e-4
     ahead, behind = (scene.assemble(q + step * np.eye(3)[0], fixed=["crank"]).q for step in (h, -h))
-    through = cp.control.transmission(scene, q)
+    through = transmission(scene, q)
     assert np.allclose(through.G[:, 0], (ahead - behind) / (2 * h), atol=1e-6)
     model, data = scene.robot.model, scene.robot.model.createData()
     tips = []
@@ -123,21 +123,19 @@ def test_a_dead_point_shows():
     C = reach * np.array([np.cos(at_ground), np.sin(at_ground)])
     rocker = np.arctan2(C[1], C[0] - 0.7)
     scene = cp.Scene(bar, bar.loops)
-    through = cp.control.transmission(
-        scene, [at_ground, 0.0, rocker], actuation=cp.control.Actuation(bar, ["rocker"])
-    )
+    through = transmission(scene, [at_ground, 0.0, rocker], actuation=Actuation(bar, ["rocker"]))
     assert (through.undetermined, through.conflicting) == (1, 1)
     assert np.abs(through.G).max() < 1e-6
     assert through.free[2, 0] == 0.0
     with pytest.raises(cp.InvalidArgument, match="cannot do what the motors do"):
-        cp.control.transmission(scene, [at_ground, 0.0, rocker]).joint_torques([1.0], ["rocker"])
+        transmission(scene, [at_ground, 0.0, rocker]).joint_torques([1.0], ["rocker"])
 
 
 def test_cassies_base_springs_and_rods_rest():
     cassie = robot("cassie")
     legs = cp.Scene(cassie, cassie.loops)
     q, _ = legs.sample(np.random.default_rng(0))
-    through = cp.control.transmission(legs, q)
+    through = transmission(legs, q)
     assert (through.undetermined, through.conflicting) == (12, 0)
     assert "root_joint" in through.at_rest
     springs = {spring.joint for spring in cassie.springs}
@@ -145,7 +143,7 @@ def test_cassies_base_springs_and_rods_rest():
     # with the springs at rest, the achilles rod ties the tarsus to the knee, one to one but for
     # the rod: a torque at the tarsus is felt in the knee motor with the opposite sign
     tau = np.zeros(cassie.nv)
-    tau[cassie.model.joints[cassie.model.getJointId("left-shin-tarsus-joint")].idx_v] = 1.0
+    tau[indices(cassie.model, ["left-shin-tarsus-joint"])[1]] = 1.0
     torques = dict(zip(through.actuation.motors, through.motor_torques(tau), strict=True))
     assert -1.3 < torques["left-knee-op"] < -0.7
     assert abs(torques["right-knee-op"]) < 1e-12
@@ -158,9 +156,9 @@ CLOSED = ["cassie loops", "delta loops", "four_bar loops", "parallelogram loops"
 def test_it_is_how_complete_state_follows_the_motors(label):
     scene, (q, _, _) = all_scenes()[label], states(label)[0]
     model = scene.robot.model
-    motors = [model.joints[model.getJointId(name)].idx_q for name in scene.robot.actuated]
-    state = scene.complete_state(q[motors], near=q)
-    through = cp.control.transmission(scene, state.q)
+    motors, _ = indices(model, scene.robot.actuated)
+    state = cp.mechanism.complete_state(scene, q[motors], near=q)
+    through = transmission(scene, state.q)
     assert np.abs(through.G - state.G).max() < 1e-9 * np.abs(state.G).max()
     assert through.undetermined == state.undetermined
     assert through.conflicting == state.conflicting == 0
@@ -171,17 +169,15 @@ def test_two_feet_on_the_ground_tie_the_motors():
     talos = robot("talos")
     stance = cp.Scene(talos, talos.contacts)
     q, v = stance.state()
-    through = cp.control.transmission(stance, q)
+    through = transmission(stance, q)
     assert (through.undetermined, through.conflicting, through.at_rest) == (0, 6, ())
     h = cp.Workspace(stance).terms(q, v).h
-    assert np.allclose(
-        through.motor_torques(h), cp.control.gravity_compensation(stance, q).u, atol=1e-9
-    )
+    assert np.allclose(through.motor_torques(h), gravity_compensation(stance, q).u, atol=1e-9)
 
 
 def test_what_no_motor_sees_is_along_free():
     talos = robot("talos")
-    alone = cp.control.transmission(cp.Scene(talos), talos.postures["half_sitting"])
+    alone = transmission(cp.Scene(talos), talos.postures["half_sitting"])
     assert alone.at_rest == ("root_joint",)
     assert alone.undetermined == 6
     push = np.zeros(talos.nv)
@@ -193,7 +189,7 @@ def test_what_no_motor_sees_is_along_free():
 def test_answers_pickle_and_refuse():
     scene = four_bar()
     q, _ = scene.state()
-    through = cp.control.transmission(scene, q)
+    through = transmission(scene, q)
     assert np.array_equal(pickle.loads(pickle.dumps(through)).G, through.G)
     assert repr(through) == "Transmission(four_bar: 1 motors, 0 undetermined, 0 conflicting)"
     for call, error, said in (
@@ -202,7 +198,7 @@ def test_answers_pickle_and_refuse():
         (lambda: through.joint_torques([1.0], ["roker"]), cp.errors.UnknownName, "'rocker'"),
         (lambda: through.jacobian("world"), cp.InvalidArgument, "does not move"),
         (lambda: through.jacobian("coupler_tp"), cp.errors.UnknownName, "'coupler_tip'"),
-        (lambda: cp.control.transmission(scene, [1.0]), cp.InvalidArgument, "q has shape"),
+        (lambda: transmission(scene, [1.0]), cp.InvalidArgument, "q has shape"),
     ):
         with pytest.raises(error, match=said):
             call()

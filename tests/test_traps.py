@@ -15,11 +15,13 @@ from pathlib import Path
 import crash
 import numpy as np
 import pytest
+from shared import all_scenes, relative, robot, states
+from shared import truth as true_answers
 
 import condyn_pin as cp
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import HAS_LCABA, pin
-from condyn_pin.dynamics.catalogue import motor_torque
+from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.lab.extremes.units import Units
 
 GRAVITY = 9.81
@@ -31,11 +33,6 @@ each_solver = pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: s.title)
 takes_redundant = pytest.mark.parametrize(
     "solver", [s for s in SOLVERS if s.takes_redundant], ids=lambda s: s.title
 )
-
-
-@functools.cache
-def robot(name: str) -> cp.Robot:
-    return cp.load_robot(name)
 
 
 @functools.cache
@@ -79,7 +76,7 @@ def bare(of: cp.Scene):
     """Return Pinocchio's own objects for the constraints of a scene, initialised."""
     model, data = of.robot.model, of.robot.model.createData()
     models, datas = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
-    for bound in of.pinocchio_constraints.constraints:
+    for bound in pinocchio_constraints_of(of).constraints:
         models.append(bound.to_pinocchio(model))
         datas.append(models[len(models) - 1].createData())
     _pin.init_constraint_dynamics(model, data, models, datas)
@@ -92,28 +89,29 @@ def bare_acceleration(of: cp.Scene, q, v, tau, *settings: float) -> np.ndarray:
     return pin.constraintDynamics(model, data, q, v, tau, models, datas, chosen)
 
 
-def bare_lcaba(mu: float = 1e-6):
-    return pin.ProximalSettings(1e-12, 0.0, mu, 20)
-
-
-def difference(a: np.ndarray, b: np.ndarray) -> float:
-    """Largest difference over the larger of |b| and gravity."""
-    return float(np.abs(a - b).max(initial=0.0) / max(np.abs(b).max(initial=0.0), GRAVITY))
+def bare_lcaba(of: cp.Scene, *states, mu: float = 1e-6, ordered: bool = True):
+    """Return what Pinocchio's lcaba answers at states in turn, its settings, and datas."""
+    model, data, models, datas = bare(of)
+    settings = pin.ProximalSettings(1e-12, 0.0, mu, 20)
+    if ordered:
+        pin.computeJointMinimalOrdering(model, data, models)
+    found = [pin.lcaba(model, data, *state, models, datas, settings) for state in states]
+    return found, settings, datas
 
 
 def truth(of: cp.Scene, q, v, tau) -> cp.Solution:
     return cp.solve(of, q, v, tau, solver=cp.dynamics.Reference())
 
 
-def lcaba_is_refused(of: cp.Scene) -> bool:
-    """On Pinocchio 3, assert that LCABA is refused, and return True."""
-    if HAS_LCABA:
-        return False
+needs_lcaba = pytest.mark.skipif(not HAS_LCABA, reason="Pinocchio 3 has no lcaba")
+
+
+@pytest.mark.skipif(HAS_LCABA, reason="Pinocchio 4 has lcaba")
+def test_lcaba_is_refused_where_pinocchio_has_none():
     with pytest.raises(
-        cp.errors.UnsupportedBackend, match=r"LCABA needs Pinocchio 4, and 3\.\d+\.\d+ is"
+        cp.errors.UnsupportedBackend, match=r"LCABA needs Pinocchio 4, and 3\.\d+\."
     ):
-        cp.Workspace(of, cp.LCABA())
-    return True
+        cp.Workspace(scene("talos"), cp.LCABA())
 
 
 # --- 3: the world as the first body
@@ -142,7 +140,7 @@ def test_trap_3_world_first_gives_the_same_a_and_the_opposite_force(solver, kind
     v = 0.3 * rng.normal(size=v.size)
     tau = rng.normal(size=v.size)
     a, b = (cp.solve(s, q, v, tau, solver=solver) for s in (one, two))
-    assert difference(b.a, a.a) < 1e-10
+    assert relative(b.a, a.a) < 1e-10
     np.testing.assert_allclose(b.forces["held"], -a.forces["held"], rtol=1e-7, atol=1e-6)
     for name in ("left_sole_link", "right_sole_link"):
         np.testing.assert_allclose(b.forces[name], a.forces[name], rtol=1e-7, atol=1e-6)
@@ -173,11 +171,10 @@ two, four = raw((FL, WORLD), (FR, WORLD)), raw(*((foot, WORLD) for foot in (FL, 
 """
 
 
+@needs_lcaba
 @pytest.mark.parametrize("kind", ["ball", "weld"])
 def test_trap_3_lcaba_dies_with_the_world_first(kind):
     """Pinocchio: lcaba reads the memory of a joint that the world does not have."""
-    if lcaba_is_refused(held_by_a_hand(kind, world_first=True)):
-        return
     rows = "3" if kind == "ball" else "6"
     alone = crash.run(
         BARE_SOLO
@@ -196,56 +193,48 @@ pin.lcaba(model, data, q, v, tau, models, datas, settings)
 # --- 5 to 8: lcaba
 
 
+@needs_lcaba
 def test_trap_5_lcaba_is_right_on_every_call():
     """Pinocchio: with 6 rows, lcaba reads what the last call left: every second call is wrong."""
     talos = scene("talos")
-    if lcaba_is_refused(talos):
-        return
     states = moving("talos")
     right = [truth(talos, *state).a for state in states]
-
-    model, data, models, datas = bare(talos)
-    pin.computeJointMinimalOrdering(model, data, models)
-    raw = [pin.lcaba(model, data, *states[0], models, datas, bare_lcaba()) for _ in range(2)]
-    assert difference(raw[0], right[0]) < 1e-6
-    assert difference(raw[1], right[0]) > 1e-3
+    raw, _, _ = bare_lcaba(talos, states[0], states[0])
+    assert relative(raw[0], right[0]) < 1e-6
+    assert relative(raw[1], right[0]) > 1e-3
 
     one, two = cp.Workspace(talos, cp.LCABA()), cp.Workspace(talos, cp.LCABA())
     for k in (0, 0, 1, 2, 0, 1):
         for workspace in (one, two):
-            assert difference(workspace.acceleration(*states[k]), right[k]) < 1e-8
+            assert relative(workspace.acceleration(*states[k]), right[k]) < 1e-8
 
 
+@needs_lcaba
 def test_trap_6_lcaba_returns_lam_with_the_sign_of_the_others():
     """Pinocchio: the contact_force of lcaba is minus lam, in LOCAL whatever was asked for."""
     talos = scene("talos points")
-    if lcaba_is_refused(talos):
-        return
     for state in moving("talos points"):
         right = truth(talos, *state).lam
         lam = cp.solve(talos, *state, solver=cp.LCABA()).lam
         np.testing.assert_allclose(lam, right, atol=1e-6 * np.abs(right).max())
-    model, data, models, datas = bare(talos)
-    pin.computeJointMinimalOrdering(model, data, models)
-    pin.lcaba(model, data, *state, models, datas, bare_lcaba())
+    _, _, datas = bare_lcaba(talos, state)
     raw = np.concatenate([datas[0].contact_force.linear, datas[1].contact_force.vector])
     np.testing.assert_allclose(raw, -right, atol=1e-3 * np.abs(right).max())
 
 
+@needs_lcaba
 def test_trap_7_lcaba_and_constraint_dynamics_do_not_share_their_datas():
     """Pinocchio: lcaba leaves an acceleration in the datas, and constraintDynamics obeys it."""
     talos = scene("talos")
-    if lcaba_is_refused(talos):
-        return
     state = moving("talos")[0]
     model, data, models, datas = bare(talos)
     settings = pin.ProximalSettings(0.0, 1e-9, 1e-8, 20)
     before = pin.constraintDynamics(model, data, *state, models, datas, settings)
     other = model.createData()
     pin.computeJointMinimalOrdering(model, other, models)
-    pin.lcaba(model, other, *state, models, datas, bare_lcaba())
+    pin.lcaba(model, other, *state, models, datas, pin.ProximalSettings(1e-12, 0.0, 1e-6, 20))
     after = pin.constraintDynamics(model, data, *state, models, datas, settings)
-    assert difference(after, before) > 1e-3
+    assert relative(after, before) > 1e-3
 
     proximal, lcaba = cp.Workspace(talos), cp.Workspace(talos, cp.LCABA())
     alone = proximal.acceleration(*state)
@@ -254,41 +243,23 @@ def test_trap_7_lcaba_and_constraint_dynamics_do_not_share_their_datas():
         np.testing.assert_array_equal(proximal.acceleration(*state), alone)
 
 
-@pytest.mark.parametrize("mu", [1e-6, 1e-7, 1e-8])
-def test_trap_8_lcaba_with_a_too_small_mu_is_never_ok(mu):
-    """Pinocchio: rounding of 1/mu ends up in a while J a + gamma stays at 1e-13."""
-    cassie = scene("cassie")
-    if lcaba_is_refused(cassie):
-        return
-    workspace = cp.Workspace(cassie, cp.LCABA(mu=mu))
-    for state in moving("cassie"):
+@needs_lcaba
+@pytest.mark.parametrize(("mu", "off"), [(1e-6, 1e-8), (1e-7, 1e-3), (1e-8, 1e-2)])
+def test_trap_8_lcaba_with_a_too_small_mu_is_never_ok(mu, off):
+    """Pinocchio: rounding of 1/mu ends up in a, while J a + gamma stays at 1e-12.
+
+    Cassie under motor torques is off by per cents at 1e-8: what the README says.
+    """
+    label = "cassie loops + contacts"
+    workspace = cp.Workspace(all_scenes()[label], cp.LCABA(mu=mu))
+    for state, right in zip(states(label), true_answers(label), strict=True):
         solution = workspace.solve(*state, throw=False)
-        right = truth(cassie, *state)
-        assert difference(solution.a, right.a) > 1e-8
+        assert relative(solution.a, right.a) > off
         assert solution.constraint_error < 1e-8
         assert solution.dynamics_error > 1e3 * right.dynamics_error
         assert solution.status is cp.Status.INACCURATE
         with pytest.raises(cp.SolveFailed, match="try another mu"):
             workspace.solve(*state)
-
-
-def test_trap_8_lcaba_is_off_by_per_cents_where_j_a_is_right():
-    """Cassie under motor torques, mu = 1e-8: what the README says."""
-    cassie = scene("cassie")
-    if lcaba_is_refused(cassie):
-        return
-    rng = np.random.default_rng(0)
-    workspace = cp.Workspace(cassie, cp.LCABA(mu=1e-8))
-    worst = 0.0
-    for _ in range(5):
-        q, v = cassie.sample(rng)
-        tau = motor_torque(cassie.robot, rng)
-        solution = workspace.solve(q, v, tau, throw=False)
-        right = truth(cassie, q, v, tau)
-        assert solution.constraint_error < 1e-9 * np.abs(right.a).max()
-        assert not solution.status.ok
-        worst = max(worst, difference(solution.a, right.a))
-    assert worst > 1e-2
 
 
 def test_trap_9_the_stop_test_fires_on_redundant_rows():
@@ -300,34 +271,26 @@ def test_trap_9_the_stop_test_fires_on_redundant_rows():
         theirs = cp.solve(cassie, *state, solver=cp.Proximal(mu=mu, relative_accuracy=1e-12))
         assert ours.iterations <= 5
         assert theirs.iterations == 20
-        assert difference(ours.a, theirs.a) < 1e-10
+        assert relative(ours.a, theirs.a) < 1e-10
 
 
 def test_trap_8_lcaba_refuses_mu_zero():
     """Pinocchio: NaN, and an absolute_residual of zero."""
     with pytest.raises(cp.InvalidArgument, match=r"mu = 0\.0: a finite number >= "):
         cp.LCABA(mu=0.0)
-    talos = scene("talos")
-    if lcaba_is_refused(talos):
-        return
-    model, data, models, datas = bare(talos)
-    pin.computeJointMinimalOrdering(model, data, models)
-    settings = bare_lcaba(mu=0.0)
-    a = pin.lcaba(model, data, *moving("talos")[0], models, datas, settings)
-    assert np.isnan(a).all()
-    assert settings.absolute_residual == 0.0
+    if HAS_LCABA:
+        (a,), settings, _ = bare_lcaba(scene("talos"), moving("talos")[0], mu=0.0)
+        assert np.isnan(a).all()
+        assert settings.absolute_residual == 0.0
 
 
+@needs_lcaba
 def test_trap_8_lcaba_finds_its_own_elimination_order():
     """Pinocchio: without computeJointMinimalOrdering the answer is off by 100 %."""
-    talos = scene("talos")
-    if lcaba_is_refused(talos):
-        return
-    state = moving("talos")[0]
+    talos, state = scene("talos"), moving("talos")[0]
     right = truth(talos, *state).a
-    model, data, models, datas = bare(talos)
-    assert difference(pin.lcaba(model, data, *state, models, datas, bare_lcaba()), right) > 0.1
-    assert difference(cp.Workspace(talos, cp.LCABA()).acceleration(*state), right) < 1e-8
+    assert relative(bare_lcaba(talos, state, ordered=False)[0][0], right) > 0.1
+    assert relative(cp.Workspace(talos, cp.LCABA()).acceleration(*state), right) < 1e-8
 
 
 # --- 9: residuals
@@ -370,7 +333,7 @@ def test_trap_10_default_settings_on_a_planar_loop():
     J, gamma = np.delete(terms.J, 1, axis=0), np.delete(terms.gamma, 1)
     K = np.block([[terms.M, -J.T], [J, np.zeros((2, 2))]])
     a = np.linalg.solve(K, np.concatenate([tau - terms.h, -gamma]))[:3]
-    assert difference(solution.a, a) < 1e-12
+    assert relative(solution.a, a) < 1e-12
 
 
 def test_trap_10_the_summary_names_the_redundant_row_of_a_planar_loop():
@@ -391,7 +354,7 @@ def test_trap_10_a_contact_that_is_there_twice(solver):
     for q, v, tau in moving("talos"):
         solution = cp.solve(twice, q, v, tau, solver=solver)
         right = truth(once, q, v, tau)
-        assert difference(solution.a, right.a) < 1e-8
+        assert relative(solution.a, right.a) < 1e-8
         shared = solution.forces["left_sole_link"] + solution.forces["again"]
         np.testing.assert_allclose(shared, right.forces["left_sole_link"], atol=1e-3)
     assert len(twice.summary().redundant) == 6
@@ -437,7 +400,7 @@ def test_trap_11_a_contact_without_anchor_belongs_where_it_is():
     here, there = workspace.solve(q, v, tau), workspace.solve(far, v, tau)
     assert here.state_error.position == there.state_error.position == 0.0
     np.testing.assert_array_equal(workspace.violation(far), np.zeros(12))
-    assert difference(there.a, here.a) < 1e-10
+    assert relative(there.a, here.a) < 1e-10
 
 
 def test_trap_11_an_anchored_contact_reports_its_distance():
@@ -454,7 +417,7 @@ def test_trap_11_an_anchored_contact_reports_its_distance():
     assert solution.state_error.position == np.abs(c).max()
     # stated as the state's error, and never turned into an acceleration
     free = cp.solve(cp.Scene(solo, [cp.PointContact("FL_FOOT")]), q, v, v)
-    assert difference(solution.a, free.a) < 1e-12
+    assert relative(solution.a, free.a) < 1e-12
     closed = anchored.assemble(q).q
     assert np.abs(cp.Workspace(anchored).violation(closed)).max() < 1e-10
 
@@ -636,7 +599,7 @@ def test_trap_18_an_unnormalised_quaternion_is_refused(solver, factor):
     bad[3:7] *= factor
     raw = bare_acceleration(scene("talos"), bad, v, tau, 1e-12, 1e-8, 20)
     assert np.isfinite(raw).all()
-    assert difference(raw, truth(scene("talos"), q, v, tau).a) > 1e-5
+    assert relative(raw, truth(scene("talos"), q, v, tau).a) > 1e-5
     for call in calls(scene("talos"), solver).values():
         with pytest.raises(cp.InvalidArgument, match=r"q\[3:7\] = .*norm.*pin\.normalize"):
             call(bad, v, tau)
@@ -679,8 +642,8 @@ def test_trap_18_a_joint_that_cannot_be_checked_is_refused():
 def test_trap_19_setting_gains_does_not_resize_them(name):
     """Pinocchio 3: assigning six gains to a constraint with three rows is accepted."""
     made = (
-        scene(name)
-        .pinocchio_constraints.constraints[0]
+        pinocchio_constraints_of(scene(name))
+        .constraints[0]
         .to_pinocchio(robot("talos" if name == "talos" else "solo12").model)
     )
     _pin.set_baumgarte(made, 3.0, 4.0)
@@ -707,38 +670,6 @@ pin.constraintDynamics(model, data.copy(), q, v, tau, *four, settings)
         assert outcome == crash.Outcome("signal", "SIGSEGV")
     else:
         assert outcome.kind == "ok"
-
-
-def modules() -> dict[str, ast.Module]:
-    files = sorted(LIBRARY.rglob("*.py"))
-    assert len(files) > 20
-    return {str(f.relative_to(LIBRARY)): ast.parse(f.read_text(encoding="utf-8")) for f in files}
-
-
-def names_in(tree: ast.Module) -> set[str]:
-    """Return every name, attribute and import of a module; docstrings and comments are not."""
-    found = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Attribute):
-            found |= {node.attr, ast.unparse(node)}
-        elif isinstance(node, ast.Name):
-            found.add(node.id)
-        elif isinstance(node, ast.alias):
-            found.add(node.name)
-        elif isinstance(node, ast.Call) and not node.args and isinstance(node.func, ast.Attribute):
-            found.add(f".{node.func.attr}()")
-    return found
-
-
-def test_trap_22_no_module_copies_a_data():
-    """Pinocchio 4: a copied Data works until it is used."""
-    for file, tree in modules().items():
-        names = names_in(tree)
-        if file != "study/mujoco/mujoco_terms.py":  # MuJoCo's model may be copied
-            assert not names & {"deepcopy", "copy.copy"}, file
-        assert "pin.Data" not in names, file
-        copied = {name for name in names if name.lower().endswith("data.copy")}
-        assert not copied, file
 
 
 @each_solver
@@ -850,6 +781,9 @@ pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, model, 999, pin.ReferenceFr
     assert model.names[min(frame, model.njoints - 1)] != "FL_HFE"
 
 
+SOLE, ANKLE = "left_sole_link", "joint 'leg_left_6_joint'"
+
+
 @pytest.mark.parametrize(
     ("wrong", "near"),
     [
@@ -884,38 +818,32 @@ def test_trap_24_a_name_like_no_other_lists_what_exists():
         cp.Scene(robot("four_bar"), [cp.PointContact("###")])
 
 
-@pytest.mark.parametrize("kind", ["ball", "weld"])
 @pytest.mark.parametrize(
-    ("frames", "where"),
+    ("constraint", "where"),
     [
-        (("world", "universe"), "the world"),
-        (("universe", "rail"), "the world"),
-        (("left_sole_link", "leg_left_6_joint"), "joint 'leg_left_6_joint'"),
-        (("left_sole_link", "left_sole_link"), "joint 'leg_left_6_joint'"),
+        *((cp.Loop("world", "universe", kind), "the world") for kind in ("ball", "weld")),
+        *((cp.Loop("universe", "rail", kind), "the world") for kind in ("ball", "weld")),
+        *((cp.Loop(SOLE, "leg_left_6_joint", kind), ANKLE) for kind in ("ball", "weld")),
+        *((cp.Loop(SOLE, SOLE, kind), ANKLE) for kind in ("ball", "weld")),
+        (cp.PointContact("world"), "the world"),
+        (cp.SurfaceContact("universe"), "the world"),
     ],
+    ids=str,
 )
-def test_trap_24_two_frames_of_one_body_constrain_nothing(kind, frames, where):
+def test_trap_24_two_frames_of_one_body_constrain_nothing(constraint, where):
     """Pinocchio: accepted by constraintDynamics as if it were not there; lcaba dies."""
     talos = robot("talos").with_frame("rail", "world", [0, 0, 1])
     with pytest.raises(cp.errors.InvalidConstraint, match=f"both sides belong to {where}"):
-        cp.Scene(talos, [cp.Loop(*frames, kind=kind)])
-
-
-def test_trap_24_a_contact_of_the_world_with_itself_is_refused():
-    """Pinocchio: accepted as if it were not there."""
-    for contact in (cp.PointContact("world"), cp.SurfaceContact("universe")):
-        with pytest.raises(cp.errors.InvalidConstraint, match="both sides belong to the world"):
-            cp.Scene(robot("talos"), [contact])
+        cp.Scene(talos, [constraint])
 
 
 # --- 25: elimination order
 
 
+@needs_lcaba
 @pytest.mark.parametrize("case", ["another order", "the same joint twice"])
 def test_trap_25_lcaba_dies_where_condyn_pin_answers(case):
     """Pinocchio 4: SIGSEGV with an order for other constraints, or one joint on both sides."""
-    if lcaba_is_refused(scene("talos hands")):
-        return
     pair, ordered = ("(FL, HR)", "two[0]") if case == "another order" else ("(FL, FL)", "models")
     outcome = crash.run(
         BARE_SOLO
@@ -930,7 +858,7 @@ pin.lcaba(model, data, q, v, tau, models, datas, settings)
     for name in ("talos hands", "talos points", "talos hands"):
         workspace.use(scene(name))
         for state in moving(name):
-            assert difference(workspace.solve(*state).a, truth(scene(name), *state).a) < 1e-8
+            assert relative(workspace.solve(*state).a, truth(scene(name), *state).a) < 1e-8
 
 
 # --- 26: models that change, and models that cannot be used
@@ -1057,43 +985,56 @@ def test_a_limit_that_is_nan_is_not_mistaken_for_an_edit():
 # --- one file knows the version
 
 
+def modules() -> dict[str, ast.Module]:
+    files = sorted(LIBRARY.rglob("*.py"))
+    assert len(files) > 20
+    return {str(f.relative_to(LIBRARY)): ast.parse(f.read_text(encoding="utf-8")) for f in files}
+
+
+def names_in(tree: ast.Module) -> set[str]:
+    """Return every name, attribute and import of a module; docstrings and comments are not."""
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute):
+            found |= {node.attr, ast.unparse(node)}
+        elif isinstance(node, ast.Name):
+            found.add(node.id)
+        elif isinstance(node, ast.alias):
+            found |= {node.name, f"import {node.name}"}
+        elif isinstance(node, ast.ImportFrom):
+            found.add(f"import {node.module}")
+        elif isinstance(node, ast.Call) and not node.args and isinstance(node.func, ast.Attribute):
+            found.add(f".{node.func.attr}()")
+    return found
+
+
 DIFFERS = {
     *("initConstraintDynamics", "residualSize", "corrector", "m_baumgarte_parameters"),
     *("contact_chol", "constraint_chol", "computeJointMinimalOrdering", "pin.lcaba"),
     *("getConstraintsJacobian", ".size()", "pin.__version__", "pinocchio.__version__"),
 }
+# What is wrong in Pinocchio: traps 12 and 13, and a copied Data, which works until it is used (22).
 WRONG = {
     *("computeDelassusMatrix", "computeDampedDelassusMatrixInverse", "absolute_residual"),
     *("desired_contact_placement", "desired_contact_velocity", "desired_contact_acceleration"),
-    *("impulseDynamics", "contactInverseDynamics", "getConstraintJacobian"),
+    *("impulseDynamics", "contactInverseDynamics", "getConstraintJacobian", "pin.Data"),
 }
 
 
-def test_only_one_module_names_what_differs_between_versions():
+def test_one_module_knows_what_differs_between_versions_and_none_uses_what_is_wrong():
     """Pinocchio 3.9 and 4: other names, other arguments, other units of the same thing."""
     trees = modules()
     nobody_needs = {"residualSize", ".size()", "getConstraintsJacobian", "pinocchio.__version__"}
     assert names_in(trees["_core/_pin.py"]) >= DIFFERS - nobody_needs
     for file, tree in trees.items():
-        if file != "_core/_pin.py":
-            assert not names_in(tree) & DIFFERS, file
-
-
-def test_no_module_imports_pinocchio_by_itself():
-    """Pinocchio: its import fails in ways that need an explanation, which one module gives."""
-    for file, tree in modules().items():
-        imported = {
-            n.name for node in ast.walk(tree) if isinstance(node, ast.Import) for n in node.names
-        }
-        sources = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-        if file != "_core/_pin.py":
-            assert "pinocchio" not in imported | sources, file
-
-
-def test_trap_12_13_no_module_uses_what_is_wrong_in_pinocchio():
-    """Pinocchio: computeDelassusMatrix and impulseDynamics ignore the second body."""
-    for file, tree in modules().items():
-        assert not names_in(tree) & WRONG, file
+        names = names_in(tree)
+        assert not names & WRONG, file
+        assert not {name for name in names if name.lower().endswith("data.copy")}, file
+        if file != "study/mujoco/mujoco_terms.py":  # MuJoCo's model may be copied
+            assert not names & {"deepcopy", "copy.copy"}, file
+        if file != "_core/_pin.py":  # whose import explains how that of Pinocchio can fail
+            assert not names & DIFFERS, file
+            assert "import pinocchio" not in names, file
 
 
 # --- forces: their sum, their place, their sign
@@ -1174,7 +1115,7 @@ def test_a_loop_pushes_its_two_bodies_equally_and_oppositely(solver, kind):
     q, v = one.sample(rng, spread=0.5)
     tau = rng.normal(size=12)
     a, b = (cp.solve(s, q, v, tau, solver=solver) for s in (one, two))
-    assert difference(b.a, a.a) < 1e-9
+    assert relative(b.a, a.a) < 1e-9
     # exchanged frames: the same force with the other sign, at the same point
     np.testing.assert_allclose(a.world_forces["joint"], -b.world_forces["joint"], atol=1e-6)
     # each body by itself, under its own wrench and the loop's

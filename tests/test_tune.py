@@ -22,8 +22,8 @@ from condyn_pin.cli.main import app
 from condyn_pin.study import clocks, tuning
 from condyn_pin.study import plan as plans
 from condyn_pin.study.cheapest import Choice
-from condyn_pin.study.fingerprint import fingerprint
 from condyn_pin.study.fresh import Fresh, FreshErrors
+from condyn_pin.study.plan import fingerprint
 
 
 @pytest.fixture(autouse=True)
@@ -46,17 +46,28 @@ def choice(solver: cp.dynamics.Solver, error: float = 1e-8) -> Choice:
 
 
 def test_without_a_plan_the_error_says_tune(scene):
-    with pytest.raises(cp.errors.NotTuned, match=r"condyn_pin\.tune\(scene, 1e-08\)"):
+    with pytest.raises(cp.errors.NotTuned, match=r"condyn_pin\.study\.tune\(scene, 1e-08\)"):
         cp.study.tuned(scene, 1e-8)
     with pytest.raises(cp.errors.NotTuned, match=r"measure='forces'"):
         cp.study.tuned(scene, 1e-8, measure="forces")
 
 
 @pytest.mark.parametrize(
-    "solver", [cp.Proximal(), cp.Proximal(mu=1 / 3, max_iterations=7), cp.DenseKKT(mu=1e-11)]
+    "solver",
+    [
+        cp.Proximal(),
+        cp.Proximal(mu=1 / 3, max_iterations=7),
+        cp.DenseKKT(mu=1e-11),
+        cp.dynamics.Soft(solref=(0.01, 1.0)),  # a tuple comes back as one
+        cp.dynamics.Soft(),
+    ],
 )
-def test_what_was_kept_is_found_by_an_equal_scene(scene, solver):
+def test_what_was_kept_is_found_by_an_equal_scene(scene, solver, cache):
     tuning.keep(scene, choice(solver))
+    (path,) = cache.glob("*/*.json")
+    saved = json.loads(path.read_text())
+    assert (saved["found"], saved["expected"], saved["states"]) == (1e-10, 2e-10, 200)
+    assert saved["where"] == plans.here()
     bar = cp.model.four_bar()
     assert cp.study.tuned(cp.Scene(bar, bar.loops), 1e-8) == solver
     q, v = scene.sample(np.random.default_rng(0))
@@ -95,26 +106,20 @@ def test_a_plan_of_another_version_is_not_used_and_is_named(scene, monkeypatch):
         lambda text: text.replace('"Proximal"', '"Distal"'),
         lambda text: text.replace('"states"', '"stats"'),
         lambda text: text + "}",
+        lambda text: b"\xff\xfe\x00",
     ],
 )
 def test_a_broken_plan_is_named_and_made_anew(scene, cache, damage):
     tuning.keep(scene, choice(cp.Proximal()))
     (path,) = cache.glob("*/*.json")
     broken = damage(path.read_text())
-    assert broken != path.read_text()
-    path.write_text(broken)
+    broken = broken if isinstance(broken, bytes) else broken.encode()
+    assert broken != path.read_bytes()
+    path.write_bytes(broken)
     with pytest.raises(cp.errors.NotTuned, match=r"tune\(scene, 1e-08\) makes a new one"):
         cp.study.tuned(scene, 1e-8)
     tuning.keep(scene, choice(cp.Proximal()))
     assert cp.study.tuned(scene, 1e-8) == cp.Proximal()
-
-
-def test_a_plan_that_is_no_text_is_named(scene, cache):
-    tuning.keep(scene, choice(cp.Proximal()))
-    (path,) = cache.glob("*/*.json")
-    path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(cp.errors.NotTuned, match="not a plan"):
-        cp.study.tuned(scene, 1e-8)
 
 
 def test_plans_written_at_the_same_time_are_whole(scene, cache):
@@ -132,18 +137,10 @@ def test_a_folder_that_cannot_be_written_is_named(scene, tmp_path, monkeypatch):
         tuning.keep(scene, choice(cp.Proximal()))
 
 
-def test_a_plan_keeps_what_was_found(scene, cache):
-    tuning.keep(scene, choice(cp.Proximal()))
-    (path,) = cache.glob("*/*.json")
-    saved = json.loads(path.read_text())
-    assert (saved["found"], saved["expected"], saved["states"]) == (1e-10, 2e-10, 200)
-    assert saved["where"] == plans.here()
-
-
 def test_the_fingerprint_is_that_of_the_content(scene):
     known = fingerprint(scene)
     words = (
-        "import condyn_pin as cp; from condyn_pin.study.fingerprint import fingerprint;"
+        "import condyn_pin as cp; from condyn_pin.study.plan import fingerprint;"
         "bar = cp.model.four_bar(); print(fingerprint(cp.Scene(bar, bar.loops)))"
     )
     other = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True)
@@ -205,6 +202,10 @@ def test_what_is_chosen_carries_the_accuracy_it_was_chosen_for(scene):
     found = cp.study.tuned(scene, 1e-1)
     table = cp.Study(scene, [rough], effort=cp.study.TimingEffort(rounds=2, repeats=1)).run()
     assert found == chosen == table.cheapest(1e-1).solver
+    # one with an accuracy goes through a study
+    again = cp.Study(scene, [chosen], effort=cp.study.TimingEffort(rounds=2, repeats=1)).run()
+    assert again.rows[0].solver == repr(chosen)
+    assert again.cheapest(1e-1).solver == chosen
     state = (*scene.sample(np.random.default_rng(0)), np.zeros(3))
     with pytest.raises(cp.SolveFailed):
         cp.solve(scene, *state, solver=rough)
@@ -216,20 +217,6 @@ def test_what_is_chosen_carries_the_accuracy_it_was_chosen_for(scene):
     assert pickle.loads(pickle.dumps(found)) == found
 
 
-def test_less_than_what_ok_promises_by_default_is_not_carried(scene):
-    assert (
-        cp.study.tune(scene, 1e-10, solvers=[cp.dynamics.NullSpace()], save=False)
-        == cp.dynamics.NullSpace()
-    )
-
-
-def test_a_solver_with_an_accuracy_goes_through_a_study(scene):
-    loose = cp.Proximal(mu=1e-3, max_iterations=1, accuracy=1e-1)
-    table = cp.Study(scene, [loose], effort=cp.study.TimingEffort(rounds=2, repeats=1)).run()
-    assert table.rows[0].solver == repr(loose)
-    assert table.cheapest(1e-1).solver == loose
-
-
 @pytest.mark.parametrize("accuracy", [-1.0, 0.0, np.nan, "rough", None])
 @pytest.mark.parametrize("kind", [cp.Proximal, cp.dynamics.Reference, cp.dynamics.NullSpace])
 def test_an_accuracy_that_no_answer_can_have(kind, accuracy):
@@ -237,12 +224,9 @@ def test_an_accuracy_that_no_answer_can_have(kind, accuracy):
         kind(accuracy=accuracy)
 
 
-def test_tune_may_keep_nothing(scene, cache):
-    cp.study.tune(scene, 1e-8, solvers=CANDIDATES[2:], save=False)
-    assert not cache.exists()
-
-
-def test_tune_that_finds_nothing_says_the_best_and_keeps_nothing(scene, cache):
+def test_tune_may_keep_nothing_and_promises_no_less_than_ok_does(scene, cache):
+    chosen = cp.study.tune(scene, 1e-10, solvers=CANDIDATES[2:], save=False)
+    assert chosen == cp.dynamics.NullSpace()
     with pytest.raises(
         cp.errors.NotReached, match=r"1e-08 on .*; the best is Proximal\(mu=1\.0, max_"
     ):
@@ -256,13 +240,6 @@ def test_tune_by_another_measure_is_a_plan_of_its_own(scene):
     assert cp.study.tuned(scene, 1e-6, measure="forces") == chosen
     with pytest.raises(cp.errors.NotTuned, match="there is one for forces to 1e-06"):
         cp.study.tuned(scene, 1e-6)
-
-
-@pytest.mark.parametrize("solver", [cp.dynamics.Soft(solref=(0.01, 1.0)), cp.dynamics.Soft()])
-def test_knobs_that_are_tuples_come_back(scene, solver):
-    tuning.keep(scene, choice(solver))
-    assert cp.study.tuned(scene) == solver
-    assert isinstance(cp.study.tuned(scene).solref, tuple)
 
 
 @pytest.mark.parametrize("level", [1e-3, 1e-6, 1e-9])
@@ -299,7 +276,7 @@ def run(*words: str):
 
 
 def test_condyn_tune_chooses_keeps_and_says_how_to_use_it(scene):
-    result = run("tune", "four_bar", "--solvers", "nullspace", "--error", "1e-8")
+    result = run("trade", "--tune", "four_bar", "--solvers", "nullspace", "--error", "1e-8")
     assert result.exit_code == 0, result.output
     for said in ("NullSpace()", "200 fresh states", "kept in", "solver=tuned(scene, 1e-08)"):
         assert said in result.output
@@ -307,7 +284,7 @@ def test_condyn_tune_chooses_keeps_and_says_how_to_use_it(scene):
 
 
 def test_condyn_tune_prints_json_and_may_keep_nothing(cache):
-    result = run("tune", "four_bar", "--solvers", "nullspace", "--json", "--no-save")
+    result = run("trade", "--tune", "four_bar", "--solvers", "nullspace", "--json=-", "--no-save")
     assert result.exit_code == 0, result.output
     plan = json.loads(result.stdout)
     assert (plan["solver"], plan["error"]) == ("NullSpace", 1e-8)
@@ -316,6 +293,6 @@ def test_condyn_tune_prints_json_and_may_keep_nothing(cache):
 
 
 def test_condyn_tune_fails_where_nothing_is_good_enough():
-    result = run("tune", "four_bar", "--solvers", "nullspace", "--error", "1e-20")
+    result = run("trade", "--tune", "four_bar", "--solvers", "nullspace", "--error", "1e-20")
     assert result.exit_code == 1
     assert "nothing in this table meets acceleration to 1e-20" in result.output

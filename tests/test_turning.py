@@ -158,7 +158,7 @@ def held(name: str):
     """The same tree with one hand on the ground, and a state that keeps it there."""
     scene = cp.Scene(floating(name), [cp.PointContact("hand")])
     q, v, _ = state(scene.robot.model, seed=3)
-    return scene, q, scene.project_velocity(q, 0.3 * v)
+    return scene, q, cp.mechanism.project_velocity(scene, q, 0.3 * v)
 
 
 @pytest.mark.parametrize(

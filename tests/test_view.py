@@ -5,34 +5,18 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from itertools import combinations, pairwise, permutations
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from viewed import bent_cassie, drawing, falling_bar, parts
+from viewed import bent, cassie, drawing, held, parts, standing, swinging
 
 import condyn_pin as cp
-from condyn_pin.viewing import meshes, palette, placing
+from condyn_pin.viewing import arrows, bodies, closures, labels, meshes, palette
 from condyn_pin.viewing.descriptions import shapes_of
-from condyn_pin.viewing.motion import tracks
+from condyn_pin.viewing.motion import shown, tracks
 from condyn_pin.viewing.part import span
-from condyn_pin.viewing.skeleton import skeleton
-
-
-@pytest.fixture(scope="module")
-def standing():
-    return bent_cassie()
-
-
-@pytest.fixture(scope="module")
-def cassie(standing):
-    return standing[0].robot
-
-
-@pytest.fixture(scope="module")
-def swinging():
-    return falling_bar()
-
 
 # Meshes
 
@@ -42,18 +26,27 @@ def volume(mesh):
     return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum()) / 6.0
 
 
-def test_solids_have_their_volume_and_point_outward():
-    assert volume(meshes.box(1.0, 2.0, 3.0)) == pytest.approx(6.0)
-    assert volume(meshes.cylinder(0.5, 2.0)) == pytest.approx(0.5 * np.pi, rel=0.02)
-    assert volume(meshes.sphere(0.5)) == pytest.approx(np.pi / 6.0, rel=0.05)
-    whole = meshes.capsule(0.5, 2.0)
-    assert volume(whole) == pytest.approx(0.5 * np.pi + np.pi / 6.0, rel=0.06)
-    assert whole.vertices[:, 2].min() == pytest.approx(-0.5)
-    assert whole.vertices[:, 2].max() == pytest.approx(2.5)
+@pytest.mark.parametrize(
+    ("solid", "wanted", "to"),
+    [
+        (meshes.box(1.0, 2.0, 3.0), 6.0, 1e-9),
+        (meshes.cylinder(0.5, 2.0), 0.5 * np.pi, 0.02),
+        (meshes.sphere(0.5), np.pi / 6.0, 0.05),
+        (meshes.capsule(0.5, 2.0), 0.5 * np.pi + np.pi / 6.0, 0.06),
+        (meshes.rod(0.5, 2.0, 20), 0.5 * np.pi, 0.02),
+    ],
+)
+def test_solids_have_their_volume_and_point_outward(solid, wanted, to):
+    assert volume(solid) == pytest.approx(wanted, rel=to)
 
 
-def test_a_simplified_mesh_keeps_its_form_to_a_cell(cassie):
-    shape = next(s for s in shapes_of(cassie.description)[0] if s.link == "pelvis")
+def test_a_capsule_stands_on_the_origin_but_for_its_half_ball():
+    z = meshes.capsule(0.5, 2.0).vertices[:, 2]
+    assert (z.min(), z.max()) == pytest.approx((-0.5, 2.5))
+
+
+def test_a_simplified_mesh_keeps_its_form_to_a_cell():
+    shape = next(s for s in shapes_of(cassie().description)[0] if s.link == "pelvis")
     fine = meshes.read_mesh(shape.file)
     coarse = fine.simplified(0.02)
     assert len(coarse.faces) < 0.3 * len(fine.faces)
@@ -88,20 +81,18 @@ def halved(mesh):
 @pytest.mark.parametrize("name", ["cassie", "talos"])
 def test_what_moves_has_few_triangles_and_the_same_extent(name):
     found = drawing(cp.load_robot(name))
-    bodies = [part for part in found.parts if part.path.startswith("robot/")]
-    assert sum(len(few.faces) for part in bodies for few in part.coarse) <= 10_000
-    placed = [(part.place(found.moments[0]), whole, few) for part in bodies
+    drawn = [part for part in found.parts if part.path.startswith("robot/")]
+    assert sum(len(few.faces) for part in drawn for few in part.coarse) <= 10_000
+    placed = [(part.place(found.moments[0]), whole, few) for part in drawn
               for (whole, _), few in zip(part.meshes, part.coarse, strict=True)]  # fmt: skip
     assert all(len(few.faces) for _, _, few in placed)
     whole = np.vstack([mesh.moved(T).vertices for T, mesh, _ in placed])
     few = np.vstack([mesh.moved(T).vertices for T, _, mesh in placed])
     assert np.abs(whole.min(axis=0) - few.min(axis=0)).max() < 0.04  # [m]
     assert np.abs(whole.max(axis=0) - few.max(axis=0)).max() < 0.04
-    light = {part.path: part for part in drawing(cp.load_robot(name), light=True).parts}
-    assert all(light[part.path].coarse for part in bodies)
-    assert not any(
-        part.coarse for part in drawing(cp.model.four_bar()).parts
-    )  # it has few as it is
+    light = parts(cp.load_robot(name), light=True)
+    assert all(light[part.path].coarse for part in drawn)
+    assert not any(part.coarse for part in drawing(cp.model.four_bar()).parts)  # few as it is
 
 
 def test_a_span_takes_the_unit_length_to_a_segment():
@@ -129,53 +120,44 @@ def test_gaps_are_coloured_by_their_length():
 def test_every_robot_can_be_seen(name):
     robot = cp.load_robot(name)
     found = drawing(robot, robot.postures.get("standing", pin.neutral(robot.model)))
-    bodies = [p for p in found.parts if p.path.startswith("robot/")]
-    assert sum(len(mesh.faces) for part in bodies for mesh, _ in part.meshes) > 50
+    at, seen = found.moments[0], []
     assert found.notes == ()
     for part in found.parts:
-        assert np.isfinite(part.place(found.moments[0])).all(), part.path
+        T = part.place(at)
+        assert np.isfinite(T).all(), part.path
         for mesh, _ in part.meshes:
             assert np.isfinite(mesh.vertices).all()
             assert mesh.faces.max() < len(mesh.vertices)
-    seen = np.vstack(
-        [
-            mesh.moved(part.place(found.moments[0])).vertices
-            for part in bodies
-            for mesh, _ in part.meshes
-        ]
-    )
-    distance = np.abs(seen - found.middle).max()  # a mesh in millimetres would be far outside
-    assert distance < 2.0 * found.size
+            if part.path.startswith("robot/"):
+                seen.append(mesh.moved(T))
+    assert sum(len(mesh.faces) for mesh in seen) > 50
+    reach = max(np.abs(mesh.vertices - found.middle).max() for mesh in seen)
+    assert reach < 2.0 * found.size  # a mesh in millimetres would be far outside
 
 
-def test_joints_with_a_motor_are_told_apart(cassie):
-    found = parts(cassie)
+def test_joints_are_marked_along_their_axes_and_motors_told_apart():
+    found = parts(cassie())
     motors = {p.split("/", 2)[2] for p in found if p.startswith("joints/actuated/")}
     passive = {p.split("/", 2)[2] for p in found if p.startswith("joints/passive/")}
-    assert motors == set(cassie.actuated)
-    assert motors | passive == set(cassie.joints) - {"root_joint"}
+    assert motors == set(cassie().actuated)
+    assert motors | passive == set(cassie().joints) - {"root_joint"}
     (_, colour), *_ = found["joints/actuated/left-knee-op"].meshes
     assert colour == palette.ACTUATED
-
-
-def test_a_joint_mark_lies_along_its_axis():
     bar = cp.model.four_bar()
     mark = parts(bar)[f"joints/actuated/{bar.actuated[0]}"].meshes[0][0]
-    spread = np.ptp(mark.vertices, axis=0)
-    assert int(spread.argmax()) == 1  # its bars move in the plane of x and z
+    assert int(np.ptp(mark.vertices, axis=0).argmax()) == 1  # bars move in the plane of x and z
 
 
-def test_both_frames_of_a_closure_and_its_gap(cassie, standing):
-    scene, _, _, bent = standing
-    found = drawing(scene, bent)
+def test_both_frames_of_a_closure_and_its_gap():
+    found = drawing(standing(), bent())
     at, name = found.moments[0], "left-achilles-spring-joint"
     picture = {part.path: part for part in found.parts}
-    data = cassie.model.createData()
-    pin.forwardKinematics(cassie.model, data, bent)
-    loop = next(loop for loop in cassie.loops if loop.name == name)
+    data = cassie().model.createData()
+    pin.forwardKinematics(cassie().model, data, bent())
+    loop = next(loop for loop in cassie().loops if loop.name == name)
     ends = []
     for frame, path in ((loop.frame_a, "frame_a"), (loop.frame_b, "frame_b")):
-        joint, placement = cassie.frame(frame)
+        joint, placement = cassie().frame(frame)
         ends.append(data.oMi[joint] * placement)
         drawn = picture[f"closures/{name}/{path}"].place(at)
         assert np.allclose(drawn, ends[-1].homogeneous)
@@ -191,62 +173,62 @@ def test_both_frames_of_a_closure_and_its_gap(cassie, standing):
     assert at.gaps[name].length == pytest.approx(length)
 
 
-def test_forces_are_arrows_where_and_how_they_act(standing):
-    scene, q, v, _ = standing
-    sol = cp.solve(scene, q, v, scene.robot.passive_torque(q, v))
+def test_forces_are_arrows_where_and_how_they_act():
+    q, v = standing().state("standing")
+    sol = cp.solve(standing(), q, v, cassie().passive_torque(q, v))
     found = drawing(sol)
     at = found.moments[0]
-    arrows = {p.path: p for p in found.parts if p.path.startswith("forces/") and not p.picture}
+    drawn = {p.path: p for p in found.parts if p.path.startswith("forces/") and not p.picture}
     scales = []
     for name, force in sol.forces.items():
-        path = next(p for p in arrows if p.startswith(f"forces/{name}/on "))
-        T = arrows[path].place(at)
+        path = next(p for p in drawn if p.startswith(f"forces/{name}/on "))
+        T = drawn[path].place(at)
         vector = force.in_world()[:3]
         assert np.allclose(T[:3, 3], force.at)
         scales.append(np.linalg.norm(T[:3, 2]) / np.linalg.norm(vector))
         assert np.allclose(T[:3, 2], scales[-1] * vector)
     assert np.allclose(scales, scales[0])  # one scale for all
-    assert "forces/left-foot/toe/on left-foot" in arrows
-    both = [p for p in arrows if p.startswith("forces/left-achilles-spring-joint/on ")]
+    assert "forces/left-foot/toe/on left-foot" in drawn
+    both = [p for p in drawn if p.startswith("forces/left-achilles-spring-joint/on ")]
     assert len(both) == 2  # on the rod, and on the heel spring
-    a, b = (arrows[p].place(at)[:3, 2] for p in both)
+    a, b = (drawn[p].place(at)[:3, 2] for p in both)
     assert np.allclose(a, -b)
     assert not [p for p in parts(sol, forces=False) if p.startswith("forces/")]
 
 
 def test_a_force_is_on_a_body_and_not_on_a_mere_frame():
-    stewart = cp.load_robot("stewart")
-    scene = cp.Scene(stewart, stewart.loops)
-    found = parts(cp.control.gravity_compensation(scene, scene.state()[0]))
-    bodies = {frame.name for frame in stewart.model.frames if frame.type == pin.FrameType.BODY}
+    found = parts(held("stewart"))
+    frames = held("stewart").scene.robot.model.frames
+    named = {frame.name for frame in frames if frame.type == pin.FrameType.BODY}
     on = {p.split("/on ")[1] for p in found if p.startswith("forces/") and "label" not in p}
-    assert on <= bodies
+    assert on <= named
     assert "platform" in on
 
 
-def test_a_contact_patch_has_its_size():
+def test_a_contact_patch_has_its_size_and_the_centre_of_mass_its_place():
     talos = cp.load_robot("talos")
     foot = cp.SurfaceContact("left_sole_link", half_length=0.1, half_width=0.06)
-    found = parts(cp.Scene(talos, [foot]), talos.postures["half_sitting"])
-    mesh, _ = found["contacts/left_sole_link/patch"].meshes[0]
+    q = talos.postures["half_sitting"]
+    found = drawing(cp.Scene(talos, [foot]), q)
+    picture = {part.path: part for part in found.parts}
+    mesh, _ = picture["contacts/left_sole_link/patch"].meshes[0]
     assert np.allclose(np.ptp(mesh.vertices, axis=0)[:2], (0.2, 0.12))
+    com = pin.centerOfMass(talos.model, talos.model.createData(), q)
+    assert np.allclose(picture["mass/centre"].place(found.moments[0])[:3, 3], com)
 
 
-def test_the_centre_of_mass_is_where_it_is(standing):
-    scene, q, _, _ = standing
-    found = drawing(scene, q)
-    mark = next(p for p in found.parts if p.path == "mass/centre")
-    com = pin.centerOfMass(scene.robot.model, scene.robot.model.createData(), q)
-    assert np.allclose(mark.place(found.moments[0])[:3, 3], com)
+def tree(names, name="r"):
+    """Hinges in a row, with an egg on each."""
+    model, i = pin.Model(), 0
+    for each in names:
+        i = model.addJoint(i, pin.JointModelRX(), pin.SE3.Identity(), each)
+        inertia = pin.Inertia.FromEllipsoid(2.0, 0.3, 0.2, 0.1)
+        model.appendBodyToJoint(i, inertia, pin.SE3.Identity())
+    return cp.Robot(name, model)
 
 
 def test_what_nobody_drew_has_its_inertia():
-    model = pin.Model()
-    inertia = pin.Inertia.FromEllipsoid(2.0, 0.3, 0.2, 0.1)
-    joint = model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "hinge")
-    model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
-    robot = cp.Robot("egg", model)
-    (part,) = skeleton(robot, 0.1)
+    (part,) = bodies.skeleton(tree(["hinge"]), 0.1)
     half = 0.5 * np.ptp(part.meshes[-1][0].vertices, axis=0)
     assert np.allclose(np.sort(half), (0.1, 0.2, 0.3), rtol=0.06)
 
@@ -257,11 +239,9 @@ def test_an_inertia_that_would_hide_the_rods_is_clear():
     inertias = [part for path, part in found.items() if path.startswith("inertia/")]
     assert len(inertias) == 7
     assert all(part.opacity < 0.3 for part in inertias)
-    rods = [part for path, part in found.items() if path.startswith("robot/")]
-    assert all(part.opacity == 1.0 for part in rods)
-    assert {f"inertia/{path.split('/')[1]}" for path in found if path.startswith("robot/")} >= {
-        part.path for part in inertias
-    }
+    rods = {path: part for path, part in found.items() if path.startswith("robot/")}
+    assert all(part.opacity == 1.0 for part in rods.values())
+    assert {path.replace("robot/", "inertia/") for path in rods} >= {p.path for p in inertias}
     assert not [path for path in parts(cp.model.four_bar()) if path.startswith("inertia/")]
 
 
@@ -270,13 +250,7 @@ def test_an_inertia_that_would_hide_the_rods_is_clear():
 )
 def test_a_name_with_a_slash_hangs_on_no_other_part(names):
     """meshcat's tree is made of paths: what is below another part would move with it as well."""
-    model = pin.Model()
-    inertia = pin.Inertia.FromEllipsoid(2.0, 0.3, 0.2, 0.1)
-    i = 0
-    for name in names:
-        i = model.addJoint(i, pin.JointModelRX(), pin.SE3.Identity(), name)
-        model.appendBodyToJoint(i, inertia, pin.SE3.Identity())
-    found = drawing(cp.Robot("r", model))
+    found = drawing(tree(names))
     nodes = [tuple(word for word in part.path.split("/") if word) for part in found.parts]
     assert len([node for node in nodes if node[0] == "robot"]) == 2
     for one, other in permutations(nodes, 2):
@@ -307,23 +281,16 @@ def test_a_robot_that_is_drawn_in_part_is_seen_whole_and_above_the_floor(tmp_pat
     assert floor == 0.0
 
 
-def held(name, posture=None):
-    """A robot that its motors hold still."""
-    robot = cp.load_robot(name)
-    scene = cp.Scene(robot, (*robot.loops, *robot.contacts))
-    return cp.control.gravity_compensation(scene, scene.state(posture)[0])
-
-
 @pytest.mark.parametrize("name", ["cassie", "talos", "stewart", "delta", "five_bar"])
 def test_labels_do_not_cover_one_another(name):
     found = drawing(held(name))
-    at, eye = found.moments[0], placing.Eye(np.array([1.0, 0.0, 0.0]), np.zeros(3))
+    at, eye = found.moments[0], labels.Eye(np.array([1.0, 0.0, 0.0]), np.zeros(3))
     assert np.allclose(eye.axes, [[0, 1, 0], [0, 0, 1], [1, 0, 0]])  # right, up, backward
     eye = found.eye
-    labels = {p.path: eye.box(p.place(at), np.zeros(2)) for p in found.parts if p.picture}
-    assert len(labels) > 3
-    for one, other in combinations(labels, 2):
-        assert not placing._overlap(labels[one], labels[other]), (one, other)
+    boxes = {p.path: eye.box(p.place(at), np.zeros(2)) for p in found.parts if p.picture}
+    assert len(boxes) > 3
+    for one, other in combinations(boxes, 2):
+        assert not labels.overlap(boxes[one], boxes[other]), (one, other)
 
 
 def test_a_label_that_had_to_move_is_led_back_to_its_point():
@@ -348,11 +315,9 @@ def test_marks_are_solids_that_are_seen_from_outside(name):
         assert all(volume(mesh) > 0.0 for mesh, _ in part.meshes), part.path
 
 
-def test_an_assembly_is_seen_before_and_after(standing):
-    scene, _, _, bent = standing
-    loops = cp.Scene(scene.robot, scene.robot.loops)
-    assembly = loops.assemble(bent, fixed=["left-knee-op"])
-    found = drawing(assembly)
+def test_an_assembly_is_seen_before_and_after():
+    loops = cp.Scene(cassie(), cassie().loops)
+    found = drawing(loops.assemble(bent(), fixed=["left-knee-op"]))
     picture, at = {p.path: p for p in found.parts}, found.moments[0]
     before = picture["before/closures/left-achilles-spring-joint/gap"]
     after = picture["closures/left-achilles-spring-joint/gap"]
@@ -364,32 +329,44 @@ def test_an_assembly_is_seen_before_and_after(standing):
     assert np.linalg.norm(after.place(at)[:3, 2]) < 1e-8
 
 
-def test_a_smaller_robot_keeps_its_shapes(cassie):
-    locked = cp.Scene(cassie, cassie.loops).lock(["left-knee-op"])
-    assert locked.robot.description == cassie.description
-    whole = parts(cassie, cassie.postures["standing"])
+def test_a_smaller_robot_keeps_its_shapes():
+    locked = cp.Scene(cassie(), cassie().loops).lock(["left-knee-op"])
+    assert locked.robot.description == cassie().description
+    whole = parts(cassie(), cassie().postures["standing"])
     small = parts(locked.robot, pin.neutral(locked.robot.model))
     assert len([p for p in small if p.startswith("robot/")]) > 0
     assert "robot/left-knee-op" in whole
     assert "robot/left-knee-op" not in small
 
 
+# Files
+
+_URDF = """<robot name="r"><link name="base"/><link name="arm">
+  <inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+  <visual><geometry><mesh filename="package://nowhere/arm.stl"/></geometry></visual>
+  <visual><origin xyz="0 0 1"/><geometry><box size="1 2 3"/></geometry>
+    <material name="m"><color rgba="1 0 0 1"/></material></visual></link>
+  <joint name="j" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
+  </joint></robot>"""
+
+
 def test_a_mesh_that_is_missing_is_said(tmp_path):
-    text = """<robot name="r"><link name="base"/><link name="arm">
-      <inertial><mass value="1"/>
-        <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
-      <visual><geometry><mesh filename="package://nowhere/arm.stl"/></geometry></visual>
-      <visual><origin xyz="0 0 1"/><geometry><box size="1 2 3"/></geometry>
-        <material name="m"><color rgba="1 0 0 1"/></material></visual></link>
-      <joint name="j" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
-      </joint></robot>"""
     path = tmp_path / "r.urdf"
-    path.write_text(text)
+    path.write_text(_URDF)
     found = drawing(cp.load_robot(path))
     assert found.notes == ("link 'arm' is not drawn whole: no file 'package://nowhere/arm.stl'",)
     ((mesh, colour),) = next(p for p in found.parts if p.path == "robot/j").meshes
     assert colour == (1.0, 0.0, 0.0)
     assert np.allclose(mesh.vertices.max(axis=0), (0.5, 1.0, 2.5))
+
+
+@pytest.mark.parametrize("shape", ["<cylinder/>", '<box size="1 2"/>', "<sphere/>", "<cone/>"])
+def test_a_shape_without_its_sizes_is_said(tmp_path, shape):
+    path = tmp_path / "r.urdf"
+    path.write_text(_URDF.replace('<box size="1 2 3"/>', shape))
+    shapes, missing = shapes_of(str(path))
+    assert shapes == ()
+    assert [text.split(": ")[0] for text in missing] == 2 * ["link 'arm' is not drawn whole"]
 
 
 _MJCF = """<mujoco>
@@ -419,21 +396,23 @@ def test_geoms_of_an_mjcf_are_drawn(tmp_path):
     ((ground, _),) = picture["robot/universe"].meshes
     assert np.allclose(np.ptp(ground.vertices, axis=0), (0.2, 0.4, 0.6))
     at = {colour: mesh for mesh, colour in picture["robot/hinge"].meshes}
-    assert np.allclose(at[0.0, 0.0, 1.0].vertices[:, 2].min(), -1.02)
-    assert np.allclose(at[0.0, 0.0, 1.0].vertices[:, 2].max(), 0.02)
-    assert np.allclose(np.ptp(at[1.0, 0.0, 0.0].vertices, axis=0)[2], 0.6)
-    assert np.allclose(np.ptp(at[0.0, 1.0, 0.0].vertices, axis=0), (1.0, 1.0, 1.0), atol=1e-6)
-    assert np.allclose(at[0.0, 1.0, 0.0].vertices.min(axis=0), 0.0, atol=1e-6)
-    assert volume(at[0.0, 1.0, 0.0]) == pytest.approx(1.0 / 6.0)
+    blue, red, green = (at[tuple(colour)] for colour in np.eye(3)[[2, 0, 1]].tolist())
+    assert np.allclose(blue.vertices[:, 2].min(), -1.02)
+    assert np.allclose(blue.vertices[:, 2].max(), 0.02)
+    assert np.allclose(np.ptp(red.vertices, axis=0)[2], 0.6)
+    assert np.allclose(np.ptp(green.vertices, axis=0), (1.0, 1.0, 1.0), atol=1e-6)
+    assert np.allclose(green.vertices.min(axis=0), 0.0, atol=1e-6)
+    assert volume(green) == pytest.approx(1.0 / 6.0)
     assert len(at) == 3  # what MuJoCo's viewer hides is not seen
 
 
-def test_geoms_need_mujoco_and_mechanisms_without_them_do_not(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "mujoco", None)
-    assert drawing(cp.load_robot("stewart")).notes == ()
+def test_geoms_need_mujoco_and_mechanisms_do_not(tmp_path, monkeypatch):
     path = tmp_path / "arm.xml"
     path.write_text(_MJCF)
-    (note,) = drawing(cp.load_robot(path)).notes
+    robot = cp.load_robot(path)
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    assert drawing(cp.load_robot("stewart")).notes == ()
+    (note,) = drawing(robot).notes
     assert "condyn_pin[mjcf]" in note
 
 
@@ -451,15 +430,15 @@ def test_an_ellipsoid_of_an_sdf_has_its_half_axes(tmp_path):
 # Motions
 
 
-def test_a_motion_is_played_thirty_times_a_second(swinging):
-    found = drawing(swinging)
+def test_a_motion_is_played_thirty_times_a_second():
+    found = drawing(swinging())
     assert len(found.moments) == 16
     assert found.fps == 30.0
-    assert len(drawing(swinging, speed=0.5).moments) == 31
-    model = swinging.scene.robot.model
-    k = int(np.searchsorted(swinging.t, 0.3 - 1e-9))
+    assert len(drawing(swinging(), speed=0.5).moments) == 31
+    model = swinging().scene.robot.model
+    k = int(np.searchsorted(swinging().t, 0.3 - 1e-9))
     data = model.createData()
-    pin.forwardKinematics(model, data, swinging.q[k])
+    pin.forwardKinematics(model, data, swinging().q[k])
     assert np.allclose(found.moments[9].joints[-1].homogeneous, data.oMi[-1].homogeneous)
 
 
@@ -472,89 +451,75 @@ def test_a_motion_is_shown_as_closed_as_it_was_computed(speed):
     assert run.violation.max() < 1e-12
     found = drawing(run, speed=speed)
     (loop,) = bar.loops
-    for at in found.moments:
-        assert at.gaps[loop.name].length < 1e-12
     times = found.frames / 30.0 * speed
     assert times[0] == 0.0
     assert times[-1] == pytest.approx(run.t[-1])
     data = bar.model.createData()
     for at, time in zip(found.moments, times, strict=True):
+        assert at.gaps[loop.name].length < 1e-12
         k = int(np.abs(run.t - time).argmin())
         assert run.t[k] == pytest.approx(time, abs=1e-12)
         pin.forwardKinematics(bar.model, data, run.q[k])
         assert np.allclose(at.joints[-1].homogeneous, data.oMi[-1].homogeneous, atol=1e-14)
 
 
-def test_a_label_says_the_largest_gap_of_the_run_and_not_of_what_is_shown(swinging, monkeypatch):
-    from condyn_pin.viewing import closures
-
-    q = swinging.q.copy()
-    q[3, 0] += 0.01  # [rad], at 15 ms, between two pictures
-    run = replace(swinging, q=q)
-    labels = []
-
-    def label(path, name, gap, height, written=closures._label):
-        labels.append(gap)
-        return written(path, name, gap, height)
-
-    monkeypatch.setattr(closures, "_label", label)
-    found = drawing(run)
-    (loop,) = run.scene.robot.loops
-    assert max(at.gaps[loop.name].length for at in found.moments) < 1e-9
-    (gap,) = labels
-    assert gap.length == pytest.approx(run.violation.max(), rel=0.5)  # a norm, and an entry
-    assert gap.length > 1e-3
-
-
-def test_an_arrow_says_the_largest_force_of_the_run(swinging, monkeypatch):
-    from condyn_pin.viewing import arrows
-
-    lam = swinging.lam.copy()
-    lam[3] *= 50.0  # at 15 ms, between two pictures
-    run = replace(swinging, lam=lam)
+def said_by(module, monkeypatch, run):
+    """Draw a motion; return the drawing, and what the labels of a module say."""
     said = []
 
-    def label(path, text, *rest, written=arrows.label):
+    def label(path, text, *rest, written=module.label):
         said.append(text)
         return written(path, text, *rest)
 
-    monkeypatch.setattr(arrows, "label", label)
-    drawing(run)
-    (force,) = run.forces.values()
+    monkeypatch.setattr(module, "label", label)
+    return drawing(run), said
+
+
+def test_a_label_says_the_largest_gap_of_the_run_and_not_of_what_is_shown(monkeypatch):
+    q = swinging().q.copy()
+    q[3, 0] += 0.01  # [rad], at 15 ms, between two pictures
+    run = replace(swinging(), q=q)
+    found, (text,) = said_by(closures, monkeypatch, run)
+    (loop,) = run.scene.robot.loops
+    assert max(at.gaps[loop.name].length for at in found.moments) < 1e-9
+    millimetres = float(text.removeprefix(f"{loop.name}: ").split(" mm")[0])
+    assert millimetres == pytest.approx(1e3 * run.violation.max(), rel=0.5)  # a norm, an entry
+    assert millimetres > 1.0
+
+
+def test_an_arrow_says_the_largest_force_of_the_run(monkeypatch):
+    lam = swinging().lam.copy()
+    lam[3] *= 50.0  # at 15 ms, between two pictures
+    run = replace(swinging(), lam=lam)
+    _, said = said_by(arrows, monkeypatch, run)
+    ((name, force),) = run.forces.items()
     largest = np.linalg.norm(force[:, :3], axis=1).max()
-    assert (
-        largest > 10.0 * np.linalg.norm(swinging.forces[next(iter(run.forces))][:, :3], axis=1)[0]
-    )
+    assert largest > 10.0 * np.linalg.norm(swinging().forces[name][:, :3], axis=1)[0]
     assert said
     assert all(text.startswith(f"{largest:.3g} N on ") for text in said)
 
 
 def test_an_event_is_shown_before_and_after():
     """Two samples have one time; a sparse motion shows both, and never one out of order."""
-    from condyn_pin.viewing.motion import shown
-
-    class Two:
-        t = np.array([0.0, 0.1, 0.1, 0.2])
-
-    assert shown(Two, 30.0).tolist() == [0, 1, 2, 3]
-    assert shown(Two, 1.0).tolist() == [0, 3]
+    two = SimpleNamespace(t=np.array([0.0, 0.1, 0.1, 0.2]))
+    assert shown(two, 30.0).tolist() == [0, 1, 2, 3]
+    assert shown(two, 1.0).tolist() == [0, 3]
 
 
-def test_what_moves_has_tracks_and_what_rests_has_none(swinging):
-    found = drawing(swinging)
+def test_what_moves_has_tracks_and_what_rests_has_none():
+    found = drawing(swinging())
     moving = tracks(found.parts, found.moments, found.frames)
     assert "floor" not in moving
-    bodies = [path for path in moving if path.startswith("robot/")]
-    assert len(bodies) == 3
-    for path in bodies:
+    drawn = [path for path in moving if path.startswith("robot/")]
+    assert len(drawn) == 3
+    for path in drawn:
         assert {t["name"] for t in moving[path]} == {".position", ".quaternion"}
     arrow = next(p for p in moving if p.startswith("forces/") and not p.endswith("label"))
     assert {t["name"] for t in moving[arrow]} == {".position", ".quaternion", ".scale"}
 
 
-def test_a_motion_survives_its_file(tmp_path, standing):
-    scene, q, v, _ = standing
-    run = cp.simulate(scene, q, v, duration=0.05, dt=0.005)
+def test_a_motion_survives_its_file(tmp_path):
+    run = cp.simulate(standing(), *standing().state("standing"), duration=0.05, dt=0.005)
     run.save(tmp_path / "run.npz")
     again = cp.Trajectory.load(tmp_path / "run.npz")
     assert parts(again).keys() == parts(run).keys()  # its meshes too

@@ -21,7 +21,7 @@ import pinocchio as pin
 import pytest
 from shared import calls, robot
 from typer.testing import CliRunner
-from viewed import bent_cassie, drawing, falling_bar
+from viewed import bent, drawing, standing, swinging
 
 import condyn_pin as cp
 from condyn_pin.cli.main import app
@@ -30,16 +30,6 @@ from condyn_pin.viewing.motion import tracks
 
 BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
 PATIENCE = 300.0  # [s] that no machine needs, for what may hang
-
-
-@pytest.fixture(scope="module")
-def standing():
-    return bent_cassie()
-
-
-@pytest.fixture(scope="module")
-def swinging():
-    return falling_bar()
 
 
 # Pages
@@ -219,24 +209,20 @@ def test_the_command_writes_a_page(tmp_path):
     assert "force on the other body" in path.read_text()
 
 
-def test_the_command_plays_a_motion(tmp_path, swinging):
-    swinging.save(tmp_path / "run.npz")
-    result = run(str(tmp_path / "run.npz"), "--html", str(tmp_path / "run.html"))
-    assert result.exit_code == 0, result.output
-    result = run(str(tmp_path / "run.npz"), "--forces")
-    assert isinstance(result.exception, cp.InvalidArgument)
-
-
-def test_the_command_plays_one_motion_of_a_batch(tmp_path, swinging):
-    path, page = tmp_path / "many.npz", tmp_path / "run.html"
-    q, v = swinging.q[0], swinging.v[0]
-    cp.simulate_batch(swinging.scene, [q, q], [v, 2 * v], duration=0.1, record=5).save(path)
-    result = run(str(path), "--motion", "1", "--html", str(page))
-    assert result.exit_code == 0, result.output
-    assert page.stat().st_size > 10**5
+def test_the_command_plays_a_motion_and_one_of_a_batch(tmp_path):
+    one, many, page = (str(tmp_path / name) for name in ("run.npz", "many.npz", "run.html"))
+    swinging().save(one)
+    q, v = swinging().q[0], swinging().v[0]
+    cp.simulate_batch(swinging().scene, [q, q], [v, 2 * v], duration=0.1, record=5).save(many)
+    for words in ((one,), (many, "--motion", "1")):
+        result = run(*words, "--html", page)
+        assert result.exit_code == 0, result.output
+        assert Path(page).stat().st_size > 10**5
+        Path(page).unlink()
     for words, said in (
-        ((str(path), "--motion", "2"), "many.npz has 2, from 0"),
-        ((str(path),), "`condyn view --motion 0`"),
+        ((one, "--forces"), "a motion has its own"),
+        ((many, "--motion", "2"), "many.npz has 2, from 0"),
+        ((many,), "`condyn view --motion 0`"),
         (("cassie", "--motion", "0"), "of a batch"),
     ):
         found = run(*words)
@@ -247,10 +233,25 @@ def test_the_command_plays_one_motion_of_a_batch(tmp_path, swinging):
 # In a browser
 
 
-def asked(folder, html):
-    """What a page writes into its element `answer`, in a browser without a network."""
+_ANSWER = """
+let answer = document.createElement("pre");
+answer.id = "answer";
+answer.textContent = JSON.stringify(found);
+document.body.appendChild(answer);
+"""
+_LOADED = "window.addEventListener('load', () => setTimeout(() => {SCRIPT}, 50));"
+
+
+def asked(folder, html, script, *, before=None):
+    """What a script finds on a page, in a browser without a network.
+
+    It runs at the end of the page; or when it has been loaded, and something else `before`.
+    """
+    script += _ANSWER
+    if before is not None:
+        script = before + _LOADED.replace("SCRIPT", script)
     file = folder / "asked.html"
-    file.write_text(html, encoding="utf-8")
+    file.write_text(html.replace("</body>", f"<script>{script}</script></body>"), encoding="utf-8")
     options = ["--host-resolver-rules=MAP * ~NOTFOUND", "--virtual-time-budget=400"]
     options += ["--window-size=64,48", "--dump-dom", file.as_uri()]
     for start in ("first", "second"):  # one start in 25 hangs where the machine has other work
@@ -262,34 +263,30 @@ def asked(folder, html):
     raise AssertionError("Chromium hung twice")
 
 
-_QUESTION = """<script>
+_QUESTION = """
+viewer.animator.pause();
+viewer.animator.seek(0.3);
+let node = path => viewer.scene_tree.find(path.split("/")).object;
+let found = {errors: errors, duration: viewer.animator.duration,
+             actions: viewer.animator.actions.length};
+for (let path of PATHS) {
+  node(path).updateMatrix();
+  found[path] = node(path).matrix.elements;
+}
+"""
+_ERRORS = """
 document.title = "";
 var errors = [];
 window.addEventListener("error", e => errors.push(e.message));
-window.addEventListener("load", () => setTimeout(() => {
-  viewer.animator.pause();
-  viewer.animator.seek(0.3);
-  let node = path => viewer.scene_tree.find(path.split("/")).object;
-  let found = {errors: errors, duration: viewer.animator.duration,
-               actions: viewer.animator.actions.length};
-  for (let path of PATHS) {
-    node(path).updateMatrix();
-    found[path] = node(path).matrix.elements;
-  }
-  let answer = document.createElement("pre");
-  answer.id = "answer";
-  answer.textContent = JSON.stringify(found);
-  document.body.appendChild(answer);
-}, 50));
-</script></body>"""
+"""
 
 
 @pytest.mark.chromium
-def test_a_browser_plays_the_motion_without_a_network(tmp_path, swinging):
-    found = drawing(swinging)
+def test_a_browser_plays_the_motion_without_a_network(tmp_path):
+    found = drawing(swinging())
     paths = [p.path for p in found.parts if p.path.startswith(("robot/", "forces/"))]
     question = _QUESTION.replace("PATHS", json.dumps(paths))
-    answer = asked(tmp_path, found.html().replace("</body>", question))
+    answer = asked(tmp_path, found.html(), question, before=_ERRORS)
     assert answer["errors"] == []
     assert answer["duration"] == pytest.approx(0.5, abs=1e-6)
     assert answer["actions"] == len(tracks(found.parts, found.moments, found.frames))
@@ -300,18 +297,16 @@ def test_a_browser_plays_the_motion_without_a_network(tmp_path, swinging):
 
 
 @pytest.mark.chromium
-def test_a_browser_plays_by_itself(monkeypatch, swinging):
+def test_a_browser_plays_by_itself(monkeypatch):
     monkeypatch.syspath_prepend(str(BENCHMARKS))
     import viewing
 
-    seen = viewing.play(drawing(swinging).html(), seconds=0.0, warm=0.1)
+    seen = viewing.play(drawing(swinging()).html(), seconds=0.0, warm=0.1)
     assert seen.count == 2  # of different times; it waits for the second
     assert seen.triangles > 100
 
 
-_SLOW = """<script>
-let answer = document.createElement("pre");
-answer.id = "answer";
+_SLOW = """
 let seen = [];
 viewer.animator.reset();
 viewer.animator.clock.getDelta = () => 0.2;  // [s] that a picture takes
@@ -321,23 +316,19 @@ for (let picture = 0; picture < 3; ++picture) {
 }
 let kinds = new Set();
 viewer.scene.traverse(object => { if (object.isMesh) kinds.add(object.material.type); });
-let smoothed = viewer.renderer.getContextAttributes().antialias;
-answer.textContent = JSON.stringify({seen, kinds: [...kinds], smoothed});
-document.body.appendChild(answer);
-</script></body>"""
+let found = {seen, kinds: [...kinds], smoothed: viewer.renderer.getContextAttributes().antialias};
+"""
 
 
 @pytest.mark.chromium
-def test_a_slow_browser_leaves_pictures_out_and_keeps_the_speed(tmp_path, swinging):
-    found = asked(tmp_path, drawing(swinging).html().replace("</body>", _SLOW))
+def test_a_slow_browser_leaves_pictures_out_and_keeps_the_speed(tmp_path):
+    found = asked(tmp_path, drawing(swinging()).html(), _SLOW)
     assert found["seen"] == pytest.approx([0.2, 0.4, 0.1])  # of half a second, again and again
     assert found["kinds"] == ["MeshLambertMaterial"]
     assert found["smoothed"] is False  # by more pixels at a pause
 
 
-_PACE = """<script>
-let answer = document.createElement("pre");
-answer.id = "answer";
+_PACE = """
 let clock = 0, found = {};
 performance.now = () => clock;
 function seen() {
@@ -369,18 +360,15 @@ found.paused = rest();
 found.again = play(0.2, 60);
 found.faster = play(9, 60);
 found.steady = [15, 31, 41].map(rate => { rest(); return play(2, rate); });
-answer.textContent = JSON.stringify(found);
-document.body.appendChild(answer);
-</script></body>"""
+"""
 
 
 @pytest.fixture(scope="module")
-def pace(tmp_path_factory, standing):
+def pace(tmp_path_factory):
     """Pixels each way and triangles of what a browser without a graphics card draws, and when."""
-    scene, q, _, _ = standing
-    found = drawing(scene, q, light=True)
+    found = drawing(standing(), posture="standing", light=True)
     found = replace(found, moments=2 * found.moments)  # a motion, which the questions play
-    return asked(tmp_path_factory.mktemp("pace"), found.html().replace("</body>", _PACE))
+    return asked(tmp_path_factory.mktemp("pace"), found.html(), _PACE)
 
 
 @pytest.mark.chromium
@@ -409,23 +397,19 @@ def test_a_slow_motion_has_fewer_pixels_until_it_is_fast_again(pace):
 
 
 @pytest.mark.chromium
-def test_the_slider_follows_the_motion(tmp_path, swinging):
-    look = """<script>
-    let answer = document.createElement("pre"), clock = performance.now(), {animator} = viewer;
-    answer.id = "answer";
+def test_the_slider_follows_the_motion(tmp_path):
+    script = """
+    let clock = performance.now(), {animator} = viewer, found = [];
     animator.pause();
     let said = () => animator.time_scrubber.domElement.querySelector("input").value;
-    let seen = [];
     for (let time of [0.1, 0.2, 0.3]) { animator.display_progress(time); look(clock += 400); }
-    seen.push(said());
+    found.push(said());
     animator.display_progress(0.4);
     look(clock += 10);
     look(clock += 1000);
-    seen.push(said());
-    answer.textContent = JSON.stringify(seen);
-    document.body.appendChild(answer);
-    </script></body>"""
-    moving, resting = asked(tmp_path, drawing(swinging).html().replace("</body>", look))
+    found.push(said());
+    """
+    moving, resting = asked(tmp_path, drawing(swinging()).html(), script)
     assert float(moving) > 0.0
     assert float(resting) == 0.4
 
@@ -442,11 +426,11 @@ moved -= 250;  // [ms] for which what moved is still drawn with fewer pixels
 
 
 @pytest.mark.chromium
-def test_a_rest_is_as_smooth_as_a_graphics_card_draws_it(tmp_path, swinging, monkeypatch):
+def test_a_rest_is_as_smooth_as_a_graphics_card_draws_it(tmp_path, monkeypatch):
     from PIL import Image
 
     monkeypatch.setattr(chromium, "SIZE", (320, 240))
-    still, moving = drawing(swinging).first.html(), drawing(swinging).html()
+    still, moving = drawing(swinging()).first.html(), drawing(swinging()).html()
     one = ("software ? 2 : 1", "1")
     pages = {
         "smooth": still.replace(*one).replace("antialias: !software", "antialias: true"),
@@ -466,11 +450,11 @@ def test_a_rest_is_as_smooth_as_a_graphics_card_draws_it(tmp_path, swinging, mon
 
 
 @pytest.mark.chromium
-def test_a_browser_draws_robot_arrows_and_closures(tmp_path, standing):
+def test_a_browser_draws_robot_arrows_and_closures(tmp_path):
     from PIL import Image
 
-    scene, _, v, bent = standing
-    sol = cp.solve(scene, bent, v, 0 * v, throw=False)  # one loop is open, three are closed
+    v = standing().state("standing")[1]
+    sol = cp.solve(standing(), bent(), v, 0 * v, throw=False)  # one loop is open, three are closed
     cp.view(sol, png=tmp_path / "c.png", light=True)
     picture = Image.open(tmp_path / "c.png").convert("RGB")
     assert picture.size == chromium.SIZE
@@ -491,19 +475,15 @@ def test_a_browser_draws_robot_arrows_and_closures(tmp_path, standing):
 
 
 _STRANGE = "</script><img src=x onerror='window.strange = 1'><script>window.strange = 2</script>"
-_ASK_NAMES = """<script>
-window.addEventListener("load", () => setTimeout(() => {
-  let answer = document.createElement("pre");
-  answer.id = "answer";
-  answer.textContent = JSON.stringify({
-    ran: window.strange || 0, scripts: document.scripts.length, images: document.images.length,
-    legend: document.getElementById("legend").textContent, title: document.title,
-  });
-  document.body.appendChild(answer);
-}, 50));
-</script></body>"""
+_NAMES = """
+let found = {
+  ran: window.strange || 0, scripts: document.scripts.length, images: document.images.length,
+  legend: document.getElementById("legend").textContent, title: document.title,
+};
+"""
 
 
+@pytest.mark.chromium
 def test_names_are_words_on_a_page_and_nothing_else(tmp_path):
     """A description is a stranger's: a name may be markup."""
     model = pin.Model()
@@ -516,7 +496,7 @@ def test_names_are_words_on_a_page_and_nothing_else(tmp_path):
     scene = cp.Scene(strange, [cp.PointContact(f"f{_STRANGE}", name=f"c{_STRANGE}")])
     cp.simulate(scene, [0.3], [0.0], duration=0.02, dt=0.01).save(tmp_path / "run.npz")
     page = drawing(cp.Trajectory.load(tmp_path / "run.npz")).html()
-    answer = asked(tmp_path, page.replace("</body>", _ASK_NAMES))
+    answer = asked(tmp_path, page, _NAMES, before="")
     assert answer["ran"] == answer["images"] == 0
     assert answer["scripts"] == page.count("<script>") + 1 == 3
     assert f"r{_STRANGE}" in answer["legend"]

@@ -293,7 +293,7 @@ def test_steps_of_every_size_on_both_sides_of_the_wall(dt, share):
     """Gains within the wall keep a slow linkage closed, at any step; gains beyond are refused."""
     scene = all_scenes()["four_bar loops"]
     q, v = scene.state()
-    v = scene.project_velocity(q, 0.01 / max(dt, 1e-3) * 1e-2 * np.ones(3))
+    v = cp.mechanism.project_velocity(scene, q, 0.01 / max(dt, 1e-3) * 1e-2 * np.ones(3))
     gain = share * 0.828 / dt
     parameters = {
         "duration": 200 * dt,

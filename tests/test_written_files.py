@@ -174,7 +174,7 @@ def test_a_plan_without_a_place_is_refused_before_it_is_measured(tmp_path, monke
     scene = cp.Scene(robot("four_bar"), robot("four_bar").loops)
     with pytest.raises(cp.InvalidArgument, match=r"the plan has no place.*XDG_CACHE_HOME"):
         cp.study.tune(scene)
-    done = CliRunner().invoke(app, ["tune", "four_bar"])
+    done = CliRunner().invoke(app, ["trade", "--tune", "four_bar"])
     assert isinstance(done.exception, cp.InvalidArgument)
 
 
@@ -214,15 +214,15 @@ def test_plans_that_say_something_else_are_none(key, value, tmp_path):
 
 
 def test_a_table_of_something_else_is_not_lost(tmp_path):
-    """`condyn stress` keeps the lines of other Pinocchios: it looks at the file first."""
+    """`condyn lab stress` keeps the lines of other Pinocchios: it looks at the file first."""
     path = tmp_path / "mine.csv"
     for text in ("a,b\n1,2\n", "pinocchio\n3.9\n", "\xff" * 200_000):
         path.write_text(text, encoding="utf-16")
-        done = CliRunner().invoke(app, ["stress", "--csv", str(path)])
+        done = CliRunner().invoke(app, ["lab", "stress", "--csv", str(path)])
         assert isinstance(done.exception, cp.InvalidArgument), done.exception
         path.write_text(text, encoding="utf-8")
         if len(text) < 100:
-            with pytest.raises(cp.InvalidArgument, match=r"mine\.csv: no table of `condyn stress`"):
+            with pytest.raises(cp.InvalidArgument, match=r"mine\.csv: no table of `condyn lab"):
                 write_maps([], path, "4.1.0")
             assert path.read_text(encoding="utf-8") == text
 

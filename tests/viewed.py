@@ -1,14 +1,13 @@
-"""What the tests of pictures look at."""
+"""What the tests of pictures look at, made once."""
 
 from __future__ import annotations
 
+from functools import cache
+
+import numpy as np
+
 import condyn_pin as cp
-from condyn_pin.viewing.verbs import _drawing, _Wish
-
-
-def drawing(subject, q=None, *, posture=None, forces=True, speed=1.0, light=False):
-    """What `view` draws, without the page."""
-    return _drawing(_Wish(q, posture, forces, speed, light), subject)
+from condyn_pin.viewing.verbs import drawing_of as drawing
 
 
 def parts(subject, *args, **options):
@@ -16,18 +15,35 @@ def parts(subject, *args, **options):
     return {part.path: part for part in drawing(subject, *args, **options).parts}
 
 
-def bent_cassie():
-    """Cassie with its loops and its feet; closed (q, v), and a configuration with a loop open."""
-    cassie = cp.load_robot("cassie")
-    scene = cp.Scene(cassie, (*cassie.loops, *cassie.contacts))
-    q, v = scene.state("standing")
-    bent = q.copy()
-    bent[cassie.model.joints[cassie.model.getJointId("left-knee-op")].idx_q] -= 0.5
-    return scene, q, v, bent
+@cache
+def cassie() -> cp.Robot:
+    return cp.load_robot("cassie")
 
 
-def falling_bar():
+@cache
+def standing() -> cp.Scene:
+    """Cassie with its loops and its feet."""
+    return cp.Scene(cassie(), (*cassie().loops, *cassie().contacts))
+
+
+def bent() -> np.ndarray:
+    """A configuration of Cassie with one loop open."""
+    q = standing().state("standing")[0].copy()
+    q[cassie().model.joints[cassie().model.getJointId("left-knee-op")].idx_q] -= 0.5
+    return q
+
+
+@cache
+def swinging() -> cp.Trajectory:
     """Half a second of a four-bar that falls."""
     bar = cp.model.four_bar()
     scene = cp.Scene(bar, bar.loops)
     return cp.simulate(scene, *scene.state(), duration=0.5, dt=0.005)
+
+
+@cache
+def held(name: str) -> cp.control.InverseDynamics:
+    """A robot that its motors hold still."""
+    robot = cp.load_robot(name)
+    scene = cp.Scene(robot, (*robot.loops, *robot.contacts))
+    return cp.control.gravity_compensation(scene, scene.state()[0])

@@ -6,7 +6,7 @@ import numpy as np
 
 import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA
-from condyn_pin.simulation.defaults import default_solver
+from condyn_pin.simulation.plan import default_solver
 from peers import export
 from peers.exported import ACCELERATION, DERIVATIVES, MOTION, Exported
 from peers.harness import Candidate, main

@@ -1,4 +1,4 @@
-"""The command line: `condyn_pin.cli.commands` has its commands."""
+"""The command line: its commands are in `condyn_pin.cli.commands` and `condyn_pin.cli.lab`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import typer
 
 from condyn_pin import __version__
 from condyn_pin.cli.commands import commands
-from condyn_pin.cli.commands.output import INTERRUPTED, warn
+from condyn_pin.cli.output import INTERRUPTED, warn
 from condyn_pin.errors import CondynError
 
 # Exit codes; 0 and 1 are given by the commands themselves.
@@ -49,15 +49,24 @@ robot.toml.
 file. **Completion**: `condyn --install-completion` completes commands and the names they take.
 """
 
-app = typer.Typer(
-    epilog=_EPILOG,
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    rich_markup_mode="markdown",
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-for _name, _module in commands().items():
-    app.command(rich_help_panel=_module.PANEL)(getattr(_module, _name))
+
+def _group(package: str, epilog: str | None = None) -> typer.Typer:
+    """Return the commands of a package under one name."""
+    group = typer.Typer(
+        epilog=epilog,
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        rich_markup_mode="markdown",
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    for name, module in commands(package).items():
+        group.command(rich_help_panel=module.PANEL)(getattr(module, name))
+    return group
+
+
+app = _group("condyn_pin.cli.commands", _EPILOG)
+_LAB = "Hard questions, benchmark problems, drift of integrators, and what smaller models cost."
+app.add_typer(_group("condyn_pin.cli.lab"), name="lab", help=_LAB, rich_help_panel="Measure")
 
 
 def _print_version(wanted: bool) -> None:
@@ -88,17 +97,21 @@ def options(
 
 def main() -> None:
     """Run the command line; an error is a line, and a traceback only with --debug."""
-    words = [word for word in sys.argv[1:] if word != "--debug"]
+    words = _of_today([word for word in sys.argv[1:] if word != "--debug"])
+    if words in ([], ["lab"]):
+        words += ["--help"]
     try:
-        code = app(words or ["--help"], prog_name="condyn", standalone_mode=False)
+        code = app(words, prog_name="condyn", standalone_mode=False)
         sys.stdout.flush()  # a full disk, while it can still be told
     except KeyboardInterrupt:
         code = INTERRUPTED
     except Exception as error:
         if say := getattr(error, "format_message", None):  # a line that Typer cannot read
-            command = " ".join(["condyn", *(word for word in words[:1] if word in commands())])
-            _end(f"{say().rstrip('.')}; `{command} --help` says what there is", _CANNOT)
-        if len(words) < len(sys.argv) - 1:
+            known = {"lab", *commands(), *commands("condyn_pin.cli.lab")}
+            named = [word for word in words[: 1 + (words[0] == "lab")] if word in known]
+            command = " ".join(["condyn", *named, "--help"])
+            _end(f"{say().rstrip('.')}; `{command}` says what there is", _CANNOT)
+        if "--debug" in sys.argv:
             warn(traceback.format_exc())
             sys.exit(1)
         if isinstance(error, (CondynError, OSError)):  # the second: a disk that is full
@@ -111,6 +124,21 @@ def main() -> None:
     if code == INTERRUPTED:
         _end("interrupted", INTERRUPTED)
     sys.exit(code or 0)
+
+
+def _of_today(words: list[str]) -> list[str]:
+    """Return a line of the last version as it is written now, and say so; gone with the next."""
+    match words:
+        case ["drift" | "problem" | "stress", *_]:
+            now = ["lab", *words]
+        case ["show", *rest] if "--ladder" in rest:
+            now = ["lab", "ladder", *(word for word in rest if word != "--ladder")]
+        case ["tune", *rest]:
+            now = ["trade", "--tune", *("--json=-" if word == "--json" else word for word in rest)]
+        case _:
+            return words
+    warn(f"condyn: this is `condyn {' '.join(now)}` now")
+    return now
 
 
 def _end(text: str, code: int) -> NoReturn:

@@ -1,16 +1,16 @@
 # Every public name of this room, and the file that has it; `__init__.py` reads this file.
 
 from .applied_force import AppliedForce as AppliedForce
+from .base import Constraint as Constraint
 from .baumgarte import Baumgarte as Baumgarte
-from .constraints import Constraint as Constraint
-from .constraints import Coupling as Coupling
-from .constraints import Loop as Loop
-from .contacts import LineContact as LineContact
-from .contacts import PlanarContact as PlanarContact
-from .contacts import PointContact as PointContact
-from .contacts import SurfaceContact as SurfaceContact
-from .nonholonomic import KnifeEdge as KnifeEdge
-from .nonholonomic import RollingBall as RollingBall
-from .nonholonomic import RollingWheel as RollingWheel
+from .coupling import Coupling as Coupling
+from .knife_edge import KnifeEdge as KnifeEdge
+from .line_contact import LineContact as LineContact
+from .loop import Loop as Loop
+from .planar_contact import PlanarContact as PlanarContact
+from .point_contact import PointContact as PointContact
+from .rolling_ball import RollingBall as RollingBall
+from .rolling_wheel import RollingWheel as RollingWheel
 from .rows.terms import Terms as Terms
+from .surface_contact import SurfaceContact as SurfaceContact
 from .violation import ConstraintViolation as ConstraintViolation

@@ -114,14 +114,8 @@ def applied_forces(
 ) -> tuple[AppliedForce, ...]:
     """Return the forces that a caller handed in, or raise InvalidArgument.
 
-    Parameters
-    ----------
-    forces
-        What should be a list of them.
-    functions : bool
-        Whether they may be functions of (t, q, v).
-    rows : int, optional
-        The number of states, where a force may have a row each.
+    `functions` says whether they may be functions of (t, q, v), and `rows` the number of states,
+    where a force may have a row each.
     """
     if isinstance(forces, AppliedForce):
         raise InvalidArgument("forces: a list is needed, also for a single force")

@@ -39,61 +39,24 @@ To add a kind: one file.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 from condyn_pin._core.registry import enter
 from condyn_pin.constraints.constraint_fields import Vector3
+from condyn_pin.constraints.protocols import Machine, MjcfWriter
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from condyn_pin.constraints.rows.bound import AnyBound
+    from condyn_pin.constraints.rows.any_bound import AnyBound
 
 WORLD = ("world", "universe")
 
 # All kinds by the names of their classes; `condyn_pin.constraints.kinds` has those of the library.
 KINDS: dict[str, type[Constraint]] = {}
-
-
-class Machine(Protocol):
-    """What constraints are bound to: a `pinocchio.Model` with frames by name, such as a `Robot`."""
-
-    @property
-    def model(self) -> Any:
-        """The `pinocchio.Model`."""
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Names of the joints, the world's not among them."""
-
-    @property
-    def longest_link(self) -> float:
-        """The longest way from a joint to the next one [m]."""
-
-    def frame(self, name: str) -> tuple[int, Any]:
-        """Return the joint that carries a frame and its placement on it, or raise UnknownName."""
-
-
-class MjcfWriter(Protocol):
-    """What a constraint writes itself to as MJCF."""
-
-    robot: Any
-
-    def equate(self, tag: str, **words: str | Sequence[float]) -> None:
-        """Write an equality."""
-
-    def site(self, frame: str, new: str) -> str:
-        """Return the site of a frame; it is made, and called `new`, where there is none."""
-
-    def site_beside(self, frame: str, new: str, shift: Vector3) -> str:
-        """Return a new site, shifted from a frame in its axes [m]."""
-
-    def coordinate(self, joint: str) -> float:
-        """Return the coordinate of a joint where the file draws the model [rad or m]."""
 
 
 class Support(NamedTuple):

@@ -7,7 +7,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from condyn_pin.constraints.base import Constraint, Machine
+from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.protocols import Machine
 
 
 class BetweenFrames(Constraint, ABC):

@@ -10,9 +10,10 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 from condyn_pin._core.arrays import finite
-from condyn_pin.constraints.base import Constraint, Machine, MjcfWriter
+from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.constraint_fields import check_size, text
-from condyn_pin.constraints.rows.bound import Coupled
+from condyn_pin.constraints.protocols import Machine, MjcfWriter
+from condyn_pin.constraints.rows.couplings import Coupled
 from condyn_pin.errors import InvalidArgument, InvalidConstraint, unknown_name
 
 
@@ -39,8 +40,10 @@ class Coupling(Constraint):
     times it.
     """
 
+    rows: ClassVar[int] = 1
     word: ClassVar[str] = "coupling"
     closes: ClassVar[bool] = True
+    in_mjcf: ClassVar[bool] = True
 
     joint_a: str
     joint_b: str
@@ -57,11 +60,6 @@ class Coupling(Constraint):
         if self.ratio == 0.0:
             raise InvalidArgument("ratio = 0: that holds joint a still; lock the joint instead")
         self._set_name(f"{self.joint_a}~{self.joint_b}")
-
-    @property
-    def rows(self) -> int:
-        """Number of rows: 1."""
-        return 1
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -107,11 +105,6 @@ class Coupling(Constraint):
         """Return it with both coordinates in other units."""
         a, b = of_joint(self.joint_a), of_joint(self.joint_b)
         return replace(self, ratio=a / b * self.ratio, offset=a * self.offset)
-
-    @property
-    def in_mjcf(self) -> bool:
-        """Whether MuJoCo has it: yes."""
-        return True
 
     def write_mjcf(self, to: MjcfWriter) -> None:
         """Write an equality of joints: MuJoCo counts both from where the file draws them."""

@@ -1,8 +1,16 @@
-"""All kinds of constraints: those of the library are imported here, others register themselves."""
+"""All kinds of constraints, and how some of them are bound to a robot.
+
+Those of the library are imported here, others register themselves.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from condyn_pin.constraints.base import KINDS, Constraint
+from condyn_pin.constraints.protocols import Machine
+from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.errors import InvalidConstraint
 
 # ruff: isort: off
 # In the order in which messages list them.
@@ -32,3 +40,44 @@ def worded(*, closes: bool) -> dict[str, type[Constraint]]:
     """Return the kinds of loops, or of contacts, that robot.toml has a word for."""
     own = [kind for kind in KINDS.values() if vars(kind).get("word")]
     return {kind.word: kind for kind in own if kind.closes == closes}
+
+
+def bind(robot: Machine, constraints: Sequence[Constraint]) -> tuple[AnyBound, ...]:
+    """Bind constraints to a robot, rows in the order given.
+
+    Where Pinocchio takes part, every constraint is solved in the LOCAL frame with a moving joint
+    first and the other body, or the world, second: the one combination in which none of its
+    algorithms is wrong.
+
+    Raises
+    ------
+    InvalidConstraint
+        If two constraints share a name, or one of them cannot constrain any motion.
+    UnknownName
+        If a frame or a joint does not exist.
+    """
+    bound: list[AnyBound] = []
+    start = 0
+    for constraint in constraints:
+        if not isinstance(constraint, Constraint):
+            raise InvalidConstraint(
+                f"{constraint!r}: a contact (PointContact, SurfaceContact, LineContact, "
+                "PlanarContact), what rolls or glides (RollingWheel, RollingBall, KnifeEdge), a "
+                "Loop or a Coupling is needed"
+            )
+        if any(constraint.name == other.name for other in bound):
+            raise InvalidConstraint(
+                f"two constraints are named {constraint.name!r}; give one of them a name=..."
+            )
+        rows = slice(start, start + constraint.rows)
+        made = constraint.bind(robot, rows)
+        joint = made.one_body
+        if joint is not None:
+            where = "the world" if joint == 0 else f"joint {robot.model.names[joint]!r}"
+            raise InvalidConstraint(
+                f"{constraint.name}: both sides belong to {where}, so it constrains nothing; "
+                "name frames on two bodies that move against each other"
+            )
+        bound.append(made)
+        start = rows.stop
+    return tuple(bound)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.base import Machine
 from condyn_pin.constraints.constraint_fields import Axis, Vector3, check_axis, floats, text
 from condyn_pin.constraints.on_velocity import Nonholonomic
+from condyn_pin.constraints.protocols import Machine
 from condyn_pin.constraints.rows.bound import Bound
 from condyn_pin.constraints.with_world import shifted
 
@@ -35,6 +35,7 @@ class KnifeEdge(Nonholonomic):
     The force is the one on the robot, in the axes of `frame` [N]: along `axis` only.
     """
 
+    rows: ClassVar[int] = 1
     lengths: ClassVar[tuple[str, ...]] = ("offset",)
 
     frame: str
@@ -46,11 +47,6 @@ class KnifeEdge(Nonholonomic):
         check_axis(self.axis)
         object.__setattr__(self, "offset", floats("offset", self.offset, 3))
         self._set_name(self.frame)
-
-    @property
-    def rows(self) -> int:
-        """Number of rows: 1."""
-        return 1
 
     def bind(self, machine: Machine, rows: slice) -> Bound:
         """Return it with c1 at the point, in the axes of the frame."""

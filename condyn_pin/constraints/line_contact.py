@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.base import Constraint, Machine, Patch, Support
+from condyn_pin.constraints.base import Constraint, Patch, Support
 from condyn_pin.constraints.between_frames import lever
 from condyn_pin.constraints.constraint_fields import (
     Axis,
@@ -19,6 +19,7 @@ from condyn_pin.constraints.constraint_fields import (
     text,
 )
 from condyn_pin.constraints.point_contact import PointContact, point_of
+from condyn_pin.constraints.protocols import Machine
 from condyn_pin.constraints.rows.bound import FRAME, Bound
 from condyn_pin.constraints.with_world import USUAL, WithWorld
 from condyn_pin.errors import InvalidArgument
@@ -50,6 +51,8 @@ class LineContact(WithWorld):
     [N, N m]; its moment about the edge is zero. The contact is bilateral.
     """
 
+    rows: ClassVar[int] = 5
+    by_points_called: ClassVar[str] = "ends for edges"
     word: ClassVar[str] = "line"
     lengths: ClassVar[tuple[str, ...]] = ("half_length", "anchor")
 
@@ -64,11 +67,6 @@ class LineContact(WithWorld):
         check_lengths(half_length=self.half_length)
         object.__setattr__(self, "anchor", placement("anchor", self.anchor))
         self._set_name(self.frame)
-
-    @property
-    def rows(self) -> int:
-        """Number of rows: 5."""
-        return 5
 
     def ends(self) -> tuple[PointContact, PointContact]:
         """Return the same support as two points: 6 rows, of which 1 is redundant."""
@@ -103,11 +101,6 @@ class LineContact(WithWorld):
     def anchored_at(self, c1: Any, c2: Any) -> LineContact:
         """Return it anchored where its frame is."""
         return replace(self, anchor=tuple(pin.SE3ToXYZQUAT(c1).tolist()))
-
-    @property
-    def by_points_called(self) -> str:
-        """What studies call the same by points."""
-        return "ends for edges"
 
     def by_points(self, robot: Any) -> tuple[Any, tuple[Constraint, ...]]:
         """Return its two ends, if it says its length."""

@@ -21,9 +21,9 @@ from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
-    from condyn_pin.constraints.base import Machine
+    from condyn_pin.constraints.protocols import Machine
 
-_ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
 class Place(NamedTuple):
@@ -70,14 +70,7 @@ class Load(NamedTuple):
 
 
 class Loads:
-    """The forces on the frames of one robot, and the memory to evaluate them.
-
-    Parameters
-    ----------
-    robot : Robot, or what has frames by name
-    model, data : pin.Model, pin.Data
-        The model, or one that moves like it. The data is written to.
-    """
+    """The forces on the frames of one robot, or what has frames by name; the data is written to."""
 
     def __init__(self, robot: Machine, model: Any, data: Any) -> None:
         self._robot, self.model, self.data = robot, model, data
@@ -113,7 +106,7 @@ class Loads:
         pin.computeJointJacobians(model, data, q)
         torque, size, wrenches = np.zeros(model.nv), np.zeros(model.nv), []
         for (joint, placement), in_world, wrench in self.bind(forces):
-            axes = _ALIGNED if in_world else LOCAL
+            axes = ALIGNED if in_world else LOCAL
             J = frame_jacobian(model, data, joint, placement, axes)
             torque += J.T @ wrench
             size += np.abs(J.T) @ np.abs(wrench)

@@ -24,9 +24,10 @@ from typing import Any, ClassVar, Final, Literal, get_args
 
 import numpy as np
 
-from condyn_pin.constraints.base import Constraint, Machine, MjcfWriter
+from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.between_frames import BetweenFrames, lever
 from condyn_pin.constraints.constraint_fields import Axis, check_axis, check_lengths, text
+from condyn_pin.constraints.protocols import Machine, MjcfWriter
 from condyn_pin.constraints.rows.bound import FRAME, POINT, Bound
 from condyn_pin.errors import InvalidArgument
 

@@ -19,7 +19,6 @@ from typing import Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
 
-from condyn_pin.constraints.base import Machine
 from condyn_pin.constraints.constraint_fields import (
     Vector3,
     check_positive,
@@ -27,7 +26,8 @@ from condyn_pin.constraints.constraint_fields import (
     floats,
     text,
 )
-from condyn_pin.constraints.rows.bound import Rolled
+from condyn_pin.constraints.protocols import Machine
+from condyn_pin.constraints.rows.rolling import Rolled
 from condyn_pin.constraints.with_world import WithWorld, plane
 
 Direction = Literal["rolling", "lateral", "normal"]

@@ -10,8 +10,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from condyn_pin.constraints.base import Machine, Patch, Support
+from condyn_pin.constraints.base import Patch, Support
 from condyn_pin.constraints.constraint_fields import Vector3, direction, floats, text
+from condyn_pin.constraints.protocols import Machine
 from condyn_pin.constraints.rows.bound import Bound
 from condyn_pin.constraints.with_world import THIN, USUAL, WithWorld, plane, shifted
 
@@ -40,6 +41,7 @@ class PlanarContact(WithWorld):
     zero. The contact is bilateral.
     """
 
+    rows: ClassVar[int] = 1
     word: ClassVar[str] = "planar"
     lengths: ClassVar[tuple[str, ...]] = ("offset", "height")
     unitless: ClassVar[tuple[str, ...]] = ("normal",)
@@ -57,11 +59,6 @@ class PlanarContact(WithWorld):
         if self.height is not None:
             object.__setattr__(self, "height", floats("height", [self.height], 1)[0])
         self._set_name(self.frame)
-
-    @property
-    def rows(self) -> int:
-        """Number of rows: 1."""
-        return 1
 
     def bind(self, machine: Machine, rows: slice) -> Bound:
         """Return it with c1 the plane, z along its normal, and c2 the robot's point."""

@@ -12,9 +12,10 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.base import Machine, Support
+from condyn_pin.constraints.base import Support
 from condyn_pin.constraints.between_frames import lever
 from condyn_pin.constraints.constraint_fields import Vector3, floats, text
+from condyn_pin.constraints.protocols import Machine
 from condyn_pin.constraints.rows.bound import POINT, Bound
 from condyn_pin.constraints.with_world import WithWorld, shifted
 
@@ -41,6 +42,7 @@ class PointContact(WithWorld):
     also pulls.
     """
 
+    rows: ClassVar[int] = 3
     word: ClassVar[str] = "point"
     lengths: ClassVar[tuple[str, ...]] = ("offset", "anchor")
 
@@ -54,11 +56,6 @@ class PointContact(WithWorld):
         if self.anchor is not None:
             object.__setattr__(self, "anchor", floats("anchor", self.anchor, 3))
         self._set_name(self.frame)
-
-    @property
-    def rows(self) -> int:
-        """Number of rows: 3."""
-        return 3
 
     def bind(self, machine: Machine, rows: slice) -> Bound:
         """Return it with c1 at the point, in the axes of the frame, and c2 at the anchor."""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
-from condyn_pin.constraints.base import Machine, Support
+from condyn_pin.constraints.base import Support
 from condyn_pin.constraints.constraint_fields import Vector3
 from condyn_pin.constraints.on_velocity import OnPlane
-from condyn_pin.constraints.rows.bound import Rolled
+from condyn_pin.constraints.protocols import Machine
+from condyn_pin.constraints.rows.rolling import Rolled
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,8 @@ class RollingBall(OnPlane):
     normal. On a level plane x and y are the world's.
     """
 
+    rows: ClassVar[int] = 3
+
     frame: str
     radius: float  # [m]
     normal: Vector3 = (0.0, 0.0, 1.0)
@@ -44,11 +48,6 @@ class RollingBall(OnPlane):
     def __post_init__(self) -> None:
         self._check()
         self._set_name(self.frame)
-
-    @property
-    def rows(self) -> int:
-        """Number of rows: 3."""
-        return 3
 
     def bind(self, machine: Machine, rows: slice) -> Rolled:
         """Return it with c1 its frame, and c2 the plane."""

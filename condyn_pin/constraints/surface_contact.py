@@ -8,10 +8,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.base import Constraint, Machine, Patch, Support
+from condyn_pin.constraints.base import Constraint, Patch, Support
 from condyn_pin.constraints.between_frames import lever
 from condyn_pin.constraints.constraint_fields import Placement, check_lengths, placement, text
 from condyn_pin.constraints.point_contact import PointContact, point_of
+from condyn_pin.constraints.protocols import Machine
 from condyn_pin.constraints.rows.bound import FRAME, Bound
 from condyn_pin.constraints.with_world import THIN, USUAL, WithWorld
 from condyn_pin.errors import InvalidArgument
@@ -40,6 +41,8 @@ class SurfaceContact(WithWorld):
     [N, N m]. The contact is bilateral.
     """
 
+    rows: ClassVar[int] = 6
+    by_points_called: ClassVar[str] = "corners for surfaces"
     word: ClassVar[str] = "surface"
     lengths: ClassVar[tuple[str, ...]] = ("half_length", "half_width", "anchor")
     has_normal: ClassVar[bool] = True
@@ -54,11 +57,6 @@ class SurfaceContact(WithWorld):
         check_lengths(half_length=self.half_length, half_width=self.half_width)
         object.__setattr__(self, "anchor", placement("anchor", self.anchor))
         self._set_name(self.frame)
-
-    @property
-    def rows(self) -> int:
-        """Number of rows: 6."""
-        return 6
 
     def corners(self) -> tuple[PointContact, ...]:
         """Return the same support as four points: 12 rows, of which 6 are redundant."""
@@ -91,11 +89,6 @@ class SurfaceContact(WithWorld):
     def anchored_at(self, c1: Any, c2: Any) -> SurfaceContact:
         """Return it anchored where its frame is."""
         return replace(self, anchor=tuple(pin.SE3ToXYZQUAT(c1).tolist()))
-
-    @property
-    def by_points_called(self) -> str:
-        """What studies call the same by points."""
-        return "corners for surfaces"
 
     def by_points(self, robot: Any) -> tuple[Any, tuple[Constraint, ...]]:
         """Return its four corners, if it says its size."""

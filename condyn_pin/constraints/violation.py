@@ -10,7 +10,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.bound import AnyBound
+from condyn_pin.constraints.rows.any_bound import AnyBound
 
 _TINY = 1e-3  # [mm, deg]
 

@@ -8,8 +8,9 @@ from typing import Any, Final
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.base import Constraint, Machine, Patch
+from condyn_pin.constraints.base import Constraint, Patch
 from condyn_pin.constraints.constraint_fields import Vector3
+from condyn_pin.constraints.protocols import Machine
 
 USUAL: Final = 0.025  # half of what is drawn of a contact that says no size, of that of the scene
 THIN: Final = 0.004  # thickness of what is drawn, the same

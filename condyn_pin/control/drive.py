@@ -28,21 +28,10 @@ _ROUNDS = 2
 
 
 class Drive:
-    """The factors of [B J^T].
+    """The factors of [B J^T], from those of M and J.
 
-    Parameters
-    ----------
-    factors : MinimumNorm
-        Of M and J.
-    J : (m, nv) array
-    B : (nv, k) array
-
-    Attributes
-    ----------
-    rank : int
-        Of (I - V V^T) L^-1 B, relative to the size of L^-1 B.
-    weakest : float
-        Its smallest singular value within that rank, relative to the same size.
+    `rank` is that of (I - V V^T) L^-1 B, and `weakest` its smallest singular value within that
+    rank, both relative to the size of L^-1 B.
     """
 
     def __init__(self, factors: MinimumNorm, J: Array, B: Array) -> None:

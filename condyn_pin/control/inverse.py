@@ -245,16 +245,14 @@ def gravity_compensation(
     scene : Scene
     q : (nq,) array_like
     actuation : Actuation, optional
-        The motors; those of the robot by default.
     passive : (nv,) array_like, optional
-        Torques that act anyway [N m, N], such as springs; none by default.
+        Torques that act anyway [N m, N], such as springs.
     forces : sequence of AppliedForce, optional
-        Forces from outside that act anyway, such as a load in the hand; none by default.
+        Forces from outside that act anyway, such as a load in the hand.
 
     Returns
     -------
     InverseDynamics
-        As of `inverse_dynamics`.
 
     Raises
     ------

@@ -8,11 +8,6 @@ With M = L L^T, V an orthonormal basis of what the constraints block (L^-1 J^T =
 a force f at the frame gives J_t a = Lambda^+ f more: Lambda is the inertia that it meets there.
 N = I - J_bar J_t keeps of a velocity what the task does not see; N^T keeps of joint torques what
 gives the task no acceleration.
-
-References
-----------
-Khatib. A unified approach for motion and force control of robot manipulators: the operational space
-formulation. IEEE Journal on Robotics and Automation 3, 1987.
 """
 
 from __future__ import annotations
@@ -115,7 +110,7 @@ def operational_space(
     References
     ----------
     Khatib. A unified approach for motion and force control of robot manipulators: the operational
-    space formulation. IEEE Journal of Robotics and Automation, 1987.
+    space formulation. IEEE Journal on Robotics and Automation, 1987.
     """
     from scipy.linalg import solve_triangular
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,14 +20,13 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.joints import Indices, indices
+from condyn_pin._core.joints import indices
 from condyn_pin._core.names import checked, listed
 from condyn_pin.control.actuation import Actuation, motors_of
 from condyn_pin.dynamics.at_state import at_state, frame_jacobian
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.mechanism.closed_chains import independent_columns
-from condyn_pin.model.robot import Robot
+from condyn_pin.mechanism.closed_chains import independent_columns, passive_joints
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -149,39 +147,9 @@ def transmission(scene: Scene, q: ArrayLike, *, actuation: Actuation | None = No
     """
     actuation = motors_of(scene, actuation)
     state = at_state(scene, q)
-    J, A = state.terms.J, actuation.columns
-    driven = driven_by(J, A, actuation.gears, _classes(scene.robot, A))
-    held = np.setdiff1d(np.arange(scene.robot.nv), [*A, *driven.dependent])
-    model = scene.robot.model
-    names = (name for name in scene.robot.joints if np.isin(indices(model, [name])[1], held).any())
-    return Transmission(
-        driven.G, driven.free, driven.conflicting, tuple(names), actuation, scene, state.q
-    )
-
-
-class Driven(NamedTuple):
-    """How the joints follow the motors."""
-
-    G: Array  # (nv, k)
-    free: Array  # (nv, d)
-    conflicting: int
-    dependent: Indices
-
-
-def driven_by(J: Array, motors: Indices, gears: Array, classes: Sequence[Indices]) -> Driven:
-    """Return how the joints follow the motors.
-
-    Parameters
-    ----------
-    J : (m, nv) array
-    motors : (k,) int array
-        Where v holds the joints of the motors.
-    gears : (k,) array
-        Turns of each motor for one turn of its joint.
-    classes : sequence of int array
-        Where v holds the other joints: those that rather move than the ones after them.
-    """
-    n, k = J.shape[1], len(motors)
+    J, A, gears = state.terms.J, actuation.columns, actuation.gears
+    n, k = scene.robot.nv, len(A)
+    classes = passive_joints(scene.robot, A)
     passive = np.sort(np.concatenate(classes))
     least = tolerances.DEAD_POINT * float(np.linalg.norm(J))
     U, S, Vt = np.linalg.svd(J[:, passive])
@@ -189,20 +157,15 @@ def driven_by(J: Array, motors: Indices, gears: Array, classes: Sequence[Indices
     free = np.zeros((n, len(passive) - rank))
     free[passive] = Vt[rank:].T
     # the rows that no passive joint can satisfy are conditions on the motors
-    J_A = J[:, motors] / gears
+    J_A = J[:, A] / gears
     _, T, Wt = np.linalg.svd(U[:, rank:].T @ J_A)
     conflicting = int(np.count_nonzero(least / np.abs(gears).min() < T))
     fits = np.eye(k) - Wt[:conflicting].T @ Wt[:conflicting]
     D = independent_columns(J, classes)
     G = np.zeros((n, k))
-    G[motors] = fits / gears[:, None]
+    G[A] = fits / gears[:, None]
     if len(D):
         G[D] = -np.linalg.lstsq(J[:, D], J_A @ fits, rcond=tolerances.DEAD_POINT)[0]
-    return Driven(G, free, conflicting, D)
-
-
-def _classes(robot: Robot, motors: Indices) -> tuple[Indices, Indices]:
-    """Return the joints without motor: those without spring, and those with one."""
-    sprung = indices(robot.model, [spring.joint for spring in robot.springs])[1]
-    passive = np.setdiff1d(np.arange(robot.nv), motors)
-    return np.setdiff1d(passive, sprung), np.intersect1d(passive, sprung)
+    held, model = np.setdiff1d(np.arange(n), [*A, *D]), scene.robot.model
+    names = (name for name in scene.robot.joints if np.isin(indices(model, [name])[1], held).any())
+    return Transmission(G, free, conflicting, tuple(names), actuation, scene, state.q)

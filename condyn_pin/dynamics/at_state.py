@@ -1,7 +1,8 @@
-"""One state of a scene: its terms and their factors, for what is not a solve."""
+"""One state of a scene, for what is not a solve: terms and their factors, loads, gaps."""
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,26 +14,37 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
+from condyn_pin.constraints import loads
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.loads import Load, Loads
+from condyn_pin.constraints.rows.cancellation import ROUNDED, cancellation_scale
+from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms, finite_terms
-from condyn_pin.dynamics.kept import equations_of
+from condyn_pin.constraints.violation import ConstraintViolation, gap_of, slip_of
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.soundness import singular_mass
 
+# the equations of a thread's last scene: their memory takes longer to make than to use
+_last = threading.local()
+
+
+def equations_of(scene: Scene) -> Equations:
+    """Return this thread's equations of a scene: the last ones, or new ones.
+
+    What they return is yours; what they refer to is overwritten by their next use.
+    """
+    scene.robot.check_unedited()
+    equations: Equations | None = getattr(_last, "equations", None)
+    if equations is None or _last.scene is not scene:
+        equations = Equations(scene.robot.model, scene.bounds)
+        _last.equations, _last.scene = equations, scene
+    return equations
+
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A checked state with M, h, J, gamma, and the factors of M and J.
-
-    Attributes
-    ----------
-    q, v : (nq,), (nv,) array
-        Owned.
-    terms : Terms
-    factors : MinimumNorm
-    """
+    """A checked state with M, h, J, gamma, and the factors of M and J; q and v are owned."""
 
     q: Array
     v: Array
@@ -65,6 +77,24 @@ def frame_jacobian(scene: Scene, q: Array, frame: str) -> Array:
     equations = equations_of(scene)
     model, data = equations.model, equations.data
     pin.computeJointJacobians(model, data, q)
-    axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-    J = np.array(pin.getFrameJacobian(model, data, joint, placement, axes))
-    return J.reshape(6, model.nv)  # a single column comes as a vector
+    return np.array(loads.frame_jacobian(model, data, joint, placement, loads.ALIGNED))
+
+
+def gaps(scene: Scene, c: Array) -> dict[str, ConstraintViolation]:
+    """Return how far each constraint that has a position is open, from c (m,)."""
+    model = scene.robot.model
+    return {b.name: gap_of(model, b, c[b.rows]) for b in scene.bounds if b.positioned}
+
+
+def slips(scene: Scene, velocity: Array) -> dict[str, ConstraintViolation]:
+    """Return how fast the sides of each constraint move apart, from J v (m,)."""
+    return {b.name: slip_of(scene.robot.model, b, velocity[b.rows]) for b in scene.bounds}
+
+
+def rounding(scene: Scene, q: Array, x: Array) -> dict[str, float]:
+    """Return what rounding of J x leaves of each constraint, where its two sides move together.
+
+    A slip is the difference of two velocities: 1e-13 of what the joints bring to either.
+    """
+    sides = ROUNDED * (cancellation_scale(equations_of(scene), q) @ np.abs(x))
+    return {b.name: float(sides[b.rows].max()) for b in scene.bounds}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.constraints import Constraint
+from condyn_pin.constraints.base import Constraint
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.model.robot import Robot
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import SOLVERS
 from condyn_pin.dynamics.solvers.base import Solver
@@ -19,7 +20,7 @@ def default_solver(scene: Scene) -> Solver:
     `Proximal`; for kinds of constraints that it cannot take, `DenseKKT`, and `NullSpace` if there
     are redundant rows besides.
     """
-    if not scene.pinocchio_constraints.unsupported:
+    if not pinocchio_constraints_of(scene).unsupported:
         return _USUAL
     return NullSpace() if scene.nominal.dependent else DenseKKT()
 
@@ -35,16 +36,12 @@ def kinds_of(solver: type[Solver]) -> str:
 
 def untaken(scene: Scene, solver: Solver) -> tuple[str, ...]:
     """Return the names of the constraints that a solver cannot take."""
-    pinocchio_constraints = scene.pinocchio_constraints
+    found = pinocchio_constraints_of(scene)
     if solver.takes_every_kind:
         return ()
     if not solver.takes_approximated:
-        return pinocchio_constraints.approximated + pinocchio_constraints.unsupported
-    return (
-        pinocchio_constraints.unsupported
-        if solver.takes_world_first
-        else pinocchio_constraints.world_first + pinocchio_constraints.unsupported
-    )
+        return found.approximated + found.unsupported
+    return found.unsupported if solver.takes_world_first else found.world_first + found.unsupported
 
 
 def check_kinds(scene: Scene, solver: Solver) -> None:
@@ -52,14 +49,14 @@ def check_kinds(scene: Scene, solver: Solver) -> None:
     names = untaken(scene, solver)
     if not names:
         return
-    able = ["Proximal()"]
+    found, able = pinocchio_constraints_of(scene), ["Proximal()"]
     why = (
         f"Pinocchio has constraints of 3 and of 6 rows, and {', '.join(names)} cannot be made of "
         "those"
     )
-    if scene.pinocchio_constraints.unsupported:
+    if found.unsupported:
         able = [f"{k.__name__}()" for k in SOLVERS.values() if k.takes_every_kind and k.exact]
-    elif set(names) <= set(scene.pinocchio_constraints.world_first) and solver.takes_approximated:
+    elif set(names) <= set(found.world_first) and solver.takes_approximated:
         why = f"pin.lcaba crashes where the world comes first, as in {', '.join(names)}"
         able.append("exchange its frames")
     raise UnsupportedConstraint(

@@ -15,7 +15,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.as_array import AsArray
-from condyn_pin.constraints.constraints import Constraint
+from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.errors import InvalidArgument
 
@@ -25,15 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Sites:
-    """Where the constraints of a scene are at one configuration; found when first asked for.
-
-    Parameters
-    ----------
-    scene : Scene
-    q : (nq,) array
-    equations : Equations, optional
-        Memory to find them with; made for it otherwise.
-    """
+    """Where the constraints of a scene are at one configuration; found when first asked for."""
 
     scene: Scene
     q: Array

@@ -12,22 +12,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.constraints.violation import worst
-from condyn_pin.dynamics.at_state import at_state
+from condyn_pin.dynamics.at_state import at_state, equations_of, gaps
 from condyn_pin.dynamics.derivatives.kkt import turning_null_space
 from condyn_pin.dynamics.derivatives.linearised import Linearisation
 from condyn_pin.dynamics.force import ConstraintForce, Sites, pulling
-from condyn_pin.dynamics.gaps import gaps
-from condyn_pin.dynamics.kept import equations_of
+from condyn_pin.dynamics.raw import weightless
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, unknown_name
 
@@ -235,7 +232,7 @@ def _derivatives(found: Impact) -> tuple[Array, Array]:
     M a + h = M a for any a, also one that is a velocity.
     """
     scene, q, e, n = found.scene, found.q, found.restitution[:, None], found.scene.robot.nv
-    linearisation = Linearisation(_weightless(scene.robot.model), scene.bounds)
+    linearisation = Linearisation(weightless(scene.robot.model), scene.bounds)
     still, no_force = np.zeros(n), np.zeros_like(found.lam)
     r_q = linearisation.at(q, still, found.v - found.v_before, found.lam).r_q
     s_q = linearisation.at(q, still, found.v, no_force).s_q
@@ -245,10 +242,3 @@ def _derivatives(found: Impact) -> tuple[Array, Array]:
     dv, dlam = factors.solve(np.hstack([-r_q, M]), np.hstack([-s_q, -e * J]))
     dlam[:, :n] += turning_null_space(linearisation, q, found.lam, J, factors)
     return dv, dlam
-
-
-def _weightless(model: Any) -> Any:
-    """Return a copy of a model without gravity."""
-    copy = pin.Model(model)
-    copy.gravity = pin.Motion.Zero()
-    return copy

@@ -23,9 +23,19 @@ from condyn_pin._core.linalg.range_space import whiten
 from condyn_pin.constraints.rows.cancellation import ROUNDED, cancellation_scale
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.mass_pivots import MassPivots
+from condyn_pin.constraints.rows.pinocchio_constraints import (
+    PinocchioConstraints,
+    pinocchio_constraints,
+)
 from condyn_pin.dynamics.nominal_states import NominalState, nominal_states
 from condyn_pin.dynamics.residuals import ErrorEstimator
-from condyn_pin.errors import BranchChanged, InvalidModel, NotAssembled
+from condyn_pin.errors import (
+    BranchChanged,
+    InvalidArgument,
+    InvalidModel,
+    NotAssembled,
+    unknown_name,
+)
 from condyn_pin.model.soundness import massless_motion, singular_mass
 
 if TYPE_CHECKING:
@@ -58,6 +68,12 @@ class NominalAnalysis:
         Of M and J, without the singular values that rounding makes up.
     cancellation : (m, nv) array
         What the two bodies of a row bring to J before they cancel [1, m].
+    rank, mobility : int
+        Independent rows; degrees of freedom that are left, nv minus the rank.
+    dependent : bool
+        Whether there are redundant rows.
+    rounded : bool
+        Whether rows that are zero are so but for rounding, as in a slanted plane's loop.
     gravity, weight : float
         |g| [m/s^2]; mass times gravity, or mass times 1 m/s^2 without gravity [N].
     measured : dict of Solver to tuple
@@ -75,35 +91,20 @@ class NominalAnalysis:
         self.factors = factorise(
             self.terms.M, self.terms.J, tolerances.RANK, why=singular_mass(robot.model, self.q)
         ).above_rounding(self.cancellation)
+        self.rank = self.factors.rank
+        self.mobility, self.dependent = robot.nv - self.rank, self.rank < scene.rows
         # independent rows do not all but vanish a thousandth of a radian away
-        all_count = self.rank == scene.rows
-        found = (
-            (scene.rows, False) if all_count else _lively_rows(equations, self.q, self.cancellation)
-        )
-        self._lively, self._rounded = found
+        self._lively, self.rounded = scene.rows, False
+        if self.dependent:
+            self._lively, self.rounded = _lively_rows(equations, self.q, self.cancellation)
         self.gravity = float(np.linalg.norm(robot.model.gravity.linear))
         self.weight = robot.mass * (self.gravity or 1.0)
         read_only((self.q, self.terms, self.factors, self.factors.weights, self.cancellation))
 
     @property
-    def rank(self) -> int:
-        """Number of independent rows."""
-        return self.factors.rank
-
-    @property
-    def mobility(self) -> int:
-        """Degrees of freedom that are left: nv minus the rank."""
-        return self._scene.robot.nv - self.rank
-
-    @property
     def singular_values(self) -> Array:
         """Of J L^-T (min(m, nv),), the constraint Jacobian in the metric of M [kg^-1/2]."""
         return self.factors.S
-
-    @property
-    def dependent(self) -> bool:
-        """Whether there are redundant rows."""
-        return self.rank < self._scene.rows
 
     @cached_property
     def redundant(self) -> tuple[str, ...]:
@@ -116,12 +117,7 @@ class NominalAnalysis:
 
         Those that Pinocchio takes as two points do not: a row too many.
         """
-        return self.rank == self._lively and not self._scene.pinocchio_constraints.approximated
-
-    @property
-    def rounded(self) -> bool:
-        """Whether rows that are zero are so but for rounding, as in a slanted plane's loop."""
-        return self._rounded
+        return self.rank == self._lively and not pinocchio_constraints_of(self._scene).approximated
 
     def condition_exceeds(self, limit: float) -> bool:
         """Whether the condition number of M is above a limit: its traces say no at less cost.
@@ -150,7 +146,7 @@ class NominalAnalysis:
         With lam = E^T lam_native and J L^-T = U S V^T these are the squares of the singular values
         of E U S. Rows that Pinocchio does not have stay as they are.
         """
-        native, rank = self._scene.pinocchio_constraints, self.rank
+        native, rank = pinocchio_constraints_of(self._scene), self.rank
         if not rank:
             return self.delassus_norm, self.delassus_norm
         E_, S = native.to_scene, self.factors.S[:rank]
@@ -169,7 +165,7 @@ class NominalAnalysis:
     @one_blas_thread
     def estimator(self) -> ErrorEstimator:
         """What turns residuals into an error of a."""
-        return ErrorEstimator.of(self.factors, self.cancellation, self.gravity, self.weight)
+        return ErrorEstimator(self.factors, self.cancellation, self.gravity, self.weight)
 
     @cached_property
     def pivots(self) -> MassPivots:
@@ -193,9 +189,54 @@ class NominalAnalysis:
         return np.asarray(whitened[1].T)
 
 
+def pinocchio_constraints_of(scene: Scene) -> PinocchioConstraints:
+    """Return the constraints of a scene as Pinocchio's own methods take them; made once.
+
+    Scenes that differ by anchors share a `NominalAnalysis`, but not these.
+    """
+    known = vars(scene)
+    if "_pinocchio_constraints" not in known:
+        known["_pinocchio_constraints"] = pinocchio_constraints(
+            scene.robot.model, scene.bounds, lambda: scene.nominal.whitened_rows()
+        )
+    found: PinocchioConstraints = known["_pinocchio_constraints"]
+    return found
+
+
+def described_posture(scene: Scene, posture: str | None = None) -> Array:
+    """Return a posture of the robot as it is in the description; neutral if it has none.
+
+    Parameters
+    ----------
+    scene : Scene
+    posture : str, optional
+        Its name; the first one by default.
+
+    Returns
+    -------
+    q : (nq,) array
+
+    Raises
+    ------
+    InvalidArgument
+        If the name is no text.
+    UnknownName
+        If there is no such posture.
+    """
+    postures = scene.robot.postures
+    if posture is None:
+        q = next(iter(postures.values()), None)
+        return np.array(pin.neutral(scene.robot.model) if q is None else q)
+    if not isinstance(posture, str):
+        raise InvalidArgument(f"posture = {posture!r}: the name of a posture is needed")
+    if posture not in postures:
+        raise unknown_name("posture", posture, postures)
+    return np.array(postures[posture])
+
+
 def _nominal_configuration(scene: Scene, equations: Equations) -> tuple[Array, bool]:
     """Return q of the nominal state, and whether the loops are closed there."""
-    q = normalised(scene.robot.model, "posture", scene.guess())
+    q = normalised(scene.robot.model, "posture", described_posture(scene))
     rows = [row for bound in scene.bounds for row in bound.positioned]
     if not rows or np.linalg.norm(equations.violation(q)[rows]) <= tolerances.CLOSED:
         return q, True
@@ -204,7 +245,7 @@ def _nominal_configuration(scene: Scene, equations: Equations) -> tuple[Array, b
     except BranchChanged as error:
         return error.assembly.q, True
     except NotAssembled:
-        return scene.guess(), False
+        return described_posture(scene), False
 
 
 def _lively_rows(equations: Equations, q: Array, P: Array) -> tuple[int, bool]:

@@ -19,7 +19,6 @@ class NominalState:
 
     Attributes
     ----------
-    q, v, tau, a : array
     size : float
         What errors of a are relative to: the larger of |a|_inf and gravity [rad/s^2, m/s^2].
     torque : float

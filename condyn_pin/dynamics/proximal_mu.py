@@ -93,17 +93,8 @@ class MuAtState:
     rounding, m eps |G|. The last counts, however near to that: rows of loops that are open by 1e-4
     are as near, and below the widest gap between two pivots.
 
-    Parameters
-    ----------
-    workspace : Workspace
-    mu : float
-        Of the iteration [1/kg].
-    accuracy : float
-        As `Proximal.relative_accuracy` [N].
-    left : int
-        Iterations that may be made.
-    corrected : bool
-        Whether corrections follow that the scene needs.
+    `mu` [1/kg] and `accuracy` [N] are those of the iteration; `left` iterations may be made, and
+    `corrected` says whether corrections follow that the scene needs.
     """
 
     def __init__(
@@ -132,13 +123,7 @@ class MuAtState:
         self._strong = _STRONG * largest
 
     def settings(self, step: float) -> Any:
-        """Return settings for a better answer, or None where nothing but rounding is left.
-
-        Parameters
-        ----------
-        step : float
-            The last of lam [N].
-        """
+        """Return settings for better than the last `step` [N]; None where only rounding is left."""
         G = self._cholesky.getInverseOperationalSpaceInertiaMatrix()
         G -= self._damping
         R, _, rank, _ = self._factorise(G)

@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.rows.pinocchio_constraint import PinocchioConstraint
+from condyn_pin.constraints.rows.bound import PinocchioConstraint
 from condyn_pin.errors import StaleModel
 
 
@@ -47,3 +47,10 @@ def raw_constraints(
         pin.StdVec_RigidConstraintModel.append(models, made)
         pin.StdVec_RigidConstraintData.append(datas, made.createData())
     return models, datas
+
+
+def weightless(model: Any) -> Any:
+    """Return a copy of a model without gravity."""
+    copy = pin.Model(model)
+    copy.gravity = pin.Motion.Zero()
+    return copy

@@ -7,7 +7,7 @@ nothing, so one that is further away than its longest chain is taken to the orig
 root joint that is free are set to 0.
 
 What is left, eps / mu of the size of the robot, is made up for as in
-`condyn_pin.dynamics.refinement`: the residual r = M a + h - tau - J^T lam of Newton-Euler is taken
+`condyn_pin.dynamics.corrections`: the residual r = M a + h - tau - J^T lam of Newton-Euler is taken
 for a torque on the same robot, at rest and without weight, so that rounding is a share of the
 correction,
 
@@ -22,10 +22,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from condyn_pin._core import _pin
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.pinocchio_constraint import PinocchioConstraint
-from condyn_pin.dynamics.raw import raw_constraints
+from condyn_pin.constraints.rows.bound import PinocchioConstraint
+from condyn_pin.dynamics.raw import raw_constraints, weightless
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.workspace import Workspace
@@ -40,15 +39,7 @@ _FAR: Final = 1e300
 
 
 class Recursion:
-    """`pin.lcaba` on one model.
-
-    Parameters
-    ----------
-    model, data : pin.Model, pin.Data
-    pinocchio_constraints : sequence of PinocchioConstraint
-    models, datas
-        Pinocchio's lists of these.
-    """
+    """`pin.lcaba` on one model, and on Pinocchio's lists of its constraints."""
 
     def __init__(
         self,
@@ -110,30 +101,19 @@ def _longest_chain(model: Any) -> float:
 
 
 class Corrected:
-    """A recursion whose answers are corrected.
-
-    Parameters
-    ----------
-    workspace : Workspace
-    recursion : Recursion
-    settings : pin.ProximalSettings
-    times : int
-    """
+    """A recursion whose answers are corrected."""
 
     def __init__(
         self, workspace: Workspace, recursion: Recursion, settings: Any, times: int
     ) -> None:
         self._workspace, self._recursion, self._times = workspace, recursion, times
         self._run, self._latest = recursion.bind(settings), np.zeros(workspace.scene.rows)
-        weightless, pinocchio_constraints = (
-            pin.Model(workspace.model),
+        model, constraints = (
+            weightless(workspace.model),
             workspace.pinocchio_constraints.constraints,
         )
-        weightless.gravity = pin.Motion.Zero()
-        models, datas = raw_constraints(weightless, pinocchio_constraints, None)
-        self._still = Recursion(
-            weightless, weightless.createData(), pinocchio_constraints, models, datas
-        )
+        models, datas = raw_constraints(model, constraints, None)
+        self._still = Recursion(model, model.createData(), constraints, models, datas)
         self._correct = self._still.bind(settings)
         self._at_rest = np.zeros(workspace.model.nv)
 

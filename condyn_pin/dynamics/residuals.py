@@ -18,10 +18,12 @@ To this comes what rounding of M itself does, eps cond(D M D) with D = diag(M_jj
 
 w and sigma are taken once, at the nominal state of the scene, so this is a bound there and an
 estimate elsewhere: sigma falls to zero at a singular configuration, and w grows where M nearly is.
-So unless the part of s is a thousand times smaller than SOLVED, as it is for a converged answer,
-and a and lam are of a size that the robot can have, both are computed anew at the state, and with
-them e itself, the solution of the two equations above. What rounding leaves open of it is bounded
-in the metric of M,
+So unless what s does to a is a thousand times smaller than SOLVED, as it is for a converged answer,
+and a and lam are of a size that the robot can have, both are computed anew at the state. What s
+does is asked of all of J^+ = L^-T (J L^-T)^+, |J^+ s|_inf <= |J^+|_inf |s|_inf: joints that are
+lighter than all others, such as the spin of a rod, are seldom those that the weakest row moves.
+With w and sigma at the state comes e itself, the solution of the two equations above. What rounding
+leaves open of it is bounded in the metric of M,
 
     |e_i| <= (e_i computed^2 + (|L^-T V| S^-1 |U^T ds|)_i^2)^1/2 + w_i eps (nv + m) kappa |e|_M,
 
@@ -80,68 +82,64 @@ class ErrorEstimator:
 
     Attributes
     ----------
-    weights : (nv,) array
-        w: square roots of the diagonal of M^-1.
-    sigma : float
-        Smallest nonzero singular value of J L^-T; infinite without constraints.
-    rows : int
-        m.
-    gravity : float
-        |g| [m/s^2].
-    weight : float
-        Mass times gravity [N].
-    rounding : float
-        eps cond(D M D): what no answer can be better than.
-    blur : float
-        What rounding of J may do to sigma.
-    slipping : float
-        What rounding of J a is, relative to the largest of a.
-    shaking : float
-        What rounding of J^T lam does to a, relative to gravity, where a row carries the weight.
+    factors : MinimumNorm
+        Of M and J at a state, nominal or not.
+    cancellation : (m, nv) array
+        P: what J is a difference of.
+    gravity, weight : float
+        |g| [m/s^2]; mass times gravity [N].
     """
 
-    weights: Array
-    sigma: float
-    rows: int
+    factors: MinimumNorm
+    cancellation: Array
     gravity: float
     weight: float
-    rounding: float = 0.0
-    blur: float = 0.0
-    slipping: float = 0.0
-    shaking: float = 0.0
 
-    @classmethod
-    def of(cls, factors: MinimumNorm, P: Array, gravity: float, weight: float) -> ErrorEstimator:
-        """Return the estimator of a state: factors of its M and J, and `cancellation_scale`."""
-        L, weights = factors.L, factors.weights  # the rows of L have the norms M_jj^1/2
-        return cls(
-            weights=weights,
-            sigma=float(factors.S[factors.rank - 1]) if factors.rank else inf,
-            rows=len(P),
-            gravity=gravity,
-            weight=weight,
-            rounding=_EPS * float(np.linalg.cond(L / np.linalg.norm(L, axis=1)[:, None])) ** 2,
-            blur=factors.blur(P),
-            slipping=_EPS * float(P.sum(axis=1).max(initial=0.0)),
-            shaking=_EPS
-            * float(weights.max() * weights.dot(P.max(axis=0, initial=0.0)))
-            * weight
-            / (gravity or 1.0),
-        )
+    @cached_property
+    def weights(self) -> Array:
+        """W (nv,): square roots of the diagonal of M^-1."""
+        return self.factors.weights
 
-    def missing(
-        self, factors: MinimumNorm, r: Array, s: Array, P: Array, v: Array, a: Array
-    ) -> float:
+    @cached_property
+    def sigma(self) -> float:
+        """Smallest nonzero singular value of J L^-T; infinite without constraints."""
+        rank = self.factors.rank
+        return float(self.factors.S[rank - 1]) if rank else inf
+
+    @cached_property
+    def rounding(self) -> float:
+        """What no answer can be better than: eps cond(D M D)."""
+        L = self.factors.L  # its rows have the norms M_jj^1/2
+        return _EPS * float(np.linalg.cond(L / np.linalg.norm(L, axis=1)[:, None])) ** 2
+
+    @cached_property
+    def blur(self) -> float:
+        """What rounding of J may do to sigma."""
+        return self.factors.blur(self.cancellation)
+
+    @cached_property
+    def slipping(self) -> float:
+        """What rounding of J a is, relative to the largest of a."""
+        return _EPS * float(self.cancellation.sum(axis=1).max(initial=0.0))
+
+    @cached_property
+    def shaking(self) -> float:
+        """What rounding of J^T lam does to a, relative to gravity, where a row has the weight."""
+        felt = float(self.weights.max() * self.weights.dot(self.cancellation.max(0, initial=0.0)))
+        return _EPS * felt * self.weight / (self.gravity or 1.0)
+
+    def missing(self, r: Array, s: Array, v: Array, a: Array) -> float:
         """Return a bound on |e|_inf at the state of the factors, for the residuals of a there."""
+        factors, P, rows = self.factors, self.cancellation, len(s)
         with np.errstate(all="ignore"):  # what overflows is no bound, and says so
             e, _ = factors.solve(r, s)
             e_M = float(np.linalg.norm(factors.L.T @ e))
-            lost = self.rounding + (_EPS * float(factors.S[0]) / self.sigma if self.rows else 0.0)
+            lost = self.rounding + (_EPS * float(factors.S[0]) / self.sigma if rows else 0.0)
             # of J a, and of gamma, which grows with the square of v
             sizes = np.hypot(a, v * np.abs(v).max())
             unit = float(sizes.max()) or 1.0  # whose square overflows
             rounded = unit * factors.moved(_UNIT * np.linalg.norm(P * (sizes / unit), axis=1))
-            open_by = (len(r) + self.rows) * lost * e_M
+            open_by = (len(r) + rows) * lost * e_M
             computed = float((np.hypot(e, rounded) + self.weights * open_by).max())
             # factors of a badly conditioned M may know less of e than the residuals do
             whole = self.weights.dot(np.abs(r)) + self.per_row * np.abs(s).max(initial=0.0)
@@ -150,21 +148,10 @@ class ErrorEstimator:
     def prove(
         self, dynamics: Array, largest: list[float], tau: Array, e: float | None = None
     ) -> tuple[Residuals, bool]:
-        """Return the sizes of the residuals and what they say about a.
+        """Return the sizes of the residuals, and whether w and sigma have to be computed anew.
 
-        Parameters
-        ----------
-        dynamics, largest
-            As `Equations.errors` returns them.
-        tau : (nv,) array
-        e : float, optional
-            A bound on |e|_inf, where it was computed.
-
-        Returns
-        -------
-        residuals : Residuals
-        doubtful : bool
-            Whether w and sigma have to be computed anew, at the state itself.
+        `dynamics` and `largest` are those of `Equations.errors`; `e` bounds |e|_inf, where it was
+        computed.
         """
         max_dynamics, max_a, violation, velocity, constraint, max_lam = largest
         e_M = self.weights.dot(dynamics) + self.per_row * constraint
@@ -176,7 +163,7 @@ class ErrorEstimator:
             error -= self.rounding_of(np.abs(tau))
         bound = max(error, 0.0) / scale if scale else (0.0 if error <= 0.0 else inf)
         bound += self.rounding
-        doubtful = (
+        doubtful = e is None and (
             constraint > self.unquestioned * scale
             or bound > tolerances.SOLVED
             or max_a > self.no_machine
@@ -218,12 +205,19 @@ class ErrorEstimator:
         """
         if self.shaking > tolerances.SOLVED:
             return -1.0
-        if self.rows and not _CLEAR * self.blur < self.sigma < inf:
+        if len(self.cancellation) and not _CLEAR * self.blur < self.sigma < inf:
             return -1.0
         scale = self.largest_weight * self.per_row
         if scale * self.slipping > tolerances.SOLVED / 10:  # a slip of nothing says nothing
             return -1.0
-        return tolerances.SOLVED / 1000 / scale if scale else inf
+        return tolerances.SOLVED / 1000 / self.gain if self.gain else inf
+
+    @cached_property
+    def gain(self) -> float:
+        """|J^+|_inf: how far a joint is moved at most by a |J a + gamma - a_ref|_inf of one [1]."""
+        m, n = self.cancellation.shape
+        moved, _ = self.factors.solve(np.zeros((n, m)), np.eye(m))
+        return float(np.abs(moved).sum(axis=1).max())
 
     @property
     def enough(self) -> float:
@@ -243,7 +237,7 @@ class ErrorEstimator:
     @cached_property
     def per_row(self) -> float:
         """What |s|_inf is worth: sqrt(m) / sigma, since |s| <= sqrt(m) |s|_inf."""
-        return sqrt(self.rows) / self.sigma
+        return sqrt(len(self.cancellation)) / self.sigma
 
     @cached_property
     def largest_weight(self) -> float:

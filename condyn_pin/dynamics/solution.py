@@ -37,7 +37,7 @@ class Status(Enum):
         "the two equations do not hold well enough for the accuracy asked for: allow more "
         "iterations, try another mu, or solve with Reference(); if state_error is large, the state "
         "does not satisfy the constraints and no answer can: Scene.assemble and "
-        "Scene.project_velocity repair it"
+        "mechanism.project_velocity repair it"
     )
     SINGULAR = (
         "the matrix of this method is singular: some rows are redundant or the configuration is "
@@ -129,16 +129,9 @@ class Solution:
     ) -> None:
         # at once: the eight guarded assignments of a frozen dataclass take twice as long
         self.__dict__.update(
-            a=a,
-            lam=lam,
-            residuals=residuals,
-            status=status,
-            iterations=iterations,
-            solve_time=solve_time,
-            scene=scene,
-            q=q,
-            applied=applied,
-        )
+            a=a, lam=lam, residuals=residuals, status=status, iterations=iterations,
+            solve_time=solve_time, scene=scene, q=q, applied=applied,
+        )  # fmt: skip
 
     @property
     def dynamics_error(self) -> float:
@@ -186,10 +179,9 @@ class Solution:
         """What deserves attention, a sentence each.
 
         Contacts that pull, as no ground does. Forces that are wrong where a is right. A singular
-        configuration, where the equations ask for
-        less than the loops. Where the answer is not ok, rows are not met, or forces are a thousand
-        times the weight: rows that contradict each other, and those that hold nothing there any
-        more.
+        configuration, where the equations ask for less than the loops. Where the answer is not ok,
+        rows are not met, or forces are a thousand times the weight: rows that contradict each
+        other, and those that hold nothing there any more.
 
         The look at the singular values takes a few solves, when it is asked for first.
         """

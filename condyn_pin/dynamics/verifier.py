@@ -16,10 +16,13 @@ from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin.constraints.loads import Load
 from condyn_pin.constraints.rows.cancellation import cancellation_scale
 from condyn_pin.constraints.rows.terms import largest_torque
+from condyn_pin.constraints.violation import ConstraintViolation, worst
+from condyn_pin.dynamics.at_state import gaps
 from condyn_pin.dynamics.residuals import ErrorEstimator, Residuals
 from condyn_pin.dynamics.solution import Solution, Status
 from condyn_pin.dynamics.solvers.base import BoundSolver
-from condyn_pin.errors import InvalidModel
+from condyn_pin.errors import InvalidModel, SolveFailed
+from condyn_pin.model.soundness import massless_motion
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.workspace import Workspace
@@ -32,13 +35,7 @@ _LOOSE = 1e-12
 
 
 class Verifier:
-    """The judge of one method in one workspace.
-
-    Parameters
-    ----------
-    workspace : Workspace
-    method : BoundSolver
-    """
+    """The judge of one method in one workspace."""
 
     def __init__(self, workspace: Workspace, method: BoundSolver) -> None:
         self._workspace, self._method = workspace, method
@@ -143,10 +140,10 @@ class Verifier:
         terms = equations.terms(q, np.zeros(self._workspace.model.nv))
         P = cancellation_scale(equations, q)
         factors = factorise(terms.M, terms.J, tolerances.REFERENCE_RANK).above_rounding(P)
-        estimator = ErrorEstimator.of(factors, P, nominal.gravity, nominal.weight)
+        estimator = ErrorEstimator(factors, P, nominal.gravity, nominal.weight)
         r, s = equations.residuals(q, v, tau, a, lam, load)
         dynamics, largest = equations.errors(q, v, tau, a, lam, load)
-        missing = estimator.missing(factors, r, s, P, v, a)
+        missing = estimator.missing(r, s, v, a)
         residuals, _ = estimator.prove(dynamics, largest, _torques(tau, load), missing)
         scale = max(largest[1], nominal.gravity)
         rounded = estimator.rounding_of(np.abs(lam) @ P)
@@ -156,3 +153,18 @@ class Verifier:
 def _torques(tau: Array, load: Load | None) -> Array:
     """Return the torques of which rounding is a share (nv,), sizes where forces are among them."""
     return tau if load is None else np.abs(tau) + load.size
+
+
+def failure(workspace: Workspace, solution: Solution) -> SolveFailed:
+    """Return the error of an answer that is not ok."""
+    found = gaps(workspace.scene, workspace.equations.violation(solution.q))
+    gap = worst(found)[1] if found else ConstraintViolation(0.0, 0.0)
+    slip = solution.state_error.velocity
+    reason = massless_motion(workspace.model, solution.q, data=workspace.data)
+    reason = reason or solution.status.text(workspace.scene.rows)
+    return SolveFailed(
+        f"{workspace.solver!r} on {workspace.scene.robot.name}: {reason} "
+        f"(error bound {solution.error_bound:.1e}, state open by {gap} and slipping "
+        f"by {slip:.1e} m/s or rad/s)",
+        solution,
+    )

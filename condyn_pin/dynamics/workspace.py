@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 import warnings
 from collections.abc import Sequence
-from functools import cached_property, partial
+from functools import partial
 from threading import get_ident
 from time import perf_counter
 from typing import Any, Final
@@ -13,34 +13,24 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core import _pin
-from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import FLOAT, HIGH, LOW, Arguments, unpack_quaternion
+from condyn_pin._core.arguments import FLOAT, HIGH, LOW, unpack_quaternion
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.one_thread import OneThread, alone, in_use
+from condyn_pin._core.one_thread import alone, in_use
 from condyn_pin._core.parameters import check_accuracy_of_a
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.loads import Load, Loads
-from condyn_pin.constraints.rows.bound import AnyBound
+from condyn_pin.constraints.loads import Load
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.rows.terms import Terms, finite_terms
-from condyn_pin.constraints.violation import ConstraintViolation, worst
 from condyn_pin.dynamics.choice import check_kinds, default_solver
 from condyn_pin.dynamics.derivatives import METHODS, Derivatives
-from condyn_pin.dynamics.derivatives.check import check_derivatives
-from condyn_pin.dynamics.derivatives.differences import DifferenceDerivatives
-from condyn_pin.dynamics.derivatives.linearised import Linearisation
-from condyn_pin.dynamics.gaps import gaps
-from condyn_pin.dynamics.nominal import NominalAnalysis
-from condyn_pin.dynamics.raw import ConstraintDatas, ConstraintModels, raw_constraints
+from condyn_pin.dynamics.derivatives.differences import DifferenceDerivatives, check_derivatives
+from condyn_pin.dynamics.memory import Memory
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solution import Solution, Status
 from condyn_pin.dynamics.solvers.base import Singular, Solver
-from condyn_pin.dynamics.verifier import Verifier
-from condyn_pin.errors import InvalidArgument, SolveFailed, unknown_name
-from condyn_pin.model.soundness import massless_motion
+from condyn_pin.dynamics.verifier import Verifier, failure
+from condyn_pin.errors import InvalidArgument, unknown_name
 
 # No acceleration of a machine: what is larger is looked at entry by entry.
 LARGEST: Final = 1e100
@@ -52,7 +42,7 @@ _OK = Status.OK
 _NO_FORCES: Final[tuple[AppliedForce, ...]] = ()
 
 
-class Workspace(OneThread):
+class Workspace(Memory):
     """Memory for one scene and one solver; use one per thread.
 
     Parameters
@@ -68,13 +58,11 @@ class Workspace(OneThread):
     scene, solver : Scene, Solver
     model, data, constraint_models, constraint_datas, proximal_settings
         Pinocchio's raw objects, for what this library does not offer. Between two solves you may
-        call any function of Pinocchio on `model` and `data`, and read the lists. The settings are
-        those of the last answer. You may not
-        resize the lists (`StaleModel`), edit the model, initialise `data` for other constraints,
-        or leave Baumgarte gains or `contact_acceleration_desired` behind: the next solve would
-        read them. After `LCABA` the constraint datas must not go into `pin.constraintDynamics`,
-        which reads what `lcaba` left there. `model` is a private copy: an edit of
-        ``robot.model`` does not reach it.
+        call any function of Pinocchio on `model`, a private copy, and `data`, and read the lists
+        and the settings of the last answer. You may not resize the lists (`StaleModel`), edit the
+        model, initialise `data` for other constraints, or leave Baumgarte gains or
+        `contact_acceleration_desired` behind: the next solve would read them. After `LCABA` the
+        constraint datas must not go into `pin.constraintDynamics`, which reads what `lcaba` left.
 
     Notes
     -----
@@ -98,18 +86,13 @@ class Workspace(OneThread):
             )
         if not isinstance(drift, Baumgarte | None):
             raise InvalidArgument(f"drift = {drift!r}: Baumgarte(alpha, beta) or None is needed")
-        scene.robot.check_unedited()
-        self.drift = drift
+        super().__init__(scene, drift)
+        equations = self.analysed(scene)
         self.solver = default_solver(scene) if solver is None else solver
-        self.model = pin.Model(scene.robot.model)
-        self._arguments = Arguments(self.model)
         self._quaternions, self._pairs = self._arguments.quaternions, self._arguments.pairs
-        self.roots = tuple(
-            int(joint.idx_v)
-            for joint, parent in zip(self.model.joints, self.model.parents, strict=True)
-            if parent == 0 and joint.idx_v >= 0
-        )
-        self.use(scene)
+        offsets = [*zip(self.model.idx_vs, self.model.parents, strict=True)][1:]  # not the world's
+        self.roots = tuple(int(v) for v, parent in offsets if parent == 0 and v >= 0)
+        self._start(scene, equations)
 
     @alone
     def use(self, scene: Scene) -> None:
@@ -122,84 +105,18 @@ class Workspace(OneThread):
             raise InvalidArgument(
                 f"scene: its robot {scene.robot.name!r} has another model; make a new Workspace"
             )
+        self._start(scene, self.analysed(scene))
+
+    def _start(self, scene: Scene, equations: Equations | None) -> None:
         check_kinds(scene, self.solver)
-        self.scene = scene
-        self.bounds: tuple[AnyBound, ...] = scene.bounds
-        self.pinocchio_constraints = scene.pinocchio_constraints
-        self.proximal_settings: Any = None
-        for made_on_demand in ("_made", "equations", "linearisation", "loads"):
-            self.__dict__.pop(made_on_demand, None)
-        if "nominal" not in vars(scene):
-            self._analyse()
-        method = self.solver.start(self)
-        self.bound = method  # what a simulation calls in every stage of a step
-        self._run, self._lam = method.acceleration, method.lam
-        self._verifier = Verifier(self, method)
+        self.hold(scene, equations)
+        self.bound = self.solver.start(self)  # also what a simulation calls in a step
+        self._verifier = Verifier(self, self.bound)
 
     def __repr__(self) -> str:
         settings = self.proximal_settings
         found = f", mu {settings.mu:.3g} 1/kg" if settings else ""
         return f"Workspace({self.scene.robot.name}, {self.scene.rows} rows: {self.solver!r}{found})"
-
-    @property
-    def data(self) -> Any:
-        """Pinocchio's memory, sized for the constraints of the scene."""
-        return self._raw[0]
-
-    @property
-    def constraint_models(self) -> ConstraintModels:
-        """The constraints as Pinocchio takes them."""
-        return self._raw[1]
-
-    @property
-    def constraint_datas(self) -> ConstraintDatas:
-        """Pinocchio's memory of each constraint."""
-        return self._raw[2]
-
-    @property
-    def _raw(self) -> tuple[Any, ConstraintModels, ConstraintDatas]:
-        self.check_alone()
-        return self._made
-
-    @cached_property
-    def _made(self) -> tuple[Any, ConstraintModels, ConstraintDatas]:
-        # on demand: dense methods do without, and in long chains it takes all the memory there is
-        models, datas = raw_constraints(
-            self.model, self.pinocchio_constraints.constraints, self.drift
-        )
-        _pin.init_constraint_dynamics(self.model, self._data, models, datas)
-        return self._data, models, datas
-
-    @cached_property
-    def _data(self) -> Any:
-        return self.model.createData()
-
-    def scene_forces(self, lam: Array) -> Array:
-        """Return the scene's forces from those of Pinocchio's constraints."""
-        to_scene = self.pinocchio_constraints.to_scene
-        return lam if to_scene is None else to_scene.dot(lam)
-
-    def pinocchio_velocity(self, s: Array) -> Array:
-        """Return what Pinocchio's constraints slip where the scene's rows slip by s."""
-        to_scene = self.pinocchio_constraints.to_scene  # lam goes the other way
-        return s if to_scene is None else to_scene.T.dot(s)
-
-    @cached_property
-    def equations(self) -> Equations:
-        """The equations of the scene, in memory of their own that no solver writes to."""
-        return Equations(self.model, self.bounds, self.drift)
-
-    def _analyse(self) -> None:
-        """Let the scene be analysed by the equations that are needed here anyway."""
-        equations = Equations(self.model, self.bounds)
-        vars(self.scene)["nominal"] = NominalAnalysis(self.scene, equations)
-        equations.drift = self.drift
-        self.equations = equations
-
-    @cached_property
-    def loads(self) -> Loads:
-        """Forces on frames, evaluated in the memory of the equations."""
-        return Loads(self.scene.robot, self.model, self.equations.data)
 
     def acceleration(
         self, q: Array, v: Array, tau: Array, *, forces: Sequence[AppliedForce] = _NO_FORCES
@@ -252,7 +169,7 @@ class Workspace(OneThread):
             same = q.dtype is v.dtype is tau.dtype is FLOAT
             if not (same or q.dtype == v.dtype == tau.dtype == FLOAT):
                 raise ValueError
-            a = self._run(q, v, tau)
+            a = self.bound.acceleration(q, v, tau)
             for i in self.roots:
                 if not SMALLEST < a.item(i) < LARGEST:
                     raise ValueError
@@ -279,14 +196,14 @@ class Workspace(OneThread):
         """Return the constraint forces (m,) of the last `acceleration`; owned by the caller."""
         if self._solved_by and self._solved_by != get_ident():
             raise in_use("the last `acceleration` of this Workspace was another thread's")
-        return self._lam()
+        return self.bound.lam()
 
     def careful_acceleration(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> Array:
         """Accept what only needs converting; say what is wrong with anything else."""
         q, v, tau = self._arguments.check(q, v, tau)
         solution = self.solve(q, v, tau, throw=False)
         if not np.isfinite(solution.a).all():
-            raise self._failure(solution)
+            raise failure(self, solution)
         return solution.a
 
     @alone
@@ -302,24 +219,10 @@ class Workspace(OneThread):
     ) -> Solution:
         """Return a, lam and the proof of both.
 
-        Parameters
-        ----------
-        q, v, tau : (nq,), (nv,), (nv,) array_like
-        forces : sequence of AppliedForce, optional
-            Forces from outside; none by default.
-        accuracy : float, optional
-            Error of a that is good enough, relative to the larger of |a|_inf and gravity: what the
-            status is judged by. That of the solver by default. It changes no number of the answer.
-        throw : bool
-            Raise if the status is not ok. With False the same Solution comes back, whatever its
-            status.
+        `forces`, `accuracy` and `throw` are those of `condyn_pin.solve`, and so are the errors.
 
         Raises
         ------
-        InvalidArgument
-            As in `acceleration`.
-        SolveFailed
-            If the status is not ok; its `solution` has everything that was computed.
         SharedWorkspace
             If another thread is at work in it.
         """
@@ -334,24 +237,22 @@ class Workspace(OneThread):
         if forces is not _NO_FORCES:
             load = self.loads.at(q_, applied_forces(forces))
         try:
-            a = self._run(q_, v_, tau_ + load.torque if load else tau_)
+            a = self.bound.acceleration(q_, v_, tau_ + load.torque if load else tau_)
         except Singular:
             solution = self._verifier.failed(q_, v_, perf_counter() - start, load)
         else:
-            solve_time = perf_counter() - start
+            took, verify = perf_counter() - start, self._verifier.verify
             for i in self.roots:
                 if not SMALLEST < a.item(i) < LARGEST:  # the status says it, so numpy need not
                     with np.errstate(all="ignore"):
-                        solution = self._verifier.verify(
-                            q_, v_, tau_, a, accuracy, solve_time, load
-                        )
+                        solution = verify(q_, v_, tau_, a, accuracy, took, load)
                     break
             else:
-                solution = self._verifier.verify(q_, v_, tau_, a, accuracy, solve_time, load)
+                solution = verify(q_, v_, tau_, a, accuracy, took, load)
         if solution.status is not _OK:
             self._arguments.check(q_, v_, tau_)  # what is not finite may be the input's fault
             if throw:
-                raise self._failure(solution)
+                raise failure(self, solution)
         return solution
 
     @alone
@@ -385,44 +286,6 @@ class Workspace(OneThread):
             check_derivatives(found, DifferenceDerivatives(self, solution, v_, tau_))
         return found
 
-    @cached_property
-    def linearisation(self) -> Linearisation:
-        """The linearised equations, in memory of their own."""
-        return Linearisation(self.model, self.bounds, self.drift)
-
     def __reduce__(self) -> tuple[Any, ...]:
         # a copy has memory of its own: Pinocchio 4 crashes on a copied Data
         return partial(Workspace, drift=self.drift), (self.scene, self.solver)
-
-    def _failure(self, solution: Solution) -> SolveFailed:
-        found = gaps(self.scene, self.equations.violation(solution.q))
-        gap = worst(found)[1] if found else ConstraintViolation(0.0, 0.0)
-        slip = solution.state_error.velocity
-        reason = massless_motion(self.model, solution.q, data=self.data)
-        reason = reason or solution.status.text(self.scene.rows)
-        return SolveFailed(
-            f"{self.solver!r} on {self.scene.robot.name}: {reason} "
-            f"(error bound {solution.error_bound:.1e}, state open by {gap} and slipping "
-            f"by {slip:.1e} m/s or rad/s)",
-            solution,
-        )
-
-    @alone
-    def terms(self, q: ArrayLike, v: ArrayLike) -> Terms:
-        """Return M, h, J, gamma and a_ref at a state."""
-        q_, v_, _ = self._arguments.check(q, v, np.zeros(self.model.nv))
-        return finite_terms(self.equations, q_, v_)
-
-    @alone
-    def jacobian(self, q: ArrayLike) -> Array:
-        """Return the constraint Jacobian J (m, nv)."""
-        return self.equations.jacobian(self._configuration(q))
-
-    @alone
-    def violation(self, q: ArrayLike) -> Array:
-        """Return c(q) (m,) [m, rad]."""
-        return self.equations.violation(self._configuration(q))
-
-    def _configuration(self, q: ArrayLike) -> Array:
-        still = np.zeros(self.model.nv)
-        return self._arguments.check(q, still, still)[0]

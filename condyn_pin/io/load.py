@@ -17,7 +17,7 @@ leave out: loops, contacts, motors, postures, the licence.
     [[contacts]]   kind = "point", "surface", "line" or "planar", and the fields of that class
     [postures.X]   joint = value or list of values; joints left out stay at neutral; of a joint
                    without limits, which is (cos, sin), also its angle [rad]
-    [variants.OPTION.VALUE]  pieces of the card that are merged over it: see `variants`
+    [variants.OPTION.VALUE]  pieces of the card that are merged over it: see `io.card`
 """
 
 from __future__ import annotations
@@ -27,10 +27,7 @@ from functools import partial
 from pathlib import Path
 
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
-from condyn_pin.io.manifest.folders import example_robot_data, robots_folder
-from condyn_pin.io.manifest.reading import read_alone, read_card
-from condyn_pin.io.manifest.variants import check_variant
-from condyn_pin.io.urdf import check_root_joint
+from condyn_pin.io.files import check_root_joint, example_robot_data, robots_folder
 from condyn_pin.model.mechanisms import MECHANISMS
 from condyn_pin.model.robot import Robot
 
@@ -48,7 +45,7 @@ def available_robots() -> dict[str, Callable[[], Robot]]:
         Called without arguments, each loads its `Robot`.
     """
     folders = sorted(path.parent for path in robots_folder().glob("*/robot.toml"))
-    cards = {folder.name: partial(read_card, folder / "robot.toml", {}) for folder in folders}
+    cards = {folder.name: partial(_read_card, folder / "robot.toml", {}) for folder in folders}
     return cards | MECHANISMS
 
 
@@ -87,6 +84,9 @@ def load_robot(
     InvalidModel
         If a file cannot be read; the text names the file and the element.
     """
+    # what reads files is imported when there is one to read: mechanisms need none of it
+    from condyn_pin.io.card import check_variant
+
     if not isinstance(name, (str, Path)):
         raise InvalidArgument(f"name = {name!r}: a name or a path is needed")
     if root_joint is not None:
@@ -96,6 +96,8 @@ def load_robot(
     chosen = {} if variant is None else variant
     plain = path.suffix in _ROOTED or (path.suffix == ".xml" and root_joint is None)
     if str(name) not in known and plain and not path.is_dir():
+        from condyn_pin.io.manifest import read_alone
+
         check_variant(chosen, {})
         return read_alone(path, root_joint or "fixed")
     if root_joint is not None:
@@ -108,13 +110,19 @@ def load_robot(
         return MECHANISMS[str(name)]()
     card = _card(robots_folder() / str(name) if str(name) in known else path)
     if card.is_file():
-        return read_card(card, chosen)
+        return _read_card(card, chosen)
     if path.suffix or path.exists():
         raise InvalidModel(
             f"{path}: a .urdf, an .sdf or an .xml with an MJCF is needed, or a folder with a "
             "robot.toml"
         )
     raise unknown_name("robot", str(name), known)
+
+
+def _read_card(path: Path, variant: Mapping[str, str]) -> Robot:
+    from condyn_pin.io.manifest import read_card
+
+    return read_card(path, variant)
 
 
 def _path(name: str | Path) -> Path:

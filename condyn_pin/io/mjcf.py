@@ -1,35 +1,43 @@
-"""Read a robot from an MJCF file, with MuJoCo's meaning of it.
+"""Read a robot from an MJCF file: MuJoCo compiles it, and its arrays become a Pinocchio tree.
 
-Two routes lead to one description of the file (`mjcf_types`), and one builder makes a Pinocchio
-model of it (`mjcf_build`):
+MuJoCo places the inertia of body b in its principal axes c, with bRc from `body_iquat`:
 
-    plain      `mjcf_plain` reads the XML itself: bodies with an explicit <inertial>
-    compiled   `mjcf_compiled` lets MuJoCo read the file, where its compiler is needed: inertia
-               that follows from geoms, attached and replicated parts
+    I = bRc · diag(body_inertia) · bRcᵀ      about `body_ipos`
 
-The other files: `mjcf_words` has the words of the format, `mjcf_xml` and `mjcf_pose` read numbers
-and orientations, `mjcf_include` and `mjcf_defaults` other files and default classes,
-`mjcf_equality` loops. The format: https://mujoco.readthedocs.io/en/stable/XMLreference.html
+`DrawnTree` says how joints move a body from where it is drawn. The configuration in which the file
+draws the model is ``qpos0``: zero, but for joints with a `ref`. Quaternions are w x y z in MuJoCo
+and x y z w here. The format: https://mujoco.readthedocs.io/en/stable/XMLreference.html
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from math import inf
 from os import PathLike
-from pathlib import Path
+from typing import Any, Final
 
-from condyn_pin.errors import CondynError, InvalidModel
-from condyn_pin.io.mjcf_build import build
-from condyn_pin.io.mjcf_compiled import read_compiled
-from condyn_pin.io.mjcf_include import insert_includes, parse
-from condyn_pin.io.mjcf_plain import read_plain
-from condyn_pin.io.mjcf_types import MjcfRobot
-from condyn_pin.io.mjcf_xml import NotPlain
-from condyn_pin.io.xml import check_counts
+import numpy as np
 
-__all__ = ["MjcfRobot", "read_mjcf"]
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.names import few
+from condyn_pin.constraints.base import WORLD
+from condyn_pin.constraints.coupling import Coupling
+from condyn_pin.constraints.loop import Loop, LoopKind
+from condyn_pin.errors import InvalidModel
+from condyn_pin.io.description import Description
+from condyn_pin.io.mjcf_file import body_names, compiled, joint_names, require_mujoco
+from condyn_pin.io.xml import place
+from condyn_pin.model.spring import Spring
+from condyn_pin.model.tree import DrawnJoint, DrawnTree
+
+KINDS: Final = ("free", "ball", "slide", "hinge")  # in the order of MuJoCo's mjtJoint
+DRAWN: Final = "qpos0"
+_ONE: Final = np.array([1.0, 0.0, 0.0, 0.0])  # no turn, w x y z
 
 
-def read_mjcf(path: str | PathLike[str]) -> MjcfRobot:
+def read_mjcf(path: str | PathLike[str]) -> Description:
     """Read an MJCF file into a Pinocchio model and its loops, the same with every Pinocchio.
 
     Parameters
@@ -38,7 +46,7 @@ def read_mjcf(path: str | PathLike[str]) -> MjcfRobot:
 
     Returns
     -------
-    MjcfRobot
+    Description
         The model, its loops and couplings, motors, springs, the keyframes as postures (the last
         one is ``qpos0``, in which the file draws the model), and what is not used.
 
@@ -47,7 +55,7 @@ def read_mjcf(path: str | PathLike[str]) -> MjcfRobot:
     InvalidModel
         The file cannot be read, or what it says cannot be made a model.
     MissingExtra
-        The file needs MuJoCo's compiler, and MuJoCo is not installed.
+        MuJoCo is not installed.
 
     Notes
     -----
@@ -55,18 +63,212 @@ def read_mjcf(path: str | PathLike[str]) -> MjcfRobot:
     body's, then the site's. A <connect> or <weld> without sites makes the frames ``NAME_a`` and
     ``NAME_b``. Loops are rigid here, whatever their solref and solimp.
     """
-    path = Path(path)
-    root = parse(path)
-    try:
-        if root.tag != "mujoco":
-            raise InvalidModel(f"its root element is <{root.tag}>, an MJCF has <mujoco>")
-        insert_includes(root, path.parent)
-        check_counts(sum(1 for _ in root.iter("body")), 0)
-        try:
-            said = read_plain(root)
-        except NotPlain as reason:
-            said = read_compiled(path, str(reason))
-        return build(said)
-    except CondynError as error:
-        error.args = (f"{path}: {error}",)
-        raise
+    with place(path):
+        return _Reader(*compiled(path, "mujoco")).read()
+
+
+class _Reader:
+    """A compiled model that is being read."""
+
+    def __init__(self, mj: Any, lost: Sequence[str]) -> None:
+        self.mujoco, self.mj = require_mujoco("an MJCF is read by MuJoCo"), mj
+        self.bodies, self.joints = body_names(mj), joint_names(mj)
+        self.sites = [mj.site(s).name for s in range(mj.nsite)]
+        for name in (*self.bodies[1:], *self.joints, *self.sites):
+            if name in WORLD:
+                raise InvalidModel(f"the name {name!r} is the world's; rename it")
+        self.tree = DrawnTree(mj.names.split(b"\0", 1)[0].decode(), self.bodies)
+        self.unused = list(lost)
+
+    def read(self) -> Description:
+        mj, tree = self.mj, self.tree
+        tree.model.gravity.linear = mj.opt.gravity * (not self._disabled("GRAVITY"))
+        for k in range(1, mj.nbody):
+            self._add_body(k)
+        for s, site in enumerate(self.sites):
+            self._add_site(s, site)
+        loops = tuple(self._loops())
+        postures = self._postures()
+        self.unused += [*self._not_read(), *self._not_used()]
+        return Description(
+            tree.model,
+            loops=loops,
+            actuated=tuple(dict.fromkeys(self._actuated())),
+            springs=tuple(Spring(j.name, k, rest) for j, k, rest in self._stiffness() if j.scalar),
+            postures=postures,
+            unused=tuple(self.unused),
+        )
+
+    def _disabled(self, what: str) -> bool:
+        return bool(self.mj.opt.disableflags & getattr(self.mujoco.mjtDisableBit, f"mjDSBL_{what}"))
+
+    def _add_body(self, k: int) -> None:
+        mj = self.mj
+        first, count = int(mj.body_jntadr[k]), int(mj.body_jntnum[k])
+        R = _pose(mj.body_ipos[k], mj.body_iquat[k]).rotation
+        about_centre = R @ np.diag(mj.body_inertia[k]) @ R.T
+        inertia = pin.Inertia(float(mj.body_mass[k]), mj.body_ipos[k], about_centre)
+        self.tree.add_body(
+            self.bodies[k],
+            self.bodies[mj.body_parentid[k]],
+            _pose(mj.body_pos[k], mj.body_quat[k]),
+            [self._joint(j) for j in range(first, first + count)],
+            inertia if inertia.mass > 0 else None,
+        )
+
+    def _joint(self, j: int) -> DrawnJoint:
+        mj, kind = self.mj, KINDS[int(self.mj.jnt_type[j])]
+        scalar, dof = kind in ("slide", "hinge"), int(mj.jnt_dofadr[j])
+        lower, upper = mj.jnt_range[j] if scalar and mj.jnt_limited[j] else (-inf, inf)
+        armature = float(mj.dof_armature[dof])
+        if kind == "free" and armature:
+            self.unused.append(f"armature of the free joint {self.joints[j]!r}")
+            armature = 0.0
+        return DrawnJoint(
+            self.joints[j],
+            kind,
+            axis=mj.jnt_axis[j].copy(),
+            point=mj.jnt_pos[j].copy(),
+            reference=float(mj.qpos0[mj.jnt_qposadr[j]]) if scalar else 0.0,
+            lower=float(lower),
+            upper=float(upper),
+            armature=armature,
+            damping=0.0 if self._disabled("DAMPER") else float(mj.dof_damping[dof]),
+        )
+
+    def _add_site(self, s: int, site: str) -> None:
+        if not site:
+            return
+        mj, name = self.mj, self._site_frame(s)
+        if name != site:
+            self.unused.append(f"the name of site {site!r}: a body has it; {name!r} here")
+        body = self.bodies[mj.site_bodyid[s]]
+        self.tree.mark(name, body, _pose(mj.site_pos[s], mj.site_quat[s]))
+
+    def _site_frame(self, s: int) -> str:
+        """Return the frame of a site, "" for one without a name."""
+        site = self.sites[s]
+        return f"{site}_site" if site in self.bodies else site
+
+    def _loops(self) -> Iterator[Loop | Coupling]:
+        mj, types = self.mj, self.mujoco.mjtEq
+        tags = {types.mjEQ_CONNECT: "connect", types.mjEQ_WELD: "weld", types.mjEQ_JOINT: "joint"}
+        for k in range(mj.neq):
+            tag = tags.get(types(mj.eq_type[k]))
+            name = mj.equality(k).name or f"{tag or 'equality'}{k}"
+            if tag is None:
+                self.unused.append(f"equality {name!r}, of another kind than connect, weld, joint")
+            elif not mj.eq_active0[k] or self._disabled("EQUALITY"):
+                self.unused.append(f"equality {name!r} is not active")
+            elif tag == "joint":
+                yield from self._coupling(k, name)
+            else:
+                yield self._loop(k, tag, name)
+
+    def _coupling(self, k: int, name: str) -> Iterator[Coupling]:
+        """Yield the coupling q1 - ref1 = c0 + c1 (q2 - ref2), if it is one."""
+        mj, c = self.mj, self.mj.eq_data[k, :5]
+        a, b = int(mj.eq_obj1id[k]), int(mj.eq_obj2id[k])
+        if b < 0:
+            one = self.joints[a]
+            self.unused.append(f"equality {name!r}: it holds joint {one!r} still, not done here")
+        elif c[2:].any() or c[1] == 0:
+            said = f"polycoef is {c.tolist()}, and only a proportion is used"
+            self.unused.append(f"equality {name!r}: {said}")
+        else:
+            a_, b_ = (self.tree.joints[self.joints[j]] for j in (a, b))
+            offset = float(a_.reference + c[0] - c[1] * b_.reference)
+            yield Coupling(a_.name, b_.name, float(c[1]), offset, name=name)
+
+    def _loop(self, k: int, tag: str, name: str) -> Loop:
+        mj, data = self.mj, self.mj.eq_data[k]
+        ids = int(mj.eq_obj1id[k]), int(mj.eq_obj2id[k])
+        # without torquescale a weld leaves the turns free
+        kind: LoopKind = "weld" if tag == "weld" and data[10] != 0 else "ball"
+        if int(mj.eq_objtype[k]) == int(self.mujoco.mjtObj.mjOBJ_SITE):
+            frames = [self._site_frame(s) for s in ids]
+        else:
+            # in a weld the anchor on body 2 comes first
+            at = (data[:3], data[3:6]) if tag == "connect" else (data[3:6], data[:3])
+            turns = (data[6:10] if kind == "weld" else _ONE), _ONE
+            frames = [f"{name}_a", f"{name}_b"]
+            for frame, body, p, wxyz in zip(frames, ids, at, turns, strict=True):
+                self.tree.mark(frame, self.bodies[body], _pose(p, wxyz))
+        return Loop(frames[0], frames[1], kind, name=name)
+
+    def _postures(self) -> dict[str, Array]:
+        """Return the keyframes, and last the configuration that is drawn."""
+        mj, drawn = self.mj, self.tree.configuration()
+        found = {}
+        for k in range(mj.nkey):
+            q = mj.key_qpos[k].copy()
+            for joint in self.tree.model.joints[1:]:
+                if joint.nq > joint.nv:
+                    end = joint.idx_q + joint.nq
+                    wxyz = q[end - 4 : end]
+                    norm = np.linalg.norm(wxyz)
+                    # zero is no rotation: MuJoCo reads it as 1 0 0 0, and files count on that
+                    q[end - 4 : end] = np.roll(wxyz, -1) / norm if norm > 0 else np.eye(4)[3]
+            found[mj.key(k).name or f"key{k}"] = q
+        other = found.pop(DRAWN, drawn)  # the name is taken
+        if np.abs(other - drawn).max(initial=0.0) > tolerances.DRAWN:
+            self.unused.append(
+                f"keyframe {DRAWN!r}: the pose in which the file draws the model has this name; "
+                "rename it"
+            )
+        return found | {DRAWN: drawn}
+
+    def _actuated(self) -> Iterator[str]:
+        trn = self.mujoco.mjtTrn
+        kinds = int(trn.mjTRN_JOINT), int(trn.mjTRN_JOINTINPARENT)
+        for k in range(self.mj.nu):
+            if int(self.mj.actuator_trntype[k]) in kinds:
+                yield self.joints[self.mj.actuator_trnid[k, 0]]
+
+    def _stiffness(self) -> Iterator[tuple[DrawnJoint, float, float]]:
+        """Yield the joints with a spring, its stiffness, and where it rests."""
+        mj = self.mj
+        for j, joint in enumerate(self.tree.joints.values()):
+            if mj.jnt_stiffness[j] and not self._disabled("SPRING"):
+                at = mj.jnt_qposadr[j]
+                yield joint, float(mj.jnt_stiffness[j]), float(mj.qpos_spring[at])
+
+    def _not_read(self) -> Iterator[str]:
+        """Say what the compiled model has beside bodies, joints, sites and equalities."""
+        mj = self.mj
+        counts = {
+            "geoms, as bodies that touch": mj.ngeom,
+            "actuators, but for their joints": mj.nu,
+            "tendons": mj.ntendon,
+            "flexible bodies": mj.nflex,
+            "sensors": mj.nsensor,
+            "joints with dry friction": np.count_nonzero(mj.dof_frictionloss),
+            "bodies with gravity compensation": np.count_nonzero(mj.body_gravcomp),
+            "mocap bodies, which stand still": mj.nmocap,
+        }
+        listed = [f"{n} {what}" for what, n in counts.items() if n]
+        if listed:
+            yield f"parts of the compiled model that are not read: {', '.join(listed)}"
+        for poly in ("jnt_stiffnesspoly", "dof_dampingpoly"):
+            if np.any(getattr(mj, poly, 0)):
+                yield f"{poly}: springs and dampers are linear here"
+        if mj.opt.density or mj.opt.viscosity or mj.opt.wind.any():
+            yield "the medium around the bodies (density, viscosity, wind)"
+
+    def _not_used(self) -> Iterator[str]:
+        """Say which settings of the joints the dynamics do not use."""
+        joints = self.tree.joints.values()
+        if damped := [joint.name for joint in joints if joint.damping]:
+            yield f"joint damping ({few(damped)}): add Robot.passive_torque to tau"
+        if limited := [joint for joint in joints if joint.lower > -inf or joint.upper < inf]:
+            yield f"limits of position ({len(limited)} joints)"
+        ranges = zip(joints, self.mj.jnt_range, self.mj.jnt_limited, strict=True)
+        if wide := [joint.name for joint, ends, limits in ranges if ends.any() and not limits]:
+            yield f"ranges that are no limits to MuJoCo ({few(wide)})"
+        if sprung := [joint.name for joint, *_ in self._stiffness() if not joint.scalar]:
+            yield f"springs of joints with several coordinates ({few(sprung)})"
+
+
+def _pose(translation: Array, wxyz: Array) -> Any:
+    w, x, y, z = np.array(wxyz) / np.linalg.norm(wxyz)
+    return pin.SE3(pin.Quaternion(w, x, y, z).toRotationMatrix(), np.array(translation))

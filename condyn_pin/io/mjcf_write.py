@@ -27,10 +27,11 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import WORLD, Constraint
 from condyn_pin.constraints.constraint_fields import Vector3
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
-from condyn_pin.io.mjcf_posture import drawn
+from condyn_pin.io.mjcf import DRAWN
 from condyn_pin.io.mjcf_write_joint import (
     chains_of,
     numbers,
@@ -56,6 +57,21 @@ def to_mjcf(robot: Robot, *, without: Iterable[str] = ()) -> str:
     return _Writer(robot).write(_kept(robot, without))
 
 
+def drawn(robot: Robot) -> Array:
+    """Return the configuration (nq,) in which an MJCF of the robot draws it.
+
+    That of its posture ``qpos0``, which comes with every MJCF, else neutral. A ball has no `ref`:
+    in MuJoCo it is drawn at 1 0 0 0.
+    """
+    neutral = np.array(pin.neutral(robot.model))
+    q = np.array(robot.postures.get(DRAWN, neutral))
+    for joint in robot.model.joints[1:]:
+        if joint.nq == 4 and joint.nv == 3:
+            turned = slice(joint.idx_q, joint.idx_q + 4)
+            q[turned] = neutral[turned]
+    return q
+
+
 def _kept(robot: Robot, without: Iterable[str]) -> tuple[Constraint, ...]:
     """Return the loops to write, after a look at their kinds."""
     if isinstance(without, str) or not isinstance(without, Iterable):
@@ -76,7 +92,7 @@ def _kept(robot: Robot, without: Iterable[str]) -> tuple[Constraint, ...]:
 
 
 class _Writer:
-    """A file while it grows."""
+    """A file while it grows; what loops write themselves to."""
 
     def __init__(self, robot: Robot) -> None:
         self.robot, self.model = robot, robot.model
@@ -141,20 +157,28 @@ class _Writer:
         for frame in self.model.frames:
             taken = frame.name in (*self.bodies, *self.sites, *WORLD)
             if not taken and frame.type != pin.FrameType.JOINT:
-                self.add_site(frame.name, frame.parentJoint, frame.placement)
+                self._add_site(frame.name, frame.parentJoint, frame.placement)
 
-    def add_site(self, name: str, i: int, placement: Any) -> str:
+    def _add_site(self, name: str, i: int, placement: Any) -> str:
         body, B_inverse = self.on[i]
         SubElement(body, "site", {"name": name} | write_pose(B_inverse * placement))
         self.sites.add(name)
         return name
 
     def _add_loops(self, loops: tuple[Constraint, ...]) -> None:
-        if not loops:
-            return
-        equalities = _Equalities(self, SubElement(self.root, "equality"))
+        if loops:
+            self.equality = SubElement(self.root, "equality")
         for loop in loops:
-            loop.write_mjcf(equalities)
+            loop.write_mjcf(self)
+
+    def equate(self, tag: str, **words: str | Sequence[float]) -> None:
+        """Write an equality."""
+        said = {key: x if isinstance(x, str) else numbers(x) for key, x in words.items()}
+        SubElement(self.equality, tag, said)
+
+    def coordinate(self, joint: str) -> float:
+        """Return the coordinate of a joint where the file draws the model [rad or m]."""
+        return reference(self.model, self.model.getJointId(joint), self.drawn)
 
     def _add_spring_dampers(self) -> None:
         """Make each spring-damper a tendon that is straight from site to site."""
@@ -167,15 +191,21 @@ class _Writer:
             words = {"name": f"spring_damper_{k}"} | {key: numbers([x]) for key, x in said.items()}
             tendon = SubElement(tendons, "spatial", words)
             for frame, end in ((each.frame_a, "a"), (each.frame_b, "b")):
-                SubElement(tendon, "site", site=self.site_of(frame, f"spring_damper_{k}_{end}"))
+                SubElement(tendon, "site", site=self.site(frame, f"spring_damper_{k}_{end}"))
 
-    def site_of(self, frame: str, new: str) -> str:
+    def site(self, frame: str, new: str) -> str:
         """Return the site of a frame; a body's or the world's own frame gets one."""
         if frame in self.sites:
             return frame
-        return self.add_site(self.spare(new), *self.robot.frame(frame))
+        return self._add_site(self._spare(new), *self.robot.frame(frame))
 
-    def spare(self, name: str) -> str:
+    def site_beside(self, frame: str, new: str, shift: Vector3) -> str:
+        """Return a new site, shifted from a frame in its axes [m]."""
+        i, placement = self.robot.frame(frame)
+        shifted = placement * pin.SE3(np.eye(3), np.array(shift))
+        return self._add_site(self._spare(new), i, shifted)
+
+    def _spare(self, name: str) -> str:
         while name in self.sites or name in self.bodies:
             name += "_"
         return name
@@ -196,30 +226,3 @@ class _Writer:
         keyframes = SubElement(self.root, "keyframe")
         for name, q in self.robot.postures.items():
             SubElement(keyframes, "key", name=name, qpos=write_configuration(self.model, q))
-
-
-class _Equalities:
-    """What a loop writes itself to."""
-
-    def __init__(self, writer: _Writer, element: Element) -> None:
-        self._writer, self._element, self.robot = writer, element, writer.robot
-
-    def equate(self, tag: str, **words: str | Sequence[float]) -> None:
-        """Write an equality."""
-        said = {key: x if isinstance(x, str) else numbers(x) for key, x in words.items()}
-        SubElement(self._element, tag, said)
-
-    def site(self, frame: str, new: str) -> str:
-        """Return the site of a frame; a body's or the world's own frame gets one."""
-        return self._writer.site_of(frame, new)
-
-    def site_beside(self, frame: str, new: str, shift: Vector3) -> str:
-        """Return a new site, shifted from a frame in its axes [m]."""
-        i, placement = self.robot.frame(frame)
-        place = placement * pin.SE3(np.eye(3), np.array(shift))
-        return self._writer.add_site(self._writer.spare(new), i, place)
-
-    def coordinate(self, joint: str) -> float:
-        """Return the coordinate of a joint where the file draws the model [rad or m]."""
-        writer = self._writer
-        return reference(writer.model, writer.model.getJointId(joint), writer.drawn)

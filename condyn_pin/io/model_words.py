@@ -19,7 +19,7 @@ from condyn_pin._core._pin import VERSION_TEXT, pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.errors import InvalidModel
 from condyn_pin.io.joint_words import joint_of, joint_words
-from condyn_pin.io.tree import NO_LIMIT
+from condyn_pin.model.tree import NO_LIMIT
 
 Words = dict[str, Any]
 Arrays = dict[str, NDArray[Any]]

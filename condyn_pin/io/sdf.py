@@ -2,42 +2,36 @@
 
 The other files of the reader, in the order in which a file passes through them:
 
-    sdf_xml      reads the words and numbers of elements (`xml` finds these)
+    sdf_file     what the file says, as the values of `sdf_types`
     sdf_graph    where each link, joint and frame is drawn: oMx in the model frame o
-    sdf_joint    axes, limits, springs, gears
-    sdf_types    the values that all of them hand on
-    sdf_build    the way from the file's joints to a model, which takes these steps:
-    sdf_kinds    the types of joints; a universal joint becomes two hinges
-    sdf_gears    a gearbox becomes a coupling of two hinges
-    sdf_copies   loops as Pinocchio's C++ parser opens them, if asked for
+    sdf_kinds    the types of joints; universal joints, gearboxes, copies of links
     sdf_span     which joints make the tree, and which are cut
     sdf_tree     the Pinocchio model, and frames for what was cut
-    sdf_unused   what is not in the model
 
 The format: http://sdformat.org/spec
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from math import inf
 from os import PathLike
 from types import MappingProxyType
 from typing import Any
-from xml.etree.ElementTree import Element
 
-import numpy as np
-
-from condyn_pin._core import tolerances
-from condyn_pin.errors import InvalidModel
-from condyn_pin.io.inertia import inertia_in, tensor
-from condyn_pin.io.sdf_build import Choices, build
-from condyn_pin.io.sdf_graph import links_of, model_poses, parts_of, pose_in, pose_of
-from condyn_pin.io.sdf_joint import joint_of
-from condyn_pin.io.sdf_types import WORLD, Closure, Description, Link, SdfRobot
-from condyn_pin.io.sdf_xml import number, unread
-from condyn_pin.io.xml import check_counts, find, label, parsed
-
-__all__ = ["Closure", "SdfRobot", "read_sdf"]
+from condyn_pin._core.names import quoted
+from condyn_pin.constraints.coupling import Coupling
+from condyn_pin.constraints.loop import Loop
+from condyn_pin.errors import InvalidArgument, unknown_name
+from condyn_pin.io.description import Description, doubts
+from condyn_pin.io.sdf_file import parse
+from condyn_pin.io.sdf_kinds import chosen_joints, coupling_of, in_series, with_copies
+from condyn_pin.io.sdf_span import Span, span
+from condyn_pin.io.sdf_tree import SdfTree
+from condyn_pin.io.sdf_types import Joint, Link, SdfModel
+from condyn_pin.io.xml import place
+from condyn_pin.model.spring import Spring
 
 
 def read_sdf(
@@ -50,7 +44,7 @@ def read_sdf(
     cut: Sequence[str] = (),
     actuated: Sequence[str] = (),
     as_file: bool = False,
-) -> SdfRobot:
+) -> Description:
     """Read an SDF file into a Pinocchio model and the closures of its loops.
 
     Parameters
@@ -79,9 +73,11 @@ def read_sdf(
 
     Returns
     -------
-    SdfRobot
-        The model, its closures and couplings, its springs, and what the file has and the model
-        does not use.
+    Description
+        The model, its loops, couplings and springs, and what the file has and the model does not
+        use. Each link is a BODY frame, each joint a JOINT frame (FIXED_JOINT for a fixed one), each
+        frame of the file an OP_FRAME, and so are the two ends of a joint that is cut, ``NAME_a`` on
+        its parent link and ``NAME_b`` on its child, z along the axis of a hinge or slider.
 
     Raises
     ------
@@ -107,106 +103,135 @@ def read_sdf(
     The file draws the model at ``pin.neutral(model)``, where therefore every loop is closed. A
     continuous joint is one angle without limits.
     """
-    choices = Choices(
-        root=root,
-        root_joint=root_joint,
-        kinds=kinds,
-        drop=drop,
-        cut=cut,
-        actuated=actuated,
-        as_file=as_file,
+    _check_as_file(as_file, cut)
+    with place(path):
+        sdf = parse(path)
+        if as_file:
+            kinds = {j.name: "revolute" for j in sdf.joints if j.kind == "gearbox"} | dict(kinds)
+        links, chosen = in_series(sdf.links, chosen_joints(sdf, kinds, drop))
+        gearboxes = tuple(joint for joint in chosen if joint.kind == "gearbox")
+        joints = tuple(joint for joint in chosen if joint.kind != "gearbox")
+        couplings = tuple(coupling_of(gearbox, joints) for gearbox in gearboxes)
+        kept = _kept(links, joints, couplings, actuated)
+        welds: tuple[Loop, ...] = ()
+        if as_file:
+            links, joints, welds = with_copies(links, joints)
+        sdf = replace(sdf, links=links)
+        floating = root_joint is not None
+        spanned = span(sdf, joints, root, floating=floating, kept=kept, cut=cut)
+        tree = SdfTree(sdf, spanned, root_joint)
+        closing = [joint for joint in spanned.cut if tree.parts(joint)]
+        idle = [joint.name for joint in spanned.cut if joint not in closing]
+        loops = tuple(tree.close(joint) for joint in closing)
+        for name, (link, oMf) in sdf.frames.items():
+            tree.mark(name, link, oMf)
+        root_pose = tree.poses[spanned.start] if floating else None
+        return Description(
+            tree.model,
+            loops=(*loops, *welds, *couplings),
+            springs=_springs(joints, spanned),
+            reversed=spanned.reversed,
+            unused=(
+                *_unused_parts(sdf, kinds, drop, root_pose, idle),
+                *_unused_settings((*joints, *gearboxes), (*spanned.cut, *gearboxes)),
+                *doubts(
+                    (link.name, link.inertia.mass, link.inertia.inertia)
+                    for link in links
+                    if link.inertia is not None
+                ),
+            ),
+        )
+
+
+def _check_as_file(as_file: Any, cut: Sequence[str]) -> None:
+    if not isinstance(as_file, bool):
+        raise InvalidArgument(f"as_file = {as_file!r}: True or False is needed")
+    if as_file and cut:
+        raise InvalidArgument(
+            f"cut = {list(cut)!r}: with as_file no joint is cut; give one of the two"
+        )
+
+
+def _kept(
+    links: Sequence[Link],
+    joints: Sequence[Joint],
+    couplings: Sequence[Coupling],
+    actuated: Sequence[str],
+) -> dict[str, str]:
+    """Return the joints that must stay in the tree, with the reason as errors say it."""
+    names = [joint.name for joint in joints]
+    for name in actuated:
+        if name not in names:
+            raise unknown_name("joint", name, names)
+    kept = dict.fromkeys(actuated, "is actuated")
+    for coupling in couplings:
+        for name in (coupling.joint_a, coupling.joint_b):
+            kept.setdefault(name, f"is a hinge of the gearbox {coupling.name!r}")
+    crosses = {link.name for link in links if link.massless}
+    for joint in joints:
+        if joint.parent in crosses or joint.child in crosses:
+            kept.setdefault(joint.name, "is half of a universal joint")
+    return kept
+
+
+def _springs(joints: Sequence[Joint], spanned: Span) -> tuple[Spring, ...]:
+    """Return the springs of joints that are in the tree."""
+    return tuple(
+        Spring(joint.name, joint.axis.stiffness, joint.axis.reference)
+        for joint in joints
+        if joint.axis.stiffness != 0 and joint.has_axis and joint not in spanned.cut
     )
-    try:
-        return build(_parse(path), choices)
-    except InvalidModel as error:
-        error.args = (f"{path}: {error}",)
-        raise
 
 
-def _parse(path: str | PathLike[str]) -> Description:
-    try:
-        sdf = parsed(path)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise InvalidModel(f"cannot be opened: {reason}; give the path of an SDF file") from error
-    except ValueError as error:
-        raise InvalidModel(f"cannot be read as XML: {error}") from error
-    model = _only_model(sdf)
-    joints = [joint for joint in model.findall("joint") if joint.get("type") != "fixed"]
-    check_counts(len(model.findall("link")), len(joints))
-    parts = parts_of(model)
-    wMo, base = pose_in(model)
-    if base not in ("", WORLD):
-        raise InvalidModel(f"{label(model)}: pose relative to {base!r}; place it in the world")
-    link_of = links_of(parts, model.get("canonical_link"))
-    poses = model_poses(parts, wMo.inverse())
-
-    def tagged(tag: str) -> list[tuple[str, Element]]:
-        return [(name, element) for name, element in parts.items() if element.tag == tag]
-
-    return Description(
-        name=model.get("name", ""),
-        pose=wMo,
-        links=tuple(Link(n, poses[n], _inertia(e, n, poses)) for n, e in tagged("link")),
-        joints=tuple(joint_of(e, n, poses, link_of) for n, e in tagged("joint")),
-        frames={n: (link_of[n], poses[n]) for n, _ in tagged("frame")},
-        unread=unread(sdf),
-    )
+def _unused_parts(
+    sdf: SdfModel,
+    kinds: Mapping[str, str],
+    drop: Sequence[str],
+    root_pose: Any | None,
+    idle: Sequence[str],
+) -> Iterator[str]:
+    """Say which parts of the file are not in the model."""
+    yield from sdf.unread
+    if drop:
+        yield f"joints left out: {quoted(drop)}"
+    changed = [
+        f"{joint.name!r} ({joint.kind} as {kinds[joint.name]})"
+        for joint in sdf.joints
+        if joint.name not in drop and kinds.get(joint.name, joint.kind) != joint.kind
+    ]
+    if changed:
+        yield f"joint types of the file: {', '.join(changed)}"
+    if idle:
+        yield f"joints between links that cannot move against each other: {quoted(idle)}"
+    if root_pose is not None and not root_pose.isIdentity():
+        yield "pose of the root link in the file: the root joint's configuration replaces it"
 
 
-def _only_model(sdf: Element) -> Element:
-    if sdf.tag != "sdf":
-        raise InvalidModel(f"the file holds <{sdf.tag}>; a file that starts with <sdf> is needed")
-    version = sdf.get("version", "")
-    parts = version.split(".")
-    # Before 1.5 an axis without a frame was meant in the axes of the model.
-    if not all(part.isdecimal() for part in parts) or tuple(map(int, parts)) < (1, 5):
-        raise InvalidModel(f"<sdf> has version {version!r}; 1.5 or later is needed")
-    models = [*sdf.findall("model"), *sdf.findall("world/model")]
-    if len(models) != 1:
-        found = ", ".join(repr(m.get("name")) for m in models) or "no <model>"
-        included = _includes([*sdf.findall("include"), *sdf.findall("world/include")])
-        found += f", but{included}" if included else ""
-        raise InvalidModel(f"the file has {found}; exactly one <model> is needed")
-    if models[0].get("placement_frame"):
-        raise InvalidModel("<model> has a placement_frame, which is not supported; write its pose")
-    nested = models[0].find("model")
-    if nested is not None:
-        raise InvalidModel(
-            f"{label(models[0])}: {label(nested)} in it is not followed; write its links and "
-            "joints out in the model around it"
-        )
-    included = _includes(models[0].findall("include"))
-    if included:
-        raise InvalidModel(
-            f"{label(models[0])} has{included}, which is not followed; write out what is included"
-        )
-    return models[0]
+def _unused_settings(joints: Sequence[Joint], cut: Sequence[Joint]) -> Iterator[str]:
+    """Say which settings of the joints that are kept are not in the model."""
+    second = [
+        joint.name
+        for joint in joints
+        if joint.axis2.direction is not None and joint.kind != "gearbox"
+    ]
+    if second:
+        yield f"second axis: {quoted(second)}"
+    lost = [(joint.name, tuple(_lost(joint, joint not in cut))) for joint in joints]
+    for setting in ("friction", "damping", "spring", "limits"):
+        names = [name for name, settings in lost if setting in settings]
+        if names:
+            yield f"joint {setting}: {quoted(names)}"
 
 
-def _includes(elements: Sequence[Element]) -> str:
-    """Return how errors list what a file includes."""
-    uris = [repr((element.findtext("uri") or "").strip()) for element in elements]
-    return f" <include> {', '.join(uris)}" if uris else ""
-
-
-def _inertia(element: Element, name: str, poses: Mapping[str, Any]) -> Any | None:
-    """Return the inertia of a link in its own frame; None if the file gives none."""
-    inertial = find(element, "inertial")
-    if inertial is None:
-        return None
-    if inertial.get("auto", "false") not in ("false", "0"):
-        raise InvalidModel(f"{label(element)}: <inertial auto>; write its mass and inertia out")
-    mass = number(element, "inertial/mass")
-    moments = (number(element, f"inertial/inertia/i{ab}") for ab in ("xx", "yy", "zz"))
-    products = (number(element, f"inertial/inertia/i{ab}", 0.0) for ab in ("xy", "xz", "yz"))
-    inertia = tensor(*moments, *products)
-    smallest, _, largest = np.linalg.eigvalsh(inertia)
-    if smallest < -tolerances.MOMENT * abs(largest):
-        raise InvalidModel(
-            f"{label(element)}: <inertia> has the principal moment {smallest:g}; none may be < 0"
-        )
-    linkMc, base = pose_in(element, "inertial/pose")
-    if base not in ("", name):
-        linkMc = poses[name].actInv(pose_of(base, poses, element) * linkMc)
-    return inertia_in(mass, linkMc, inertia)
+def _lost(joint: Joint, hanging: bool) -> Iterator[str]:
+    """Yield the settings of a joint, hanging in the tree or cut, that are not in the model."""
+    axis, uses_axis = joint.axis, hanging and joint.has_axis
+    if axis.friction != 0:
+        yield "friction"
+    if axis.damping != 0 and (not hanging or joint.kind == "fixed"):
+        yield "damping"
+    if axis.stiffness != 0 and not uses_axis:
+        yield "spring"
+    limited = axis.lower > -inf or axis.upper < inf
+    if limited and (not uses_axis or joint.kind == "continuous"):
+        yield "limits"

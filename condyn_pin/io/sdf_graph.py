@@ -16,7 +16,6 @@ from xml.etree.ElementTree import Element
 from condyn_pin._core._pin import pin
 from condyn_pin.errors import InvalidModel, unknown_name
 from condyn_pin.io.sdf_types import WORLD
-from condyn_pin.io.sdf_xml import word
 from condyn_pin.io.xml import find, floats, label
 
 MODEL: Final = "__model__"
@@ -66,6 +65,15 @@ def links_of(parts: Mapping[str, Element], canonical: str | None) -> dict[str, s
             base[name] = element.get("attached_to") or canonical or links[0]
     ends = {*links, WORLD}
     return {WORLD: WORLD} | {name: _chain(name, base, ends, parts)[-1] for name in parts}
+
+
+def word(element: Element, tag: str) -> str:
+    """Return the name that an element of a joint holds."""
+    found = find(element, tag)
+    name = "" if found is None else (found.text or "").strip()
+    if not name:
+        raise InvalidModel(f"{label(element)}: no <{tag}>; write the name of a link there")
+    return name
 
 
 def _chain(

@@ -1,14 +1,29 @@
-"""The types of joints: which the reader knows, and a universal joint as two hinges in series.
+"""The types of joints: what the tree cannot have becomes joints and links that it can.
 
-    universal, revolute2:  parent --name_axis--> cross --name_axis2--> child,
-                           R = R(axis, q1) R(axis2, q2)
+universal, revolute2 are two hinges in series with a link without mass between them,
 
-The cross is a link without mass. The two axes never become parallel, so both hinges always move
-the inertia behind the joint, and M stays regular.
+    parent --name_axis--> cross --name_axis2--> child,       R = R(axis, q1) R(axis2, q2)
+
+whose axes never become parallel, so that both hinges always move the inertia behind the joint.
+
+gearbox is no joint of the tree, but a proportion between two hinges. It names a reference link.
+With theta_1 the angle from there to its parent about `axis`, and theta_2 the one to its child about
+`axis2`, both zero as drawn, the format asks for
+
+    theta_2 = -ratio theta_1
+
+where theta = q if the hinge between the reference link and the other has the same direction and the
+reference link is its parent; each of the two that is the other way round changes the sign.
+
+`with_copies` opens loops as Pinocchio's C++ parser does: every joint in the tree, on a copy of its
+child. A link with n parent joints is drawn n times, with m/n and I/n each. The first joint of the
+file carries the link itself, every other one a copy that is welded to it by 6 rows: a joint that
+closes a loop keeps its coordinate, at the price of as many freedoms and rows more.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
@@ -16,8 +31,11 @@ from typing import Final
 import numpy as np
 
 from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin.constraints.coupling import Coupling
+from condyn_pin.constraints.loop import Loop
 from condyn_pin.errors import InvalidModel, unknown_name
-from condyn_pin.io.sdf_types import NO_AXIS, Description, Joint, Link
+from condyn_pin.io.sdf_types import NO_AXIS, Axis, Gear, Joint, Link, SdfModel
 
 # The degrees of freedom that each type leaves, as far as the tree is concerned.
 FREEDOM: Final[Mapping[str, int]] = {
@@ -32,7 +50,7 @@ _NEEDED: Final[Mapping[str, tuple[str, ...]]] = {
 
 
 def chosen_joints(
-    sdf: Description, kinds: Mapping[str, str], drop: Sequence[str]
+    sdf: SdfModel, kinds: Mapping[str, str], drop: Sequence[str]
 ) -> tuple[Joint, ...]:
     """Return the joints that are kept, each with its type."""
     names = [joint.name for joint in sdf.joints]
@@ -103,3 +121,72 @@ def in_series(
         hinges.append(replace(hinge, name=first, child=cross))
         hinges.append(replace(hinge, name=second, parent=cross, axis=joint.axis2))
     return (*links, *crosses), tuple(hinges)
+
+
+def coupling_of(gearbox: Joint, joints: Sequence[Joint]) -> Coupling:
+    """Return the coupling q_a = ratio q_b of a gearbox; a is the hinge of its child."""
+    gear = gearbox.gear
+    assert gear is not None  # chosen_joints has looked
+    hinge_1, sign_1 = _hinge(gearbox, gear, gearbox.parent, gearbox.axis, joints)
+    hinge_2, sign_2 = _hinge(gearbox, gear, gearbox.child, gearbox.axis2, joints)
+    ratio = -gear.ratio * sign_1 * sign_2
+    return Coupling(hinge_2.name, hinge_1.name, ratio, name=gearbox.name)
+
+
+def _hinge(
+    gearbox: Joint, gear: Gear, link: str, axis: Axis, joints: Sequence[Joint]
+) -> tuple[Joint, float]:
+    """Return the hinge between the reference link and another, and the sign of theta / q."""
+    for hinge in joints:
+        if hinge.kind not in ("revolute", "continuous"):
+            continue
+        if {hinge.parent, hinge.child} != {gear.reference, link}:
+            continue
+        turns = 1.0 if hinge.child == link else -1.0
+        a = gearbox.pose.rotation @ np.asarray(axis.direction)
+        b = hinge.pose.rotation @ np.asarray(hinge.axis.direction)
+        if np.linalg.norm(np.cross(a, b)) > tolerances.PARALLEL:
+            raise InvalidModel(
+                f"joint {gearbox.name!r} is a gearbox, and its axis for {link!r} is not that of "
+                f"the hinge {hinge.name!r}: make them parallel"
+            )
+        return hinge, float(turns * np.sign(a @ b))
+    raise InvalidModel(
+        f"joint {gearbox.name!r} is a gearbox, and no revolute joint connects {link!r} to its "
+        f"reference body {gear.reference!r}: add one, or read the gearbox as another type with "
+        f"kinds={{{gearbox.name!r}: ...}}"
+    )
+
+
+def with_copies(
+    links: Sequence[Link], joints: Sequence[Joint]
+) -> tuple[tuple[Link, ...], tuple[Joint, ...], tuple[Loop, ...]]:
+    """Return links and joints without loops, and the welds that close them again."""
+    parents = Counter(joint.child for joint in joints)
+    shared = {link.name: _share(link, parents[link.name]) for link in links}
+    copies: list[Link] = []
+    hanging: list[Joint] = []
+    welds: list[Loop] = []
+    carried: set[str] = set()
+    for joint in joints:
+        if joint.child in carried:
+            name = f"{joint.child}_{joint.name}"
+            if name in shared or any(name == other.name for other in joints):
+                raise InvalidModel(
+                    f"joint {joint.name!r}: the copy of {joint.child!r} needs the name {name!r}, "
+                    "which is taken; rename one of them"
+                )
+            copies.append(replace(shared[joint.child], name=name))
+            welds.append(Loop(name, joint.child, "weld", name=joint.name))
+            joint = replace(joint, child=name)
+        carried.add(joint.child)
+        hanging.append(joint)
+    return (*shared.values(), *copies), tuple(hanging), tuple(welds)
+
+
+def _share(link: Link, n: int) -> Link:
+    """Return a link with one n-th of its inertia."""
+    if link.inertia is None or n < 2:
+        return link
+    Y = link.inertia
+    return replace(link, inertia=pin.Inertia(Y.mass / n, Y.lever, Y.inertia / n))

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from condyn_pin._core.names import quoted
 from condyn_pin.errors import InvalidModel, unknown_name
 from condyn_pin.io.sdf_kinds import FREEDOM
-from condyn_pin.io.sdf_types import WORLD, Description, Joint
+from condyn_pin.io.sdf_types import WORLD, Joint, SdfModel
 
 
 class Span(NamedTuple):
@@ -28,7 +28,7 @@ class Span(NamedTuple):
 
 
 def span(
-    sdf: Description,
+    sdf: SdfModel,
     joints: Sequence[Joint],
     root: str | None,
     *,
@@ -58,7 +58,7 @@ def span(
     return Span(start, tree, opened, backwards)
 
 
-def _start(sdf: Description, joints: Sequence[Joint], root: str | None, floating: bool) -> str:
+def _start(sdf: SdfModel, joints: Sequence[Joint], root: str | None, floating: bool) -> str:
     """Return the link on which the tree stands, or the world if joints attach links to it."""
     links = [link.name for link in sdf.links]
     if root is not None and root not in links:

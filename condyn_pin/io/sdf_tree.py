@@ -22,11 +22,13 @@ from typing import Any, Final
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin.constraints.loop import Loop, LoopKind
 from condyn_pin.errors import InvalidModel
-from condyn_pin.io.sdf_types import WORLD, Closure, Description, Joint
-from condyn_pin.io.tree import NO_LIMIT, one_coordinate, orthonormal
+from condyn_pin.io.sdf_span import Span
+from condyn_pin.io.sdf_types import WORLD, Joint, SdfModel
+from condyn_pin.model.tree import Tree, one_coordinate
 
-_CLOSURE_KINDS: Final[Mapping[str, str]] = {
+_LOOP_KINDS: Final[Mapping[str, LoopKind]] = {
     "ball": "ball",
     "fixed": "weld",
     "revolute": "hinge",
@@ -35,17 +37,27 @@ _CLOSURE_KINDS: Final[Mapping[str, str]] = {
 }
 
 
-class Tree:
-    """A Pinocchio model while it grows: where each link is drawn, and its frame in the model."""
+class SdfTree(Tree):
+    """The Pinocchio model of a spanning tree.
 
-    def __init__(self, sdf: Description) -> None:
-        self.model = pin.Model()
-        self.model.name = sdf.name
+    Parameters
+    ----------
+    sdf : SdfModel
+    spanned : Span
+    root_joint : pin.JointModel, optional
+        Between the world and the root link; without one the link stands where the file puts it.
+    """
+
+    def __init__(self, sdf: SdfModel, spanned: Span, root_joint: Any | None) -> None:
+        super().__init__(sdf.name)
         self.poses = {link.name: link.pose for link in sdf.links} | {WORLD: sdf.pose.inverse()}
-        self.links = {link.name: link for link in sdf.links}
-        self.frames = {WORLD: 0}  # Pinocchio's frame 0 is the universe
+        self._links = {link.name: link for link in sdf.links}
+        self._frames = {WORLD: 0}  # Pinocchio's frame 0 is the universe
+        self._plant(spanned.start, root_joint)
+        for joint in spanned.tree:
+            self._attach(joint)
 
-    def plant(self, start: str, root_joint: Any | None) -> None:
+    def _plant(self, start: str, root_joint: Any | None) -> None:
         """Add the root link; the world itself is there already."""
         if start == WORLD:
             return
@@ -54,88 +66,65 @@ class Tree:
             self._carry(start, 0, 0, wMlink)
             return
         identity = pin.SE3.Identity()
-        i = self.model.addJoint(0, root_joint, identity, "root_joint")
-        self._carry(start, i, self._frame("root_joint", i, 0, identity, "JOINT"), identity)
+        i = self.add_joint(0, root_joint, identity, "root_joint")
+        self._carry(start, i, self.add_frame("root_joint", i, identity, "JOINT"), identity)
 
-    def attach(self, joint: Joint) -> None:
+    def _attach(self, joint: Joint) -> None:
         """Add a joint of the tree and its child link."""
         carrier, iMj = self._placement(joint.parent, joint.pose)
-        before = self.frames[joint.parent]
+        before = self._frames[joint.parent]
         if joint.kind == "fixed":
-            frame = self._frame(joint.name, carrier, before, iMj, "FIXED_JOINT")
+            frame = self.add_frame(joint.name, carrier, iMj, "FIXED_JOINT", before=before)
         else:
-            carrier = self._add_joint(joint, carrier, iMj)
+            carrier = self._add(joint, carrier, iMj)
             iMj = pin.SE3.Identity()
-            frame = self._frame(joint.name, carrier, before, iMj, "JOINT")
+            frame = self.add_frame(joint.name, carrier, iMj, "JOINT", before=before)
         jMc = joint.pose.actInv(self.poses[joint.child])
         self._carry(joint.child, carrier, frame, iMj * jMc)
 
     def parts(self, joint: Joint) -> bool:
         """Whether the two links of a joint can move against each other."""
-        first, second = (self.frames[link] for link in (joint.parent, joint.child))
+        first, second = (self._frames[link] for link in (joint.parent, joint.child))
         frames = self.model.frames
         return bool(frames[first].parentJoint != frames[second].parentJoint)
 
-    def close(self, joint: Joint) -> Closure:
-        """Add the two frames of a cut joint."""
+    def close(self, joint: Joint) -> Loop:
+        """Add the two frames of a cut joint, and return what closes it."""
         oMj = joint.pose
         if joint.has_axis:
             oMj = oMj * pin.SE3(_z_along(joint.axis.direction), np.zeros(3))
         ends = f"{joint.name}_a", f"{joint.name}_b"
         for name, link in zip(ends, (joint.parent, joint.child), strict=True):
             self.mark(name, link, oMj)
-        return Closure(joint.name, _CLOSURE_KINDS[joint.kind], *ends)
+        return Loop(*ends, _LOOP_KINDS[joint.kind], name=joint.name)
 
     def mark(self, name: str, link: str, oMx: Any) -> None:
         """Add a frame x that moves with a link."""
         carrier, iMx = self._placement(link, oMx)
-        self._frame(name, carrier, self.frames[link], iMx, "OP_FRAME")
+        self.add_frame(name, carrier, iMx, "OP_FRAME", before=self._frames[link])
 
     def _placement(self, link: str, oMx: Any) -> tuple[int, Any]:
         """Return the Pinocchio joint i that carries the link, and iMx = iMlink · linkMx."""
-        on_link = self.model.frames[self.frames[link]]
+        on_link = self.model.frames[self._frames[link]]
         return on_link.parentJoint, on_link.placement * self.poses[link].actInv(oMx)
 
-    def _add_joint(self, joint: Joint, carrier: int, iMj: Any) -> int:
-        iMj = orthonormal(iMj)
+    def _add(self, joint: Joint, carrier: int, iMj: Any) -> int:
+        axis, limits = joint.axis, list[float]()
         if joint.kind == "ball":
-            i = self.model.addJoint(carrier, pin.JointModelSpherical(), iMj, joint.name)
+            made = pin.JointModelSpherical()
         else:
-            axis = joint.axis
-            lower, upper = axis.lower, axis.upper
-            if joint.kind == "continuous":
-                lower, upper = -inf, inf
-            limits = np.clip([axis.effort, axis.velocity, lower, upper], -NO_LIMIT, NO_LIMIT)
-            i = self.model.addJoint(
-                carrier,
-                one_coordinate(joint.axis.direction, hinge=joint.kind != "prismatic"),
-                iMj,
-                joint.name,
-                *limits.reshape(4, 1),
-            )
-        added = self.model.joints[i]
-        damping = self.model.damping.copy()
-        damping[added.idx_v : added.idx_v + added.nv] = joint.axis.damping
-        self.model.damping = damping
-        return int(i)
+            made = one_coordinate(axis.direction, hinge=joint.kind != "prismatic")
+            bounded = joint.kind != "continuous"
+            bounds = (axis.lower, axis.upper) if bounded else (-inf, inf)
+            limits = [axis.effort, axis.velocity, *bounds]
+        return self.add_joint(carrier, made, iMj, joint.name, limits=limits, damping=axis.damping)
 
     def _carry(self, link: str, carrier: int, before: int, iMlink: Any) -> None:
-        inertia, massless = self.links[link].inertia, self.links[link].massless
+        inertia, massless = self._links[link].inertia, self._links[link].massless
         if carrier and not massless and (inertia is None or inertia.mass <= 0):
             has = "no <inertial>" if inertia is None else f"the mass {inertia.mass:g} kg"
             raise InvalidModel(f"link {link!r} moves and has {has}; give it a mass > 0")
-        self.frames[link] = self._frame(link, carrier, before, iMlink, "BODY", inertia)
-
-    def _frame(
-        self, name: str, carrier: int, before: int, iMf: Any, kind: str, inertia: Any | None = None
-    ) -> int:
-        # Pinocchio would return the older frame of the same name and type without a word.
-        if self.model.existFrame(name):
-            raise InvalidModel(f"two things of the model would be named {name!r}; rename one")
-        inertia = pin.Inertia.Zero() if inertia is None else inertia
-        frame_type = getattr(pin.FrameType, kind)
-        frame = pin.Frame(name, carrier, before, orthonormal(iMf), frame_type, inertia)
-        return int(self.model.addFrame(frame))  # adds the inertia to the joint as well
+        self._frames[link] = self.add_frame(link, carrier, iMlink, "BODY", inertia, before)
 
 
 def _z_along(direction: Any) -> Any:

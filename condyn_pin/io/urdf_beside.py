@@ -21,9 +21,10 @@ from typing import Any, Final
 
 from condyn_pin._core.files.text import parse_toml
 from condyn_pin._core.names import few, listed
-from condyn_pin.constraints.constraints import Loop
+from condyn_pin.constraints.loop import Loop
 from condyn_pin.errors import InvalidModel, MissingExtra, unknown_name
 from condyn_pin.io.urdf_closures import stem
+from condyn_pin.io.xml import place
 
 _KEYS: Final = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
 _OWN: Final = ("closed_loop", "name_mot", "joint_name")  # "type" is in files of others too
@@ -82,13 +83,10 @@ def read_beside(urdf: Path) -> Beside:
         If it is a YAML, and PyYAML is not installed.
     """
     for path in _candidates(urdf):
-        try:
+        with place(path):
             said = _toml(path) if path.suffix == ".toml" else _yaml(path)
             if said.keys() & set(_OWN):
                 return _beside(path, said)
-        except InvalidModel as error:
-            error.args = (f"{path}: {error}",)
-            raise
     return Beside()
 
 
@@ -128,7 +126,7 @@ def _yaml(path: Path) -> Mapping[str, Any]:
         import yaml
     except ImportError as error:
         raise MissingExtra(
-            f"{path}: a YAML needs PyYAML: python -m pip install 'condyn_pin[yaml]'"
+            "a YAML needs PyYAML: python -m pip install 'condyn_pin[yaml]'"
         ) from error
     try:
         said = yaml.safe_load(text)

@@ -13,10 +13,10 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.constraints import WORLD
+from condyn_pin.constraints.base import WORLD
 from condyn_pin.errors import InvalidModel, unknown_name
-from condyn_pin.io.tree import NO_LIMIT
 from condyn_pin.io.xml import check_counts, find, floats, label
+from condyn_pin.model.tree import NO_LIMIT
 
 _TYPES: Final = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 _WITH_AXIS: Final = ("revolute", "continuous", "prismatic", "planar")

@@ -17,7 +17,7 @@ import re
 from collections.abc import Iterable, Iterator
 from typing import Final
 
-from condyn_pin.constraints.constraints import Loop
+from condyn_pin.constraints.loop import Loop
 
 _CLOSING: Final = re.compile(r"(?P<name>closing_.+)_(?P<half>[12])")
 # The side stands last, or before 3D or 6D, with an underscore before it or without.

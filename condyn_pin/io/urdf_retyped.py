@@ -11,12 +11,9 @@ from collections.abc import Collection, Mapping
 from typing import Any, Final
 from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
 
-import numpy as np
-
-from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
-from condyn_pin._core.joints import indices
 from condyn_pin.errors import InvalidModel, unknown_name
+from condyn_pin.model.smaller_robot import copy_numbers
 
 _OF_A_HINGE: Final = ("axis", "limit", "dynamics", "mimic", "safety_controller", "calibration")
 _AXES: Final[Mapping[str, str]] = {"X": "1 0 0", "Y": "0 1 0", "Z": "0 0 1"}
@@ -85,11 +82,5 @@ def with_balls(model: Any, names: Collection[str]) -> Any:
         made.appendBodyToJoint(i, model.inertias[i], pin.SE3.Identity())
     for frame in list(model.frames)[1:]:
         made.addFrame(frame, False)  # the inertia is on the joint already
-    kept = [name for name in list(model.names)[1:] if name not in names]
-    of_q, of_v = zip(indices(model, kept), indices(made, kept), strict=True)
-    for (old, new), numbers in ((of_q, _pin.NUMBERS_OF_Q), (of_v, _pin.NUMBERS_OF_V)):
-        for each in numbers:
-            values = np.array(getattr(made, each))
-            values[new] = np.array(getattr(model, each))[old]
-            setattr(made, each, values)
+    copy_numbers(model, made, [name for name in list(model.names)[1:] if name not in names])
     return made

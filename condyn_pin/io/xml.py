@@ -1,9 +1,16 @@
-"""Elements of an XML description, whatever its format: their names and their numbers."""
+"""XML files of strangers: opened, measured, and named in what is said of them, whatever the format.
+
+`open_xml` is the only way in, and `place` puts the file before the text of every error.
+"""
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Container, Iterator, Mapping
+from contextlib import contextmanager
 from math import isnan
 from os import PathLike
+from types import MappingProxyType
 from typing import Final
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -12,31 +19,44 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.files.text import read_bytes
-from condyn_pin.errors import InvalidModel
+from condyn_pin.errors import CondynError, InvalidModel
 from condyn_pin.model.soundness import MOST_JOINTS
 
 _MOST_ELEMENTS: Final = 500_000
+_MOST_LINKS: Final = 5000
 _SHOWN: Final = 60  # characters
 UNLIMITED: Final = 1e16  # the older way of SDF to write an infinite limit
 
 
-MOST_LINKS: Final = 5000
+@contextmanager
+def place(where: object) -> Iterator[None]:
+    """Put a file, or an entry of it, before the text of an error."""
+    try:
+        yield
+    except CondynError as error:
+        error.args = (f"{where}: {error}", *error.args[1:])
+        raise
 
 
-def parsed(path: str | PathLike[str]) -> Element:
-    """Return the root of an XML file, or raise OSError or ValueError."""
+def open_xml(path: str | PathLike[str], tag: str = "") -> Element:
+    """Return the root of an XML file, whose tag has to be this one, or raise InvalidModel."""
     try:
         root = ElementTree.fromstring(read_bytes(path))
-    except (ElementTree.ParseError, LookupError) as error:  # an encoding that nobody knows
-        raise ValueError(error) from error
-    if sum(1 for _ in root.iter()) > _MOST_ELEMENTS:
-        raise ValueError(f"it has more than {_MOST_ELEMENTS} elements")
+        if sum(1 for _ in root.iter()) > _MOST_ELEMENTS:
+            raise ValueError(f"it has more than {_MOST_ELEMENTS} elements")
+    except OSError as error:
+        raise InvalidModel(f"cannot be opened: {error.strerror or error}") from error
+    # LookupError: an encoding that nobody knows
+    except (ElementTree.ParseError, LookupError, ValueError) as error:
+        raise InvalidModel(f"cannot be read as XML: {error}") from error
+    if tag and root.tag != tag:
+        raise InvalidModel(f"its root element is <{root.tag}>; <{tag}> is needed")
     return root
 
 
 def check_counts(links: int, joints: int) -> None:
     """Refuse more links, and joints that move, than can be computed with."""
-    for count, most, what in ((links, MOST_LINKS, "links"), (joints, MOST_JOINTS, "joints")):
+    for count, most, what in ((links, _MOST_LINKS, "links"), (joints, MOST_JOINTS, "joints")):
         if count > most:
             raise InvalidModel(f"{count} {what} are there, and {most} can be read at most")
 
@@ -78,3 +98,42 @@ def floats(text: str | None, count: int, where: str, infinite: bool = False) -> 
     if any(isnan(x) or (abs(x) >= UNLIMITED and not infinite) for x in values):
         raise InvalidModel(f"{where} is {given}; finite numbers are needed, less than 1e16")
     return np.array(values)
+
+
+def not_read(
+    root: Element,
+    elements: Mapping[str, Container[str]],
+    attributes: Mapping[str, Container[str]] = MappingProxyType({}),
+) -> Iterator[str]:
+    """Say which elements and attributes of a file are not read.
+
+    Parameters
+    ----------
+    root : Element
+    elements : mapping of str to container of str
+        Tag to the tags that are read below it; what is below others is not looked at.
+    attributes : mapping of str to container of str
+        Tag to the attributes that are read; of other tags, none are counted.
+    """
+    counts = {"elements": Counter[str](), "attributes": Counter[str]()}
+    waiting = [root]
+    while waiting:
+        element = waiting.pop()
+        read = attributes.get(element.tag, element.attrib)
+        counts["attributes"].update(
+            f"{_short(key)} of <{element.tag}>" for key in element.attrib if key not in read
+        )
+        for child in element:
+            if child.tag not in elements[element.tag]:
+                counts["elements"][f"<{_short(child.tag)}>"] += 1
+            elif child.tag in elements:
+                waiting.append(child)
+    for what, found in counts.items():
+        if found:
+            listed = ", ".join(f"{n} {name}" for name, n in sorted(found.items()))
+            yield f"{what} that are not read: {listed}"
+
+
+def _short(name: str) -> str:
+    """Return a name without the address of its namespace."""
+    return name.rpartition("}")[2]

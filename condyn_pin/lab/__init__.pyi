@@ -1,6 +1,9 @@
 # Every public name of this room, and the file that has it; `__init__.py` reads this file.
 
 from .extremes import EXTREMES as EXTREMES
+from .extremes.verdict import Verdict as Verdict
+from .extremes.verdict import judge as judge
+from .extremes.verdict import right_answers as right_answers
 from .hierarchies import HIERARCHIES as HIERARCHIES
 from .hierarchy import HierarchyEffort as HierarchyEffort
 from .hierarchy import HierarchyModel as HierarchyModel
@@ -10,5 +13,5 @@ from .hierarchy_table import HierarchyRow as HierarchyRow
 from .hierarchy_table import HierarchyTable as HierarchyTable
 from .problems import PROBLEMS as PROBLEMS
 from .problems import Problem as Problem
-from .problems.loading import load_problem as load_problem
+from .problems import load_problem as load_problem
 from .problems.result import ProblemResult as ProblemResult

@@ -2,20 +2,19 @@
 
 The same motions are put into every model (`condyn_pin.mechanism.reduction.same_motion`), and what
 is watched is compared with the first model (`condyn_pin.mechanism.reduction.price`). A ladder is
-data: `condyn_pin/lab/ladders/` has one file each.
+data: `condyn_pin/lab/hierarchies/` has one file each.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from condyn_pin._core import _pin
 from condyn_pin._core.joints import indices
-from condyn_pin._core.machine import machine
 from condyn_pin._core.timing import State, Times
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
@@ -163,16 +162,13 @@ def climb(chosen: ModelHierarchy, *, effort: HierarchyEffort) -> HierarchyTable:
                 solver=best.solver,
                 us=best.times.median,
                 speedup=times[first].times.ratio(best.times),
-                a_worst=errors.a_worst,
-                a_median=errors.a_median,
-                force_worst=errors.force_worst,
-                force_median=errors.force_median,
+                **asdict(errors),
                 a_step=step.a_worst,
                 force_step=step.force_worst,
                 slower_as=_why_slower(best, [times[row.label] for row in rows]),
             )
         )
-    return HierarchyTable(chosen.name, tuple(rows), effort.states, machine())
+    return HierarchyTable(tuple(rows), name=chosen.name, states=effort.states)
 
 
 def _standing(scene: Scene, rng: np.random.Generator) -> State:

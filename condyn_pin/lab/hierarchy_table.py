@@ -1,21 +1,25 @@
-"""HierarchyTable: the models of a ladder with their speed and their price."""
+"""HierarchyTable: the models of a hierarchy with their speed and their price; printed and drawn."""
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
+from functools import partial
+from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.files.beside import write_text
-from condyn_pin._core.table_text import markdown, nulled, write_csv
+from condyn_pin.study.tables import Columns, Measurements, Record, markdown
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+_FLOOR: Final = 1e-6  # where exact models are drawn
 
 
 @dataclass(frozen=True)
-class HierarchyRow:
+class HierarchyRow(Record):
     """One model; NaN where no solver said ok at every state.
 
     Attributes
@@ -58,85 +62,95 @@ class HierarchyRow:
 
 
 @dataclass(frozen=True)
-class HierarchyTable:
-    """The models of one ladder, the states that they were compared at, and the machine.
+class HierarchyTable(Measurements[HierarchyRow]):
+    """The models of one hierarchy, the states that they were compared at, and the machine.
 
     Attributes
     ----------
-    name : str
-        Of the ladder.
     rows : tuple of HierarchyRow
         The first model, and those below it.
+    machine : dict of str to str
+    name : str
+        Of the hierarchy.
     states : int
         How many motions they were compared at.
-    machine : dict of str to str
     """
 
-    name: str
-    rows: tuple[HierarchyRow, ...]
-    states: int
-    machine: dict[str, str]
+    kind: ClassVar[type[HierarchyRow]] = HierarchyRow
+    parts: ClassVar[tuple[str, ...]] = ("name", "states", "machine")
+    columns: ClassVar[Columns[HierarchyRow]] = (
+        ("model", lambda row: row.label),
+        ("nv", lambda row: str(row.nv)),
+        ("rows", lambda row: f"{row.rows}, rank {row.rank}"),
+        ("solver", lambda row: row.solver + (f"; {row.slower_as}" if row.slower_as else "")),
+        ("a [us]", lambda row: f"{row.us:.1f}"),
+        ("x faster", lambda row: f"{row.speedup:.2f}"),
+        ("error of a: all / this step", lambda row: _share(row.a_worst, row.a_step)),
+        (
+            "of contact wrench: all / this step",
+            lambda row: _share(row.force_worst, row.force_step),
+        ),
+    )
+
+    name: str = ""
+    states: int = 0
 
     def fastest(self, error: float) -> HierarchyRow:
         """Return the fastest model whose errors all stay below `error`."""
         good = [r for r in self.rows if max(r.a_worst, r.force_worst) <= error]
-        return max(good, key=lambda row: row.speedup if math.isfinite(row.speedup) else 0.0)
-
-    def to_csv(self, path: str | Path) -> None:
-        """Write the rows, after comment lines with the machine."""
-        write_ladders([self], path)
-
-    def to_json(self, path: str | Path) -> None:
-        """Write name, machine and rows; what was not measured is null."""
-        write_text(path, json.dumps(self.as_dict(), indent=1) + "\n")
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the table as plain values."""
-        rows = [nulled(asdict(row)) for row in self.rows]
-        return {"ladder": self.name, "states": self.states, "machine": self.machine, "rows": rows}
+        return max(good, key=lambda row: row.speedup if isfinite(row.speedup) else 0.0)
 
     def to_markdown(self) -> str:
-        """Return the table for a README."""
-        return markdown((self.name, *COLUMNS[1:]), self.cells())
-
-    def cells(self) -> list[tuple[str, ...]]:
-        """Return the table as text, the columns being `COLUMNS`."""
-        return [
-            (
-                row.label,
-                str(row.nv),
-                f"{row.rows}, rank {row.rank}",
-                row.solver + (f"; {row.slower_as}" if row.slower_as else ""),
-                f"{row.us:.1f}",
-                f"{row.speedup:.2f}",
-                f"{_text(row.a_worst)} / {_text(row.a_step)}",
-                f"{_text(row.force_worst)} / {_text(row.force_step)}",
-            )
-            for row in self.rows
-        ]
-
-    def __str__(self) -> str:
-        rows = [COLUMNS, *self.cells()]
-        widths = [max(len(row[i]) for row in rows) for i in range(len(COLUMNS))]
-        lines = [
-            "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-            for row in rows
-        ]
-        return "\n".join(lines)
+        """Return the rows as a table in Markdown, under the name of the hierarchy."""
+        headings = [heading for heading, _ in self.columns]
+        return markdown((self.name, *headings[1:]), self.cells())
 
 
-COLUMNS = (
-    "model", "nv", "rows", "solver", "a [us]", "x faster",
-    "error of a: all / this step", "of contact wrench: all / this step",
-)  # fmt: skip
+def _share(*errors: float) -> str:
+    return " / ".join(f"{100 * e:.2g} %" if e >= tolerances.EXACT else "0" for e in errors)
 
 
-def write_ladders(tables: Sequence[HierarchyTable], path: str | Path) -> None:
-    """Write the rows of ladders that were measured together, after lines with the machine."""
-    columns = ["ladder", *(field.name for field in fields(HierarchyRow))]
-    rows = ({"ladder": table.name} | asdict(row) for table in tables for row in table.rows)
-    write_csv(path, tables[0].machine, columns, rows)
+def print_hierarchy(table: HierarchyTable, console: Console) -> None:
+    """Print what every model costs and saves, and why it is there."""
+    from condyn_pin.study.printing import print_columns
+
+    print_columns(table, console, left=[heading for heading, _ in table.columns])
+    for row in table.rows:
+        console.print(f"{row.label}: {row.why}", soft_wrap=True)
+    console.print(
+        f"worst of {table.states} motions on both feet, against the first model / the model above",
+        soft_wrap=True,
+    )
 
 
-def _text(error: float) -> str:
-    return f"{100 * error:.2g} %" if error >= tolerances.EXACT else "0"
+def draw_hierarchy(table: HierarchyTable, ax: Any = None) -> Any:
+    """Draw the worst error of a against the speed of every model: down and to the right is better.
+
+    On `ax` or new axes, which are returned.
+    """
+    from condyn_pin._core.plot_style import METHODS, OTHER, finished
+    from condyn_pin._core.plots import axes
+
+    ax = axes(ax)
+    rows = [row for row in table.rows if isfinite(row.speedup)]
+    points = [(row.speedup, max(row.a_worst, _FLOOR)) for row in rows]
+    ax.plot(*zip(*points, strict=True), color="0.8", lw=0.8, zorder=0)
+    for number, (row, point) in enumerate(zip(rows, points, strict=True), start=1):
+        colour, marker = METHODS.get(row.solver, OTHER)
+        ax.plot(*point, marker, color=colour, ms=7)
+        ax.annotate(str(number), point, textcoords="offset points", xytext=(5, 5), fontsize=8)
+        label = f"{number}: {row.label} (nv {row.nv}, {row.rows} rows, {row.solver})"
+        ax.plot([], [], marker, color=colour, label=label)
+    ax.set(yscale="log", ylim=(_FLOOR / 3, 10.0))
+    ax.set_xlim(0.0, 1.15 * max(speed for speed, _ in points))
+    error = "worst error of a, 0 drawn at 1e-6"
+    return finished(ax, title=table.name, x="times faster than the first model", y=error)
+
+
+def save_hierarchies(tables: Sequence[HierarchyTable], path: str | Path) -> None:
+    """Draw hierarchies side by side into a file; the ending of `path` says which format."""
+    from condyn_pin.study.plots import save_panels
+
+    draw = [partial(draw_hierarchy, table) for table in tables]
+    note, machine = "{processor}, Pinocchio {pinocchio}", tables[0].machine
+    save_panels(draw, path, size=(4.8, 4.0), columns=len(draw), note=note, machine=machine)

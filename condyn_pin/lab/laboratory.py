@@ -9,24 +9,29 @@ from the horizontal, at rest: everything about it is known, and energy is conser
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.constraints import Loop
 from condyn_pin.constraints.drift import Drift
+from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import Interrupted
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.drift.no_drift import NoDrift
+from condyn_pin.simulation.drift.projection import Projection
 from condyn_pin.simulation.integrators import Integrator
+from condyn_pin.simulation.integrators.explicit import RungeKutta4, SemiImplicitEuler
+from condyn_pin.simulation.integrators.rattle import Rattle
 from condyn_pin.simulation.run import simulate
 from condyn_pin.simulation.stability_limit import growth
-from condyn_pin.simulation.trajectory import Trajectory
-from condyn_pin.simulation.uninterrupted import uninterrupted
+from condyn_pin.simulation.trajectory import Trajectory, uninterrupted
 
 # Samples of a run whose largest errors are wanted.
 _SAMPLES = 20_000
@@ -35,37 +40,30 @@ _SAMPLES = 20_000
 def rod_pendulum() -> Scene:
     """Return a point mass of 1 kg in the x-z plane, held at 1 m from the origin by a rod."""
     model = pin.Model()
-    x = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "x")
-    z = model.addJoint(x, pin.JointModelPZ(), pin.SE3.Identity(), "z")
-    point = pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3)))
-    model.appendBodyToJoint(z, point, pin.SE3.Identity())
-    model.addFrame(pin.Frame("mass", z, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    add_point(model, "mass", {"x": pin.JointModelPX(), "z": pin.JointModelPZ()}, 1.0)
     robot = Robot("rod pendulum", model, postures={"horizontal": np.array([1.0, 0.0])})
     return Scene(robot, [Loop("world", "mass", "rod", length=1.0)])
 
 
+def add_point(model: Any, name: str, joints: Mapping[str, Any], mass: float) -> None:
+    """Add a point mass [kg] on joints of the world, one on the other, and a frame at it."""
+    here, parent = pin.SE3.Identity(), 0
+    for joint, kind in joints.items():
+        parent = model.addJoint(parent, kind, here, joint)
+    model.appendBodyToJoint(parent, pin.Inertia(mass, np.zeros(3), np.zeros((3, 3))), here)
+    model.addFrame(pin.Frame(name, parent, 0, here, pin.FrameType.OP_FRAME))
+
+
 @dataclass(frozen=True)
 class DriftErrors:
-    """What a run left of the constraints and of the energy, at worst.
+    """What a run left of the constraints and of the energy, at worst."""
 
-    Attributes
-    ----------
-    violation, constraint_velocity : float
-        abs(c) [m] and abs(J v) [m/s].
-    energy : float
-        abs(E - E(0)) [J].
-    early, late : float
-        The same in the first tenth of the run, and in the last.
-    status : str
-        Of the run, by its name. The numbers of one that diverged mean nothing.
-    """
-
-    violation: float  # [m]
-    constraint_velocity: float  # [m/s]
-    energy: float  # [J]
-    early: float  # [J]
-    late: float  # [J]
-    status: str
+    violation: float  # abs(c) [m]
+    constraint_velocity: float  # abs(J v) [m/s]
+    energy: float  # abs(E - E(0)) [J]
+    early: float  # the same in the first tenth of the run [J]
+    late: float  # and in the last [J]
+    status: str  # of the run, by its name; the numbers of one that diverged mean nothing
 
 
 def errors(
@@ -78,7 +76,7 @@ def errors(
 ) -> DriftErrors:
     """Return what a run of so many steps leaves."""
     every = max(steps // _SAMPLES, 1)
-    run = _run(integrator, drift, dt=dt, steps=steps, record=every, progress=progress)
+    run = _run(integrator, drift, dt, steps, record=every, progress=progress)
     energy = np.abs(run.energy.error)
     tenth = max(len(run) // 10, 1)
     return DriftErrors(
@@ -93,19 +91,13 @@ def errors(
 
 @dataclass(frozen=True, eq=False)
 class Growth:
-    """How the gap of a run grows that nothing closes.
+    """How the gap of a run grows that nothing closes."""
 
-    Attributes
-    ----------
-    t, gap : (k,) array
-        [s], [m]
-    power : float
-        Of t, between the middle and the end of the run.
-    """
+    t: Array  # (k,) [s]
+    violation: Array  # (k,) [m], the worst so far
+    power: float  # of t, between the middle and the end of the run
 
-    t: Array
-    violation: Array
-    power: float
+    gap = renamed("violation")
 
 
 def gap_growth(integrator: Integrator, *, dt: float, steps: int) -> Growth:
@@ -114,7 +106,7 @@ def gap_growth(integrator: Integrator, *, dt: float, steps: int) -> Growth:
     A method of high order leaves a slip that adds up, and with it a gap that grows with its time
     integral. One of first order leaks into the gap itself at every step.
     """
-    run = _run(integrator, NoDrift(), dt=dt, steps=steps, record=max(steps // 400, 1))
+    run = _run(integrator, NoDrift(), dt, steps, record=max(steps // 400, 1))
     # the worst so far: the gap swings with the pendulum
     worst = np.maximum.accumulate(run.violation)
     half = len(run) // 2
@@ -125,12 +117,8 @@ def gap_growth(integrator: Integrator, *, dt: float, steps: int) -> Growth:
 def stability_map(integrator: Integrator, alphas: Sequence[float], betas: Sequence[float]) -> Array:
     """Return the factor by which a gap grows in a step, (len(betas), len(alphas)).
 
-    Parameters
-    ----------
-    integrator : Integrator
-        One whose constraints are held by accelerations.
-    alphas, betas : sequence of float
-        The products alpha dt and beta dt of Baumgarte's gains and the step.
+    By the products alpha dt and beta dt of Baumgarte's gains and the step, for an integrator whose
+    constraints are held by accelerations.
     """
     return np.array([[growth(integrator, Baumgarte(a, b), 1.0) for a in alphas] for b in betas])
 
@@ -162,11 +150,7 @@ def _end(integrator: Integrator, drift: Drift, dt: float, steps: int, start: Arr
     theta, omega = start
     out = np.array([np.sin(theta), -np.cos(theta)])
     along = np.array([np.cos(theta), np.sin(theta)])
-    motion = simulate(
-        rod_pendulum(), out, omega * along, duration=steps * dt, dt=dt, integrator=integrator,
-        drift=drift, record=steps,
-    )  # fmt: skip
-    run = uninterrupted(motion)
+    run = _run(integrator, drift, dt, steps, record=steps, start=(out, omega * along))
     (x, z), (vx, vz) = run.q[-1], run.v[-1]
     return np.array([np.arctan2(x, -z), (x * vz - z * vx) / (x * x + z * z)])
 
@@ -174,15 +158,74 @@ def _end(integrator: Integrator, drift: Drift, dt: float, steps: int, start: Arr
 def _run(
     integrator: Integrator,
     drift: Drift,
-    *,
     dt: float,
     steps: int,
+    *,
     record: int,
+    start: tuple[Array, Array] | None = None,
     progress: Callable[[float], object] | None = None,
 ) -> Trajectory:
+    """Return a run of the pendulum, by default from the horizontal."""
     scene = rod_pendulum()
     motion = simulate(
-        scene, *scene.state("horizontal"), duration=steps * dt, dt=dt, integrator=integrator,
-        drift=drift, record=record, progress=progress,
+        scene, *(start or scene.state("horizontal")), duration=steps * dt, dt=dt,
+        integrator=integrator, drift=drift, record=record, progress=progress,
     )  # fmt: skip
     return uninterrupted(motion)
+
+
+@dataclass(frozen=True)
+class Contest:
+    """One way of keeping the rod's length, over many steps."""
+
+    integrator: Integrator
+    drift: Drift
+    dt: float  # [s]
+    errors: DriftErrors
+    area: float  # by how much a step changes areas in the phase plane, as a share of them
+
+    @property
+    def title(self) -> str:
+        """The name of a contender."""
+        if self.integrator.keeps_constraints:
+            return self.integrator.title
+        return f"{self.integrator.title}, {self.drift.title}"
+
+
+def contenders(dt: float) -> tuple[tuple[Integrator, Drift], ...]:
+    """Return ways of keeping the rod's length: gains, projections, RATTLE."""
+    semi, rk4 = SemiImplicitEuler(), RungeKutta4()
+    return (
+        (semi, Baumgarte.critical(0.3 / dt)),
+        (semi, Projection()),
+        (rk4, NoDrift()),
+        (rk4, Baumgarte.critical(0.03 / dt)),
+        (rk4, Projection()),
+        (Rattle(), NoDrift()),
+    )
+
+
+def contest(
+    dt: float, steps: int, *, progress: Callable[[float], object] | None = None
+) -> tuple[Contest, ...]:
+    """Return how all `contenders` do over some steps of dt [s]; progress gets the share done.
+
+    Raises
+    ------
+    Interrupted
+        With those that went to their end before Ctrl-C.
+    """
+    ways = contenders(dt)
+    results: list[Contest] = []
+    try:
+        for i, (integrator, drift) in enumerate(ways):
+
+            def tick(share: float, before: int = i) -> None:
+                if progress:
+                    progress((before + share) / len(ways))
+
+            found = errors(integrator, drift, dt=dt, steps=steps, progress=tick)
+            results.append(Contest(integrator, drift, dt, found, area(integrator, drift, dt=dt)))
+    except KeyboardInterrupt as stop:
+        raise Interrupted(tuple(results)) from stop
+    return tuple(results)

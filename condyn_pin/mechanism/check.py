@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,12 +13,10 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import finite
 from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.violation import ConstraintViolation, beyond_text, closed
-from condyn_pin.dynamics.gaps import gaps, rounding, slips
-from condyn_pin.dynamics.kept import equations_of
+from condyn_pin.dynamics.at_state import equations_of, gaps, rounding, slips
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import NotAssembled
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.scene import Scene
+from condyn_pin.mechanism.closed_chains import chains_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +86,7 @@ class Check:
         advice = ["Scene.assemble closes the loops"] if wrong else []
         if slipping := self._slipping(constraint_velocity):
             wrong += slipping
-            advice.append("Scene.project_velocity makes v fit")
+            advice.append("mechanism.project_velocity makes v fit")
         if wrong:
             raise NotAssembled(f"{', '.join(wrong)}; {'; '.join(advice)}")
 
@@ -126,4 +123,4 @@ def check(scene: Scene, q: ArrayLike, v: ArrayLike | None) -> Check:
         if any(each.size > tolerances.CONSISTENT * speed for each in slip.values()):
             excused = rounding(scene, q_, v_)
     c = equations.violation(q_)
-    return Check(gaps(scene, c), slip, speed, scene.chains.limits.beyond(q_), excused)
+    return Check(gaps(scene, c), slip, speed, chains_of(scene).limits.beyond(q_), excused)

@@ -18,28 +18,28 @@ same one unless an even number of dead points lies between them.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import Indices, indices
-from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin._core.linalg.numerical_rank import counted
 from condyn_pin._core.linalg.pivots import pivots, redundant_rows
 from condyn_pin.constraints.rows.cancellation import cancellation_scale
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.terms import Terms
+from condyn_pin.dynamics.nominal import described_posture
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.mechanism.closing import Closer
 from condyn_pin.mechanism.clusters import Cluster, clusters, isolated
 from condyn_pin.model.limits import NO_LIMITS, Limits
+from condyn_pin.model.robot import Robot
 from condyn_pin.model.soundness import singular_mass
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.scene import Scene
 
 _NEARBY = 0.1  # where to look for a configuration that is not singular by accident [rad, m]
 _LOOKS = 2
@@ -47,38 +47,17 @@ _LOOKS = 2
 
 @dataclass(frozen=True, eq=False)
 class ClosedChains:
-    """The closed chains of a scene.
-
-    Attributes
-    ----------
-    rows : int array
-        Rows that have a position error.
-    limits : Limits
-        Of the joints.
-    actuated, dependent : int array
-        Velocity indices of the motors, and of the joints without motor that the loops determine.
-    clusters : tuple of Cluster
-        Empty if the robot has no motor, or no closed configuration was found: then there is
-        nothing to tell branches by.
-    assembly_mode : dict of str to int
-        The branch of the first posture.
-    rank : int
-        Of all rows of the scene, at configurations that are not singular by accident.
-    redundant : tuple of str
-        Rows that can go at such configurations without changing the motion.
-    isolated : tuple of str
-        Loops that close at the first posture and nowhere near it.
-    """
+    """The closed chains of a scene: those of its rows that have a position error."""
 
     rows: Indices
     limits: Limits
-    actuated: Indices
-    dependent: Indices
-    clusters: tuple[Cluster, ...]
-    assembly_mode: Mapping[str, int]
-    rank: int
-    redundant: tuple[str, ...]
-    isolated: tuple[str, ...]
+    actuated: Indices  # velocity indices of the motors
+    dependent: Indices  # of the joints without motor that the loops determine
+    clusters: tuple[Cluster, ...]  # none if there is no motor, or no closed configuration
+    assembly_mode: Mapping[str, int]  # the branch of the first posture
+    rank: int  # of all rows, at configurations that are not singular by accident
+    redundant: tuple[str, ...]  # rows that can go there without changing the motion
+    isolated: tuple[str, ...]  # loops that close at the first posture and nowhere near it
 
     def branch(self, J: Array) -> dict[str, int]:
         """Return the side of every cluster that has sides, from the Jacobian (m, nv)."""
@@ -98,32 +77,37 @@ class ClosedChains:
         return float(kept[-1]) if kept.size else 0.0
 
 
+def chains_of(scene: Scene) -> ClosedChains:
+    """Return the closed chains of a scene; they are found once."""
+    known = vars(scene)
+    if "_chains" not in known:
+        known["_chains"] = read_only(_chains(scene))
+    found: ClosedChains = known["_chains"]
+    return found
+
+
 @one_blas_thread
-def chains(scene: Scene) -> ClosedChains:
+def _chains(scene: Scene) -> ClosedChains:
     """Find the closed chains of a scene, near its first posture."""
     robot = scene.robot
     robot.check_unedited()
-    equations = Equations(robot.model, scene.bounds)
-    rows = positioned(scene)
-    _, actuated = indices(robot.model, robot.actuated)
-    _, sprung = indices(robot.model, [spring.joint for spring in robot.springs])
-    passive = np.setdiff1d(np.arange(robot.nv), actuated)
-    passive_classes = (np.setdiff1d(passive, sprung), np.intersect1d(passive, sprung))
     limits = Limits.of(robot.model)
-    closed, tries = _nearby(equations, rows, limits, scene.guess())
+    closer = Closer.of(scene, limits=limits)
+    equations, rows = closer.equations, closer.rows
+    _, actuated = indices(robot.model, robot.actuated)
+    passive = passive_joints(robot, actuated)
+    closed, tries = _nearby(closer, described_posture(scene))
     found = []
     for q in tries:
         terms = equations.terms(q, np.zeros(robot.nv))
-        factors = factorise(terms.M, terms.J, tolerances.RANK, why=singular_mass(robot.model, q))
-        factors = factors.above_rounding(cancellation_scale(equations, q))
-        dependent = independent_columns(terms.J[rows], passive_classes)
-        found.append((factors, terms.J, dependent))
+        dependent = independent_columns(terms.J[rows], passive)
+        found.append((factors_at(equations, q, terms), terms.J, dependent))
     jacobians = [each[1] for each in found]
     # the first of those with the largest ranks: the first posture, unless that is singular
     factors, J, dependent = max(found, key=lambda each: (each[0].rank, len(each[2])))
     groups: tuple[Cluster, ...] = ()
     if closed and actuated.size:
-        columns = independent_columns(J[rows], (*passive_classes, actuated))
+        columns = independent_columns(J[rows], (*passive, actuated))
         groups = tuple(clusters(scene, J, jacobians, rows, columns))
     moved = [np.abs(pin.difference(robot.model, tries[0], q)) for q in tries[1:]]
     return ClosedChains(
@@ -139,20 +123,11 @@ def chains(scene: Scene) -> ClosedChains:
     )
 
 
-def positioned(scene: Scene) -> Indices:
-    """Return the rows that have a position error."""
-    return np.array([row for b in scene.bounds for row in b.positioned], dtype=np.int_)
-
-
-def _nearby(
-    equations: Equations, rows: Indices, limits: Limits, guess: Array
-) -> tuple[bool, list[Array]]:
+def _nearby(closer: Closer, guess: Array) -> tuple[bool, list[Array]]:
     """Return whether the guess can be closed, and closed configurations at it and near it."""
-    model = equations.model
-    everything = np.ones(model.nv, dtype=bool)
-    for limited in (limits, NO_LIMITS):
-        closer = Closer(equations, rows, everything, limited)
-        ends = closer.ends(guess) if not limited.beyond(guess) else ()
+    model = closer.equations.model
+    for within in (closer, replace(closer, limits=NO_LIMITS)):
+        ends = within.ends(guess) if not within.limits.beyond(guess) else ()
         first = next((end for end in ends if end.size <= tolerances.CLOSED), None)
         if first is not None:
             break
@@ -161,10 +136,25 @@ def _nearby(
     found, rng = [first.q], np.random.default_rng(0)
     for _ in range(_LOOKS):
         near = np.array(pin.integrate(model, first.q, _NEARBY * rng.normal(size=model.nv)))
-        end = closer.close(near)
+        end = within.close(near)
         if end.size <= tolerances.CLOSED:
             found.append(end.q)
     return True, found
+
+
+def factors_at(
+    equations: Equations, q: Array, terms: Terms, share: float = tolerances.RANK
+) -> MinimumNorm:
+    """Return M and J factorised, without the singular values that are zeros but for rounding."""
+    factors = factorise(terms.M, terms.J, share, why=singular_mass(equations.model, q))
+    return factors.above_rounding(cancellation_scale(equations, q))
+
+
+def passive_joints(robot: Robot, motors: Indices) -> tuple[Indices, Indices]:
+    """Return the velocity indices without motor: those without spring, and those with one."""
+    _, sprung = indices(robot.model, [spring.joint for spring in robot.springs])
+    passive = np.setdiff1d(np.arange(robot.nv), motors)
+    return np.setdiff1d(passive, sprung), np.intersect1d(passive, sprung)
 
 
 def independent_columns(J: Array, classes: Sequence[Indices]) -> Indices:

@@ -34,6 +34,8 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.dynamics.at_state import equations_of
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.model.limits import NO_LIMITS, Limits
 
 _DONE = 1e-13  # |c|: rounding, for robots of some metres [m, rad]
@@ -74,26 +76,24 @@ class Closing:
 
 @dataclass(frozen=True, eq=False)
 class Closer:
-    """What closes the loops of one scene: its equations, the rows with a position, and what moves.
+    """What closes the loops of one scene: its equations, the rows with a position, what may move.
 
-    Attributes
-    ----------
-    equations : Equations
-    rows : (k,) int array
-        Rows that have a position error; a contact that belongs wherever it is has none.
-    moving : (nv,) bool array
-        Which velocity indices may change.
-    limits : Limits
+    A contact that belongs wherever it is has no position error, and no rows here.
     """
 
     equations: Equations
     rows: NDArray[np.int_]
-    moving: NDArray[np.bool_]
-    limits: Limits = NO_LIMITS
+    moving: NDArray[np.bool_]  # (nv,)
+    limits: Limits
 
-    def violation(self, q: Array) -> Array:
-        """Return c(q) of these rows."""
-        return self._look(q)[0]
+    @classmethod
+    def of(
+        cls, scene: Scene, moving: NDArray[np.bool_] | None = None, limits: Limits = NO_LIMITS
+    ) -> Closer:
+        """Return what closes the loops of a scene with all joints, or with some."""
+        everything = np.ones(scene.robot.nv, dtype=bool)
+        rows = np.array([row for b in scene.bounds for row in b.positioned], dtype=np.int_)
+        return cls(equations_of(scene), rows, everything if moving is None else moving, limits)
 
     def _look(self, q: Array) -> tuple[Array, Array]:
         """Return c(q) of these rows, and J of all rows: together they take little more than c."""
@@ -102,18 +102,14 @@ class Closer:
 
     def ends(self, start: Array) -> Iterator[Closing]:
         """Try one run after the other: plain, in shares, from starts nearby, on from the best."""
-        q = start.copy()
+        q, rng, found = start.copy(), np.random.default_rng(0), []
         self.limits.clip(q)
-        found = [self.close(q)]
-        yield found[-1]
-        found.append(self.follow(q))
-        yield found[-1]
-        rng = np.random.default_rng(0)
+        for run in (self.close, self.follow):
+            found.append(run(q))
+            yield found[-1]
         for nudge in _NUDGES:
             away = np.where(self.moving, nudge * rng.normal(size=len(self.moving)), 0.0)
-            near = np.array(pin.integrate(self.equations.model, q, away))
-            self.limits.clip(near)
-            found.append(self.close(near))
+            found.append(self.close(self._moved(q, away)))
             yield found[-1]
         best = min(found, key=lambda end: end.size)
         if best.size > tolerances.CLOSED and not best.stationary:
@@ -153,7 +149,7 @@ class Closer:
 
     def follow(self, q: Array) -> Closing:
         """Return the end of a run that closes the gap in shares, no joint moving far in one."""
-        c0 = self.violation(q)
+        c0, _ = self._look(q)
         s, share, iterations = 0.0, 0.25, 0
         while s < 1.0 and share > _SMALLEST_SHARE:
             aim = min(1.0, s + share)

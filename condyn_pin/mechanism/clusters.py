@@ -5,44 +5,26 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import Indices
-from condyn_pin.constraints.rows.bound import AnyBound
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.scene import Scene
+from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.dynamics.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
 class Cluster:
-    """Loops that share dependent joints.
+    """Loops that share dependent joints."""
 
-    Attributes
-    ----------
-    name : str
-        Names of the loops.
-    rows, columns : int array
-        Their rows, and the velocity indices of the joints that depend on them.
-    basis : (rows, columns) array
-        Q.
-    sign : float
-        Of det(Q^T J_D) at the reference.
-    sided : bool
-        Whether Q spans what J_D can move also at configurations nearby. If not, the sign changes
-        where that turns orthogonal to Q too, and says nothing.
-    """
-
-    name: str
+    name: str  # names of the loops
     rows: Indices
-    columns: Indices
-    basis: Array
-    sign: float
-    sided: bool
+    columns: Indices  # velocity indices of the joints that depend on them
+    basis: Array  # Q (rows, columns)
+    sign: float  # of det(Q^T J_D) at the reference
+    sided: bool  # whether Q spans what J_D can move nearby too: if not, the sign says nothing
 
     @cached_property
     def block(self) -> tuple[Indices, ...]:
@@ -65,14 +47,12 @@ def clusters(
     scene: Scene, J: Array, nearby: Sequence[Array], rows: Indices, columns: Indices
 ) -> Iterator[Cluster]:
     """Group the loops that share dependent joints: the blocks of J_D, at a reference and nearby."""
-    for names, touched in _groups(scene, J, rows, columns):
-        own = _rows(scene, names)
-        moved = np.array(sorted(touched), dtype=np.int_)
-        block = J[np.ix_(own, moved)]
-        Q = np.linalg.qr(block)[0]
-        sign = float(np.linalg.slogdet(Q.T @ block)[0])
-        sided = all(_spans(Q, other[np.ix_(own, moved)]) for other in nearby)
-        yield Cluster(_name(scene, names), own, moved, Q, sign, sided)
+    for name, own, moved in _groups(scene, J, rows, columns):
+        block = np.ix_(own, moved)
+        Q = np.linalg.qr(J[block])[0]
+        sign = float(np.linalg.slogdet(Q.T @ J[block])[0])
+        sided = all(_spans(Q, other[block]) for other in nearby)
+        yield Cluster(name, own, moved, Q, sign, sided)
 
 
 def _spans(Q: Array, J_D: Array) -> bool:
@@ -83,21 +63,26 @@ def _spans(Q: Array, J_D: Array) -> bool:
 
 def _groups(
     scene: Scene, J: Array, rows: Indices, columns: Indices
-) -> list[tuple[set[str], set[int]]]:
-    """Return the names of loops and the velocity indices of each cluster."""
-    groups: list[tuple[set[str], set[int]]] = []
+) -> Iterator[tuple[str, Indices, Indices]]:
+    """Yield the names of loops that share joints, their rows, and the velocity indices of these."""
+    groups: list[tuple[list[AnyBound], set[int]]] = []
     scale = np.abs(J[rows]).max(initial=0.0)
     for bound in scene.bounds:
         if not bound.positioned:
             continue
         size = np.abs(J[bound.positioned][:, columns]).max(axis=0, initial=0.0)
-        names, touched = {bound.name}, set(columns[size > tolerances.DEAD_POINT * scale].tolist())
+        loops, touched = [bound], set(columns[size > tolerances.DEAD_POINT * scale].tolist())
         apart = [group for group in groups if not group[1] & touched]
         for group in groups:
             if group[1] & touched:
-                names, touched = names | group[0], touched | group[1]
-        groups = [*apart, (names, touched)]
-    return [(names, touched) for names, touched in groups if touched]
+                loops, touched = loops + group[0], touched | group[1]
+        groups = [*apart, (loops, touched)]
+    for loops, touched in groups:
+        if touched:
+            loops.sort(key=lambda bound: bound.rows.start)
+            own = np.array([row for bound in loops for row in bound.positioned], dtype=np.int_)
+            name = " + ".join(bound.name for bound in loops)
+            yield name, own, np.array(sorted(touched), dtype=np.int_)
 
 
 def isolated(
@@ -105,38 +90,19 @@ def isolated(
 ) -> tuple[str, ...]:
     """Return the loops that close at one configuration only.
 
-    Whatever was closed nearby came back to it, and J is nearly singular there: to first order
-    there is a motion, and to second order there is none.
-
-    Parameters
-    ----------
-    moved : (nv,) array
-        How far the configurations that were closed nearby are from each other [rad, m].
-    jacobians : sequence of (m, nv) array
-        Theirs.
-    rows : int array
-        Rows that have a position error.
+    Whatever was closed nearby came back to it, no joint further than `moved` (nv,), and J is nearly
+    singular there: to first order there is a motion, and to second order there is none.
     """
-    found = []
-    for names, touched in _groups(scene, jacobians[0], rows, np.arange(len(moved))):
-        own = _rows(scene, names)
-        for J in jacobians:
-            S = np.linalg.svd(J[own], compute_uv=False)
-            vanishing = (tolerances.REFERENCE_RANK * S[0] < S) & (tolerances.ISOLATED * S[0] > S)
-            if vanishing.any() and moved[list(touched)].max() < tolerances.ISOLATED:
-                found.append(_name(scene, names))
-                break
-    return tuple(found)
 
+    def nearly_singular(J: Array) -> bool:
+        S = np.linalg.svd(J, compute_uv=False)
+        more_than_rounding = tolerances.REFERENCE_RANK * S[0] < S
+        return bool((more_than_rounding & (tolerances.ISOLATED * S[0] > S)).any())
 
-def _rows(scene: Scene, names: set[str]) -> Indices:
-    """Return the rows of some loops that have a position error."""
-    return np.array([row for b in _bounds(scene, names) for row in b.positioned], dtype=np.int_)
-
-
-def _bounds(scene: Scene, names: set[str]) -> list[AnyBound]:
-    return [bound for bound in scene.bounds if bound.name in names]
-
-
-def _name(scene: Scene, names: set[str]) -> str:
-    return " + ".join(bound.name for bound in _bounds(scene, names))
+    groups = _groups(scene, jacobians[0], rows, np.arange(len(moved)))
+    return tuple(
+        name
+        for name, own, touched in groups
+        if moved[touched].max() < tolerances.ISOLATED
+        and any(nearly_singular(J[own]) for J in jacobians)
+    )

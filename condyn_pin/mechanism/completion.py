@@ -11,7 +11,6 @@ of a rod: it stays where it is. `condyn_pin.mechanism.following` moves the motor
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,15 +20,19 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.linalg.numerical_rank import rank_of
 from condyn_pin.constraints.violation import beyond_text
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import BranchChanged, InvalidArgument, NotAssembled
-from condyn_pin.mechanism.assembly import assemble_from, check_held
-from condyn_pin.mechanism.assembly_report import Assembly, AssemblyStatus
-from condyn_pin.mechanism.closed_chains import ClosedChains
+from condyn_pin.mechanism.assembly import (
+    Assembly,
+    AssemblyStatus,
+    assemble_from,
+    check_held,
+    limited,
+)
+from condyn_pin.mechanism.closed_chains import ClosedChains, chains_of
 from condyn_pin.mechanism.following import Follower
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.scene import Scene
 
 _FARTHEST = 100.0  # that a motor is followed [rad, m]
 
@@ -81,12 +84,42 @@ class CompleteState:
 def complete_state(
     scene: Scene,
     q_actuated: ArrayLike,
-    v_actuated: ArrayLike | None,
-    near: ArrayLike | None,
-    within_limits: bool,
+    v_actuated: ArrayLike | None = None,
+    *,
+    near: ArrayLike | None = None,
+    within_limits: bool = True,
 ) -> CompleteState:
-    """Return the whole state of a scene from its motors; see `Scene.complete_state`."""
-    robot, model, chains = scene.robot, scene.robot.model, scene.chains
+    """Return the whole state from that of the motors, as their encoders measure it.
+
+    Parameters
+    ----------
+    scene : Scene
+    q_actuated : (k,) array_like
+        Positions of the actuated joints, in the order of ``robot.actuated`` [rad, m].
+    v_actuated : (k,) array_like, optional
+        Their velocities [rad/s, m/s]; at rest by default.
+    near : (nq,) array_like, optional
+        Where everything starts that the motors do not determine, and stays if the loops do not
+        either: a floating base, springs, the spin of a rod. The nominal state by default. The
+        motors are followed from there, in a straight line of their coordinates and in strides
+        of 0.1 rad or less, so that its branch is kept [rad, m].
+    within_limits : bool
+        Refuse motors outside their limits, and those that take another joint out of its.
+
+    Returns
+    -------
+    CompleteState
+
+    Raises
+    ------
+    InvalidArgument
+        If a motor is outside its limits, or the robot has none.
+    NotAssembled
+        If the loops cannot be closed with the motors there, or only beyond joint limits.
+    BranchChanged
+        If a dead point lies on the way, whether or not the loops close beyond it.
+    """
+    robot, model, chains = scene.robot, scene.robot.model, chains_of(scene)
     robot.check_unedited()
     A = chains.actuated
     if not A.size:
@@ -95,7 +128,7 @@ def complete_state(
         )
     v_A = np.zeros(A.size) if v_actuated is None else finite("v_actuated", v_actuated, A.size)
     start = scene.nominal.q if near is None else normalised(model, "near", near)
-    follower = Follower.of(scene)
+    follower = Follower(scene)
     target = _target(follower, start, q_actuated)
     if within_limits:
         check_held("q_actuated", chains.limits, target, A)
@@ -149,7 +182,7 @@ def _drive(scene: Scene, follower: Follower, start: Array, target: Array) -> Ass
     if not last.closed:
         raise NotAssembled(f"{way}; {last.error()}", last)
     J = follower.closer.equations.jacobian(q)
-    loops = scene.chains.weakest(J)
+    loops = chains_of(scene).weakest(J)
     last = replace(last, status=AssemblyStatus.BRANCH_CHANGED, flipped=(loops,))
     raise BranchChanged(
         f"{loops}: {way}, up to a dead point; beyond, they lead to more than one configuration: "
@@ -160,11 +193,7 @@ def _drive(scene: Scene, follower: Follower, start: Array, target: Array) -> Ass
 
 def _check_dependent(chains: ClosedChains, assembly: Assembly) -> None:
     """Refuse a state in which the motors take a joint out of its limits."""
-    moved = {
-        joint
-        for joint, iv in zip(chains.limits.joints, chains.limits.iv, strict=True)
-        if iv in chains.dependent
-    }
+    moved = limited(chains.limits, chains.dependent)
     out = {joint: by for joint, by in assembly.beyond_limits.items() if joint in moved}
     if out:
         raise NotAssembled(
@@ -175,5 +204,4 @@ def _check_dependent(chains: ClosedChains, assembly: Assembly) -> None:
 
 
 def _rank(J: Array) -> int:
-    S = np.linalg.svd(J, compute_uv=False)
-    return int(np.count_nonzero(tolerances.DEAD_POINT * S.max(initial=0.0) < S))
+    return rank_of(np.linalg.svd(J, compute_uv=False), tolerances.DEAD_POINT)

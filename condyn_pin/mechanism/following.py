@@ -20,20 +20,15 @@ Deuflhard. Newton Methods for Nonlinear Problems. Springer, 2011, section 5.1.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.joints import Indices, indices
-from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin._core.joints import indices
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.mechanism.closing import Closer
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.scene import Scene
 
 _LONGEST = 0.1  # stride of a motor [rad, m]
 _SHORTEST = 1e-5  # the same: a gap of CLOSED hides a dead point that is nearer [rad, m]
@@ -41,34 +36,19 @@ _CHANGE = 0.5  # of J_D in a stride, relative
 _CORRECTIONS = 10
 
 
-@dataclass(frozen=True, eq=False)
 class Follower:
     """What moves the motors of one scene, the dependent joints following.
 
-    Attributes
-    ----------
-    closer : Closer
-        Closes the loops with the dependent joints.
-    actuated, dependent : int array
-        Velocity indices.
-    motors : int array
-        Where q holds the motors.
+    `actuated` and `dependent` are velocity indices; `motors` is where q holds the motors.
     """
 
-    closer: Closer
-    actuated: Indices
-    dependent: Indices
-    motors: Indices
-
-    @classmethod
-    def of(cls, scene: Scene) -> Follower:
-        """Return that of a scene."""
-        model, chains = scene.robot.model, scene.chains
+    def __init__(self, scene: Scene) -> None:
+        model, chains = scene.robot.model, chains_of(scene)
+        self.actuated, self.dependent = chains.actuated, chains.dependent
+        self.motors, _ = indices(model, scene.robot.actuated)
         moving = np.zeros(model.nv, dtype=bool)
-        moving[chains.dependent] = True
-        closer = Closer(Equations(model, scene.bounds), chains.rows, moving)
-        motors, _ = indices(model, scene.robot.actuated)
-        return cls(closer, chains.actuated, chains.dependent, motors)
+        moving[self.dependent] = True
+        self.closer = Closer.of(scene, moving)
 
     def jacobian(self, q: Array) -> Array:
         """Return the rows of J that have a position."""
@@ -91,21 +71,10 @@ class Follower:
         return G
 
     def follow(self, start: Array, target: Array) -> tuple[Array, float]:
-        """Move the motors towards a target.
+        """Move the motors of a closed configuration towards a target, which has them elsewhere.
 
-        Parameters
-        ----------
-        start : (nq,) array
-            A closed configuration.
-        target : (nq,) array
-            The same with other motors.
-
-        Returns
-        -------
-        q : (nq,) array
-            The last configuration reached, closed.
-        share : float
-            Of the way; less than 1 if the strides shrank to nothing.
+        Return the last configuration reached, closed, and the share of the way: less than 1 if the
+        strides shrank to nothing.
         """
         model = self.closer.equations.model
         whole = np.array(pin.difference(model, start, target))[self.actuated]

@@ -11,17 +11,15 @@ plane shifts in it. Each is told in words: pure shifts first, then turns.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.numerical_rank import null_space, rank_of
 from condyn_pin._core.names import listed
-from condyn_pin.dynamics.kept import equations_of
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.at_state import equations_of
+from condyn_pin.dynamics.scene import Scene
 
 _SMALL = 1e-6  # a component of a unit vector, or a distance [m], that counts as zero
 

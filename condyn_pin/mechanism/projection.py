@@ -18,7 +18,7 @@ independent by as much.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,14 +31,12 @@ from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin._core.linalg.numerical_rank import rank_of
 from condyn_pin.constraints.rows.cancellation import cancellation_scale
 from condyn_pin.constraints.violation import worst
-from condyn_pin.dynamics.gaps import rounding, slips
-from condyn_pin.dynamics.kept import equations_of
+from condyn_pin.dynamics.at_state import equations_of, rounding, slips
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, NotAssembled
-from condyn_pin.mechanism.check import Check, check
+from condyn_pin.mechanism.check import check
+from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.model.soundness import singular_mass
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.scene import Scene
 
 Metric = Literal["mass", "euclidean"]
 
@@ -46,76 +44,110 @@ _PASSES = 2
 
 
 @one_blas_thread
-def project_velocity(scene: Scene, q: ArrayLike, v: ArrayLike, metric: Metric) -> Array:
-    """Return the nearest velocity with J v = 0; see `Scene.project_velocity`."""
+def project_velocity(scene: Scene, q: ArrayLike, v: ArrayLike, *, metric: Metric = "mass") -> Array:
+    """Return the velocity nearest to v with J v = 0.
+
+    Parameters
+    ----------
+    scene : Scene
+    q : (nq,) array_like
+        A closed configuration.
+    v : (nv,) array_like
+    metric : {"mass", "euclidean"}
+        What near means: kinetic energy of the difference, or its squares in rad/s and m/s.
+
+    Returns
+    -------
+    v : (nv,) array
+        [rad/s, m/s].
+
+    Raises
+    ------
+    NotAssembled
+        If a loop is open by more than 1e-4 m or rad, or by less but no velocity satisfies its
+        rows there; the text names it.
+    """
     v_ = finite("v", v, scene.robot.nv)
-    state = _checked(scene, q, metric)
-    q_ = normalised(scene.robot.model, "q", q)
+    q_, closed = _checked(scene, q, metric)
     equations = equations_of(scene)
     W = equations.mass(q_) if metric == "mass" else np.eye(len(v_))
-    nearest, left = nearest_velocity(scene, q_, v_, W, equations.jacobian(q_), state.closed)
-    check_rows(scene, q_, left, (v_, nearest), "/s")
-    return nearest
+    return nearest(scene, q_, "v", v_, (W, equations.jacobian(q_), np.zeros(scene.rows)), closed)
 
 
 @one_blas_thread
 def project_acceleration(
-    scene: Scene, q: ArrayLike, v: ArrayLike, a: ArrayLike, metric: Metric
+    scene: Scene, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, metric: Metric = "mass"
 ) -> Array:
-    """Return the nearest acceleration with J a + gamma = 0; see `Scene.project_acceleration`."""
+    """Return the acceleration nearest to a with J a + gamma(q, v) = 0.
+
+    Parameters
+    ----------
+    scene : Scene
+    q : (nq,) array_like
+        A closed configuration.
+    v : (nv,) array_like
+        A velocity with J v = 0.
+    a : (nv,) array_like
+    metric : {"mass", "euclidean"}
+        With "mass", and a the unconstrained acceleration, this is Gauss's principle.
+
+    Returns
+    -------
+    a : (nv,) array
+        [rad/s^2, m/s^2].
+
+    Raises
+    ------
+    NotAssembled
+        As `project_velocity`; also if v does not fit and no acceleration satisfies its rows.
+    """
     nv = scene.robot.nv
     v_, a_ = finite("v", v, nv), finite("a", a, nv)
-    state = _checked(scene, q, metric)
-    q_ = normalised(scene.robot.model, "q", q)
+    q_, closed = _checked(scene, q, metric)
     with np.errstate(all="ignore"):  # what overflows is refused
         terms = equations_of(scene).terms(q_, v_)
         check_overflow("v", v_, terms.gamma)
-        W = terms.M if metric == "mass" else np.eye(nv)
-        nearest, left = _nearest(scene, q_, (W, terms.J, terms.gamma), a_, state.closed)
-        check_overflow("a", a_, nearest, left)
-    check_rows(scene, q_, left, (a_, nearest, terms.gamma), "/s^2")
-    return nearest
+    W = terms.M if metric == "mass" else np.eye(nv)
+    return nearest(scene, q_, "a", a_, (W, terms.J, terms.gamma), closed)
 
 
-def nearest_velocity(
-    scene: Scene, q: Array, v: Array, W: Array, J: Array, closed: bool
-) -> tuple[Array, Array]:
-    """Return the nearest velocity, and J v of it, at a configuration that was checked."""
-    with np.errstate(all="ignore"):  # what overflows is refused
-        nearest, left = _nearest(scene, q, (W, J, np.zeros(scene.rows)), v, closed)
-    check_overflow("v", v, nearest, left)
-    return nearest, left
-
-
-def _checked(scene: Scene, q: ArrayLike, metric: Metric) -> Check:
-    """Return what q leaves open, if that is little; raises what is wrong with the arguments."""
+def _checked(scene: Scene, q: ArrayLike, metric: Metric) -> tuple[Array, bool]:
+    """Return q, and whether it is closed, if it is nearly; raises what is wrong otherwise."""
     if metric not in get_args(Metric):
         raise InvalidArgument(
             f"metric = {metric!r}: one of {', '.join(get_args(Metric))} is needed"
         )
     state = check(scene, q, None)
     state.raise_if_open(violation=tolerances.NEARLY_CLOSED)
-    return state
+    return normalised(scene.robot.model, "q", q), state.closed
 
 
-def _nearest(
-    scene: Scene, q: Array, terms: tuple[Array, Array, Array], x: Array, closed: bool
-) -> tuple[Array, Array]:
-    """Return the x nearest to the given one, and what it leaves of J x + gamma, for W, J, gamma."""
+def nearest(
+    scene: Scene,
+    q: Array,
+    name: Literal["v", "a"],
+    x: Array,
+    terms: tuple[Array, Array, Array],
+    closed: bool,
+) -> Array:
+    """Return the velocity or acceleration nearest to x with J x' + gamma = 0, for W, J and gamma.
+
+    Refuse numbers that overflow, and rows that contradict each other.
+    """
     W, J, gamma = terms
-    factors, nothing = (
-        factorise(W, J, 0.0, why=singular_mass(scene.robot.model, q)),
-        np.zeros(len(x)),
-    )
-    nearest, left = x, J @ x + gamma
-    for some in _ranks(scene, q, factors, closed):
-        nearest, left = x, J @ x + gamma
-        for _ in range(_PASSES):
-            nearest = nearest - some.solve(nothing, left)[0]
-            left = J @ nearest + gamma
-        if _meets(left, (x, nearest, gamma)):
-            break
-    return nearest, left
+    nothing = np.zeros(len(x))
+    with np.errstate(all="ignore"):  # what overflows is refused
+        factors = factorise(W, J, 0.0, why=singular_mass(scene.robot.model, q))
+        for some in _ranks(scene, q, factors, closed):
+            found, left = x, J @ x + gamma
+            for _ in range(_PASSES):
+                found = found - some.solve(nothing, left)[0]
+                left = J @ found + gamma
+            if _meets(left, (x, found, gamma)):
+                break
+        check_overflow(name, x, found, left)
+    _check_rows(scene, q, left, (x, found, gamma), "/s" if name == "v" else "/s^2")
+    return found
 
 
 def _meets(left: Array, sizes: Sequence[Array]) -> bool:
@@ -125,7 +157,7 @@ def _meets(left: Array, sizes: Sequence[Array]) -> bool:
     return length <= tolerances.CONSISTENT * max(1.0, size)
 
 
-def check_rows(scene: Scene, q: Array, left: Array, sizes: Sequence[Array], per: str) -> None:
+def _check_rows(scene: Scene, q: Array, left: Array, sizes: Sequence[Array], per: str) -> None:
     """Refuse a projection that leaves the constraints, because their rows contradict each other."""
     if _meets(left, sizes):
         return
@@ -142,7 +174,7 @@ def check_rows(scene: Scene, q: Array, left: Array, sizes: Sequence[Array], per:
 
 def _ranks(scene: Scene, q: Array, factors: MinimumNorm, closed: bool) -> Iterator[MinimumNorm]:
     """Return the factors with as many singular values as usual, and then with one more each."""
-    usual = min(rank_of(factors.S), scene.chains.rank)
+    usual = min(rank_of(factors.S), chains_of(scene).rank)
     yield factors.at_most(usual)
     if closed:
         most = factors.above_rounding(cancellation_scale(equations_of(scene), q)).rank

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,17 +21,13 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
+from condyn_pin._core.linalg.minimum_norm import MinimumNorm
 from condyn_pin._core.linalg.pivots import redundant_rows
 from condyn_pin._core.renamed import renamed
-from condyn_pin.constraints.rows.cancellation import cancellation_scale
-from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.violation import ConstraintViolation, closed, worst
-from condyn_pin.dynamics.gaps import gaps
-from condyn_pin.model.soundness import singular_mass
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.at_state import equations_of, gaps
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.mechanism.closed_chains import chains_of, factors_at
 
 _NEARLY_SINGULAR = 1e-4  # of the singular values
 _EPS = float(np.finfo(float).eps)
@@ -180,10 +175,10 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
     robot, model = scene.robot, scene.robot.model
     robot.check_unedited()
     q_ = scene.nominal.q if q is None else normalised(model, "q", q)
-    equations = Equations(model, scene.bounds)
+    chains, equations = chains_of(scene), equations_of(scene)
     terms = equations.terms(q_, np.zeros(model.nv))
-    isolated = scene.chains.isolated
-    factors = _factors(scene, equations, q_, terms.M, terms.J)
+    share = tolerances.ISOLATED if chains.isolated else tolerances.RANK
+    factors = factors_at(equations, q_, terms, share)
     S, r = factors.S, factors.rank
     c = equations.violation(q_)
     return Rank(
@@ -191,25 +186,18 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
         violation=gaps(scene, c),
         rows=scene.rows,
         rank=r,
-        generic_rank=scene.chains.rank,
+        generic_rank=chains.rank,
         mobility=robot.nv - r,
         gruebler=robot.nv - scene.rows,
-        redundant=redundant_rows(factors.U[:, r:], scene.row_names, scene.chains.redundant),
-        generic_redundant=scene.chains.redundant,
-        isolated=isolated,
-        conflict=_conflict(factors.U[:, min(r, scene.chains.rank) :], c, scene.row_names),
+        redundant=redundant_rows(factors.U[:, r:], scene.row_names, chains.redundant),
+        generic_redundant=chains.redundant,
+        isolated=chains.isolated,
+        conflict=_conflict(factors.U[:, min(r, chains.rank) :], c, scene.row_names),
         weak=_weak(factors, scene.row_names),
         singular_values=S,
         condition=float(np.linalg.cond(terms.M)),
         delassus_condition=float((S[0] / S[r - 1]) ** 2) if r else 1.0,
     )
-
-
-def _factors(scene: Scene, equations: Equations, q: Array, M: Array, J: Array) -> MinimumNorm:
-    """Return M and J factorised, without the singular values that are zeros but for rounding."""
-    share = tolerances.ISOLATED if scene.chains.isolated else tolerances.RANK
-    factors = factorise(M, J, share, why=singular_mass(scene.robot.model, q))
-    return factors.above_rounding(cancellation_scale(equations, q))
 
 
 def _conflict(null: Array, c: Array, names: Sequence[str]) -> dict[str, float]:

@@ -2,32 +2,55 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin.dynamics.kept import equations_of
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.mechanism.assembly import assemble, best_end
+from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.mechanism.closing import Closer
-from condyn_pin.mechanism.projection import check_rows, nearest_velocity
+from condyn_pin.mechanism.projection import nearest
 from condyn_pin.model.limits import NO_LIMITS
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.scene import Scene
 
 _TRIES = 50
 
 
 @one_blas_thread
 def sample(
-    scene: Scene, rng: np.random.Generator, spread: float, speed: float
+    scene: Scene, rng: np.random.Generator, *, spread: float = 0.2, speed: float = 1.0
 ) -> tuple[Array, Array]:
-    """Return a random (q, v) on the constraints; see `Scene.sample`."""
+    """Return a random (q, v) that satisfies the constraints.
+
+    It is on the branch of the first posture, and within the joint limits if that is.
+
+    Parameters
+    ----------
+    scene : Scene
+    rng : numpy.random.Generator
+        The source of randomness; the same generator gives the same states.
+    spread : float
+        Standard deviation of each joint about the nominal state, before closing [rad, m].
+    speed : float
+        Standard deviation of each velocity, before projection to J v = 0 [rad/s, m/s].
+
+    Returns
+    -------
+    q : (nq,) array
+        [rad, m].
+    v : (nv,) array
+        [rad/s, m/s].
+
+    Raises
+    ------
+    InvalidArgument
+        If `rng` is no generator, or `spread` or `speed` is no number >= 0.
+    NotAssembled
+        If the loops cannot be closed at the nominal state, or from none of 50 random guesses.
+    """
     check_generator(rng)
     for name, value in (("spread", spread), ("speed", speed)):
         if not finite(name, value, ()) >= 0:
@@ -36,18 +59,16 @@ def sample(
     model, nv, home = scene.robot.model, scene.robot.nv, scene.nominal.q
     if not scene.nominal.closed:
         scene.state()  # raises what is in the way
-    chains = scene.chains
+    chains = chains_of(scene)
     limits = NO_LIMITS if chains.limits.beyond(home) else chains.limits
-    closer = Closer(equations_of(scene), chains.rows, np.ones(nv, dtype=bool), limits)
+    closer = Closer.of(scene, limits=limits)
     for _ in range(_TRIES):
         guess = normalised(model, "q", pin.integrate(model, home, spread * rng.normal(size=nv)))
-        end, _, status, _ = best_end(chains, closer, guess, chains.assembly_mode)
+        end, status, _ = best_end(chains, closer, guess, chains.assembly_mode)
         if status.ok:
             v = speed * rng.normal(size=nv)
-            M = closer.equations.mass(end.q)
-            nearest, left = nearest_velocity(scene, end.q, v, M, end.J, closed=True)
-            check_rows(scene, end.q, left, (v, nearest), "/s")
-            return end.q, nearest
+            terms = closer.equations.mass(end.q), end.J, np.zeros(scene.rows)
+            return end.q, nearest(scene, end.q, "v", v, terms, closed=True)
     found = assemble(
         scene,
         guess,

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.joints import indices
 from condyn_pin._core.names import few
+from condyn_pin.dynamics.nominal import pinocchio_constraints_of
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.mechanism.freedom import base_freedom
 from condyn_pin.mechanism.rank import Rank
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.scene import Scene
 
 _ROWS_SHOWN = 12
 _ILL_CONDITIONED = 1e12
@@ -138,7 +138,8 @@ def _unused(scene: Scene) -> Iterator[str]:
     robot = scene.robot
     yield from robot.unused
     for what, advice in (("damping", ": add Robot.passive_torque to tau"), ("friction", "")):
-        where = _where(robot.model, getattr(robot.model, what))
+        values = getattr(robot.model, what)
+        where = [n for n in robot.joints if values[indices(robot.model, [n])[1]].any()]
         if where and not any(what in text for text in robot.unused):  # else the reader said it
             yield f"joint {what} ({few(where)}){advice}"
     if robot.springs:
@@ -150,16 +151,6 @@ def _unused(scene: Scene) -> Iterator[str]:
     left_out = [loop.name for loop in robot.loops if loop not in scene.constraints]
     if left_out:
         yield f"loops that are not in this scene ({', '.join(left_out)})"
-
-
-def _where(model: Any, values: Array) -> list[str]:
-    """Return the joints where a value of each velocity is not zero."""
-    pairs = zip(model.names, model.joints, strict=True)
-    return [
-        name
-        for name, joint in pairs
-        if joint.idx_v >= 0 and values[joint.idx_v : joint.idx_v + joint.nv].any()
-    ]
 
 
 def _notes(scene: Scene, at: Rank) -> Iterator[str]:
@@ -182,7 +173,7 @@ def _notes(scene: Scene, at: Rank) -> Iterator[str]:
             f"{len(at.redundant)} redundant rows: a is unique, lam is the smallest of many; "
             "DenseKKT needs mu > 0"
         )
-    if missing := scene.pinocchio_constraints.unsupported:
+    if missing := pinocchio_constraints_of(scene).unsupported:
         yield (
             f"{', '.join(missing)}: Pinocchio has no such rows, so that Proximal and LCABA refuse "
             "the scene; what solves it instead takes five times as long, or more"
@@ -192,7 +183,7 @@ def _notes(scene: Scene, at: Rank) -> Iterator[str]:
             f"{', '.join(rolling)}: rows on the velocity; mobility counts directions of motion, "
             "and they may lead to more places than that (is_integrable)"
         )
-    outside = scene.chains.limits.beyond(at.q)
+    outside = chains_of(scene).limits.beyond(at.q)
     if outside:
         joints = ", ".join(f"{joint} by {by}" for joint, by in outside.items())
         yield f"beyond joint limits, which the dynamics do not know: {joints}"

@@ -1,13 +1,19 @@
 # Every public name of this room, and the file that has it; `__init__.py` reads this file.
 
+from .mechanisms.andrews import andrews as andrews
+from .mechanisms.bricard import bricard as bricard
 from .mechanisms.chain import chain as chain
+from .mechanisms.delta import delta as delta
+from .mechanisms.five_bar import five_bar as five_bar
 from .mechanisms.four_bar import four_bar as four_bar
 from .mechanisms.n_four_bar import n_four_bar as n_four_bar
+from .mechanisms.parallelogram import parallelogram as parallelogram
 from .mechanisms.pendulum import pendulum as pendulum
-from .mechanisms.rolling_ball import rolling_ball as rolling_ball
-from .mechanisms.rolling_disc import rolling_disc as rolling_disc
-from .mechanisms.sleigh import sleigh as sleigh
-from .mechanisms.unicycle import unicycle as unicycle
+from .mechanisms.rolling import rolling_ball as rolling_ball
+from .mechanisms.rolling import rolling_disc as rolling_disc
+from .mechanisms.rolling import sleigh as sleigh
+from .mechanisms.rolling import unicycle as unicycle
+from .mechanisms.stewart import stewart as stewart
 from .robot import Robot as Robot
 from .spring import Spring as Spring
 from .spring import SpringDamper as SpringDamper

@@ -10,7 +10,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.names import checked
-from condyn_pin.constraints.rows.binding import bind
+from condyn_pin.constraints.kinds import bind
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.violation import gap_of
 from condyn_pin.errors import InvalidModel

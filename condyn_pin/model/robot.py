@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite, read_only
-from condyn_pin.constraints.constraints import Constraint
+from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.rows.mass_pivots import least_pivots
 from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
 from condyn_pin.model.robot_fields import check_ends, lists, members, postures

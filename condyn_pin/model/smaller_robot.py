@@ -1,17 +1,26 @@
-"""A smaller robot: joints welded at a configuration, or bodies cut off, and what hangs on them."""
+"""A smaller robot: joints welded at a configuration, or bodies cut off, and what hangs on them.
+
+The body of a welded joint becomes part of its parent's body, at the placement that q gives it; that
+of a joint that is cut off disappears with its frames. Pinocchio's `buildReducedModel` welds too,
+but needs a frame of type JOINT for every joint, crashes in Pinocchio 4 where one is missing, and
+cuts nothing off.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
+import numpy as np
+
+from condyn_pin._core import _pin
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import indices
-from condyn_pin.constraints.constraints import Constraint
+from condyn_pin.constraints.base import Constraint
 from condyn_pin.errors import UnknownName
 from condyn_pin.model.robot import Robot
-from condyn_pin.model.smaller_tree import smaller_tree
 from condyn_pin.model.spring import SpringDamper
 
 _AnyConstraint = TypeVar("_AnyConstraint", bound=Constraint)
@@ -93,3 +102,73 @@ def free_flyers(robot: Robot) -> tuple[str, ...]:
         for name, joint, parent in zip(model.names, model.joints, model.parents, strict=True)
         if parent == 0 and joint.shortname() == "JointModelFreeFlyer"
     )
+
+
+def smaller_tree(model: Any, joints: Collection[str], q: Array, *, cut: bool = False) -> Any:
+    """Return a model without some joints, every other number of it kept.
+
+    Parameters
+    ----------
+    model : pin.Model
+    joints : collection of str
+        What goes.
+    q : (nq,) array
+        Where the joints are welded.
+    cut : bool
+        Cut their bodies off, with all that is on them, instead of welding them. Each joint has to
+        end a branch once the others are gone.
+    """
+    small = pin.Model()
+    small.name = model.name
+    small.gravity = pin.Motion(model.gravity.vector.copy())
+    small.inertias[0] = pin.Inertia(model.inertias[0])
+    data = model.createData()
+    pin.forwardKinematics(model, data, q)
+    carriers = [(0, pin.SE3.Identity())]  # joint of the small tree, and the old joint's place on it
+    for i in range(1, model.njoints):
+        carrier, placement = carriers[model.parents[i]]
+        if model.names[i] in joints:
+            carriers.append((carrier, placement * data.liMi[i]))
+        else:
+            on_carrier = placement * model.jointPlacements[i]
+            number = small.addJoint(carrier, model.joints[i], on_carrier, model.names[i])
+            carriers.append((number, pin.SE3.Identity()))
+        if not (cut and model.names[i] in joints):
+            small.appendBodyToJoint(carriers[i][0], model.inertias[i], carriers[i][1])
+    _copy_frames(model, small, carriers, joints, cut)
+    kept = list(small.names)[1:]
+    copy_numbers(model, small, kept)
+    index_q, _ = indices(model, kept)
+    for entry in model.referenceConfigurations:
+        small.referenceConfigurations[entry.key()] = np.array(entry.data())[index_q]
+    return small
+
+
+def _copy_frames(
+    model: Any, small: Any, carriers: Sequence[Any], joints: Collection[str], cut: bool
+) -> None:
+    numbers = [0]  # of each old frame in the small tree; frames that are gone count as the world's
+    for frame in list(model.frames)[1:]:
+        gone = frame.parentJoint > 0 and model.names[frame.parentJoint] in joints
+        if gone and cut:
+            numbers.append(0)
+            continue
+        carrier, placement = carriers[frame.parentJoint]
+        welded_joint = frame.type == pin.FrameType.JOINT and frame.name in joints
+        kind = pin.FrameType.FIXED_JOINT if welded_joint else frame.type
+        parent = numbers[frame.parentFrame] if frame.parentFrame < len(numbers) else 0
+        made = pin.Frame(
+            frame.name, carrier, parent, placement * frame.placement, kind, frame.inertia
+        )
+        # the inertia is on the joint already
+        numbers.append(small.addFrame(made, False))
+
+
+def copy_numbers(model: Any, made: Any, joints: Sequence[str]) -> None:
+    """Give a model the limits, armatures and so on that another one has of these joints."""
+    of_q, of_v = zip(indices(model, joints), indices(made, joints), strict=True)
+    for (old, new), numbers in ((of_q, _pin.NUMBERS_OF_Q), (of_v, _pin.NUMBERS_OF_V)):
+        for each in numbers:
+            values = np.array(getattr(made, each))
+            values[new] = np.array(getattr(model, each))[old]
+            setattr(made, each, values)

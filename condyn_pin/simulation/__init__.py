@@ -1,6 +1,6 @@
 """A scene in motion.
 
-Nouns: `Integrator`, one file each in `integrators/`; the drift schemes in `drift/`; `Event`;
+Nouns: `Integrator`, a family a file in `integrators/`; the drift schemes in `drift/`; `Event`;
 `Trajectory`, and many of them in `batch/`. Verbs: `simulate`, `switch`, and those for batches.
 
 It must not know how motions are looked at, nor how they are compared.

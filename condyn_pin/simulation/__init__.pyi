@@ -1,7 +1,8 @@
 # Every public name of this room, and the file that has it; `__init__.py` reads this file.
 
-from .batch.derivatives import BatchDerivatives as BatchDerivatives
+from .batch.sampling import sample_batch as sample_batch
 from .batch.simulation import simulate_batch as simulate_batch
+from .batch.solution import BatchDerivatives as BatchDerivatives
 from .batch.solution import BatchSolution as BatchSolution
 from .batch.trajectory import BatchTrajectory as BatchTrajectory
 from .batch.verbs import derivatives_batch as derivatives_batch
@@ -11,27 +12,27 @@ from .drift import Drift as Drift
 from .drift.no_drift import NoDrift as NoDrift
 from .drift.post_stabilization import PostStabilization as PostStabilization
 from .drift.projection import Projection as Projection
-from .effects import Effects as Effects
 from .events import Event as Event
 from .events import Snapshot as Snapshot
 from .integrators import INTEGRATORS as INTEGRATORS
 from .integrators import Integrator as Integrator
 from .integrators.dormand_prince import DormandPrince as DormandPrince
-from .integrators.explicit_euler import ExplicitEuler as ExplicitEuler
+from .integrators.explicit import ExplicitEuler as ExplicitEuler
+from .integrators.explicit import Leapfrog as Leapfrog
+from .integrators.explicit import RungeKutta4 as RungeKutta4
+from .integrators.explicit import SemiImplicitEuler as SemiImplicitEuler
+from .integrators.explicit import StormerVerlet as StormerVerlet
 from .integrators.generalised_alpha import GeneralisedAlpha as GeneralisedAlpha
-from .integrators.implicit_midpoint import ImplicitMidpoint as ImplicitMidpoint
-from .integrators.leapfrog import Leapfrog as Leapfrog
-from .integrators.linearly_implicit_midpoint import (
+from .integrators.midpoint import ImplicitMidpoint as ImplicitMidpoint
+from .integrators.midpoint import (
     LinearlyImplicitMidpoint as LinearlyImplicitMidpoint,
 )
 from .integrators.radau import GearGuptaLeimkuhler as GearGuptaLeimkuhler
 from .integrators.radau import RadauIIA as RadauIIA
 from .integrators.rattle import Rattle as Rattle
 from .integrators.rattle import Shake as Shake
-from .integrators.runge_kutta4 import RungeKutta4 as RungeKutta4
-from .integrators.semi_implicit_euler import SemiImplicitEuler as SemiImplicitEuler
-from .integrators.stormer_verlet import StormerVerlet as StormerVerlet
 from .measures import Energy as Energy
+from .outcome import Effects as Effects
 from .outcome import RunStatus as RunStatus
 from .run import simulate as simulate
 from .switching import Switch as Switch

@@ -1,5 +1,7 @@
 """Archives: npz files with a header in JSON, and a robot as words and arrays.
 
+Frozen values are in the header by the name of their class, with their fields.
+
 Nothing in them is executed, and nothing in them is believed: a file may come from a stranger.
 """
 
@@ -7,6 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import asdict, is_dataclass
 from os import PathLike
 from typing import Any, Final, TypeVar
 
@@ -17,10 +20,16 @@ from condyn_pin._core._pin import VERSION_TEXT
 from condyn_pin._core.arrays import finite
 from condyn_pin._core.files.npz import read_npz, write_npz
 from condyn_pin._core.files.text import LARGEST, parse_json
+from condyn_pin.constraints.kinds import named
+from condyn_pin.dynamics.solvers import SOLVERS, Solver
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.io.model_words import model_of, model_words
 from condyn_pin.model.robot import Robot
-from condyn_pin.simulation.coding import decode, encode, plain
+from condyn_pin.model.spring import Spring, SpringDamper
+from condyn_pin.simulation.drift import DRIFTS, Drift
+from condyn_pin.simulation.events import Happened
+from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
+from condyn_pin.simulation.outcome import Effects
 
 Path_ = str | PathLike[str]
 Header = dict[str, Any]
@@ -44,6 +53,9 @@ _WRITERS: Final = {
 }
 _TITLES: Final = {MOTION: "a trajectory", MOTIONS: "a batch of motions"}
 
+# The choices of a run that are frozen values, and what they have to be.
+CHOICES: Final[dict[str, type]] = {"integrator": Integrator, "drift": Drift, "solver": Solver}
+
 _LISTS = ("loops", "contacts", "springs", "spring_dampers")
 _WORDS = ("name", "actuated", "unused", "source", "licence", "description")
 _POSTURE = "posture "
@@ -58,7 +70,7 @@ def write(
     about |= {key: [encode(c) for c in getattr(robot, key)] for key in _LISTS}
     about["model"], numbers = model_words(robot.model)
     header = {"format": kind, "pinocchio": VERSION_TEXT, "robot": about, **header}
-    text = json.dumps(header, default=plain)
+    text = json.dumps(header, default=_plain)
     if len(text) > LARGEST:
         raise InvalidArgument(
             f"{path}: {len(text) / 1e6:.0f} MB of words, such as events and reasons, are more than "
@@ -81,10 +93,7 @@ def read(
 ) -> Result:
     """Return what is made of a file of a kind that has arrays of these names.
 
-    Raises
-    ------
-    InvalidArgument
-        If the file is missing, is of another kind, or nothing can be made of it.
+    InvalidArgument if it is missing, of another kind, or nothing can be made of it.
     """
     no_file = f"{path}: no file of {_TITLES[kind]}"
     wanted = {"header", *names}
@@ -133,3 +142,45 @@ def check_times(**times: Any) -> None:
         number = finite(name, time, ())
         if type(time) not in (int, float) or number < 0 or (name == "dt" and not number):
             raise ValueError(f"{name} = {time!r}")
+
+
+def choice(name: str, coded: dict[str, Any], kind: type) -> Any:
+    """Return a frozen value that has to be of a kind."""
+    value = decode(coded)
+    if not isinstance(value, kind):
+        raise TypeError(f"{name} = {value!r}")
+    return value
+
+
+# What a value in a file may be, by the name of its class.
+_KINDS: dict[str, type] = {
+    kind.__name__: kind
+    for kind in (
+        *(Effects, Happened, Spring, SpringDamper),
+        *(INTEGRATORS | DRIFTS | SOLVERS).values(),
+    )
+}
+
+
+def encode(value: Any) -> dict[str, Any]:
+    """Return a frozen dataclass as its name and its fields."""
+    assert is_dataclass(value)
+    return {"class": type(value).__name__, **asdict(value)}  # type: ignore[arg-type]
+
+
+def _plain(value: Any) -> Any:
+    """Return a number of numpy as one of Python's: a parameter may be either."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{value!r} cannot be written to a file")
+
+
+def decode(coded: dict[str, Any]) -> Any:
+    """Return the frozen dataclass of a name and fields; lists become tuples."""
+    values = dict(coded)
+    name = values.pop("class")
+    # those of the user's own have registered since
+    kind = _KINDS.get(name) or named(name) or (INTEGRATORS | DRIFTS | SOLVERS).get(name.lower())
+    if kind is None:
+        raise LookupError(f"{name} is not known here: import the module that defines it")
+    return kind(**{k: tuple(x) if isinstance(x, list) else x for k, x in values.items()})

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,9 +15,7 @@ from condyn_pin.dynamics.force import ConstraintForce, Sites
 from condyn_pin.dynamics.impacts import Restitution, restitutions
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, UnknownName
-
-if TYPE_CHECKING:
-    from condyn_pin.simulation.system import System
+from condyn_pin.simulation.system import System
 
 
 @dataclass(frozen=True, eq=False)

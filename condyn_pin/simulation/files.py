@@ -12,21 +12,28 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import finite
 from condyn_pin._core.files.beside import written_beside
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solvers import Solver
 from condyn_pin.model.robot import Robot
-from condyn_pin.simulation.archive import MOTION, Content, Header, Path_, check_times, read, write
-from condyn_pin.simulation.coding import decode, encode
-from condyn_pin.simulation.drift import Drift
-from condyn_pin.simulation.effects import Effects
+from condyn_pin.simulation.archive import (
+    CHOICES,
+    MOTION,
+    Content,
+    Header,
+    Path_,
+    check_times,
+    choice,
+    decode,
+    encode,
+    read,
+    write,
+)
 from condyn_pin.simulation.events import Happened
-from condyn_pin.simulation.integrators import Integrator
-from condyn_pin.simulation.outcome import Run, RunStatus
+from condyn_pin.simulation.outcome import Effects, Run, RunStatus
 from condyn_pin.simulation.recorder import Phase
 from condyn_pin.simulation.trajectory import Trajectory
 
 _ARRAYS = ("t", "q", "v", "a", "lam", "tau")
 _PLAIN = ("duration", "dt", "reason", "wall_time")
-_CHOICES = {"integrator": Integrator, "drift": Drift, "solver": Solver, "effects": Effects}
+_CHOICES = CHOICES | {"effects": Effects}
 
 
 def save(trajectory: Trajectory, path: Path_) -> None:
@@ -81,7 +88,7 @@ def _trajectory(robot: Robot, header: Header, content: Content) -> Trajectory:
 def _run(run: dict[str, Any]) -> Run:
     return Run(
         **{key: run[key] for key in _PLAIN},
-        **{key: decode(run[key]) for key in _CHOICES},
+        **{key: choice(key, run[key], kind) for key, kind in _CHOICES.items()},
         status=RunStatus[run["status"]],
         happened=tuple(decode(event) for event in run["happened"]),
         missed=tuple(run.get("missed", ())),  # files of before have none
@@ -124,10 +131,9 @@ def _count(phases: tuple[Phase, ...]) -> int:
 
 
 def _check_run(run: Run, count: int) -> None:
-    """Refuse what is none of the choices and events of a run."""
-    for name, kind in {**_CHOICES, "reason": str}.items():
-        if not isinstance(getattr(run, name), kind):
-            raise TypeError(f"{name} = {getattr(run, name)!r}")
+    """Refuse what are no words, times and events of a run."""
+    if not isinstance(run.reason, str):
+        raise TypeError(f"reason = {run.reason!r}")
     check_times(duration=run.duration, dt=run.dt, wall_time=run.wall_time)
     if not all(isinstance(why, str) for why in run.missed):
         raise TypeError(f"missed = {run.missed!r}")

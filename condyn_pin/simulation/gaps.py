@@ -11,7 +11,7 @@ microsecond, and the acceleration is the one that the next step begins with.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from abc import ABC, abstractmethod
 
 import numpy as np
 
@@ -20,10 +20,9 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin.dynamics.solvers.proximal import Proximal
+from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.model.soundness import singular_mass
-
-if TYPE_CHECKING:
-    from condyn_pin.simulation.system import System
+from condyn_pin.simulation.system import System
 
 # Share of a gap that the damping of Pinocchio's factor may leave.
 _LEFT = 1e-2
@@ -34,12 +33,17 @@ _ENOUGH = 0.1
 _NEAR = 0.02
 
 
-class Gaps(Protocol):
-    """The gaps of one system."""
+class Gaps(ABC):
+    """The gaps of one system, and what closes them."""
 
+    def __init__(self, system: System) -> None:
+        self._system = system
+
+    @abstractmethod
     def look(self, t: float, q: Array, v: Array) -> Array:
         """Return [c, J v] (rows, 2); overwritten by the next look."""
 
+    @abstractmethod
     def step(self, again: bool) -> tuple[Array, Array]:
         """Return dq, dv (nv,) that close the gaps of the last look.
 
@@ -48,6 +52,9 @@ class Gaps(Protocol):
 
     def newton_step(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return q and v one step nearer to the constraints; what was found is taken for theirs."""
+        self.look(t, q, v)
+        dq, dv = self.step(again=False)
+        return self._system.integrate(q, dq), v + dv
 
 
 def gaps_of(system: System, metric: str) -> Gaps:
@@ -61,7 +68,7 @@ def gaps_of(system: System, metric: str) -> Gaps:
     return FactorisedGaps(system, metric)
 
 
-class SolvedGaps:
+class SolvedGaps(Gaps):
     """Read from what `pin.constraintDynamics` leaves behind.
 
     The damping mu of the factor leaves a share mu / (sigma + mu) of each gap: a millionth, and a
@@ -70,9 +77,8 @@ class SolvedGaps:
     """
 
     def __init__(self, system: System, mu: float) -> None:
+        super().__init__(system)
         workspace = system.workspace
-        self._solve, self._carry_over = system.acceleration, system.carry_over
-        self._integrate = system.integrate
         self._workspace, self._mu = workspace, mu
         self._cholesky = _pin.constraint_cholesky(workspace.data)
         pinocchio_constraints = workspace.pinocchio_constraints.constraints
@@ -89,7 +95,7 @@ class SolvedGaps:
 
     def look(self, t: float, q: Array, v: Array) -> Array:
         """Return [c, J v] of Pinocchio's rows; the solver's answer is the next `acceleration`."""
-        self._solve(t, q, v)
+        self._system.acceleration(t, q, v)
         w = self._workspace
         if w.proximal_settings.mu != self._mu:
             models, datas = w.constraint_models, w.constraint_datas
@@ -106,16 +112,17 @@ class SolvedGaps:
         """Return q and v one step nearer; the acceleration of the look counts for them too."""
         self.look(t, q, v)
         steps = -self._cholesky.solve(self._rhs)
-        q, v = self._integrate(q, steps[self._m :, 0]), v + steps[self._m :, 1]
-        self._carry_over(q, v)
+        q, v = self._system.integrate(q, steps[self._m :, 0]), v + steps[self._m :, 1]
+        self._system.carry_over(q, v)
         return q, v
 
 
-class FactorisedGaps:
+class FactorisedGaps(Gaps):
     """By the equations of the scene, with a factor that is kept while it serves."""
 
     def __init__(self, system: System, metric: str) -> None:
-        self._system, self._metric = system, metric
+        super().__init__(system)
+        self._metric = metric
         self._nearest: Array | None = None  # (nv, m), W^-1 J^T G^+
         self._gaps, self._size = np.zeros((system.scene.rows, 2)), 0.0
         self._q = self._made_at = np.zeros(0)
@@ -135,12 +142,6 @@ class FactorisedGaps:
         steps = self._nearest @ self._gaps
         return -steps[:, 0], -steps[:, 1]
 
-    def newton_step(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return q and v one step nearer."""
-        self.look(t, q, v)
-        dq, dv = self.step(again=False)
-        return self._system.integrate(q, dq), v + dv
-
     def _is_far(self) -> bool:
         """Whether the factor is that of another place."""
         moved = pin.difference(self._system.model, self._made_at, self._q)
@@ -153,5 +154,5 @@ class FactorisedGaps:
         W = system.mass(self._q) if self._metric == "mass" else np.eye(n)
         factors = factorise(W, J, tolerances.RANK, why=singular_mass(system.model, self._q))
         # open loops make redundant rows look independent: they are the smallest, and are left out
-        factors = factors.at_most(system.scene.chains.rank)
+        factors = factors.at_most(chains_of(system.scene).rank)
         return factors.solve(np.zeros((n, m)), np.eye(m))[0]

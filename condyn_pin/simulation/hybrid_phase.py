@@ -7,31 +7,17 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
-from condyn_pin.simulation.defaults import default_solver
 from condyn_pin.simulation.integrators.base import Integrator
-from condyn_pin.simulation.plan import Plan
+from condyn_pin.simulation.plan import Plan, default_solver
 from condyn_pin.simulation.recorder import Recorder
 from condyn_pin.simulation.system import CorrectedStepper, System
 
 
 class HybridPhase:
-    """One scene with its solver, its stepper and its samples.
+    """One scene, every contact anchored, with its solver, its stepper and its samples.
 
-    Parameters
-    ----------
-    scene : Scene
-        With every contact anchored.
-    plan : Plan
-
-    Attributes
-    ----------
-    solver : Solver
-    system : System
-    recorder : Recorder
-    stepper : CorrectedStepper
-        For steps of the plan's dt.
-    turn : int
-        Which of so many steps, as one is kept of, is the sample.
+    `stepper` takes steps of the plan's dt; `turn` says which of so many steps, as one is kept of,
+    is the sample.
     """
 
     def __init__(self, scene: Scene, plan: Plan) -> None:
@@ -54,7 +40,7 @@ class HybridPhase:
     def begin(self, t: float, q: Array, v: Array) -> Recorder:
         """Begin to keep samples, with another stepper; return what they go to."""
         self.recorder = Recorder(self.scene)
-        self.system.slopes.begin(t, q, v)
+        self.plan.tau.begin(t, q, v)
         self.stepper = self._stepper_of(self.plan.dt)
         if not self._samples_start:  # else the first step keeps it
             self._sample(t, q, v)

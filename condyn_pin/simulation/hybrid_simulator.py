@@ -20,11 +20,10 @@ from collections.abc import Callable
 from math import inf
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.constraints import Constraint
+from condyn_pin.constraints.base import Constraint
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.simulation.anchoring import anchored
 from condyn_pin.simulation.events import Ended, Event, Happened, Snapshot, ZenoDetected
-from condyn_pin.simulation.fit import check_fit, check_slip
+from condyn_pin.simulation.fit import anchored, check_fit, check_slip
 from condyn_pin.simulation.hybrid_phase import HybridPhase
 from condyn_pin.simulation.plan import Plan
 from condyn_pin.simulation.recorder import BLOCK
@@ -42,25 +41,9 @@ _MOST = 100
 
 
 class HybridSimulator:
-    """A run on its way.
+    """A run on its way: where it is (t, q, v), its present phase, and what it has left behind.
 
-    Parameters
-    ----------
-    plan : Plan
-    q, v : (nq,), (nv,) array
-        Owned.
-    phase : HybridPhase, optional
-        Of another run of this plan, whose memory is used again.
-
-    Attributes
-    ----------
-    t, q, v
-        Where it is.
-    phase : HybridPhase
-        The present one.
-    recorders : list of Recorder
-        The samples, one a phase.
-    happened : list of Happened
+    It owns q and v. A `phase` of another run of this plan has its memory used again.
     """
 
     def __init__(self, plan: Plan, q: Array, v: Array, phase: HybridPhase | None = None) -> None:

@@ -12,10 +12,9 @@ and what it answers to the torques less X a has the same a, and the lam that bel
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
@@ -26,9 +25,6 @@ from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin.errors import StepFailed
 from condyn_pin.simulation.system import System, total_torque
 from condyn_pin.simulation.torques import Torque
-
-if TYPE_CHECKING:
-    from condyn_pin.simulation.slopes import Slopes
 
 # Rates of torques, times dt, beyond which a step that takes them as they are is near its stability
 # limit: 1 for damping and 2 for the square of a frequency in `LinearlyImplicitMidpoint`.
@@ -49,10 +45,10 @@ def implicit_system(system: System, dt: float) -> System:
     which is stable however large D and K are. All of them share the memory of `System.spare`.
     Torques of a function that comes with its derivatives act there too.
     """
-    applied, passive, slopes = system.applied, system.passive, system.slopes
+    applied, passive = system.applied, system.passive
     if not passive.is_nothing:
         system = _Heavier(system, dt, total_torque(applied, passive, dt))
-    return system if applied.jacobian is None else AtTheEnd(system, slopes, dt)
+    return system if applied.jacobian is None else _WithSlopes(system, dt)
 
 
 def iterated_system(system: System, dt: float, last: Callable[[], Array]) -> System:
@@ -65,12 +61,9 @@ def iterated_system(system: System, dt: float, last: Callable[[], Array]) -> Sys
     and however large D and K are, they do not keep the iteration from it; nor do those of the
     torques of a function, once their slopes are known.
     """
-    slopes, passive = system.slopes, system.passive
-    if not passive.is_nothing:
+    if not system.passive.is_nothing:
         system = _Heavier(system, dt, _torque_of_last(system, dt, last))
-    if system.applied.constant is not None:
-        return system
-    return Iterated(system, slopes, dt, last)
+    return system if system.applied.constant is not None else _WithSlopes(system, dt, last)
 
 
 def _torque_of_last(system: System, dt: float, last: Callable[[], Array]) -> Torque:
@@ -117,22 +110,13 @@ class _Heavier(System):
 def with_rows(solve: Callable[[Array], Array], tau: Array, rows: Array, weights: Array) -> Array:
     """Return the a of (M + U^T w U) a + h = tau + J^T lam, by solves of M a + h = tau + J^T lam.
 
-    What the rows U (r, nv) take is U^T f with f = w U a, and a falls with f as the solves say:
+    What the rows U (r, nv) with weights w (r,) > 0 [kg, kg m^2] take is U^T f with f = w U a, and
+    a falls with f as the solves say:
 
         U a = U a0 - G f,    G = U P U^T,    (1 / w + G) f = U a0,
 
     with a0 that of f = 0, and P the inverse inertia that the constraints leave. A solve a row finds
     G; the last one is that of the answer, and leaves its lam behind.
-
-    Parameters
-    ----------
-    solve : callable
-        Returns a (nv,) of tau (nv,).
-    tau : (nv,) array
-    rows : (r, nv) array
-        U.
-    weights : (r,) array
-        w, positive [kg, kg m^2].
     """
     a0 = solve(tau)
     free = rows @ a0
@@ -146,37 +130,45 @@ def with_rows(solve: Callable[[Array], Array], tau: Array, rows: Array, weights:
 
 
 class _WithSlopes(System):
-    """A system with the slopes of its torques, as another one takes its steps."""
+    """A system with the slopes of its torques, as another one takes its steps.
 
-    def __init__(self, system: System, slopes: Slopes, dt: float) -> None:
+    They act at the end of a step, q1 = q + dt v1 and v1 = v + dt a; in an iteration, which hands in
+    its `last` a, they only lead faster to the solution without.
+    """
+
+    def __init__(self, system: System, dt: float, last: Callable[[], Array] | None = None) -> None:
         super().__init__(system.workspace, system.applied)
-        self._system, self.slopes, self._dt = system, slopes, dt
+        self._system, self._dt, self._its_last = system, dt, last
+        self._known = float("nan"), (np.zeros(0), np.zeros(0))
         self.torque = system.torque
-
-    @abstractmethod
-    def _ahead(self, by_q: Array, v: Array, X: Array) -> Array:
-        """Return tau_ahead (nv,)."""
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return a (nv,), as `System.acceleration` does."""
-        if not self.slopes.are_known:
+        last = self._last
+        if self._its_last is None and t == last[0] and q is last[1] and v is last[2]:
+            return last[3]
+        if not self.applied.slopes_are_known:
             return self._system.acceleration(t, q, v)
-        by_q, by_v = self._slopes_at(t, q, v)
+        by_q, by_v = self._slopes(t, q, v)
         X = -self._dt * by_v - self._dt**2 * by_q
-        return self._answer(q, v, self.torque(t, q, v) + self._ahead(by_q, v, X), X)
+        ahead = self._dt * by_q @ v if self._its_last is None else X @ self._its_last()
+        a = self._answer(q, v, self.torque(t, q, v) + ahead, X)
+        self._last = t, q, v, a
+        return a
 
-    def _slopes_at(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
-        return self.slopes.at(t, q, v)
+    def _slopes(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return the slopes; in an iteration those of the first of a step, near enough for all."""
+        if self._its_last is None:
+            return self.applied.slopes(t, q, v)
+        if self._known[0] != t:
+            self._known = t, self.applied.slopes(t, q, v)
+        return self._known[1]
 
     def _answer(self, q: Array, v: Array, tau: Array, X: Array) -> Array:
         """Return a of (M + X) a + h = tau + J^T lam, after a solve that leaves its lam."""
         solve = self._system.solve
         free = solve(q, v, tau)
-        factors = factorise(
-            self._system.mass(q), self._system.equations.jacobian(q), tolerances.RANK
-        )
-        PX, _ = factors.solve(X, np.zeros((self.scene.rows, len(v))))
-        correct = inverse(np.eye(len(v)) + PX)
+        correct = inverse(np.eye(len(v)) + self._moved_by(X, self._system.mass(q), q))
         a = correct @ free
         if not np.isfinite(a).all():
             raise StepFailed(
@@ -192,49 +184,19 @@ class _WithSlopes(System):
             "derivatives of tau; use a solver of hard constraints, or no jacobian"
         )
 
-
-class AtTheEnd(_WithSlopes):
-    """The system whose torques act at the end of a step, q1 = q + dt v1, v1 = v + dt a."""
-
-    def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        """Return a (nv,); asked again for the same arrays, the last one."""
-        last = self._last
-        if not (t == last[0] and q is last[1] and v is last[2]):
-            self._last = last = t, q, v, super().acceleration(t, q, v)
-        return last[3]
-
-    def _ahead(self, by_q: Array, v: Array, X: Array) -> Array:
-        return self._dt * by_q @ v
-
-
-class Iterated(_WithSlopes):
-    """The system of an iteration on a, whose solution is that without slopes."""
-
-    def __init__(
-        self, system: System, slopes: Slopes, dt: float, last: Callable[[], Array]
-    ) -> None:
-        super().__init__(system, slopes, dt)
-        self._its_last, self._known = last, (float("nan"), np.zeros(0), np.zeros(0))
-
-    def _ahead(self, by_q: Array, v: Array, X: Array) -> Array:
-        return np.asarray(X @ self._its_last())
-
-    def _slopes_at(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return those of the first iteration of a step: near enough for all of them."""
-        if self._known[0] != t:
-            self._known = t, *self.slopes.at(t, q, v)
-        return self._known[1:]
+    def _moved_by(self, X: Array, M: Array, q: Array) -> Array:
+        """Return P X (nv, nv)."""
+        J = self.equations.jacobian(q)
+        return factorise(M, J, tolerances.RANK).solve(X, np.zeros_like(J))[0]
 
     def difference_if_stiff(self, t: float, q: Array, v: Array) -> None:
         """Begin to difference the torques of a function if a step cannot follow them without."""
-        if not self.slopes.could_be_differenced:
+        if not self.applied.could_be_differenced:
             return
-        by_q, by_v = self.slopes.at(t, q, v)
-        factors = factorise(self.mass(q), self.equations.jacobian(q), tolerances.RANK)
-        P_q, _ = factors.solve(by_q, np.zeros_like(self.equations.jacobian(q)))
-        P_v, _ = factors.solve(by_v, np.zeros_like(self.equations.jacobian(q)))
-        rates = [np.abs(np.linalg.eigvals(each)).max(initial=0.0) for each in (P_q, P_v)]
+        M, slopes = self.mass(q), self.applied.slopes(t, q, v)
+        moved = [self._moved_by(each, M, q) for each in slopes]
+        rates = [np.abs(np.linalg.eigvals(each)).max(initial=0.0) for each in moved]
         h = 2 * self._dt  # it is half a step
-        self.slopes.differencing = bool(max(h**2 * rates[0], h * rates[1]) > _STIFF)
-        if not self.slopes.differencing:
+        self.applied.differencing = bool(max(h**2 * rates[0], h * rates[1]) > _STIFF)
+        if not self.applied.differencing:
             self.applied.differenced = 0  # a look at what is not stiff is no cost of steps

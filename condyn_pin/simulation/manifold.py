@@ -36,19 +36,7 @@ _CURVED = {
 
 
 class Manifold:
-    """The configurations of one model.
-
-    Parameters
-    ----------
-    model : pin.Model
-
-    Attributes
-    ----------
-    is_flat : bool
-        Whether Jr is the identity everywhere.
-    origin : (nq,) array
-        A configuration, not to be written to.
-    """
+    """The configurations of one model: flat where Jr is the identity everywhere."""
 
     def __init__(self, model: Any) -> None:
         self._model, self.origin = model, pin.neutral(model)
@@ -59,12 +47,8 @@ class Manifold:
         }
         self.is_flat = not self._turns
 
-    def turn(self, theta: Array) -> float:
-        """Return the angle of the largest rotation in theta [rad], of those that make it curved."""
-        return self.largest_turn(theta)[1]
-
     def largest_turn(self, theta: Array) -> tuple[str, float]:
-        """Return which joint that is, and its angle [rad]."""
+        """Return which of the curved joints turns furthest in theta, and by what angle [rad]."""
         largest = "", 0.0
         for name, at in self._turns.items():
             angle = float(np.linalg.norm(theta[at]))

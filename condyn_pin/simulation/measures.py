@@ -11,7 +11,7 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,9 +20,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.many import MANY, ManyGaps
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene import Scene
 
 # Samples for which a matrix of them all is small.
 _FEW = 64
@@ -78,31 +76,17 @@ class Energy:
         return tolerances.ENERGY_KEPT * float(max(np.abs(part).max() for part in parts))
 
 
-@dataclass(frozen=True, eq=False)
-class Kinematics:
-    """What forward kinematics says at the samples of a phase.
+class Kinematics(NamedTuple):
+    """What forward kinematics says at the samples of a phase, (k,) each."""
 
-    Attributes
-    ----------
-    violation, constraint_velocity : (k,) array
-        max abs(c(q)) [m, rad] and max abs(J v) [m/s, rad/s]; zero without constraints.
-    kinetic, potential : (k,) array
-        [J]
-    """
-
-    violation: Array
-    constraint_velocity: Array
-    kinetic: Array
-    potential: Array
+    violation: Array  # max abs(c(q)) [m, rad]; zero without constraints
+    constraint_velocity: Array  # max abs(J v) [m/s, rad/s]
+    kinetic: Array  # [J]
+    potential: Array  # [J]
 
 
 class Gauge:
-    """The memory to measure states of one scene.
-
-    Parameters
-    ----------
-    scene : Scene
-    """
+    """The memory to measure states of one scene."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -147,13 +131,7 @@ class Gauge:
 
 
 def gauge_of(scene: Scene) -> Gauge:
-    """Return this thread's gauge of a scene: one of the last two, or a new one.
-
-    Raises
-    ------
-    StaleModel
-        If the robot's model was edited since it was loaded.
-    """
+    """Return this thread's gauge of a scene: one of the last two, or a new one."""
     scene.robot.check_unedited()
     kept: tuple[Gauge, ...] = getattr(_last, "gauges", ())
     gauge = next((each for each in kept if each.scene is scene), None) or Gauge(scene)

@@ -3,25 +3,35 @@
 from __future__ import annotations
 
 from math import pi
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import lengths
+from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.violation import ConstraintViolation, beyond_text, worst
+from condyn_pin.dynamics.force import pull_text, upward
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.mechanism.check import check
 from condyn_pin.model.limits import Limits
-from condyn_pin.simulation.tensile_contacts import tensile_contact_notices
-from condyn_pin.simulation.verify import solver_notices
+from condyn_pin.simulation.measures import gauge_of
+from condyn_pin.simulation.passive import Passive
+from condyn_pin.simulation.plan import default_solver
 
 if TYPE_CHECKING:
+    from condyn_pin.dynamics.solvers.base import Solver
+    from condyn_pin.simulation.recorder import Phase
     from condyn_pin.simulation.trajectory import Trajectory
 
 # A gap that is larger than that of an open start by this factor has opened on the way: one that
 # closes at a critical rate grows first by what its velocity brings.
 _LARGER = 2.0
+
+# Samples of a phase that are looked at. A solver that does not converge misses at most of them.
+_LOOKS = 20
 
 
 def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
@@ -31,7 +41,7 @@ def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
         said.append(f"{trajectory.status}; {trajectory.reason}")
     said += _open_constraints(trajectory)
     said += _coarse_turns(trajectory) + _differenced(trajectory)
-    said += solver_notices(trajectory) + tensile_contact_notices(trajectory)
+    said += solver_notices(trajectory) + _tensile_contacts(trajectory)
     energy = trajectory.energy
     error, scale = float(np.abs(energy.error).max()), energy.scale
     if error > max(tolerances.BALANCED * scale, energy.kept, _hardly_lifted(trajectory.scene)):
@@ -116,3 +126,76 @@ def _beyond_limits(trajectory: Trajectory) -> dict[str, ConstraintViolation]:
         for joint, gap in most.items()
         if joint not in inside and gap.size > tolerances.CLOSED
     }
+
+
+def solver_notices(trajectory: Trajectory) -> list[str]:
+    """Return a sentence on the error of the accelerations, if it is larger than its solver's.
+
+    A run calls the hot loop, which proves nothing, and a drift scheme closes what a wrong a has
+    opened: the constraints hold, and the motion is another one. So some samples are solved once
+    more, with the proof that `solve` gives. Nothing is said of a run that broke down, nor of a
+    solver that answers another question.
+    """
+    run = trajectory.run
+    rows = any(phase.scene.rows for phase in trajectory.phases)
+    if not (run.status.ok and run.solver.exact and rows):
+        return []
+    by_default = run.solver == default_solver(trajectory.phases[-1].scene)
+    worst, when = max(
+        _bound(trajectory, phase, default_solver(phase.scene) if by_default else run.solver)
+        for phase in trajectory.phases
+    )
+    if worst <= run.solver.accuracy:
+        return []
+    return [
+        f"the accelerations may be off by {worst:.2g}, relative, at t = {when:.4g} s: give "
+        f"{run.solver.title} more iterations or a smaller mu, or take Proximal() or Reference()"
+    ]
+
+
+def _bound(trajectory: Trajectory, phase: Phase, solver: Solver) -> tuple[float, float]:
+    """Return the largest error bound at some samples of a phase, and its time [s]."""
+    run, effects = trajectory.run, trajectory.run.effects
+    workspace = Workspace(phase.scene, solver, drift=run.drift.rows)
+    passive = Passive.of(phase.scene.robot, springs=effects.springs, damping=effects.damping)
+    start, stop = phase.samples.start, phase.samples.stop
+    bounds = []
+    for i in np.unique(np.linspace(start, stop - 1, _LOOKS).astype(int)):
+        q, v = trajectory.q[i], trajectory.v[i]
+        tau = trajectory.tau[i] + passive.torque(q, v)
+        solution = workspace.solve(q, v, tau, throw=False)
+        bounds.append((solution.error_bound, float(trajectory.t[i])))
+    return max(bounds)
+
+
+def _tensile_contacts(trajectory: Trajectory) -> list[str]:
+    """Return a sentence for each contact that pulls, with the largest pull and its time.
+
+    A run keeps its contacts until an event takes them off: between events they are bilateral.
+    """
+    forces = trajectory.forces
+    worst: dict[str, tuple[float, float, Constraint]] = {}  # normal force [N], t [s]
+    for phase in trajectory.phases:
+        t, q = trajectory.t[phase.samples], trajectory.q[phase.samples]
+        for i, constraint in enumerate(phase.scene.constraints):
+            force = forces[constraint.name][phase.samples]
+            if not constraint.presses:
+                continue
+            along = force[:, :3]
+            normal = force[:, 2] if constraint.has_normal else _upwards(phase.scene, i, q, along)
+            k = int(normal.argmin())
+            if constraint.name not in worst or normal[k] < worst[constraint.name][0]:
+                worst[constraint.name] = float(normal[k]), float(t[k]), constraint
+    least = -tolerances.SOLVED * float(np.abs(trajectory.lam).max(initial=0.0))
+    return [
+        f"{pull_text(constraint, f'{-normal:.4g} N at t = {t:.4g} s')}; an Event takes it off"
+        for normal, t, constraint in worst.values()
+        if normal < least
+    ]
+
+
+def _upwards(scene: Scene, i: int, q: Array, force: Array) -> Array:
+    """Return the parts (k,) against gravity of the forces (k, 3) of constraint i, its own axes."""
+    up, equations = upward(scene), gauge_of(scene).equations
+    ends: list[Any] = [equations.placements(each)[i] for each in q]
+    return np.array([up @ one.rotation @ f for (one, _), f in zip(ends, force, strict=True)])

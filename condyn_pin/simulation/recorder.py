@@ -39,14 +39,7 @@ class Phase:
 class Recorder:
     """The samples of one phase.
 
-    Parameters
-    ----------
-    scene : Scene
-
-    Attributes
-    ----------
-    rows : list of Row
-        The last samples, whose arrays are not written to later. Who appends packs at `BLOCK`.
+    `rows` are the last ones, whose arrays are not written to later. Who appends packs at `BLOCK`.
     """
 
     def __init__(self, scene: Scene) -> None:

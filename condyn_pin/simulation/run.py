@@ -19,18 +19,16 @@ from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solvers import Solver
 from condyn_pin.errors import CondynError, InvalidArgument
-from condyn_pin.simulation.effects import Effects
 from condyn_pin.simulation.events import Ended, Event, ZenoDetected
 from condyn_pin.simulation.fit import check_fit
 from condyn_pin.simulation.hybrid_phase import HybridPhase
 from condyn_pin.simulation.hybrid_simulator import HybridSimulator
 from condyn_pin.simulation.integrators import Integrator
-from condyn_pin.simulation.outcome import Run, RunStatus
+from condyn_pin.simulation.outcome import Effects, Run, RunStatus
 from condyn_pin.simulation.plan import Plan, check_closing, plan
 from condyn_pin.simulation.recorder import merge
-from condyn_pin.simulation.slopes import TorqueJacobian
 from condyn_pin.simulation.stiffness import stiff_damping, stiff_springs
-from condyn_pin.simulation.torques import Torque
+from condyn_pin.simulation.torques import Torque, TorqueJacobian
 from condyn_pin.simulation.trajectory import Trajectory
 
 # A velocity beyond this is no motion of a machine [rad/s, m/s].
@@ -95,7 +93,7 @@ def simulate(
         choose; `NoDrift()` where there is nothing to do, in no event's scene either.
     solver : Solver, optional
         As in `solve`; by default with four iterations at most where rows are redundant, since more
-        move nothing (`condyn_pin.simulation.defaults`).
+        move nothing (`condyn_pin.simulation.plan`).
     record : int
         Every which sample is kept. The first and the last one, and those at events, always are.
     events : sequence of Event, optional
@@ -233,8 +231,8 @@ def _hint(simulator: HybridSimulator, q0: Array) -> str:
 
 def _remedy(simulator: HybridSimulator) -> str:
     """Return what may help a run whose torques are those of a function."""
-    slopes = simulator.phase.system.slopes
-    if not (simulator.plan.integrator.takes_jacobian and slopes.could_be_differenced):
+    plan = simulator.plan
+    if not (plan.integrator.takes_jacobian and plan.tau.could_be_differenced):
         return ""
     return "; if tau(t, q, v) is stiff, jacobian=... hands over its derivatives"
 

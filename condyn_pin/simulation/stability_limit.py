@@ -21,19 +21,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import inf
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.errors import InvalidArgument, StepFailed
-from condyn_pin.simulation.slopes import Slopes
-from condyn_pin.simulation.torques import Applied
-
-if TYPE_CHECKING:
-    from condyn_pin.simulation.integrators.base import Integrator
-    from condyn_pin.simulation.system import System
+from condyn_pin.simulation.integrators.base import Integrator
+from condyn_pin.simulation.system import Step, System
 
 # A gap that grows by less a step is one that does not move: alpha = 0 or beta = 0.
 _GROWS = 1e-9
@@ -48,11 +44,13 @@ _SAME = 1e-10
 
 
 class _Gap:
-    """What an integrator sees of one gap: q = c, v = c', the step being the unit of time."""
+    """What an integrator sees of one gap: q = c, v = c', the step being the unit of time.
+
+    It is a system without springs, damping, torques or curved coordinates.
+    """
 
     def __init__(self, drift: Baumgarte, dt: float) -> None:
         self._Kp, self._Kd = drift.Kp * dt * dt, drift.Kd * dt
-        self.slopes = Slopes(Applied(1, 0.0), self.integrate)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return c''."""
@@ -62,28 +60,28 @@ class _Gap:
         """Return q moved along dv."""
         return q + dv
 
+    def slope(self, t: float, q0: Array, theta: Array, v: Array) -> tuple[Array, Array]:
+        """Return theta' and v'."""
+        return v, self.acceleration(t, q0 + theta, v)
+
     def implicit(self, dt: float) -> _Gap:
-        """Return the same: a gap has no springs and no damping of its own."""
+        """Return the same."""
         return self
 
     def iterated(self, dt: float, last: Callable[[], Array]) -> _Gap:
         """Return the same."""
         return self
 
-    def difference_if_stiff(self, t: float, q: Array, v: Array) -> None:
-        """Do nothing: no torque acts."""
+    def retried(self, step: Step) -> Step:
+        """Return the same."""
+        return step
 
-    def slope(self, t: float, q0: Array, theta: Array, v: Array) -> tuple[Array, Array]:
-        """Return theta' and v'."""
-        return v, self.acceleration(t, q0 + theta, v)
+    def difference_if_stiff(self, t: float, q: Array, v: Array) -> None:
+        """Do nothing."""
 
     def size(self, q: Array) -> float:
         """Return how large its numbers are."""
         return 1.0
-
-    def rate(self, theta: Array, v: Array) -> Array:
-        """Return theta'."""
-        return v
 
 
 def growth(integrator: Integrator, drift: Baumgarte, dt: float) -> float:
@@ -135,12 +133,7 @@ def _runs(integrator: Integrator, gap: System, steps: int) -> Array:
 def stability_limit(integrator: Integrator, *, beta_per_alpha: float = 1.0) -> float:
     """Return the product alpha dt below which gaps shrink, to 1e-4; infinity if there is no end.
 
-    Parameters
-    ----------
-    integrator : Integrator
-        One whose constraints are held by accelerations.
-    beta_per_alpha : float
-        1 for critical damping.
+    The integrator holds constraints by accelerations; `beta_per_alpha` is 1 for critical damping.
     """
     if integrator.is_adaptive:
         return inf

@@ -17,49 +17,40 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.drift import Drift
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Singular
 from condyn_pin.dynamics.workspace import LARGEST, SMALLEST, Workspace
-from condyn_pin.simulation.integrators.base import Integrator
+from condyn_pin.errors import StepFailed
 from condyn_pin.simulation.manifold import Manifold
-from condyn_pin.simulation.slopes import Slopes
-from condyn_pin.simulation.torques import Applied, Passive, Torque
+from condyn_pin.simulation.passive import Passive
+from condyn_pin.simulation.recorder import Row
+from condyn_pin.simulation.torques import Applied, Torque
 
 if TYPE_CHECKING:
-    from condyn_pin.constraints.drift import Drift
-    from condyn_pin.dynamics.scene import Scene
-    from condyn_pin.simulation.recorder import Row
+    from condyn_pin.simulation.integrators.base import Integrator
+
+# A step of an integrator: (t, q, v) -> (q, v, a)
+Step = Callable[[float, Array, Array], tuple[Array, Array, Array]]
 
 # No last answer: t, q, v and a.
 _NOTHING: Final[tuple[float, Array | None, Array | None, Array]] = (0.0, None, None, np.zeros(0))
 
 
 class System:
-    """A scene with the torques that act on it.
+    """A scene with the torques that act on it, in the memory of a workspace.
 
     Arguments are not checked, and arrays that are returned are owned by the caller, unless it says
     otherwise.
 
-    Parameters
-    ----------
-    workspace : Workspace
-        Its memory is used.
-    tau : float, (nv,) array_like or callable
-        The torques applied [N, N m], as in `simulate`.
-    springs, damping : bool
-        Whether those of the robot act.
-
     Attributes
     ----------
-    workspace, model, manifold : Workspace, pin.Model, Manifold
-        The last two are the workspace's own.
-    passive : Passive
-        Springs and damping, those that are on.
     applied, torque : callable
         (t, q, v) -> (nv,) [N, N m]: what is applied, and that with springs and damping. Not to be
         written to.
-    slopes : Slopes
-        How the torques applied change with the state.
+    passive : Passive
+        Springs and damping, those that are on.
     integrate : callable
         (q, dv) -> q moved along dv.
     """
@@ -72,14 +63,13 @@ class System:
         springs: bool = True,
         damping: bool = True,
     ) -> None:
-        self.workspace = workspace
-        self.model = workspace.model
+        robot = workspace.scene.robot
+        self.workspace, self.model = workspace, workspace.model
         self.manifold = Manifold(self.model)
-        self.applied = tau if isinstance(tau, Applied) else Applied(self.model.nv, tau)
-        self.passive = Passive.of(self.scene.robot, springs=springs, damping=damping)
+        self.applied = tau if isinstance(tau, Applied) else Applied(robot, tau)
+        self.passive = Passive.of(robot, springs=springs, damping=damping)
         self.torque = total_torque(self.applied, self.passive)
         self.integrate: Callable[[Array, Array], Array] = partial(pin.integrate, self.model)
-        self.slopes = Slopes(self.applied, self.integrate)
         self._last = _NOTHING
         self._implicit: tuple[System, float] = (self, 0.0)  # the last one, and its dt
 
@@ -96,6 +86,11 @@ class System:
     def scene(self) -> Scene:
         """The scene of the workspace."""
         return self.workspace.scene
+
+    @property
+    def equations(self) -> Equations:
+        """The equations of the scene, with memory of their own."""
+        return self.workspace.equations
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return a (nv,) by the solver; `lam()` then returns its constraint forces (m,).
@@ -170,6 +165,23 @@ class System:
 
         return iterated_system(self, dt, last)
 
+    def retried(self, step: Step) -> Step:
+        """Return a step that, where its iteration fails, tries again with slopes of the torques."""
+        applied = self.applied
+        if applied.constant is not None or applied.jacobian is not None:
+            return step
+
+        def again(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
+            try:
+                return step(t, q, v)
+            except StepFailed:
+                if applied.differencing:
+                    raise
+            applied.differencing = True
+            return step(t, q, v)
+
+        return again
+
     def difference_if_stiff(self, t: float, q: Array, v: Array) -> None:
         """Begin to difference the torques of a function, if that is what this system is for."""
 
@@ -182,11 +194,6 @@ class System:
         """Another workspace of the same scene, whose model may be changed."""
         workspace = self.workspace
         return Workspace(self.scene, workspace.solver, drift=workspace.drift)
-
-    @property
-    def equations(self) -> Equations:
-        """The equations of the scene, with memory of their own."""
-        return self.workspace.equations
 
     def mass(self, q: Array) -> Array:
         """Return M (nv, nv), both triangles, armature included."""

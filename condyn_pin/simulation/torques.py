@@ -1,90 +1,118 @@
-"""Torques: those that are applied, and the robot's own springs and damping.
+"""Torques that are applied, with what forces from outside do, and how they change with the state.
 
-tau_i = applied_i - k_i (q_i - q0_i) - d_i v_i - sum_s (J_s^T n_s f_s)_i
+    tau(t, q, v) + sum_f J_f(q)^T f(t, q, v)
+    tau(t, q1, v1) ~ tau(t, q, v) + tau_q (q1 - q) + tau_v (v1 - v)
+
+The slopes tau_q and tau_v, for steps that are implicit, are those that come with a function, or
+forward differences of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import FLOAT
 from condyn_pin._core.arrays import Array, finite, locked
-from condyn_pin._core.joints import Indices, indices
 from condyn_pin._core.parameters import check_called
+from condyn_pin.constraints.applied_force import AppliedForce
+from condyn_pin.constraints.loads import Loads
+from condyn_pin.dynamics.derivatives.loads import load_partial
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.robot import Robot
-from condyn_pin.model.spring_dampers import SpringDampers
 
 Torque = Callable[[float, Array, Array], Array]  # (t, q, v) -> (nv,) [N, N m]
 
+# (t, q, v) -> tau by q and by v, (nv, nv) each [N m/rad, N m s/rad and so on]
+TorqueJacobian = Callable[[float, Array, Array], tuple[ArrayLike, ArrayLike]]
+
+# A step of a difference, relative to what it is added to: it leaves half of the digits.
+_H: Final = 2.0**-26
+
 
 class Applied:
-    """The torques that are applied, and what they were when they were first asked for in a step.
+    """What is applied in a run; arguments are those of `simulate`.
 
     What a user's function returns is looked at: numbers of another shape would be broadcast
     without a word.
 
-    Parameters
-    ----------
-    nv : int
-    tau : 0, (nv,) array_like or callable
-        Constant, or a function of (t, q, v) [N, N m].
-    jacobian : callable, optional
-        (t, q, v) -> the derivatives of that function by q and v, (nv, nv) each.
-
     Attributes
     ----------
     constant : (nv,) array or None
-        Not to be written to; None if they are a function.
+        The torques, not to be written to; None if a function or a force is among them.
     jacobian : callable or None
+        The derivatives that came with the function.
+    differencing : bool
+        Whether differences are taken where there are no derivatives: not before a step has failed
+        without.
     differenced : int
         How often the function was called for differences.
     """
 
     def __init__(
-        self, nv: int, tau: float | ArrayLike | Torque, jacobian: Callable[..., Any] | None = None
+        self,
+        robot: Robot,
+        tau: float | ArrayLike | Torque = 0.0,
+        jacobian: TorqueJacobian | None = None,
+        forces: Sequence[AppliedForce] = (),
     ) -> None:
-        self._shape = (nv,)
-        self.jacobian, self.differenced = jacobian, 0
+        self._model, self._shape = robot.unedited, (robot.nv,)
+        self.jacobian, self.differencing, self.differenced = jacobian, False, 0
         self._function: Torque | None = tau if callable(tau) else None
+        self._tau: Array | None = None  # where there is no function
         self.constant: Array | None = None
         self._first: Array | None = None
         self._state: tuple[Array, Array] | None = None  # q and v that the first were asked for
+        if forces:
+            self._loads = Loads(robot, self._model, self._model.createData())
+            for force in forces:
+                self._loads.place(force.frame)  # what is no frame is refused before the run
         if callable(tau):
             check_called("tau", tau, "t, q, v")
+            self.hold(None, forces)
         else:
-            self.hold(finite("tau", np.zeros(nv) if _is_zero(tau) else tau, nv))
+            none = isinstance(tau, int | float) and tau == 0
+            self.hold(finite("tau", np.zeros(robot.nv) if none else tau, robot.nv), forces)
 
-    def hold(self, tau: Array) -> None:
-        """Apply these constant torques (nv,) from now on."""
-        self.constant = self._first = np.array(tau)
-        self.constant.flags.writeable = False
+    def hold(self, tau: Array | None, forces: Sequence[AppliedForce]) -> None:
+        """Apply these from now on: torques (nv,), None for the function's, and forces."""
+        self._forces = tuple(forces)
+        if tau is not None:
+            self._tau = np.array(tau)
+            self._tau.flags.writeable = False
+        self.constant = self._first = None if self._forces else self._tau
+
+    def begin(self, t: float, q: Array, v: Array) -> None:
+        """Begin a run, or to go on with other constraints; derivatives are looked at once."""
+        self.differencing = False
+        if self.jacobian is not None:
+            self.slopes(t, q, v)
 
     def __call__(self, t: float, q: Array, v: Array) -> Array:
         """Return the torques (nv,), not to be written to."""
-        if self._function is None:
-            return self.constant  # type: ignore[return-value]
-        tau = self._value(self._function, t, q, v)
+        if self.constant is not None:
+            return self.constant
+        tau = self._value(t, q, v)
         if self._first is None:
             self._first, self._state = tau.copy(), (q, v)
         return tau
 
-    def difference_at(self, t: float, q: Array, v: Array) -> Array:
-        """Return the torques of the function for a difference: they are no torques of a step."""
-        assert self._function is not None
-        self.differenced += 1
-        return self._value(self._function, t, q, v).copy()
+    def _value(self, t: float, q: Array, v: Array) -> Array:
+        q, v = locked(q), locked(v)
+        tau = self._tau
+        if self._function is not None:
+            tau = self._function(t, q, v)
+            if not (type(tau) is np.ndarray and tau.shape == self._shape and tau.dtype == FLOAT):
+                tau = finite(f"tau({t:g}, q, v)", tau, self._shape)
+        assert tau is not None
+        return tau + self._loads.at(q, self._forces_at(t, q, v)).torque if self._forces else tau
 
-    def _value(self, function: Torque, t: float, q: Array, v: Array) -> Array:
-        tau = function(t, locked(q), locked(v))
-        if not (type(tau) is np.ndarray and tau.shape == self._shape and tau.dtype == FLOAT):
-            return finite(f"tau({t:g}, q, v)", tau, self._shape)
-        return tau
+    def _forces_at(self, t: float, q: Array, v: Array) -> list[AppliedForce]:
+        return [force.at(t, q, v) for force in self._forces]
 
     def forget(self) -> None:
         """Begin another step."""
@@ -96,110 +124,47 @@ class Applied:
         Where the answer at its start was known from before, the first that were asked for are those
         of a later stage: then they are asked for now.
         """
-        if self._first is None or (self._state and not _same(self._state, (q, v))):
-            return self(t, q, v).copy()
-        return self._first
+        asked = self._state is None or (self._state[0] is q and self._state[1] is v)
+        return self._first if self._first is not None and asked else self(t, q, v).copy()
 
     def at_sample(self, t: float, q: Array, v: Array) -> Array:
         """Return the torques at a state that no step has asked for (nv,), not to be written to."""
         self.forget()
         return self.first(t, q, v)
 
+    @property
+    def slopes_are_known(self) -> bool:
+        """Whether a step may ask for them."""
+        return self.jacobian is not None or self.differencing
 
-@dataclass(frozen=True, eq=False)
-class Passive:
-    """Springs and damping of a robot, as arrays.
+    @property
+    def could_be_differenced(self) -> bool:
+        """Whether there is a function without derivatives, of which none are taken so far."""
+        return self.constant is None and not self.slopes_are_known
 
-    Attributes
-    ----------
-    d : (nv,) array
-        Damping [N m s/rad, N s/m].
-    k, rest : (s,) array
-        Stiffness [N m/rad, N/m] and reference [rad, m] of each spring.
-    at_q, at_v : (s,) array of int
-        Where q and v hold its joint.
-    between : SpringDampers or None
-        Springs and dampers between two frames, where there are any.
-    """
-
-    d: Array
-    k: Array
-    rest: Array
-    at_q: Indices
-    at_v: Indices
-    between: SpringDampers | None = None
-
-    @staticmethod
-    def of(robot: Robot, *, springs: bool = True, damping: bool = True) -> Passive:
-        """Return those of a robot that are on."""
-        chosen = [spring for spring in robot.springs if springs and spring.stiffness]
-        at_q, at_v = indices(robot.model, [spring.joint for spring in chosen])
-        acting = [
-            each
-            for each in robot.spring_dampers
-            if (springs and each.stiffness) or (damping and each.damping)
-        ]
-        return Passive(
-            np.array(robot.model.damping, dtype=float) * damping,
-            np.array([spring.stiffness for spring in chosen]),
-            np.array([spring.reference for spring in chosen]),
-            at_q,
-            at_v,
-            SpringDampers(robot, acting, springs=springs, damping=damping) if acting else None,
+    def slopes(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return tau by q and by v (nv, nv) each, tangent columns."""
+        if self.jacobian is None:
+            return self._differences(t, q, v)
+        q, v = locked(q), locked(v)
+        found = self.jacobian(t, q, v)
+        if not (isinstance(found, tuple | list) and len(found) == 2):
+            raise InvalidArgument(
+                f"jacobian({t:g}, q, v) returns {type(found).__name__}: a pair is needed, tau by q "
+                "and tau by v"
+            )
+        n = len(v)
+        by_q, by_v = (
+            finite(f"jacobian({t:g}, q, v)[{i}]", part, (n, n)) for i, part in enumerate(found)
         )
+        if self._forces:
+            by_q = by_q + load_partial(self._loads, q, self._forces_at(t, q, v))
+        return by_q, by_v
 
-    @cached_property
-    def K(self) -> Array:
-        """Stiffness of each joint by spring (nv, s): springs on one joint add up."""
-        K = np.zeros((len(self.d), len(self.k)))
-        K[self.at_v, range(len(self.k))] = self.k
-        return K
-
-    @property
-    def stiffness(self) -> Array:
-        """Stiffness of each joint (nv,)."""
-        return np.asarray(self.K.sum(axis=1))
-
-    @property
-    def is_nothing(self) -> bool:
-        """Whether no spring and no damping acts."""
-        return self.between is None and not (self.d.any() or self.k.any())
-
-    def inertia(self, dt: float) -> Array:
-        """Return dt D + dt^2 K (nv,) of the joints: what they add to M in a step [kg, kg m^2]."""
-        return dt * self.d + dt**2 * self.stiffness
-
-    def stiffness_matrix(self, q: Array) -> Array:
-        """Return K (nv, nv), how the torques fall with q."""
-        K = np.diag(self.stiffness)
-        return K + self.between.stiffness(q) if self.between else K
-
-    def damping_matrix(self, q: Array) -> Array:
-        """Return D (nv, nv), how the torques fall with v."""
-        D = np.diag(self.d)
-        return D + self.between.damping(q) if self.between else D
-
-    def energy(self, q: Array) -> Array:
-        """Return the energy of the springs at configurations q (..., nq) [J]."""
-        energy = np.asarray(0.5 * (q[..., self.at_q] - self.rest) ** 2 @ self.k)
-        return energy + self.between.energy(q) if self.between else energy
-
-    def dissipation(self, q: Array, v: Array) -> Array:
-        """Return what the damping takes at states q (k, nq), v (k, nv), (k,) [W]."""
-        power = np.asarray(v**2 @ self.d)
-        return power + self.between.dissipation(q, v) if self.between else power
-
-    def torque(self, q: Array, v: Array) -> Array:
-        """Return the torques of springs and damping (nv,) [N, N m]."""
-        tau = np.asarray(-self.d * v - self.K.dot(q[self.at_q] - self.rest))
-        return tau + self.between.torque(q, v) if self.between else tau
-
-
-def _same(one: tuple[Array, Array], other: tuple[Array, Array]) -> bool:
-    """Whether two states are the very same arrays."""
-    return one[0] is other[0] and one[1] is other[1]
-
-
-def _is_zero(tau: object) -> bool:
-    """Whether it is the number zero, which stands for no torque."""
-    return isinstance(tau, (int, float)) and tau == 0
+    def _differences(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        moves, model = np.eye(len(v)), self._model
+        self.differenced += 2 * len(v) + 1
+        still, size = self._value(t, q, v).copy(), _H * max(1.0, float(np.abs(v).max(initial=0.0)))
+        by_q = [(self._value(t, pin.integrate(model, q, _H * x), v) - still) / _H for x in moves]
+        by_v = [(self._value(t, q, v + size * x) - still) / size for x in moves]
+        return np.column_stack(by_q), np.column_stack(by_v)

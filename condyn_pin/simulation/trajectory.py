@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 
@@ -14,8 +14,8 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.simulation.measures import Energy, Kinematics, gauge_of, work
 from condyn_pin.simulation.notices import notices_of
 from condyn_pin.simulation.outcome import Run, RunStatus
+from condyn_pin.simulation.passive import Passive
 from condyn_pin.simulation.recorder import Phase
-from condyn_pin.simulation.torques import Passive
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -149,7 +149,7 @@ class Trajectory:
         parts = [
             gauge_of(p.scene).measure(self.q[p.samples], self.v[p.samples]) for p in self.phases
         ]
-        return Kinematics(*(np.concatenate(x) for x in zip(*map(_columns, parts), strict=True)))
+        return Kinematics(*(np.concatenate(x) for x in zip(*parts, strict=True)))
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write it to a file (npz): the samples, the robot's model, and how it was made.
@@ -210,6 +210,17 @@ class Trajectory:
         return "\n".join(lines)
 
 
+def uninterrupted(motion: Trajectory) -> Trajectory:
+    """Return a motion that others are made of, unless Ctrl-C ended it: that stops the whole.
+
+    `simulate` keeps what it has and returns, which is right for who looks at the motion, and
+    wrong for who compares it with others: a part of one is no measurement.
+    """
+    if motion.status is RunStatus.INTERRUPTED:
+        raise KeyboardInterrupt
+    return motion
+
+
 def _chained(parts: list[Array]) -> Array:
     """Return integrals over phases, each beginning where the one before ended."""
     start, chained = 0.0, []
@@ -217,7 +228,3 @@ def _chained(parts: list[Array]) -> Array:
         chained.append(start + part)
         start = chained[-1][-1]
     return np.concatenate(chained)
-
-
-def _columns(found: Kinematics) -> tuple[Array, ...]:
-    return tuple(getattr(found, f.name) for f in fields(found))

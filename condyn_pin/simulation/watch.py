@@ -15,15 +15,7 @@ _NOISE = 1e-9
 class Watch:
     """The values of events on the way of a run: an event is where its value falls to zero.
 
-    Parameters
-    ----------
-    events : sequence of Event
-
-    Attributes
-    ----------
-    events : tuple of Event
-    values : dict of str to float
-        By name, those that the next step is compared with.
+    `values` are those that the next step is compared with, by name.
     """
 
     def __init__(self, events: Sequence[Event]) -> None:
@@ -46,10 +38,7 @@ class Watch:
     def after_step(self, t: float, values: dict[str, float]) -> None:
         """Remember the values after a step to t, in which no event is left.
 
-        Raises
-        ------
-        ZenoDetected
-            If what has rebounded has not come off in a whole step.
+        ZenoDetected if what has rebounded has not come off in a whole step.
         """
         self._rebounding -= {name for name in self._rebounding if values[name] > 0}
         if self._rebounding:

@@ -9,19 +9,17 @@ states, relative to the larger of |a| and gravity, the worst over the states.
 
 from __future__ import annotations
 
-import math
-from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import inf, isfinite, nan
 
 import numpy as np
 
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array
-from condyn_pin._core.machine import machine
 from condyn_pin._core.parameters import check_called
-from condyn_pin._core.timing import Call, State, Times, interleaved
+from condyn_pin._core.timing import Call, Times, interleaved
+from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics.catalogue import standard_scenes
 from condyn_pin.dynamics.choice import untaken
 from condyn_pin.dynamics.scene import Scene
@@ -29,15 +27,15 @@ from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
 from condyn_pin.dynamics.solvers.lcaba import LCABA
 from condyn_pin.dynamics.solvers.proximal import Proximal
-from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import Interrupted
 from condyn_pin.io.load import load_robot
 from condyn_pin.study.bench_table import BenchRow, BenchTable
 from condyn_pin.study.by_hand import by_hand
+from condyn_pin.study.case import Case, measure_errors, prepare
+from condyn_pin.study.measures.acceleration import AccelerationMeasure
 from condyn_pin.study.measures.base import relative
 from condyn_pin.study.states import SampledStates
-from condyn_pin.study.timed_calls import bare, unthrown
 
 BY_HAND = "by hand"  # in place of a status
 
@@ -52,15 +50,7 @@ def silent(what: str, done: int, total: int) -> None:
 
 @dataclass(frozen=True)
 class Effort:
-    """How long to look.
-
-    Parameters
-    ----------
-    states : int
-        Closed states for each scene.
-    rounds, repeats : int
-        As in `interleaved`.
-    """
+    """How long to look: closed states of each scene, and `rounds`, `repeats` of `interleaved`."""
 
     states: int = 20
     rounds: int = 400
@@ -80,25 +70,9 @@ def bench(
 ) -> BenchTable:
     """Time some methods on the standard scenes of some robots.
 
-    Parameters
-    ----------
-    robots : sequence of str
-        Names that `load_robot` takes.
-    solvers : sequence of Solver
-        By default LCABA, proximal and dense KKT. On each scene those are timed that take it, and
-        the equations written by hand (`condyn_pin.study.by_hand`).
-    effort : Effort
-    progress : callable
-        Called with (scene, round, rounds).
-
-    Returns
-    -------
-    BenchTable
-
-    Raises
-    ------
-    Interrupted
-        With the scenes that were measured before Ctrl-C.
+    On each scene those solvers are timed that take it, by default LCABA, proximal and dense KKT,
+    and the equations written by hand (`condyn_pin.study.by_hand`). Progress is called with (scene,
+    round, rounds). Ctrl-C raises `Interrupted` with the scenes that were measured before.
     """
     check_called("progress", progress, "scene, round, rounds")
     rows: list[BenchRow] = []
@@ -107,8 +81,17 @@ def bench(
             for label, scene in standard_scenes(load_robot(name)).items():
                 rows += bench_scene(label, scene, solvers=solvers, effort=effort, progress=progress)
     except KeyboardInterrupt as stop:
-        raise Interrupted(BenchTable(tuple(rows), machine())) from stop
-    return BenchTable(tuple(rows), machine())
+        raise Interrupted(BenchTable(tuple(rows))) from stop
+    return BenchTable(tuple(rows))
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A row that has no times yet, and what there is to time by name: "once", "solve", "bare"."""
+
+    row: BenchRow
+    calls: Mapping[str, Call]
+    is_dense: bool
 
 
 def bench_scene(
@@ -120,41 +103,86 @@ def bench_scene(
     progress: Progress = silent,
 ) -> list[BenchRow]:
     """Time some methods on one scene."""
-    states = SampledStates(effort.states).of(scene)
-    reference = Workspace(scene, Reference())
-    truth = [reference.solve(*state, throw=False).a for state in states]
+    case = prepare(label, scene, AccelerationMeasure(), SampledStates(effort.states), SOLVED)
     chosen = [s for s in solvers or _solvers(scene) if not untaken(scene, s)]
-    candidates = [_Candidate(scene, solver, states, truth) for solver in chosen]
-    model, data = pin.Model(scene.robot.model), scene.robot.model.createData()
-    calls: dict[str, Call] = {"ABA": lambda q, v, tau: pin.aba(model, data, q, v, tau)}
-    for candidate in candidates:
-        calls |= candidate.calls()
-    others = [
-        _ByHand(_named(name, _damping(scene)), answer, scene, states, truth)
-        for name, answer in by_hand(scene, _damping(scene)).items()
+    damping = _damping(scene)
+    written = {_named(name, damping): call for name, call in by_hand(scene, damping).items()}
+    candidates = [
+        _unconstrained(case),
+        *(_solver(case, solver) for solver in chosen),
+        *(_equations(case, method, call) for method, call in written.items()),
     ]
-    calls |= {one.method: one.answer for one in others if one.timed}
+    calls = {(i, what): call for i, c in enumerate(candidates) for what, call in c.calls.items()}
     done = iter(range(1, effort.rounds + 1))
     times = interleaved(
         calls,
-        states,
+        case.states,
         rounds=effort.rounds,
         repeats=effort.repeats,
         tick=lambda: progress(label, next(done), effort.rounds),
     )
-    plain = [c.times(times) for c in candidates if c.is_dense and c.timed]
-    plain += [times[one.method] for one in others if one.timed]
-    dense = min(plain, key=lambda t: t.median, default=None)
-    free = BenchRow(
-        scene=label,
-        method="ABA, unconstrained",
-        rows=0,
-        rank=0,
-        bare_us=times["ABA"].median,
-        bare_p95_us=times["ABA"].p95,
+    plain = [times[i, "once"] for i, c in enumerate(candidates) if c.is_dense and c.calls]
+    dense = min(plain, key=lambda spent: spent.median, default=None)
+    return [
+        _timed(c.row, {what: times[i, what] for what in c.calls}, dense)
+        for i, c in enumerate(candidates)
+    ]
+
+
+def _unconstrained(case: Case) -> _Candidate:
+    """Return Pinocchio's ABA, without any constraint."""
+    model, data = pin.Model(case.scene.robot.model), case.scene.robot.model.createData()
+    row = BenchRow(scene=case.label, method="ABA, unconstrained", rows=0, rank=0)
+    return _Candidate(row, {"bare": lambda q, v, tau: pin.aba(model, data, q, v, tau)}, False)
+
+
+def _solver(case: Case, solver: Solver) -> _Candidate:
+    """Return a solver with its answers at the states."""
+    found = measure_errors(case, solver)
+    is_dense = isinstance(solver, DenseKKT)
+    row = BenchRow(
+        scene=case.label,
+        method=_named(solver.title, solver.mu if isinstance(solver, DenseKKT) else 0.0),
+        rows=case.scene.rows,
+        rank=case.scene.nominal.rank,
+        error=found.error_worst,
+        dynamics_error=found.dynamics_error,
+        constraint_error=found.constraint_error,
+        iterations=found.iterations,
+        status=found.said,
     )
-    rows = [free, *(candidate.row(label, times, dense) for candidate in candidates)]
-    return rows + [one.row(label, times, dense) for one in others]
+    has_answers = isfinite(found.error_worst)
+    calls = case.measure.calls(Workspace(case.scene, solver)) if has_answers else {}
+    return _Candidate(row, calls, is_dense)
+
+
+def _equations(case: Case, method: str, call: Call) -> _Candidate:
+    """Return equations by hand: they have a time and an error, and say nothing of either."""
+    gravity = case.scene.nominal.estimator.gravity
+    try:
+        pairs = zip(case.states, case.truth, strict=True)
+        error = max(relative(np.asarray(call(*s)), truth, gravity) for s, truth in pairs)
+    except np.linalg.LinAlgError:  # singular
+        error = inf
+    rows, rank = case.scene.rows, case.scene.nominal.rank
+    row = BenchRow(case.label, method, rows, rank, error=error, status=BY_HAND)
+    return _Candidate(row, {"once": call} if isfinite(error) else {}, True)
+
+
+def _timed(row: BenchRow, times: Mapping[str, Times], dense: Times | None) -> BenchRow:
+    """Return a row with its times."""
+    hot, full, bare = (times.get(what) for what in ("once", "solve", "bare"))
+    if hot:
+        to_dense = dense.ratio(hot) if dense else nan
+        p95 = hot.p95
+        row = replace(row, acceleration_us=hot.median, acceleration_p95_us=p95, to_dense=to_dense)
+    if full:
+        row = replace(row, solve_us=full.median)
+    if bare:
+        row = replace(row, bare_us=bare.median, bare_p95_us=bare.p95)
+    if hot and full and bare:
+        row = replace(row, to_bare=hot.ratio(bare), solve_to_bare=full.ratio(bare))
+    return row
 
 
 def _solvers(scene: Scene) -> list[Solver]:
@@ -172,100 +200,3 @@ def _damping(scene: Scene) -> float:
 
 def _named(method: str, mu: float) -> str:
     return f"{method}, mu {mu:.1e}" if mu else method
-
-
-def _worst(scene: Scene, answers: Sequence[Array], truth: Sequence[Array]) -> float:
-    gravity = scene.nominal.estimator.gravity
-    return max(relative(a, true, gravity) for a, true in zip(answers, truth, strict=True))
-
-
-class _ByHand:
-    """A method that is none of a solver: it has a time and an error, and says nothing of either."""
-
-    def __init__(
-        self,
-        method: str,
-        answer: Call,
-        scene: Scene,
-        states: Sequence[State],
-        truth: Sequence[Array],
-    ) -> None:
-        self.method, self.answer, self._scene = method, answer, scene
-        try:
-            answers = [np.asarray(answer(*state)) for state in states]
-        except np.linalg.LinAlgError:  # singular
-            answers = [np.full(scene.robot.nv, math.nan)] * len(states)
-        self._error = _worst(scene, answers, truth)
-        self.timed = math.isfinite(self._error)
-
-    def row(self, label: str, times: dict[str, Times], dense: Times | None) -> BenchRow:
-        """Return the row of this method."""
-        row = BenchRow(
-            scene=label,
-            method=self.method,
-            rows=self._scene.rows,
-            rank=self._scene.nominal.rank,
-            error=self._error,
-            status=BY_HAND,
-        )
-        if not self.timed:
-            return row
-        hot = times[self.method]
-        return replace(
-            row,
-            acceleration_us=hot.median,
-            acceleration_p95_us=hot.p95,
-            to_dense=dense.ratio(hot) if dense else math.nan,
-        )
-
-
-class _Candidate:
-    """One solver on one scene: its answers at the states, and what there is to time."""
-
-    def __init__(
-        self, scene: Scene, solver: Solver, states: Sequence[State], truth: Sequence[Array]
-    ) -> None:
-        self.scene, self.solver = scene, solver
-        self.workspace = Workspace(scene, solver)
-        self.solutions = [self.workspace.solve(*state, throw=False) for state in states]
-        self.error = _worst(scene, [solution.a for solution in self.solutions], truth)
-        self.timed = all(np.isfinite(solution.a).all() for solution in self.solutions)
-        self.all_ok = all(solution.status.ok for solution in self.solutions)
-        self.is_dense = isinstance(solver, DenseKKT)
-        self.method = _named(solver.title, solver.mu if isinstance(solver, DenseKKT) else 0.0)
-
-    def calls(self) -> dict[str, Call]:
-        """Return the bare call, the hot loop and the full solve, by a name of their own."""
-        if not self.timed:
-            return {}
-        workspace, key = self.workspace, self.method
-        calls: dict[str, Call] = {
-            f"{key} acceleration": workspace.acceleration,
-            f"{key} solve": workspace.solve if self.all_ok else unthrown(workspace),
-        }
-        pinocchio = bare(workspace)
-        return calls if pinocchio is None else calls | {f"{key} bare": pinocchio}
-
-    def times(self, times: dict[str, Times]) -> Times:
-        return times[f"{self.method} acceleration"]
-
-    def row(self, label: str, times: dict[str, Times], dense: Times | None) -> BenchRow:
-        """Return the row of this candidate."""
-        residuals = [solution.residuals for solution in self.solutions]
-        statuses = Counter(solution.status.name.lower() for solution in self.solutions)
-        row = BenchRow(
-            scene=label,
-            method=self.method,
-            rows=self.scene.rows,
-            rank=self.scene.nominal.rank,
-            error=self.error,
-            dynamics_error=max(each.dynamics for each in residuals),
-            constraint_error=max(each.constraint for each in residuals),
-            iterations=max(solution.iterations for solution in self.solutions),
-            status=", ".join(f"{n} {status}" for status, n in sorted(statuses.items())),
-        )
-        if not self.timed:
-            return row
-        hot, full = self.times(times), times[f"{self.method} solve"]
-        bare = times.get(f"{self.method} bare")
-        return row.timed(hot, full, bare, dense)

@@ -18,6 +18,7 @@ from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.plain import PlainRows
+from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.dynamics.raw import raw_constraints
 from condyn_pin.dynamics.scene import Scene
 
@@ -27,17 +28,9 @@ Answer = Callable[[Array, Array, Array], Array]
 def by_hand(scene: Scene, mu: float = 0.0) -> dict[str, Answer]:
     """Return ways to a (nv,) by the name of what solves, each called with (q, v, tau).
 
-    Parameters
-    ----------
-    scene : Scene
-    mu : float
-        Damping [1/kg], needed where rows are redundant.
-
-    Returns
-    -------
-    dict of str to callable
-        Empty for constraints that Pinocchio does not have, and for welds of two bodies: whoever
-        writes these by hand has written a library.
+    Damping mu [1/kg] is needed where rows are redundant. There is none for constraints that
+    Pinocchio does not have, and for welds of two bodies: whoever writes these by hand has written a
+    library.
     """
     rows = PlainRows(scene.robot.model, scene.robot.model.createData(), scene.bounds)
     if not (scene.rows and rows.have_gamma):
@@ -96,7 +89,7 @@ def _by_contact_cholesky(scene: Scene, mu: float) -> Answer:
     """Pinocchio's sparse factor of the same matrix, the rows first."""
     model = pin.Model(scene.robot.model)
     data, m, still = model.createData(), scene.rows, np.zeros(model.nv)
-    models, datas = raw_constraints(model, scene.pinocchio_constraints.constraints, None)
+    models, datas = raw_constraints(model, pinocchio_constraints_of(scene).constraints, None)
     _pin.init_constraint_dynamics(model, data, models, datas)
     rows, y = PlainRows(model, data, scene.bounds), np.zeros(m + model.nv)
 

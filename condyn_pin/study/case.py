@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf
@@ -30,32 +29,16 @@ REFUSED, RAISED = "refused", "raised"
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A scene at some states, and the truth there.
-
-    Attributes
-    ----------
-    label : str
-    scene : Scene
-    measure : Measure
-    accuracy : float
-        What statuses are judged by.
-    set_name : str
-        Name of the set of states.
-    states : tuple of (q, v, tau)
-    truth : tuple of array
-        One a state.
-    floor : float
-        Error that rounding of M alone can make: what `Reference` may be off by.
-    """
+    """A scene at some states, and the truth there."""
 
     label: str
     scene: Scene
     measure: Measure
-    accuracy: float
-    set_name: str
+    accuracy: float  # what statuses are judged by
+    set_name: str  # of the states
     states: tuple[State, ...]
-    truth: tuple[Array, ...]
-    floor: float
+    truth: tuple[Array, ...]  # one a state
+    floor: float  # error that rounding of M alone can make: what `Reference` may be off by
 
     @cached_property
     def fingerprint(self) -> str:
@@ -99,7 +82,8 @@ def measure_errors(case: Case, solver: Solver) -> Row:
         measure=case.measure.label,
         states=case.set_name,
         n=len(case.states),
-        error_median=_median(errors),
+        # the larger of the middle two: a mean of them may be no error at all
+        error_median=sorted(errors)[len(errors) // 2],
         error_worst=max(errors),
         dynamics_error=max((found.dynamics_error for found in answers), default=inf),
         constraint_error=max((found.constraint_error for found in answers), default=inf),
@@ -115,21 +99,25 @@ def _answers(case: Case, solver: Solver) -> tuple[list[Answer], Counter[str], li
     answers: list[Answer] = []
     statuses: Counter[str] = Counter()
     notes: dict[str, None] = {}
+
+    def failed(error: Exception, states: int) -> None:
+        known = isinstance(error, CondynError)
+        statuses[REFUSED if known else RAISED] += states
+        notes[str(error) if known else f"{type(error).__name__}: {error}"] = None
+
     try:
         workspace = Workspace(case.scene, solver)
     except Exception as error:
-        statuses[_kind(error)] = len(case.states)
-        notes[_text(error)] = None
-    else:
-        for state, truth in zip(case.states, case.truth, strict=True):
-            try:
-                found = case.measure.answer(workspace, state, truth, case.accuracy)
-            except Exception as error:
-                statuses[_kind(error)] += 1
-                notes[_text(error)] = None
-            else:
-                answers.append(found)
-                statuses[found.status] += 1
+        failed(error, len(case.states))
+        return answers, statuses, list(notes)
+    for state, truth in zip(case.states, case.truth, strict=True):
+        try:
+            found = case.measure.answer(workspace, state, truth, case.accuracy)
+        except Exception as error:
+            failed(error, 1)
+        else:
+            answers.append(found)
+            statuses[found.status] += 1
     return answers, statuses, list(notes)
 
 
@@ -147,16 +135,3 @@ def _plain(value: Any) -> Parameter:
     if isinstance(value, np.generic):
         value = value.item()
     return value if isinstance(value, float | int | str | bool | None) else repr(value)
-
-
-def _kind(error: Exception) -> str:
-    return REFUSED if isinstance(error, CondynError) else RAISED
-
-
-def _text(error: Exception) -> str:
-    return str(error) if isinstance(error, CondynError) else f"{type(error).__name__}: {error}"
-
-
-def _median(errors: Sequence[float]) -> float:
-    """Return the median, the larger of the middle two: a mean of them may be no error at all."""
-    return sorted(errors)[len(errors) // 2]

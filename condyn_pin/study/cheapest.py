@@ -15,10 +15,8 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import SOLVERS
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.errors import CondynError, InvalidArgument, NotReached, unknown_name
-from condyn_pin.study.exports import short
 from condyn_pin.study.fresh import Fresh, FreshErrors, as_fresh
 from condyn_pin.study.measures import MEASURES, Measure
-from condyn_pin.study.pareto_front import answered, comparable, microseconds
 from condyn_pin.study.row import Parameter, Row
 from condyn_pin.study.states import States
 
@@ -54,39 +52,11 @@ class Choice:
 
     def __str__(self) -> str:
         lines = [
-            f"{self.row.scene}, {self.row.measure} to {self.error:g}: {short(self.row)}",
-            f"{microseconds(self.row):.1f} us; {self.fresh}",
+            f"{self.row.scene}, {self.row.measure} to {self.error:g}: {self.row.short}",
+            f"{self.row.us:.1f} us; {self.fresh}",
         ]
-        lines += [f"not {short(row)}: {fresh}" for row, fresh in self.rejected]
+        lines += [f"not {row.short}: {fresh}" for row, fresh in self.rejected]
         return "\n".join(lines)
-
-
-def cheapest(
-    rows: Sequence[Row],
-    scenes: Mapping[str, Scene],
-    *,
-    error: float,
-    measure: str,
-    scene: str | None,
-    states: States | int,
-) -> Choice:
-    """Return the fastest solver that meets an error; see `Table.cheapest`."""
-    check_error(error)
-    label = _label(rows, scene)
-    asked = [row for row in rows if (row.scene, row.measure) == (label, measure)]
-    if not asked:
-        known = dict.fromkeys(row.measure for row in rows if row.scene == label)
-        raise unknown_name(f"measure of {label!r} in this table", measure, known)
-    rivals = sorted(filter(comparable, asked), key=microseconds)
-    meeting = [row for row in rivals if row.error_worst <= error]
-    if not meeting:
-        raise _not_reached(asked, error, [])
-    if label not in scenes:
-        raise InvalidArgument(
-            f"this table has no scene {label!r} to make fresh states with; "
-            f"hand it in: table.with_scenes({{{label!r}: scene}})"
-        )
-    return _first_that_holds(meeting, asked, scenes[label], error, states)
 
 
 def check_error(error: float) -> None:
@@ -95,13 +65,18 @@ def check_error(error: float) -> None:
         raise InvalidArgument(f"error = {error!r}: a number > 0 is needed, relative")
 
 
-def _first_that_holds(
-    meeting: Sequence[Row],
-    asked: Sequence[Row],
-    scene: Scene,
-    error: float,
-    states: States | int,
-) -> Choice:
+def choose(rows: Sequence[Row], scene: Scene | None, error: float, states: States | int) -> Choice:
+    """Return the fastest solver of one question that meets an error; see `Table.cheapest`."""
+    rivals = sorted((row for row in rows if row.comparable), key=lambda row: row.us)
+    meeting = [row for row in rivals if row.error_worst <= error]
+    if not meeting:
+        raise _not_reached(rows, error, [])
+    if scene is None:
+        label = meeting[0].scene
+        raise InvalidArgument(
+            f"this table has no scene {label!r} to make fresh states with; "
+            f"hand it in: table.with_scenes({{{label!r}: scene}})"
+        )
     fresh_states = as_fresh(states)
     for name in {row.states for row in meeting}:
         if fresh_states.overlaps(name):
@@ -117,7 +92,7 @@ def _first_that_holds(
         if fresh.expected <= error:
             return Choice(promising(solver, error), error, row, fresh, tuple(rejected))
         rejected.append((row, fresh))
-    raise _not_reached(asked, error, rejected)
+    raise _not_reached(rows, error, rejected)
 
 
 def promising(solver: Solver, error: float) -> Solver:
@@ -185,30 +160,19 @@ def measured_as(row: Row) -> Measure:
     return again
 
 
-def _label(rows: Sequence[Row], scene: str | None) -> str:
-    labels = list(dict.fromkeys(row.scene for row in rows))
-    if scene is None:
-        if len(labels) == 1:
-            return labels[0]
-        raise InvalidArgument(f"scene: this table has {len(labels)}, name one: {labels}")
-    if scene not in labels:
-        raise unknown_name("scene in this table", scene, labels)
-    return scene
-
-
 def _not_reached(
     asked: Sequence[Row], error: float, rejected: Sequence[tuple[Row, Fresh]]
 ) -> NotReached:
-    row = min(filter(answered, asked), key=lambda r: r.error_worst, default=None)
+    row = min((r for r in asked if r.answered), key=lambda r: r.error_worst, default=None)
     text = f"nothing in this table meets {asked[0].measure} to {error:g} on {asked[0].scene!r}"
     if rejected:
         best, fresh = min(rejected, key=lambda pair: pair[1].expected)
-        text += f" at fresh states too; the best there is {short(best)}, {fresh}"
+        text += f" at fresh states too; the best there is {best.short}, {fresh}"
     elif row is None:
         text += ": no solver answers every state"
     elif row.error_worst <= error:
-        text = f"{short(row)} meets {row.measure} to {error:g} on {row.scene!r}, but has no time "
+        text = f"{row.short} meets {row.measure} to {error:g} on {row.scene!r}, but has no time "
         return NotReached(f"{text}({row.timed}); run the study with timed=True", row)
     else:
-        text += f"; the best is {short(row)} with {row.error_worst:.1e}"
+        text += f"; the best is {row.short} with {row.error_worst:.1e}"
     return NotReached(f"{text}; ask for less, or try more parameters", row)

@@ -66,14 +66,7 @@ def measure_times(
 
     Everything that has a finite answer at every state is timed, in one interleaved run; solve and
     bare call only where every status is ok, since doubtful answers are looked at twice.
-
-    Parameters
-    ----------
-    rows : mapping of (Case, Solver) to Row
-        What `measure_errors` returned. The cases have the same scene and the same states.
-    effort : TimingEffort
-    tick : callable
-        Called after each round.
+    The cases of `rows` have the same scene and the same states; `tick` is called after each round.
     """
     timed = {candidate: row for candidate, row in rows.items() if isfinite(row.error_worst)}
     found = {candidate: replace(row, timed=_why_not(row)) for candidate, row in rows.items()}

@@ -15,8 +15,6 @@ from math import inf
 from statistics import median
 from typing import TYPE_CHECKING, Final
 
-from condyn_pin.study.exports import short
-from condyn_pin.study.pareto_front import answered
 from condyn_pin.study.row import Row
 
 if TYPE_CHECKING:
@@ -65,7 +63,7 @@ class Change:
             found.append(
                 f"worst error {self.new.error_worst:.1e}, {self.error:.3g} times that of before"
             )
-        if answered(self.old) and not answered(self.new):
+        if self.old.answered and not self.new.answered:
             found.append(f"statuses {self.new.statuses}, before {self.old.statuses}")
         elif (
             self.new.statuses.get("ok", 0) * self.old.n
@@ -77,7 +75,7 @@ class Change:
     def __str__(self) -> str:
         time = "not timed" if self.slower is None else f"{self.slower:.2f} of the time"
         said = "; ".join(self.worse) or f"{time}, {self.error:.3g} of the error"
-        return f"{self.new.scene}, {short(self.new)}, {self.new.measure}: {said}"
+        return f"{self.new.scene}, {self.new.short}, {self.new.measure}: {said}"
 
 
 @dataclass(frozen=True)
@@ -120,7 +118,7 @@ class Comparison:
         ]
         lines += [f"differs: {text}" for text in self.machines]
         lines += [f"worse: {change}" for change in self.worse]
-        lines += [f"missing: {row.scene}, {short(row)}, {row.measure}" for row in self.missing]
+        lines += [f"missing: {row.scene}, {row.short}, {row.measure}" for row in self.missing]
         return "\n".join(lines)
 
 

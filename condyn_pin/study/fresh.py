@@ -35,7 +35,7 @@ from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.study.measures import Measure
-from condyn_pin.study.pareto_front import ANSWERED
+from condyn_pin.study.row import ANSWERED
 from condyn_pin.study.states import SampledStates, States, as_states
 
 _TENTH: Final = 10
@@ -51,21 +51,11 @@ _SEED: Final = 2**32
 
 @dataclass(frozen=True)
 class Fresh:
-    """What a solver gave at states that it was not chosen by.
+    """What a solver gave at states that it was not chosen by."""
 
-    Attributes
-    ----------
-    states : int
-        How many.
-    error : float
-        The worst, relative; infinite where there was no answer.
-    expected : float
-        What the worst is to be expected to stay below over a hundred times as many states.
-    """
-
-    states: int
-    error: float
-    expected: float
+    states: int  # how many
+    error: float  # the worst, relative; infinite where there was no answer
+    expected: float  # what the worst is expected to stay below over a hundred times as many states
 
     @classmethod
     def of(cls, errors: Sequence[float]) -> Fresh:
@@ -84,13 +74,7 @@ class Fresh:
 
 
 def as_fresh(states: States | int) -> States:
-    """Return a set of states; a number is that many sampled ones, of a seed that no study has.
-
-    Raises
-    ------
-    InvalidArgument
-        If there are too few to say anything about a tail.
-    """
+    """Return a set of states; a number is that many sampled ones, of a seed that no study has."""
     chosen = states if isinstance(states, States) else as_states(states)
     if isinstance(chosen, SampledStates) and chosen is not states:
         chosen = replace(chosen, seed=_SEED)
@@ -104,21 +88,7 @@ def _check_count(states: States | int, count: int) -> None:
 
 
 class FreshErrors:
-    """The errors of solvers at fresh states, all at the same ones.
-
-    Parameters
-    ----------
-    scene : Scene
-    measure : Measure
-        What the truth is of.
-    states : States or int
-        As `as_fresh` takes them.
-
-    Raises
-    ------
-    InvalidArgument
-        If there are too few of them to say anything about a tail.
-    """
+    """The errors of solvers at fresh states, all at the same ones, of which there have to be 20."""
 
     def __init__(self, scene: Scene, measure: Measure, states: States | int) -> None:
         self._scene, self._measure = scene, measure

@@ -1,32 +1,46 @@
-"""A Table on a terminal: the front of every scene, and who failed."""
+"""Tables of measurements on a terminal."""
 
 from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table as Grid
 
 from condyn_pin._core.printing import print_whole
-from condyn_pin.study.exports import COLUMNS, cells, short, status_words
-from condyn_pin.study.pareto_front import answered
+from condyn_pin.study.bench_table import BenchTable
 from condyn_pin.study.row import ALONE, Row
 from condyn_pin.study.table import Table
+from condyn_pin.study.tables import Measurements
 
-_SHOWN = tuple(column for column in COLUMNS if column not in ("scene", "measure"))  # in the title
+
+def print_columns(
+    table: Measurements[Any],
+    console: Console,
+    *,
+    title: str | None = None,
+    left: Collection[str] = (),
+    without: Collection[str] = (),
+) -> None:
+    """Print the columns of a table, those in `left` flushed left."""
+    shown = Grid(title=title, title_justify="left")
+    columns = [column for column in table.columns if column[0] not in without]
+    for heading, _ in columns:
+        shown.add_column(heading, justify="left" if heading in left else "right")
+    for row in table.rows:
+        shown.add_row(*(cell(row) for _, cell in columns))
+    print_whole(shown, console)
 
 
 def print_table(table: Table, console: Console) -> None:
     """Print the rows that no other beats, and which solvers do not answer every state."""
     for scene, measure in dict.fromkeys((row.scene, row.measure) for row in table.rows):
         asked = table.of(scene=scene, measure=measure)
-        best = asked.pareto().rows
-        title = f"{scene}, {measure}: {len(best)} of {len(asked.rows)} rows that no other beats"
-        shown = Grid(title=title, title_justify="left")
-        for column in _SHOWN:
-            side = "left" if column == "solver" else "right"
-            shown.add_column(column, justify=side)  # type: ignore[arg-type]
-        for row in best:
-            shown.add_row(*(dict(zip(COLUMNS, cells(row), strict=True))[c] for c in _SHOWN))
-        print_whole(shown, console)
+        best = asked.pareto()
+        title = f"{scene}, {measure}: {len(best)} of {len(asked)} rows that no other beats"
+        without = ("scene", "measure")  # in the title
+        print_columns(best, console, title=title, left=("solver",), without=without)
         for text in failures(asked.rows):
             console.print(text, soft_wrap=True)
     if table.rows:
@@ -48,9 +62,22 @@ def timed(table: Table) -> str:
 
 def failures(rows: tuple[Row, ...]) -> list[str]:
     """Return which solvers did not answer every state, a line each."""
-    failed = [row for row in rows if not answered(row)]
-    return [f"{short(row)}: {status_words(row)}{_why(row)}" for row in failed]
+    failed = [row for row in rows if not row.answered]
+    return [f"{r.short}: {r.said}{f' ({r.note})' if r.note else ''}" for r in failed]
 
 
-def _why(row: Row) -> str:
-    return f" ({row.note})" if row.note else ""
+def print_bench(table: BenchTable, console: Console) -> None:
+    """Print a table of every scene, and what its columns mean."""
+    for title, part in table.by_scene().items():
+        print_columns(part, console, title=title, left=("method",))
+    machine = table.machine
+    console.print(
+        "bare: Pinocchio's call; a: Workspace.acceleration, median and p95; solve: with its errors "
+        "[us].\nx dense: times faster than the fastest of dense KKT and what is by hand; by hand: "
+        "Pinocchio and another's solver, without guard or proof. error of a: worst over the "
+        "states, against Reference, relative to the larger of |a| and gravity.\n"
+        f"{machine['processor']}, Pinocchio {machine['pinocchio']}, one thread.",
+        highlight=False,
+        markup=False,
+        soft_wrap=True,
+    )

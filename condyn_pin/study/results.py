@@ -18,18 +18,7 @@ _START = b'{"fingerprint": '
 
 
 class Results:
-    """Rows that were measured, in memory and in a file.
-
-    Parameters
-    ----------
-    path : str or Path, optional
-        Only in memory without one. A file that exists is read, and appended to.
-
-    Raises
-    ------
-    InvalidArgument
-        If the file cannot be read or written, or a line is not a row of a study.
-    """
+    """Rows that were measured, in memory and in a file, which is read and appended to."""
 
     def __init__(self, path: str | Path | None) -> None:
         self._path = None if path is None else Path(path)

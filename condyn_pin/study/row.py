@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import MISSING, asdict, dataclass, field, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from math import inf, isfinite
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 from condyn_pin._core.renamed import renamed
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.dynamics.solvers import SOLVERS
+from condyn_pin.dynamics.solvers.base import parameter_fields
+from condyn_pin.study.tables import Record
 
 Parameter = float | int | str | bool | None
 Key = tuple[str, str, str, str, str]
 
 # What a row with times says of them.
-ALONE = "timed alone on its core"
+ALONE: Final = "timed alone on its core"
 
-# Of these, the larger the worse, without end; json has no infinity and says null.
-_ERRORS = ("error_median", "error_worst", "dynamics_error", "constraint_error")
-_TIMES = ("build_us", "median_us", "p95_us", "bare_us", "solve_us")
+# Answers that are what they say: an inaccurate one says by how much it is.
+ANSWERED: Final = {"ok", "inaccurate"}
 
 
 @dataclass(frozen=True)
-class Row:
+class Row(Record):
     """What one solver with its parameters costs and gives on one set of states.
 
     Attributes
@@ -67,6 +68,8 @@ class Row:
         Parameters of the measure that belong to the answer, such as the step of an integrator.
     """
 
+    unknown: ClassVar[float | None] = inf  # the larger an error, the worse, without end
+
     scene: str
     rows: int
     nv: int
@@ -98,59 +101,66 @@ class Row:
         """What was measured: scene, solver, measure, how and states."""
         return key(self.scene, self.solver, self.measure, self.how, self.states)
 
+    def in_words(self) -> dict[str, Any]:
+        """Return the fields as csv has them: parameters as in a call, statuses as counts."""
+        words = {"parameters": words_of(self.parameters), "how": words_of(self.how)}
+        return super().in_words() | words | {"statuses": self.said}
+
     @property
     def ok(self) -> bool:
         """Whether every state ended with a status of ok."""
         return set(self.statuses) == {"ok"}
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the fields as json has them: an infinite error is None."""
-        row = asdict(self)
-        return row | {name: row[name] if isfinite(row[name]) else None for name in _ERRORS}
+    @property
+    def answered(self) -> bool:
+        """Whether every state got an answer, with an error that is a number."""
+        return bool(self.statuses) and set(self.statuses) <= ANSWERED and isfinite(self.error_worst)
 
-    @classmethod
-    def from_dict(cls, row: Mapping[str, Any]) -> Row:
-        """Return the row that `as_dict` wrote.
+    @property
+    def comparable(self) -> bool:
+        """Whether there is both a time and an error, at every state."""
+        return self.median_us is not None and self.answered
 
-        Raises
-        ------
-        InvalidArgument
-            If a field is missing, there is one that rows do not have, or a number is none.
-        """
-        known = {f.name: f.default is f.default_factory is MISSING for f in fields(cls)}
-        needed = {name for name, is_needed in known.items() if is_needed}
-        if not isinstance(row, Mapping) or not needed <= set(row) <= set(known):
-            odd = sorted(needed - set(row) | set(row) - set(known))
-            raise InvalidArgument(f"row: missing, or not a field of a row: {', '.join(odd)}")
-        for name in (*_ERRORS, *_TIMES):
-            _check_number(name, row.get(name))
-        kinds = {f.name: kind for f in fields(cls) if (kind := _KINDS.get(str(f.type)))}
-        for name in kinds.keys() & row.keys():
-            if type(row[name]) is not kinds[name]:
-                raise InvalidArgument(
-                    f"row: {name} = {row[name]!r}: {kinds[name].__name__} is needed"
-                )
-        _check_table("statuses", row["statuses"], (int,))
-        for name in ("parameters", "how"):
-            _check_table(name, row.get(name, {}), (float, int, str, bool, type(None)))
-        return cls(**{**row, **{name: inf if row[name] is None else row[name] for name in _ERRORS}})
+    @property
+    def us(self) -> float:
+        """The median time of a row that was timed [us]."""
+        assert self.median_us is not None
+        return self.median_us
 
+    @property
+    def short(self) -> str:
+        """The solver as one would type it, with what was set, and what `how` says."""
+        name = self.solver.split("(")[0]
+        kind = SOLVERS.get(name.lower())
+        usual = {} if kind is None else {f.name: f.default for f in parameter_fields(kind)}
+        chosen = {k: value for k, value in self.parameters.items() if value != usual.get(k)}
+        how = f", {words_of(self.how)}" if self.how else ""
+        return f"{name}({words_of(chosen)}){how}"
 
-_KINDS: Final = {"str": str, "int": int}  # of fields
-
-
-def _check_table(name: str, value: Any, kinds: tuple[type, ...]) -> None:
-    """Refuse what is no table of words and values of some kinds."""
-    if not isinstance(value, Mapping) or not all(isinstance(x, kinds) for x in value.values()):
-        raise InvalidArgument(f"row: {name} = {value!r}: values by name are needed")
-
-
-def _check_number(name: str, value: Any) -> None:
-    """Refuse an error or a time that is no number from 0, or NaN; None is not known."""
-    if value is not None and not (isinstance(value, int | float) and value >= 0):
-        raise InvalidArgument(f"row: {name} = {value!r}: a number from 0, or null, is needed")
+    @property
+    def said(self) -> str:
+        """How many states ended how: ``18 ok, 2 singular``."""
+        return ", ".join(f"{count} {status}" for status, count in sorted(self.statuses.items()))
 
 
 def key(scene: str, solver: str, measure: str, how: Mapping[str, Parameter], states: str) -> Key:
     """Return what tells a row from others."""
-    return scene, solver, measure, ", ".join(f"{k}={v!r}" for k, v in how.items()), states
+    return scene, solver, measure, words_of(how), states
+
+
+def words_of(parameters: Mapping[str, Any]) -> str:
+    """Return parameters as they stand in a call."""
+    return ", ".join(f"{name}={value!r}" for name, value in parameters.items())
+
+
+def pareto_front(rows: Sequence[Row]) -> tuple[Row, ...]:
+    """Return the rows that no other is faster than with at most the same error, fastest first.
+
+    Rows of different scenes or measures do not compare: hand in those of one.
+    """
+    kept: list[Row] = []
+    timed = (row for row in rows if row.comparable)
+    for row in sorted(timed, key=lambda r: (r.us, r.error_worst)):
+        if not kept or row.error_worst < kept[-1].error_worst:
+            kept.append(row)
+    return tuple(kept)

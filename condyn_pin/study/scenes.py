@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping
 
-from condyn_pin.constraints.constraints import Constraint
+from condyn_pin.constraints.base import Constraint
 from condyn_pin.dynamics.catalogue import standard_scenes
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
@@ -15,18 +15,7 @@ Scenes = Scene | str | Mapping[str, Scene] | Iterable[Scene | str]
 
 
 def labelled(scenes: Scenes) -> dict[str, Scene]:
-    """Return scenes by label.
-
-    Parameters
-    ----------
-    scenes : Scene, name of a robot, mapping of labels to Scene, or several of the first two
-        The name of a robot stands for its standard scenes.
-
-    Raises
-    ------
-    InvalidArgument
-        If there is none, or two have the same label: a mapping gives them others.
-    """
+    """Return scenes by label; the name of a robot stands for its standard scenes."""
     if isinstance(scenes, Mapping):
         pairs = list(scenes.items())
     else:

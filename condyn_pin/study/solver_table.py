@@ -11,27 +11,14 @@ from condyn_pin.dynamics.solvers.base import parameter_fields
 
 @dataclass(frozen=True)
 class SolverRow:
-    """One solver in words.
+    """One solver in words."""
 
-    Attributes
-    ----------
-    name : str
-        As `cp.NAME()` and, in any case of letters, for ``--solver``.
-    kinds : str
-        The kinds of constraints that it takes.
-    redundant : str
-        What it makes of redundant rows, and of states where rows become so.
-    cost, use : str
-    parameters : str
-        Its fields with their defaults, one a line; None is found on the scene.
-    """
-
-    name: str
-    kinds: str
-    redundant: str
+    name: str  # as `cp.NAME()` and, in any case of letters, for ``--solver``
+    kinds: str  # of constraints that it takes
+    redundant: str  # what it makes of redundant rows, and of states where rows become so
     cost: str
     use: str
-    parameters: str
+    parameters: str  # its fields with their defaults, one a line; None is found on the scene
 
 
 def solver_rows() -> tuple[SolverRow, ...]:

@@ -5,23 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-from condyn_pin._core.machine import machine
-from condyn_pin._core.renamed import renamed
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, unknown_name
-from condyn_pin.study import exports
-from condyn_pin.study.cheapest import Choice, cheapest
+from condyn_pin.study.cheapest import Choice, check_error, choose
 from condyn_pin.study.comparison import Comparison, compare
-from condyn_pin.study.pareto_front import pareto_front
-from condyn_pin.study.row import Row
+from condyn_pin.study.row import Row, pareto_front
 from condyn_pin.study.states import States
+from condyn_pin.study.tables import Columns, Measurements, number
 
 
 @dataclass(frozen=True)
-class Table:
+class Table(Measurements[Row]):
     """What a study found.
 
     Attributes
@@ -35,12 +32,21 @@ class Table:
         By label, where fresh states come from. Files do not keep them.
     """
 
-    rows: tuple[Row, ...]
-    machine: dict[str, str] = field(default_factory=machine)
+    kind: ClassVar[type[Row]] = Row
+    parts: ClassVar[tuple[str, ...]] = ("machine", "floors")
+    columns: ClassVar[Columns[Row]] = (
+        ("scene", lambda row: f"{row.scene} ({row.rows} rows)"),
+        ("solver", lambda row: row.short),
+        ("measure", lambda row: row.measure),
+        ("median [us]", lambda row: number(row.median_us, ".1f")),
+        ("p95 [us]", lambda row: number(row.p95_us, ".1f")),
+        ("error", lambda row: number(row.error_median, ".1e")),
+        ("worst error", lambda row: number(row.error_worst, ".1e")),
+        ("status", lambda row: row.said),
+    )
+
     floors: dict[str, float] = field(default_factory=dict)
     scenes: Mapping[str, Scene] = field(default_factory=dict, compare=False, repr=False)
-
-    front = renamed("pareto_front")
 
     def of(self, *, scene: str | None = None, measure: str | None = None) -> Table:
         """Return the table of one scene, of one measure, or of both.
@@ -110,9 +116,13 @@ class Table:
             If the scene is not in `scenes`, or there are several and none is named, or the states
             are those of the study, or some of them.
         """
-        return cheapest(
-            self.rows, self.scenes, error=error, measure=measure, scene=scene, states=states
-        )
+        check_error(error)
+        labels = list(dict.fromkeys(row.scene for row in self.rows))
+        if scene is None and len(labels) != 1:
+            raise InvalidArgument(f"scene: this table has {len(labels)}, name one: {labels}")
+        label = labels[0] if scene is None else scene
+        asked = self.of(scene=label).of(measure=measure)
+        return choose(asked.rows, self.scenes.get(label), error, states)
 
     def compare(self, old: Table) -> Comparison:
         """Return what changed since an `old` table, row by row, and what became worse.
@@ -130,23 +140,11 @@ class Table:
         """Draw error against time, a line a method, on `ax` or new axes, and return them.
 
         `scene` is a label and `measure` a name, where the table has several;
-        `condyn_pin.study.plots_trade` says what is drawn.
+        `condyn_pin.study.plots` says what is drawn.
         """
-        from condyn_pin.study.plots_trade import work_precision
+        from condyn_pin.study.plots import work_precision
 
         return work_precision(self, scene, measure, ax)
-
-    def to_csv(self, path: str | Path) -> None:
-        """Write the rows, after comment lines with the machine."""
-        exports.write_csv(self, path)
-
-    def to_json(self, path: str | Path) -> None:
-        """Write machine, floors and rows; what was not measured is null."""
-        exports.write_json(self, path)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return what `to_json` writes, as plain values."""
-        return exports.as_dict(self)
 
     @classmethod
     def from_json(cls, path: str | Path, scenes: Mapping[str, Scene] | None = None) -> Table:
@@ -159,17 +157,4 @@ class Table:
         InvalidArgument
             If the file is not one, or of another version of the format.
         """
-        return cls(*exports.read_json(path), scenes=scenes or {})
-
-    def to_markdown(self) -> str:
-        """Return the rows as a table in Markdown."""
-        return exports.markdown(self.rows)
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def __bool__(self) -> bool:
-        return True
-
-    def __str__(self) -> str:
-        return self.to_markdown()
+        return super().from_json(path).with_scenes(scenes or {})

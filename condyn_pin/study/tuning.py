@@ -15,9 +15,7 @@ from condyn_pin.study import plan as plans
 from condyn_pin.study.bench import Progress, silent
 from condyn_pin.study.cheapest import Choice, check_error, made, promising, solver_of
 from condyn_pin.study.clocks import TimingEffort
-from condyn_pin.study.fingerprint import fingerprint
-from condyn_pin.study.pareto_front import answered, comparable, microseconds
-from condyn_pin.study.plan import Plan
+from condyn_pin.study.plan import Plan, fingerprint
 from condyn_pin.study.row import Row
 from condyn_pin.study.study import Study
 from condyn_pin.study.table import Table
@@ -89,16 +87,17 @@ def choose(
     progress: Progress,
 ) -> Choice:
     """Return what `tune` chooses, with all that was found of it; nothing is kept."""
-    _check(scene, error)
+    check_scene(scene)
+    check_error(error)
     check_called("progress", progress, "what, done, total")
     seen = Study(scene, solvers, measure=measure).run(timed=False, progress=progress)
     label, asked = seen.rows[0].scene, seen.rows[0].measure
-    meeting = [row for row in seen.rows if answered(row) and row.error_worst <= error]
+    meeting = [row for row in seen.rows if row.answered and row.error_worst <= error]
     if not meeting:
         return seen.cheapest(error, measure=asked)  # raises, with the best that was found
     glance = _timed(seen.scenes[label], meeting, _GLANCE, measure, progress)
-    fastest = min(map(microseconds, filter(comparable, glance.rows)))
-    near = [r for r in filter(comparable, glance.rows) if microseconds(r) <= _NEAR * fastest]
+    rows = [row for row in glance.rows if row.comparable]
+    near = [row for row in rows if row.us <= _NEAR * min(r.us for r in rows)]
     looked = _timed(seen.scenes[label], near, _LOOK, measure, progress)
     try:
         return looked.cheapest(error, measure=asked)
@@ -138,7 +137,8 @@ def tuned(scene: Scene, error: float = SOLVED, *, measure: str = "acceleration")
     Reads a file and writes the model as text to know it, which takes milliseconds: call it once,
     not in a loop.
     """
-    _check(scene, error)
+    check_scene(scene)
+    check_error(error)
     found = fingerprint(scene)
     path = plans.path_of(found, measure, error)
     call = _call(error, measure)
@@ -153,7 +153,7 @@ def tuned(scene: Scene, error: float = SOLVED, *, measure: str = "acceleration")
 
 def _call(error: float, measure: str) -> str:
     more = "" if measure == "acceleration" else f", measure={measure!r}"
-    return f"condyn_pin.tune(scene, {error:g}{more})"
+    return f"condyn_pin.study.tune(scene, {error:g}{more})"
 
 
 def _others(found: str) -> str:
@@ -167,11 +167,6 @@ def _others(found: str) -> str:
             f"{plan.measure} to {plan.error:g}" + (f" with {differs[0]}" if differs else "")
         )
     return f" (there is one for {', '.join(said)})" if said else ""
-
-
-def _check(scene: Scene, error: float) -> None:
-    check_scene(scene)
-    check_error(error)
 
 
 def keep(scene: Scene, choice: Choice) -> Plan:
@@ -189,7 +184,7 @@ def plan_for(scene: Scene, choice: Choice) -> Plan:
         error=choice.error,
         solver=type(choice.solver).__name__,
         parameters=dict(choice.row.parameters),
-        median_us=microseconds(choice.row),
+        median_us=choice.row.us,
         found=choice.fresh.error,
         expected=choice.fresh.expected,
         states=choice.fresh.states,

@@ -4,11 +4,11 @@ What is seen is a list of parts. A part is a shape that never changes, and a pos
 is a function of the moment: a triangle mesh with the pose of its joint, a segment that spans a gap,
 an arrow as long as its force. One moment makes a still picture, many make an animation.
 
-    descriptions, geoms, shapes, meshes    what the robot's description draws
-    skeleton                       what stands for it where it draws nothing
-    joint_marks, closures, ground, arrows, mass    what this library knows and shows
-    labels, placing                words, and where they do not cover one another
-    part, moment, drawing          parts, moments, and all parts of a scene
+    descriptions, geoms, meshes    what the robot's description draws
+    bodies                         that of each joint, or what stands for it where nothing is drawn
+    marks, closures, arrows        what this library knows and shows
+    labels                         words that do not cover one another
+    part, moment, motion, drawing  parts, moments, and all parts of a scene
     three, page                    the words of meshcat's viewer, and a page that holds them
     viewer, server, chromium       who looks: a browser, or a headless one for a file
 """

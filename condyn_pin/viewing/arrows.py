@@ -20,12 +20,10 @@ from condyn_pin.viewing import meshes
 from condyn_pin.viewing.labels import label
 from condyn_pin.viewing.moment import Moment
 from condyn_pin.viewing.palette import FORCE, MOMENT, REACTION, Colour
-from condyn_pin.viewing.part import Part, at_point, span
+from condyn_pin.viewing.part import Part, at_point, span, then
 
 _LARGEST = 0.33  # of the size of the scene
 _LEAST = 1e-3  # of the largest arrow: what is smaller is not drawn
-
-Select = Callable[[Moment], ConstraintForce | None]
 
 
 class Peak(NamedTuple):
@@ -40,7 +38,7 @@ class _Arrow:
     """A vector of a constraint: the force or the moment on one of its bodies."""
 
     name: str
-    of: Select
+    of: Callable[[Moment], ConstraintForce | None]
     part: slice  # of the six numbers
     unit: str
     colour: Colour
@@ -131,16 +129,9 @@ def _drawn(arrow: _Arrow, most: float, on: str, scale: float, size: float) -> It
             return None
         return found[0], found[0] + scale * found[1]
 
-    def pose(at: Moment) -> Array | None:
-        drawn = ends(at)
-        return None if drawn is None else span(*drawn)
-
-    def tip(at: Moment) -> Array | None:
-        drawn = ends(at)
-        return None if drawn is None else at_point(drawn[1])
-
     kind = "moments" if arrow.unit == "N m" else "forces"
     path = f"{kind}/{arrow.name}/on {on.replace('/', ' ')}"
+    pose, tip = then(ends, lambda both: span(*both)), then(ends, lambda both: at_point(both[1]))
     yield Part(path, pose, ((_unit_arrow(0.007 * size), arrow.colour),), on_top=True)
     text = f"{most:.3g} {arrow.unit} on {on}"
     yield label(f"{path} label", text, arrow.colour, tip, 0.024 * size)

@@ -15,12 +15,13 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin.io.xml import parsed
+from condyn_pin.io.xml import open_xml
 from condyn_pin.viewing.geoms import geoms_of
+from condyn_pin.viewing.meshes import Shape
 from condyn_pin.viewing.palette import BODY, Colour
-from condyn_pin.viewing.shapes import Shape
 
-_ROUND = ("cylinder", "capsule", "sphere")
+# How many sizes each shape has.
+_SIZES = {"mesh": 3, "box": 3, "ellipsoid": 3, "cylinder": 2, "capsule": 2, "sphere": 1}
 
 
 def shapes_of(description: str) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
@@ -36,7 +37,7 @@ def shapes_of(description: str) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
         return geoms_of(path)
     if path.suffix not in (".urdf", ".sdf") or not path.is_file():
         return (), ()
-    root = parsed(path)
+    root = open_xml(path)
     colours = {
         material.get("name"): _colour(material)
         for material in root.findall("material")
@@ -58,6 +59,8 @@ def _shape(path: Path, link: str, visual: Element, colours: dict[str | None, Col
     if geometry is None or not len(geometry):
         raise ValueError("a <visual> without <geometry>")
     form = geometry[0]
+    if form.tag not in _SIZES:
+        raise ValueError(f"a <{form.tag}> is no shape that is known here")
     material = visual.find("material")
     colour = BODY
     if material is not None:
@@ -71,11 +74,11 @@ def _shape(path: Path, link: str, visual: Element, colours: dict[str | None, Col
         size = _numbers(form.get("size") or form.findtext("size"), size)
     elif form.tag == "ellipsoid":
         size = _numbers(form.findtext("radii"), size)
-    elif form.tag in _ROUND:
+    else:
         words = (form.get(key) or form.findtext(key) for key in ("radius", "length"))
         size = tuple(float(word) for word in words if word)
-    else:
-        raise ValueError(f"a <{form.tag}> is no shape that is known here")
+    if len(size) != _SIZES[form.tag]:
+        raise ValueError(f"a <{form.tag}> with {len(size)} sizes in place of {_SIZES[form.tag]}")
     return Shape(link, _placement(visual), form.tag, size, file, colour)
 
 

@@ -14,21 +14,29 @@ from condyn_pin.model.robot import Robot
 from condyn_pin.viewing import palette, three
 from condyn_pin.viewing.arrows import Peak, arrow_parts
 from condyn_pin.viewing.bodies import body_parts, lighter, with_coarse
-from condyn_pin.viewing.closures import closure_parts
-from condyn_pin.viewing.floor import floor_part, spacing
-from condyn_pin.viewing.ground import contact_parts
-from condyn_pin.viewing.joint_marks import joint_parts
-from condyn_pin.viewing.mass import mass_parts
+from condyn_pin.viewing.closures import closure_parts, contact_parts
+from condyn_pin.viewing.labels import Eye, spread
+from condyn_pin.viewing.marks import floor_part, joint_parts, mass_parts, spacing, spring_parts
 from condyn_pin.viewing.moment import Moment
 from condyn_pin.viewing.motion import tracks
 from condyn_pin.viewing.page import page
 from condyn_pin.viewing.part import Part
-from condyn_pin.viewing.placing import Eye, spread
-from condyn_pin.viewing.springs import spring_parts
 
 _TINY = 0.05  # [m] a scene is drawn as if it were at least this large
 _FAR = 1.15  # of the size of a scene, from its middle to the camera
 _SLASH = "\N{DIVISION SLASH}"  # looks like one, and parts nothing
+# What the legend says, if all these parts are there.
+_LEGEND = (
+    (("joints/actuated",), palette.ACTUATED, "joint with a motor"),
+    (("joints/passive",), palette.PASSIVE, "passive joint"),
+    (("springs",), palette.SPRING, "spring-damper"),
+    (("closures",), palette.CLOSED, "closed"),
+    (("closures",), palette.OPEN, "open by 1 cm or more (yellow: by less)"),
+    (("contacts",), palette.CONTACT, "contact"),
+    (("forces",), palette.FORCE, "force on the first-named body"),
+    (("forces", "closures"), palette.REACTION, "force on the other body"),
+    (("moments",), palette.MOMENT, "moment"),
+)
 _FROM = np.array([0.78, 0.55, 0.3])  # the direction from there to the camera
 
 
@@ -84,31 +92,15 @@ class Drawing:
     def html(self) -> str:
         """Return the page: one text that holds everything."""
         eye = self.eye
-        return page(
-            self.title, self._legend(), self.commands(), camera=eye.at, target=eye.target
-        )  # fmt: skip
+        return page(self.title, self._legend(), self.commands(), camera=eye.at, target=eye.target)
 
     def _legend(self) -> Iterator[tuple[str, str]]:
         yield "", self.title
         seen = {part.path.removeprefix("before/").split("/")[0] for part in self.parts}
-        kinds = {"/".join(part.path.split("/")[:2]) for part in self.parts}
-        if "joints/actuated" in kinds:
-            yield _css(palette.ACTUATED), "joint with a motor"
-        if "joints/passive" in kinds:
-            yield _css(palette.PASSIVE), "passive joint"
-        if "springs" in seen:
-            yield _css(palette.SPRING), "spring-damper"
-        if "closures" in seen:
-            yield _css(palette.CLOSED), "closed"
-            yield _css(palette.OPEN), "open by 1 cm or more (yellow: by less)"
-        if "contacts" in seen:
-            yield _css(palette.CONTACT), "contact"
-        if "forces" in seen:
-            yield _css(palette.FORCE), "force on the first-named body"
-        if "forces" in seen and "closures" in seen:
-            yield _css(palette.REACTION), "force on the other body"
-        if "moments" in seen:
-            yield _css(palette.MOMENT), "moment"
+        seen |= {"/".join(part.path.split("/")[:2]) for part in self.parts}
+        for needed, colour, text in _LEGEND:
+            if seen.issuperset(needed):
+                yield f"#{three.number(colour):06x}", text
         yield "", f"squares of {spacing(self.size):g} m"
         yield from (("", note) for note in self.notes)
 
@@ -236,7 +228,3 @@ def stage() -> Iterator[three.Command]:
     yield three.delete("/Lights")
     for path in ("/Background", "/Axes", "/Grid"):
         yield three.set_property(path, "visible", False)
-
-
-def _css(colour: palette.Colour) -> str:
-    return f"#{three.number(colour):06x}"

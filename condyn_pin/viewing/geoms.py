@@ -1,12 +1,11 @@
 """What an MJCF draws: its geoms, as MuJoCo places them.
 
-MuJoCo reads the file, with its default classes, sizes from end points, attached parts and meshes. A
-file without geoms, such as a mechanism of our own, needs no MuJoCo.
+MuJoCo reads the file, with its default classes, sizes from end points, attached parts and meshes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,57 +13,29 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.errors import InvalidModel
-from condyn_pin.io.mjcf_include import insert_includes, parse
-from condyn_pin.io.mjcf_size import check_size
-from condyn_pin.viewing.meshes import Mesh
-from condyn_pin.viewing.shapes import Shape
+from condyn_pin.errors import InvalidModel, MissingExtra
+from condyn_pin.io.mjcf_file import compiled
+from condyn_pin.viewing.meshes import Mesh, Shape
 
 WORLD: Final = "universe"  # Pinocchio's name of it, as a frame
 _HIDDEN: Final = 3  # geoms of this group and above are not seen in MuJoCo's viewer, by custom
 # Types of geoms in the order of MuJoCo's mjtGeom; a plane is not drawn, for the floor is.
 _KINDS: Final = ("plane", "height field", "sphere", "capsule", "ellipsoid", "cylinder", "box",
                  "mesh", "signed distance field")  # fmt: skip
-_NO_MUJOCO: Final = "its geoms are not drawn without MuJoCo: pip install 'condyn_pin[mjcf]'"
 
 
 def geoms_of(path: Path) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
     """Return the shapes of an MJCF file, and what could not be drawn, a sentence each."""
     try:
-        root = parse(path)
-        insert_includes(root, path.parent)
-        check_size(root, path.parent)
-    except InvalidModel as error:
-        return (), (str(error),)
-    if root.tag != "mujoco" or next(root.iter("geom"), None) is None:
-        return (), ()
-    try:
-        import mujoco
-    except ImportError:
-        return (), (f"{path.name}: {_NO_MUJOCO}",)
-    missing: list[str] = []
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        missing += _without_lost_meshes(spec, path.parent)
-        mj = spec.compile()
-    except (ValueError, RuntimeError, MemoryError, mujoco.FatalError) as error:
-        return (), (f"{path.name}: MuJoCo does not draw it: {' '.join(str(error).split())}",)
+        mj, missing = compiled(path)
+    except (InvalidModel, MissingExtra) as error:
+        return (), (f"{path.name}: its geoms are not drawn: {error}",)
     chosen = [g for g in range(mj.ngeom) if mj.geom_group[g] < _HIDDEN] or range(mj.ngeom)
     kinds = {g: _KINDS[int(mj.geom_type[g])] for g in chosen if _colour(mj, g)[3] > 0.0}
     unknown = sorted({kind for kind in kinds.values() if kind not in (*_SIZES, "mesh", "plane")})
-    missing += [f"{path.name}: a {kind} is not drawn" for kind in unknown]
+    missing += tuple(f"{path.name}: a {kind} is not drawn" for kind in unknown)
     shapes = (_shape(mj, g, kind) for g, kind in kinds.items() if kind in (*_SIZES, "mesh"))
-    return tuple(shapes), tuple(missing)
-
-
-def _without_lost_meshes(spec: Any, folder: Path) -> Iterator[str]:
-    """Delete what is drawn by a file that is not there, and say so."""
-    for mesh in list(spec.meshes):
-        if mesh.file and not folder.joinpath(spec.meshdir, mesh.file).is_file():
-            for geom in [geom for geom in spec.geoms if geom.meshname == mesh.name]:
-                yield f"body {geom.parent.name!r} is not drawn whole: no file {mesh.file!r}"
-                spec.delete(geom)
-            spec.delete(mesh)
+    return tuple(shapes), missing
 
 
 # Edges, or radius and length, of half axes as MuJoCo has them.

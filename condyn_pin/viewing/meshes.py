@@ -1,7 +1,8 @@
-"""Triangle meshes: read, made, and made smaller."""
+"""Triangle meshes: read, made, and made smaller; and the shapes of descriptions."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from io import BytesIO
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.errors import InvalidModel
+from condyn_pin.viewing.palette import BODY, Colour
 
 _HEADER = 84  # bytes of a binary STL before its triangles: a text of 80, and their number
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -160,6 +162,11 @@ def cylinder(radius: float, height: float) -> Mesh:
     return turned([(0.0, -h), (radius, -h), (radius, h), (0.0, h)])
 
 
+def rod(radius: float, length: float, sides: int) -> Mesh:
+    """Return a cylinder along z, from the origin."""
+    return turned([(0.0, 0.0), (radius, 0.0), (radius, length), (0.0, length)], sides)
+
+
 def capsule(radius: float, height: float) -> Mesh:
     """Return a cylinder along z from 0 to `height` with half a ball at each end."""
     angle = np.linspace(0.0, 0.5 * np.pi, 5)
@@ -175,3 +182,63 @@ def box(x: float, y: float, z: float) -> Mesh:
         (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3),
     ]  # fmt: skip
     return Mesh(corners * (x, y, z), np.array(faces, dtype=np.uint32))
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A piece of a link.
+
+    Attributes
+    ----------
+    link : str
+        The link that carries it: the name of a frame.
+    placement : pin.SE3
+        Where it is on the link.
+    kind : {"mesh", "box", "cylinder", "sphere", "capsule", "ellipsoid"}
+    size : tuple of float
+        Edges of a box, half axes of an ellipsoid, radius and length of what is round [m]; factors
+        of a mesh along its axes.
+    file : Path, optional
+        Of a mesh.
+    colour : Colour
+    triangles : Mesh, optional
+        Of a mesh that was read already.
+    """
+
+    link: str
+    placement: Any
+    kind: str
+    size: tuple[float, ...]
+    file: Path | None = None
+    colour: Colour = BODY
+    triangles: Mesh | None = None
+
+    def mesh(self) -> Mesh:
+        """Return its triangles, in the axes of the link."""
+        if self.triangles is not None:
+            shape = self.triangles
+        elif self.kind == "mesh":
+            assert self.file is not None
+            shape = read_mesh(self.file).moved(np.diag([*self.size, 1.0]))
+        else:
+            shape = _SOLIDS[self.kind](*self.size)
+        return shape.moved(self.placement.homogeneous)
+
+
+def _ellipsoid(*radii: float) -> Mesh:
+    return sphere(1.0).moved(np.diag([*radii, 1.0]))
+
+
+def _centred_capsule(radius: float, length: float) -> Mesh:
+    down = np.eye(4)
+    down[2, 3] = -0.5 * length
+    return capsule(radius, length).moved(down)
+
+
+_SOLIDS: dict[str, Callable[..., Mesh]] = {
+    "box": box,
+    "capsule": _centred_capsule,
+    "cylinder": cylinder,
+    "ellipsoid": _ellipsoid,
+    "sphere": sphere,
+}

@@ -13,8 +13,8 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.violation import ConstraintViolation
+from condyn_pin.dynamics.at_state import gaps
 from condyn_pin.dynamics.force import Sites
-from condyn_pin.dynamics.gaps import gaps
 from condyn_pin.simulation.recorder import Phase
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.viewing import three

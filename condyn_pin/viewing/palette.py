@@ -18,6 +18,7 @@ FORCE: Final[Colour] = (0.0, 0.447, 0.698)  # blue
 REACTION: Final[Colour] = (0.337, 0.706, 0.914)  # sky blue
 MOMENT: Final[Colour] = (0.533, 0.133, 0.333)  # wine
 SPRING: Final[Colour] = (0.35, 0.40, 0.55)
+GRID: Final[Colour] = (0.88, 0.88, 0.88)
 MASS: Final[Colour] = (0.0, 0.0, 0.0)
 AXES: Final[tuple[Colour, Colour, Colour]] = ((0.85, 0.1, 0.1), (0.1, 0.6, 0.1), (0.1, 0.2, 0.9))
 

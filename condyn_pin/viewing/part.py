@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -16,6 +17,8 @@ from condyn_pin.viewing.palette import Colour
 # A homogeneous matrix (4, 4) in the world, or None where the part is not to be seen.
 Pose = Callable[[Moment], Array | None]
 Tint = Callable[[Moment], Colour]
+
+_Found = TypeVar("_Found")
 
 _GHOST = 0.25  # opacity of what was
 _NOWHERE = np.diag([1e-9, 1e-9, 1e-9, 1.0])  # too small to be seen; zero has no rotation
@@ -79,6 +82,16 @@ class Part:
             tint=None if colour is None else lambda _: colour,
             opacity=self.opacity if self.on_top else _GHOST,
         )
+
+
+def then(found: Callable[[Moment], _Found | None], place: Callable[[_Found], Array]) -> Pose:
+    """Return a pose that follows from something else, and is not to be seen where that is not."""
+
+    def pose(at: Moment) -> Array | None:
+        known = found(at)
+        return None if known is None else place(known)
+
+    return pose
 
 
 def span(start: Array, end: Array) -> Array:

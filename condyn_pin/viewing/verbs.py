@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 from numpy.typing import ArrayLike
@@ -12,10 +11,11 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.files.beside import check_writable
 from condyn_pin.control.inverse import InverseDynamics
+from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.errors import InvalidArgument, NotAssembled
-from condyn_pin.mechanism.assembly_report import Assembly
+from condyn_pin.mechanism.assembly import Assembly
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.viewing.drawing import Drawing, draw
@@ -103,7 +103,9 @@ def view(
     for path in (html, png):
         if path is not None:
             check_writable(path)
-    viewer = Viewer(_drawing(_Wish(q, posture, forces, float(speed), light), subject))
+    viewer = Viewer(
+        drawing_of(subject, q, posture=posture, forces=forces, speed=float(speed), light=light)
+    )
     if html is not None:
         viewer.save_html(html)
     if png is not None:
@@ -115,18 +117,16 @@ def view(
     return viewer
 
 
-@dataclass(frozen=True, eq=False)
-class _Wish:
-    """How a subject is to be seen."""
-
-    q: ArrayLike | None
-    posture: str | None
-    forces: bool
-    speed: float
-    light: bool
-
-
-def _drawing(wish: _Wish, subject: Subject) -> Drawing:
+def drawing_of(
+    subject: Subject,
+    q: ArrayLike | None = None,
+    *,
+    posture: str | None = None,
+    forces: bool = True,
+    speed: float = 1.0,
+    light: bool = False,
+) -> Drawing:
+    """Return what `view` shows of a subject, without a page."""
     if not isinstance(subject, Subject):
         raise InvalidArgument(
             f"subject = {subject!r}: a Robot, a Scene, a Solution, an InverseDynamics, a "
@@ -135,51 +135,49 @@ def _drawing(wish: _Wish, subject: Subject) -> Drawing:
     if isinstance(subject, Robot):
         subject = Scene(subject, subject.loops)
     if isinstance(subject, Scene):
-        q, name = _configuration(subject, wish)
+        q, name = _configuration(subject, q, posture)
         title = f"{subject.robot.name}, {name}" if name else subject.robot.name
-        return draw([subject], [moment(subject, q)], title=title, light=wish.light)
-    if wish.q is not None or wish.posture is not None:
-        given = "q" if wish.q is not None else "posture"
+        return draw([subject], [moment(subject, q)], title=title, light=light)
+    if q is not None or posture is not None:
+        given = "q" if q is not None else "posture"
         raise InvalidArgument(f"{given}: a {type(subject).__name__} has its own configuration")
-    if isinstance(subject, Solution | InverseDynamics):
-        forces = subject.forces if wish.forces else {}
-        at = moment(subject.scene, subject.q, forces)
-        said = "inverse dynamics"
-        if isinstance(subject, Solution):
-            said = subject.status.name.lower()
-        title = f"{subject.scene.robot.name}, {said}"
-        return draw([subject.scene], [at], title=title, light=wish.light)
-    if isinstance(subject, Assembly):
-        scene = subject.scene
-        title = f"{scene.robot.name}, assembled: {subject.status.name.lower().replace('_', ' ')}"
-        before, after = moment(scene, subject.start), moment(scene, subject.q)
-        return draw([scene], [after], title=title, before=before, light=wish.light)
-    return _motion(wish, subject)
+    if isinstance(subject, Trajectory):
+        return _motion(subject, forces, speed, light)
+    scene, said, before = subject.scene, "inverse dynamics", None
+    acting = subject.forces if forces and not isinstance(subject, Assembly) else {}
+    if isinstance(subject, Solution):
+        said = subject.status.name.lower()
+    elif isinstance(subject, Assembly):
+        said = f"assembled: {subject.status.name.lower().replace('_', ' ')}"
+        before = moment(scene, subject.start)
+    at = moment(scene, subject.q, acting)
+    title = f"{scene.robot.name}, {said}"
+    return draw([scene], [at], title=title, before=before, light=light)
 
 
-def _configuration(scene: Scene, wish: _Wish) -> tuple[Array, str]:
+def _configuration(scene: Scene, q: ArrayLike | None, posture: str | None) -> tuple[Array, str]:
     """Return what is shown of a scene, and how it is called."""
-    if wish.q is not None:
-        if wish.posture is not None:
+    if q is not None:
+        if posture is not None:
             raise InvalidArgument("posture: q is given too; leave one of them out")
-        return normalised(scene.robot.model, "q", wish.q), ""
-    name = wish.posture or next(iter(scene.robot.postures), "neutral")
+        return normalised(scene.robot.model, "q", q), ""
+    name = posture or next(iter(scene.robot.postures), "neutral")
     try:
-        return scene.state(wish.posture)[0], name
+        return scene.state(posture)[0], name
     except NotAssembled:
-        return scene.guess(wish.posture), f"{name}, as described: it cannot be closed"
+        return described_posture(scene, posture), f"{name}, as described: it cannot be closed"
 
 
-def _motion(wish: _Wish, trajectory: Trajectory) -> Drawing:
+def _motion(trajectory: Trajectory, forces: bool, speed: float, light: bool) -> Drawing:
     scenes = [phase.scene for phase in trajectory.phases]
-    fps = _FPS / wish.speed  # pictures for each second of the motion
+    fps = _FPS / speed  # pictures for each second of the motion
     samples = shown(trajectory, fps)
-    moments = moments_of(trajectory, samples, forces=wish.forces)
+    moments = moments_of(trajectory, samples, forces=forces)
     frames = fps * (trajectory.t[samples] - trajectory.t[0])
     duration = trajectory.t[-1] - trajectory.t[0]
     title = f"{scenes[0].robot.name}, {duration:.4g} s"
-    title += f", {wish.speed:g} x speed" if wish.speed != 1.0 else ""
+    title += f", {speed:g} x speed" if speed != 1.0 else ""
     return draw(
         scenes, moments, title=title, frames=frames, gaps=gaps_of(trajectory),
-        peaks=peaks_of(trajectory), fps=_FPS, light=wish.light,
+        peaks=peaks_of(trajectory), fps=_FPS, light=light,
     )  # fmt: skip

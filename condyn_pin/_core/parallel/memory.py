@@ -57,10 +57,7 @@ class Address:
     def open(self) -> Arrays:
         """Return the arrays by name, for reading and writing.
 
-        Raises
-        ------
-        FileNotFoundError
-            If they are gone: whoever asked for the work no longer waits for it.
+        FileNotFoundError if they are gone: whoever asked for the work no longer waits for it.
         """
         with Path(self.path).open("r+b") as file:
             if os.fstat(file.fileno()).st_ino != self.inode:
@@ -71,20 +68,9 @@ class Address:
 class SharedArrays:
     """Arrays of zeros that other processes open by `address`.
 
-    Parameters
-    ----------
-    kinds : mapping of str to Kind
-
-    Raises
-    ------
-    OSError
-        If there is obviously not enough memory. As with other arrays, it is taken when it is
-        written to.
-
-    Notes
-    -----
-    After `close` no other process can open the arrays. They live on where they are open, and one
-    file with them, for as long as something refers to them.
+    OSError if there is obviously not enough memory; as with other arrays, it is taken when it is
+    written to. After `close` no other process can open the arrays. They live on where they are
+    open, and one file with them, for as long as something refers to them.
     """
 
     def __init__(self, kinds: Kinds) -> None:

@@ -1,10 +1,11 @@
-"""Outcome: how each row of a batch ended."""
+"""Batches: many answers, a row each, and how each of them ended."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
 from enum import Enum
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final, Generic, Self, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,39 @@ from numpy.typing import NDArray
 MISSING: Final = -1
 
 _SHOWN: Final = 10
+
+One = TypeVar("One")
+Some = slice | list[int] | NDArray[Any]  # of the rows, as NumPy takes them
+
+
+class Batch(ABC, Generic[One]):
+    """Many answers: ``batch[i]`` is one, ``batch[2:4]`` a batch of some."""
+
+    @abstractmethod
+    def __len__(self) -> int:
+        """Return how many there are."""
+
+    @abstractmethod
+    def _one(self, i: int) -> One:
+        """Return one answer."""
+
+    @abstractmethod
+    def _some(self, rows: Some) -> Self:
+        """Return a batch of some."""
+
+    @overload
+    def __getitem__(self, i: int | np.integer[Any]) -> One: ...
+
+    @overload
+    def __getitem__(self, i: Some) -> Self: ...
+
+    def __getitem__(self, i: int | np.integer[Any] | Some) -> One | Self:
+        if isinstance(i, slice | list | np.ndarray):
+            return self._some(i)
+        return self._one(range(len(self))[i])
+
+    def __iter__(self) -> Iterator[One]:
+        return (self[i] for i in range(len(self)))
 
 
 class Outcome:
@@ -43,6 +77,10 @@ class Outcome:
         names = {MISSING: "missing"} | {i: s.name.lower() for i, s in enumerate(self._endings)}
         found = {name: int((self.statuses == i).sum()) for i, name in names.items()}
         return {name: number for name, number in found.items() if number}
+
+    def _counted(self) -> str:
+        """Return the counts in words."""
+        return ", ".join(f"{number} {name}" for name, number in self.counts.items()) or "none"
 
     def _not_ok(self) -> list[str]:
         """Return a line for each status but ok: the first few rows that have it, and what it is."""

@@ -30,26 +30,25 @@ Messages = dict[int, str]
 Kernel = Callable[[Any, Arrays, Arrays], Messages]
 
 
-class Recipe(Protocol):
-    """What makes the workspace of a kernel where it is needed; it pickles."""
+class Maker(Protocol):
+    """What makes the workspace of a kernel."""
 
     def workspace(self) -> Any:
         """Return the workspace of this thread, made when it is first asked for."""
 
 
+class Recipe(Maker, Protocol):
+    """What makes it here, and can be sent to make it elsewhere."""
+
+    def pickled(self) -> Maker:
+        """Return what travels, pickled once for all chunks."""
+
+
 class Transport(ABC):
-    """What a worker is sent, does, and sends back.
+    """What a worker is sent, does, and sends back."""
 
-    Attributes
-    ----------
-    work : callable
-        What the worker does with what it is sent.
-    places : int
-        Chunks that may be in flight at a time.
-    """
-
-    work: Callable[[Any], Any]
-    places: int = IN_FLIGHT
+    work: Callable[[Any], Any]  # what the worker does with what it is sent
+    places: int = IN_FLIGHT  # chunks that may be in flight at a time
 
     @abstractmethod
     def send(self, rows: slice, place: int) -> Any:
@@ -66,8 +65,8 @@ class Transport(ABC):
 class InPlace(Transport):
     """In this process: there is nothing to send."""
 
-    def __init__(self, kernel: Kernel, workspace: Any, inputs: Arrays, outputs: Arrays) -> None:
-        self.work = partial(_fill, kernel, lambda: workspace, inputs, outputs)
+    def __init__(self, kernel: Kernel, recipe: Maker, inputs: Arrays, outputs: Arrays) -> None:
+        self.work = partial(_fill, kernel, recipe.workspace(), inputs, outputs)
 
     def send(self, rows: slice, place: int) -> slice:
         """Return the rows: the arrays are here."""
@@ -81,24 +80,13 @@ class InPlace(Transport):
 class ByMemory(Transport):
     """To processes of this machine, in memory that they share with this one.
 
-    Parameters
-    ----------
-    kernel, recipe, inputs, outputs
-    most : int
-        Rows of a chunk.
-    places : int
-        Chunks that are in flight at a time.
-
-    Raises
-    ------
-    OSError
-        If there is not so much memory.
+    It has room for so many chunks (`places`) of so many rows (`most`); OSError if there is not.
     """
 
     def __init__(
         self,
         kernel: Kernel,
-        recipe: Recipe,
+        recipe: Maker,
         inputs: Arrays,
         outputs: Arrays,
         *,
@@ -140,7 +128,7 @@ class ByMemory(Transport):
 class ByCopies(Transport):
     """To workers anywhere, as pickled copies."""
 
-    def __init__(self, kernel: Kernel, recipe: Recipe, inputs: Arrays, outputs: Arrays) -> None:
+    def __init__(self, kernel: Kernel, recipe: Maker, inputs: Arrays, outputs: Arrays) -> None:
         self._inputs, self._outputs = inputs, outputs
         kinds = {name: Kind(array.shape[1:], array.dtype.str) for name, array in outputs.items()}
         self.work = _OnCopies(kernel, recipe, kinds)
@@ -162,7 +150,7 @@ class _InMemory:
     """The work of a process that shares memory with the one that asks for it."""
 
     kernel: Kernel
-    recipe: Recipe
+    recipe: Maker
     address: Address
     inputs: tuple[str, ...]
 
@@ -170,7 +158,7 @@ class _InMemory:
         arrays = _opened(self.address)
         inputs = {name: arrays[name] for name in self.inputs}
         outputs = {name: arrays[name] for name in arrays.keys() - inputs.keys()}
-        return rows, _fill(self.kernel, self.recipe.workspace, inputs, outputs, rows)
+        return rows, _fill(self.kernel, self.recipe.workspace(), inputs, outputs, rows)
 
 
 @lru_cache(maxsize=1)
@@ -184,7 +172,7 @@ class _OnCopies:
     """The work of a worker anywhere."""
 
     kernel: Kernel
-    recipe: Recipe
+    recipe: Maker
     kinds: Kinds  # of a row
 
     def __call__(self, sent: tuple[int, Arrays]) -> tuple[Arrays, Messages]:
@@ -194,16 +182,10 @@ class _OnCopies:
         return outputs, self.kernel(self.recipe.workspace(), inputs, outputs)
 
 
-def _fill(
-    kernel: Kernel,
-    workspace: Callable[[], Any],
-    inputs: Arrays,
-    outputs: Arrays,
-    rows: slice,
-) -> Messages:
+def _fill(kernel: Kernel, workspace: Any, inputs: Arrays, outputs: Arrays, rows: slice) -> Messages:
     """Have a kernel fill some rows."""
     chosen = {name: array[rows] for name, array in outputs.items()}
-    return kernel(workspace(), _inputs_of(inputs, rows), chosen)
+    return kernel(workspace, _inputs_of(inputs, rows), chosen)
 
 
 def _inputs_of(arrays: Arrays, rows: slice) -> Arrays:

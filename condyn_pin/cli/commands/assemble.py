@@ -6,27 +6,28 @@ from typing import Annotated
 
 import typer
 
-from condyn_pin.cli.commands.arguments import AsJson, Loops, Posture, RobotName, Variant
-from condyn_pin.cli.commands.output import plain, print_json, say
+from condyn_pin.cli import arguments as arg
+from condyn_pin.cli.output import leave, plain, print_json, say
 
 PANEL = "Solve"
 
 
 def assemble(
-    robot: RobotName,
-    loops: Loops = True,
-    posture: Posture = None,
+    robot: arg.RobotName,
+    loops: arg.Loops = True,
+    posture: arg.Posture = None,
     fixed: Annotated[str, typer.Option(help="Comma-separated: joints that keep their value.")] = "",
     limits: Annotated[bool, typer.Option(help="Keep the joints within their limits.")] = True,
-    variant: Variant = None,
-    as_json: AsJson = False,
+    variant: arg.Variant = None,
+    as_json: arg.AsJson = False,
 ) -> None:
     """Close the loops, starting from a posture; exits with 1 if they cannot be closed."""
-    from condyn_pin.cli.commands.words import names_in, scene_of
+    from condyn_pin.cli.words import names_in, scene_of
+    from condyn_pin.dynamics.nominal import described_posture
 
     scene = scene_of(robot, "", loops, variant)
     assembly = scene.assemble(
-        scene.guess(posture), fixed=names_in(fixed), within_limits=limits, throw=False
+        described_posture(scene, posture), fixed=names_in(fixed), within_limits=limits, throw=False
     )
     joints = {}
     for name in scene.robot.joints:
@@ -39,5 +40,4 @@ def assemble(
         say(str(assembly))
         for name, values in joints.items():
             say(f"{name:<28} {' '.join(f'{value:.9g}' for value in values)}")
-    if not assembly.status.ok:
-        raise typer.Exit(1)
+    leave(ok=assembly.status.ok)

@@ -7,32 +7,33 @@ from typing import Annotated
 
 import typer
 
-from condyn_pin.cli.commands.arguments import (
-    Csv,
-    Plot,
-    Quick,
-    RobotNames,
-    SolversToBench,
-    TableJson,
-)
-from condyn_pin.cli.commands.output import (
-    INTERRUPTED,
+from condyn_pin.cli import arguments as arg
+from condyn_pin.cli.output import (
     check_picture,
     check_written,
     for_people,
-    progress_bar,
-    write_json,
+    leave,
+    until_stopped,
+    write_table,
 )
 
 PANEL = "Measure"
 
+SolversToBench = Annotated[
+    str,
+    typer.Option(
+        help="Comma-separated names of `condyn solvers`, or all; the main ones by default.",
+        autocompletion=arg.solver_names,
+    ),
+]
+
 
 def bench(
-    robots: RobotNames = None,
-    quick: Quick = False,
-    csv: Csv = None,
-    as_json: TableJson = None,
-    plot: Plot = None,
+    robots: arg.RobotNames = None,
+    quick: arg.Quick = False,
+    csv: arg.Csv = None,
+    as_json: arg.TableJson = None,
+    plot: arg.Plot = None,
     native: Annotated[Path | None, typer.Option(help="Merge a result of `make native`.")] = None,
     solvers: SolversToBench = "",
 ) -> None:
@@ -40,31 +41,24 @@ def bench(
 
     Ctrl-C keeps the scenes that were measured.
     """
-    from condyn_pin.cli.commands.words import solvers_of
-    from condyn_pin.errors import Interrupted
+    from condyn_pin.cli.words import solvers_of
     from condyn_pin.study.bench import FULL, QUICK, ROBOTS
     from condyn_pin.study.bench import bench as run
-    from condyn_pin.study.bench_print import print_bench
     from condyn_pin.study.bench_table import BenchTable
+    from condyn_pin.study.printing import print_bench
 
-    chosen, effort, stopped = solvers_of(solvers), QUICK if quick else FULL, False
+    chosen, effort = solvers_of(solvers), QUICK if quick else FULL
     beside = BenchTable((), {}).with_native(native) if native else BenchTable((), {})
     check_written(csv, as_json)
     check_picture(plot)
-    try:
-        with progress_bar() as progress:
-            table = run(robots or ROBOTS, solvers=chosen, effort=effort, progress=progress)
-    except Interrupted as stop:
-        table, stopped = stop.table, True
+    table, stopped = until_stopped(
+        lambda progress: run(robots or ROBOTS, solvers=chosen, effort=effort, progress=progress)
+    )
     table = BenchTable(table.rows + beside.rows, table.machine | beside.machine)
     print_bench(table, for_people(as_json))
-    if csv:
-        table.to_csv(csv)
-    if as_json:
-        write_json(table, as_json)
+    write_table(table, csv=csv, as_json=as_json)
     if plot and table.rows:
-        from condyn_pin.study.plots_bench import save_bench
+        from condyn_pin.study.plots import save_bench
 
         save_bench(table, plot)
-    if stopped:
-        raise typer.Exit(INTERRUPTED)
+    leave(stopped=stopped)

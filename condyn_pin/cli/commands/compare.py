@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from condyn_pin._core.tolerances import ENGINES
-from condyn_pin.cli.commands.arguments import AsJson, RobotName, Variant
-from condyn_pin.cli.commands.output import print_json, say
-from condyn_pin.errors import InvalidModel
+from condyn_pin.cli import arguments as arg
+from condyn_pin.cli.output import leave, print_json, say
 
 PANEL = "Look"
 
 
 def compare(
-    robot: RobotName,
+    robot: arg.RobotName,
     mjcf: Annotated[Path, typer.Argument(help="The same robot, as MuJoCo is to have it.")],
     name: Annotated[
         list[str] | None,
@@ -31,8 +30,8 @@ def compare(
     seed: Annotated[
         int, typer.Option(help="Seed of the random state that is compared.", min=0)
     ] = 0,
-    variant: Variant = None,
-    as_json: AsJson = False,
+    variant: arg.Variant = None,
+    as_json: arg.AsJson = False,
 ) -> None:
     """Compare a robot with a file in MuJoCo, and name what differs; exits with 1 if they differ.
 
@@ -42,13 +41,17 @@ def compare(
     import numpy as np
 
     from condyn_pin._core.joints import indices
-    from condyn_pin.cli.commands.words import names_in, pairs_in, robot_of
+    from condyn_pin.cli.words import names_in, pairs_in, robot_of
     from condyn_pin.dynamics.scene import Scene
+    from condyn_pin.io.mjcf_file import compiled
+    from condyn_pin.io.xml import place
     from condyn_pin.study.mujoco.mujoco_bridge import MujocoBridge
 
     chosen = robot_of(robot, variant)
     names = pairs_in("--name", name, "OURS=THEIRS is needed, such as root_joint=floating_base")
-    bridge = MujocoBridge(chosen, _model(mjcf), names=names, without=names_in(without))
+    with place(mjcf):
+        model, _ = compiled(mjcf)
+    bridge = MujocoBridge(chosen, model, names=names, without=names_in(without))
     rng = np.random.default_rng(seed)
     q, v = Scene(chosen, chosen.loops).sample(rng)
     tau = np.zeros(chosen.nv)
@@ -59,15 +62,4 @@ def compare(
         print_json(found.to_dict())
     else:
         say(str(found))
-    if not found.ok:
-        raise typer.Exit(1)
-
-
-def _model(path: Path) -> Any:
-    from condyn_pin.io.mjcf_compiled import compiled
-
-    try:
-        return compiled(path)
-    except InvalidModel as error:
-        error.args = (f"{path}: {error}",)
-        raise
+    leave(ok=found.ok)

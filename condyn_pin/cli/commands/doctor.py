@@ -2,31 +2,27 @@
 
 from __future__ import annotations
 
-import typer
-
-from condyn_pin.cli.commands.arguments import AsJson
-from condyn_pin.cli.commands.output import console, print_json, say, words
+from condyn_pin.cli import arguments as arg
+from condyn_pin.cli.output import console, leave, print_json, say, words
 
 PANEL = "Look"
 
 
-def doctor(as_json: AsJson = False) -> None:
+def doctor(as_json: arg.AsJson = False) -> None:
     """Say what is installed, whether it fits together, and how to repair it."""
     from condyn_pin._core.doctor import diagnose
 
     found = diagnose()
     if as_json:
         print_json(found)
-        raise typer.Exit(1 if found.remedy else 0)
+        leave(ok=not found.remedy)
+        return
     table = words("", found.platform)
-    for name, version in found.versions.items():
-        table.add_row(name, version)
-    for name, text in found.features.items():
+    for name, text in (*found.versions.items(), *found.features.items()):
         table.add_row(name, text)
     console.print(table)
     for finding in found.findings:
         console.print(f"wrong: {finding}", style="bold red")
-    if found.remedy:
-        say(f"This repairs it:\n  {found.remedy}")
-        raise typer.Exit(1)
-    console.print("Everything fits together.")
+    fine = "Everything fits together."
+    say(f"This repairs it:\n  {found.remedy}" if found.remedy else fine)
+    leave(ok=not found.remedy)

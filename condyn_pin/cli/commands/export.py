@@ -7,21 +7,21 @@ from typing import Annotated
 
 import typer
 
-from condyn_pin.cli.commands.arguments import RobotName, Variant
-from condyn_pin.cli.commands.output import check_written, say
+from condyn_pin.cli import arguments as arg
+from condyn_pin.cli.output import check_written, say
 
 PANEL = "Look"
 
 
 def export(
-    robot: RobotName,
+    robot: arg.RobotName,
     mjcf: Annotated[Path, typer.Option(help="Write the robot with its loops here, for MuJoCo.")],
     without: Annotated[str, typer.Option(help="Comma-separated: loops to leave out.")] = "",
-    variant: Variant = None,
+    variant: arg.Variant = None,
 ) -> None:
     """Write a robot in another format."""
     from condyn_pin._core.files.beside import write_text
-    from condyn_pin.cli.commands.words import names_in, robot_of
+    from condyn_pin.cli.words import names_in, robot_of
 
     check_written(mjcf)
     text = robot_of(robot, variant).to_mjcf(without=names_in(without))

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from rich.table import Column
 
-from condyn_pin.cli.commands.arguments import AsJson
-from condyn_pin.cli.commands.output import console, print_json, words
+from condyn_pin.cli import arguments as arg
+from condyn_pin.cli.output import console, print_json, words
 
 if TYPE_CHECKING:
     from condyn_pin.model.robot import Robot
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 PANEL = "Look"
 
 
-def robots(as_json: AsJson = False) -> None:
+def robots(as_json: arg.AsJson = False) -> None:
     """List what can be loaded; `condyn show` names the file, and the licence in full."""
     from condyn_pin.io.load import available_robots
 

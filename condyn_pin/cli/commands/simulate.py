@@ -7,25 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from condyn_pin.cli.commands.arguments import (
-    AsJson,
-    Contacts,
-    DriftName,
-    Gain,
-    IntegratorName,
-    Loops,
-    Posture,
-    RobotName,
-    SolverOrNone,
-    Variant,
-)
-from condyn_pin.cli.commands.output import (
-    INTERRUPTED,
-    check_ending,
-    check_written,
-    print_json,
-    say,
-)
+from condyn_pin.cli import arguments as arg
+from condyn_pin.cli.output import check_ending, check_written, leave, print_json, say
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.trajectory import Trajectory
@@ -34,27 +17,27 @@ PANEL = "Simulate"
 
 
 def simulate(
-    robot: RobotName,
-    contacts: Contacts = "",
-    loops: Loops = True,
-    posture: Posture = None,
+    robot: arg.RobotName,
+    contacts: arg.Contacts = "",
+    loops: arg.Loops = True,
+    posture: arg.Posture = None,
     duration: Annotated[float, typer.Option(help="Duration of the motion [s].")] = 1.0,
     dt: Annotated[float, typer.Option(help="The step [s].")] = 1e-3,
-    integrator: IntegratorName = None,
-    drift: DriftName = None,
-    gain: Gain = None,
-    solver: SolverOrNone = None,
+    integrator: arg.IntegratorName = None,
+    drift: arg.DriftName = None,
+    gain: arg.Gain = None,
+    solver: arg.SolverOrNone = None,
     record: Annotated[int, typer.Option(help="Keep a sample every so many steps.")] = 1,
     save: Annotated[Path | None, typer.Option(help="Write the trajectory here (npz).")] = None,
     csv: Annotated[Path | None, typer.Option(help="Write the samples here.")] = None,
-    variant: Variant = None,
-    as_json: AsJson = False,
+    variant: arg.Variant = None,
+    as_json: arg.AsJson = False,
 ) -> None:
     """Simulate from a posture at rest, without torques; exits with 1 if it broke down.
 
     Ctrl-C keeps the motion so far.
     """
-    from condyn_pin.cli.commands.words import drift_of, integrator_of, scene_of, solver_of
+    from condyn_pin.cli.words import drift_of, integrator_of, scene_of, solver_of
     from condyn_pin.simulation.run import simulate as simulate_scene
 
     check_ending(save, ".npz")
@@ -70,12 +53,6 @@ def simulate(
         solver=solver_of(solver) if solver else None,
         record=record,
     )
-    _write(found, save, csv, as_json)
-    if not found.status.ok:
-        raise typer.Exit(INTERRUPTED if found.status.name == "INTERRUPTED" else 1)
-
-
-def _write(found: Trajectory, save: Path | None, csv: Path | None, as_json: bool) -> None:
     if save:
         found.save(save)
     if csv:
@@ -84,6 +61,7 @@ def _write(found: Trajectory, save: Path | None, csv: Path | None, as_json: bool
         print_json(_summary(found))
     else:
         say(str(found))
+    leave(ok=found.status.ok, stopped=found.status.name == "INTERRUPTED")
 
 
 def _summary(found: Trajectory) -> dict[str, object]:

@@ -7,16 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from condyn_pin._core.tolerances import SOLVED
-from condyn_pin.cli.commands.arguments import (
-    AsJson,
-    Contacts,
-    Loops,
-    Posture,
-    RobotName,
-    SolverName,
-    Variant,
-)
-from condyn_pin.cli.commands.output import print_json, say, warn
+from condyn_pin.cli import arguments as arg
+from condyn_pin.cli.output import leave, print_json, say, warn
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.solution import Solution
@@ -25,19 +17,19 @@ PANEL = "Solve"
 
 
 def solve(
-    robot: RobotName,
-    contacts: Contacts = "",
-    loops: Loops = True,
-    posture: Posture = None,
-    solver: SolverName = "proximal",
+    robot: arg.RobotName,
+    contacts: arg.Contacts = "",
+    loops: arg.Loops = True,
+    posture: arg.Posture = None,
+    solver: arg.SolverName = "proximal",
     mu: Annotated[float | None, typer.Option(help="Weight or damping [1/kg].")] = None,
     max_iterations: Annotated[int | None, typer.Option(help="Limit of iterations.")] = None,
     accuracy: Annotated[float, typer.Option(help="Error of a that is good enough.")] = SOLVED,
-    variant: Variant = None,
-    as_json: AsJson = False,
+    variant: arg.Variant = None,
+    as_json: arg.AsJson = False,
 ) -> None:
     """Solve a posture at rest, with zero torque; exits with 1 if the status is not ok."""
-    from condyn_pin.cli.commands.words import scene_of, solver_of
+    from condyn_pin.cli.words import scene_of, solver_of
     from condyn_pin.dynamics.verbs import solve as solve_scene
 
     scene = scene_of(robot, contacts, loops, variant)
@@ -57,7 +49,7 @@ def solve(
             say(f"note: {note}")
     if not solution.status.ok:
         warn(str(solution.status))
-        raise typer.Exit(1)
+        leave(ok=False)
 
 
 def _say_accelerations(solution: Solution) -> None:

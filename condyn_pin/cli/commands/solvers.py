@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from rich.table import Table
 
-from condyn_pin.cli.commands.arguments import AsJson
-from condyn_pin.cli.commands.output import console, print_json, words
+from condyn_pin.cli import arguments as arg
+from condyn_pin.cli.output import console, print_json, words
 
 PANEL = "Look"
 
 
-def solvers(as_json: AsJson = False) -> None:
+def solvers(as_json: arg.AsJson = False) -> None:
     """List the solvers: what each takes, what it costs, when to use it, its parameters."""
     from condyn_pin.study.solver_table import SolverRow, solver_rows
 

@@ -7,79 +7,154 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from condyn_pin.cli.commands.arguments import (
-    Csv,
-    Measure,
-    Plot,
-    Quick,
-    RobotNames,
-    SolversToSweep,
-    TableJson,
-)
-from condyn_pin.cli.commands.output import (
-    INTERRUPTED,
+from condyn_pin.cli import arguments as arg
+from condyn_pin.cli.output import (
+    Report,
     check_picture,
     check_written,
     for_people,
+    leave,
     progress_bar,
+    until_stopped,
     warn,
     write_json,
+    write_table,
 )
+from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from condyn_pin.dynamics.scene import Scene
+    from condyn_pin.dynamics.solvers import Solver
     from condyn_pin.study.study import Study
     from condyn_pin.study.table import Table
 
 PANEL = "Measure"
 
+Measure = Annotated[
+    str,
+    typer.Option(
+        help="The quantity whose error counts: acceleration, forces, derivatives or trajectory.",
+        autocompletion=arg.names_of("study", "MEASURES"),
+    ),
+]
+Swept = Annotated[
+    str,
+    typer.Option(
+        help="Comma-separated names of `condyn solvers`, all parameters turned; all by default.",
+        autocompletion=arg.solver_names,
+    ),
+]
+
+# Options that say something only with --tune, and only without it.
+_OF_TUNE = ("contacts", "loops", "variant", "save")
+_OF_STUDY = ("states", "quick", "jobs", "results", "csv", "markdown", "plot")
+
 
 def trade(
-    robots: RobotNames = None,
+    context: typer.Context,
+    robots: arg.RobotNames = None,
     error: Annotated[
         float | None, typer.Option(help="Choose the fastest solver with no larger error.")
     ] = None,
     measure: Measure = "acceleration",
-    solvers: SolversToSweep = "",
+    solvers: Swept = "",
     states: Annotated[int, typer.Option(help="Random closed states of each scene.", min=1)] = 20,
-    quick: Quick = False,
+    quick: arg.Quick = False,
     jobs: Annotated[int, typer.Option(help="Processes that compute errors.", min=1)] = 1,
     results: Annotated[
         Path | None, typer.Option(help="Keep rows here as they come; a second run goes on.")
     ] = None,
-    csv: Csv = None,
-    as_json: TableJson = None,
+    csv: arg.Csv = None,
+    as_json: arg.TableJson = None,
     markdown: Annotated[Path | None, typer.Option(help="Write the table here.")] = None,
-    plot: Plot = None,
+    plot: arg.Plot = None,
+    tune: Annotated[
+        bool, typer.Option("--tune", help="Choose for one scene only, and keep it for `tuned`.")
+    ] = False,
+    save: Annotated[bool, typer.Option(help="With --tune: keep the choice.")] = True,
+    contacts: arg.Contacts = "",
+    loops: arg.Loops = True,
+    variant: arg.Variant = None,
 ) -> None:
     """Measure time and error of every solver with every parameter; name the cheapest for an error.
 
-    Ctrl-C keeps what was measured. Exits with 1 if no solver meets the error.
+    Ctrl-C keeps what was measured. Exits with 1 if no solver meets the error. With `--tune` a
+    short study of one scene, with its `--contacts`, chooses for an error of 1e-8 or `--error`.
     """
-    from condyn_pin.cli.commands.words import swept_solvers_of
-    from condyn_pin.errors import Interrupted
+    from condyn_pin.cli.words import scene_of, swept_solvers_of
     from condyn_pin.study.bench import ROBOTS
     from condyn_pin.study.cheapest import check_error
     from condyn_pin.study.clocks import TimingEffort
     from condyn_pin.study.study import Study
 
+    _refuse(context, _OF_STUDY if tune else _OF_TUNE, "with" if tune else "without")
     if error is not None:
         check_error(error)
     check_written(csv, as_json, markdown)
     check_picture(plot)
-    effort = TimingEffort(rounds=20) if quick else TimingEffort()
     chosen = swept_solvers_of(solvers)
+    if tune:
+        if robots is None or len(robots) != 1:
+            raise InvalidArgument("--tune chooses for one scene: name one robot")
+        scene = scene_of(robots[0], contacts, loops, variant)
+        _tune(scene, error, measure, chosen, save, as_json)
+        return
+    effort = TimingEffort(rounds=20) if quick else TimingEffort()
     study = Study(list(robots or ROBOTS), chosen, states=states, measure=measure, effort=effort)
-    try:
-        table = _run(study, jobs, results)
-    except Interrupted as stop:
-        _show(stop.table, csv, as_json, markdown, plot)
-        warn(f"stopped: {len(stop.table.rows)} rows were measured")
-        raise typer.Exit(INTERRUPTED) from stop
+    table, stopped = until_stopped(lambda progress: _run(study, jobs, results, progress))
     _show(table, csv, as_json, markdown, plot)
-    if error is not None and not _choose(table, error, for_people(as_json)):
-        raise typer.Exit(1)
+    if stopped:
+        warn(f"stopped: {len(table.rows)} rows were measured")
+    elif error is not None:
+        leave(ok=_choose(table, error, for_people(as_json)))
+    leave(stopped=stopped)
+
+
+def _refuse(context: typer.Context, options: tuple[str, ...], where: str) -> None:
+    """Refuse options that would say nothing with --tune, or without it."""
+    for option in context.command.params:
+        source = context.get_parameter_source(str(option.name))
+        if option.name in options and source is not None and source.name != "DEFAULT":
+            raise InvalidArgument(f"{option.opts[0]} says nothing {where} --tune: leave it out")
+
+
+def _tune(
+    scene: Scene,
+    error: float | None,
+    measure: str,
+    solvers: tuple[Solver, ...] | None,
+    save: bool,
+    as_json: Path | None,
+) -> None:
+    """Choose the fastest solver of one scene, and keep the choice."""
+    from condyn_pin._core.tolerances import SOLVED
+    from condyn_pin.errors import NotReached
+    from condyn_pin.study.plan import check_folder, path_of
+    from condyn_pin.study.tuning import choose, keep, plan_for
+
+    if save:
+        check_folder()
+    error = SOLVED if error is None else error
+    try:
+        with progress_bar() as progress:
+            choice = choose(scene, error, measure=measure, solvers=solvers, progress=progress)
+    except NotReached as reason:
+        if as_json:
+            nothing = {"measure": measure, "error": error, "solver": None, "reason": str(reason)}
+            write_json(nothing, as_json)
+        warn(f"condyn: {reason}")
+        raise typer.Exit(1) from reason
+    plan = keep(scene, choice) if save else plan_for(scene, choice)
+    if as_json:
+        write_json(plan, as_json)
+    console = for_people(as_json)
+    console.print(str(choice), soft_wrap=True)
+    if save:
+        path = path_of(plan.fingerprint, plan.measure, plan.error)
+        console.print(f"kept in {path}", soft_wrap=True)
+        console.print(f"solve(scene, q, v, tau, solver=tuned(scene, {error:g}))", soft_wrap=True)
 
 
 def _show(
@@ -90,27 +165,23 @@ def _show(
     from condyn_pin.study.printing import print_table
 
     print_table(table, for_people(as_json))
-    if csv:
-        table.to_csv(csv)
-    if as_json:
-        write_json(table, as_json)
+    write_table(table, csv=csv, as_json=as_json)
     if markdown:
         write_text(markdown, table.to_markdown() + "\n")
     if plot and table.rows:
-        from condyn_pin.study.plots_trade import save_trade
+        from condyn_pin.study.plots import save_trade
 
         save_trade(table, plot)
 
 
-def _run(study: Study, jobs: int, results: Path | None) -> Table:
+def _run(study: Study, jobs: int, results: Path | None, progress: Report) -> Table:
     """Run a study here, or its errors in some processes."""
     from concurrent.futures import ProcessPoolExecutor
 
-    with progress_bar() as progress:
-        if jobs == 1:
-            return study.run(progress=progress, results=results)
-        with ProcessPoolExecutor(jobs) as executor:
-            return study.run(executor=executor, progress=progress, results=results)
+    if jobs == 1:
+        return study.run(progress=progress, results=results)
+    with ProcessPoolExecutor(jobs) as executor:
+        return study.run(executor=executor, progress=progress, results=results)
 
 
 def _choose(table: Table, error: float, console: Console) -> bool:
@@ -120,9 +191,8 @@ def _choose(table: Table, error: float, console: Console) -> bool:
     reached = True
     for scene, measure in dict.fromkeys((row.scene, row.measure) for row in table.rows):
         try:
-            choice = table.cheapest(error, scene=scene, measure=measure)
-            console.print(str(choice), soft_wrap=True)
+            said = str(table.cheapest(error, scene=scene, measure=measure))
         except NotReached as reason:
-            console.print(f"{scene}: {reason}", soft_wrap=True)
-            reached = False
+            said, reached = f"{scene}: {reason}", False
+        console.print(said, soft_wrap=True)
     return reached

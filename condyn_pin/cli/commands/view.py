@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from condyn_pin.cli.commands.arguments import Loops, Posture, Variant, complete_robots
-from condyn_pin.cli.commands.output import check_ending, check_written, say
+from condyn_pin.cli import arguments as arg
+from condyn_pin.cli.output import check_ending, check_written, say
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
@@ -17,44 +17,41 @@ if TYPE_CHECKING:
 
 PANEL = "Look"
 
-
 ViewedName = Annotated[
     str,
     typer.Argument(
         help="A name of `condyn robots`, a path of a robot, or a motion (.npz).",
-        autocompletion=complete_robots,
+        autocompletion=arg.robot_names,
     ),
 ]
 ViewedContacts = Annotated[
     str | None,
     typer.Option(help="As in `condyn solve`; by default the ready-made ones if there are forces."),
 ]
-Forces = Annotated[
-    bool, typer.Option("--forces", help="Draw the forces on it while it is held still.")
-]
-Speed = Annotated[float, typer.Option(help="Seconds of a motion played in one second.")]
-Light = Annotated[bool, typer.Option("--light", help="At most 30 000 triangles.")]
-Motion = Annotated[int | None, typer.Option(help="Which motion of a batch, from 0.", min=0)]
-Html = Annotated[Path | None, typer.Option(help="Write one page that opens from disk.")]
-Png = Annotated[Path | None, typer.Option(help="Write a picture; needs Chromium.")]
-Port = Annotated[int, typer.Option(help="Of the server; a free one by default.", min=0, max=65535)]
-Browser = Annotated[bool, typer.Option(help="Open the browser, where there is a screen.")]
 
 
 def view(
     subject: ViewedName,
     contacts: ViewedContacts = None,
-    loops: Loops = True,
-    posture: Posture = None,
-    forces: Forces = False,
-    speed: Speed = 1.0,
-    light: Light = False,
-    html: Html = None,
-    png: Png = None,
-    port: Port = 0,
-    browser: Browser = True,
-    variant: Variant = None,
-    motion: Motion = None,
+    loops: arg.Loops = True,
+    posture: arg.Posture = None,
+    forces: Annotated[
+        bool, typer.Option("--forces", help="Draw the forces on it while it is held still.")
+    ] = False,
+    speed: Annotated[float, typer.Option(help="Seconds of a motion played in one second.")] = 1.0,
+    light: Annotated[bool, typer.Option("--light", help="At most 30 000 triangles.")] = False,
+    html: Annotated[Path | None, typer.Option(help="Write one page that opens from disk.")] = None,
+    png: Annotated[Path | None, typer.Option(help="Write a picture; needs Chromium.")] = None,
+    port: Annotated[
+        int, typer.Option(help="Of the server; a free one by default.", min=0, max=65535)
+    ] = 0,
+    browser: Annotated[
+        bool, typer.Option(help="Open the browser, where there is a screen.")
+    ] = True,
+    variant: arg.Variant = None,
+    motion: Annotated[
+        int | None, typer.Option(help="Which motion of a batch, from 0.", min=0)
+    ] = None,
 ) -> None:
     """Look at a robot or a motion in a browser until Ctrl-C, or write it to a file."""
     from condyn_pin.viewing.verbs import view as view_subject
@@ -70,11 +67,10 @@ def view(
         raise InvalidArgument(f"{subject}: a motion has its own states, constraints and forces")
     else:
         chosen = _motion(subject, motion)
-    viewer = view_subject(
+    with view_subject(
         chosen, posture=None if forces else posture, speed=speed, light=light, html=html, png=png,
         browser=browser, port=port,
-    )  # fmt: skip
-    with viewer:
+    ) as viewer:  # fmt: skip
         _show(viewer, html, png)
 
 
@@ -115,7 +111,7 @@ def _standing(
     variant: list[str] | None,
 ) -> Subject:
     """Return the scene of a robot, or what holds it still: its motors, and its springs if bent."""
-    from condyn_pin.cli.commands.words import robot_of, scene_of
+    from condyn_pin.cli.words import robot_of, scene_of
     from condyn_pin.control.actuation import Actuation
     from condyn_pin.control.inverse import gravity_compensation
     from condyn_pin.dynamics.verbs import solve

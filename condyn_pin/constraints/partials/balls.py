@@ -28,7 +28,8 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.rows.bound import AnyBound, Bound
+from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.constraints.rows.bound import Bound
 from condyn_pin.constraints.rows.ends import Ends
 from condyn_pin.constraints.rows.frames import rows_of
 from condyn_pin.constraints.rows.rolling import skews
@@ -37,13 +38,7 @@ from condyn_pin.constraints.rows.rolling import skews
 class BallPartials:
     """The partials of all balls between two bodies in one scene.
 
-    Parameters
-    ----------
-    model : pin.Model
-    data : pin.Data
-        Holds `oMi` for `apply`, and what `pin.computeRNEADerivatives` leaves for the others.
-    bounds : sequence of AnyBound
-    drift : Baumgarte, optional
+    `data` holds `oMi` for `apply`, and what `pin.computeRNEADerivatives` leaves for the others.
     """
 
     def __init__(

@@ -16,9 +16,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from condyn_pin._core._pin import pin
+from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.bound import FRAME, Bound
+from condyn_pin.constraints.rows.related import Related
 
 _skew = pin.skew
 
@@ -47,6 +48,40 @@ class End(NamedTuple):
         """Return it with its partials by a twist of the frame on its body."""
         turning = spatial_cross(self.v), spatial_cross(self.a)
         return End(self.v, self.a, *turning, np.zeros((6, 6)), np.eye(6))
+
+
+class Frames:
+    """The frames that constraints hold, from what Pinocchio's derivatives left in its data."""
+
+    def __init__(self, model: Any, data: Any) -> None:
+        self._model, self.data = model, data
+        self._world = End(*np.zeros((2, 6)), *np.zeros((4, 6, model.nv)))
+
+    def between(self, b: Bound | Related) -> Any:
+        """Return c1Mc2."""
+        oMi = self.data.oMi
+        return (oMi[b.joint1] * b.placement1).actInv(oMi[b.joint2] * b.placement2)
+
+    def ends(self, b: Bound | Related) -> tuple[End, End]:
+        """Return c1 and c2."""
+        return self.end(b.joint1, b.placement1), self.end(b.joint2, b.placement2)
+
+    def end(self, joint: int, placement: Any) -> End:
+        """Return a frame on a joint as the end of a constraint."""
+        if joint == 0:
+            return self._world
+        v, a = placement.actInv(self.data.v[joint]), placement.actInv(self.data.a[joint])
+        return End(v.vector, a.vector, *self.partials(joint, placement))
+
+    def partials(self, joint: int, placement: Any) -> tuple[Array, Array, Array, Array]:
+        """Return v_q, a_q, a_v and J of a frame on a joint."""
+        found: tuple[Array, Array, Array, Array] = pin.getFrameAccelerationDerivatives(
+            self._model, self.data, joint, placement, LOCAL
+        )
+        if self._model.nv > 1:
+            return found
+        v_q, a_q, a_v, J = (part.reshape(6, 1) for part in found)  # Pinocchio gives vectors
+        return v_q, a_q, a_v, J
 
 
 class Partials(NamedTuple):

@@ -17,23 +17,20 @@ import numpy as np
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.partials.balls import BallPartials
-from condyn_pin.constraints.partials.frames import Frames
+from condyn_pin.constraints.partials.formulas import Frames
 from condyn_pin.constraints.partials.pairs import PairPartials
 from condyn_pin.constraints.partials.rolling import RollingPartials
-from condyn_pin.constraints.rows.bound import AnyBound, Bound, Coupled, Rolled
+from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.constraints.rows.bound import Bound
+from condyn_pin.constraints.rows.couplings import Coupled
 from condyn_pin.constraints.rows.related import Related
+from condyn_pin.constraints.rows.rolling import Rolled
 
 
 class ConstraintPartials:
     """The partials of all constraints of one scene.
 
-    Parameters
-    ----------
-    model : pin.Model
-    data : pin.Data
-        Holds `oMi` for `apply`, and what `pin.computeRNEADerivatives` leaves for the others.
-    bounds : sequence of AnyBound
-    drift : Baumgarte, optional
+    `data` holds `oMi` for `apply`, and what `pin.computeRNEADerivatives` leaves for the others.
 
     Attributes
     ----------

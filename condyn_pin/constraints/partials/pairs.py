@@ -12,21 +12,34 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.partials.formulas import (
     End,
+    Frames,
     Partials,
+    Slip,
+    direction,
     dual_cross,
     of_frame,
     of_pair,
     of_point,
+    slip_of,
+    spatial_cross,
 )
-from condyn_pin.constraints.partials.frames import Frames
-from condyn_pin.constraints.partials.gaps import gap_of
-from condyn_pin.constraints.partials.relations import of_relation, wrenches_of_relation
-from condyn_pin.constraints.rows.bound import POINT, AnyBound, Bound
+from condyn_pin.constraints.partials.relations import (
+    gap_of_relation,
+    of_relation,
+    wrenches_of_relation,
+)
+from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.constraints.rows.bound import POINT, Bound
 from condyn_pin.constraints.rows.related import Related
+
+_skew = pin.skew
+
+_STRAIGHT = 1e-4  # [rad]; below, the series of (1 - angle cot(angle)) / sin^2 is exact
 
 
 class _Pair(NamedTuple):
@@ -39,14 +52,7 @@ class _Pair(NamedTuple):
 
 
 class PairPartials:
-    """The partials of all constraints between two frames in one scene, but those that are balls.
-
-    Parameters
-    ----------
-    frames : Frames
-    bounds : sequence of AnyBound
-    drift : Baumgarte, optional
-    """
+    """The partials of all constraints between two frames in one scene, but those that are balls."""
 
     def __init__(self, frames: Frames, bounds: Sequence[AnyBound], drift: Baumgarte | None) -> None:
         self._frames, self._drift = frames, drift
@@ -85,8 +91,9 @@ class PairPartials:
                 for part in (J_b, by_q, by_v):
                     np.negative(part, out=part)
             if self._drift:
-                gap = gap_of(b, *self._frames.ends(b), c1Mc2 or self._frames.between(b))
-                by_q += b.sign * (self._drift.Kp * gap.c_q + self._drift.Kd * gap.v_q)
+                ends, between = self._frames.ends(b), c1Mc2 or self._frames.between(b)
+                c_q, v_q = gap_of(b, *ends, between)
+                by_q += b.sign * (self._drift.Kp * c_q + self._drift.Kd * v_q)
 
     def _partials(self, pair: _Pair, force: Array, c1Mc2: Any, r_q: Array) -> Partials:
         """Return the partials of one constraint; take what turns of its J^T lam off r_q."""
@@ -111,8 +118,8 @@ class PairPartials:
                 v_q, *_ = self._frames.partials(b.joint1, b.placement1)
                 out[b.rows] = b.sign * v_q[list(b.selection)]
             else:
-                gap = gap_of(b, *self._frames.ends(b), self._frames.between(b))
-                out[b.rows] = b.sign * gap.v_q
+                _, v_q = gap_of(b, *self._frames.ends(b), self._frames.between(b))
+                out[b.rows] = b.sign * v_q
 
     def by_frame(self, b: Bound | Related, lam: Array, end: int) -> tuple[Array, Array]:
         """Return r (nv, 6) and s (rows, 6) by a twist of c1 or c2, of a ball too."""
@@ -137,8 +144,8 @@ class PairPartials:
             w2 = w2 + dual_cross(at2)
         s = of.s_q
         if self._drift:
-            gap = gap_of(b, *pair, c1Mc2)
-            s = s + self._drift.Kp * gap.c_q + self._drift.Kd * gap.v_q
+            c_q, v_q = gap_of(b, *pair, c1Mc2)
+            s = s + self._drift.Kp * c_q + self._drift.Kd * v_q
         return two.J.T @ w2 - one.J.T @ w1, b.sign * s
 
 
@@ -178,3 +185,56 @@ def _pair(b: Bound | Related) -> _Pair:
 def _force(b: Bound | Related, lam: Array) -> Array:
     """Return the rows of lam that act on body 1."""
     return lam[b.rows] if b.sign > 0 else -lam[b.rows]
+
+
+def gap_of(b: Bound | Related, one: End, two: End, c1Mc2: Any) -> tuple[Array, Array]:
+    """Return the partials (rows, nv) of c, zero without an anchor, and of J v by q.
+
+    With delta = J_s dq the slip of c1 past c2 that a step makes, M = E1^-1 E2 and u = R e the axis
+    of a hinge,
+
+        d(-log6 M) = Jlog6(M) X^-1 delta,   d(-log R) = Jlog(R) R^T delta_ang,   du = u x delta_ang.
+    """
+    if isinstance(b, Related):
+        return gap_of_relation(b, one, two, c1Mc2)
+    if b.is_plain and b.size == 6:
+        c_q, v_q = _of_weld(one, two, c1Mc2)
+    else:
+        R, r = c1Mc2.rotation, c1Mc2.translation
+        # Pinocchio's ball compares the origins, and a contact without anchor has one only
+        at_c2 = not b.is_plain and (b.anchored or b.joint2 > 0)
+        slip = slip_of(one, two, R, r, at_c2=at_c2)
+        if b.is_rod:
+            c_q, v_q = _of_rod(slip, r)
+        else:
+            pairs = zip((-slip.dr, slip.slip_q), _of_turn(b, one, two, R), strict=True)
+            c_q, v_q = (np.vstack(pair)[list(b.selection)] for pair in pairs)
+    return c_q if b.anchored else np.zeros_like(c_q), v_q
+
+
+def _of_weld(one: End, two: End, c1Mc2: Any) -> tuple[Array, Array]:
+    X = c1Mc2.toActionMatrix()
+    J = one.J - X @ two.J
+    c_q = pin.Jlog6(c1Mc2) @ np.linalg.solve(X, J)
+    return c_q, one.v_q - spatial_cross(X @ two.v) @ J - X @ two.v_q
+
+
+def _of_turn(b: Bound, one: End, two: End, R: Array) -> tuple[Array, Array]:
+    Ja = one.J[3:] - R @ two.J[3:]
+    v_q = one.v_q[3:] - _skew(R @ two.v[3:]) @ Ja - R @ two.v_q[3:]
+    if not b.is_hinge:
+        return pin.Jlog3(R) @ R.T @ Ja, v_q
+    e = np.eye(3)[b.axis]
+    u = R @ e
+    across, cosine = np.cross(u, e), float(u @ e)
+    sine = float(np.linalg.norm(across))
+    angle = np.arctan2(sine, cosine)
+    scale = angle / sine if sine else 1.0
+    bend = 1 / 3 if angle < _STRAIGHT else (1 - angle * cosine / sine) / sine**2
+    u_q = _skew(u) @ Ja
+    return -scale * _skew(e) @ u_q - bend * np.outer(across, e @ u_q), v_q
+
+
+def _of_rod(slip: Slip, r: Array) -> tuple[Array, Array]:
+    n, n_q = direction(r, slip.dr)
+    return -(n @ slip.dr)[None], (n @ slip.slip_q + slip.slip @ n_q)[None]

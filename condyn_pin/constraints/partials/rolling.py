@@ -20,23 +20,15 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.partials.formulas import End, dual_cross
-from condyn_pin.constraints.partials.frames import Frames
-from condyn_pin.constraints.partials.gaps import ConstraintViolation
-from condyn_pin.constraints.rows.bound import FLAT, AnyBound, Rolled
+from condyn_pin.constraints.partials.formulas import End, Frames, dual_cross
+from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.constraints.rows.rolling import FLAT, Rolled
 
 _skew = pin.skew
 
 
 class RollingPartials:
-    """The partials of all that rolls in one scene.
-
-    Parameters
-    ----------
-    frames : Frames
-    bounds : sequence of AnyBound
-    drift : Baumgarte, optional
-    """
+    """The partials of all that rolls in one scene."""
 
     def __init__(self, frames: Frames, bounds: Sequence[AnyBound], drift: Baumgarte | None) -> None:
         self._frames, self._drift = frames, drift
@@ -75,8 +67,11 @@ class RollingPartials:
         touch = self._touch(b, one)
         of = rows_of_touch(touch, lam)
         if self._drift:
-            gap = gap_of_rolled(b, touch, of.J)
-            of = of._replace(s_q=of.s_q + self._drift.Kp * gap.c_q + self._drift.Kd * gap.v_q)
+            c_q = np.zeros_like(of.J)
+            held = [row - b.rows.start for row in b.positioned]
+            c_q[held] = of.J[held]  # the rate of the gap is J v
+            v_q = v_q_of_touch(touch)
+            of = of._replace(s_q=of.s_q + self._drift.Kp * c_q + self._drift.Kd * v_q)
         return of
 
     def _touch(self, b: Rolled, one: End) -> Touch:
@@ -181,14 +176,6 @@ def rows_of_touch(of: Touch, lam: Array) -> Rows:
     force_q = sum((f * t.x_q for f, t in zip(lam, of.axes, strict=True)), np.zeros_like(of.slip_q))
     moment_q = _skew(of.r.x) @ force_q - _skew(force) @ of.r.x_q
     return Rows(J, s_q, s_v, np.vstack([force_q, moment_q]))
-
-
-def gap_of_rolled(b: Rolled, of: Touch, J: Array) -> ConstraintViolation:
-    """Return the partials of the gap and of J v: the rate of the gap is J v."""
-    c_q = np.zeros_like(J)
-    held = [row - b.rows.start for row in b.positioned]
-    c_q[held] = J[held]
-    return ConstraintViolation(c_q, v_q_of_touch(of))
 
 
 def v_q_of_touch(of: Touch) -> Array:

@@ -1,7 +1,7 @@
 """The contract of a bound constraint: what the rest of the program asks it.
 
 `condyn_pin.constraints.base` says how a kind is made. Rows are evaluated in groups, not one by one:
-that stays inside of this room (`condyn_pin.constraints.rows.sorting`).
+that stays inside of this room (`condyn_pin.constraints.rows.groups`).
 """
 
 from __future__ import annotations
@@ -94,9 +94,9 @@ class AnyBound(ABC):
         The axes of c1 are those of its force.
         """
 
-    @abstractmethod
     def whole(self, lam: Array) -> Array:
         """Return the force with the components that the kind does not transmit: they are zero."""
+        return lam.copy()
 
     def force(self, lam: Array, ends: Callable[[], tuple[Any, Any]]) -> Array:
         """Return the components of the force in the axes of c1; `ends` finds c1 and c2."""
@@ -134,12 +134,8 @@ class AnyBound(ABC):
     ) -> Any:
         """Return what MuJoCo takes for the diagonal of J M^-1 J^T, a number a row or one for all.
 
-        Parameters
-        ----------
-        body : callable
-            Returns what the body of a joint gives way to a force and to a moment (2,).
-        columns : callable
-            Returns the sum of what some velocities give way.
+        `body` returns what the body of a joint gives way to a force and to a moment (2,), `columns`
+        the sum of what some velocities give way.
         """
 
 
@@ -169,6 +165,10 @@ class OnFrames(AnyBound, ABC):
     def ends(self, oMi: Any) -> tuple[Any, Any]:
         """Return the frames c1 and c2 in the world."""
         return oMi[self.joint1] * self.placement1, oMi[self.joint2] * self.placement2
+
+    def acts_at(self, c1: Any, c2: Any, *, on_first: bool) -> Array:
+        """Return the origin of c2."""
+        return np.array(c2.translation)
 
     def end(self, frame: str) -> Literal[1, 2]:
         """Return 1 for the frame that was named first, if joint 1 carries it."""

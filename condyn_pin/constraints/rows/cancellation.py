@@ -15,7 +15,8 @@ import numpy as np
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.any_bound import OnFrames
-from condyn_pin.constraints.rows.bound import Coupled, Rolled
+from condyn_pin.constraints.rows.couplings import Coupled
+from condyn_pin.constraints.rows.rolling import Rolled
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.rows.equations import Equations
@@ -27,13 +28,8 @@ ROUNDED: Final = 1e-13
 def cancellation_scale(equations: Equations, q: Array) -> Array:
     """Return the sizes of what J is a difference of (m, nv).
 
-    The same for all shifts of a constraint, and for all its turns. Of all places of a machine it
-    is least near the origin of the world.
-
-    Parameters
-    ----------
-    equations : Equations
-    q : (nq,) array
+    The same for all shifts of a constraint, and for all its turns. Of all places of a machine it is
+    least near the origin of the world.
     """
     model, data = equations.model, equations.data
     placements: list[Any] = equations.placements(q)

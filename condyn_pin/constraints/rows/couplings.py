@@ -2,22 +2,82 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.bound import Coupled
+from condyn_pin._core.joints import lengths
+from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.errors import InvalidArgument
+
+
+@dataclass(frozen=True)
+class Coupled(AnyBound):
+    """A coupling of two joints, bound: q_a = ratio q_b + offset.
+
+    `configuration` and `velocity` say where q and v hold joint a and joint b.
+    """
+
+    name: str
+    rows: slice
+    configuration: tuple[int, int]
+    velocity: tuple[int, int]
+    ratio: float
+    offset: float
+    anchored: bool = True
+    sign: float = 1.0
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """The constraint's name."""
+        return (f"{self.name}.ratio",)
+
+    @property
+    def is_scalar(self) -> bool:
+        """True: it acts along joints."""
+        return True
+
+    def moved(self, joints: Sequence[int]) -> Coupled:
+        """Return it as it is: it knows columns, and they are the same."""
+        return self
+
+    def ends(self, oMi: Any) -> None:
+        """Return None: it has no frames."""
+        return
+
+    def acts_at(self, c1: Any, c2: Any, *, on_first: bool) -> Array:
+        """Refuse: it acts along joints."""
+        raise InvalidArgument(f"{self.name}: a coupling acts along joints, at no point")
+
+    def reaction(self, *, on_first: bool) -> float:
+        """Return the ratio: both forces do the same work."""
+        return self.ratio if on_first else 1.0 / self.ratio
+
+    def turns(self, model: Any) -> NDArray[np.bool_]:
+        """Return whether the coordinate of joint a is an angle."""
+        iv = self.velocity[0]
+        joint = next(j for j in model.joints if j.idx_v <= iv < j.idx_v + j.nv)
+        return np.array([not lengths(joint)[iv - int(joint.idx_v)]])
+
+    def end(self, frame: str) -> Literal[1, 2]:
+        """Refuse: it has no frames."""
+        raise InvalidArgument(f"name = {self.name!r}: a coupling has no frames")
+
+    def yields(
+        self,
+        body: Callable[[int], Array],
+        columns: Callable[[Sequence[int]], float],
+    ) -> Any:
+        """Return what both coordinates give way."""
+        return columns(self.velocity)
 
 
 class Couplings:
-    """All couplings of one scene.
-
-    Parameters
-    ----------
-    bounds : sequence of Coupled
-    nv : int
-    """
+    """All couplings of one scene."""
 
     def __init__(self, bounds: Sequence[Coupled], nv: int) -> None:
         self._rows = np.array([b.rows.start for b in bounds], dtype=np.int_)

@@ -30,14 +30,7 @@ _YZX, _ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 
 class CutJoints:
-    """All loops of one scene with other rows than Pinocchio's.
-
-    Parameters
-    ----------
-    ends : Ends
-        Of these loops.
-    bounds : sequence of Bound
-    """
+    """All loops of one scene with other rows than Pinocchio's."""
 
     def __init__(self, ends: Ends, bounds: Sequence[Bound]) -> None:
         self._bounds, self._ends = tuple(bounds), ends
@@ -53,17 +46,9 @@ class CutJoints:
 
     def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
         """Write the rows of these loops into the three vectors of all rows."""
-        R, r = self._R, self._r = self._ends.apart()
-        (v1, v2), (a1, a2) = self._ends.linear()
-        (w1, w2), (alpha1, alpha2) = self._ends.angular()
-        (v2, w2), (a2, alpha2) = turned(R, v2, w2), turned(R, a2, alpha2)
-        w1_r, alpha1_r, w1_w2 = cross(w1, r), cross(alpha1, r), cross(w1, w2)
-        s, s_dot, off = np.empty((3, len(r), 2, 3))  # linear and angular part of each loop
-        s[:, 0] = v1 + w1_r - v2
-        s[:, 1] = w1 - w2
-        s_dot[:, 0] = a1 - a2 + alpha1_r + cross(w1, w1_r - 2 * s[:, 0])
-        s_dot[:, 1] = alpha1 - alpha2 + w1_w2
-        off[:, 0], off[:, 1] = -r, self._turn_off()
+        self._R, self._r, s, s_dot = slips(self._ends)
+        off = np.empty_like(s)
+        off[:, 0], off[:, 1] = -self._r, self._turn_off()
         off *= self._anchored
         for six, out in ((off, c), (s, velocity), (s_dot, acceleration)):
             out[self._rows] = six.reshape(-1)[self._chosen]
@@ -103,6 +88,24 @@ class CutJoints:
         scale = np.arctan2(sine, cosine) / np.where(sine > 0, sine, 1.0)
         off[self._hinges] = scale[:, None] * across
         return off
+
+
+def slips(ends: Ends) -> tuple[Array, Array, Array, Array]:
+    """Return R (k, 3, 3), r (k, 3), and the slips and their derivatives (k, 2, 3).
+
+    Both are linear and angular part, in the axes of c1.
+    """
+    R, r = ends.apart()
+    (v1, v2), (a1, a2) = ends.linear()
+    (w1, w2), (alpha1, alpha2) = ends.angular()
+    (v2, w2), (a2, alpha2) = turned(R, v2, w2), turned(R, a2, alpha2)
+    w1_r, alpha1_r, w1_w2 = cross(w1, r), cross(alpha1, r), cross(w1, w2)
+    s, s_dot = np.empty((2, len(r), 2, 3))
+    s[:, 0] = v1 + w1_r - v2
+    s[:, 1] = w1 - w2
+    s_dot[:, 0] = a1 - a2 + alpha1_r + cross(w1, w1_r - 2 * s[:, 0])
+    s_dot[:, 1] = alpha1 - alpha2 + w1_w2
+    return R, r, s, s_dot
 
 
 def turned(R: Array, *parts: Array) -> Array:

@@ -12,21 +12,14 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.bound import Bound, Rolled
+from condyn_pin.constraints.rows.any_bound import OnFrames
 from condyn_pin.constraints.rows.frames import Centripetal, Joints
 
 
 class Ends:
-    """The ends of k loops.
+    """The ends of k loops, after forward kinematics into `data`."""
 
-    Parameters
-    ----------
-    data : pin.Data
-        Holds `oMi`, `v` and `a` after forward kinematics.
-    bounds : sequence of Bound or Rolled
-    """
-
-    def __init__(self, data: Any, bounds: Sequence[Bound | Rolled]) -> None:
+    def __init__(self, data: Any, bounds: Sequence[OnFrames]) -> None:
         self.k = len(bounds)
         # first the ends c1 of all loops, then the ends c2
         ends = [(b.joint1, b.placement1) for b in bounds]

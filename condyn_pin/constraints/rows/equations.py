@@ -15,23 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin._core._pin import LOCAL, pin
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.loads import Load
-from condyn_pin.constraints.rows.any_bound import OnFrames
-from condyn_pin.constraints.rows.bound import FRAME, POINT, AnyBound
+from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.cancellation import ROUNDED, cancellation_scale
-from condyn_pin.constraints.rows.couplings import Couplings
-from condyn_pin.constraints.rows.cut_joints import CutJoints
-from condyn_pin.constraints.rows.ends import Ends
-from condyn_pin.constraints.rows.frames import WorldContacts, Wrenches
-from condyn_pin.constraints.rows.loops import Balls, Weld
-from condyn_pin.constraints.rows.plain import PlainRows
-from condyn_pin.constraints.rows.related import Relations
-from condyn_pin.constraints.rows.rods import Rods
-from condyn_pin.constraints.rows.rolling import Rolling
-from condyn_pin.constraints.rows.sorting import sorted_by_rows
+from condyn_pin.constraints.rows.groups import Groups
 from condyn_pin.constraints.rows.terms import Terms
 
 # bound once: these are called in every residuals, which is to cost little more than they do
@@ -62,7 +52,6 @@ class Equations:
             self.sign[b.rows] = b.sign
         self._flipped = bool((self.sign < 0).any())
         self._still = np.zeros(model.nv)
-        self._sort()
         # |dynamics|, |a|, |c|, |J v|, |J a + gamma| and |lam| share one array, so that one call
         # finds the largest of each; the last four end with a zero, so that none is empty.
         n, width = model.nv, self.m + 1
@@ -72,47 +61,14 @@ class Equations:
             self._all[start : start + size]
             for start, size in zip(self._starts, (n, n, *4 * [self.m]), strict=True)
         )
-        self._motion = self._all[2 * n + width : 2 * n + 3 * width].reshape(2, width)
+        motion = self._all[2 * n + width : 2 * n + 3 * width].reshape(2, width)
+        self._groups = Groups(model, self.data, self.bounds, motion)
+        self._plain, self._couplings = self._groups.plain, self._groups.couplings
+        self._evaluators = self._groups.evaluators
         reached = cancellation_scale(
             self, pin.neutral(model)
         )  # here, where data holds no state of anybody's
         self._least = ROUNDED**2 * float(np.vdot(reached, reached))
-
-    def _sort(self) -> None:
-        """Sort the constraints by the way in which their rows are evaluated."""
-        held, balls, welds, cut, rods, rolled, related, coupled = sorted_by_rows(self.bounds)
-        data = self.data
-        self._plain = PlainRows(self.model, data, self.bounds)
-        self._contacts = WorldContacts(data, held, self.m + 1) if held else None
-        self._loops: list[Balls | Weld] = [Balls(Ends(data, balls), balls)] if balls else []
-        self._loops += [Weld(data, b) for b in welds]
-        self._cut = CutJoints(Ends(data, cut), cut) if cut else None
-        self._rods = Rods(Ends(data, rods), rods) if rods else None
-        self._rolling = Rolling(Ends(data, rolled), rolled) if rolled else None
-        self._related = Relations(data, related) if related else None
-        self._couplings = Couplings(coupled, self.model.nv) if coupled else None
-        # Stacked forces: lam itself, and behind it the force of each rod, and then force and moment
-        # of each cut joint, of all that rolls and of each relation.
-        places: list[tuple[OnFrames, slice, tuple[int, ...]]]
-        places = [(b, b.rows, b.selection) for b in (*held, *balls, *welds)]
-        size = self.m
-        groups: tuple[tuple[Sequence[OnFrames], tuple[int, ...]], ...]
-        groups = (rods, POINT), (cut, FRAME), (rolled, FRAME), (related, FRAME)
-        for group, components in groups:
-            for b in group:
-                places.append((b, slice(size, size + len(components)), components))
-                size += len(components)
-        self._wrenches = Wrenches(self.model, places, size)
-        self._forces = np.zeros(2 * size)
-        f1, f2 = self._forces[:size], self._forces[size:]
-        behind_rods = self.m + 3 * len(rods)
-        behind_cut = behind_rods + 6 * len(cut)
-        self._f1, self._f2 = f1[: self.m], f2[: self.m]
-        self._of_rods = f1[self.m : behind_rods], f2[self.m : behind_rods]
-        self._of_cut = f1[behind_rods:behind_cut], f2[behind_rods:behind_cut]
-        behind_rolling = behind_cut + 6 * len(rolled)
-        self._of_rolling = f1[behind_cut:behind_rolling]
-        self._of_related = f1[behind_rolling:], f2[behind_rolling:]
 
     def terms(self, q: Array, v: Array) -> Terms:
         """Return M, h, J, gamma and a_ref; they are owned by the caller."""
@@ -207,7 +163,7 @@ class Equations:
         self.motion(q, v, a)
         if self.drift:
             self._acceleration += self.drift.Kd * self._velocity + self.drift.Kp * self._c
-        wrenches = self.wrenches(lam)
+        wrenches = self._groups.wrenches(lam * self.sign if self._flipped else lam)
         if load:
             wrenches = load.on_top_of(wrenches)
         np.subtract(_rnea(self.model, self.data, q, v, a, wrenches), tau, out=self._dynamics)
@@ -228,35 +184,14 @@ class Equations:
 
         They stay in the memory of this object.
         """
-        self._f1[:] = lam1 = lam * self.sign if self._flipped else lam
-        for loops in self._loops:
-            loops.turn(lam1, self._f2)
-        if self._rods:
-            self._rods.stack(lam1, *self._of_rods)
-        if self._cut:
-            self._cut.stack(lam1, *self._of_cut)
-        if self._rolling:
-            self._rolling.stack(lam1, self._of_rolling)
-        if self._related:
-            self._related.stack(lam1, *self._of_related)
-        return self._wrenches.of(self._forces)
+        return self._groups.wrenches(lam * self.sign if self._flipped else lam)
 
     def motion(self, q: Array, v: Array, a: Array) -> None:
         """Evaluate c(q), J v and J a + gamma into the memory of this object."""
         _forward_kinematics(self.model, self.data, q, v, a)
-        rows = self._c, self._velocity, self._acceleration
-        if self._contacts:
-            self._contacts.evaluate(self._c, self._motion)
-        for loops in self._loops:
-            loops.evaluate(*rows)
-        if self._rods:
-            self._rods.evaluate(*rows)
-        if self._cut:
-            self._cut.evaluate(*rows)
-        if self._rolling:
-            self._rolling.evaluate(*rows)
-        if self._related:
-            self._related.evaluate(*rows)
+        c, velocity, acceleration = rows = self._c, self._velocity, self._acceleration
+        for evaluate in self._evaluators:
+            evaluate(c, velocity, acceleration)
         if self._couplings:
             self._couplings.evaluate(q, v, a, rows)
         if self._flipped:
@@ -285,28 +220,8 @@ class Equations:
 
     def _raw_jacobian(self) -> Array:
         pin.computeJointJacobians(self.model, self.data)
-        J = self._plain.jacobian() if self._plain.are_all else self._mixed_jacobian()
+        J = self._groups.jacobian()
         return self.sign[:, None] * J if self._flipped else J
-
-    def _mixed_jacobian(self) -> Array:
-        """Return J (m, nv) without signs: rows that Pinocchio has, and others."""
-        model, data = self.model, self.data
-        J = np.zeros((self.m, model.nv))
-        J[self._plain.rows] = self._plain.jacobian()
-        nothing = np.zeros((6, model.nv))
-
-        def of_frame(joint: int, placement: Any) -> Array:
-            if joint == 0:
-                return nothing
-            found: Array = pin.getFrameJacobian(model, data, joint, placement, LOCAL)
-            return found if found.ndim == 2 else found.reshape(6, 1)  # of a single column
-
-        for group in (self._contacts, self._rods, self._cut, self._rolling, self._related):
-            if group:
-                group.jacobian(J, of_frame)
-        if self._couplings:
-            self._couplings.jacobian(J)
-        return J
 
     def drop_roundoff_rows(self, J: Array) -> Array:
         """Return J (m, nv), or zeros where J is numerically zero.

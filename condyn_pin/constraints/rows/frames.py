@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.any_bound import OnFrames
-from condyn_pin.constraints.rows.bound import POINT, AnyBound, Bound
+from condyn_pin.constraints.rows.any_bound import AnyBound, OnFrames
+from condyn_pin.constraints.rows.bound import POINT, Bound
 
 _log6 = pin.log6
 
@@ -28,19 +28,10 @@ FrameJacobian = Callable[[int, Any], Array]
 
 
 class Joints:
-    """Velocities and accelerations of some joints, side by side.
+    """Velocities and accelerations of some joints, side by side, after forward kinematics.
 
-    Parameters
-    ----------
-    data : pin.Data
-        Holds `oMi`, `v` and `a` after forward kinematics.
-    joints : set of int
-        The world may be among them: it does not move.
-
-    Attributes
-    ----------
-    velocities : list of (6,) array
-        Views into the memory of `data`, one a joint.
+    `velocities` are views into that memory, (6,) a joint. The world may be among the joints: it
+    does not move.
     """
 
     def __init__(self, data: Any, joints: set[int]) -> None:
@@ -102,17 +93,13 @@ class WorldContacts:
 
         c = log6(E2^-1 E1),    for points c = -R1^T (p2 - p1).
 
-    Parameters
-    ----------
-    data : pin.Data
-    bounds : sequence of Bound
-    width : int
-        Number of columns of the result, at least the number of rows of the scene.
+    `motion` is where J v and J a + gamma of the scene are; what `evaluate` does not write it
+    zeroes.
     """
 
-    def __init__(self, data: Any, bounds: Sequence[Bound], width: int) -> None:
-        self._joints = Joints(data, {b.joint1 for b in bounds})
-        X = np.zeros((width, self._joints.size))
+    def __init__(self, data: Any, bounds: Sequence[Bound], motion: Array) -> None:
+        self._joints, self._out = Joints(data, {b.joint1 for b in bounds}), motion
+        X = np.zeros((motion.shape[1], self._joints.size))
         for b in bounds:
             six = b.placement1.toActionMatrixInverse()
             X[b.rows, self._joints.place[b.joint1]] = six[list(b.selection)]
@@ -133,19 +120,19 @@ class WorldContacts:
             (b.rows, oMi, one, two) for b, oMi, one, two in anchored if b not in points
         ]
 
-    def evaluate(self, c: Array, out: Array) -> None:
-        """Write c of these rows, and J v and J a + gamma into the two rows of `out` (2, width).
-
-        Other columns of `out` are 0.
-        """
+    def evaluate(self, c: Array, _velocity: Array, acceleration: Array) -> None:
+        """Write c of these rows, and J v and J a + gamma into all of `motion`."""
         motion = self._joints.read()
-        np.dot(motion, self._XT, out=out)
+        np.dot(motion, self._XT, out=self._out)
         if self._has_points:
-            out[1, self._points] += self._centripetal.of(motion[0])
+            acceleration[self._points] += self._centripetal.of(motion[0])
         for rows, oMi, one, p2 in self._anchored_points:
             c[rows] = -(oMi * one).actInv(p2)
         for rows, oMi, one, two in self._anchored_frames:
             c[rows] = _log6(two.actInv(oMi * one)).vector
+
+    def stack(self, lam: Array, f1: Array, f2: Array) -> None:
+        """Write nothing: f1 is lam already, and no body is behind c2."""
 
     def jacobian(self, J: Array, of_frame: FrameJacobian) -> None:
         """Write the rows into J (m, nv) that Pinocchio does not have."""
@@ -168,13 +155,8 @@ def rows_of(bounds: Sequence[AnyBound]) -> NDArray[np.int_] | slice:
 class Wrenches:
     """The constraint forces as wrenches on the joints: f on joint 1, its opposite on joint 2.
 
-    Parameters
-    ----------
-    model : pin.Model
-    places : sequence of (OnFrames, slice, tuple of int)
-        Where the stacked force of a constraint is found, and which of the six components it has.
-    size : int
-        Of the stacked forces.
+    `places` say where the stacked force of a constraint is found, and which of the six components
+    it has; `size` is that of the stacked forces.
     """
 
     def __init__(
@@ -202,11 +184,8 @@ class Wrenches:
     def of(self, forces: Array) -> Any:
         """Return the wrench on each joint, in its axes, in memory of this object.
 
-        Parameters
-        ----------
-        forces : (2 size,) array
-            The stacked forces in the axes and at the origin of c1, and the same ones in the axes
-            and at the origin of c2.
+        `forces` (2 size,) are the stacked ones in the axes and at the origin of c1, and the same of
+        c2.
         """
         np.dot(self._on_joints, forces, out=self._stacked)
         for wrench, force in self._targets:

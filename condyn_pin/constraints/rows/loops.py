@@ -25,14 +25,7 @@ from condyn_pin.constraints.rows.frames import rows_of
 
 
 class Balls:
-    """All 3-row loops at once: R1^T times the difference of both ends in the world.
-
-    Parameters
-    ----------
-    ends : Ends
-        Of these loops.
-    bounds : sequence of Bound
-    """
+    """All 3-row loops at once: R1^T times the difference of both ends in the world."""
 
     def __init__(self, ends: Ends, bounds: Sequence[Bound]) -> None:
         self._ends = ends
@@ -53,10 +46,10 @@ class Balls:
         slip = (one - two) @ self._axes1.swapaxes(1, 2)
         velocity[rows], acceleration[rows], c[rows] = slip.swapaxes(0, 1).reshape(3, -1)
 
-    def turn(self, lam: Array, out: Array) -> None:
+    def stack(self, lam: Array, _: Array, f2: Array) -> None:
         """Write R^T lam, the forces in the axes of c2, for the rows of these loops."""
         forces = lam[self._rows].reshape(-1, 1, 3) @ self._axes1
-        out[self._rows] = (forces @ self._axes2.swapaxes(1, 2)).reshape(-1)
+        f2[self._rows] = (forces @ self._axes2.swapaxes(1, 2)).reshape(-1)
 
 
 class Weld:
@@ -79,7 +72,7 @@ class Weld:
         velocity[b.rows] = slip.vector
         acceleration[b.rows] = (one.actInv(self._a1) - a2 + slip.cross(v2)).vector
 
-    def turn(self, lam: Array, out: Array) -> None:
+    def stack(self, lam: Array, _: Array, f2: Array) -> None:
         """Write X^T lam, the wrench in the axes and at the origin of c2."""
         rows = self._bound.rows
-        out[rows] = self._c1Mc2.toActionMatrix().T @ lam[rows]
+        f2[rows] = self._c1Mc2.toActionMatrix().T @ lam[rows]

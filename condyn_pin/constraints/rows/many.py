@@ -15,14 +15,14 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.bound import Bound, Rolled
+from condyn_pin.constraints.rows.any_bound import OnFrames
 from condyn_pin.constraints.rows.cut_joints import CutJoints
 from condyn_pin.constraints.rows.ends import Ends
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.groups import sorted_by_rows
 from condyn_pin.constraints.rows.loops import Balls
 from condyn_pin.constraints.rows.rods import Rods
 from condyn_pin.constraints.rows.rolling import Rolling
-from condyn_pin.constraints.rows.sorting import sorted_by_rows
 
 # States at once: what a call of numpy costs is spread over so many.
 MANY: Final = 16
@@ -31,11 +31,8 @@ MANY: Final = 16
 class ManyGaps:
     """The gaps and slips of up to `MANY` states of one scene.
 
-    Parameters
-    ----------
-    equations : Equations
-        Of the scene. Contacts, welds, relations and couplings are evaluated by it, state by state,
-        and so are all others of a scene that has any.
+    Contacts, welds, relations and couplings are evaluated by its equations, state by state, and so
+    are all others of a scene that has any.
     """
 
     def __init__(self, equations: Equations) -> None:
@@ -81,7 +78,7 @@ class ManyEnds(Ends):
     Accelerations are left out: they are zero.
     """
 
-    def __init__(self, data: Any, bounds: Sequence[Bound | Rolled]) -> None:
+    def __init__(self, data: Any, bounds: Sequence[OnFrames]) -> None:
         super().__init__(data, bounds)
         self._velocities = self._joints.velocities
         self._placed = np.zeros((MANY, *self._of_joints.shape))

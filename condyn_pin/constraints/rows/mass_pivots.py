@@ -25,15 +25,7 @@ _SHARE: Final = 1e-2
 
 
 class MassPivots:
-    """The pivots of one robot that may fall.
-
-    Parameters
-    ----------
-    least : (nv,) array
-        What they are at any q (`least_pivots`).
-    M : (nv, nv) array
-        The mass matrix at the nominal configuration.
-    """
+    """The pivots of a robot that may fall, to `least` at any q, from those of the nominal M."""
 
     def __init__(self, least: Array, M: Array) -> None:
         nominal = pivots(M)

@@ -7,13 +7,19 @@ hinge by
     s(d) = s_xyz + s_rxryrz x d = E s,      and so      lam = E^T lam_native.
 
 The equivalent has 6 rows of rank 5. A planar pin about e is a ball without the row along e. In a
-linkage in a plane, where its bodies are always as far apart along e as they are now
-(`condyn_pin.constraints.rows.flat`), that row is zero, and a ball at c1 + (e . r) e and c2 is the
-pin:
+linkage in a plane, where its bodies are always as far apart along e as they are now, that row is
+zero, and a ball at c1 + (e . r) e and c2 is the pin:
 
     s_ball = E s,     E = columns of 1 but for that of e.
 
-Both are exact where the loop is closed (`condyn_pin.dynamics.approximated` has the others).
+With T = J1 - X J2 the twist of body 1 past body 2, column by column, both stay in the plane across
+e if no joint shifts one past the other along e, or turns it about another axis:
+
+    e . T_lin = 0,      e x T_ang = 0       for every column.
+
+T is made of analytic functions of q: zero at a place of no special choice, zero everywhere.
+
+Both are exact where the loop is closed (`condyn_pin.dynamics.corrections` has the others).
 
 A planar pin in space, a slider, a rod, a plane, a coupling, a blade and what rolls have no
 equivalent: three rows of a point, or six of a frame, hold more than they do. A rod is one of them:
@@ -28,14 +34,13 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin._core._pin import pin
+from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.bound import AnyBound, Bound
-from condyn_pin.constraints.rows.flat import height_of
-from condyn_pin.constraints.rows.pinocchio_constraint import PinocchioConstraint
+from condyn_pin.constraints.loads import frame_jacobian
+from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.constraints.rows.bound import Bound, PinocchioConstraint
+from condyn_pin.constraints.rows.cancellation import ROUNDED
 from condyn_pin.constraints.rows.point_pairs import spread
-
-_HERE = np.zeros(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,12 +72,7 @@ def pinocchio_constraints(
 ) -> PinocchioConstraints:
     """Return the constraints of a scene as Pinocchio takes them.
 
-    Parameters
-    ----------
-    model : pin.Model
-    bounds : sequence of AnyBound
-    rows : callable
-        Returns the Jacobian of the scene at its nominal state in the metric of M, J L^-T (m, nv).
+    `rows` returns the Jacobian at the nominal state in the metric of M, J L^-T (m, nv).
     """
     made: list[PinocchioConstraint] = []
     blocks: list[Array] = []
@@ -86,9 +86,14 @@ def pinocchio_constraints(
             unsupported.append(bound.name)
         elif points[0].approximates:
             approximated.append((bound.name, points[0].joint1))
-    blocked = _block_diagonal(blocks)
-    constraints, W = spread(made, lambda: blocked.T @ rows())
-    to_scene = blocked if W is None else blocked @ W.T
+    E_T = np.zeros((sum(len(b) for b in blocks), sum(b.shape[1] for b in blocks)))
+    row = column = 0
+    for block in blocks:
+        height, width = block.shape
+        E_T[row : row + height, column : column + width] = block
+        row, column = row + height, column + width
+    constraints, W = spread(made, lambda: E_T.T @ rows())
+    to_scene = E_T if W is None else E_T @ W.T
     same = to_scene.shape[0] == to_scene.shape[1] and (to_scene == np.eye(len(to_scene))).all()
     return PinocchioConstraints(
         constraints,
@@ -102,42 +107,40 @@ def pinocchio_constraints(
 def _equivalent(model: Any, bound: AnyBound) -> tuple[list[PinocchioConstraint], Array]:
     """Return what Pinocchio has in place of a constraint, and E^T; nothing where it has nothing."""
     if isinstance(bound, Bound) and bound.is_plain:
-        return [_native(bound, bound.size)], bound.sign * np.eye(bound.size)
+        return [PinocchioConstraint.of(bound, bound.size)], bound.sign * np.eye(bound.size)
     if isinstance(bound, Bound) and bound.is_hinge:
         ends = bound.lever * np.array([1.0, -1.0])[:, None] * np.eye(3)[bound.axis]
         E = np.vstack([np.hstack([np.eye(3), -pin.skew(d)]) for d in ends])
-        points = [_native(bound, 3, d, d) for d in ends]
+        points = [PinocchioConstraint.of(bound, 3, d, d) for d in ends]
         return points, bound.sign * E[:, list(bound.selection)].T
     if isinstance(bound, Bound) and bound.is_planar:
-        height = height_of(model, bound)
+        height = _height_of(model, bound)
         if height is not None:
-            point = _native(bound, 3, height * np.eye(3)[bound.axis])
+            point = PinocchioConstraint.of(bound, 3, height * np.eye(3)[bound.axis])
             return [point], bound.sign * np.eye(3)[list(bound.selection)]
     return [], np.zeros((bound.size, 0))
 
 
-def _native(bound: Bound, size: int, d1: Array = _HERE, d2: Array = _HERE) -> PinocchioConstraint:
-    """Return a point or a frame at d1 in the axes of c1, and at d2 in those of c2."""
-    # where a contact is unanchored, c2 is not looked at
-    return PinocchioConstraint(
-        bound.name if size == bound.size else f"{bound.name}{'-' if d2.sum() < 0 else '+'}",
-        size,
-        bound.joint1,
-        bound.placement1 * pin.SE3(np.eye(3), d1),
-        bound.joint2,
-        bound.placement2 * pin.SE3(np.eye(3), d2),
-        bound.anchored,
-        bound.lever,
-        approximates=size != bound.size,
+def _height_of(model: Any, b: Bound) -> float | None:
+    """Return how far c2 is from c1 along the axis of a planar pin [m].
+
+    None if that can change: the pin is one in space then.
+    """
+    data = model.createData()
+    anywhere = np.random.default_rng(0).normal(size=model.nv)
+    pin.computeJointJacobians(model, data, pin.integrate(model, pin.neutral(model), anywhere))
+    c1Mc2 = (data.oMi[b.joint1] * b.placement1).actInv(data.oMi[b.joint2] * b.placement2)
+
+    def twist(joint: int, placement: Any) -> Array:
+        if joint == 0:
+            return np.zeros((6, model.nv))
+        return frame_jacobian(model, data, joint, placement, LOCAL)
+
+    first, second = (
+        twist(b.joint1, b.placement1),
+        c1Mc2.toActionMatrix() @ twist(b.joint2, b.placement2),
     )
-
-
-def _block_diagonal(blocks: Sequence[Array]) -> Array:
-    rows, columns = (sum(block.shape[i] for block in blocks) for i in (0, 1))
-    matrix = np.zeros((rows, columns))
-    row = column = 0
-    for block in blocks:
-        height, width = block.shape
-        matrix[row : row + height, column : column + width] = block
-        row, column = row + height, column + width
-    return matrix
+    off = [b.axis, *(3 + i for i in range(3) if i != b.axis)]  # e . T_lin and e x T_ang
+    rounding = ROUNDED * (np.abs(first) + np.abs(second)).max(axis=0)
+    stays = (np.abs(first - second)[off] <= rounding).all()
+    return float(c1Mc2.translation[b.axis]) if stays else None

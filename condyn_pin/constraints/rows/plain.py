@@ -16,9 +16,9 @@ from typing import Any
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.bound import POINT, AnyBound, Bound
+from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.constraints.rows.bound import POINT, Bound, PinocchioConstraint
 from condyn_pin.constraints.rows.frames import rows_of
-from condyn_pin.constraints.rows.pinocchio_constraint import PinocchioConstraint
 
 # bound once: these are called for every row
 _classical = pin.getFrameClassicalAcceleration
@@ -29,21 +29,14 @@ _WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 class PlainRows:
     """J and gamma of the points and frames of a scene; other rows are left as they are.
 
-    Parameters
-    ----------
-    model : pin.Model
-    data : pin.Data
-        Holds Jacobians of joints for `jacobian`, and forward kinematics with a = 0 for `gamma`.
-    bounds : sequence of AnyBound
+    `data` holds Jacobians of joints for `jacobian`, and forward kinematics with a = 0 for `gamma`.
 
     Attributes
     ----------
     rows : slice or array of int
         Which rows of J these are.
-    are_all : bool
-        Whether there are no others.
-    have_gamma : bool
-        Whether `gamma` is that of all rows.
+    are_all, have_gamma : bool
+        Whether there are no others, and whether `gamma` is that of all rows.
     """
 
     def __init__(self, model: Any, data: Any, bounds: Sequence[AnyBound]) -> None:
@@ -53,7 +46,7 @@ class PlainRows:
         self._shape = sum(b.size for b in plain), model.nv
         models, datas = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
         for b in plain:
-            made = _native(b).to_pinocchio(model)
+            made = PinocchioConstraint.of(b, b.size).to_pinocchio(model)
             models.append(made)
             datas.append(made.createData())
         self._jacobian = _pin.constraints_jacobian(model, data, models, datas)
@@ -69,11 +62,6 @@ class PlainRows:
         """Write gamma of these constraints into `out` (m,)."""
         for rows, gamma in self._gammas:
             out[rows] = gamma()
-
-
-def _native(b: Bound) -> PinocchioConstraint:
-    ends = b.joint1, b.placement1, b.joint2, b.placement2
-    return PinocchioConstraint(b.name, b.size, *ends, b.anchored, b.lever, approximates=False)
 
 
 def _gamma_of(model: Any, data: Any, b: Bound) -> Callable[[], Array]:

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.pinocchio_constraint import PinocchioConstraint
+from condyn_pin.constraints.rows.bound import PinocchioConstraint
 
 # Distance from their middle, as a share of the lever, at which points are nearly one. At 1e-2 they
 # leave 1e-4 in G, and so twelve digits. Below 1e-9 rounding of the placements alone, eps |p|, turns
@@ -48,17 +48,9 @@ _NONE: Final = 1e-6
 class Cluster:
     """Points of the same two bodies that are nearly one.
 
-    Attributes
-    ----------
-    places : tuple of int
-        Theirs among all constraints.
-    rows : (3 n,) array
-        Theirs among all rows.
-    points : tuple of PinocchioConstraint
-        c1 of all is on the same body, and c2: so their axes are those of the first, turned for
-        good.
-    k : float
-        How many times as far apart they are to be.
+    c1 of all is on the same body, and c2: so their axes are those of the first, turned for good.
+    They are to be k times as far apart. `places` and `rows` (3 n,) are theirs among all constraints
+    and rows.
     """
 
     places: tuple[int, ...]
@@ -101,19 +93,9 @@ def spread(
 ) -> tuple[tuple[PinocchioConstraint, ...], Array | None]:
     """Return constraints in which no two points are nearly one that alone hold a turn.
 
-    Parameters
-    ----------
-    pinocchio_constraints : sequence of PinocchioConstraint
-    rows : callable
-        Returns their Jacobian at the nominal state in the metric of M, J L^-T (m, nv). It is called
-        where there are points that are nearly one.
-
-    Returns
-    -------
-    pinocchio_constraints : tuple of PinocchioConstraint
-        As many, in the same order.
-    W : (m, m) array or None
-        lam = W^T lam'; None where all are as before.
+    `rows` returns their Jacobian at the nominal state in the metric of M, J L^-T (m, nv); it is
+    called where points are nearly one. Beside as many constraints comes W (m, m), with lam = W^T
+    lam', or None where all are as before.
     """
     clusters = _clusters(pinocchio_constraints)
     if not clusters:

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.any_bound import OnFrames
+from condyn_pin.constraints.rows.cut_joints import slips
+from condyn_pin.constraints.rows.ends import Ends
 from condyn_pin.constraints.rows.frames import FrameJacobian
 
 
@@ -46,15 +48,7 @@ class Relation(Protocol):
 
 @dataclass(frozen=True)
 class Related(OnFrames):
-    """A relation of two frames, bound.
-
-    Attributes
-    ----------
-    name, rows, joint1, placement1, joint2, placement2, anchored, sign
-        As in `Bound`.
-    relation : Relation
-        Which has the equations.
-    """
+    """A relation of two frames, bound; its `relation` has the equations."""
 
     name: str
     rows: slice
@@ -81,10 +75,6 @@ class Related(OnFrames):
         """False: the world enters its rows."""
         return False
 
-    def whole(self, lam: Array) -> Array:
-        """Return the rows of the force."""
-        return lam.copy()
-
     def force(self, lam: Array, ends: Any) -> Array:
         """Return force and moment W^T lam in the axes of c1, at c2 (6,)."""
         c1, c2 = ends()
@@ -92,37 +82,23 @@ class Related(OnFrames):
         W = self.relation.weights(between.rotation, between.translation)
         return np.asarray(W.T @ lam)
 
-    def acts_at(self, c1: Any, c2: Any, *, on_first: bool) -> Array:
-        """Return the origin of c2."""
-        return np.array(c2.translation)
-
     def turns(self, model: Any) -> NDArray[np.bool_]:
         """Return for each row whether it is an angle."""
         return np.array(self.relation.angles)
 
 
 class Relations:
-    """All relations of one scene, one at a time.
+    """All relations of one scene."""
 
-    Parameters
-    ----------
-    data : pin.Data
-        Holds `oMi`, `v` and `a` after forward kinematics.
-    bounds : sequence of Related
-    """
-
-    def __init__(self, data: Any, bounds: Sequence[Related]) -> None:
-        self._data, self._bounds = data, tuple(bounds)
+    def __init__(self, ends: Ends, bounds: Sequence[Related]) -> None:
+        self._ends, self._bounds = ends, tuple(bounds)
         self._at: list[tuple[Array, Array, Array]] = []  # W, R and r of the last evaluation
 
     def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
         """Write the rows into the three vectors of all rows."""
         self._at = []
-        for b in self._bounds:
-            oMc1, oMc2 = b.ends(self._data.oMi)
-            between = oMc1.actInv(oMc2)
-            R, r = between.rotation.copy(), between.translation.copy()
-            s, s_dot = self._slip(b, R, r)
+        for b, R, r, s, s_dot in zip(self._bounds, *slips(self._ends), strict=True):
+            s, s_dot = s.ravel(), s_dot.ravel()
             W = b.relation.weights(R, r)
             c[b.rows], velocity[b.rows] = b.relation.violation(R, r), W @ s
             acceleration[b.rows] = W @ s_dot + b.relation.weights_rate(R, r, s) @ s
@@ -143,23 +119,3 @@ class Relations:
             J1, J2 = of_frame(b.joint1, b.placement1), of_frame(b.joint2, b.placement2)
             linear = J1[:3] - pin.skew(r) @ J1[3:] - R @ J2[:3]
             J[b.rows] = W @ np.vstack([linear, J1[3:] - R @ J2[3:]])
-
-    def _slip(self, b: Related, R: Array, r: Array) -> tuple[Array, Array]:
-        """Return s and its derivative, component by component in the axes of c1."""
-        (v1, w1, a1, alpha1), (v2, w2, a2, alpha2) = (
-            self._motion(joint, placement)
-            for joint, placement in ((b.joint1, b.placement1), (b.joint2, b.placement2))
-        )
-        v2, w2, a2, alpha2 = R @ v2, R @ w2, R @ a2, R @ alpha2
-        s = v1 + np.cross(w1, r) - v2
-        s_dot = a1 - a2 + np.cross(alpha1, r) + np.cross(w1, np.cross(w1, r) - 2 * s)
-        turning = alpha1 - alpha2 + np.cross(w1, w2)
-        return np.concatenate([s, w1 - w2]), np.concatenate([s_dot, turning])
-
-    def _motion(self, joint: int, placement: Any) -> tuple[Array, Array, Array, Array]:
-        """Return v, omega, the classical acceleration and alpha of a frame, in its axes."""
-        if joint == 0:
-            zero = np.zeros(3)
-            return zero, zero, zero, zero
-        v, a = placement.actInv(self._data.v[joint]), placement.actInv(self._data.a[joint])
-        return v.linear, v.angular, a.linear + np.cross(v.angular, v.linear), a.angular

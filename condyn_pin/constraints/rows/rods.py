@@ -20,14 +20,7 @@ _SMALLEST = 1e-300  # keeps 0/0 out of a direction that does not exist
 
 
 class Rods:
-    """All rods of one scene.
-
-    Parameters
-    ----------
-    ends : Ends
-        Of these loops.
-    bounds : sequence of Bound
-    """
+    """All rods of one scene."""
 
     def __init__(self, ends: Ends, bounds: Sequence[Bound]) -> None:
         self._bounds, self._ends = tuple(bounds), ends

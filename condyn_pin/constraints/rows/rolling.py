@@ -17,29 +17,114 @@ p a point of the plane.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from dataclasses import dataclass
+from typing import Any, Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.bound import FLAT, Rolled
+from condyn_pin.constraints.rows.any_bound import OnFrames
 from condyn_pin.constraints.rows.cut_joints import cross
 from condyn_pin.constraints.rows.ends import Ends
 from condyn_pin.constraints.rows.frames import FrameJacobian, rows_of
+from condyn_pin.errors import InvalidArgument
+
+DIRECTIONS: Final = ("rolling", "lateral", "normal")
+
+# |e x n| of a wheel that lies flat: it has no lowest point, and rounding would choose one.
+FLAT: Final = 1e-12
 
 _SKEW: Final = np.array([pin.skew(e).ravel() for e in np.eye(3)])
 
 
-class Rolling:
-    """All that rolls in one scene.
+@dataclass(frozen=True)
+class Rolled(OnFrames):
+    """A wheel or a ball that rolls on a plane of the world, bound.
 
-    Parameters
+    Attributes
     ----------
-    ends : Ends
-        The body and the plane of each.
-    bounds : sequence of Rolled
+    joint1, placement1 : int, pin.SE3
+        The joint that carries the frame c1 in the middle, and where.
+    placement2 : pin.SE3
+        A frame c2 of the plane in the world, z along its normal.
+    selection : tuple of int
+        Which of forward, sideways and off the plane stay zero: 0, 1 and 2.
+    axle : int or None
+        The axis of c1 that a wheel turns about; None for a ball.
+    anchored : bool
+        Whether the plane has a height, so that row 2 has a position error; the others have none.
     """
+
+    name: str
+    rows: slice
+    joint1: int
+    placement1: Any
+    placement2: Any
+    selection: tuple[int, ...]
+    radius: float  # [m]
+    axle: int | None
+    anchored: bool
+    joint2: int = 0
+    sign: float = 1.0
+
+    @property
+    def positioned(self) -> range:
+        """The row that has a position error: the one off the plane, if the plane has a height."""
+        held = self.anchored and 2 in self.selection
+        return range(self.rows.stop - held, self.rows.stop)
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """A name for each row: the constraint's and the direction."""
+        return tuple(f"{self.name}.{DIRECTIONS[i]}" for i in self.selection)
+
+    def whole(self, lam: Array) -> Array:
+        """Return the force (3,) with zero for the directions that slip [N]."""
+        force = np.zeros(3)
+        force[list(self.selection)] = lam
+        return force
+
+    def ends(self, oMi: Any) -> tuple[Any, Any]:
+        """Return where it touches, in the axes of its rows, and the plane."""
+        return self.touching(oMi[self.joint1]), self.placement2
+
+    def touching(self, oMi: Any) -> Any:
+        """Return the frame of the rows: its origin the lowest point, its axes t, n x t and n.
+
+        `oMi` is the placement of its joint in the world.
+        """
+        oMc1, R2 = oMi * self.placement1, self.placement2.rotation
+        n, t = R2[:, 2], R2[:, 0]
+        r = -self.radius * n
+        if self.axle is not None:
+            e = oMc1.rotation[:, self.axle]
+            m = np.cross(e, n)
+            size = float(np.linalg.norm(m))
+            t = m / size if size > FLAT else t
+            r = self.radius * np.cross(e, t) if size > FLAT else 0.0 * n
+        return pin.SE3(np.column_stack([t, np.cross(n, t), n]), oMc1.translation + r)
+
+    def acts_at(self, c1: Any, c2: Any, *, on_first: bool) -> Array:
+        """Return the lowest point."""
+        return np.array(c1.translation)
+
+    def turns(self, model: Any) -> NDArray[np.bool_]:
+        """Return that no row is an angle."""
+        return np.zeros(self.size, dtype=bool)
+
+    def end(self, frame: str) -> Literal[1, 2]:
+        """Return 1 for the frame in its middle; it has no other."""
+        if frame == "second":
+            raise InvalidArgument(
+                f"{self.name!r} rolls on a plane of the world, which has no frame"
+            )
+        return 1
+
+
+class Rolling:
+    """All that rolls in one scene; the ends are the body and the plane of each."""
 
     def __init__(self, ends: Ends, bounds: Sequence[Rolled]) -> None:
         self._bounds, self._ends = tuple(bounds), ends
@@ -71,7 +156,7 @@ class Rolling:
         for three, out in zip(rows, (c, velocity, acceleration), strict=True):
             out[self._rows] = three.reshape(-1)[self._chosen]
 
-    def stack(self, lam: Array, f1: Array) -> None:
+    def stack(self, lam: Array, f1: Array, _: Array) -> None:
         """Write the forces and moments (6 k) at the origins of c1, in its axes."""
         three = np.zeros((len(self._bounds), 1, 3))
         three.reshape(-1)[self._chosen] = lam[self._rows]

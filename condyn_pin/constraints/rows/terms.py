@@ -45,12 +45,7 @@ class Terms:
 def largest_torque(terms: Terms, tau: Array, size: float) -> float:
     """Return the largest |M| size + |h| + |tau| of a joint [N, N m]: what forces are compared with.
 
-    Parameters
-    ----------
-    terms : Terms
-    tau : (nv,) array
-    size : float
-        Of a: the larger of |a|_inf and gravity.
+    `size` is that of a: the larger of |a|_inf and gravity.
     """
     torques = np.abs(terms.M).sum(axis=1) * size + np.abs(terms.h) + np.abs(tau)
     return float(torques.max())

@@ -1,9 +1,18 @@
-"""Joints whose axes turn with their own q and that are not made of others: carried by free bodies.
+"""Joints whose axes turn with their own q.
+
+    v_J = S(q) v
+
+Pinocchio's derivatives of velocities, accelerations and torques, and its Coriolis matrix, take S
+for constant in the axes of the body. Where it is not, and the joint is made of others
+(SphericalZYX, Universal, Composite), the same joint as its parts in series, with nothing between
+them, has the same q, v, M and h, and every S is constant.
+
+What turns still is not made of other joints: it is carried by a free body,
 
     nu = Phi(q) v,    nu' = Phi a + c,    c = Phi' v
 
-A free body in the place of the joint, with velocity nu, has axes that do not turn, so that all
-derivatives are known there. The joint hands on what its axes S, the blocks of Phi, feel of them,
+whose velocity nu has axes that do not turn, so that all derivatives are known there. The joint
+hands on what its axes S, the blocks of Phi, feel of them,
 
     r = Phi^T r~(nu', nu),        s = s~(nu', nu)
 
@@ -11,19 +20,25 @@ and the derivatives are those of the chain
 
     dr = Phi^T (r~_q Phi dq + r~_v dnu + M~ dnu') + (Phi_q dq)^T r~,    ds the same with J~ for M~.
 
-S is a few sines of q: S_q is differenced to rounding (`condyn_pin.dynamics.derivatives.stencil`).
+S is a few sines of q, so that S_q is differenced to rounding:
+
+    f'(0) d ~ sum_j w_j (f(j h d) - f(-j h d)) / h,    wrong by h^8 f^(9) / 630
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import Indices, turning
-from condyn_pin.dynamics.derivatives.stencil import slope
+from condyn_pin.constraints.rows.any_bound import AnyBound
+
+_WEIGHTS: Final = (4 / 5, -1 / 5, 4 / 105, -1 / 280)
+_H: Final = 2.0**-7  # [rad, m]: below the rounding of f over h
 
 
 class Chain(NamedTuple):
@@ -56,14 +71,7 @@ class _Joint(NamedTuple):
 class Carried:
     """A model with free bodies in the place of the joints whose axes turn.
 
-    Parameters
-    ----------
-    model : pin.Model
-
-    Attributes
-    ----------
-    model : pin.Model
-        With the same joints by number; without their armature, which needs no derivatives.
+    `model` has the same joints by number, without their armature, which needs no derivatives.
     """
 
     def __init__(self, model: Any) -> None:
@@ -109,18 +117,8 @@ class Carried:
     def back(self, chain: Chain, by_state: Array, by_a: Array, r: Array) -> Array:
         """Return what the model has for [[r_q, r_v], [s_q, s_v]] of that with free bodies.
 
-        Parameters
-        ----------
-        chain : Chain
-        by_state : (n~ + m, 2 n~) array
-        by_a : (n~ + m, n~) array
-            M~ above J~.
-        r : (n~,) array
-            Torques and forces that move the bodies so.
-
-        Returns
-        -------
-        (n + m, 2 n) array
+        `by_a` (n~ + m, n~) is M~ above J~, and r (n~,) are torques and forces that move the bodies
+        so.
         """
         of_q, of_v = np.hsplit(by_state, 2)
         by_q = of_q @ chain.Phi + of_v @ chain.v_q + by_a @ chain.a_q
@@ -165,3 +163,47 @@ def _by_q(joint: _Joint, q: Array, v: Array, a: Array) -> tuple[Array, Array, Ar
 
     rows = np.array([slope(moved, direction) for direction in np.eye(len(v))])
     return rows[:, :, :-2], rows[:, :, -2], rows[:, :, -1]
+
+
+def in_series(model: Any, bounds: Sequence[AnyBound]) -> tuple[Any, tuple[AnyBound, ...]]:
+    """Return model and constraints with such joints in series; the same ones if there are none."""
+    if not turning(model):
+        return model, tuple(bounds)
+    series, last = pin.Model(), [0]
+    for i in range(1, model.njoints):
+        parent, placement = last[model.parents[i]], model.jointPlacements[i]
+        for k, (joint, at) in enumerate(_parts(model.joints[i])):
+            parent = series.addJoint(parent, joint, placement * at, f"{model.names[i]}.{k}")
+            placement = pin.SE3.Identity()
+        series.inertias[parent] = model.inertias[i]
+        last.append(parent)
+    series.armature, series.gravity = model.armature, model.gravity
+    return series, tuple(bound.moved(last) for bound in bounds)
+
+
+def _parts(joint: Any) -> Iterator[tuple[Any, Any]]:
+    """Yield the joints that one is made of, each with its placement on the one before."""
+    name, here = joint.shortname(), pin.SE3.Identity()
+    if name == "JointModelSphericalZYX":
+        yield from (
+            (kind(), here) for kind in (pin.JointModelRZ, pin.JointModelRY, pin.JointModelRX)
+        )
+    elif name == "JointModelUniversal":
+        universal = joint.extract()
+        for axis in (universal.axis1, universal.axis2):
+            yield pin.JointModelRevoluteUnaligned(*axis.tolist()), here
+    elif name == "JointModelComposite":
+        composite = joint.extract()
+        for part, at in zip(composite.joints, composite.jointPlacements, strict=True):
+            for each, within in _parts(part):
+                yield each, at * within
+                at = here
+    else:
+        yield joint, here
+
+
+def slope(function: Callable[[Array], Array], direction: Array) -> Array:
+    """Return the derivative of a smooth function of a step, along a direction, at no step."""
+    steps = [j * _H * direction for j in range(1, len(_WEIGHTS) + 1)]
+    changes = np.array([function(step) - function(-step) for step in steps])
+    return np.asarray(np.tensordot(_WEIGHTS, changes, 1) / _H)

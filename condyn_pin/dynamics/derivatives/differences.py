@@ -25,6 +25,7 @@ from condyn_pin._core.one_thread import of_workspace
 from condyn_pin.dynamics.derivatives.base import Derivatives
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.reference import Reference
+from condyn_pin.errors import DerivativesDisagree
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.workspace import Workspace
@@ -38,15 +39,11 @@ _PLAIN = Reference(refinements=0)
 # A step of 1e-3 opens a loop by 1e-6, one Newton step leaves 1e-12, two leave rounding.
 _CLOSINGS = 2
 
+BLOCKS = ("da_dq", "da_dv", "da_dtau", "dlam_dq", "dlam_dv", "dlam_dtau")
+
 
 class DifferenceDerivatives(Derivatives):
     """Central differences of `Reference`.
-
-    Parameters
-    ----------
-    workspace : Workspace
-    solution : Solution
-    v, tau : (nv,) array
 
     Attributes
     ----------
@@ -123,3 +120,24 @@ def _central(f: Callable[[Array], Array], directions: Array, h: float, size: int
         (8 * (f(h * d) - f(-h * d)) - (f(2 * h * d) - f(-2 * h * d))) / (12 * h) for d in directions
     ]
     return np.column_stack(columns) if columns else np.zeros((size, 0))
+
+
+def check_derivatives(found: Derivatives, differences: DifferenceDerivatives) -> None:
+    """Raise `DerivativesDisagree` where derivatives differ from central differences.
+
+    By q, where rows are redundant, only along the constraints.
+    """
+    for name in BLOCKS:
+        wanted: Array = getattr(differences, name)
+        had: Array = getattr(found, name)
+        if name.endswith("_dq"):
+            had = had @ differences.along.T @ differences.along
+        error = np.abs(had - wanted)
+        size = max(float(np.abs(wanted).max(initial=0.0)), 1.0)
+        if error.size and not error.max() <= tolerances.DERIVATIVES * size:
+            row, column = np.unravel_index(int(np.argmax(error)), error.shape)
+            raise DerivativesDisagree(
+                f"{name}[{row}, {column}] = {had[row, column]:.9g}, and differences with a step of "
+                f"{differences.step:g} give {wanted[row, column]:.9g}; the largest entry is "
+                f"{size:.3g}. Near a singular state or at an open loop neither is reliable"
+            )

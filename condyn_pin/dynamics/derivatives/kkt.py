@@ -59,12 +59,6 @@ _ILL: Final = tolerances.DERIVATIVES / 1e4
 class KktDerivatives(Derivatives):
     """Exact derivatives of every kind of constraint, on the constraints and off them.
 
-    Parameters
-    ----------
-    workspace : Workspace
-    solution : Solution
-    v, tau : (nv,) array
-
     Notes
     -----
     Cost O(n d + n^2 m) for n joints and a tree of depth d, most of it Newton-Euler's derivatives

@@ -25,9 +25,8 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import turning
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.partials.groups import ConstraintPartials
-from condyn_pin.constraints.rows.bound import AnyBound
-from condyn_pin.dynamics.derivatives.carried import Carried
-from condyn_pin.dynamics.derivatives.in_series import in_series
+from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.dynamics.derivatives.carried import Carried, in_series
 
 
 @cache
@@ -60,14 +59,7 @@ class Linearised(NamedTuple):
 
 
 class Linearisation:
-    """The linearised equations of one model with its bound constraints, and their memory.
-
-    Parameters
-    ----------
-    model : pin.Model
-    bounds : sequence of AnyBound
-    drift : Baumgarte, optional
-    """
+    """The linearised equations of one model with its bound constraints, and their memory."""
 
     def __init__(
         self, model: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None = None

@@ -28,7 +28,7 @@ from condyn_pin._core.joints import axes
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.loads import Loads, frame_jacobian, in_axes
 from condyn_pin.constraints.partials.formulas import dual_cross
-from condyn_pin.dynamics.derivatives.stencil import slope
+from condyn_pin.dynamics.derivatives.carried import slope
 
 
 def load_partial(loads: Loads, q: Array, forces: Sequence[AppliedForce]) -> Array:

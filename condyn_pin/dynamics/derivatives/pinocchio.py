@@ -40,20 +40,16 @@ if TYPE_CHECKING:
 # What may be off, of the largest entry: torques in which that one plays a small part are no less.
 _LARGEST_OFF: Final = 0.1 * DERIVATIVES
 
+# What X(mu) and X(2 mu) may differ by: where that is mu / sigma, or rounding eps |G| / mu, Y(mu)
+# and Y(2 mu) are apart by 6 (mu / sigma)^2, or by twice that rounding, and would be refused.
+_HOPELESS: Final = 2e-3
+
 # Of a and lam by q, v and tau, each (nv + m, nv).
 Blocks = tuple[Array, Array, Array]
 
 
 class PinocchioDerivatives(Derivatives):
-    """`pin.computeConstraintDynamicsDerivatives`, copied and repaired.
-
-    Parameters
-    ----------
-    workspace : Workspace
-        Its solver has to be `Proximal`.
-    solution : Solution
-    v, tau : (nv,) array
-    """
+    """`pin.computeConstraintDynamicsDerivatives` for `Proximal`, copied and repaired."""
 
     def __init__(self, workspace: Workspace, solution: Solution, v: Array, tau: Array) -> None:
         super().__init__(solution)
@@ -64,10 +60,13 @@ class PinocchioDerivatives(Derivatives):
         by_q, by_v, by_tau = _damped(workspace, q, v, tau, settings)
         nominal = workspace.scene.nominal
         if nominal.rounded or not nominal.independent:
-            twice, more = (_damped(workspace, q, v, tau, _weighted(settings, k)) for k in (2, 4))
-            one = (by_q, by_v, by_tau)
+            one, mu = (by_q, by_v, by_tau), settings.mu
+            twice = _damped(workspace, q, v, tau, _weighted(settings, 2))
+            _check_agreement(workspace, solution, mu, one, twice, _HOPELESS)
+            more = _damped(workspace, q, v, tau, _weighted(settings, 4))
             by_q, by_v, by_tau = found = _continued(one, twice)
-            _check_continued(workspace, solution, settings.mu, found, _continued(twice, more))
+            rougher = _continued(twice, more)
+            _check_agreement(workspace, solution, mu, found, rougher, _LARGEST_OFF)
         if solution.applied:  # they are torques that change with q
             by_q += by_tau @ load_partial(workspace.loads, q, solution.applied)
         if _first_column_is_wrong(workspace):
@@ -112,10 +111,10 @@ def _continued(one: Blocks, twice: Blocks) -> Blocks:
     return by_q, by_v, by_tau
 
 
-def _check_continued(
-    workspace: Workspace, solution: Solution, mu: float, found: Blocks, rougher: Blocks
+def _check_agreement(
+    workspace: Workspace, solution: Solution, mu: float, found: Blocks, rougher: Blocks, most: float
 ) -> None:
-    """Refuse derivatives of a, continued from mu, that those from 2 mu do not agree with.
+    """Refuse derivatives of a from mu that those from 2 mu do not agree with.
 
     Those by tau are for torques in proportion to M_jj^1/2, as each joint feels them. What they
     accelerate are the motions that the rows leave: those by q and v are looked at along them. Sums
@@ -134,9 +133,9 @@ def _check_continued(
     ):
         off = 2.0 * float(np.abs((x - y)[:n] @ step).sum(axis=1).max())
         off /= max(float((np.abs(x)[:n] @ np.abs(step)).max()), least) or 1.0
-        if not off <= _LARGEST_OFF:
+        if not off <= most:
             raise DerivativesDisagree(
-                f"method = 'pinocchio': continued from mu = {mu:.1e}, and from twice that, its "
+                f"method = 'pinocchio': from mu = {mu:.1e}, and from twice that, its "
                 f"derivatives differ by {off / 2.0:.1e} of their size: mu is not small beside what "
                 "holds the constraints at this state, or rounding along redundant rows is larger; "
                 "take method='kkt'"

@@ -22,6 +22,7 @@ from condyn_pin._core.parameters import (
 )
 from condyn_pin._core.quietly import quietly
 from condyn_pin._core.tolerances import RANK
+from condyn_pin.dynamics.raw import weightless
 from condyn_pin.dynamics.solvers.base import BoundSolver, Solver
 
 if TYPE_CHECKING:
@@ -96,8 +97,7 @@ class ConjugateGradient(Solver):
         precondition = inverse_delassus(nominal)
         enough = nominal.estimator.enough / 10 if self.tolerance is None else self.tolerance
         # at rest and without gravity, all of tau accelerates: ABA is M^-1
-        weightless = pin.Model(model)
-        weightless.gravity = pin.Motion.Zero()
+        floating = weightless(model)
         still = np.zeros(model.nv)
         latest, count = np.zeros(workspace.scene.rows), [0]
 
@@ -107,7 +107,7 @@ class ConjugateGradient(Solver):
 
             def damped_delassus(x: Array) -> Array:
                 torque, wrenches = equations.torque(x), equations.wrenches(x)
-                a = pin.aba(weightless, data, q, still, torque, wrenches)
+                a = pin.aba(floating, data, q, still, torque, wrenches)
                 return equations.slips(q, a) + mu * x
 
             missing = equations.target(q, v) - equations.slips(q, pin.aba(model, data, q, v, tau))
@@ -125,17 +125,9 @@ def conjugate_gradients(
 ) -> tuple[Array, int]:
     """Return x with |b - A x|_inf < enough, or the best one met, and the iterations.
 
-    Parameters
-    ----------
-    product : callable
-        Returns A x; A is symmetric and positive semidefinite.
-    b : (m,) array
-    P : (m, m) array
-        Preconditioner: an approximate inverse of A.
-    enough : float
-    most : int
-        Upper limit on the iterations. It also ends where m of them in a row have brought nothing,
-        or lead far away, as they do when what is left of b is rounding outside the range of A.
+    `product` returns A x, of a symmetric and positive semidefinite A; P is an approximate inverse
+    of A. `most` limits the iterations. They also end where m of them in a row have brought nothing,
+    or lead far away, as they do when what is left of b is rounding outside the range of A.
     """
     x, r, p = np.zeros_like(b), b.copy(), np.zeros_like(b)
     residual = smallest = np.abs(r).max(initial=0.0)

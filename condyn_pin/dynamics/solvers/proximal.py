@@ -20,9 +20,8 @@ from condyn_pin._core.parameters import (
     check_knobs,
     check_refinements,
 )
-from condyn_pin.dynamics.approximated import exact_where_open
+from condyn_pin.dynamics.corrections import Refinement, exact_where_open
 from condyn_pin.dynamics.proximal_mu import FEW, MuAtState, default_accuracy, default_mu
-from condyn_pin.dynamics.refinement import Refinement
 from condyn_pin.dynamics.solvers.base import BoundSolver, Solver
 
 if TYPE_CHECKING:
@@ -74,11 +73,11 @@ class Proximal(Solver):
         that could still move a joint by 1e-9 of gravity.
     refinements : int, optional
         Corrections with residuals of our own and the same factor
-        (`condyn_pin.dynamics.refinement`). Each costs a look as in `solve`, and gains what rounding
-        took where M or G is badly conditioned: light bodies under heavy ones, long chains, singular
-        postures. By default one where that may be more than an answer that is `ok` may miss, eps
-        cond(M) > 1e-8 or eps cond(G) > 1e-8 at the nominal state, redundant rows left out, and none
-        anywhere else.
+        (`condyn_pin.dynamics.corrections`). Each costs a look as in `solve`, and gains what
+        rounding took where M or G is badly conditioned: light bodies under heavy ones, long chains,
+        singular postures. By default one where that may be more than an answer that is `ok` may
+        miss, eps cond(M) > 1e-8 or eps cond(G) > 1e-8 at the nominal state, redundant rows left
+        out, and none anywhere else.
     absolute_accuracy : float
         Handed to Pinocchio as it is. Pinocchio compares it with a number that is not a residual
         (|J a_free - 2 b|_inf), so it has no use; 0 keeps it from ever stopping the iteration.

@@ -14,9 +14,10 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg.range_space import whiten
 from condyn_pin._core.parameters import Grid
 from condyn_pin._core.quietly import quietly
+from condyn_pin.constraints.loads import frame_jacobian
 from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver, free_force
 from condyn_pin.errors import InvalidArgument, InvalidModel
-from condyn_pin.io.mjcf_posture import drawn
+from condyn_pin.io.mjcf_write import drawn
 from condyn_pin.model.soundness import massless_motion
 
 if TYPE_CHECKING:
@@ -181,8 +182,7 @@ def inverse_inertias(workspace: Workspace) -> Array:
         if joint == 0:
             return np.zeros(2)
         at_centre = pin.SE3(np.eye(3), model.inertias[joint].lever)
-        J = pin.getFrameJacobian(model, data, joint, at_centre, LOCAL)
-        six = gives(np.reshape(J, (6, -1)))  # a single column comes as a vector
+        six = gives(frame_jacobian(model, data, joint, at_centre, LOCAL))
         return np.asarray(six.reshape(2, 3).mean(axis=1))
 
     def columns(velocities: Sequence[int]) -> float:

@@ -8,18 +8,9 @@ return).
 from importlib import import_module
 from pkgutil import iter_modules
 
-from condyn_pin.lab.extremes.base import EXTREMES, Case, Extreme, extreme
+from condyn_pin.lab.extremes.base import EXTREMES
 
 for _module in iter_modules(__path__):
-    if _module.name not in (
-        "verdict",
-        "run_verdict",
-        "stress",
-        "worker",
-        "stress_table",
-        "stress_plot",
-        "planar_chain",
-    ):
-        import_module(f"{__name__}.{_module.name}")
+    import_module(f"{__name__}.{_module.name}")
 
-__all__ = ["EXTREMES", "Case", "Extreme", "extreme"]
+__all__ = ["EXTREMES"]

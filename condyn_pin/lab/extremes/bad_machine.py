@@ -1,13 +1,10 @@
 """A mass, or a length, that no machine has."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.lab.extremes.base import Case, extreme
+from condyn_pin.lab.extremes.base import Case, Rng, alternating, closed, extreme
 from condyn_pin.lab.extremes.parallelogram import cranks_as_one
 from condyn_pin.model.mechanisms.n_four_bar import n_four_bar
 from condyn_pin.model.robot import Robot
@@ -18,20 +15,19 @@ _SIZES = (
 )
 
 
-@extreme(severities=_SIZES)
-def bad_mass(severity: float, rng: np.random.Generator) -> Case:
+@extreme(*_SIZES)
+def bad_mass(severity: float, rng: Rng) -> Case:
     """Mass of every rod of a parallelogram, which moves by its weight alone [kg]."""
     return _falling(n_four_bar(1, mass=severity), 1.0, rng)
 
 
-@extreme(severities=_SIZES)
-def bad_length(severity: float, rng: np.random.Generator) -> Case:
+@extreme(*_SIZES)
+def bad_length(severity: float, rng: Rng) -> Case:
     """Length of every rod of a parallelogram, which moves by its weight alone [m]."""
     return _falling(n_four_bar(1, length=severity), severity, rng)
 
 
-def _falling(linkage: Robot, length: float, rng: np.random.Generator) -> Case:
+def _falling(linkage: Robot, length: float, rng: Rng) -> Case:
     theta, rest = rng.uniform(0.5, 2.5), np.zeros(3)
-    q = theta * np.array([1.0, -1.0, 1.0])
     right = cranks_as_one(1, theta, rest) / length
-    return Case(Scene(linkage, linkage.loops), q, rest, rest, (right,))
+    return Case(closed(linkage), theta * alternating(3), rest, rest, (right,))

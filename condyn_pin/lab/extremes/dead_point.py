@@ -1,20 +1,18 @@
 """A four-bar near the end of its rocker's swing."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.lab.extremes.base import Case, extreme, powers
+from condyn_pin.lab.extremes.base import Case, Rng, closed, extreme, powers
+from condyn_pin.mechanism.projection import project_velocity
 from condyn_pin.model.mechanisms.four_bar import four_bar
 
 _GROUND, _CRANK, _COUPLER, _ROCKER = 0.7, 0.6, 0.3, 0.6
 
 
-@extreme(severities=(*powers(-1, -9, -1), 0.0))
-def dead_point(severity: float, rng: np.random.Generator) -> Case:
+@extreme(*powers(-1, -9, -1), 0.0)
+def dead_point(severity: float, rng: Rng) -> Case:
     """Angle by which coupler and rocker are not in line [rad].
 
     There the linkage turns back: the crank stands still whatever the speed of the others. The rank
@@ -32,6 +30,6 @@ def dead_point(severity: float, rng: np.random.Generator) -> Case:
     C = B + _COUPLER * np.array([math.cos(coupler), math.sin(coupler)])
     rocker = math.atan2(C[1], C[0] - _GROUND)
     q = np.array([theta, coupler - theta, rocker])
-    scene = Scene(linkage, linkage.loops)
-    v = scene.project_velocity(q, rng.normal(size=3))
+    scene = closed(linkage)
+    v = project_velocity(scene, q, rng.normal(size=3))
     return Case(scene, q, v, rng.normal(size=3))

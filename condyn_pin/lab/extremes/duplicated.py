@@ -1,17 +1,13 @@
 """Duplicated constraints: every row is there again and again."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
-import numpy as np
-
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.lab.extremes.base import Case, extreme, moving, whole
+from condyn_pin.lab.extremes.base import Case, Rng, extreme, moving
 
 
-@extreme(severities=(1, 2, 3, 5, 8, 12), any_scene=True)
-def duplicated(severity: float, rng: np.random.Generator, scene: Scene) -> Case:
+@extreme(1, 2, 3, 5, 8, 12)
+def duplicated(severity: float, rng: Rng, scene: Scene) -> Case:
     """How many times every constraint is there.
 
     The motion is the one of the scene itself; lam is shared between the copies.
@@ -19,7 +15,7 @@ def duplicated(severity: float, rng: np.random.Generator, scene: Scene) -> Case:
     state = moving(scene, rng)
     copies = [
         replace(constraint, name=f"{constraint.name} {k}")
-        for k in range(whole(severity))
+        for k in range(round(severity))
         for constraint in scene.constraints
     ]
     return Case(Scene(scene.robot, copies), *state)

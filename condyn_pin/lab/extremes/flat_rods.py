@@ -1,34 +1,33 @@
 """Delta with locked arms, its rods near to one plane."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.constraints import Loop
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot
-from condyn_pin.lab.extremes.base import Case, extreme, powers
-from condyn_pin.model.robot import Robot
+from condyn_pin.lab.extremes.base import Case, Rng, closed, extreme, posed, powers
 
 # [m]: from the middle to an arm's axis less the radius of the platform, an arm, a rod
 _BASE, _ARM, _ROD = 0.2 - 0.06, 0.25, 0.5
-# of the platform, in the frame of its ball [m]
-_CENTRE = -0.06, 0.05, 0.0
+_CENTRE = pin.SE3(np.eye(3), np.array([-0.06, 0.05, 0.0]))  # of the platform, in its ball's frame
 
 
-@extreme(severities=(0.1, *powers(-2, -12, -1), 0.0))
-def flat_rods(severity: float, rng: np.random.Generator) -> Case:
+@extreme(0.1, *powers(-2, -12, -1), 0.0)
+def flat_rods(severity: float, rng: Rng) -> Case:
     """Distance of Delta's platform from the plane of its elbows, arms locked [m].
 
     Three rods that are not in one plane hold the platform still. In one plane they do not: it can
     move across it.
     """
     delta = load_robot("delta")
-    q = _posed(delta, *_flattened(severity))
-    locked = Scene(delta, delta.loops).lock(delta.actuated, q=q)
+    scene, (angle, centre) = closed(delta), _flattened(severity)
+    q, _ = scene.state()
+    q[delta.model.joints[delta.model.getJointId("motor1")].idx_q] = angle
+    q = posed(delta, q, _CENTRE, pin.SE3(np.eye(3), centre))
+    locked = scene.lock(delta.actuated, q=q)
     q, v = locked.state()
     tau = rng.normal(size=locked.robot.nv)
     right = (np.zeros(locked.robot.nv),) if severity > 1e-7 else ()
@@ -54,14 +53,3 @@ def _flattened(d: float) -> tuple[float, Array]:
     along = (middle - elbow) / high
     across = np.array([along[2], 0.0, -along[0]])
     return angle, elbow + R * along + d * across
-
-
-def _posed(delta: Robot, angle: float, centre: Array) -> Array:
-    """Return q with the first arm folded by an angle, and the platform at a place."""
-    scene = Scene(delta, delta.loops)
-    q, _ = scene.state()
-    q[delta.model.joints[delta.model.getJointId("motor1")].idx_q] = angle
-    there = delta.with_frame("there", "world", centre)
-    both = there.with_frame("centre", "platform", _CENTRE)
-    posed = Scene(both, [*both.loops, Loop("there", "centre", "weld", name="pose")])
-    return posed.assemble(q, within_limits=False, branch={}).q

@@ -1,28 +1,24 @@
 """A thin rod with balls at both ends between two heavy bodies."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.constraints import Loop
+from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.lab.extremes.base import Case, extreme
+from condyn_pin.lab.extremes.base import Case, Rng, extreme, one_joint
 from condyn_pin.model.mechanisms.base import along_x
 from condyn_pin.model.robot import Robot
 
 
-@extreme(severities=(1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-9, 1e-12, 1e-15, 0.0))
-def light_rod(severity: float, rng: np.random.Generator) -> Case:
+@extreme(1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-9, 1e-12, 1e-15, 0.0)
+def light_rod(severity: float, rng: Rng) -> Case:
     """Mass of a rod of 2 mm across that joins two arms of 10 kg [kg].
 
     Nothing keeps it from spinning about itself, with an inertia of m r^2 / 2.
     """
-    model = pin.Model()
     arm = pin.Inertia(10.0, np.array([0.25, 0.0, 0.0]), np.diag([0.01, 0.2, 0.2]))
-    left = model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), "left")
-    model.appendBodyToJoint(left, arm, pin.SE3.Identity())
-    link = model.addJoint(left, pin.JointModelSpherical(), along_x(0.5), "rod")
+    model = one_joint("left", pin.JointModelRY(), arm)
+    link = model.addJoint(1, pin.JointModelSpherical(), along_x(0.5), "rod")
     across = severity * (0.4**2 / 12 + 1e-6 / 4)
     about = np.diag([severity * 1e-6 / 2, across, across])
     thin = pin.Inertia(severity, np.array([0.2, 0.0, 0.0]), about)

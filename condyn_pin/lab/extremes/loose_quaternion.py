@@ -1,17 +1,13 @@
 """Quaternions that are not of unit length."""
 
-from __future__ import annotations
-
-import numpy as np
-
 from condyn_pin._core.arguments import Arguments
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.lab.extremes.base import Case, by_reference, extreme, moving, powers
+from condyn_pin.lab.extremes.base import Case, Rng, by_reference, extreme, moving, powers
 
 
-@extreme(severities=(*powers(-16, -7), 9e-7, *powers(-6, -1), -1.0), any_scene=True)
-def loose_quaternion(severity: float, rng: np.random.Generator, scene: Scene) -> Case:
+@extreme(*powers(-16, -7), 9e-7, *powers(-6, -1), -1.0)
+def loose_quaternion(severity: float, rng: Rng, scene: Scene) -> Case:
     """How far the length of every quaternion of q is from one; -1 makes it zero."""
     q, v, tau = moving(scene, rng)
     at = [offset // q.itemsize for offset in Arguments(scene.robot.model).quaternions]

@@ -1,18 +1,14 @@
 """One body of a machine without its mass."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-
-import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.lab.extremes.base import Case, extreme, moving, with_inertias
+from condyn_pin.lab.extremes.base import Case, Rng, extreme, moving, with_inertias
 
 
-@extreme(severities=(1.0, 1e-3, 1e-6, 1e-9, 1e-12, 0.0), any_scene=True)
-def massless_body(severity: float, rng: np.random.Generator, scene: Scene) -> Case:
+@extreme(1.0, 1e-3, 1e-6, 1e-9, 1e-12, 0.0)
+def massless_body(severity: float, rng: Rng, scene: Scene) -> Case:
     """Mass and inertia of one body, any of them, times its own.
 
     Nothing is wrong with a body without mass where it cannot move without others.

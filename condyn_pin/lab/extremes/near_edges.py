@@ -1,18 +1,17 @@
 """A foot that stands on two edges, which are nearly the same one."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.contacts import LineContact, SurfaceContact
+from condyn_pin.constraints.line_contact import LineContact
+from condyn_pin.constraints.surface_contact import SurfaceContact
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot
-from condyn_pin.lab.extremes.base import Case, by_reference, extreme, moving, near, powers
+from condyn_pin.lab.extremes.base import Case, Rng, by_reference, extreme, moving, near, powers
 
 
-@extreme(severities=(1.0, *powers(-1, -16, -1), 0.0))
-def near_edges(severity: float, rng: np.random.Generator) -> Case:
+@extreme(1.0, *powers(-1, -16, -1), 0.0)
+def near_edges(severity: float, rng: Rng) -> Case:
     """Angle between two edges through one point that Cassie's left foot stands on [rad].
 
     On two edges a foot stands as on a surface, however near they are; on one it can roll.
@@ -24,5 +23,5 @@ def near_edges(severity: float, rng: np.random.Generator) -> Case:
     state = moving(flat, rng)
     held = by_reference(flat, *state)
     free = by_reference(Scene(cassie, [*others, LineContact(edge)]), *state)
-    right = near(severity, held, free)
-    return Case(Scene(cassie, [*others, LineContact(edge), LineContact("turned")]), *state, right)
+    scene = Scene(cassie, [*others, LineContact(edge), LineContact("turned")])
+    return Case(scene, *state, near(severity, held, free))

@@ -10,22 +10,34 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.constraints import Constraint, Loop
+from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot
-from condyn_pin.lab.extremes.base import Case, by_reference, extreme, near, powers, torques, unit
+from condyn_pin.lab.extremes.base import (
+    Case,
+    Rng,
+    by_reference,
+    closed,
+    extreme,
+    near,
+    powers,
+    torques,
+    unit,
+)
+from condyn_pin.mechanism.projection import project_velocity
 from condyn_pin.model.robot import Robot
 
 
-@extreme(severities=(1.0, *powers(-1, -16, -1), 0.0))
-def near_loops(severity: float, rng: np.random.Generator) -> Case:
+@extreme(1.0, *powers(-1, -16, -1), 0.0)
+def near_loops(severity: float, rng: Rng) -> Case:
     """Angle about its joint from each ball that closes a loop of Cassie to a second one [rad].
 
     Two balls are a hinge about the line through them, however near they are: each loop loses the
     two other turns.
     """
     cassie = load_robot("cassie")
-    once = Scene(cassie, cassie.loops)
+    once = closed(cassie)
     q, _ = once.sample(rng)
     tau = torques(once, rng)
     seconds, hinges, model = [], [], pin.Model(cassie.model)
@@ -36,7 +48,7 @@ def near_loops(severity: float, rng: np.random.Generator) -> Case:
         hinges.append(Loop(f"{name}/hinge_a", f"{name}/hinge_b", "hinge", axis="z"))
     cassie = replace(cassie, model=model, postures={"closed": q})
     hinged = Scene(cassie, hinges)
-    v = hinged.project_velocity(q, rng.normal(size=cassie.nv))
+    v = project_velocity(hinged, q, rng.normal(size=cassie.nv))
     held, free = by_reference(hinged, q, v, tau), by_reference(once, q, v, tau)
     right = near(severity, held, free)
     return Case(Scene(cassie, [*once.constraints, *seconds]), q, v, tau, right)
@@ -47,16 +59,7 @@ def _add_frames(model: Any, robot: Robot, ball: Constraint, turn: Array, q: Arra
 
     The second ball is the first, turned about the joint that carries it: it moves by 2 sin(angle/2)
     along the chord, which is the axis of the hinge. On the other body it is where it meets at q.
-
-    Parameters
-    ----------
-    model : pin.Model
-        Written to.
-    robot : Robot
-    ball : Constraint
-    turn : (3,) array
-        Axis times angle [rad].
-    q : (nq,) array
+    `turn` is axis times angle [rad]; the model is written to.
     """
     (a, one), (b, two) = (robot.frame(frame) for frame in ball.frames)
     data = robot.model.createData()

@@ -1,16 +1,14 @@
 """Robots that stand still, with less and less to do."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.lab.extremes.base import Case, by_reference, extreme, powers
+from condyn_pin.lab.extremes.base import Case, Rng, by_reference, extreme, powers
 
 
-@extreme(severities=(1.0, *powers(-1, -6, -1), 1e-8, 1e-10, 1e-12, 0.0), any_scene=True)
-def rest(severity: float, rng: np.random.Generator, scene: Scene) -> Case:
+@extreme(1.0, *powers(-1, -6, -1), 1e-8, 1e-10, 1e-12, 0.0)
+def rest(severity: float, rng: Rng, scene: Scene) -> Case:
     """Share of the weight that no torque holds, at rest; at 1 nothing is held, at 0 all of it.
 
     At rest a is linear in tau - h, and so a share of that of the free fall.

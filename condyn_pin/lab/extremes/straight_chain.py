@@ -1,18 +1,16 @@
 """A long straight chain."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.lab.extremes.base import Case, extreme, whole
+from condyn_pin.lab.extremes.base import Case, Rng, extreme
 from condyn_pin.lab.extremes.planar_chain import accelerations
 from condyn_pin.model.mechanisms.chain import chain
 
 
-@extreme(severities=(5, 10, 20, 50, 100, 200), heavy=(400,))
-def straight_chain(severity: float, rng: np.random.Generator) -> Case:
+@extreme(5, 10, 20, 50, 100, 200, heavy=(400,))
+def straight_chain(severity: float, rng: Rng) -> Case:
     """How many rods are stretched out; cond(M) = 4 n^4."""
-    n = whole(severity)
+    n = round(severity)
     q, v, tau = np.zeros(n), rng.normal(size=n) / n, rng.normal(size=n)
     return Case(Scene(chain(n)), q, v, tau, (accelerations(q, v, tau),))

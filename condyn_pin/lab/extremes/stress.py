@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from time import monotonic
 from typing import Any
 
@@ -12,7 +12,6 @@ import numpy as np
 
 from condyn_pin._core._pin import HAS_LCABA
 from condyn_pin._core.parameters import check_called
-from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import Interrupted, WorkersLost, unknown_name
 from condyn_pin.io.load import load_robot
 from condyn_pin.lab.extremes.base import EXTREMES
@@ -42,17 +41,9 @@ def tasks(
     *,
     heavy: bool = True,
 ) -> list[Task]:
-    """Return the cases of some families, seed after seed.
+    """Return the cases of some families of `EXTREMES`, by default all, seed after seed.
 
-    Parameters
-    ----------
-    families : sequence of str
-        Names in `EXTREMES`; all by default.
-    robots : sequence of str
-        What families of any scene are put on.
-    seeds : int
-    heavy : bool
-        Whether those that take gigabytes are among them.
+    Families of any scene are put on every robot; `heavy` cases take gigabytes.
     """
     for name in families:
         if name not in EXTREMES:
@@ -91,27 +82,15 @@ def stress(
     *,
     seconds: float = np.inf,
     patience: float = PATIENCE,
-    scenes: Mapping[str, Scene] | None = None,
     imports: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> list[Outcome]:
     """Return what every method makes of every case.
 
-    Parameters
-    ----------
-    todo : sequence of Task
-    solvers : sequence of str
-        Names of methods; all by default.
-    seconds : float
-        After which no further case is begun [s].
-    patience : float
-        After which a method hangs [s].
-    scenes : mapping of str to Scene, optional
-        Scenes for the robots of the tasks; those of `load_robot` by default.
-    imports : sequence of str
-        Modules with solvers or extremes of your own, for the process that runs them.
-    progress : callable, optional
-        Called with the number of cases done and of all.
+    No case is begun after some seconds, and a method that takes longer than `patience` hangs [s].
+    Modules with solvers or extremes of your own are `imports`; progress is called with the number
+    of cases done and of all. The cases run in a process of their own, which imports the main script
+    again: guard it with ``if __name__ == "__main__"``.
 
     Raises
     ------
@@ -122,22 +101,15 @@ def stress(
     WorkersLost
         If the process that runs the cases cannot import the main script or `imports`; its ``done``
         has the outcomes before.
-
-    Notes
-    -----
-    The cases run in a process of their own, which imports the main script again: guard it with
-    ``if __name__ == "__main__"``.
     """
     if progress is not None:
         check_called("progress", progress, "done, total")
     names, start = list(solvers) if imports else methods(solvers), monotonic()
-    scenes = scenes or {}
-    for robot in dict.fromkeys(task.robot for task in todo):
-        if robot and robot not in scenes:
-            load_robot(robot)  # a name that is none is no refusal of a method
+    for robot in {task.robot for task in todo} - {""}:
+        load_robot(robot)  # a name that is none is no refusal of a method
     found: list[Outcome] = []
     try:
-        with _Process(scenes, imports) as process:
+        with _Process(imports) as process:
             for k, task in enumerate(todo):
                 if monotonic() - start >= seconds:
                     break
@@ -153,16 +125,10 @@ def stress(
 
 
 class _Process:
-    """A worker that is started again when it dies.
+    """A worker that is started again when it dies."""
 
-    Parameters
-    ----------
-    scenes : mapping of str to Scene
-    imports : sequence of str
-    """
-
-    def __init__(self, scenes: Mapping[str, Scene], imports: Sequence[str]) -> None:
-        self._scenes, self._imports = dict(scenes), tuple(imports)
+    def __init__(self, imports: Sequence[str]) -> None:
+        self._imports = tuple(imports)
         self._context = multiprocessing.get_context("spawn")
         self._worker: Any = None
         self._pipe: Any = None
@@ -214,9 +180,7 @@ class _Process:
         from condyn_pin.lab.extremes.worker import work
 
         self._pipe, other = self._context.Pipe()
-        worker = self._context.Process(
-            target=work, args=(other, self._scenes, self._imports), daemon=True
-        )
+        worker = self._context.Process(target=work, args=(other, self._imports), daemon=True)
         worker.start()
         self._worker = worker
         other.close()

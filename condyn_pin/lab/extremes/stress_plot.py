@@ -29,17 +29,8 @@ _LEGEND = (
 def severity_map(found: Map, ax: Any = None) -> Any:
     """Draw one family: a column a severity, a line a method, dark where digits are lost.
 
-    A letter says what the answer said of itself: s inaccurate, r refused, X a defect.
-
-    Parameters
-    ----------
-    found : Map
-    ax : matplotlib axes, optional
-        A new figure by default.
-
-    Returns
-    -------
-    matplotlib axes
+    A letter says what the answer said of itself: s inaccurate, r refused, X a defect. Drawn on `ax`
+    or new axes, which are returned.
     """
     ax = axes(ax)
     grid = np.full((len(found.methods), len(found.severities)), np.nan)

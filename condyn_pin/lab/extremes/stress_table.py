@@ -23,18 +23,10 @@ _ORDER = tuple(Verdict)
 
 @dataclass(frozen=True)
 class Cell:
-    """One method at one severity of a family, over all seeds.
+    """One method at one severity of a family, over all seeds."""
 
-    Attributes
-    ----------
-    verdicts : tuple of Verdict
-        Those that occurred, from good to bad.
-    error : float
-        The worst error of a, relative; NaN where there is none.
-    """
-
-    verdicts: tuple[Verdict, ...]
-    error: float
+    verdicts: tuple[Verdict, ...]  # those that occurred, from good to bad
+    error: float  # the worst of a, relative; NaN where there is none
 
     @property
     def worst(self) -> Verdict:
@@ -48,15 +40,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Map:
-    """One family on one robot: severity by method.
-
-    Attributes
-    ----------
-    family, robot : str
-    severities : tuple of float
-    methods : tuple of str
-    cells : dict of (severity, method) to Cell
-    """
+    """One family on one robot: severity by method."""
 
     family: str
     robot: str
@@ -85,24 +69,23 @@ class Map:
 
 def maps(outcomes: Iterable[Outcome]) -> list[Map]:
     """Return a map for every family and robot, in the order of the outcomes."""
-    groups: dict[tuple[str, str], list[Outcome]] = {}
+    groups: dict[tuple[str, str], dict[tuple[float, str], list[Outcome]]] = {}
     for outcome in outcomes:
-        groups.setdefault((outcome.task.family, outcome.task.robot), []).append(outcome)
-    found = []
-    for (family, robot), group in groups.items():
-        cells: dict[tuple[float, str], list[Outcome]] = {}
-        for outcome in group:
-            cells.setdefault((_severity(outcome), outcome.method), []).append(outcome)
-        found.append(
-            Map(
-                family,
-                robot,
-                _along_the_dial(family, dict.fromkeys(map(_severity, group))),
-                tuple(dict.fromkeys(outcome.method for outcome in group)),
-                {key: _cell(some) for key, some in cells.items()},
-            )
+        severity = outcome.task.severity
+        if math.isnan(severity):
+            severity = math.nan  # found in a dict only as one and the same object
+        cells = groups.setdefault((outcome.task.family, outcome.task.robot), {})
+        cells.setdefault((severity, outcome.method), []).append(outcome)
+    return [
+        Map(
+            family,
+            robot,
+            _along_the_dial(family, dict.fromkeys(severity for severity, _ in cells)),
+            tuple(dict.fromkeys(method for _, method in cells)),
+            {key: _cell(some) for key, some in cells.items()},
         )
-    return found
+        for (family, robot), cells in groups.items()
+    ]
 
 
 def counts(outcomes: Iterable[Outcome]) -> dict[str, int]:
@@ -137,10 +120,10 @@ def read_csv(path: str | Path) -> list[dict[str, str]]:
     try:
         rows = list(csv.DictReader(read_text(path).splitlines()))
     except (OSError, ValueError, csv.Error) as error:
-        raise InvalidArgument(f"{path}: no table of `condyn stress` ({error})") from error
+        raise InvalidArgument(f"{path}: no table of `condyn lab stress` ({error})") from error
     for row in rows:
         if not {key for key, value in row.items() if isinstance(value, str)} >= _NEEDED:
-            raise InvalidArgument(f"{path}: no table of `condyn stress`; choose another file")
+            raise InvalidArgument(f"{path}: no table of `condyn lab stress`; choose another file")
     return rows
 
 
@@ -155,18 +138,10 @@ def short(number: float, digits: int = 6) -> str:
     return min(plain, f"{mantissa}e{int(exponent)}", repr(float(number)), key=len)
 
 
-def _severity(outcome: Outcome) -> float:
-    """Return the severity as a key: NaN is found in a dict only as one and the same object."""
-    severity = outcome.task.severity
-    return math.nan if math.isnan(severity) else severity
-
-
 def _along_the_dial(family: str, found: Iterable[float]) -> tuple[float, ...]:
     """Return severities from tame to absurd: with little time, cases come in a mixed order."""
-    dial = (
-        [repr(severity) for severity in EXTREMES[family].severities] if family in EXTREMES else []
-    )
-    places = {text: i for i, text in enumerate(dial)}  # as text, for NaN is unlike itself
+    dial = EXTREMES[family].severities if family in EXTREMES else ()
+    places = {repr(severity): i for i, severity in enumerate(dial)}  # NaN is unlike itself
     return tuple(sorted(found, key=lambda severity: places.get(repr(severity), len(places))))
 
 

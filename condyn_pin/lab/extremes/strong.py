@@ -1,15 +1,11 @@
 """Motors that are stronger and stronger."""
 
-from __future__ import annotations
-
-import numpy as np
-
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.lab.extremes.base import Case, extreme, moving, sized
+from condyn_pin.lab.extremes.base import Case, Rng, extreme, moving, sized
 
 
-@extreme(severities=(0.0, 1.0, 1e2, 1e4, 1e6, 1e8, 1e12, 1e16), any_scene=True)
-def strong(severity: float, rng: np.random.Generator, scene: Scene) -> Case:
+@extreme(0.0, 1.0, 1e2, 1e4, 1e6, 1e8, 1e12, 1e16)
+def strong(severity: float, rng: Rng, scene: Scene) -> Case:
     """Largest torque on a joint [N m, N]."""
     q, v, tau = moving(scene, rng)
     return Case(scene, q, v, sized(tau, severity))

@@ -18,34 +18,34 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.constraints import Constraint
+from condyn_pin.constraints.base import Constraint
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.lab.extremes.base import Case, by_reference, extreme, moving
+from condyn_pin.lab.extremes.base import Case, Rng, by_reference, extreme, moving
 from condyn_pin.model.robot import Robot
 
 _SIZES = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e1, 1e2, 1e3, 1e4, 1e6)
 
 
-@extreme(severities=_SIZES, any_scene=True)
-def other_length(severity: float, rng: np.random.Generator, scene: Scene) -> Case:
+@extreme(*_SIZES)
+def other_length(severity: float, rng: Rng, scene: Scene) -> Case:
     """How large the machine is, times its own size; gravity grows with it."""
     return _case(scene, rng, Units(length=severity))
 
 
-@extreme(severities=_SIZES, any_scene=True)
-def other_mass(severity: float, rng: np.random.Generator, scene: Scene) -> Case:
+@extreme(*_SIZES)
+def other_mass(severity: float, rng: Rng, scene: Scene) -> Case:
     """How heavy the machine is, times its own mass."""
     return _case(scene, rng, Units(mass=severity))
 
 
-@extreme(severities=tuple(2.0**k for k in (0, -4, -10, -20, 4, 10, 20)), any_scene=True)
-def other_time(severity: float, rng: np.random.Generator, scene: Scene) -> Case:
+@extreme(*(2.0**k for k in (0, -4, -10, -20, 4, 10, 20)))
+def other_time(severity: float, rng: Rng, scene: Scene) -> Case:
     """How slow the machine is, times its own time; gravity falls with the square."""
     return _case(scene, rng, Units(time=severity))
 
 
-def _case(scene: Scene, rng: np.random.Generator, units: Units) -> Case:
+def _case(scene: Scene, rng: Rng, units: Units) -> Case:
     model, state = scene.robot.model, moving(scene, rng)
     right = units.acceleration(model, by_reference(scene, *state))
     return Case(units.scene(scene), *units.state(model, *state), (right,))

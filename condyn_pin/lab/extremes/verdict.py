@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from enum import Enum
-from math import inf, nan
+from math import nan
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError
 from condyn_pin.lab.extremes.base import Case
+from condyn_pin.study.measures.base import relative
 
 # Shares of the largest singular value: below the first all is rounding, and below the last no
 # residual in double precision tells whether a row holds.
@@ -64,25 +65,13 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one method made of one case.
-
-    Attributes
-    ----------
-    task : Task
-    method : str
-        Name of the solver.
-    verdict : Verdict
-    error : float
-        Of a, relative; NaN where there is no answer, or nothing to hold it against.
-    said : str
-        The status, or the error.
-    """
+    """What one method made of one case."""
 
     task: Task
-    method: str
+    method: str  # name of the solver
     verdict: Verdict
-    error: float
-    said: str
+    error: float  # of a, relative; NaN where there is no answer, or nothing to hold it against
+    said: str  # the status, or the error
 
 
 def turned(kind: type[Solver], parameters: Mapping[str, float | int]) -> Solver:
@@ -92,14 +81,21 @@ def turned(kind: type[Solver], parameters: Mapping[str, float | int]) -> Solver:
 
 
 def judge(case: Case, solver: Solver, right: tuple[Array, ...]) -> tuple[Verdict, float, str]:
-    """Return the verdict on a solver, the error of a, and the status.
+    """Return the verdict on a solver.
 
     Parameters
     ----------
     case : Case
     solver : Solver
     right : tuple of (nv,) array
-        The answers that are right, as `right_answers` returns them.
+        The answers that are right, as `right_answers` returns them [rad/s^2, m/s^2].
+
+    Returns
+    -------
+    verdict : Verdict
+    error : float
+        Of a, relative.
+    status : str
 
     Raises
     ------
@@ -124,7 +120,15 @@ def judge(case: Case, solver: Solver, right: tuple[Array, ...]) -> tuple[Verdict
 def right_answers(case: Case) -> tuple[Array, ...]:
     """Return the accelerations that are right: in closed form, or by `Reference`.
 
-    More than one where the rank is not clear; none where `Reference` refuses the case.
+    Parameters
+    ----------
+    case : Case
+
+    Returns
+    -------
+    right : tuple of (nv,) array
+        More than one where the rank is not clear; none where `Reference` refuses the case
+        [rad/s^2, m/s^2].
     """
     found = list(case.right)
     try:
@@ -168,9 +172,4 @@ def error_of(case: Case, a: Array, right: Array) -> float:
     as gravity does beside turns where machines are tiny or huge.
     """
     gravity = float(np.linalg.norm(case.scene.robot.model.gravity.linear))
-    scale = max(float(np.abs(right).max(initial=0.0)), gravity)
-    with np.errstate(all="ignore"):
-        error = float(np.abs(a - right).max(initial=0.0))
-    if not np.isfinite(error):
-        return inf
-    return error / scale if scale else (0.0 if error == 0.0 else inf)
+    return relative(a, right, gravity)

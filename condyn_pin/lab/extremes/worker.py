@@ -6,17 +6,16 @@ import gc
 import signal
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from itertools import chain
 from multiprocessing.connection import Connection
 
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers import SOLVERS
 from condyn_pin.errors import CondynError
-from condyn_pin.lab.extremes import EXTREMES
-from condyn_pin.lab.extremes.base import Case
-from condyn_pin.lab.extremes.flight_verdict import judge_flight
-from condyn_pin.lab.extremes.run_verdict import judge_run
+from condyn_pin.io.load import load_robot
+from condyn_pin.lab.extremes.base import EXTREMES, Case
+from condyn_pin.lab.extremes.motion_verdict import judge_flight, judge_run
 from condyn_pin.lab.extremes.verdict import Outcome, Task, Verdict, judge, right_answers, turned
 
 # Pinocchio's Data has 4 nv^3 numbers. Workspaces are in cycles, and from so many degrees of freedom
@@ -24,25 +23,21 @@ from condyn_pin.lab.extremes.verdict import Outcome, Task, Verdict, judge, right
 _LONG = 100
 
 
-@dataclass(frozen=True)
 class Memory:
     """The scenes that families are put through, made once a process."""
 
-    scenes: dict[str, Scene]
+    def __init__(self) -> None:
+        self._scenes: dict[str, Scene] = {}
 
     def scene(self, robot: str) -> Scene | None:
         """Return the scene of a robot with its loops and contacts; None for no name."""
-        if not robot:
-            return None
-        if robot not in self.scenes:
-            from condyn_pin.io.load import load_robot
-
+        if robot and robot not in self._scenes:
             found = load_robot(robot)
-            self.scenes[robot] = Scene(found, [*found.loops, *found.contacts])
-        return self.scenes[robot]
+            self._scenes[robot] = Scene(found, [*found.loops, *found.contacts])
+        return self._scenes.get(robot)
 
 
-def work(pipe: Connection, scenes: dict[str, Scene], imports: Sequence[str]) -> None:
+def work(pipe: Connection, imports: Sequence[str]) -> None:
     """Serve tasks until the pipe closes.
 
     For each task and each of its methods first the method's name goes out, and then its outcome:
@@ -51,7 +46,7 @@ def work(pipe: Connection, scenes: dict[str, Scene], imports: Sequence[str]) -> 
     for module in imports:
         import_module(module)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks
-    memory = Memory(dict(scenes))
+    memory = Memory()
     pipe.send("ready")
     while True:
         try:
@@ -67,8 +62,6 @@ def work(pipe: Connection, scenes: dict[str, Scene], imports: Sequence[str]) -> 
 
 def answers(task: Task, methods: list[str], memory: Memory) -> Iterator[str | Outcome]:
     """Yield the name of each method of a task, and then its outcome."""
-    from condyn_pin.dynamics.solvers import SOLVERS
-
     yield "making the case"
     case, said = make(task, memory)
     right = right_answers(case) if case else ()

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from condyn_pin._core.joints import indices
-from condyn_pin.constraints.constraints import Coupling
+from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot
 from condyn_pin.lab.hierarchy import HierarchyModel, ModelHierarchy
+from condyn_pin.mechanism.reduction.fewer_rows import merge_points
+from condyn_pin.mechanism.reduction.linkages import without_linkage
 from condyn_pin.mechanism.reduction.reduced_scene import reduced
+from condyn_pin.mechanism.reduction.rods import rods_as_distances
 from condyn_pin.mechanism.reduction.same_motion import loaded
 
 _SIDES = ("left", "right")
@@ -21,7 +24,8 @@ def _whole() -> Scene:
 
 def _feet_driven_directly(scene: Scene) -> Scene:
     links = ("tarsus-crank-joint", "crank-rod-joint")
-    return scene.without_linkage(
+    return without_linkage(
+        scene,
         [f"{side}-plantar-foot-joint" for side in _SIDES],
         [f"{side}-{link}" for side in _SIDES for link in links],
     )
@@ -34,8 +38,8 @@ def _springs_locked(scene: Scene) -> Scene:
 
 def _rods_as_distances(scene: Scene) -> Scene:
     """Replace the rods, and the points of the feet by edges: independent rows."""
-    edges = scene.merge_points()
-    return edges.rods_as_distances([f"{side}-pitch-rod-joint" for side in _SIDES])
+    edges = merge_points(scene)
+    return rods_as_distances(edges, [f"{side}-pitch-rod-joint" for side in _SIDES])
 
 
 def _geared(scene: Scene) -> Scene:

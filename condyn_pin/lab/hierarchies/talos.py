@@ -5,6 +5,7 @@ from __future__ import annotations
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot
 from condyn_pin.lab.hierarchy import HierarchyModel, ModelHierarchy
+from condyn_pin.mechanism.reduction.reduction import keep
 
 
 def _corners() -> Scene:
@@ -22,7 +23,7 @@ def _without_arms(scene: Scene) -> Scene:
 
 
 def _legs(scene: Scene) -> Scene:
-    return scene.keep([name for name in scene.robot.joints if name.startswith("leg_")])
+    return keep(scene, [name for name in scene.robot.joints if name.startswith("leg_")])
 
 
 HIERARCHY = ModelHierarchy(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Final, Literal
+from typing import Final
 
 import numpy as np
 from scipy.special import ellipj
@@ -13,8 +13,9 @@ from scipy.special import ellipj
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.constraints import Loop
+from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.lab.laboratory import add_point
 from condyn_pin.lab.problems.base import Limit, Problem, Published, Setting
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
@@ -35,16 +36,16 @@ class SimplePendulum(Problem):
         psi'' = -w^2 sin(psi),    sin(psi / 2) = -k cd(w t | k^2),    k = sin(pi / 4).
     """
 
-    name: ClassVar[str] = "A01"
-    title: ClassVar[str] = "simple pendulum"
-    source: ClassVar[str] = "IFToMM library of computational benchmark problems, A01"
-    measure: ClassVar[str] = "largest distance of the mass from where it should be [m]"
-    judged: ClassVar[Literal["error", "energy"]] = "energy"
-    limits: ClassVar[tuple[Limit, ...]] = (
+    name = "A01"
+    title = "simple pendulum"
+    source = "IFToMM library of computational benchmark problems, A01"
+    measure = "largest distance of the mass from where it should be [m]"
+    judged = "energy"
+    limits = (
         Limit("5e-5 J", 5e-5, "what EXUDYN's example aims at"),
         Limit("1e-10 J", 1e-10, "this project"),
     )
-    published: ClassVar[tuple[Published, ...]] = (
+    published = (
         Published(
             "OpenSim 3.2", "10 s", 0.637, "", "Core i5-4570",
             "RehabEngGroup/MBSbenchmarksInOpenSim, A01",
@@ -54,7 +55,7 @@ class SimplePendulum(Problem):
             "jgerstmayr/EXUDYN, pendulumIftommBenchmark.py",
         ),
     )  # fmt: skip
-    duration: ClassVar[float] = 10.0  # [s]
+    duration = 10.0  # [s]
 
     @property
     def setting(self) -> Setting:
@@ -67,11 +68,7 @@ class SimplePendulum(Problem):
         """A mass on two sliders, 1 row."""
         model = pin.Model()
         model.name = "point_on_a_rod"
-        along = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "x")
-        up = model.addJoint(along, pin.JointModelPZ(), pin.SE3.Identity(), "z")
-        point = pin.Inertia(_MASS, np.zeros(3), np.zeros((3, 3)))
-        model.appendBodyToJoint(up, point, pin.SE3.Identity())
-        model.addFrame(pin.Frame("mass", up, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+        add_point(model, "mass", {"x": pin.JointModelPX(), "z": pin.JointModelPZ()}, _MASS)
         robot = Robot("point_on_a_rod", model, postures={"level": np.array([-_LENGTH, 0.0])})
         return Scene(robot, [Loop("mass", "world", "rod", length=_LENGTH, name="rod")])
 

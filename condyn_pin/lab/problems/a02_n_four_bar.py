@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 from scipy.special import ellipj, ellipkm1
@@ -18,7 +18,7 @@ from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.lab.problems.base import Limit, Problem, Published, Setting
 from condyn_pin.model.mechanisms.n_four_bar import n_four_bar
 from condyn_pin.model.soundness import MOST_JOINTS
-from condyn_pin.simulation.integrators.runge_kutta4 import RungeKutta4
+from condyn_pin.simulation.integrators.explicit import RungeKutta4
 
 _GRAVITY: Final = 9.81  # [m/s^2]
 _THRESHOLD: Final = 1e-3  # [m, m/s]: what smaller values are divided by instead
@@ -41,18 +41,18 @@ class NFourBar(Problem):
         Number of cells. The library's is 40, over 20 s; 2 over 10 s is common.
     """
 
-    name: ClassVar[str] = "A02"
-    title: ClassVar[str] = "N-four-bar"
-    source: ClassVar[str] = _LIBRARY
-    measure: ClassVar[str] = (
+    name = "A02"
+    title = "N-four-bar"
+    source = _LIBRARY
+    measure = (
         "largest error of position and velocity of the first crank's tip, each divided by its "
         "value or 1e-3, whichever is larger"
     )
-    limits: ClassVar[tuple[Limit, ...]] = (
+    limits = (
         Limit("low precision", 1e-1, _LIBRARY),
         Limit("high precision", 1e-3, _LIBRARY),
     )
-    published: ClassVar[tuple[Published, ...]] = (
+    published = (
         Published(
             "OpenSim 3.2", "N = 2, 10 s", 0.455, "", "Core i5-4570",
             "RehabEngGroup/MBSbenchmarksInOpenSim, A02",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
@@ -42,15 +42,15 @@ class Bricard(Problem):
     periodic function of s: its cosine series converges to rounding.
     """
 
-    name: ClassVar[str] = "A04"
-    title: ClassVar[str] = "Bricard's mechanism"
-    source: ClassVar[str] = "IFToMM library of computational benchmark problems, A04"
-    measure: ClassVar[str] = "largest distance of the end of rod 2 from where it should be [m]"
-    limits: ClassVar[tuple[Limit, ...]] = (
+    name = "A04"
+    title = "Bricard's mechanism"
+    source = "IFToMM library of computational benchmark problems, A04"
+    measure = "largest distance of the end of rod 2 from where it should be [m]"
+    limits = (
         Limit("1e-6 m", 1e-6, "this project"),
         Limit("1e-10 m", 1e-10, "this project"),
     )
-    published: ClassVar[tuple[Published, ...]] = (
+    published = (
         Published(
             "OpenSim 3.2", "10 s", 0.258, "", "Core i5-4570",
             "RehabEngGroup/MBSbenchmarksInOpenSim, A04",
@@ -60,7 +60,7 @@ class Bricard(Problem):
             "jgerstmayr/EXUDYN, bricardMechanism.py",
         ),
     )  # fmt: skip
-    duration: ClassVar[float] = 10.0  # [s]
+    duration = 10.0  # [s]
 
     @property
     def setting(self) -> Setting:

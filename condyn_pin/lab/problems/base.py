@@ -7,7 +7,7 @@ To write one:
 2. `scene`, `q0`, `v0` and `torque` are the problem in the product's own terms; q0 and v0 satisfy
    the constraints to rounding.
 3. `observe` picks the numbers that are compared, and `answer` says what they should be, in closed
-   form or from digits whose source is named. It shares no code with Pinocchio.
+   form, or as `digits` whose source is named. It shares no code with Pinocchio.
 4. `error` is the measure of the collection that the problem comes from, and `limits` are the errors
    that somebody asks for, each with who does.
 5. The equations of the literature, written down once more, are a test of it.
@@ -16,9 +16,10 @@ To write one:
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
@@ -26,6 +27,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.registry import enter
+from condyn_pin.errors import InvalidArgument, unknown_name
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
@@ -91,8 +93,8 @@ class Problem(ABC):
         From the coarsest to the finest.
     published : tuple of Published
         CPU times of other codes.
-    only_at : tuple of float
-        Times at which the answer is known [s]; empty where it is known at all times.
+    digits : dict of float to tuple of float
+        The answer by time [s], where it is known at these times alone; else empty.
     """
 
     name: ClassVar[str]
@@ -102,7 +104,7 @@ class Problem(ABC):
     judged: ClassVar[Literal["error", "energy"]] = "error"
     limits: ClassVar[tuple[Limit, ...]]
     published: ClassVar[tuple[Published, ...]] = ()
-    only_at: ClassVar[tuple[float, ...]] = ()
+    digits: ClassVar[Mapping[float, tuple[float, ...]]] = MappingProxyType({})
     conservative: ClassVar[bool] = True  # whether `energy` stays what it is
 
     def __init_subclass__(cls) -> None:
@@ -143,12 +145,25 @@ class Problem(ABC):
     def observe(self, q: Array, v: Array) -> Array:
         """Return the numbers that are compared (k,) at a state."""
 
-    @abstractmethod
     def answer(self, t: float) -> Array:
-        """Return what they should be (k,)."""
+        """Return what they should be (k,); InvalidArgument where that is not known."""
+        if t not in self.digits:
+            known = " and ".join(f"{t:g}" for t in self.digits)
+            raise InvalidArgument(f"t = {t!r}: the answer is known at {known} s")
+        return np.array(self.digits[t])
+
+    @property
+    def only_at(self) -> tuple[float, ...]:
+        """Times at which the answer is known [s]; empty where it is known at all times."""
+        return tuple(self.digits)
 
     def error(self, found: Array, wanted: Array) -> float:
-        """Return the largest distance [m] of `found` from `wanted`, places (samples, k) both."""
+        """Return the largest distance [m] of `found` from `wanted`, places (samples, k) both.
+
+        Of problems with `digits` the largest relative error, which is 10^-scd of the test set.
+        """
+        if self.digits:
+            return float(np.abs(found / wanted - 1).max())
         return float(np.linalg.norm(found - wanted, axis=1).max())
 
     def energy(self, q: Array, v: Array) -> float:
@@ -212,7 +227,7 @@ class Problem(ABC):
         InvalidArgument
             If dt or the duration is not positive, or the answer is not known at the end.
         """
-        from condyn_pin.lab.problems.running import run_problem
+        from condyn_pin.lab.problems.result import run_problem
 
         chosen = (integrator, drift, solver)
         if dt is None and all(each is None for each in chosen):
@@ -220,3 +235,35 @@ class Problem(ABC):
         else:
             setting = Setting(self.setting.dt if dt is None else dt, *chosen)
         return run_problem(self, setting, duration)
+
+
+def load_problem(name: str, *, n: int | None = None) -> Problem:
+    """Return a benchmark problem: ``load_problem("A02", n=40).run()``.
+
+    Parameters
+    ----------
+    name : str
+        A name of `PROBLEMS`.
+    n : int, optional
+        Its size, for a problem that has one: cells of A02.
+
+    Returns
+    -------
+    Problem
+
+    Raises
+    ------
+    UnknownName
+        If there is no such problem.
+    InvalidArgument
+        If the problem has no size, or not this one.
+    """
+    if name not in PROBLEMS:
+        raise unknown_name("problem", str(name), PROBLEMS)
+    kind = PROBLEMS[name]
+    if n is None:
+        return kind()
+    if "n" not in kind.sizes():
+        sized = ", ".join(each for each in PROBLEMS if "n" in PROBLEMS[each].sizes())
+        raise InvalidArgument(f"n = {n!r}: {name} has no size; {sized} has")
+    return kind(**{"n": n})

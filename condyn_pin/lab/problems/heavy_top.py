@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.constraints import Loop
+from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.lab.problems.base import Limit, Problem, Setting
 from condyn_pin.model.robot import Robot
@@ -37,18 +37,18 @@ class HeavyTop(Problem):
     These six equations are as slow as the precession, and are integrated to rounding.
     """
 
-    name: ClassVar[str] = "heavy_top"
-    title: ClassVar[str] = "heavy top"
-    source: ClassVar[str] = (
+    name = "heavy_top"
+    title = "heavy top"
+    source = (
         "Bruls, Cardona. On the use of Lie group time integrators in multibody dynamics. Journal "
         "of Computational and Nonlinear Dynamics 5, 2010"
     )
-    measure: ClassVar[str] = "largest distance of the centre of mass from where it should be [m]"
-    limits: ClassVar[tuple[Limit, ...]] = (
+    measure = "largest distance of the centre of mass from where it should be [m]"
+    limits = (
         Limit("1e-6 m", 1e-6, "this project"),
         Limit("1e-9 m", 1e-9, "this project"),
     )
-    duration: ClassVar[float] = 2.0  # [s]
+    duration = 2.0  # [s]
 
     @property
     def setting(self) -> Setting:

@@ -2,29 +2,30 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
+from math import ceil, inf, isfinite
+from time import process_time
 from typing import Any
 
+import numpy as np
+
+from condyn_pin._core.arrays import Array
 from condyn_pin._core.renamed import renamed
+from condyn_pin.constraints.constraint_fields import check_positive
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.lab.problems.base import Limit, Problem, Setting
+from condyn_pin.simulation.run import simulate
 from condyn_pin.simulation.trajectory import Trajectory
 
-
-@dataclass(frozen=True)
-class MotionErrors:
-    """What is wrong with a motion; by default everything."""
-
-    error: float = math.inf  # by the problem's own measure
-    difference: float = math.inf  # largest of a number that is compared, in its own unit
-    energy_drift: float | None = math.inf  # largest change along the motion [J]
-    violation: float = math.inf  # largest |c(q)| along it [m, rad]
-    constraint_velocity: float = math.inf  # largest |J v| along it [m/s, rad/s]
+# Samples along a motion: as many as the library of problems asks for, or more.
+_SAMPLES = 400
 
 
 @dataclass(frozen=True)
 class ProblemResult:
     """A problem that was run, and the verdict.
+
+    The errors of a motion that ended early are infinite.
 
     Attributes
     ----------
@@ -33,23 +34,33 @@ class ProblemResult:
         What was asked for.
     duration : float
         [s].
-    errors : MotionErrors
-        Infinite for a motion that ended early.
     cpu_seconds : float
         Processor time of `simulate`, its workspace included [s].
     evaluations : int
         Of the equations of motion: solves, and residuals of implicit integrators.
     trajectory : Trajectory
         The motion; its `run` says what was used, and how it ended.
+    error : float
+        By the problem's own measure, in its own unit.
+    difference : float
+        The largest of a number that is compared [m, rad, m/s: its own unit].
+    energy_drift : float or None
+        Largest change of the energy along the motion [J]; None where it is not conserved.
+    violation, constraint_velocity : float
+        Largest |c(q)| [m, rad] and |J v| [m/s, rad/s] along it.
     """
 
     problem: Problem
     setting: Setting
     duration: float  # [s]
-    errors: MotionErrors
     cpu_seconds: float  # [s]
     evaluations: int
     trajectory: Trajectory = field(repr=False, compare=False)
+    error: float = inf
+    difference: float = inf
+    energy_drift: float | None = inf  # [J]
+    violation: float = inf  # [m, rad]
+    constraint_velocity: float = inf  # [m/s, rad/s]
 
     slip = renamed("constraint_velocity")
 
@@ -64,26 +75,11 @@ class ProblemResult:
         return "" if self.trajectory.status.ok else self.trajectory.reason
 
     @property
-    def error(self) -> float:
-        """By the problem's own measure."""
-        return self.errors.error
-
-    @property
-    def energy_drift(self) -> float | None:
-        """Largest change of the energy [J]; None where it is not conserved."""
-        return self.errors.energy_drift
-
-    @property
-    def violation(self) -> float:
-        """Largest |c(q)| along the motion [m, rad]."""
-        return self.errors.violation
-
-    @property
     def judged(self) -> float:
         """The number that the limits are about."""
         if self.problem.judged == "error":
             return self.error
-        return math.inf if self.energy_drift is None else self.energy_drift
+        return inf if self.energy_drift is None else self.energy_drift
 
     @property
     def met(self) -> tuple[Limit, ...]:
@@ -111,32 +107,26 @@ class ProblemResult:
         return f"{run.integrator!r}, {run.drift!r}, {run.solver!r}"
 
     def facts(self) -> dict[str, str]:
-        """Return what `condyn problem` prints, by its label."""
+        """Return what `condyn lab problem` prints, by its label."""
         drift = "not conserved in this problem"
         if self.energy_drift is not None:
             drift = f"{self.energy_drift:.2g} J"
-        e = self.errors
+        took = f"{self.cpu_seconds:.3g} s for {self.duration:g} s"
         return {
             "run with": f"dt {self.dt:g} s, {self.method}",
-            "error": f"{e.error:.2g}: {self.problem.measure}",
-            "difference": f"{e.difference:.2g}, the largest of a number that is compared",
+            "error": f"{self.error:.2g}: {self.problem.measure}",
+            "difference": f"{self.difference:.2g}, the largest of a number that is compared",
             "energy drift": drift,
-            "violation": f"{e.violation:.2g} in c(q), {e.constraint_velocity:.2g} in J v",
-            "CPU": f"{self.cpu_seconds:.3g} s for {self.duration:g} s, "
-            f"{self.evaluations} evaluations",
+            "violation": f"{self.violation:.2g} in c(q), {self.constraint_velocity:.2g} in J v",
+            "CPU": f"{took}, {self.evaluations} evaluations",
             "verdict": self.verdict,
         }
 
     def to_dict(self) -> dict[str, Any]:
         """Return every number, for a file; what is not finite is None."""
-        run, e = self.trajectory.run, self.errors
-        numbers = {
-            "error": e.error,
-            "difference": e.difference,
-            "energy_drift": e.energy_drift,
-            "violation": e.violation,
-            "constraint_velocity": e.constraint_velocity,
-        }
+        run = self.trajectory.run
+        errors = ("error", "difference", "energy_drift", "violation", "constraint_velocity")
+        numbers = {name: getattr(self, name) for name in errors}
         return {
             "problem": self.problem.label,
             "integrator": repr(run.integrator),
@@ -144,7 +134,7 @@ class ProblemResult:
             "solver": repr(run.solver),
             "dt": self.dt,
             "duration": self.duration,
-            **{k: x if x is not None and math.isfinite(x) else None for k, x in numbers.items()},
+            **{k: x if x is not None and isfinite(x) else None for k, x in numbers.items()},
             "cpu_seconds": self.cpu_seconds,
             "evaluations": self.evaluations,
             "verdict": self.verdict,
@@ -158,3 +148,82 @@ class ProblemResult:
 
 def _said(limit: Limit) -> str:
     return f"{limit.level}, {limit.value:g} ({limit.source})"
+
+
+def run_problem(problem: Problem, setting: Setting, duration: float | None) -> ProblemResult:
+    """Simulate, compare with the right motion, and judge; `Problem.run` says how."""
+    duration = _duration(problem, duration)
+    steps = _steps(setting.dt, duration)
+    scene, q0, v0 = problem.scene, problem.q0, problem.v0
+    torque, nothing, evaluations = problem.torque, np.zeros(scene.robot.nv), 0
+
+    def counted(t: float, q: Array, v: Array) -> Array:
+        nonlocal evaluations
+        evaluations += 1
+        return nothing if torque is None else torque(t, q, v)
+
+    start = process_time()
+    trajectory = simulate(
+        scene,
+        q0,
+        v0,
+        counted,
+        duration=duration,
+        dt=duration / steps,
+        integrator=setting.integrator,
+        drift=setting.drift,
+        solver=setting.solver,
+        record=max(1, steps // _SAMPLES),
+    )
+    seconds = process_time() - start
+    count = evaluations  # to measure the motion asks for the torque again
+    found = _errors(problem, trajectory) if trajectory.status.ok else {}
+    return ProblemResult(problem, setting, duration, seconds, count, trajectory, **found)
+
+
+def _errors(problem: Problem, trajectory: Trajectory) -> dict[str, Any]:
+    """Return what is wrong with a motion of a problem, by the fields of its result."""
+    states = list(zip(trajectory.t.tolist(), trajectory.q, trajectory.v, strict=True))
+    known = states[-1:] if problem.only_at else states
+    found = np.array([problem.observe(q, v) for _, q, v in known])
+    wanted = np.array([problem.answer(_near(t, problem.only_at)) for t, _, _ in known])
+    energy_drift = None
+    if problem.conservative:
+        energies = np.array([problem.energy(q, v) for _, q, v in states])
+        energy_drift = float(np.abs(energies - energies[0]).max())
+    return {
+        "error": problem.error(found, wanted),
+        "difference": float(np.abs(found - wanted).max()),
+        "energy_drift": energy_drift,
+        "violation": float(trajectory.violation.max()),
+        "constraint_velocity": float(trajectory.constraint_velocity.max()),
+    }
+
+
+def _duration(problem: Problem, duration: float | None) -> float:
+    if duration is None:
+        return problem.duration
+    check_positive(duration=duration)
+    if problem.only_at and duration not in problem.only_at:
+        known = " and ".join(f"{t:g}" for t in problem.only_at)
+        raise InvalidArgument(
+            f"duration = {duration!r}: the answer of {problem.name} is known at {known} s"
+        )
+    return float(duration)
+
+
+def _steps(dt: float, duration: float) -> int:
+    """Return the number of steps; the last one has to end where the motion does."""
+    check_positive(dt=dt)
+    steps = max(1, round(duration / dt))
+    if abs(steps * dt - duration) > 1e-9 * duration:
+        raise InvalidArgument(
+            f"dt = {dt!r}: {duration:g} s is not a whole number of steps; "
+            f"{duration / ceil(duration / dt)!r} is"
+        )
+    return steps
+
+
+def _near(t: float, known: tuple[float, ...]) -> float:
+    """Return t, or the time that it means among those that are known."""
+    return min(known, key=lambda each: abs(each - t)) if known else t

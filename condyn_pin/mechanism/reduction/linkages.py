@@ -24,9 +24,11 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import indices
+from condyn_pin._core.linalg.numerical_rank import rank_of
 from condyn_pin._core.names import checked, listed
-from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.frames import rows_of
+from condyn_pin.constraints.rows.terms import Terms
+from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, InvalidConstraint
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
@@ -35,7 +37,30 @@ from condyn_pin.model.smaller_robot import free_flyers, sifted, smaller_robot
 
 
 def without_linkage(scene: Scene, loops: Sequence[str], joints: Sequence[str]) -> ReducedScene:
-    """Return the scene without a linkage that only follows; see `Scene.without_linkage`."""
+    """Return the scene without a linkage that only follows another joint.
+
+    Its loops are left out and its bodies welded at the nominal state; their inertia and damping
+    are reflected onto the joints that they followed, as armature and damping.
+
+    Parameters
+    ----------
+    scene : Scene
+    loops : sequence of str
+        Names of constraints.
+    joints : sequence of str
+        The joints of the linkage.
+
+    Returns
+    -------
+    ReducedScene
+
+    Raises
+    ------
+    InvalidArgument
+        If a motor or a spring acts on one of the joints.
+    InvalidConstraint
+        If the loops also hold other joints than these.
+    """
     gone = checked("loops", loops, scene.names, "constraint")
     names = checked("joints", joints, scene.robot.joints, "joint")
     for name in names:
@@ -71,13 +96,14 @@ def follows(scene: Scene, loops: Sequence[str], joints: Sequence[str]) -> bool:
 
     It is so if the rows of the loops have no less rank in the columns of these joints alone.
     """
-    J = scene.nominal.terms.J[rows_of([b for b in scene.bounds if b.name in loops])]
+    J = _of_loops(scene, scene.nominal.terms, loops)
     p = indices(scene.robot.model, joints)[1]
-    return bool(_rank(J[:, p]) == _rank(J))
+    of_passive, of_all = (rank_of(np.linalg.svd(each, compute_uv=False)) for each in (J[:, p], J))
+    return of_passive == of_all
 
 
-def _rank(J: Array) -> int:
-    return int(np.linalg.matrix_rank(J, rtol=tolerances.RANK))
+def _of_loops(scene: Scene, terms: Terms, loops: Sequence[str]) -> Array:
+    return terms.J[rows_of([bound for bound in scene.bounds if bound.name in loops])]
 
 
 def _reflected(
@@ -90,11 +116,11 @@ def _reflected(
             "hold other joints"
         )
     model = scene.robot.model
-    terms = Equations(model, scene.bounds).terms(q, np.zeros(model.nv))
+    terms = equations_of(scene).terms(q, np.zeros(model.nv))
     _, p = indices(model, joints)
     _, floating = indices(model, free_flyers(scene.robot))
     r = np.setdiff1d(np.arange(model.nv), [*p, *floating])
-    J = terms.J[rows_of([b for b in scene.bounds if b.name in loops])]
+    J = _of_loops(scene, terms, loops)
     G = -np.linalg.pinv(J[:, p], rcond=tolerances.RANK) @ J[:, r]
     armature, damping = np.zeros((2, model.nv))
     armature[r] = np.einsum("ir,ij,jr->r", G, terms.M[np.ix_(p, p)], G)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,9 +20,10 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import Arguments
-from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.arrays import finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import indices
+from condyn_pin._core.names import checked
 from condyn_pin._core.timing import State
 from condyn_pin.dynamics.catalogue import motor_torque
 from condyn_pin.dynamics.choice import default_solver
@@ -31,7 +32,7 @@ from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError, InvalidArgument, NotAssembled
 from condyn_pin.mechanism.reduction.minimal_report import Minimal, ReductionStep
-from condyn_pin.mechanism.reduction.price import ReductionErrors, answers, compare, watched_joints
+from condyn_pin.mechanism.reduction.price import ReductionErrors, answers, compare
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
 from condyn_pin.mechanism.reduction.suggestions import Suggestion, suggestions
 from condyn_pin.mechanism.reduction.trials import time_trials, trial
@@ -53,7 +54,41 @@ def minimal(
     watch: Sequence[str] | None = None,
     solver: Solver | None = None,
 ) -> Minimal:
-    """Return the smaller scene with its report; see `Scene.minimal`."""
+    """Return a smaller scene that answers the same question within an error.
+
+    Tried in this order, each kept if the errors stay within the limit: joints that do not move
+    are locked, points of contact merged, implied constraints left out, linkages that only
+    follow reflected onto what they follow, rods replaced by distances, balls of planar
+    linkages by planar pins.
+
+    Parameters
+    ----------
+    scene : Scene
+    error : float
+        Largest relative error of accelerations and contact wrench that is allowed
+        (`condyn_pin.mechanism.reduction.price`). Zero allows only what is exact, to 1e-9.
+    motion : sequence of (q, v, tau), optional
+        Closed states that matter, by which everything is judged. By default random ones, in
+        which every joint moves: some to choose by, 50 others to judge by.
+    watch : sequence of str, optional
+        Joints whose accelerations are asked for; by default the floating base and the motors
+        that the motion moves, or all that it moves if it moves neither.
+    solver : Solver, optional
+        What has to take the smaller scene, and is timed; by default that of `solve`. Proximal()
+        takes neither distances nor planar pins, DenseKKT() does.
+
+    Returns
+    -------
+    Minimal
+        The scene, sizes and times before and after, the errors, and every step in words.
+
+    Raises
+    ------
+    InvalidArgument
+        If an argument is none of these, or nothing would be left to move.
+    NotAssembled
+        If a state of the motion is not on the constraints; the text says which.
+    """
     if not 0 <= finite("error", error, ()) < 1:
         raise InvalidArgument(f"error = {error!r}: a number from 0 to below 1 is needed")
     limit = max(float(error), tolerances.EXACT)
@@ -62,17 +97,15 @@ def minimal(
         raise InvalidArgument(f"solver = {solver!r}: a solver object is needed")
     states = _sampled(scene, 0, _SAMPLES) if motion is None else _checked(scene, motion)
     asked = _asked(scene, states, watch)
-    question = _Question.of(scene, states, asked)
-    judge = question
+    question = judge = _Question(scene, states, asked)
     if motion is None:
-        judge = _Question.of(scene, _sampled(scene, 1, _FRESH), asked)
-    scenes = [reduced(scene, scene.robot, scene.constraints, states[0][0], ())]
-    steps: list[ReductionStep] = []
+        judge = _Question(scene, _sampled(scene, 1, _FRESH), asked)
+    search = _Search(question, solver, limit)
     errors = None
     while errors is None:
-        _search(question, solver, limit, scenes, steps)
-        errors = _judged(judge, limit, scenes, steps)
-    small = scenes[-1]
+        search.run()
+        errors = search.judged(judge)
+    small = search.scenes[-1]
     us, said = _times(scene, small, solver, states)
     return Minimal(
         scene=small,
@@ -85,22 +118,16 @@ def minimal(
         limit=limit,
         states=len(judge.states),
         watch=asked,
-        steps=tuple(steps),
+        steps=tuple(search.steps),
     )
 
 
-@dataclass(frozen=True, eq=False)
 class _Question:
     """What every smaller scene is asked, and what the full one answers."""
 
-    scene: Scene
-    states: Sequence[State]
-    asked: tuple[str, ...]
-    full: tuple[Array, Array]
-
-    @classmethod
-    def of(cls, scene: Scene, states: Sequence[State], asked: tuple[str, ...]) -> _Question:
-        return cls(scene, states, asked, answers(scene, states, asked))
+    def __init__(self, scene: Scene, states: Sequence[State], asked: tuple[str, ...]) -> None:
+        self.scene, self.states, self.asked = scene, states, asked
+        self.full = answers(scene, states, asked)
 
     def errors(self, small: ReducedScene) -> ReductionErrors:
         """Return the errors of a smaller scene, or raise the CondynError that prevents them."""
@@ -108,68 +135,67 @@ class _Question:
         return compare(self.scene, self.full, found)
 
 
-def _search(
-    question: _Question,
-    solver: Solver,
-    limit: float,
-    scenes: list[ReducedScene],
-    steps: list[ReductionStep],
-) -> None:
-    """Try what was not tried yet; add every step, and the scene after each that is kept."""
-    while (suggestion := _untried(scenes[-1], question, steps, solver)) is not None:
+class _Search:
+    """What was tried, in order, and the scene after each step that is kept."""
+
+    def __init__(self, question: _Question, solver: Solver, limit: float) -> None:
+        self.question, self.solver, self.limit = question, solver, limit
+        scene, q = question.scene, question.states[0][0]
+        self.scenes = [reduced(scene, scene.robot, scene.constraints, q, ())]
+        self.steps: list[ReductionStep] = []
+
+    def run(self) -> None:
+        """Try what was not tried yet."""
+        while (suggestion := self._untried()) is not None:
+            errors = None
+            try:
+                after = suggestion.make(self.scenes[-1])
+                Workspace(after, self.solver)
+                errors = self.question.errors(after)
+                good = errors.worst <= self.limit
+                reason = "" if good else f"; {self.limit:g} is allowed"
+            except CondynError as refusal:
+                good, reason = False, f"; {refusal}"
+            self.steps.append(ReductionStep(suggestion.what, good, errors, reason))
+            if good:
+                self.scenes.append(after)
+
+    def judged(self, judge: _Question) -> ReductionErrors | None:
+        """Return the errors of the last scene if they are within the limit, or take it back."""
+        if len(self.scenes) == 1:
+            return _NONE
+        errors = None
+        said = f" at {len(judge.states)} other states; {self.limit:g} is allowed, so undone"
         try:
-            after = suggestion.make(scenes[-1])
-            Workspace(after, solver)
-            errors = question.errors(after)
+            errors = judge.errors(self.scenes[-1])
         except CondynError as refusal:
-            steps.append(
-                ReductionStep(suggestion.what, kept=False, errors=None, reason=f"; {refusal}")
-            )
-            continue
-        good = errors.worst <= limit
-        reason = "" if good else f"; {limit:g} is allowed"
-        steps.append(ReductionStep(suggestion.what, kept=good, errors=errors, reason=reason))
-        if good:
-            scenes.append(after)
+            said = f"; {refusal}"
+        if errors is not None and errors.worst <= self.limit:
+            return errors
+        self.scenes.pop()
+        last = max(i for i, step in enumerate(self.steps) if step.kept)
+        self.steps[last] = replace(self.steps[last], kept=False, errors=errors, reason=said)
+        return None
 
-
-def _untried(
-    small: ReducedScene, question: _Question, steps: Sequence[ReductionStep], solver: Solver
-) -> Suggestion | None:
-    tried = {step.what for step in steps}
-    moving = _moving(small.full.robot, small.robot.joints, question.states)
-    proposed = suggestions(small, moving, question.asked, exact_rows=solver.takes_every_kind)
-    return next((s for s in proposed if s.what not in tried), None)
-
-
-def _judged(
-    judge: _Question, limit: float, scenes: list[ReducedScene], steps: list[ReductionStep]
-) -> ReductionErrors | None:
-    """Return the errors of the last scene if they are within the limit, or else take it back."""
-    if len(scenes) == 1:
-        return _NONE
-    errors, said = None, ""
-    try:
-        errors = judge.errors(scenes[-1])
-    except CondynError as refusal:
-        said = f"; {refusal}"
-    if errors is not None and errors.worst <= limit:
-        return errors
-    scenes.pop()
-    last = max(i for i, step in enumerate(steps) if step.kept)
-    said = said or f" at {len(judge.states)} other states; {limit:g} is allowed, so undone"
-    steps[last] = replace(steps[last], kept=False, errors=errors, reason=said)
-    return None
+    def _untried(self) -> Suggestion | None:
+        small, tried = self.scenes[-1], {step.what for step in self.steps}
+        moving = _moving(small.full.robot, small.robot.joints, self.question.states)
+        exact_rows = self.solver.takes_every_kind
+        proposed = suggestions(small, moving, self.question.asked, exact_rows=exact_rows)
+        return next((s for s in proposed if s.what not in tried), None)
 
 
 def _asked(scene: Scene, states: Sequence[State], watch: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the joints to watch; by default those of base and motors that the motion moves."""
-    joints = watched_joints(scene, watch)
+    """Return the joints to watch; by default the base, and those with motors that move.
+
+    Without motors all that move.
+    """
+    robot = scene.robot
     if watch is not None:
-        return joints
-    moving = _moving(scene.robot, scene.robot.joints, states)
-    kept = (*free_flyers(scene.robot), *(name for name in joints if name in moving))
-    return tuple(dict.fromkeys(kept)) or tuple(n for n in scene.robot.joints if n in moving)
+        return checked("watch", watch, robot.joints, "joint")
+    base, moving = free_flyers(robot), _moving(robot, robot.joints, states)
+    kept = (*base, *(name for name in robot.actuated or robot.joints if name in moving))
+    return tuple(dict.fromkeys(kept)) or tuple(n for n in robot.joints if n in moving)
 
 
 def _reduce(small: ReducedScene, state: State) -> State:
@@ -199,7 +225,11 @@ def _checked(scene: Scene, motion: Any) -> list[State]:
     states = []
     for k, state in enumerate(motion):
         try:
-            q, v, tau = check(*_three(state))
+            q, v, tau = state
+        except (TypeError, ValueError) as error:
+            raise InvalidArgument(f"motion[{k}]: (q, v, tau) is needed ({error})") from error
+        try:
+            q, v, tau = check(q, v, tau)
             scene.check(q, v).raise_if_open()
         except InvalidArgument as error:
             raise InvalidArgument(f"motion[{k}]: {error}") from error
@@ -209,14 +239,6 @@ def _checked(scene: Scene, motion: Any) -> list[State]:
     if not states:
         raise InvalidArgument("motion: it is empty; one state (q, v, tau) at least is needed")
     return states
-
-
-def _three(state: Any) -> tuple[Any, Any, Any]:
-    try:
-        q, v, tau = state
-    except (TypeError, ValueError) as error:
-        raise InvalidArgument(f"(q, v, tau) is needed ({error})") from error
-    return q, v, tau
 
 
 def _times(

@@ -19,9 +19,8 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import indices
-from condyn_pin._core.names import checked
 from condyn_pin._core.timing import State
-from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.model.smaller_robot import free_flyers
@@ -59,20 +58,12 @@ class ReductionErrors:
         return max(self.a_worst, self.force_worst)
 
 
-def watched_joints(scene: Scene, watch: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the joints to watch: by default the floating base and the motors, or all joints."""
-    robot = scene.robot
-    if watch is not None:
-        return checked("watch", watch, robot.joints, "joint")
-    return (*free_flyers(robot), *robot.actuated) if robot.actuated else robot.joints
-
-
 def answers(scene: Scene, states: Sequence[State], joints: Sequence[str]) -> tuple[Array, Array]:
     """Return accelerations of the watched joints and contact wrenches, a line a state.
 
     The wrenches have no columns if the robot does not float or touches nothing.
     """
-    equations = Equations(scene.robot.model, scene.bounds)
+    equations = equations_of(scene)
     _, watched = indices(scene.robot.model, joints)
     _, base = indices(scene.robot.model, free_flyers(scene.robot) if scene.rows else ())
     found_a, found_f = [], []

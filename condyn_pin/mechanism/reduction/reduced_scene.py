@@ -21,7 +21,7 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import Indices, indices
-from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.mechanism.summary import Summary
@@ -120,7 +120,7 @@ class ReducedScene(Scene):
         known = [name for name in full.robot.joints if name not in self.found]
         q = scene.assemble(q, fixed=known, within_limits=False).q
         _, index = indices(full.robot.model, self.found)
-        J = Equations(full.robot.model, scene.bounds).jacobian(q)
+        J = equations_of(scene).jacobian(q)
         v[index] = -np.linalg.lstsq(J[:, index], J @ v, rcond=tolerances.RANK)[0]
         return q, v
 
@@ -148,20 +148,10 @@ def reduced(
     *,
     found: Sequence[str] = (),
 ) -> ReducedScene:
-    """Return the reduced scene after one more step, its origin being that of the first step.
+    """Return the scene after one more step, with `robot` and `constraints`.
 
-    Parameters
-    ----------
-    scene : Scene
-        Before the step.
-    robot, constraints
-        After it.
-    q : (nq,) array
-        Configuration of `scene` at which the step was made.
-    dropped : sequence of str
-        What the step left out.
-    found : sequence of str
-        Joints whose bodies it cut off.
+    It was made at the configuration q of `scene`, left out what `dropped` says, and cut off the
+    bodies of the joints `found`. The full scene is that before the first step.
     """
     if not isinstance(scene, ReducedScene):
         held, before = tuple(q.tolist()), Scene(scene.robot, scene.constraints)

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.joints import indices
 from condyn_pin._core.names import checked, listed
+from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
@@ -23,11 +24,38 @@ from condyn_pin.model.smaller_robot import free_flyers, sifted, smaller_robot
 
 
 def lock(scene: Scene, joints: Sequence[str], q: ArrayLike | None = None) -> ReducedScene:
-    """Return the scene with some joints held at their value in q; see `Scene.lock`."""
+    """Return the scene of the smaller robot in which some joints are held at q.
+
+    Exact: it moves as this one does with the joints welded.
+
+    Parameters
+    ----------
+    scene : Scene
+    joints : sequence of str
+        A free-flyer may be among them. Joints coupled to them are locked too, where the
+        couplings want them.
+    q : (nq,) array_like, optional
+        Where; the nominal state by default. The other joints move as closing the loops needs;
+        the closed configuration, without the locked joints, is the first posture of the smaller
+        robot, ``locked``.
+
+    Returns
+    -------
+    ReducedScene
+        A scene; its `expand_state` and `reduce_state` lead back and forth, and `dropped` says
+        what is left out, such as loops whose two sides are one body now.
+
+    Raises
+    ------
+    InvalidArgument
+        If all of them are locked.
+    NotAssembled
+        If the loops cannot be closed with the joints there.
+    """
     named = checked("joints", joints, scene.robot.joints, "joint")
     names, remarks = _with_partners(scene, named)
     if not names:
-        return reduced(scene, scene.robot, scene.constraints, scene.guess(), ())
+        return reduced(scene, scene.robot, scene.constraints, described_posture(scene), ())
     if len(names) == len(scene.robot.joints):
         raise InvalidArgument("joints: with all of them locked nothing moves; leave one at least")
     start = scene.state()[0] if q is None else normalised(scene.robot.model, "q", q)
@@ -47,21 +75,62 @@ def lock(scene: Scene, joints: Sequence[str], q: ArrayLike | None = None) -> Red
 
 
 def keep(scene: Scene, joints: Sequence[str], q: ArrayLike | None = None) -> ReducedScene:
-    """Return the scene with all but some joints locked; see `Scene.keep`."""
+    """Return the scene with all but some joints locked, as by `lock`.
+
+    Parameters
+    ----------
+    scene : Scene
+    joints : sequence of str
+        What moves on. A free-flyer is kept without being named; `Scene.lock` holds it.
+    q : (nq,) array_like, optional
+        Where the others are held; the nominal state by default.
+
+    Returns
+    -------
+    ReducedScene
+    """
     kept = {*checked("joints", joints, scene.robot.joints, "joint"), *free_flyers(scene.robot)}
     return lock(scene, [name for name in scene.robot.joints if name not in kept], q)
 
 
 def without(scene: Scene, names: Sequence[str]) -> ReducedScene:
-    """Return the scene without some constraints; see `Scene.without`."""
+    """Return the scene without some of its constraints.
+
+    Parameters
+    ----------
+    scene : Scene
+    names : sequence of str
+        Of constraints.
+
+    Returns
+    -------
+    ReducedScene
+    """
     gone = checked("names", names, scene.names, "constraint")
     kept = [c for c in scene.constraints if c.name not in gone]
     dropped = tuple(f"constraint {name}: left out" for name in gone)
-    return reduced(scene, scene.robot, kept, scene.guess(), dropped)
+    return reduced(scene, scene.robot, kept, described_posture(scene), dropped)
 
 
 def without_bodies(scene: Scene, joints: Sequence[str]) -> ReducedScene:
-    """Return the scene without the bodies that hang on some joints; see `Scene.without_bodies`."""
+    """Return the scene without the bodies that hang on some joints, their mass included.
+
+    What hangs on these bodies goes with them, and the constraints that are fixed to them.
+
+    Parameters
+    ----------
+    scene : Scene
+    joints : sequence of str
+
+    Returns
+    -------
+    ReducedScene
+
+    Raises
+    ------
+    InvalidArgument
+        If nothing is left of the robot.
+    """
     model = scene.robot.model
     named = checked("joints", joints, scene.robot.joints, "joint")
     numbers = {int(i) for name in named for i in model.subtrees[model.getJointId(name)]}

@@ -25,7 +25,8 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import indices
 from condyn_pin._core.names import checked, listed
-from condyn_pin.constraints.constraints import Constraint, Loop
+from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, InvalidConstraint
 from condyn_pin.mechanism.reduction.linkages import check_passive
@@ -65,7 +66,29 @@ class _Rod:
 def rods_as_distances(
     scene: Scene, joints: Sequence[str], *, mass: RodMass = "ends"
 ) -> ReducedScene:
-    """Return the scene with rods replaced by distances; see `Scene.rods_as_distances`."""
+    """Return the scene in which rods are one row each: the distance of their two ends.
+
+    Parameters
+    ----------
+    scene : Scene
+    joints : sequence of str
+        The joints on which the rods hang: balls, or hinges of a planar linkage. Each rod ends
+        a branch, and one loop of kind ball or planar ties its other end.
+    mass : {"ends", "drop"}
+        Whether a rod's mass is shared by its two ends, so that total mass and centre of mass
+        along the rod stay, or dropped.
+
+    Returns
+    -------
+    ReducedScene
+
+    Raises
+    ------
+    InvalidArgument
+        If a body is no rod; the text says why.
+    InvalidConstraint
+        If a rod does more than keep a distance: without it the mobility is another.
+    """
     if mass not in get_args(RodMass):
         raise InvalidArgument(f"mass = {mass!r}: one of {', '.join(get_args(RodMass))} is needed")
     names = checked("joints", joints, scene.robot.joints, "joint")

@@ -24,8 +24,11 @@ from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.timing import State
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms
+from condyn_pin.dynamics.at_state import equations_of
+from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.reference import Reference
+from condyn_pin.model.robot import Robot
 from condyn_pin.model.smaller_robot import free_flyers
 from condyn_pin.model.soundness import singular_mass
 from condyn_pin.model.spring import Spring
@@ -37,32 +40,17 @@ _LEVER = 0.1  # [m]; a force of 10 N is as dear as a torque of 1 N m
 
 @one_blas_thread
 def same_motion(source: Scene, target: Scene, state: State, joints: Sequence[str]) -> State:
-    """Return the motion of `source` in `target`.
+    """Return (q, v, tau) in `target` for a closed state of `source`.
 
-    Parameters
-    ----------
-    source, target : Scene
-    state : (q, v, tau)
-        A closed state of the source; tau are the torques of the motors, springs and damping not
-        among them.
-    joints : sequence of str
-        Joints of both scenes that decide where the machine is: the floating base and the motors.
-
-    Returns
-    -------
-    q, v, tau
-        tau with springs and damping. Motors that the source does not have hold their joints against
-        gravity.
-
-    Raises
-    ------
-    NotAssembled
-        If the target cannot be closed there.
+    `joints` of both scenes decide where the machine is: the floating base and the motors. The
+    torques of the source are those of its motors; the torques returned have springs and damping
+    among them, and motors that the source does not have hold their joints against gravity. Raises
+    NotAssembled if the target cannot be closed there.
     """
     q, v, tau = state
     robot = target.robot
     common = [name for name in source.robot.joints if name in robot.joints]
-    guess, wanted, motors = target.guess(), np.zeros(robot.nv), np.zeros(robot.nv)
+    guess, wanted, motors = described_posture(target), np.zeros(robot.nv), np.zeros(robot.nv)
     guess[indices(robot.model, common)[0]] = q[indices(source.robot.model, common)[0]]
     _, from_v = indices(source.robot.model, joints)
     _, to_v = indices(robot.model, joints)
@@ -70,13 +58,13 @@ def same_motion(source: Scene, target: Scene, state: State, joints: Sequence[str
     springs = [s for s in robot.springs if s.joint not in source.robot.joints]
     bent = [spring.joint for spring in springs]
     fixed = [*joints, *bent]
-    equations = Equations(robot.model, target.bounds)
+    equations = equations_of(target)
     bent_q, of_springs = indices(robot.model, bent)
     known = np.concatenate([to_v, of_springs])
     for _ in range(_ROUNDS):
         q_ = target.assemble(guess, fixed=fixed, within_limits=False).q
         v_ = _follow(equations, q_, wanted, known, of_springs)
-        tau_ = motors + _hold(target, q_, joints) + robot.passive_torque(q_, v_)
+        tau_ = motors + _hold(robot, equations, q_, joints) + robot.passive_torque(q_, v_)
         if not springs:
             break
         step = _bend(equations, (q_, v_, tau_), springs, of_springs)
@@ -102,7 +90,7 @@ def standing_torque(scene: Scene, q: Array) -> Array:
     """
     robot = scene.robot
     _, motors = indices(robot.model, robot.actuated)
-    terms = Equations(robot.model, scene.bounds).terms(q, np.zeros(robot.nv))
+    terms = equations_of(scene).terms(q, np.zeros(robot.nv))
     A = np.hstack([np.eye(robot.nv)[:, motors], terms.J.T / _LEVER])
     tau = np.zeros(robot.nv)
     tau[motors] = np.linalg.lstsq(A, terms.h, rcond=tolerances.RANK)[0][: len(motors)]
@@ -119,14 +107,11 @@ def _follow(equations: Equations, q: Array, wanted: Array, known: Indices, still
     return factorise(terms.M, J, tolerances.RANK, why=singular_mass(equations.model, q)).tangent(v)
 
 
-def _hold(target: Scene, q: Array, joints: Sequence[str]) -> Array:
+def _hold(robot: Robot, equations: Equations, q: Array, joints: Sequence[str]) -> Array:
     """Return the torque against gravity in the motors that are not among `joints`."""
-    robot = target.robot
-    others = [name for name in robot.actuated if name not in joints]
-    _, index = indices(robot.model, others)
+    _, index = indices(robot.model, [name for name in robot.actuated if name not in joints])
     torque = np.zeros(robot.nv)
-    h = Equations(robot.model, ()).terms(q, torque).h
-    torque[index] = h[index]
+    torque[index] = equations.terms(q, torque).h[index]
     return torque
 
 

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass
-from functools import partial
+from typing import Any
 
 import numpy as np
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import indices
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.names import listed
-from condyn_pin.mechanism.reduction.linkages import follows
-from condyn_pin.mechanism.reduction.merging import merge_points
-from condyn_pin.mechanism.reduction.planar import as_planar
+from condyn_pin.mechanism.reduction.fewer_rows import as_planar, merge_points
+from condyn_pin.mechanism.reduction.linkages import follows, without_linkage
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene
-from condyn_pin.mechanism.reduction.rods import is_rod
+from condyn_pin.mechanism.reduction.reduction import without
+from condyn_pin.mechanism.reduction.rods import is_rod, rods_as_distances
 from condyn_pin.model.smaller_robot import free_flyers
 
 
@@ -34,59 +33,48 @@ def suggestions(
 ) -> Iterator[Suggestion]:
     """Yield what may be left out of a scene.
 
-    Parameters
-    ----------
-    scene : ReducedScene
-    moving : set of str
-        Joints that have to move.
-    asked : sequence of str
-        Joints whose accelerations are asked for: they are kept.
-    exact_rows : bool
-        Whether the solver takes every kind of constraint with its own rows; if not, kinds that it
-        would refuse, or make of more rows again, are not proposed.
+    Joints that are `moving` have to move, and those whose accelerations are `asked` for are kept.
+    Without `exact_rows` the solver would refuse some kinds of constraints, or make more rows of
+    them again: these are not proposed.
     """
     still = [n for n in scene.robot.joints if n not in moving and n not in asked]
     if still and len(still) < len(scene.robot.joints):
         index, _ = indices(scene.full.robot.model, scene.robot.joints)
-        q = np.array(scene.held)[index]
         yield Suggestion(
-            f"joints that do not move locked: {listed(still)}", lambda s: s.lock(still, q)
+            f"joints that do not move locked: {listed(still)}",
+            _applied(ReducedScene.lock, still, np.array(scene.held)[index]),
         )
     if merge_points(scene, edges=exact_rows).rows < scene.rows:
         yield Suggestion(
-            "points on one body merged into one contact", partial(merge_points, edges=exact_rows)
+            "points on one body merged into one contact",
+            _applied(merge_points, edges=exact_rows),
         )
     for name in _implied(scene):
         yield Suggestion(
-            f"constraint {name} left out: the others imply it", partial(_without, name=name)
+            f"constraint {name} left out: the others imply it", _applied(without, [name])
         )
     for loop, joints in _linkages(scene, asked):
         yield Suggestion(
             f"loop {loop} left out, and {listed(joints)} that only follow it reflected",
-            partial(_without_linkage, loop=loop, joints=joints),
+            _applied(without_linkage, [loop], joints),
         )
     if not exact_rows:
         return
     for name in scene.robot.joints:
         if name not in asked and is_rod(scene, name):
-            yield Suggestion(f"rod on {name} as a distance", partial(_as_distance, joint=name))
+            yield Suggestion(f"rod on {name} as a distance", _applied(rods_as_distances, [name]))
     for name in _planar_balls(scene):
         yield Suggestion(
             f"loop {name} as a planar pin: its third row is redundant",
-            partial(as_planar, name=name),
+            _applied(as_planar, name),
         )
 
 
-def _without(scene: ReducedScene, name: str) -> ReducedScene:
-    return scene.without([name])
-
-
-def _without_linkage(scene: ReducedScene, loop: str, joints: Sequence[str]) -> ReducedScene:
-    return scene.without_linkage([loop], joints)
-
-
-def _as_distance(scene: ReducedScene, joint: str) -> ReducedScene:
-    return scene.rods_as_distances([joint])
+def _applied(
+    simplify: Callable[..., ReducedScene], *args: Any, **options: Any
+) -> Callable[[ReducedScene], ReducedScene]:
+    """Return a function of a scene that simplifies it so."""
+    return lambda scene: simplify(scene, *args, **options)
 
 
 def _implied(scene: ReducedScene) -> Iterator[str]:
@@ -125,9 +113,7 @@ def _linkages(scene: ReducedScene, asked: Sequence[str]) -> Iterator[tuple[str, 
 def _planar_balls(scene: ReducedScene) -> Iterator[str]:
     """Yield ball loops with a redundant row of their own."""
     M, J = scene.nominal.terms.M, scene.nominal.terms.J
-    for bound in scene.bounds:
-        loop = next(c for c in scene.constraints if c.name == bound.name)
-        if loop.as_planar_pin(loop.name) is not None:
-            own: Array = J[bound.rows]
-            if factorise(M, own, tolerances.RANK).rank == 2:
-                yield bound.name
+    for loop, bound in zip(scene.constraints, scene.bounds, strict=True):
+        is_ball = loop.as_planar_pin(loop.name) is not None
+        if is_ball and factorise(M, J[bound.rows], tolerances.RANK).rank == 2:
+            yield bound.name

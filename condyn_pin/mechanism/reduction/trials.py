@@ -21,15 +21,10 @@ _Key = TypeVar("_Key", bound=Hashable)
 
 @dataclass(frozen=True)
 class Trial:
-    """A solver tried on a scene.
+    """A solver tried on a scene: "ok" and what to time, or why a time would say nothing.
 
-    Attributes
-    ----------
-    call : callable or None
-        What to time: its accelerations at one state after the other; the arguments are not looked
-        at, since scenes to be compared do not share their states. None if a time would say nothing.
-    said : str
-        "ok", or why there is nothing to time.
+    The call goes from one state to the next, and does not look at its arguments: scenes that are
+    compared do not share their states.
     """
 
     call: Call | None

@@ -78,16 +78,6 @@ def rod(length: float, mass: float) -> Any:
     )
 
 
-def floating_body(name: str, inertia: Any) -> Any:
-    """Return the model of one body on a free-flyer, with a frame ``centre`` at its origin."""
-    model = pin.Model()
-    model.name = name
-    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "floating")
-    model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
-    model.addFrame(pin.Frame("centre", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
-    return model
-
-
 def disc(radius: float, mass: float) -> Any:
     """Return the inertia of a thin disc with its axle along y: m r^2 / 2, and half of it across."""
     across = mass * radius**2 / 4

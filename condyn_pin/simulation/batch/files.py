@@ -11,20 +11,33 @@ from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.parallel.outcome import MISSING
 from condyn_pin._core.parameters import check_count
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solvers import Solver
 from condyn_pin.model.robot import Robot
-from condyn_pin.simulation.archive import MOTIONS, Content, Header, Path_, check_times, read, write
-from condyn_pin.simulation.batch.motions import ENDS, SAMPLED, of_ends, of_samples, samples_of
-from condyn_pin.simulation.batch.states import loose
-from condyn_pin.simulation.batch.trajectory import RUN_STATUSES, BatchTrajectory, Samples
-from condyn_pin.simulation.coding import decode, encode
-from condyn_pin.simulation.drift import Drift
-from condyn_pin.simulation.integrators import Integrator
+from condyn_pin.simulation.archive import (
+    CHOICES,
+    MOTIONS,
+    Content,
+    Header,
+    Path_,
+    check_times,
+    choice,
+    decode,
+    encode,
+    read,
+    write,
+)
+from condyn_pin.simulation.batch.inputs import loose
+from condyn_pin.simulation.batch.trajectory import (
+    ENDS,
+    RUN_STATUSES,
+    SAMPLED,
+    BatchTrajectory,
+    Samples,
+    kinds_of,
+    samples_in,
+)
 from condyn_pin.simulation.outcome import RunStatus
 
 _PLAIN = ("duration", "dt", "steps", "seconds")
-_NAMES = (*ENDS, *(f"samples_{name}" for name in SAMPLED))
-_CHOICES = {"integrator": Integrator, "drift": Drift, "solver": Solver}
 
 
 def save(batch: BatchTrajectory, path: Path_) -> None:
@@ -32,11 +45,11 @@ def save(batch: BatchTrajectory, path: Path_) -> None:
     header = {
         "constraints": [encode(c) for c in batch.scene.constraints],
         **{key: getattr(batch, key) for key in _PLAIN},
-        **{key: encode(getattr(batch, key)) for key in _CHOICES},
+        **{key: encode(getattr(batch, key)) for key in CHOICES},
         "endings": [status.name for status in RUN_STATUSES],
         "reasons": {int(i): batch.reasons[i] for i in np.flatnonzero(batch.reasons)},
     }
-    arrays = {name: getattr(batch, name) for name in of_ends(batch.scene)}
+    arrays = {name: getattr(batch, name) for name in ENDS}
     if batch.samples:
         arrays |= {f"samples_{name}": array for name, array in vars(batch.samples).items()}
     write(path, MOTIONS, batch.scene.robot, header, arrays)
@@ -44,13 +57,13 @@ def save(batch: BatchTrajectory, path: Path_) -> None:
 
 def load(path: Path_) -> BatchTrajectory:
     """Return a batch from a file; see `BatchTrajectory.load`."""
-    return read(path, MOTIONS, _NAMES, _batch)
+    return read(path, MOTIONS, (*ENDS, *(f"samples_{name}" for name in SAMPLED)), _batch)
 
 
 def _batch(robot: Robot, header: Header, content: Content) -> BatchTrajectory:
     scene = Scene(robot, [decode(c) for c in header["constraints"]])
     kept = content["samples_t"].shape[-1] if "samples_t" in content else 0
-    kinds = of_ends(scene) | (of_samples(scene, kept) if kept else {})
+    kinds = kinds_of(scene, kept)
     arrays, count = {name: content[name] for name in kinds}, len(content["t"])
     for name, kind in kinds.items():
         there, wanted = arrays[name], kind.times(count)
@@ -60,12 +73,10 @@ def _batch(robot: Robot, header: Header, content: Content) -> BatchTrajectory:
                 f"{np.dtype(wanted.dtype)} is needed"
             )
     arrays["statuses"] = _statuses(header["endings"], arrays["statuses"])
-    samples = dict(samples_of(arrays))
-    parts: dict[str, Any] = {key: decode(header[key]) for key in _CHOICES}
-    parts |= {key: header[key] for key in _PLAIN}
-    parts |= {name: arrays[name] for name in of_ends(scene)}
-    parts |= {"reasons": _reasons(header["reasons"], count)}
-    batch = BatchTrajectory(scene, **parts, samples=Samples(**samples) if samples else None)
+    parts: dict[str, Any] = {key: choice(key, header[key], kind) for key, kind in CHOICES.items()}
+    parts |= {key: header[key] for key in _PLAIN} | {name: arrays[name] for name in ENDS}
+    reasons = _reasons(header["reasons"], count)
+    batch = BatchTrajectory(scene, **parts, reasons=reasons, samples=samples_in(arrays))
     _check(batch)
     read_only((*arrays.values(), batch.reasons))
     return batch
@@ -88,10 +99,7 @@ def _reasons(words: dict[str, str], count: int) -> NDArray[np.object_]:
 
 
 def _check(batch: BatchTrajectory) -> None:
-    """Refuse what is none of the choices, and motions that do not go together with their ends."""
-    for name, kind in _CHOICES.items():
-        if not isinstance(getattr(batch, name), kind):
-            raise TypeError(f"{name} = {getattr(batch, name)!r}")
+    """Refuse motions that do not go together with their ends."""
     check_count("steps", batch.steps)
     check_times(duration=batch.duration, dt=batch.dt, seconds=batch.seconds)
     done = np.flatnonzero(batch.statuses != MISSING)

@@ -12,6 +12,7 @@ from typing import Final
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.verbs import workspace_for
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument
 
@@ -21,33 +22,36 @@ _KEPT: Final = 32
 
 @dataclass(frozen=True)
 class Recipe:
-    """A scene, its solver and its drift control, as they travel.
+    """A scene, its solver and its drift control."""
 
-    Two recipes are equal if their pickles are: whoever has made a workspace from one need not
-    unpickle the other.
-    """
+    scene: Scene
+    solver: Solver | None = None
+    drift: Baumgarte | None = None
 
-    token: bytes
-    pickled: bytes = field(compare=False, repr=False)
+    def workspace(self) -> Workspace:
+        """Return this thread's workspace for them."""
+        return workspace_for(self.scene, self.solver, self.drift)
 
-    @classmethod
-    def of(cls, scene: Scene, solver: Solver | None, drift: Baumgarte | None) -> Recipe:
-        """Return the recipe of a workspace.
-
-        Raises
-        ------
-        InvalidArgument
-            If the solver or the drift control is of a class that cannot travel.
-        """
-        scene.robot.check_unedited()
+    def pickled(self) -> PickledRecipe:
+        """Return the recipe as it travels; InvalidArgument if it is of a class that cannot."""
+        self.scene.robot.check_unedited()
+        parts = self.scene, self.solver, self.drift
         try:
-            pickled = pickle.dumps((scene, solver, drift), pickle.HIGHEST_PROTOCOL)
+            pickled = pickle.dumps(parts, pickle.HIGHEST_PROTOCOL)
         except (pickle.PicklingError, AttributeError, TypeError) as error:
             raise InvalidArgument(
-                f"solver = {solver!r}, drift = {drift!r}: workers need what pickles, such as an "
-                f"object whose class is in a module ({error})"
+                f"solver = {self.solver!r}, drift = {self.drift!r}: workers need what pickles, "
+                f"such as an object whose class is in a module ({error})"
             ) from error
-        return cls(blake2b(pickled, digest_size=16).digest(), pickled)
+        return PickledRecipe(blake2b(pickled, digest_size=16).digest(), pickled)
+
+
+@dataclass(frozen=True)
+class PickledRecipe:
+    """A recipe that is equal to others with the same pickle: one of them need be unpickled."""
+
+    token: bytes
+    content: bytes = field(compare=False, repr=False)
 
     def workspace(self) -> Workspace:
         """Return the workspace of this thread, made when it is first asked for."""
@@ -55,6 +59,6 @@ class Recipe:
 
 
 @lru_cache(_KEPT)
-def _workspace(recipe: Recipe, _thread: int) -> Workspace:
-    scene, solver, drift = pickle.loads(recipe.pickled)
+def _workspace(recipe: PickledRecipe, _thread: int) -> Workspace:
+    scene, solver, drift = pickle.loads(recipe.content)
     return Workspace(scene, solver, drift=drift)

@@ -5,19 +5,17 @@ from __future__ import annotations
 from concurrent.futures import Executor
 from contextlib import closing
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.parallel.chunks import in_flight
 from condyn_pin._core.parameters import check_count
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.mechanism.sampling import check_generator, sample
-from condyn_pin.simulation.batch.recipe import Recipe
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.scene import Scene
+from condyn_pin.simulation.batch.recipe import PickledRecipe, Recipe
 
 # States that a worker is handed at a time: they take it longer than the way there and back.
 _CHUNK: Final = 64
@@ -29,11 +27,41 @@ def sample_batch(
     scene: Scene,
     n: int,
     rng: np.random.Generator,
-    spread: float,
-    speed: float,
-    executor: Executor | None,
+    *,
+    spread: float = 0.2,
+    speed: float = 1.0,
+    executor: Executor | None = None,
 ) -> tuple[Array, Array]:
-    """Return n random states (Q, V), each from a stream of its own; see `Scene.sample_batch`."""
+    """Return n random states that satisfy the constraints, a row each.
+
+    Row i is ``scene.sample(rng.spawn(n)[i])``: each state has a stream of its own, so that the
+    states do not depend on who draws them. A second call with the same generator gives others.
+
+    Parameters
+    ----------
+    scene : Scene
+    n : int
+    rng : numpy.random.Generator
+        The source of randomness, made from a seed.
+    spread, speed
+        As in `Scene.sample`.
+    executor : Executor, optional
+        Who does the work, as in `solve_batch`; this process by default.
+
+    Returns
+    -------
+    Q : (n, nq) array
+    V : (n, nv) array
+
+    Raises
+    ------
+    InvalidArgument
+        If an argument is none of these.
+    NotAssembled
+        As in `Scene.sample`, for any of the states.
+    WorkersLost
+        As in `solve_batch`.
+    """
     check_count("n", n, least=0)
     check_generator(rng)
     try:
@@ -44,10 +72,8 @@ def sample_batch(
             "numpy.random.default_rng(seed) makes one that has"
         ) from error
     Q, V = np.zeros((n, scene.robot.nq)), np.zeros((n, scene.robot.nv))
-    if executor is None:
-        work = partial(_sample, scene, spread, speed)
-    else:
-        work = partial(_sample_there, Recipe.of(scene, None, None), spread, speed)
+    where = scene if executor is None else Recipe(scene).pickled()
+    work = partial(_sample, where, spread, speed)
     starts = range(0, n, _CHUNK)
     chunks = in_flight(
         work, len(starts), lambda i, _: streams[starts[i] : starts[i] + _CHUNK], executor
@@ -59,15 +85,9 @@ def sample_batch(
     return Q, V
 
 
-def _sample(scene: Scene, spread: float, speed: float, streams: Streams) -> tuple[Array, Array]:
-    Q = np.zeros((len(streams), scene.robot.nq))
-    V = np.zeros((len(streams), scene.robot.nv))
-    for i, rng in enumerate(streams):
-        Q[i], V[i] = sample(scene, rng, spread, speed)
-    return Q, V
-
-
-def _sample_there(
-    recipe: Recipe, spread: float, speed: float, streams: Streams
+def _sample(
+    where: Scene | PickledRecipe, spread: float, speed: float, streams: Streams
 ) -> tuple[Array, Array]:
-    return _sample(recipe.workspace().scene, spread, speed, streams)
+    scene = where.workspace().scene if isinstance(where, PickledRecipe) else where
+    states = [sample(scene, rng, spread=spread, speed=speed) for rng in streams]
+    return np.array([q for q, _ in states]), np.array([v for _, v in states])

@@ -4,30 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from functools import partial
 from time import perf_counter
 from typing import Final
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core.parallel.chunks import Progress, silent
 from condyn_pin._core.parallel.memory import Arrays
+from condyn_pin._core.parallel.rows import Rows
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
-from condyn_pin.simulation.batch.forces import split
-from condyn_pin.simulation.batch.motions import Motions, of_ends, of_samples, samples_of
-from condyn_pin.simulation.batch.rows import Rows
-from condyn_pin.simulation.batch.states import check_states
-from condyn_pin.simulation.batch.trajectory import BatchTrajectory, Samples
-from condyn_pin.simulation.batch.verbs import check_chunk
-from condyn_pin.simulation.defaults import default_solver
+from condyn_pin.simulation.batch.inputs import check_states, split
+from condyn_pin.simulation.batch.motions import Motions
+from condyn_pin.simulation.batch.recipe import Recipe
+from condyn_pin.simulation.batch.trajectory import ENDS, BatchTrajectory, kinds_of, samples_in
 from condyn_pin.simulation.integrators import Integrator
-from condyn_pin.simulation.plan import Plan, plan
-from condyn_pin.simulation.slopes import TorqueJacobian
-from condyn_pin.simulation.torques import Torque
+from condyn_pin.simulation.plan import Plan, default_solver
+from condyn_pin.simulation.torques import Torque, TorqueJacobian
 
 # Samples that are looked at where none is to be kept, at most, and how many steps are between two
 # of them, at least: gaps and energies change slowly, and a look costs half a step.
@@ -106,35 +103,25 @@ def simulate_batch(
     begun = perf_counter()
     function = TAU if callable(TAU) else None
     every = 1 if record is None else record
-    planned = plan(
-        scene, 0.0 if function is None else function, duration=duration, dt=dt,
-        integrator=integrator, drift=drift, solver=solver, record=every,
-        jacobian=jacobian,
-    )  # fmt: skip
+    motions = Motions(function, jacobian, duration, dt, integrator, drift, solver, every)
+    planned = motions.plan(scene)
     every = max(planned.steps // _LOOKS, _APART) if record is None else record
-    nv = scene.robot.nv
-    zero = function is not None or (isinstance(TAU, int | float) and TAU == 0)
-    given: ArrayLike = np.zeros(nv) if zero else TAU  # type: ignore[assignment]
+    given: ArrayLike = 0.0 if function is not None else TAU  # type: ignore[assignment]
     q, v, tau = check_states(scene.robot.model, Q0, V0, given, suffix="0")
     _, of_rows, more = split(scene.robot, forces, len(q), functions=True)
-    kernel = Motions(
-        function, jacobian, duration, dt, planned.integrator, planned.drift, solver, every, of_rows
-    )
+    motions = replace(motions, every=every, forces=of_rows)
     most = max(1, int(_SOLVES / planned.steps / max(planned.integrator.solves_per_step, 1)))
-    rows = Rows(kernel, scene, solver, None, executor, check_chunk(chunk), most, progress)
-    kept = len(range(0, planned.steps, every)) + 1 if record is not None else 0
-    kinds = of_ends(scene) | (of_samples(scene, kept) if kept else {})
+    rows = Rows(motions, Recipe(scene, solver), executor, chunk, most, progress)
+    kinds = kinds_of(scene, 0 if record is None else len(range(0, planned.steps, every)) + 1)
     inputs = {"q0": q, "v0": v, "tau0": tau} | more
     return rows.fill(len(q), inputs, kinds, partial(_batch, planned, begun))
 
 
 def _batch(planned: Plan, begun: float, outputs: Arrays) -> BatchTrajectory:
     """Return the outputs as a value."""
-    samples = dict(samples_of(outputs))
     solver = default_solver(planned.scene) if planned.solver is None else planned.solver
     return BatchTrajectory(
         planned.scene, planned.integrator, planned.drift, solver, planned.duration, planned.dt,
-        planned.steps, **{name: outputs[name] for name in of_ends(planned.scene)},
-        reasons=outputs["words"],
-        samples=Samples(**samples) if samples else None, seconds=perf_counter() - begun,
+        planned.steps, **{name: outputs[name] for name in ENDS}, reasons=outputs["words"],
+        samples=samples_in(outputs), seconds=perf_counter() - begun,
     )  # fmt: skip

@@ -1,19 +1,21 @@
-"""BatchSolution: the answers at many states, each with its proof and its status."""
+"""BatchSolution, BatchDerivatives: answers at many states, each with its proof and status."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Any, ClassVar, Final, overload
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array, read_only
-from condyn_pin._core.parallel.outcome import MISSING, Outcome
+from condyn_pin._core.parallel.outcome import MISSING, Batch, Outcome, Some
 from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.applied_force import AppliedForce
+from condyn_pin.dynamics.derivatives.base import Derivatives
+from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.residuals import Residuals
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Solution, Status
@@ -25,11 +27,9 @@ STATUSES: Final = tuple(Status)
 # The arrays with a row a state.
 _ROWS: Final = ("q", "a", "lam", "residuals", "statuses", "iterations", "solve_times")
 
-Some = slice | list[int] | NDArray[Any]  # of the rows, as NumPy takes them
-
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BatchSolution(Outcome):
+class BatchSolution(Outcome, Batch[Solution]):
     """Accelerations and constraint forces at N states, with the errors of each recomputed.
 
     M a + h = tau + J^T lam + sum J_f^T f,  J a + gamma = a_ref,  in every row
@@ -115,16 +115,11 @@ class BatchSolution(Outcome):
     def __len__(self) -> int:
         return len(self.a)
 
-    @overload
-    def __getitem__(self, i: int | np.integer[Any]) -> Solution: ...
+    def _some(self, rows: Some) -> BatchSolution:
+        some = {name: read_only(getattr(self, name)[rows]) for name in _ROWS}
+        return replace(self, **some, applied=self._applied(rows))
 
-    @overload
-    def __getitem__(self, i: Some) -> BatchSolution: ...
-
-    def __getitem__(self, i: int | np.integer[Any] | Some) -> Solution | BatchSolution:
-        if isinstance(i, slice | list | np.ndarray):
-            some = {name: read_only(getattr(self, name)[i]) for name in _ROWS}
-            return replace(self, **some, applied=self._applied(i))
+    def _one(self, i: int) -> Solution:
         status = int(self.statuses[i])
         if status == MISSING:
             raise WorkersLost(f"no worker got to state {i}; `missing` has all of them", self)
@@ -138,18 +133,14 @@ class BatchSolution(Outcome):
             float(self.solve_times[i]),
             self.scene,
             self.q[i],
-            self._applied(int(i)),
+            self._applied(i),
         )
 
     def _applied(self, i: int | Some) -> tuple[AppliedForce, ...]:
         return tuple(force.row(i) for force in self.applied)
 
-    def __iter__(self) -> Iterator[Solution]:
-        return (self[i] for i in range(len(self)))
-
     def __repr__(self) -> str:
-        counts = ", ".join(f"{number} {name}" for name, number in self.counts.items())
-        return f"BatchSolution({self.scene.robot.name}, {len(self)} states: {counts or 'none'})"
+        return f"BatchSolution({self.scene.robot.name}, {len(self)} states: {self._counted()})"
 
     def __str__(self) -> str:
         worst = float(self.error_bound.max(initial=0.0))
@@ -159,3 +150,64 @@ class BatchSolution(Outcome):
             *self._not_ok(),
         ]
         return "\n".join(lines)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BatchDerivatives(Batch[Derivatives]):
+    """Derivatives at N states; columns are tangent, as in `Derivatives`.
+
+    Attributes
+    ----------
+    solution : BatchSolution
+        The answers, with their statuses.
+    da_dq, da_dv, da_dtau : (N, nv, nv) array
+    dlam_dq, dlam_dv, dlam_dtau : (N, m, nv) array
+        Where rows are redundant, those of the smallest lam.
+    seconds : float
+        Wall time of the whole batch [s].
+
+    Notes
+    -----
+    ``batch[i]`` is the `Derivatives` of state i, and ``batch[2:4]`` a batch of some. Where the
+    status of a state is not ok, there is nothing to differentiate: its rows are NaN, and
+    ``solution.failed`` has its index.
+    """
+
+    solution: BatchSolution
+    da_dq: Array
+    da_dv: Array
+    da_dtau: Array
+    dlam_dq: Array
+    dlam_dv: Array
+    dlam_dtau: Array
+    seconds: float  # [s]
+
+    def __len__(self) -> int:
+        return len(self.solution)
+
+    def _some(self, rows: Some) -> BatchDerivatives:
+        some = {name: read_only(getattr(self, name)[rows]) for name in BLOCKS}
+        return replace(self, solution=self.solution[rows], **some)
+
+    def _one(self, i: int) -> Derivatives:
+        blocks = {name: getattr(self, name)[i] for name in BLOCKS}
+        return _StoredDerivatives(self.solution[i], blocks)
+
+    def __repr__(self) -> str:
+        return f"BatchDerivatives({self.solution!r})"
+
+
+class _StoredDerivatives(Derivatives):
+    """The derivatives at one state, their matrices (each of `BLOCKS`) read from a batch."""
+
+    def __init__(self, solution: Solution, blocks: dict[str, Array]) -> None:
+        super().__init__(solution)
+        self._stored = blocks
+
+    def _form(self) -> tuple[Array, Array, Array]:
+        stored = self._stored
+        by_q, by_v, by_tau = (
+            read_only(np.concatenate([stored[f"da_{x}"], stored[f"dlam_{x}"]]))
+            for x in ("dq", "dv", "dtau")
+        )
+        return by_q, by_v, by_tau

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from enum import Enum
 from math import nan
 from os import PathLike
-from typing import Any, ClassVar, Final, overload
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array, read_only
-from condyn_pin._core.parallel.outcome import MISSING, Outcome
+from condyn_pin._core.parallel.memory import Arrays, Kind
+from condyn_pin._core.parallel.outcome import MISSING, Batch, Outcome, Some
 from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.errors import NotRecorded, WorkersLost
-from condyn_pin.simulation.anchoring import anchored
-from condyn_pin.simulation.batch.solution import Some
+from condyn_pin.simulation.fit import anchored
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.recorder import Phase
@@ -29,10 +29,10 @@ from condyn_pin.simulation.trajectory import Trajectory
 # A status as a number is its place here.
 RUN_STATUSES: Final = tuple(RunStatus)
 
-# The arrays with a row a motion.
-_ROWS: Final = (
-    *("t", "q", "v", "violation", "constraint_velocity", "energy_error"),
-    *("statuses", "reasons", "run_times"),
+# The arrays with a row a motion, as numbers.
+ENDS: Final = (
+    *("q", "v", "t", "violation", "constraint_velocity", "energy_error", "run_times"),
+    "statuses",
 )
 
 
@@ -64,8 +64,27 @@ class Samples:
         return Samples(*(read_only(array[motions]) for array in vars(self).values()))
 
 
+SAMPLED: Final = tuple(field.name for field in fields(Samples))
+
+
+def kinds_of(scene: Scene, kept: int) -> dict[str, Kind]:
+    """Return what a row of each array of a batch is, with so many samples of each motion."""
+    robot = scene.robot
+    widths: dict[str, tuple[int, ...]] = {"t": (), "q": (robot.nq,), "lam": (scene.rows,)}
+    widths |= dict.fromkeys(("v", "a", "tau"), (robot.nv,))
+    ends = {name: Kind(widths.get(name, ())) for name in ENDS} | {"statuses": Kind((), "i1")}
+    samples = {f"samples_{name}": Kind((kept, *widths[name])) for name in SAMPLED}
+    return ends | samples if kept else ends
+
+
+def samples_in(arrays: Arrays) -> Samples | None:
+    """Return the samples among the arrays of a batch."""
+    found = [arrays[f"samples_{name}"] for name in SAMPLED if f"samples_{name}" in arrays]
+    return Samples(*found) if found else None
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class BatchTrajectory(Outcome):
+class BatchTrajectory(Outcome, Batch[Trajectory]):
     """The ends of N motions, and how well each kept constraints and energy.
 
     Attributes
@@ -151,22 +170,11 @@ class BatchTrajectory(Outcome):
     def __len__(self) -> int:
         return len(self.q)
 
-    @overload
-    def __getitem__(self, i: int | np.integer[Any]) -> Trajectory: ...
+    def _some(self, rows: Some) -> BatchTrajectory:
+        some = {name: read_only(getattr(self, name)[rows]) for name in (*ENDS, "reasons")}
+        return replace(self, samples=self.samples and self.samples.of(rows), **some)
 
-    @overload
-    def __getitem__(self, i: Some) -> BatchTrajectory: ...
-
-    def __getitem__(self, i: int | np.integer[Any] | Some) -> Trajectory | BatchTrajectory:
-        if not isinstance(i, slice | list | np.ndarray):
-            return self._motion(range(len(self))[i])
-        some = {name: read_only(getattr(self, name)[i]) for name in _ROWS}
-        return replace(self, samples=self.samples and self.samples.of(i), **some)
-
-    def __iter__(self) -> Iterator[Trajectory]:
-        return (self[i] for i in range(len(self)))
-
-    def _motion(self, i: int) -> Trajectory:
+    def _one(self, i: int) -> Trajectory:
         if self.statuses[i] == MISSING:
             raise WorkersLost(f"no worker got to motion {i}; `missing` has all of them", self)
         if self.samples is None:
@@ -188,8 +196,7 @@ class BatchTrajectory(Outcome):
         return Trajectory((phase,), run=run, **samples)
 
     def __repr__(self) -> str:
-        counts = ", ".join(f"{number} {name}" for name, number in self.counts.items())
-        return f"BatchTrajectory({self.scene.robot.name}, {len(self)} motions: {counts or 'none'})"
+        return f"BatchTrajectory({self.scene.robot.name}, {len(self)} motions: {self._counted()})"
 
     def __str__(self) -> str:
         steps = float(self.t.sum()) / self.dt

@@ -15,22 +15,21 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.parallel.chunks import Progress, silent
 from condyn_pin._core.parallel.memory import Arrays, Kind
+from condyn_pin._core.parallel.rows import Rows
 from condyn_pin._core.parallel.transports import Messages
-from condyn_pin._core.parameters import check_accuracy_of_a, check_count
+from condyn_pin._core.parameters import check_accuracy_of_a
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.dynamics.derivatives import METHODS
-from condyn_pin.dynamics.derivatives.check import BLOCKS
+from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import SolveFailed, unknown_name
-from condyn_pin.simulation.batch.derivatives import BatchDerivatives
-from condyn_pin.simulation.batch.forces import RowForces, split
-from condyn_pin.simulation.batch.rows import Rows
-from condyn_pin.simulation.batch.solution import STATUSES, BatchSolution
-from condyn_pin.simulation.batch.states import check_states
+from condyn_pin.simulation.batch.inputs import RowForces, check_states, split
+from condyn_pin.simulation.batch.recipe import Recipe
+from condyn_pin.simulation.batch.solution import STATUSES, BatchDerivatives, BatchSolution
 
 _CODES: Final = {status: code for code, status in enumerate(STATUSES)}
 
@@ -107,8 +106,8 @@ def solve_batch(
     start = perf_counter()
     inputs, count = _inputs(scene, Q, V, TAU, accuracy)
     applied, of_rows, more = split(scene.robot, forces, count)
-    kernel = partial(_solve_rows, accuracy, of_rows)
-    rows = Rows(kernel, scene, solver, drift, executor, check_chunk(chunk), 1000, progress)
+    kernel = partial(_answer_rows, None, accuracy, of_rows)
+    rows = Rows(kernel, Recipe(scene, solver, drift), executor, chunk, 1000, progress)
     batch = partial(_batch, scene, inputs["q"], applied, start)
     return rows.fill(count, inputs | more, _of_solution(scene), batch)
 
@@ -162,8 +161,8 @@ def derivatives_batch(
         raise unknown_name("method", str(method), METHODS)
     inputs, count = _inputs(scene, Q, V, TAU, accuracy)
     applied, of_rows, more = split(scene.robot, forces, count)
-    kernel = partial(_derivatives_rows, method, accuracy, of_rows)
-    rows = Rows(kernel, scene, solver, drift, executor, check_chunk(chunk), 100, progress)
+    kernel = partial(_answer_rows, method, accuracy, of_rows)
+    rows = Rows(kernel, Recipe(scene, solver, drift), executor, chunk, 100, progress)
     kinds = _of_solution(scene) | _of_derivatives(scene)
     batch = partial(_derivatives, scene, inputs["q"], applied, start)
     return rows.fill(count, inputs | more, kinds, batch)
@@ -177,13 +176,6 @@ def _inputs(
         check_accuracy_of_a(accuracy)
     q, v, tau = check_states(scene.robot.model, Q, V, TAU)
     return {"q": q, "v": v, "tau": tau}, len(q)
-
-
-def check_chunk(chunk: int | None) -> int | None:
-    """Return the number of states in a chunk, if it is one."""
-    if chunk is not None:
-        check_count("chunk", chunk)
-    return chunk
 
 
 def _of_solution(scene: Scene) -> dict[str, Kind]:
@@ -203,27 +195,22 @@ def _of_derivatives(scene: Scene) -> dict[str, Kind]:
     return {name: Kind((n if name.startswith("da") else m, n)) for name in BLOCKS}
 
 
-def _solve_rows(
-    accuracy: float | None, forces: RowForces, workspace: Workspace, inputs: Arrays, outputs: Arrays
-) -> Messages:
-    """Solve some rows."""
-    for i, state in enumerate(_states(inputs)):
-        applied = forces.at(inputs, i)
-        _put(outputs, i, workspace.solve(*state, forces=applied, accuracy=accuracy, throw=False))
-    return {}
-
-
-def _derivatives_rows(
-    method: str,
+def _answer_rows(
+    method: str | None,
     accuracy: float | None,
     forces: RowForces,
     workspace: Workspace,
     inputs: Arrays,
     outputs: Arrays,
 ) -> Messages:
-    """Differentiate some rows."""
-    for i, state in enumerate(_states(inputs)):
+    """Solve some rows, and differentiate them if there is a method for it."""
+    q, v, tau = inputs["q"], inputs["v"], inputs["tau"]
+    for i, state in enumerate(zip(q, v, np.broadcast_to(tau, v.shape), strict=True)):
         applied = forces.at(inputs, i)
+        if method is None:
+            solution = workspace.solve(*state, forces=applied, accuracy=accuracy, throw=False)
+            _put(outputs, i, solution)
+            continue
         try:
             found = workspace.derivatives(*state, forces=applied, method=method, accuracy=accuracy)
         except SolveFailed as failed:
@@ -235,11 +222,6 @@ def _derivatives_rows(
             for name in BLOCKS:
                 outputs[name][i] = getattr(found, name)
     return {}
-
-
-def _states(inputs: Arrays) -> zip[tuple[Array, Array, Array]]:
-    q, v, tau = inputs["q"], inputs["v"], inputs["tau"]
-    return zip(q, v, np.broadcast_to(tau, v.shape), strict=True)
 
 
 def _put(outputs: Arrays, i: int, solution: Solution) -> None:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
-from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.drift import Correction, Drift
-from condyn_pin.simulation.drift.projection import Metric, check_projection
-
-if TYPE_CHECKING:
-    from condyn_pin.simulation.system import System
+from condyn_pin.simulation.drift.projection import Metric, check_projection, once_every
+from condyn_pin.simulation.gaps import gaps_of
+from condyn_pin.simulation.system import System
 
 
 @dataclass(frozen=True)
@@ -50,17 +48,4 @@ class PostStabilization(Drift):
 
     def start(self, system: System, dt: float) -> Correction:
         """Return what corrects the state after a step."""
-        # it needs the rows of the scene, which need this folder
-        from condyn_pin.simulation.gaps import gaps_of
-
-        newton_step = gaps_of(system, self.metric).newton_step
-        if self.every == 1:
-            return newton_step
-        count = 0
-
-        def correct(t: float, q: Array, v: Array) -> tuple[Array, Array]:
-            nonlocal count
-            count += 1
-            return (q, v) if count % self.every else newton_step(t, q, v)
-
-        return correct
+        return once_every(self.every, gaps_of(system, self.metric).newton_step)

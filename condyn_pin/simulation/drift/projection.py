@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -11,10 +11,8 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.parameters import check_count
 from condyn_pin.constraints.drift import Correction, Drift
 from condyn_pin.errors import InvalidArgument
-
-if TYPE_CHECKING:
-    from condyn_pin.simulation.gaps import Gaps
-    from condyn_pin.simulation.system import System
+from condyn_pin.simulation.gaps import Gaps, gaps_of
+from condyn_pin.simulation.system import System
 
 Metric = Literal["mass", "euclidean"]
 METRICS: tuple[Metric, ...] = ("mass", "euclidean")
@@ -79,16 +77,9 @@ class Projection(Drift):
 
     def start(self, system: System, dt: float) -> Correction:
         """Return what projects the state after a step."""
-        # it needs the rows of the scene, which need this folder
-        from condyn_pin.simulation.gaps import gaps_of
-
-        gaps, integrate, count = gaps_of(system, self.metric), system.integrate, 0
+        gaps, integrate = gaps_of(system, self.metric), system.integrate
 
         def correct(t: float, q: Array, v: Array) -> tuple[Array, Array]:
-            nonlocal count
-            count += 1
-            if count % self.every:
-                return q, v
             gap, slip = self._sizes(gaps, t, q, v)
             for k in range(_MOST_STEPS):
                 if gap <= self.tolerance and slip <= self.tolerance:
@@ -105,7 +96,7 @@ class Projection(Drift):
                     break  # rounding, or out of reach
             return q, v
 
-        return correct
+        return once_every(self.every, correct)
 
     def _sizes(self, gaps: Gaps, t: float, q: Array, v: Array) -> tuple[float, float]:
         """Return the largest gap and the largest slip, zero for what is not to be kept."""
@@ -123,3 +114,17 @@ def check_projection(metric: str, every: int) -> None:
     if metric not in METRICS:
         raise InvalidArgument(f"metric = {metric!r}: one of {', '.join(METRICS)} is needed")
     check_count("every", every)
+
+
+def once_every(steps: int, correct: Correction) -> Correction:
+    """Return a correction that leaves all states alone but those after so many steps."""
+    if steps == 1:
+        return correct
+    count = 0
+
+    def correct_some(t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        nonlocal count
+        count += 1
+        return (q, v) if count % steps else correct(t, q, v)
+
+    return correct_some

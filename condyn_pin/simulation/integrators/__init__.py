@@ -1,4 +1,4 @@
-"""Integrators: frozen values whose fields are their parameters, one file each.
+"""Integrators: frozen values whose fields are their parameters, a family a file.
 
 Every module of this folder is imported once, and each integrator in it registers itself, so that to
 add an integrator is to add one file (`base.py` says what it must contain).

@@ -1,13 +1,12 @@
 """The contract of an integrator, and how to write one.
 
-1. Add one file to this folder with one frozen dataclass that inherits from `Integrator`. Its fields
+1. Add one file to this folder with a frozen dataclass that inherits from `Integrator`. Its fields
    are its parameters, each with a default, and in the docstring the reason of the default.
 2. Set `title`, `order` (of q, v and lam, as theory has it; a property where a parameter changes
-it),
-   `symplectic`, `solves_per_step` (solves of the equations, or factorisations of their size; a
-   typical number where it varies) and `use`. The class registers itself under its lower-case name
-   in `INTEGRATORS`; tests and the command line find it there, and `tests/test_orders.py` measures
-   its orders with every value of its parameters that is entered there.
+   it), `symplectic` if it is, `solves_per_step` (solves of the equations, or factorisations of
+   their size; a typical number where it varies) and `use`. The class registers itself under its
+   lower-case name in `INTEGRATORS`; tests and the command line find it there, and
+   `tests/test_orders.py` measures its orders with every value of its parameters entered there.
 3. Write `start(system, dt)`. It returns a `Stepper`: two callables closed over what they need.
    `step(t, q, v)` returns (q, v, a): the state at t + dt, and the acceleration of the step. None
    of the arrays is written to later, and neither are the arguments. Where `a_at` is the end of the
@@ -23,7 +22,7 @@ it),
    One that holds c(q) = 0 alone sets `needs_positions`: wheels and knives have none.
 7. Iterations that do not converge raise `StepFailed`, which names what would do, such as a smaller
    dt. Numbers that are not finite need no care: the next solve finds them.
-8. An implicit method that asks for the slopes of torques (`system.slopes`) sets `takes_jacobian`.
+8. An implicit method that asks for the slopes of torques (`Applied.slopes`) sets `takes_jacobian`.
 9. An explicit method asks for a small dt where the damping of joints is stiff, and a run that
    breaks down says so; one that does not overrides `takes_stiff_damping`.
 10. Sources: cite the paper in the docstring.
@@ -34,13 +33,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.registry import enter
-
-if TYPE_CHECKING:
-    from condyn_pin.simulation.system import System
+from condyn_pin.simulation.system import Step, System
 
 INTEGRATORS: dict[str, type[Integrator]] = {}
 
@@ -57,7 +54,7 @@ class Order(NamedTuple):
 class Stepper:
     """An integrator at work on one system with one dt."""
 
-    step: Callable[[float, Array, Array], tuple[Array, Array, Array]]
+    step: Step
     lam: Callable[[], Array] | None = None  # where a belongs to the end of the step
     system: System | None = None  # whose solve a step begins with, if not that it was started with
 
@@ -66,7 +63,7 @@ class Integrator(ABC):
     """A way from one time to the next; a frozen value."""
 
     title: ClassVar[str]
-    symplectic: ClassVar[bool]
+    symplectic: ClassVar[bool] = False
     solves_per_step: ClassVar[float]
     use: ClassVar[str]  # when to take it
     a_at: ClassVar[Literal["start", "end"]] = "start"  # which end of the step a and lam belong to

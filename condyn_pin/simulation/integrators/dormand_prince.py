@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import nan, pi
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,9 +12,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.parameters import check_share
 from condyn_pin.errors import InvalidArgument, SolveFailed, StepFailed
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
-
-if TYPE_CHECKING:
-    from condyn_pin.simulation.system import System
+from condyn_pin.simulation.system import System
 
 # Smallest share of dt that a substep may have, before the motion counts as one that cannot be
 # followed: 1e-9 of a millisecond is far below any time constant of a machine.
@@ -56,7 +54,6 @@ class DormandPrince(Integrator):
     """
 
     title: ClassVar[str] = "Dormand-Prince, adaptive"
-    symplectic: ClassVar[bool] = False
     solves_per_step: ClassVar[float] = 13
     use: ClassVar[str] = "where the error is to be chosen instead of dt"
     is_adaptive: ClassVar[bool] = True
@@ -101,7 +98,7 @@ class DormandPrince(Integrator):
                 )
             if method.status == "finished":
                 return *slope.state(method.y), largest
-            if slope.leaves_chart(method.y):
+            if slope.turned(method.y) > _FAR:
                 slope = slope.after(float(method.t), method.y, method.f)
                 method = self._begin(slope, dt, float(method.h_abs))
         raise StepFailed(
@@ -124,17 +121,8 @@ class DormandPrince(Integrator):
 class _Slope:
     """y' of y = (theta, v) in the coordinates of one chart, q = integrate(q0, theta).
 
-    What cannot be evaluated is not a number: such a substep is refused, and a smaller one tried.
-
-    Parameters
-    ----------
-    system : System
-    t : float
-        Where the step begins [s].
-    q, v, a : (nq,), (nv,), (nv,) array
-        Where the chart begins.
-    start : float
-        When that is, since t [s].
+    The step begins at t [s], and the chart at (q, v), `start` after that [s]. What cannot be
+    evaluated is not a number: such a substep is refused, and a smaller one tried.
     """
 
     def __init__(
@@ -151,7 +139,7 @@ class _Slope:
         if s == self.start:  # where theta is zero
             return self._first.copy()
         system, theta, v = self._system, y[: self._n], y[self._n :].copy()
-        if not np.isfinite(y).all() or system.manifold.turn(theta) > pi:  # where charts end
+        if not np.isfinite(y).all() or self.turned(y) > pi:  # where charts end
             return np.full_like(y, nan)
         try:
             a = system.acceleration(self.t + s, system.integrate(self._q, theta), v)
@@ -164,9 +152,9 @@ class _Slope:
         """Return q and v."""
         return self._system.integrate(self._q, y[: self._n]), y[self._n :].copy()
 
-    def leaves_chart(self, y: Array) -> bool:
-        """Whether it is time for another chart."""
-        return self._system.manifold.turn(y[: self._n]) > _FAR
+    def turned(self, y: Array) -> float:
+        """Return how far the body has turned in this chart that has turned furthest [rad]."""
+        return self._system.manifold.largest_turn(y[: self._n])[1]
 
     def after(self, s: float, y: Array, slope: Array) -> _Slope:
         """Return the slope in a chart that begins at y, where y' is known."""

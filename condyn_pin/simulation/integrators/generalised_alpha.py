@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -12,11 +12,8 @@ from condyn_pin._core.linalg.inverse import inverse as inverse_of
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
 from condyn_pin.simulation.integrators.radau import RadauIIA
-from condyn_pin.simulation.iteration import fixed_point_iteration
-from condyn_pin.simulation.residuals import Residuals
-
-if TYPE_CHECKING:
-    from condyn_pin.simulation.system import System
+from condyn_pin.simulation.newton import Residuals, fixed_point_iteration
+from condyn_pin.simulation.system import System
 
 # Where the derivative of a is taken at the start, as a share of dt.
 _NEAR = 1e-2
@@ -38,7 +35,7 @@ class GeneralisedAlpha(Integrator):
     M(q1) a1 + h(q1, v1) = tau + J(q1)^T lam
 
     Newton's iteration with the derivatives of Newton-Euler's equations and of the robot's springs
-    and damping, and with those of torques of a function (`Slopes`): stiff ones need no small dt.
+    and damping, and with those of torques of a function: stiff ones need no small dt.
     Where a changes by more than itself within dt, as at a start that stiff damping is about to
     stop, Newmark's formulas would throw the machine by dt^2 a: such steps are those of `RadauIIA`,
     five at most.
@@ -60,7 +57,6 @@ class GeneralisedAlpha(Integrator):
 
     title: ClassVar[str] = "generalised-alpha"
     order: ClassVar[Order] = Order(2, 2, 2)
-    symplectic: ClassVar[bool] = False
     solves_per_step: ClassVar[float] = 5
     use: ClassVar[str] = "for stiff springs with closed loops"
     a_at = "end"
@@ -120,7 +116,7 @@ class GeneralisedAlpha(Integrator):
             forces[0], known[:] = lam, [(q1, a1, A1)]
             return q1, v1, a1
 
-        return Stepper(system.slopes.retried(step), lambda: forces[0])
+        return Stepper(system.retried(step), lambda: forces[0])
 
 
 class _Passage:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import sqrt
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,11 +13,8 @@ from condyn_pin._core.linalg.inverse import inverse
 from condyn_pin._core.parameters import is_whole
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
-from condyn_pin.simulation.iteration import fixed_point_iteration
-from condyn_pin.simulation.residuals import Partials, Residuals
-
-if TYPE_CHECKING:
-    from condyn_pin.simulation.system import System
+from condyn_pin.simulation.newton import Partials, Residuals, fixed_point_iteration
+from condyn_pin.simulation.system import System
 
 _S6 = sqrt(6.0)
 
@@ -36,7 +33,23 @@ _TABLEAUS = {
 
 
 @dataclass(frozen=True)
-class RadauIIA(Integrator):
+class _Radau(Integrator):
+    """What both methods have in common."""
+
+    solves_per_step: ClassVar[float] = 12
+    a_at = "end"
+    keeps_constraints: ClassVar[bool] = True
+    takes_jacobian: ClassVar[bool] = True
+
+    stages: int = 2
+
+    def __post_init__(self) -> None:
+        if not is_whole(self.stages) or self.stages not in _TABLEAUS:
+            raise InvalidArgument(f"stages = {self.stages!r}: 1, 2 or 3")
+
+
+@dataclass(frozen=True)
+class RadauIIA(_Radau):
     """Radau IIA at the position level (index 3), in the coordinates theta of the step.
 
     theta_i = dt sum_j A_ij Jr(theta_j)^-1 V_j,    Q_i = q0 exp(theta_i),    c(Q_i) = 0
@@ -46,8 +59,7 @@ class RadauIIA(Integrator):
     all s Jay). One stage is implicit Euler, whose orders are 1 from the second step on: a and lam
     of the first, also of that after an event, are wrong by a part that no dt makes smaller.
     Newton's iteration with one matrix a step, of size s (nv + m), in which the derivatives of
-    Newton-Euler's equations, of springs, damping and torques of a function (`Slopes`) are: for
-    stiff systems.
+    Newton-Euler's equations, of springs, damping and torques of a function are: for stiff systems.
 
     Parameters
     ----------
@@ -63,18 +75,8 @@ class RadauIIA(Integrator):
     """
 
     title: ClassVar[str] = "Radau IIA, index 3"
-    symplectic: ClassVar[bool] = False
-    solves_per_step: ClassVar[float] = 12
     use: ClassVar[str] = "to compare: with the second multiplier v and lam are better"
-    a_at = "end"
-    keeps_constraints: ClassVar[bool] = True
-    takes_jacobian: ClassVar[bool] = True
     needs_positions: ClassVar[bool] = True
-
-    stages: int = 2
-
-    def __post_init__(self) -> None:
-        _check_stages(self.stages)
 
     @property
     def order(self) -> Order:
@@ -88,7 +90,7 @@ class RadauIIA(Integrator):
 
 
 @dataclass(frozen=True)
-class GearGuptaLeimkuhler(Integrator):
+class GearGuptaLeimkuhler(_Radau):
     """Radau IIA with a second multiplier, so that both levels hold (index 2).
 
     q' = v + M^-1 J^T mu,    c(q) = 0,    J v = 0
@@ -110,17 +112,7 @@ class GearGuptaLeimkuhler(Integrator):
     """
 
     title: ClassVar[str] = "Radau IIA, GGL"
-    symplectic: ClassVar[bool] = False
-    solves_per_step: ClassVar[float] = 12
     use: ClassVar[str] = "for stiff systems with loops that stay closed at both levels"
-    a_at = "end"
-    keeps_constraints: ClassVar[bool] = True
-    takes_jacobian: ClassVar[bool] = True
-
-    stages: int = 2
-
-    def __post_init__(self) -> None:
-        _check_stages(self.stages)
 
     @property
     def order(self) -> Order:
@@ -131,11 +123,6 @@ class GearGuptaLeimkuhler(Integrator):
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
         return _stepper(system, dt, self.stages, self.title, stabilised=True)
-
-
-def _check_stages(stages: int) -> None:
-    if not is_whole(stages) or stages not in _TABLEAUS:
-        raise InvalidArgument(f"stages = {stages!r}: 1, 2 or 3")
 
 
 def _stepper(system: System, dt: float, s: int, title: str, *, stabilised: bool) -> Stepper:
@@ -180,7 +167,7 @@ def _stepper(system: System, dt: float, s: int, title: str, *, stabilised: bool)
         forces[0] = lam[-1]
         return Q[-1], V[-1], a[-1]
 
-    return Stepper(system.slopes.retried(step), lambda: forces[0])
+    return Stepper(system.retried(step), lambda: forces[0])
 
 
 def _newton(of: Partials, A: Array, dt: float, damping: float) -> Array:

@@ -14,8 +14,7 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import SolveFailed
-from condyn_pin.study.measures.base import Answer, Measure, relative
-from condyn_pin.study.timed_calls import bare, unthrown
+from condyn_pin.study.measures.base import Answer, Measure, bare, relative, unthrown
 
 
 @dataclass(frozen=True)

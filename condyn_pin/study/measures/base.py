@@ -23,17 +23,22 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from math import inf, isfinite
 from typing import ClassVar
 
 import numpy as np
 
+from condyn_pin._core import _pin
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.parameters import Grid
 from condyn_pin._core.registry import enter
 from condyn_pin._core.timing import Call, State
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Solution
+from condyn_pin.dynamics.solvers.lcaba import LCABA
+from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import unknown_name
 from condyn_pin.study.row import Parameter
@@ -133,6 +138,22 @@ def relative(x: Array, truth: Array, least: float) -> float:
     if not isfinite(worst):
         return inf
     return worst / (max(float(np.abs(truth).max(initial=0.0)), least) or 1.0)
+
+
+def unthrown(workspace: Workspace) -> Call:
+    """Return `Workspace.solve`, which then answers whatever its status."""
+    return partial(workspace.solve, throw=False)
+
+
+def bare(workspace: Workspace) -> Call | None:
+    """Return the call of Pinocchio behind the solver of a workspace, if it is one call."""
+    if not isinstance(workspace.solver, LCABA | Proximal):
+        return None
+    call = _pin.lcaba() if isinstance(workspace.solver, LCABA) else pin.constraintDynamics
+    model, data = workspace.model, workspace.data
+    models, datas = workspace.constraint_models, workspace.constraint_datas
+    settings = workspace.proximal_settings
+    return lambda q, v, tau: call(model, data, q, v, tau, models, datas, settings)
 
 
 def _or_inf(x: float) -> float:

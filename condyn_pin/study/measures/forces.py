@@ -11,8 +11,7 @@ from condyn_pin._core.timing import Call, State
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.dynamics.workspace import Workspace
-from condyn_pin.study.measures.base import Answer, Measure, relative
-from condyn_pin.study.timed_calls import unthrown
+from condyn_pin.study.measures.base import Answer, Measure, relative, unthrown
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.io.mjcf_compiled import body_names
+from condyn_pin.io.mjcf_file import body_names
 from condyn_pin.io.mjcf_write_joint import scalar_axis
 from condyn_pin.study.mujoco.pairs import Pair, axes, holder
 
@@ -30,14 +30,7 @@ if TYPE_CHECKING:
 def causes(bridge: MujocoBridge, data: Any, q: Array, tolerance: float) -> tuple[str, ...]:
     """Return where the models differ, a sentence each, the root first.
 
-    Parameters
-    ----------
-    bridge : MujocoBridge
-    data : mujoco.MjData
-        Where MuJoCo has placed the bodies at q.
-    q : (nq,) array
-    tolerance : float
-        Relative.
+    `data` is where MuJoCo has placed the bodies at q; the tolerance is relative.
     """
     return tuple(_Causes(bridge, data, q, tolerance).all())
 

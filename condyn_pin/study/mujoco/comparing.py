@@ -24,7 +24,7 @@ from condyn_pin._core.linalg.numerical_rank import counted
 from condyn_pin._core.names import listed
 from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.constraints.violation import ConstraintViolation
-from condyn_pin.dynamics.gaps import gaps
+from condyn_pin.dynamics.at_state import gaps
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument

@@ -29,11 +29,10 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import HIGH, LOW, Arguments
 from condyn_pin._core.arrays import Array, finite, finite_rows
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.io.mjcf_compiled import require_mujoco
+from condyn_pin.io.mjcf_file import require_mujoco
 from condyn_pin.model.robot import Robot
 from condyn_pin.study.mujoco.pairs import Pair, check_axes, pairs_of
-from condyn_pin.study.mujoco.quaternions import moved, reordered
-from condyn_pin.study.mujoco.velocity_map import VelocityMap
+from condyn_pin.study.mujoco.velocity_map import VelocityMap, moved, reordered
 
 if TYPE_CHECKING:
     from condyn_pin.study.mujoco.cross_check import CrossCheck

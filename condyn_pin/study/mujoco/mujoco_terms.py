@@ -32,15 +32,7 @@ class LoopRows(NamedTuple):
 
 
 class MujocoTerms:
-    """MuJoCo's terms at a state, in Pinocchio's coordinates.
-
-    Attributes
-    ----------
-    M, h, passive : (nv, nv), (nv,), (nv,) array
-    loops : dict of str to LoopRows
-        By the name of the equality.
-    data : mujoco.MjData
-    """
+    """MuJoCo's terms at a state, in Pinocchio's coordinates; loops by the name of the equality."""
 
     def __init__(self, bridge: MujocoBridge, q: Array, v: Array, tau: Array) -> None:
         import mujoco

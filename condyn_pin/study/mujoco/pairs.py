@@ -18,7 +18,8 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.names import checked, listed
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
-from condyn_pin.io.mjcf_compiled import KINDS, joint_names
+from condyn_pin.io.mjcf import KINDS
+from condyn_pin.io.mjcf_file import joint_names
 from condyn_pin.io.mjcf_write_joint import scalar_axis
 from condyn_pin.model.robot import Robot
 
@@ -27,30 +28,16 @@ _BALLS: Final = {"JointModelFreeFlyer": "free", "JointModelSpherical": "ball"}
 
 @dataclass(frozen=True)
 class Pair:
-    """One joint in both engines.
+    """One joint in both engines."""
 
-    Attributes
-    ----------
-    name : str
-        Its name here.
-    here, there : int
-        Its index in Pinocchio's model and in MuJoCo's.
-    kind : str
-        free, ball, slide or hinge.
-    q, v : slice
-        Where it is in q, and in v, a and tau.
-    qpos, dof : slice
-        Where it is in MuJoCo's qpos, and in qvel, qacc and qfrc.
-    """
-
-    name: str
-    here: int
-    there: int
-    kind: str
-    q: slice
-    v: slice
-    qpos: slice
-    dof: slice
+    name: str  # here
+    here: int  # its index in Pinocchio's model
+    there: int  # and in MuJoCo's
+    kind: str  # free, ball, slide or hinge
+    q: slice  # where it is in q
+    v: slice  # and in v, a and tau
+    qpos: slice  # where it is in MuJoCo's qpos
+    dof: slice  # and in qvel, qacc and qfrc
 
 
 def pairs_of(
@@ -58,12 +45,7 @@ def pairs_of(
 ) -> tuple[Pair, ...]:
     """Return the joints of a robot with those of MuJoCo, in the robot's order.
 
-    Raises
-    ------
-    InvalidModel
-        If a joint is missing on either side, has another type or another parent.
-    UnknownName
-        If `names` or `without` has a joint that does not exist.
+    Refused is what is missing on either side, has another type or another parent.
     """
     known = joint_names(mj)
     there = _names_there(robot, known, names)
@@ -162,14 +144,7 @@ def holder(mj: Any, body: int, among: Mapping[int, int]) -> int:
 
 
 def check_axes(robot: Robot, data: Any, paired: Sequence[Pair], q: Array) -> None:
-    """Refuse axes that are others; q is the configuration that MuJoCo's `data` is in.
-
-    Raises
-    ------
-    InvalidModel
-        Naming the first joint whose axis differs by more than `tolerances.PARALLEL`, or whose
-        quaternion turns another frame.
-    """
+    """Refuse axes that are others; q is the configuration that MuJoCo's `data` is in."""
     placed = robot.model.createData()
     pin.forwardKinematics(robot.model, placed, q)
     for pair in paired:

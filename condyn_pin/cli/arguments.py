@@ -1,0 +1,90 @@
+"""The arguments that commands share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def names_of(room: str, registry: str) -> Callable[[str], list[str]]:
+    """Return what completes a name of a registry, or the last name of a list with commas."""
+
+    def complete(incomplete: str) -> list[str]:
+        known = getattr(import_module(f"condyn_pin.{room}"), registry)
+        before, comma, last = incomplete.rpartition(",")
+        names = known() if callable(known) else known
+        return [f"{before}{comma}{each}" for each in names if each.lower().startswith(last.lower())]
+
+    return complete
+
+
+robot_names = names_of("io", "available_robots")
+solver_names = names_of("dynamics", "SOLVERS")
+
+# What a scene is made of
+RobotName = Annotated[
+    str,
+    typer.Argument(help="A name of `condyn robots`, or a path.", autocompletion=robot_names),
+]
+RobotNames = Annotated[
+    list[str] | None,
+    typer.Argument(help="Robots; the main ones if none.", autocompletion=robot_names),
+]
+Variant = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="OPTION=VALUE of the robot, such as springs=locked; repeat it for another option."
+    ),
+]
+Contacts = Annotated[
+    str,
+    typer.Option(
+        help="Comma-separated: names of ready-made contacts, or FRAME:KIND with the kind "
+        "point, surface, line or planar."
+    ),
+]
+Loops = Annotated[bool, typer.Option(help="Include the loops of the robot.")]
+Posture = Annotated[str | None, typer.Option(help="Posture; the first one by default.")]
+
+# How it is solved and moved
+SolverName = Annotated[
+    str, typer.Option(help="A name of `condyn solvers`.", autocompletion=solver_names)
+]
+SolverOrNone = Annotated[
+    str | None,
+    typer.Option(
+        help="A name of `condyn solvers`; chosen if left out.", autocompletion=solver_names
+    ),
+]
+IntegratorName = Annotated[
+    str | None,
+    typer.Option(
+        help="Such as rungekutta4, semiimpliciteuler or rattle; chosen if left out.",
+        autocompletion=names_of("simulation", "INTEGRATORS"),
+    ),
+]
+DriftName = Annotated[
+    str | None,
+    typer.Option(
+        help="nodrift, baumgarte, projection or poststabilization; chosen if left out.",
+        autocompletion=names_of("simulation", "DRIFTS"),
+    ),
+]
+Gain = Annotated[
+    float | None,
+    typer.Option(help="alpha = beta of `--drift baumgarte` [1/s]; 30 if left out."),
+]
+
+# What is written
+AsJson = Annotated[bool, typer.Option("--json", help="Print json.")]
+TableJson = Annotated[
+    Path | None,
+    typer.Option("--json", help="Write the table here; - prints it, and nothing else on stdout."),
+]
+Csv = Annotated[Path | None, typer.Option(help="Write the table here.")]
+Plot = Annotated[Path | None, typer.Option(help="Draw it here (png, svg, pdf).")]
+Quick = Annotated[bool, typer.Option("--quick", help="A short look: fewer rounds of timing.")]

@@ -1,0 +1,199 @@
+"""What commands share: where they print, which files they may write, and what Ctrl-C keeps."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from time import monotonic
+from typing import Any, Final, TypeVar
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.segment import Segment
+from rich.table import Column, Table
+from rich.text import Text
+
+from condyn_pin._core.files.beside import check_writable, write_text
+from condyn_pin.errors import InvalidArgument
+
+# As shells say that a program was interrupted.
+INTERRUPTED: Final = 130
+
+Report = Callable[[str, int, int], None]
+_Found = TypeVar("_Found")
+
+_PAPER: Final = 118  # columns of a file
+
+
+def printable(text: str) -> str:
+    r"""Return a text with everything but its letters and lines as ``\x1b``.
+
+    Names come from files, and a terminal obeys what it is sent.
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        each if each.isprintable() or each == "\n" else each.encode("unicode_escape").decode()
+        for each in text
+    )
+
+
+class _Screen(Console):
+    """Where people read: what is not printable is written out."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Return a text of ours to be rendered, as wide as it will be."""
+        return super().render_str(printable(text), **options)
+
+    def render(self, renderable: Any, options: Any = None) -> Iterator[Segment]:
+        """Yield what is sent to the terminal, piece by piece."""
+        for segment in super().render(renderable, options):
+            if segment.control or segment.text.isprintable():
+                yield segment
+            else:
+                yield Segment(printable(segment.text), segment.style)
+
+
+def _wide(*, stderr: bool = False) -> Console:
+    """Return where tables of words are folded: to the width of a terminal, or to that of paper."""
+    screen = _Screen(markup=False, stderr=stderr)
+    return screen if screen.is_terminal else _Screen(width=_PAPER, markup=False, stderr=stderr)
+
+
+console, _beside = _wide(), _wide(stderr=True)
+
+_REDRAW: Final = 0.2  # [s]
+STDOUT: Final = Path("-")
+
+
+def say(text: str) -> None:
+    """Print a text with its own lines: none is broken."""
+    console.print(text, soft_wrap=True)
+
+
+def warn(text: str) -> None:
+    """Print a line to stderr."""
+    typer.echo(printable(text), err=True)
+
+
+def words(*headings: str | Column) -> Table:
+    """Return a table of words: what is too long for a column goes on in the next line, uncut."""
+    table = Table(*headings)
+    for column in table.columns:
+        column.overflow = "fold"
+    return table
+
+
+def for_people(as_json: Path | None) -> Console:
+    """Return where people read: stderr if a table in json goes to stdout."""
+    return _beside if as_json == STDOUT else console
+
+
+def check_written(*paths: Path | None) -> None:
+    """Refuse files that could not be written when everything has been measured."""
+    for path in paths:
+        if path is not None and path != STDOUT:
+            check_writable(path)
+
+
+def check_ending(path: Path | None, *endings: str) -> None:
+    """Refuse a file whose ending says another format than it would have."""
+    if path and path.suffix not in endings:
+        raise InvalidArgument(f"{path}: the ending says the format: {', '.join(endings)}")
+
+
+def check_picture(path: Path | None) -> None:
+    """Refuse a picture that could not be drawn when everything has been measured."""
+    if path:
+        from condyn_pin._core.plots import PICTURES, require_matplotlib
+
+        require_matplotlib()
+        check_ending(path, *PICTURES)
+        check_written(path)
+
+
+def write_table(table: Any, *, csv: Path | None = None, as_json: Path | None = None) -> None:
+    """Write a table to the files that are wanted; json whose name is ``-`` goes to stdout."""
+    if csv:
+        table.to_csv(csv)
+    if as_json == STDOUT:
+        print_json(table.as_dict())
+    elif as_json:
+        table.to_json(as_json)
+
+
+def write_json(answer: Any, path: Path) -> None:
+    """Write an answer as json to a file, or to stdout if its name is ``-``; see `plain`."""
+    text = json.dumps(plain(answer), indent=1)
+    if path == STDOUT:
+        typer.echo(text)
+    else:
+        write_text(path, text + "\n")
+
+
+def print_json(answer: Any) -> None:
+    """Print an answer as json."""
+    write_json(answer, STDOUT)
+
+
+def plain(value: Any) -> Any:
+    """Return a value in the words of json: None for what is not finite, tables for dataclasses."""
+    if hasattr(value, "tolist"):  # arrays and numbers of numpy
+        return plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {str(key): plain(entry) for key, entry in value.items()}
+    if hasattr(value, "_asdict"):  # tuples with names
+        return plain(value._asdict())
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, (list, tuple)):
+        return [plain(entry) for entry in value]
+    if isinstance(value, float):
+        return value if -float("inf") < value < float("inf") else None
+    return value if isinstance(value, (bool, int, str, type(None))) else str(value)
+
+
+@contextmanager
+def progress_bar() -> Iterator[Report]:
+    """Give what is called with (what, done, total), and shows it with the time that is left.
+
+    Drawn when it is called, five times a second at most, and never in between: a thread that draws
+    would take the interpreter from what is timed. Nothing is drawn into a file.
+    """
+    what = TextColumn("{task.description}", markup=False)  # has names of robots
+    columns = (what, BarColumn(), TimeRemainingColumn())
+    screen = _Screen(stderr=True)
+    with Progress(
+        *columns, console=screen, transient=True, auto_refresh=False, disable=not screen.is_terminal
+    ) as bar:
+        task, drawn = bar.add_task("", total=None), 0.0
+
+        def show(what: str, done: int, total: int) -> None:
+            nonlocal drawn
+            now = monotonic()
+            due = now - drawn > _REDRAW
+            bar.update(task, description=what, completed=done, total=total, refresh=due)
+            drawn = now if due else drawn
+
+        yield show
+
+
+def until_stopped(run: Callable[[Report], _Found]) -> tuple[_Found, bool]:
+    """Return what a run has measured, beside a bar of progress, and whether Ctrl-C stopped it."""
+    from condyn_pin.errors import Interrupted
+
+    try:
+        with progress_bar() as progress:
+            return run(progress), False
+    except Interrupted as stop:
+        return stop.table, True
+
+
+def leave(*, ok: bool = True, stopped: bool = False) -> None:
+    """Leave with the code of an answer that is not ok, or that Ctrl-C stopped."""
+    if stopped or not ok:
+        raise typer.Exit(INTERRUPTED if stopped else 1)

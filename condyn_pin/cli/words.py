@@ -1,0 +1,119 @@
+"""What the words of a command line mean: a scene, a solver."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
+
+from condyn_pin._core import _pin
+from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.kinds import worded
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers import SOLVERS, Solver
+from condyn_pin.dynamics.solvers.base import parameter_fields
+from condyn_pin.errors import InvalidArgument, unknown_name
+from condyn_pin.io.load import load_robot
+from condyn_pin.model.robot import Robot
+from condyn_pin.simulation.drift import DRIFTS, Drift
+from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
+from condyn_pin.study.sweeps import sweep
+
+_Kind = TypeVar("_Kind")
+
+_GAIN = 30.0  # [1/s] of Baumgarte's method, if none is given
+
+
+def names_in(text: str) -> list[str]:
+    """Return the names of a list with commas."""
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def scene_of(name: str, contacts: str, loops: bool, variant: Sequence[str] | None = None) -> Scene:
+    """Return the scene of a robot, its loops if wanted, and the contacts that are listed."""
+    robot = robot_of(name, variant)
+    chosen = [_contact(robot, text) for text in names_in(contacts)]
+    return Scene(robot, (*(robot.loops if loops else ()), *chosen))
+
+
+def robot_of(name: str, variant: Sequence[str] | None) -> Robot:
+    """Return a robot in a variant: texts OPTION=VALUE."""
+    chosen = pairs_in("--variant", variant, "OPTION=VALUE is needed, such as springs=locked")
+    return load_robot(name, variant=chosen or None)
+
+
+def pairs_in(option: str, texts: Sequence[str] | None, needed: str) -> dict[str, str]:
+    """Return texts NAME=VALUE of an option as a mapping."""
+    found = {}
+    for text in texts or ():
+        name, equals, value = text.partition("=")
+        if not (name and equals and value):
+            raise InvalidArgument(f"{option} {text}: {needed}")
+        found[name] = value
+    return found
+
+
+def _contact(robot: Robot, text: str) -> Constraint:
+    ready = {contact.name: contact for contact in robot.contacts}
+    if text in ready:
+        return ready[text]
+    frame, _, kind = text.rpartition(":")
+    known: dict[str, Any] = dict(worded(closes=False))
+    if frame and kind in known:
+        contact: Constraint = known[kind](frame=frame)
+        return contact
+    wanted = ", ".join(f"FRAME:{kind}" for kind in known)
+    raise unknown_name(f"ready-made contact (or {wanted})", text, ready)
+
+
+def _named(kind: str, name: str, registry: Mapping[str, _Kind]) -> _Kind:
+    """Return the entry of a name; an error names those that are near."""
+    if name.lower() not in registry:
+        raise unknown_name(kind, name, registry)
+    return registry[name.lower()]
+
+
+def solver_of(name: str, parameters: Mapping[str, Any] | None = None) -> Solver:
+    """Return the solver of a name, with the parameters that are not None."""
+    chosen = _named("solver", name, SOLVERS)
+    given = {key: value for key, value in (parameters or {}).items() if value is not None}
+    known = {parameter.name for parameter in parameter_fields(chosen)}
+    for key in given.keys() - known:
+        raise InvalidArgument(
+            f"{key}: {chosen.__name__} has no such parameter; it has {sorted(known)}"
+        )
+    return chosen(**given)
+
+
+def solvers_of(names: str) -> tuple[Solver, ...]:
+    """Return the solvers of a list, with their defaults; none of an empty one.
+
+    ``all`` are those that this Pinocchio has, without Reference: it judges the others.
+    """
+    if names.lower() != "all":
+        return tuple(solver_of(name) for name in names_in(names))
+    missing = () if _pin.HAS_LCABA else ("lcaba",)
+    return tuple(
+        solver() for name, solver in SOLVERS.items() if name not in ("reference", *missing)
+    )
+
+
+def integrator_of(name: str | None) -> Integrator | None:
+    """Return the integrator of a name, with its defaults."""
+    return None if name is None else _named("integrator", name, INTEGRATORS)()
+
+
+def drift_of(name: str | None, gain: float | None) -> Drift | None:
+    """Return the drift scheme of a name; `gain` is alpha and beta of Baumgarte's [1/s]."""
+    kind = None if name is None else _named("drift scheme", name, DRIFTS)
+    if kind is Baumgarte:
+        gain = _GAIN if gain is None else gain
+        return Baumgarte(gain, gain)
+    if gain is not None:
+        raise InvalidArgument(f"--gain {gain:g} is of Baumgarte's method; add --drift baumgarte")
+    return kind() if kind else None
+
+
+def swept_solvers_of(names: str) -> tuple[Solver, ...] | None:
+    """Return the solvers of a list with their parameters turned; None of an empty one."""
+    return tuple(one for solver in solvers_of(names) for one in sweep(solver)) or None

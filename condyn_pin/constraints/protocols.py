@@ -1,0 +1,45 @@
+"""What constraints are bound to, and what they are written to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+from condyn_pin.constraints.constraint_fields import Vector3
+
+
+class Machine(Protocol):
+    """What constraints are bound to: a `pinocchio.Model` with frames by name, such as a `Robot`."""
+
+    @property
+    def model(self) -> Any:
+        """The `pinocchio.Model`."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, the world's not among them."""
+
+    @property
+    def longest_link(self) -> float:
+        """The longest way from a joint to the next one [m]."""
+
+    def frame(self, name: str) -> tuple[int, Any]:
+        """Return the joint that carries a frame and its placement on it, or raise UnknownName."""
+
+
+class MjcfWriter(Protocol):
+    """What a constraint writes itself to as MJCF."""
+
+    robot: Any
+
+    def equate(self, tag: str, **words: str | Sequence[float]) -> None:
+        """Write an equality."""
+
+    def site(self, frame: str, new: str) -> str:
+        """Return the site of a frame; it is made, and called `new`, where there is none."""
+
+    def site_beside(self, frame: str, new: str, shift: Vector3) -> str:
+        """Return a new site, shifted from a frame in its axes [m]."""
+
+    def coordinate(self, joint: str) -> float:
+        """Return the coordinate of a joint where the file draws the model [rad or m]."""

@@ -1,0 +1,155 @@
+"""The constraints of one scene in groups, each of which is evaluated at once.
+
+A group writes its rows of c, J v and J a + gamma into the vectors of all rows, and its forces in
+the axes and at the origins of c1 and c2, stacked: lam itself, and behind it the force of each rod,
+and then force and moment of each cut joint, of all that rolls and of each relation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from condyn_pin._core._pin import LOCAL
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.loads import frame_jacobian
+from condyn_pin.constraints.rows.any_bound import AnyBound, OnFrames
+from condyn_pin.constraints.rows.bound import FRAME, POINT, Bound
+from condyn_pin.constraints.rows.couplings import Coupled, Couplings
+from condyn_pin.constraints.rows.cut_joints import CutJoints
+from condyn_pin.constraints.rows.ends import Ends
+from condyn_pin.constraints.rows.frames import FrameJacobian, WorldContacts, Wrenches
+from condyn_pin.constraints.rows.loops import Balls, Weld
+from condyn_pin.constraints.rows.plain import PlainRows
+from condyn_pin.constraints.rows.related import Related, Relations
+from condyn_pin.constraints.rows.rods import Rods
+from condyn_pin.constraints.rows.rolling import Rolled, Rolling
+
+
+class Sorted(NamedTuple):
+    """The constraints of one scene, each in one of these, in the order of the scene."""
+
+    held: list[Bound]  # on the world, in the axes of the body
+    balls: list[Bound]
+    welds: list[Bound]
+    cut: list[Bound]  # with other rows than Pinocchio's
+    rods: list[Bound]
+    rolled: list[Rolled]
+    related: list[Related]
+    coupled: list[Coupled]
+
+
+def sorted_by_rows(bounds: Sequence[AnyBound]) -> Sorted:
+    """Return the constraints sorted by the way in which their rows are evaluated."""
+    pairs = [b for b in bounds if isinstance(b, Bound)]
+    loops = [b for b in pairs if not b.is_held]
+    return Sorted(
+        held=[b for b in pairs if b.is_held],
+        balls=[b for b in loops if b.selection == POINT],
+        welds=[b for b in loops if b.selection == FRAME],
+        cut=[b for b in loops if not (b.is_plain or b.is_rod)],
+        rods=[b for b in loops if b.is_rod],
+        rolled=[b for b in bounds if isinstance(b, Rolled)],
+        related=[b for b in bounds if isinstance(b, Related)],
+        coupled=[b for b in bounds if isinstance(b, Coupled)],
+    )
+
+
+class Group(Protocol):
+    """Constraints between frames that are evaluated together, after forward kinematics."""
+
+    def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
+        """Write the rows into the three vectors of all rows."""
+
+    def stack(self, lam: Array, f1: Array, f2: Array) -> None:
+        """Write the forces in the axes of c1 and of c2 into their places, right after `evaluate`.
+
+        Of rows that Pinocchio has f1 is lam already, and f2 has the places of all rows.
+        """
+
+
+class UnlikePinocchio(Group, Protocol):
+    """A group with rows that Pinocchio does not have."""
+
+    def jacobian(self, J: Array, of_frame: FrameJacobian) -> None:
+        """Write these rows into J (m, nv), right after `evaluate`."""
+
+
+class Groups:
+    """All groups of one scene, and the memory that they share with its `Equations`.
+
+    They hold views of `data`. `evaluators` write the rows of all but couplings. `motion` (2, m + 1)
+    is where J v and J a + gamma are, a zero behind each.
+    """
+
+    def __init__(self, model: Any, data: Any, bounds: Sequence[AnyBound], motion: Array) -> None:
+        held, balls, welds, cut, rods, rolled, related, coupled = sorted_by_rows(bounds)
+        self._model, self._data, self._m = model, data, motion.shape[1] - 1
+        self.plain = PlainRows(model, data, bounds)
+        self.couplings = Couplings(coupled, model.nv) if coupled else None
+        contacts = [WorldContacts(data, held, motion)] if held else []
+        loops: list[Group] = [Balls(Ends(data, balls), balls)] if balls else []
+        loops += [Weld(data, b) for b in welds]
+        others: list[tuple[UnlikePinocchio, Sequence[OnFrames], tuple[int, ...]]] = []
+        kinds: list[tuple[Any, Sequence[OnFrames], tuple[int, ...]]] = [
+            (Rods, rods, POINT), (CutJoints, cut, FRAME), (Rolling, rolled, FRAME),
+            (Relations, related, FRAME),
+        ]  # fmt: skip
+        for kind, chosen, components in kinds:
+            if chosen:
+                others.append((kind(Ends(data, chosen), chosen), chosen, components))
+        # contacts come first: they write zeros into all other rows
+        self._unlike_pinocchio = [*contacts, *(group for group, _, _ in others)]
+        groups: list[Group] = [*contacts, *loops, *(group for group, _, _ in others)]
+        self.evaluators = [group.evaluate for group in groups]
+        self._place(loops, [*held, *balls, *welds], others)
+
+    def _place(
+        self,
+        loops: Sequence[Group],
+        plain: Sequence[Bound],
+        others: Sequence[tuple[UnlikePinocchio, Sequence[OnFrames], tuple[int, ...]]],
+    ) -> None:
+        """Give every force its place among the stacked ones."""
+        size = self._m
+        places: list[tuple[OnFrames, slice, tuple[int, ...]]]
+        places = [(b, b.rows, b.selection) for b in plain]
+        slices = [(group, slice(0, size)) for group in loops]
+        for group, bounds, components in others:
+            start = size
+            for b in bounds:
+                places.append((b, slice(size, size + len(components)), components))
+                size += len(components)
+            slices.append((group, slice(start, size)))
+        self._wrenches = Wrenches(self._model, places, size)
+        self._forces = np.zeros(2 * size)
+        f1, f2 = self._forces[:size], self._forces[size:]
+        self._lam = f1[: self._m]
+        self._stacks = [(group.stack, f1[at], f2[at]) for group, at in slices]
+
+    def wrenches(self, lam: Array) -> Any:
+        """Return lam, with the signs of joint 1, as a wrench on each joint, after `evaluate`."""
+        self._lam[:] = lam
+        for stack, f1, f2 in self._stacks:
+            stack(lam, f1, f2)
+        return self._wrenches.of(self._forces)
+
+    def jacobian(self) -> Array:
+        """Return J (m, nv) without signs, right after `evaluate` and Jacobians of joints."""
+        if self.plain.are_all:
+            return self.plain.jacobian()
+        model, data = self._model, self._data
+        J = np.zeros((self._m, model.nv))
+        J[self.plain.rows] = self.plain.jacobian()
+        nothing = np.zeros((6, model.nv))
+
+        def of_frame(joint: int, placement: Any) -> Array:
+            return frame_jacobian(model, data, joint, placement, LOCAL) if joint else nothing
+
+        for group in self._unlike_pinocchio:
+            group.jacobian(J, of_frame)
+        if self.couplings:
+            self.couplings.jacobian(J)
+        return J

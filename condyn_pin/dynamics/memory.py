@@ -1,0 +1,134 @@
+"""Memory: what a scene needs to be solved again and again."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core import _pin
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import Arguments
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.one_thread import OneThread, alone
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.loads import Loads
+from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.terms import Terms, finite_terms
+from condyn_pin.dynamics.derivatives.linearised import Linearisation
+from condyn_pin.dynamics.nominal import NominalAnalysis, pinocchio_constraints_of
+from condyn_pin.dynamics.raw import ConstraintDatas, ConstraintModels, raw_constraints
+from condyn_pin.dynamics.scene import Scene
+
+
+class Memory(OneThread):
+    """What depends on the constraints of one scene; all that costs much is made on demand.
+
+    Dense methods do without Pinocchio's memory of the constraints, and in long chains it takes all
+    the memory there is.
+    """
+
+    def __init__(self, scene: Scene, drift: Baumgarte | None) -> None:
+        scene.robot.check_unedited()
+        self.model, self.drift = pin.Model(scene.robot.model), drift
+        self._arguments = Arguments(self.model)
+
+    def analysed(self, scene: Scene) -> Equations | None:
+        """Analyse a scene that was not; return the equations that it took, for who needs them."""
+        if "nominal" in vars(scene):
+            return None
+        equations = Equations(self.model, scene.bounds)
+        vars(scene)["nominal"] = NominalAnalysis(scene, equations)
+        equations.drift = self.drift
+        return equations
+
+    def hold(self, scene: Scene, equations: Equations | None) -> None:
+        """Take another scene of the same model; nothing of the old one is left."""
+        self.scene = scene
+        self.bounds: tuple[AnyBound, ...] = scene.bounds
+        self.pinocchio_constraints = pinocchio_constraints_of(scene)
+        self.proximal_settings: Any = None
+        for made_on_demand in ("_made", "equations", "linearisation", "loads"):
+            self.__dict__.pop(made_on_demand, None)
+        if equations is not None:
+            self.equations = equations
+
+    @property
+    def data(self) -> Any:
+        """Pinocchio's memory, sized for the constraints of the scene."""
+        return self._raw[0]
+
+    @property
+    def constraint_models(self) -> ConstraintModels:
+        """The constraints as Pinocchio takes them."""
+        return self._raw[1]
+
+    @property
+    def constraint_datas(self) -> ConstraintDatas:
+        """Pinocchio's memory of each constraint."""
+        return self._raw[2]
+
+    @property
+    def _raw(self) -> tuple[Any, ConstraintModels, ConstraintDatas]:
+        self.check_alone()
+        return self._made
+
+    @cached_property
+    def _made(self) -> tuple[Any, ConstraintModels, ConstraintDatas]:
+        models, datas = raw_constraints(
+            self.model, self.pinocchio_constraints.constraints, self.drift
+        )
+        _pin.init_constraint_dynamics(self.model, self._data, models, datas)
+        return self._data, models, datas
+
+    @cached_property
+    def _data(self) -> Any:
+        return self.model.createData()
+
+    def scene_forces(self, lam: Array) -> Array:
+        """Return the scene's forces from those of Pinocchio's constraints."""
+        to_scene = self.pinocchio_constraints.to_scene
+        return lam if to_scene is None else to_scene.dot(lam)
+
+    def pinocchio_velocity(self, s: Array) -> Array:
+        """Return what Pinocchio's constraints slip where the scene's rows slip by s."""
+        to_scene = self.pinocchio_constraints.to_scene  # lam goes the other way
+        return s if to_scene is None else to_scene.T.dot(s)
+
+    @cached_property
+    def equations(self) -> Equations:
+        """The equations of the scene, in memory of their own that no solver writes to."""
+        return Equations(self.model, self.bounds, self.drift)
+
+    @cached_property
+    def linearisation(self) -> Linearisation:
+        """The linearised equations, in memory of their own."""
+        return Linearisation(self.model, self.bounds, self.drift)
+
+    @cached_property
+    def loads(self) -> Loads:
+        """Forces on frames, evaluated in the memory of the equations."""
+        return Loads(self.scene.robot, self.model, self.equations.data)
+
+    @alone
+    def terms(self, q: ArrayLike, v: ArrayLike) -> Terms:
+        """Return M, h, J, gamma and a_ref at a state."""
+        q_, v_, _ = self._arguments.check(q, v, np.zeros(self.model.nv))
+        return finite_terms(self.equations, q_, v_)
+
+    @alone
+    def jacobian(self, q: ArrayLike) -> Array:
+        """Return the constraint Jacobian J (m, nv)."""
+        return self.equations.jacobian(self._configuration(q))
+
+    @alone
+    def violation(self, q: ArrayLike) -> Array:
+        """Return c(q) (m,) [m, rad]."""
+        return self.equations.violation(self._configuration(q))
+
+    def _configuration(self, q: ArrayLike) -> Array:
+        still = np.zeros(self.model.nv)
+        return self._arguments.check(q, still, still)[0]

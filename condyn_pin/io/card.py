@@ -1,0 +1,220 @@
+"""Cards: what a robot.toml may say, and the pieces of it that are chosen by a variant.
+
+What is wrong is said in the words of the file: the entry, its value, and what would do.
+
+    [variants.springs.free]
+    [variants.springs.locked.description]
+    lock = ["left-knee-shin-joint"]
+
+The first value of an option is its default. A piece has the entries of the card itself: tables are
+merged, lists grow, and the rest is replaced.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, fields
+from typing import Any, Final
+
+from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.kinds import Loop, worded
+from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
+from condyn_pin.io.xml import place
+
+Table = Mapping[str, Any]
+Check = tuple[Callable[[Any], bool], str]
+
+
+def _is_list(kind: type) -> Callable[[Any], bool]:
+    return lambda x: isinstance(x, list) and all(isinstance(entry, kind) for entry in x)
+
+
+_TEXT: Final[Check] = (lambda x: isinstance(x, str), "a text")
+_TEXTS: Final[Check] = (_is_list(str), "a list of texts")
+_TRUTH: Final[Check] = (lambda x: isinstance(x, bool), "true or false")
+_TABLE: Final[Check] = (lambda x: isinstance(x, dict), "a table")
+_TABLES: Final[Check] = (_is_list(dict), "a list of tables")
+
+_CARD: Final[Mapping[str, Check]] = {
+    "name": _TEXT, "source": _TEXT, "licence": _TEXT, "actuated": _TEXTS, "description": _TABLE,
+    "frames": _TABLES, "loops": _TABLES, "contacts": _TABLES, "postures": _TABLE,
+}  # fmt: skip
+FOR_SDF: Final[Mapping[str, Check]] = {
+    "root": _TEXT, "kinds": _TABLE, "drop": _TEXTS, "cut": _TEXTS, "as_file": _TRUTH,
+}  # fmt: skip
+_DESCRIPTION: Final[Mapping[str, Check]] = {
+    "file": _TEXT, "srdf": _TEXT, "root_joint": _TEXT, "rotors": _TRUTH, "lock": _TEXTS,
+    "mimic": _TRUTH, **FOR_SDF,
+}  # fmt: skip
+_FRAME: Final = ("name", "parent", "translation", "rotation")
+
+
+def check_card(card: Table) -> None:
+    """Refuse entries that no card has, and values that are not what their entry needs."""
+    for key in ("name", "description"):
+        if key not in card:
+            raise InvalidModel(f"the entry {key!r} is missing")
+    _check_table("", card, _CARD)
+    description = card["description"]
+    if "file" not in description:
+        raise InvalidModel("the entry description.file is missing")
+    _check_table("description.", description, _DESCRIPTION)
+    for name, values in card.get("postures", {}).items():
+        _check("postures.", name, values, _TABLE)
+    for i, frame in enumerate(card.get("frames", ())):
+        _check_names(f"frames[{i}]", frame, _FRAME, _FRAME[:3])
+    _check_file(description)
+
+
+def _check_file(description: Table) -> None:
+    """Refuse entries that belong to another format than that of the file."""
+    file = description["file"]
+    if not file.endswith(".sdf"):
+        for key in FOR_SDF:
+            if key in description:
+                raise InvalidModel(f"the entry description.{key} is for an SDF, not for {file!r}")
+    if "mimic" in description and not file.endswith(".urdf"):
+        raise InvalidModel("the entry description.mimic is for a URDF")
+    if "root_joint" in description and file.endswith(".xml"):
+        raise InvalidModel("the entry description.root_joint is for others: an MJCF says it itself")
+
+
+def loops_of(tables: Sequence[Table]) -> tuple[Constraint, ...]:
+    """Return the loops that a card lists: a kind without a word of its own is one of `Loop`."""
+    known = worded(closes=True)
+    made = []
+    for i, table in enumerate(tables):
+        kind = table.get("kind")
+        if isinstance(kind, str) and kind in known:
+            made.append(_made(known[kind], _without_kind(table), f"loops[{i}]"))
+        else:
+            made.append(_made(Loop, table, f"loops[{i}]"))
+    return tuple(made)
+
+
+def contacts_of(tables: Sequence[Table]) -> tuple[Constraint, ...]:
+    """Return the contacts that a card lists."""
+    known = worded(closes=False)
+    made = []
+    for i, table in enumerate(tables):
+        where, kind = f"contacts[{i}]", table.get("kind")
+        if kind is None:
+            raise InvalidModel(f"{where}: the entry 'kind' is missing: one of {', '.join(known)}")
+        if not isinstance(kind, str) or kind not in known:
+            raise InvalidModel(f"{where}: {unknown_name('kind of contact', str(kind), known)}")
+        made.append(_made(known[kind], _without_kind(table), where))
+    return tuple(made)
+
+
+def _without_kind(table: Table) -> Table:
+    return {key: value for key, value in table.items() if key != "kind"}
+
+
+def _made(kind: Callable[..., Constraint], table: Table, where: str) -> Constraint:
+    """Return the constraint whose fields a table gives."""
+    known = fields(kind)  # type: ignore[arg-type]
+    needed = [f.name for f in known if f.default is MISSING and f.default_factory is MISSING]
+    _check_names(where, table, [f.name for f in known], needed)
+    with place(where):
+        return kind(**table)
+
+
+def _check_names(where: str, table: Table, known: Sequence[str], needed: Sequence[str]) -> None:
+    for key in table:
+        if key not in known:
+            raise InvalidModel(f"{where}: {unknown_name('entry', key, known)}")
+    for key in needed:
+        if key not in table:
+            raise InvalidModel(f"{where}: the entry {key!r} is missing")
+
+
+def _check_table(where: str, table: Table, known: Mapping[str, Check]) -> None:
+    for key, value in table.items():
+        if key not in known:
+            raise InvalidModel(str(unknown_name("entry", f"{where}{key}", known)))
+        _check(where, key, value, known[key])
+
+
+def _check(where: str, key: str, value: Any, check: Check) -> None:
+    fits, needed = check
+    if not fits(value):
+        raise InvalidModel(f"the entry {where}{key} = {value!r}: {needed} is needed")
+
+
+def chosen_card(card: Mapping[str, Any], variant: Mapping[str, str]) -> dict[str, Any]:
+    """Return a card with the chosen values of its options, and the defaults of the others.
+
+    Parameters
+    ----------
+    card : mapping
+        A robot.toml, as read.
+    variant : mapping of str to str
+        Option to value, such as ``{"springs": "locked"}``.
+
+    Raises
+    ------
+    UnknownName
+        If the robot has no such option, or the option no such value.
+    """
+    options = card.get("variants", {})
+    _check_options(options)
+    check_variant(variant, options)
+    merged = {key: entry for key, entry in card.items() if key != "variants"}
+    other = []  # what is not the default, for the name
+    for option, values in options.items():
+        default = next(iter(values))
+        value = variant.get(option, default)
+        if value not in values:
+            raise unknown_name(f"value of the variant {option!r}", value, values)
+        merged = _merged(merged, values[value], f"variants.{option}.{value}")
+        if value != default:
+            other.append(f"{option} {value}")
+    if other:
+        merged["name"] = f"{merged['name']}, {', '.join(other)}"
+    return merged
+
+
+def _check_options(options: Any) -> None:
+    """Refuse what is not a table of options, each a table of values, each a table of entries."""
+    if not isinstance(options, Mapping):
+        raise InvalidModel(f"the entry variants = {options!r}: tables by option are needed")
+    for option, values in options.items():
+        pieces = list(values.values()) if isinstance(values, Mapping) else []
+        if not pieces or not all(isinstance(piece, Mapping) for piece in pieces):
+            raise InvalidModel(
+                f"the entry variants.{option} = {values!r}: a table for each value is needed, "
+                f"such as [variants.{option}.default]"
+            )
+
+
+def check_variant(variant: Any, options: Mapping[str, Any]) -> None:
+    """Refuse what is not a choice among the options of a robot."""
+    pairs = variant.items() if isinstance(variant, Mapping) else [(None, None)]
+    if not all(isinstance(name, str) for pair in pairs for name in pair):
+        raise InvalidArgument(
+            f"variant = {variant!r}: names by name are needed, such as {{'springs': 'locked'}}"
+        )
+    for option in variant:
+        if option not in options:
+            raise unknown_name("variant", option, options)
+
+
+def _merged(below: Mapping[str, Any], above: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Return a table with another one over it."""
+    merged = dict(below)
+    for key, entry in above.items():
+        old = below.get(key, entry)
+        if any(isinstance(old, kind) != isinstance(entry, kind) for kind in (Mapping, list)):
+            raise InvalidModel(f"the entry {where}.{key} = {entry!r} does not fit over {old!r}")
+        if isinstance(old, Mapping):
+            merged[key] = _merged(old, entry, f"{where}.{key}")
+        elif isinstance(old, list) and key in below and not _is_value(old):
+            merged[key] = [*old, *entry]
+        else:
+            merged[key] = entry
+    return merged
+
+
+def _is_value(entry: list[Any]) -> bool:
+    """Whether a list is one value, such as the quaternion of a posture, and no collection."""
+    return all(isinstance(x, (int, float)) for x in entry)

@@ -1,0 +1,91 @@
+"""SRDF: named configurations, and the rotors behind the joints.
+
+Pinocchio's own reader ends the process at a joint named universe, and at texts where it wants
+numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.errors import InvalidModel
+from condyn_pin.io.xml import floats, label, open_xml, place
+
+
+def read_srdf(
+    model: Any, path: Path, *, rotors: bool = False, inverted: Sequence[str] = ()
+) -> dict[str, Array]:
+    """Return the configurations of an SRDF; joints that the model has not are left out.
+
+    Parameters
+    ----------
+    model : pin.Model
+        It gets the configurations, and the rotors with their armature, if these are read.
+    path : Path
+    rotors : bool
+        Whether the file has rotors to read.
+    inverted : sequence of str
+        Joints that the tree holds from child to parent.
+
+    Raises
+    ------
+    InvalidModel
+        If it cannot be read; the text names the element.
+    """
+    with place(path):
+        root = open_xml(path, "robot")
+        if rotors:
+            _read_rotors(model, root)
+        found: dict[str, Array] = {}
+        for state in root.findall("group_state"):
+            found.setdefault(state.get("name", ""), _configuration(model, state))
+    for name, q in found.items():
+        model.referenceConfigurations[name] = q.copy()
+    for name in inverted:
+        joint = model.joints[model.getJointId(name)] if model.existJointName(name) else None
+        if joint is not None and joint.nq == 4:  # the quaternion of a ball, x y z w
+            for q in found.values():
+                q[joint.idx_q : joint.idx_q + 3] *= -1.0
+    return found
+
+
+def _read_rotors(model: Any, root: Element) -> None:
+    """Set the rotors, and the inertia that a geared one reflects: n^2 I."""
+    if root.find("rotor_params") is None:
+        raise InvalidModel("it has no <rotor_params>; leave out rotors = true")
+    for element, joint in _joints(model, root.findall("rotor_params")):
+        model.rotorInertia[joint.idx_v] = _number(element, "mass")  # [kg m^2]
+        model.rotorGearRatio[joint.idx_v] = _number(element, "gear_ratio")
+    model.armature = np.array(model.rotorInertia) * np.array(model.rotorGearRatio) ** 2
+
+
+def _configuration(model: Any, state: Element) -> Array:
+    q: Array = np.array(pin.neutral(model))
+    for element, joint in _joints(model, [state]):
+        where = f"{label(state)}: {label(element)}: value"
+        angle = joint.nq == 2 and joint.nv == 1  # whose q is (cos, sin)
+        values = floats(element.get("value"), 1 if angle else joint.nq, where)
+        if angle:
+            values = np.array([np.cos(values[0]), np.sin(values[0])])
+        q[joint.idx_q : joint.idx_q + joint.nq] = values
+    return q
+
+
+def _joints(model: Any, groups: list[Element]) -> Iterator[tuple[Element, Any]]:
+    """Yield the <joint> of some elements, with those of the model that they mean."""
+    known = {name: i for i, name in enumerate(model.names) if i}
+    for group in groups:
+        for element in group.findall("joint"):
+            if element.get("name") in known:
+                yield element, model.joints[known[element.attrib["name"]]]
+
+
+def _number(element: Element, key: str) -> float:
+    return float(floats(element.get(key), 1, f"{label(element)}: {key}")[0])

@@ -1,0 +1,92 @@
+"""What comes into a batch, row by row: states, and forces from outside."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core.arguments import HIGH, LOW, Arguments
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.parallel.memory import Arrays
+from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
+from condyn_pin.errors import InvalidArgument
+from condyn_pin.model.robot import Robot
+
+
+def check_states(
+    model: Any, Q: ArrayLike, V: ArrayLike, TAU: ArrayLike, *, suffix: str = ""
+) -> tuple[Array, Array, Array]:
+    """Return Q (N, nq), V (N, nv) and TAU (N, nv) or (nv,), converted where necessary.
+
+    What cannot be is refused by row and entry; `suffix` is that of the names of Q and V.
+    """
+    name = f"Q{suffix}"
+    count = _rows(name, Q, model.nq)
+    q = finite(name, Q, (count, model.nq))
+    v = finite(f"V{suffix}", V, (count, model.nv))
+    if isinstance(TAU, int | float) and TAU == 0:
+        TAU = np.zeros(model.nv)
+    for_all = np.ndim(TAU) == 1
+    tau = finite("TAU", TAU, (model.nv,) if for_all else (count, model.nv))
+    for i, part, norm in loose(model, q):
+        raise InvalidArgument(
+            f"{name}[{i}, {part.start}:{part.stop}] = {q[i, part]} has norm {norm:.9g}: a unit "
+            "quaternion (x y z w) or (cos, sin) is needed; "
+            f"pin.normalize(robot.model, {name}[{i}]) makes one"
+        )
+    return np.ascontiguousarray(q), np.ascontiguousarray(v), np.ascontiguousarray(tau)
+
+
+def loose(model: Any, q: Array) -> Iterator[tuple[int, slice, float]]:
+    """Yield row, place and norm of the parts of q (N, nq) that should have norm 1 and have not."""
+    for part in Arguments(model).units:
+        norms = np.einsum("ij,ij->i", q[:, part], q[:, part])
+        for i in np.flatnonzero(~((norms > LOW) & (norms < HIGH))):
+            yield int(i), part, float(norms[i] ** 0.5)
+
+
+def _rows(name: str, value: ArrayLike, width: int) -> int:
+    """Return the number of rows of an array of states."""
+    try:
+        shape = np.shape(value)
+    except ValueError as error:
+        raise InvalidArgument(f"{name}: an array of shape (N, {width}) is needed") from error
+    if len(shape) != 2:
+        raise InvalidArgument(
+            f"{name} has shape {shape}: an array of shape (N, {width}) is needed, a row a state"
+        )
+    return int(shape[0])
+
+
+@dataclass(frozen=True)
+class RowForces:
+    """Forces as they travel with a kernel: those of the first state, and inputs with the others."""
+
+    forces: tuple[AppliedForce, ...] = ()
+    rows: tuple[tuple[int, str], ...] = ()  # which have a row a state, and the name of the input
+
+    def at(self, inputs: Arrays, i: int) -> tuple[AppliedForce, ...]:
+        """Return the forces at state i of some inputs."""
+        if not self.rows:
+            return self.forces
+        found = list(self.forces)
+        for k, name in self.rows:
+            found[k] = AppliedForce(found[k].frame, inputs[name][i], found[k].frame_of)
+        return tuple(found)
+
+
+def split(
+    robot: Robot, forces: Sequence[AppliedForce], count: int, *, functions: bool = False
+) -> tuple[tuple[AppliedForce, ...], RowForces, Arrays]:
+    """Return the forces of a batch checked, as a kernel has them, and their inputs."""
+    checked = applied_forces(forces, functions=functions, rows=count)
+    for force in checked:
+        robot.frame(force.frame)  # what is no frame is refused before the work
+    some = tuple((k, f"force{k}") for k, force in enumerate(checked) if force.has_rows)
+    inputs = {name: checked[k].numbers for k, name in some}
+    first = tuple(force.row(0) for force in checked) if count else ()
+    return checked, RowForces(first, some), inputs

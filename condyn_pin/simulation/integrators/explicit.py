@@ -1,0 +1,207 @@
+"""Explicit methods: what a step needs is known at its start. All hold rows by accelerations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array
+from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
+from condyn_pin.simulation.system import System
+
+
+@dataclass(frozen=True)
+class ExplicitEuler(Integrator):
+    """The simplest step: an oscillation gains energy at any dt.
+
+    v1 = v0 + dt a(t0, q0, v0),    q1 = integrate(q0, dt v0)
+
+    References
+    ----------
+    Hairer, Lubich, Wanner. Geometric Numerical Integration. Springer, 2006. Section I.1.
+    """
+
+    title: ClassVar[str] = "explicit Euler"
+    order: ClassVar[Order] = Order(1, 1, 1)
+    solves_per_step: ClassVar[float] = 1
+    use: ClassVar[str] = "to compare with; semi-implicit Euler costs the same and is better"
+
+    def start(self, system: System, dt: float) -> Stepper:
+        """Return this integrator at work on `system`."""
+        acceleration, integrate = system.acceleration, system.integrate
+
+        def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
+            a = acceleration(t, q, v)
+            return integrate(q, dt * v), v + dt * a, a
+
+        return Stepper(step)
+
+
+@dataclass(frozen=True)
+class SemiImplicitEuler(Integrator):
+    """The step of most simulators.
+
+    v1 = v0 + dt a(t0, q0, v0),    q1 = integrate(q0, dt v1)
+
+    Symplectic where the forces depend on q alone and M is constant; not together with constraints
+    that are held by accelerations, nor where M changes.
+
+    Parameters
+    ----------
+    implicit : bool
+        Whether the robot's springs and damping act with q1 and v1 (`System.implicit`), and torques
+        of a function that brings its `jacobian`. By default they do, as in MuJoCo: the damping of a
+        light rod asks for a dt of microseconds otherwise. Where there are any, samples have
+        (v1 - v0) / dt as a, and the lam that belongs to it: the mean over the step, not what
+        `solve` says of its beginning.
+
+    References
+    ----------
+    Hairer, Lubich, Wanner. Geometric Numerical Integration. Springer, 2006, section I.1.
+    """
+
+    title: ClassVar[str] = "semi-implicit Euler"
+    order: ClassVar[Order] = Order(1, 1, 1)
+    solves_per_step: ClassVar[float] = 1
+    use: ClassVar[str] = "for the cheapest step, and to compare with other simulators"
+
+    implicit: bool = True
+
+    @property
+    def takes_jacobian(self) -> bool:
+        """Whether torques of a function act at the end of the step, if their slopes are known."""
+        return self.implicit
+
+    @property
+    def takes_stiff_damping(self) -> bool:
+        """Whether it acts at the end of the step."""
+        return self.implicit
+
+    def start(self, system: System, dt: float) -> Stepper:
+        """Return this integrator at work on `system`."""
+        if self.implicit:
+            system = system.implicit(dt)
+        acceleration, integrate = system.acceleration, system.integrate
+        h = np.array(dt)  # numpy multiplies by an array faster than by a float
+
+        def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
+            a = acceleration(t, q, v)
+            v1 = v + h * a
+            return integrate(q, h * v1), v1, a
+
+        return Stepper(step, system=system)
+
+
+@dataclass(frozen=True)
+class StormerVerlet(Integrator):
+    """The velocity form, with accelerations that may depend on the velocity.
+
+    v_h = v0 + dt/2 a(t0, q0, v0),      q1 = q0 exp(dt v_h)
+    v1  = v_h + dt/2 a(t1, q1, v_h + dt/2 a(t0, q0, v0))
+
+    Symplectic only where M and the forces do not depend on v, as for particles; `Rattle` is where
+    they do.
+
+    References
+    ----------
+    Hairer, Lubich, Wanner. Geometric numerical integration illustrated by the Störmer-Verlet
+    method. Acta Numerica 12, 2003.
+    """
+
+    title: ClassVar[str] = "Störmer-Verlet"
+    order: ClassVar[Order] = Order(2, 2, 2)
+    solves_per_step: ClassVar[float] = 2
+    use: ClassVar[str] = "order 2 for two solves"
+
+    def start(self, system: System, dt: float) -> Stepper:
+        """Return this integrator at work on `system`."""
+        acceleration, integrate, half = system.acceleration, system.integrate, dt / 2
+
+        def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
+            a = acceleration(t, q, v)
+            kick = half * a
+            v_half = v + kick
+            q1 = integrate(q, dt * v_half)
+            return q1, v_half + half * acceleration(t + dt, q1, v_half + kick), a
+
+        return Stepper(step)
+
+
+@dataclass(frozen=True)
+class Leapfrog(Integrator):
+    """Order 2 for one solve a step, with the acceleration at the start of the step before.
+
+    a0 = a(t0, q0, v0),    v_h = v0 + dt (a0 - a_before / 2),    q1 = integrate(q0, dt v_h)
+    v1 = v0 + dt (3 a0 - a_before) / 2 = v_h + dt a0 / 2
+
+    Where accelerations depend on q alone, v_h is the last v_h + dt a0: the configurations are those
+    of Störmer's method, and an oscillation neither gains nor loses energy up to omega dt = 2. The
+    velocities, which a depends on in a machine, are those of Adams and Bashforth. The first step
+    takes a0 for a_before.
+
+    References
+    ----------
+    Hairer, Lubich, Wanner. Geometric numerical integration illustrated by the Störmer-Verlet
+    method. Acta Numerica 12, 2003.
+    """
+
+    title: ClassVar[str] = "leapfrog"
+    order: ClassVar[Order] = Order(2, 2, 2)
+    solves_per_step: ClassVar[float] = 1
+    use: ClassVar[str] = "order 2 for one solve a step, where neither springs nor damping are stiff"
+
+    def start(self, system: System, dt: float) -> Stepper:
+        """Return this integrator at work on `system`."""
+        acceleration, integrate = system.acceleration, system.integrate
+        h, half = np.array(dt), np.array(dt / 2)  # numpy multiplies by these faster than by floats
+        before: Array | None = None
+
+        def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
+            nonlocal before
+            a = acceleration(t, q, v)
+            kick = half * a
+            v_half = v + kick if before is None else v + (a - 0.5 * before) * h
+            before = a
+            return integrate(q, h * v_half), v_half + kick, a
+
+        return Stepper(step)
+
+
+@dataclass(frozen=True)
+class RungeKutta4(Integrator):
+    """Four stages in the coordinates theta of the step, q = integrate(q0, theta).
+
+    theta' = Jr(theta)^-1 v,    v' = a(t, integrate(q0, theta), v)
+
+    In these coordinates the classic method keeps its order 4 on free-flyers and balls, where
+    averaging the velocities of the stages would have order 2.
+
+    References
+    ----------
+    Munthe-Kaas. High order Runge-Kutta methods on manifolds. Applied Numerical Mathematics 29,
+    1999.
+    """
+
+    title: ClassVar[str] = "Runge-Kutta 4"
+    order: ClassVar[Order] = Order(4, 4, 4)
+    solves_per_step: ClassVar[float] = 4
+    use: ClassVar[str] = "by default: the least error for its time where motion is smooth"
+
+    def start(self, system: System, dt: float) -> Stepper:
+        """Return this integrator at work on `system`."""
+        acceleration, slope, integrate = system.acceleration, system.slope, system.integrate
+        later = dt / 2
+        # numpy multiplies by arrays faster than by floats
+        h, half, sixth, two = (np.array(x) for x in (dt, dt / 2, dt / 6, 2.0))
+
+        def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
+            a1 = acceleration(t, q, v)
+            r2, a2 = slope(t + later, q, half * v, v + half * a1)
+            r3, a3 = slope(t + later, q, half * r2, v + half * a2)
+            r4, a4 = slope(t + dt, q, h * r3, v + h * a3)
+            q1 = integrate(q, sixth * (v + two * (r2 + r3) + r4))
+            return q1, v + sixth * (a1 + two * (a2 + a3) + a4), a1
+
+        return Stepper(step)

@@ -1,0 +1,191 @@
+"""Error against time: down and to the left is better. Of the bench, and of studies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from condyn_pin._core.plot_style import COLOURS, METHODS, OTHER, finished, write_figure
+from condyn_pin._core.plots import axes, panels
+from condyn_pin._core.tolerances import SOLVED
+from condyn_pin.dynamics.solvers import SOLVERS
+from condyn_pin.errors import InvalidArgument
+from condyn_pin.study.bench_table import BenchTable
+from condyn_pin.study.row import ANSWERED, Row, pareto_front
+
+if TYPE_CHECKING:
+    from condyn_pin.study.table import Table
+
+# As many markers as may be, and another number of lines, tell the methods apart without colour.
+_MARKERS = ("s", "o", "^", "d", "v", "P", "X", "<", ">", "p", "h")
+_LINES = ("-", "--", "-.")
+_FIRST = ("proximal", "lcaba", "densekkt")  # the colours that `condyn bench` gives them
+_LAST = ("reference",)  # it judges, and is seldom drawn
+
+_EPS: Final = float(np.finfo(float).eps)
+_TICKS: Final = (1, 3, 10, 30, 100, 300, 1e3, 3e3, 1e4, 1e5, 1e6)  # [us]
+_FLOOR: Final = 1e-16  # where the bench draws an error of zero
+_LOWEST: Final = 1e-17  # and a study
+_HIGHEST: Final = 10.0  # where what diverges is drawn
+
+
+def save_panels(
+    draw: Sequence[Callable[[Any], object]],
+    path: str | Path,
+    *,
+    size: tuple[float, float],
+    columns: int,
+    note: str = "",
+    machine: Mapping[str, str] | None = None,
+) -> None:
+    """Draw into the panels of one picture, each of a size [inch]; a note has the machine's words.
+
+    The ending of `path` says which format.
+    """
+    figure, places = panels(len(draw), width=size[0], height=size[1], columns=columns)
+    for one, ax in zip(draw, places, strict=False):
+        one(ax)
+    if note:
+        words = {"processor": "", "pinocchio": ""} | dict(machine or {})
+        figure.suptitle(note.format_map(words), fontsize=8)
+    write_figure(figure, path)
+
+
+def _in_microseconds(ax: Any, x: str, y: str, title: str) -> Any:
+    """Return axes of time against error, both in decades."""
+    ax.set(xscale="log", yscale="log")
+    ticks = [tick for tick in _TICKS if ax.get_xlim()[0] <= tick <= ax.get_xlim()[1]]
+    ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    ax.minorticks_off()
+    return finished(ax, title=title, x=x, y=y)
+
+
+# The bench
+
+
+def draw_bench(table: BenchTable, scene: str, ax: Any = None) -> Any:
+    """Draw error against time of every method on one scene, on `ax` or new axes; return them."""
+    ax = axes(ax)
+    rows = [row for row in table.rows if row.scene == scene and row.origin == "python"]
+    for row in rows:
+        looks = (look for key, look in METHODS.items() if row.method.startswith(key))
+        colour, marker = next(looks, OTHER)
+        time = row.acceleration_us if isfinite(row.acceleration_us) else row.bare_us
+        if row.rows == 0:
+            ax.axvline(time, color=colour, lw=0.8, ls=":", label=row.method)
+        elif isfinite(row.error):
+            hollow = "none" if "inaccurate" in row.status else colour
+            error = max(row.error, _FLOOR)
+            ax.plot(time, error, marker, color=colour, mfc=hollow, ms=7, label=row.method)
+    ax.axhline(SOLVED, color="0.6", lw=0.8, ls="--")
+    for row in rows:
+        if row.rows and not isfinite(row.error):
+            ax.plot([], [], " ", label=f"{row.method}: {row.status.split(' ', 1)[1]}")
+    ax.set(xlim=(1.0, 300.0), ylim=(_FLOOR / 3, 1.0))
+    (title,) = BenchTable(tuple(rows), {}).by_scene()
+    return _in_microseconds(ax, "time of a [us]", "error of a", title)
+
+
+def save_bench(table: BenchTable, path: str | Path) -> None:
+    """Draw every scene of a table into one picture; the ending of `path` says which format."""
+    scenes = dict.fromkeys(row.scene for row in table.rows if row.origin == "python")
+    note = "{processor}, Pinocchio {pinocchio}; dashed: what status ok promises"
+    draw = [partial(draw_bench, table, scene) for scene in scenes]
+    save_panels(draw, path, size=(4.2, 3.4), columns=3, note=note, machine=table.machine)
+
+
+# Studies
+
+
+def style(name: str) -> dict[str, str]:
+    """Return colour, marker and line of a solver, the same in every picture."""
+    others = sorted(SOLVERS.keys() - {*_FIRST, *_LAST})
+    known = [*_FIRST, *others, *_LAST]
+    i = known.index(name.lower()) if name.lower() in known else len(known)
+    return {
+        "color": COLOURS[i % len(COLOURS)],
+        "marker": _MARKERS[i % len(_MARKERS)],
+        "ls": _LINES[i % len(_LINES)],
+    }
+
+
+def work_precision(
+    table: Table, scene: str | None = None, measure: str | None = None, ax: Any = None
+) -> Any:
+    """Draw worst error against median time of every solver with all its parameters.
+
+    Every mark is a solver with its parameters; a line is the front of one method, the grey
+    staircase that of all. Hollow marks said at some state that they are inaccurate. Dotted is the
+    rounding of one number, dash-dotted the error that `Reference` itself may have: nothing below it
+    is known. What diverges is drawn at 10. Solvers that failed at a state are counted behind the
+    name of their method. See `Table.plot`.
+    """
+    rows = _one_question(table.of(scene=scene, measure=measure).rows)
+    ax = axes(ax)
+    if best := _points(pareto_front(rows)):
+        grey: dict[str, Any] = {"color": "0.85", "lw": 6, "zorder": 0}
+        ax.step(*zip(*best, strict=True), where="post", label="Pareto front", **grey)
+    for name in dict.fromkeys(row.solver.split("(")[0] for row in rows):
+        _draw_method(ax, name, [row for row in rows if row.solver.split("(")[0] == name])
+    ax.axhline(SOLVED, color="0.6", lw=0.8, ls="--", label="status ok promises")
+    ax.axhline(_EPS, color="0.4", lw=0.8, ls=":", label="rounding")
+    if floor := table.floors.get(rows[0].scene):
+        ax.axhline(max(floor, _LOWEST), color="0.4", lw=0.8, ls="-.", label="floor of Reference")
+    title, time = f"{rows[0].scene}: {rows[0].rows} rows", f"time of {rows[0].measure} [us]"
+    _in_microseconds(ax, time, "worst error, relative", title)
+    ax.set_ylim(_LOWEST / 3, 3 * _HIGHEST)
+    ax.legend(fontsize=6, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return ax
+
+
+def _one_question(rows: Sequence[Row]) -> Sequence[Row]:
+    if not rows:
+        raise InvalidArgument("the table has no rows: nothing to draw")
+    for what in ("scene", "measure"):
+        known = list(dict.fromkeys(getattr(row, what) for row in rows))
+        if len(known) > 1:
+            raise InvalidArgument(f"{what}: this table has {len(known)}, name one: {known}")
+    return rows
+
+
+def _points(rows: Sequence[Row]) -> list[tuple[float, float]]:
+    """Return time and error of rows, as far as the picture goes."""
+    return [(row.us, min(max(row.error_worst, _LOWEST), _HIGHEST)) for row in rows]
+
+
+def _draw_method(ax: Any, name: str, rows: Sequence[Row]) -> None:
+    look = style(name)
+    mark = look | {"ls": "", "ms": 4, "lw": 1}
+    for hollow in (False, True):
+        if points := _points([row for row in rows if row.comparable and row.ok is not hollow]):
+            fill = "white" if hollow else look["color"]
+            ax.plot(*zip(*points, strict=True), **mark, mfc=fill, alpha=0.5)
+    label = rows[0].method + _failed(rows)
+    if line := _points(pareto_front(rows)):
+        ax.plot(*zip(*line, strict=True), **look, lw=1.2, ms=5, mfc="none", label=label)
+    else:
+        ax.plot([], [], " ", label=label)
+
+
+def _failed(rows: Sequence[Row]) -> str:
+    """Return what is said behind the name of a method: who failed how, or was not timed."""
+    failures = [row for row in rows if not row.answered]
+    if not failures:
+        return "" if any(row.comparable for row in rows) else f": {rows[0].timed}"
+    how = ", ".join(dict.fromkeys(s for r in failures for s in r.statuses if s not in ANSWERED))
+    return f": {how}" if len(failures) == len(rows) else f" ({len(failures)} of {len(rows)}: {how})"
+
+
+def save_trade(table: Table, path: str | Path) -> None:
+    """Draw every scene and measure of a table into one picture; the ending says which format."""
+    questions = list(dict.fromkeys((row.scene, row.measure) for row in table.rows))
+    if not questions:
+        raise InvalidArgument("the table has no rows: nothing to draw")
+    note = "{processor}, Pinocchio {pinocchio}; hollow: said to be inaccurate"
+    draw = [partial(work_precision, table, *question) for question in questions]
+    save_panels(draw, path, size=(5.4, 3.6), columns=3, note=note, machine=table.machine)

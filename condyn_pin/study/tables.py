@@ -1,0 +1,192 @@
+"""Tables of measurements: rows of one kind, the machine they were taken on, and their files.
+
+A table goes into csv, json and Markdown, and comes back from json. Tables of studies, of the bench
+and of hierarchies are this one with rows of their own, and columns for people.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import MISSING, dataclass, field, fields
+from math import inf, isfinite, nan
+from pathlib import Path
+from typing import Any, ClassVar, Final, Generic, Self, TypeVar
+
+from condyn_pin._core.files.beside import write_text, written_beside
+from condyn_pin._core.files.text import parse_json, read_text
+from condyn_pin._core.machine import machine
+from condyn_pin.errors import InvalidArgument
+
+FORMAT: Final = 1  # of the json file; one more whenever a field changes its meaning
+
+_PLAIN: Final = (float, int, str, bool, type(None))
+
+
+class Record:
+    """A frozen dataclass of plain values that goes into json, and is checked when it comes back.
+
+    Numbers are not negative. Json has neither infinity nor NaN, and says null; `unknown` is what
+    null stands for where a number is needed.
+    """
+
+    unknown: ClassVar[float | None] = nan
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the fields as json has them: what is not finite is None."""
+        return {f.name: _nulled(getattr(self, f.name)) for f in fields(self)}  # type: ignore[arg-type]
+
+    def in_words(self) -> dict[str, Any]:
+        """Return the fields as csv has them."""
+        return dict(vars(self))
+
+    @classmethod
+    def from_dict(cls, saved: Mapping[str, Any]) -> Self:
+        """Return what `as_dict` wrote, `saved`.
+
+        Raises
+        ------
+        InvalidArgument
+            If a field is missing, there is one that rows do not have, or a number is none.
+        """
+        known = {f.name: f for f in fields(cls)}  # type: ignore[arg-type]
+        needed = {n for n, f in known.items() if f.default is f.default_factory is MISSING}
+        if not isinstance(saved, Mapping) or not needed <= set(saved) <= set(known):
+            odd = sorted(needed - set(saved) | set(saved) - set(known))
+            raise InvalidArgument(f"missing, or not a field of a {cls.__name__}: {', '.join(odd)}")
+        for name, value in saved.items():
+            if wanted := _refused(str(known[name].type), value, cls.unknown is not None):
+                raise InvalidArgument(f"{name} = {value!r}: {wanted} needed")
+        nulls = {n for n, value in saved.items() if value is None and known[n].type == "float"}
+        return cls(**{**saved, **dict.fromkeys(nulls, cls.unknown)})
+
+
+def _nulled(value: Any) -> Any:
+    return None if isinstance(value, float) and not isfinite(value) else value
+
+
+def _refused(kind: str, value: Any, takes_null: bool) -> str:
+    """Return what a field of a kind needs instead of a value; nothing if it will do."""
+    if kind in ("str", "int"):
+        return "" if type(value).__name__ == kind else f"{kind} is"
+    if kind.startswith("dict"):
+        kinds = (int,) if kind == "dict[str, int]" else _PLAIN
+        is_table = isinstance(value, Mapping) and all(isinstance(x, kinds) for x in value.values())
+        return "" if is_table else "values by name are"
+    if value is None and takes_null:
+        return ""
+    is_number = isinstance(value, int | float) and 0 <= value < inf
+    return "" if is_number else "a number from 0, or null, is"
+
+
+Row = TypeVar("Row", bound=Record)
+Columns = tuple[tuple[str, Callable[[Row], str]], ...]
+
+
+@dataclass(frozen=True)
+class Measurements(Generic[Row]):
+    """Rows, and the machine that they were measured on.
+
+    A kind of table says what its rows are (`kind`), which columns people see, each a heading and
+    what it says of a row, and which of its fields go into files beside the rows (`parts`).
+
+    Attributes
+    ----------
+    rows : tuple of Record
+    machine : dict of str to str
+        Processor, system, versions and date.
+    """
+
+    kind: ClassVar[type[Record]]
+    columns: ClassVar[Columns[Any]]
+    parts: ClassVar[tuple[str, ...]] = ("machine",)
+
+    rows: tuple[Row, ...]
+    machine: dict[str, str] = field(default_factory=machine)
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the rows, after comment lines with what belongs to them and the machine."""
+        columns = [f.name for f in fields(self.kind)]  # type: ignore[arg-type]
+        parts = {name: getattr(self, name) for name in self.parts}
+        about = {name: str(part) for name, part in parts.items() if not isinstance(part, Mapping)}
+        write_csv(path, about | self.machine, columns, (row.in_words() for row in self.rows))
+
+    def to_json(self, path: str | Path) -> None:
+        """Write the rows, a line each, and what belongs to them; what was not measured is null."""
+        parts = self.as_dict()
+        rows = ",\n".join(json.dumps(row, allow_nan=False) for row in parts.pop("rows"))
+        head = json.dumps(parts, indent=1, allow_nan=False).removesuffix("\n}")
+        write_text(path, f'{head},\n "rows": [\n{rows}\n]}}\n')
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what `to_json` writes, as plain values."""
+        parts = {name: getattr(self, name) for name in self.parts}
+        return {"format": FORMAT, **parts, "rows": [row.as_dict() for row in self.rows]}
+
+    @classmethod
+    def from_json(cls, path: str | Path) -> Self:
+        """Return the table that `to_json` wrote.
+
+        Raises
+        ------
+        InvalidArgument
+            If the file is not one, or of another version of the format.
+        """
+        try:
+            return cls.from_dict(parse_json(read_text(path)))
+        except (OSError, LookupError, TypeError, ValueError) as error:
+            raise InvalidArgument(
+                f"{path}: not a table that {cls.__name__}.to_json wrote ({error}); measure it again"
+            ) from error
+
+    @classmethod
+    def from_dict(cls, saved: Mapping[str, Any]) -> Self:
+        """Return the table that `as_dict` gave as plain values, `saved`."""
+        if saved["format"] != FORMAT:
+            raise ValueError(f"its format is {saved['format']!r}, and {FORMAT} is known here")
+        rows: Any = tuple(map(cls.kind.from_dict, saved["rows"]))
+        return cls(rows=rows, **{name: saved[name] for name in cls.parts})
+
+    def cells(self) -> list[tuple[str, ...]]:
+        """Return the rows as text, the headings being those of `columns`."""
+        return [tuple(cell(row) for _, cell in self.columns) for row in self.rows]
+
+    def to_markdown(self) -> str:
+        """Return the rows as a table in Markdown."""
+        return markdown([heading for heading, _ in self.columns], self.cells())
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __bool__(self) -> bool:
+        return True
+
+    def __str__(self) -> str:
+        return self.to_markdown()
+
+
+def number(value: float | None, form: str) -> str:
+    """Return a number as text; nothing for None and NaN."""
+    return "" if value is None or value != value else format(value, form)
+
+
+def write_csv(
+    path: str | Path,
+    machine: Mapping[str, str],
+    columns: Sequence[str],
+    rows: Iterable[Mapping[str, Any]],
+) -> None:
+    """Write rows, after comment lines with the machine."""
+    with written_beside(path) as new, new.open("w", newline="", encoding="utf-8") as file:
+        for key, value in machine.items():
+            file.write(f"# {key}: {value}\n")
+        writer = csv.DictWriter(file, columns)
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return rows of text as a table in Markdown."""
+    lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+    return "\n".join([*lines, *("| " + " | ".join(cells) + " |" for cells in rows)])
