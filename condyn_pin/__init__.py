@@ -49,8 +49,8 @@ def __getattr__(name: str) -> Any:
         return _public(name)
     if now := _now(name):
         warn(f"condyn_pin.{name} is condyn_pin.{now} now", DeprecationWarning, stacklevel=2)
-        room, _, member = now.rpartition(".")
-        return getattr(import_module(f"{__name__}.{room}" if room else __name__), member)
+        room, _, member = now.partition(".")
+        return getattr(import_module(f"{__name__}.{room}"), member)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

@@ -27,16 +27,16 @@ def ask(name: str, severity: float, solver: cp.dynamics.Solver) -> tuple[cp.lab.
     return verdict, error
 
 
-# A family is a hard question with a dial, from tame to absurd. Every answer is judged: it is right,
+# A family is a hard question by severity, from tame to absurd. Every answer is judged: it is right,
 # it says that it is inaccurate or singular, it is refused by name, or it is wrong without a word.
 worst, wrong = 0.0, 0
 for name in ("parallelogram", "mass_ratio", "light_rod", "near_points", "straight_knee"):
-    dial = cp.lab.EXTREMES[name].severities[:: 3 if quick else 1]
+    severities = cp.lab.EXTREMES[name].severities[:: 3 if quick else 1]
     print(f"\n{name}: {cp.lab.EXTREMES[name].title}")
-    print(f"{'':<18}" + "".join(f"{severity:>9.0e}" for severity in dial))
+    print(f"{'':<18}" + "".join(f"{severity:>9.0e}" for severity in severities))
     for label, solver in methods.items():
         cells = []
-        for severity in dial:
+        for severity in severities:
             verdict, error = ask(name, severity, solver)
             ok = verdict is cp.lab.Verdict.OK
             worst = max(worst, error) if ok else worst

@@ -36,7 +36,7 @@ a = np.linalg.solve(kkt, np.concatenate([tau - terms.h, right]))[: talos.nv]
 kept = [i for i in range(talos.nv) if i not in held]
 error = np.abs(a[kept] - a_small).max() / np.abs(a_small).max()
 
-# What is not exact has a price, and it is measured: four-bars of Cassie's legs, rung by rung.
+# What is not exact has a price, and it is measured: four-bars of Cassie's legs, model by model.
 if not quick:
     print(cp.lab.model_hierarchy("cassie"), "\n")
 

@@ -29,7 +29,7 @@ def check_damping(mu: float) -> None:
         raise InvalidArgument(f"mu = {shown(mu)}: a number >= 0 [1/kg] is needed")
 
 
-def check_knobs(mu: float | str | None, max_iterations: int, *, smallest_mu: float) -> None:
+def check_proximal(mu: float | str | None, max_iterations: int, *, smallest_mu: float) -> None:
     """Refuse a proximal weight or an iteration limit that cannot be used."""
     if mu is not None and not finite("mu", mu, ()) >= smallest_mu:
         limit = ">= 0" if smallest_mu == 0 else f">= {smallest_mu:g}"

@@ -1,6 +1,6 @@
 """Scene: a robot and exactly the constraints that the question needs.
 
-A solve needs no more of it than what is bound, and `audit`. What a mechanism is, which states it
+A solve needs no more of it than what is bound, and `nominal`. What a mechanism is, which states it
 allows and what can be left out of it is asked for by methods that `condyn_pin.mechanism` answers.
 """
 

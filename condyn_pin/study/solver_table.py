@@ -25,7 +25,7 @@ def solver_rows() -> tuple[SolverRow, ...]:
     """Return a row for every solver."""
     return tuple(
         SolverRow(
-            kind.__name__, kinds_of(kind), _redundant(kind), kind.cost, kind.use, _knobs(kind)
+            kind.__name__, kinds_of(kind), _redundant(kind), kind.cost, kind.use, _parameters(kind)
         )
         for kind in SOLVERS.values()
     )
@@ -37,6 +37,6 @@ def _redundant(kind: type[Solver]) -> str:
     return "mu > 0, else singular" if hasattr(kind, "mu") else "singular"
 
 
-def _knobs(kind: type[Solver]) -> str:
+def _parameters(kind: type[Solver]) -> str:
     default = kind()
     return "\n".join(f"{f.name}={getattr(default, f.name)!r}" for f in parameter_fields(kind))

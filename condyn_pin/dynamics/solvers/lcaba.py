@@ -12,7 +12,7 @@ from condyn_pin._core.parameters import (
     WEIGHTS,
     Grid,
     check_accuracy,
-    check_knobs,
+    check_proximal,
     check_refinements,
 )
 from condyn_pin.dynamics.lcaba_choice import Choice, best_choice
@@ -88,7 +88,7 @@ class LCABA(Solver):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_knobs(self.mu, self.max_iterations, smallest_mu=1e-300)
+        check_proximal(self.mu, self.max_iterations, smallest_mu=1e-300)
         if self.absolute_accuracy is not None:
             check_accuracy("absolute_accuracy", self.absolute_accuracy)
         if self.refinements is not None:

@@ -17,7 +17,7 @@ from condyn_pin._core.parameters import (
     WEIGHTS,
     Grid,
     check_accuracy,
-    check_knobs,
+    check_proximal,
     check_refinements,
 )
 from condyn_pin.dynamics.corrections import Refinement, exact_where_open
@@ -118,7 +118,7 @@ class Proximal(Solver):
             object.__setattr__(self, "mu", None)
         if self.refinements is not None:
             check_refinements(self.refinements)
-        check_knobs(self.mu, self.max_iterations, smallest_mu=0.0)
+        check_proximal(self.mu, self.max_iterations, smallest_mu=0.0)
         if self.relative_accuracy is not None:
             check_accuracy("relative_accuracy", self.relative_accuracy)
         check_accuracy("absolute_accuracy", self.absolute_accuracy)

@@ -1,4 +1,4 @@
-"""Hard questions: families of scenes and states with a dial from tame to absurd, one file each.
+"""Hard questions: families of scenes and states from tame to absurd, one file each.
 
 Every module of this folder is imported once, and each function marked with `extreme` enters
 `EXTREMES` under its name, so that to add a family is to add one file (`base.py` says what it must

@@ -1,7 +1,7 @@
 """The registry of hard questions, and how to write a family of them.
 
 1. Add one file to this folder with one function marked with `extreme`. It takes a severity and a
-   random generator, and returns a `Case`. The first line of its docstring says what its dial is.
+   random generator, and returns a `Case`. The first line of its docstring says what severity is.
 2. The severities go from tame to absurd. The same severity and the same seed give the same case.
    Those that take gigabytes are `heavy`: a run with a limit on its time leaves them out.
 3. A family that any robot can be put through takes a closed scene as its third argument, `scene`.
@@ -80,11 +80,11 @@ class Case:
 
 @dataclass(frozen=True)
 class Extreme:
-    """A family of hard questions with a dial."""
+    """A family of hard questions, by severity."""
 
     name: str
-    title: str  # what the dial is
-    severities: tuple[float, ...]  # values of the dial, from tame to absurd
+    title: str  # what the severity is
+    severities: tuple[float, ...]  # from tame to absurd
     heavy: tuple[float, ...]  # those of them that take gigabytes
     any_scene: bool  # whether the family is made of a scene that is handed in
     make: Callable[..., Case]

@@ -80,7 +80,7 @@ def maps(outcomes: Iterable[Outcome]) -> list[Map]:
         Map(
             family,
             robot,
-            _along_the_dial(family, dict.fromkeys(severity for severity, _ in cells)),
+            _by_severity(family, dict.fromkeys(severity for severity, _ in cells)),
             tuple(dict.fromkeys(method for _, method in cells)),
             {key: _cell(some) for key, some in cells.items()},
         )
@@ -138,10 +138,10 @@ def short(number: float, digits: int = 6) -> str:
     return min(plain, f"{mantissa}e{int(exponent)}", repr(float(number)), key=len)
 
 
-def _along_the_dial(family: str, found: Iterable[float]) -> tuple[float, ...]:
+def _by_severity(family: str, found: Iterable[float]) -> tuple[float, ...]:
     """Return severities from tame to absurd: with little time, cases come in a mixed order."""
-    dial = EXTREMES[family].severities if family in EXTREMES else ()
-    places = {repr(severity): i for i, severity in enumerate(dial)}  # NaN is unlike itself
+    severities = EXTREMES[family].severities if family in EXTREMES else ()
+    places = {repr(severity): i for i, severity in enumerate(severities)}  # NaN is unlike itself
     return tuple(sorted(found, key=lambda severity: places.get(repr(severity), len(places))))
 
 
@@ -151,13 +151,13 @@ def _cell(outcomes: Sequence[Outcome]) -> Cell:
     return Cell(tuple(v for v in _ORDER if v in verdicts), max(errors, default=math.nan))
 
 
-def _runs(dial: Sequence[float], some: Sequence[float]) -> str:
-    """Return some severities in words: those that follow each other on the dial as one run."""
-    places = [i for i, severity in enumerate(dial) if severity in some]
-    if len(places) == len(dial):
+def _runs(severities: Sequence[float], some: Sequence[float]) -> str:
+    """Return some severities in words: those that follow each other in the family as one run."""
+    places = [i for i, severity in enumerate(severities) if severity in some]
+    if len(places) == len(severities):
         return "every severity"
     texts = []
     for _, group in groupby(enumerate(places), lambda pair: pair[1] - pair[0]):
-        run = [short(dial[i]) for _, i in group]
+        run = [short(severities[i]) for _, i in group]
         texts.append(f"{run[0]} ... {run[-1]}" if len(run) > 2 else ", ".join(run))
     return ", ".join(texts)

@@ -55,7 +55,7 @@ class Verdict(Enum):
 
 @dataclass(frozen=True)
 class Task:
-    """One case: a family, its dial, a seed, and the robot that it is put on."""
+    """One case: a family, its severity, a seed, and the robot that it is put on."""
 
     family: str
     severity: float
