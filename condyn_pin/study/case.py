@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.machine import machine
 from condyn_pin._core.timing import State
 from condyn_pin._core.tolerances import SOLVED
@@ -55,6 +56,7 @@ class Case:
         return key(self.label, repr(solver), measure.label, measure.how, self.set_name)
 
 
+@one_blas_thread
 def prepare(label: str, scene: Scene, measure: Measure, states: States, accuracy: float) -> Case:
     """Return the case of a scene: its states, and the truth at each."""
     chosen = states.of(scene)
@@ -63,6 +65,7 @@ def prepare(label: str, scene: Scene, measure: Measure, states: States, accuracy
     return Case(label, scene, measure, accuracy, states.name, chosen, truth, floor)
 
 
+@one_blas_thread  # the same bits each time, however many cores there are
 def measure_errors(case: Case, solver: Solver) -> Row:
     """Return the row of a solver, without times.
 
