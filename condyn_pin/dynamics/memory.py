@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.one_thread import OneThread, alone
 from condyn_pin.constraints.baumgarte import Baumgarte
@@ -34,7 +33,7 @@ class Memory(OneThread):
     def __init__(self, scene: Scene, drift: Baumgarte | None) -> None:
         scene.robot.check_unedited()
         self.model, self.drift = pin.Model(scene.robot.model), drift
-        self._arguments = Arguments(self.model)
+        self._arguments = scene.robot.arguments
 
     def analysed(self, scene: Scene) -> Equations | None:
         """Analyse a scene that was not; return the equations that it took, for who needs them."""

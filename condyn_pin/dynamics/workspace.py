@@ -90,8 +90,7 @@ class Workspace(Memory):
         equations = self.analysed(scene)
         self.solver = default_solver(scene) if solver is None else solver
         self._quaternions, self._pairs = self._arguments.quaternions, self._arguments.pairs
-        offsets = [*zip(self.model.idx_vs, self.model.parents, strict=True)][1:]  # not the world's
-        self.roots = tuple(int(v) for v, parent in offsets if parent == 0 and v >= 0)
+        self.roots = self._arguments.roots
         self._start(scene, equations)
 
     @alone
