@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,10 +17,12 @@ from condyn_pin.constraints.loads import Loads
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms, finite_terms
-from condyn_pin.dynamics.derivatives.linearised import Linearisation
 from condyn_pin.dynamics.nominal import NominalAnalysis, pinocchio_constraints_of
 from condyn_pin.dynamics.raw import ConstraintDatas, ConstraintModels, raw_constraints
 from condyn_pin.dynamics.scene import Scene
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.derivatives.linearised import Linearisation
 
 
 class Memory(OneThread):
@@ -105,6 +107,9 @@ class Memory(OneThread):
     @cached_property
     def linearisation(self) -> Linearisation:
         """The linearised equations, in memory of their own."""
+        # imported here: a solve needs none of it
+        from condyn_pin.dynamics.derivatives.linearised import Linearisation
+
         return Linearisation(self.model, self.bounds, self.drift)
 
     @cached_property

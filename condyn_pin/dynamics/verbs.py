@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.dynamics.derivatives import Derivatives
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.derivatives.base import Derivatives
 
 # The workspace of this thread's last call: a loop over `solve` with one scene builds only one.
 _last = threading.local()

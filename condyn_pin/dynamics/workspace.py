@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from functools import partial
 from threading import get_ident
 from time import perf_counter
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,14 +23,15 @@ from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.loads import Load
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.choice import check_kinds, default_solver
-from condyn_pin.dynamics.derivatives import METHODS, Derivatives
-from condyn_pin.dynamics.derivatives.differences import DifferenceDerivatives, check_derivatives
 from condyn_pin.dynamics.memory import Memory
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solution import Solution, Status
 from condyn_pin.dynamics.solvers.base import Singular, Solver
 from condyn_pin.dynamics.verifier import Verifier, failure
 from condyn_pin.errors import InvalidArgument, unknown_name
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.derivatives.base import Derivatives
 
 # No acceleration of a machine: what is larger is looked at entry by entry.
 LARGEST: Final = 1e100
@@ -271,6 +272,13 @@ class Workspace(Memory):
 
         `forces`, `method`, `check` and `accuracy` are those of `condyn_pin.derivatives`.
         """
+        # imported here: a solve needs none of it
+        from condyn_pin.dynamics.derivatives import METHODS
+        from condyn_pin.dynamics.derivatives.differences import (
+            DifferenceDerivatives,
+            check_derivatives,
+        )
+
         if not isinstance(method, str) or method not in METHODS:
             raise unknown_name("method", str(method), METHODS)
         if not self.solver.exact:
