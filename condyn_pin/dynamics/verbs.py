@@ -125,9 +125,8 @@ def derivatives(
     method : {"kkt", "pinocchio", "differences"}
         ``kkt`` is exact for every kind of constraint, on the constraints and off them, and gives
         the derivative of the smallest lam where rows are redundant. ``pinocchio`` is Pinocchio's
-        own, repaired, for `Proximal` and constraints of 3 and 6 rows; where rows are redundant its
-        dlam_dq is off by internal forces, which move nothing. ``differences`` is slow, and where
-        rows are redundant its columns by q are those along the constraints: zero across.
+        own, repaired, for `Proximal` and constraints of 3 and 6 rows. ``differences`` is slow, and
+        where rows are redundant its columns by q are those along the constraints: zero across.
     check : bool
         Compare with central differences, and raise if they disagree.
     accuracy : float, optional
