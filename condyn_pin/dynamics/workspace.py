@@ -28,7 +28,7 @@ from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solution import Solution, Status
 from condyn_pin.dynamics.solvers.base import Singular, Solver
 from condyn_pin.dynamics.verifier import Verifier, failure
-from condyn_pin.errors import InvalidArgument, unknown_name
+from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.derivatives.base import Derivatives
@@ -273,25 +273,9 @@ class Workspace(Memory):
         `forces`, `method`, `check` and `accuracy` are those of `condyn_pin.derivatives`.
         """
         # imported here: a solve needs none of it
-        from condyn_pin.dynamics.derivatives import METHODS
-        from condyn_pin.dynamics.derivatives.differences import (
-            DifferenceDerivatives,
-            check_derivatives,
-        )
+        from condyn_pin.dynamics.derivatives import differentiate
 
-        if not isinstance(method, str) or method not in METHODS:
-            raise unknown_name("method", str(method), METHODS)
-        if not self.solver.exact:
-            raise InvalidArgument(
-                f"solver = {self.solver!r}: derivatives are those of hard constraints, and it "
-                "solves others; use Proximal()"
-            )
-        q_, v_, tau_ = self._arguments.accept(q, v, tau)
-        solution = self.solve(q_, v_, tau_, forces=forces, accuracy=accuracy)
-        found = METHODS[method](self, solution, v_, tau_)
-        if check:
-            check_derivatives(found, DifferenceDerivatives(self, solution, v_, tau_))
-        return found
+        return differentiate(self, q, v, tau, forces, method, check, accuracy)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # a copy has memory of its own: Pinocchio 4 crashes on a copied Data
