@@ -25,6 +25,5 @@ def __getattr__(name: str) -> dict[str, type[Solver]]:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     for module in iter_modules(__path__):
         import_module(f"{__name__}.{module.name}")
-    for known in sorted(base.SOLVERS):  # whatever was imported first
-        base.SOLVERS[known] = base.SOLVERS.pop(known)
-    return globals().setdefault(name, base.SOLVERS)  # type: ignore[no-any-return]
+    globals()[name] = base.SOLVERS  # asked for once
+    return base.SOLVERS
