@@ -11,6 +11,7 @@ beside the `__init__.py` of the rooms. They are imported when they are first use
 from __future__ import annotations
 
 from importlib import import_module
+from importlib.util import find_spec
 from typing import Any
 from warnings import warn
 
@@ -38,10 +39,6 @@ _RENAMED = {
     "Step": "mechanism.ReductionStep",
     "ladder": "lab.model_hierarchy",
 }
-_ROOMS = (
-    "errors", "model", "io", "constraints", "dynamics", "mechanism", "contact", "control",
-    "simulation", "study", "viewing", "lab",
-)  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
@@ -58,8 +55,9 @@ def _now(name: str) -> str:
     """Return where a public name of the last version is today, or nothing."""
     if name in _RENAMED or name.startswith("_"):
         return _RENAMED.get(name, "")
-    rooms = (room for room in _ROOMS if name in import_module(f"{__name__}.{room}").__all__)
-    return next((f"{room}.{name}" for room in rooms), "")
+    rooms = (room for room in __all__ if find_spec(f"{__name__}.{room}"))  # of the names, modules
+    found = (room for room in rooms if name in import_module(f"{__name__}.{room}").__all__)
+    return next((f"{room}.{name}" for room in found), "")
 
 
 def __dir__() -> list[str]:

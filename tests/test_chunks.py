@@ -11,6 +11,7 @@ from contextlib import nullcontext
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import crash
 import pytest
@@ -87,6 +88,26 @@ def ends_with_all_else_done() -> None:
 def test_work_that_always_kills_ends_with_an_error_and_all_else_done():
     call = "import test_chunks; test_chunks.ends_with_all_else_done()"
     assert crash.run(call) == crash.Outcome("ok", "")
+
+
+def dies_with_a_lock(mark: str) -> None:
+    """Kill a worker where it first lets go of a lock that it shares with others."""
+
+    def hook(_frame: object, event: str, called: Any) -> None:
+        is_lock = type(getattr(called, "__self__", None)).__name__ == "SemLock"
+        if event == "c_call" and is_lock and called.__name__ in ("release", "__exit__"):
+            kill_once(mark)
+
+    os.register_at_fork(after_in_child=partial(sys.setprofile, hook))
+    with cp.Processes(2, start_method="fork") as executor:
+        assert results(square, executor) == SQUARES
+    assert os.path.exists(mark)
+
+
+def test_a_worker_that_is_killed_while_it_begins_blocks_no_other(tmp_path):
+    """A broken pool terminates its workers: a lock that one held would be taken for ever."""
+    call = f"test_chunks.dies_with_a_lock({str(tmp_path / 'mark')!r})"
+    assert crash.run(f"import test_chunks; {call}", timeout=60.0) == crash.Outcome("ok", "")
 
 
 def test_a_plain_pool_says_that_it_is_of_no_use_any_more():

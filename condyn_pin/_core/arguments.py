@@ -52,6 +52,8 @@ class Arguments:
         Where q holds (cos, sin).
     units : tuple of slice
         Where q holds either.
+    roots : tuple of int
+        Where v begins for each joint on the world: what is not finite in the input shows there.
     """
 
     def __init__(self, model: Any) -> None:
@@ -61,6 +63,8 @@ class Arguments:
             FLOAT.itemsize * part.start for part in self.units if part.stop - part.start == 4
         )
         self.pairs = tuple(part for part in self.units if part.stop - part.start == 2)
+        on_world = [*zip(model.idx_vs, model.parents, strict=True)][1:]  # but for the world itself
+        self.roots = tuple(int(v) for v, parent in on_world if parent == 0 and v >= 0)
 
     def check_pairs(self, q: Array) -> None:
         """Raise ValueError if a (cos, sin) of q is not a unit vector."""

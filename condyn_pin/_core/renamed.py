@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+from importlib import import_module
 from typing import Any
 from warnings import warn
 
@@ -12,18 +14,26 @@ class renamed:  # noqa: N801  used as a function is
     Parameters
     ----------
     now : str
-        What it is called now.
+        What it is called now: another member, or a function of the object with the room that has
+        it, ``mechanism.keep``.
+    called : bool
+        That a function is called, since the member was no method.
     """
 
-    def __init__(self, now: str) -> None:
-        self._now = now
+    def __init__(self, now: str, *, called: bool = False) -> None:
+        self._room, _, self._now = now.rpartition(".")
+        self._called = called
 
     def __set_name__(self, owner: type, name: str) -> None:
-        self._text = f"{owner.__name__}.{name} is {owner.__name__}.{self._now} now"
+        place = self._room or owner.__name__
+        self._text = f"{owner.__name__}.{name} is {place}.{self._now} now"
 
     def __get__(self, instance: Any, owner: type) -> Any:
         """Return what the member of today is; of the class itself, this."""
         if instance is None:
             return self
         warn(self._text, DeprecationWarning, stacklevel=2)
-        return getattr(instance, self._now)
+        if not self._room:
+            return getattr(instance, self._now)
+        function = getattr(import_module(f"condyn_pin.{self._room}"), self._now)
+        return function(instance) if self._called else partial(function, instance)

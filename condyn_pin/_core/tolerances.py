@@ -136,3 +136,11 @@ OTHER_UNITS: Final = 1e-12
 # states that move at 1 rad/s, which is less beside gravity where times are smaller numbers: 5e-9.
 # An answer that is ok is within SOLVED.
 OTHER_CHOICE: Final = SOLVED
+
+# |G - G^T| of a contact problem, relative to the largest entry. Products J M^-1 J^T are symmetric to
+# 1e-15, and to 1e-11 where masses are wide apart; a wrong one is off by per cents.
+SYMMETRIC: Final = 1e-9
+
+# Natural map of a contact problem that counts as solved, in units of its own impulses: what the
+# landed contact solvers reach on robots without a second method.
+CONTACT_SOLVED: Final = 1e-8

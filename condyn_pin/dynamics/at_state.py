@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin.constraints import loads
@@ -57,7 +56,7 @@ def at_state(scene: Scene, q: ArrayLike, v: ArrayLike | None = None) -> State:
     check_scene(scene)
     equations = equations_of(scene)
     still = np.zeros(scene.robot.nv)
-    q_, v_, _ = Arguments(equations.model).check(q, still if v is None else v, still)
+    q_, v_, _ = scene.robot.arguments.check(q, still if v is None else v, still)
     terms = finite_terms(equations, q_, v_)
     factors = factorise(terms.M, terms.J, tolerances.RANK, why=singular_mass(equations.model, q_))
     return State(q_.copy(), v_.copy(), terms, factors)

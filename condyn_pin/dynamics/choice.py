@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solvers import SOLVERS
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
 from condyn_pin.dynamics.solvers.null_space import NullSpace
@@ -47,8 +48,14 @@ def untaken(scene: Scene, solver: Solver) -> tuple[str, ...]:
 def check_kinds(scene: Scene, solver: Solver) -> None:
     """Raise `UnsupportedConstraint` if a solver cannot take a constraint of the scene."""
     names = untaken(scene, solver)
-    if not names:
-        return
+    if names:
+        raise UnsupportedConstraint(_refusal(scene, solver, names))
+
+
+def _refusal(scene: Scene, solver: Solver, names: Sequence[str]) -> str:
+    """Return why a solver cannot take these constraints, and which ones can."""
+    from condyn_pin.dynamics.solvers import SOLVERS  # imports them all
+
     found, able = pinocchio_constraints_of(scene), ["Proximal()"]
     why = (
         f"Pinocchio has constraints of 3 and of 6 rows, and {', '.join(names)} cannot be made of "
@@ -59,6 +66,4 @@ def check_kinds(scene: Scene, solver: Solver) -> None:
     elif set(names) <= set(found.world_first) and solver.takes_approximated:
         why = f"pin.lcaba crashes where the world comes first, as in {', '.join(names)}"
         able.append("exchange its frames")
-    raise UnsupportedConstraint(
-        f"{type(solver).__name__} takes {kinds_of(type(solver))}: {why}; use {' or '.join(able)}"
-    )
+    return f"{type(solver).__name__} takes {kinds_of(type(solver))}: {why}; use {' or '.join(able)}"

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.one_thread import OneThread, alone
 from condyn_pin.constraints.baumgarte import Baumgarte
@@ -18,10 +17,12 @@ from condyn_pin.constraints.loads import Loads
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms, finite_terms
-from condyn_pin.dynamics.derivatives.linearised import Linearisation
 from condyn_pin.dynamics.nominal import NominalAnalysis, pinocchio_constraints_of
 from condyn_pin.dynamics.raw import ConstraintDatas, ConstraintModels, raw_constraints
 from condyn_pin.dynamics.scene import Scene
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.derivatives.linearised import Linearisation
 
 
 class Memory(OneThread):
@@ -34,7 +35,7 @@ class Memory(OneThread):
     def __init__(self, scene: Scene, drift: Baumgarte | None) -> None:
         scene.robot.check_unedited()
         self.model, self.drift = pin.Model(scene.robot.model), drift
-        self._arguments = Arguments(self.model)
+        self._arguments = scene.robot.arguments
 
     def analysed(self, scene: Scene) -> Equations | None:
         """Analyse a scene that was not; return the equations that it took, for who needs them."""
@@ -106,6 +107,9 @@ class Memory(OneThread):
     @cached_property
     def linearisation(self) -> Linearisation:
         """The linearised equations, in memory of their own."""
+        # imported here: a solve needs none of it
+        from condyn_pin.dynamics.derivatives.linearised import Linearisation
+
         return Linearisation(self.model, self.bounds, self.drift)
 
     @cached_property

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
-from importlib import import_module
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
-from warnings import warn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,28 +32,6 @@ if TYPE_CHECKING:
     from condyn_pin.mechanism.reduction.minimal_report import Minimal
     from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene
     from condyn_pin.mechanism.summary import Summary
-
-
-# Members of the last version and what they are now, most of them functions of a scene in the room
-# that is named; they go with the next.
-_MOVED = {
-    "as_planar": "mechanism.as_planar",
-    "chains": "mechanism.closed_chains.chains_of",
-    "complete_state": "mechanism.complete_state",
-    "guess": "dynamics.described_posture",
-    "keep": "mechanism.keep",
-    "merge_points": "mechanism.merge_points",
-    "natives": "dynamics.nominal.pinocchio_constraints_of",
-    "pinocchio_constraints": "dynamics.nominal.pinocchio_constraints_of",
-    "project_acceleration": "mechanism.project_acceleration",
-    "project_velocity": "mechanism.project_velocity",
-    "rods_as_distances": "mechanism.rods_as_distances",
-    "sample_batch": "simulation.sample_batch",
-    "without": "mechanism.without",
-    "without_bodies": "mechanism.without_bodies",
-    "without_linkage": "mechanism.without_linkage",
-}
-_VALUES = ("chains", "natives", "pinocchio_constraints")  # members that were no methods
 
 
 @dataclass(frozen=True)
@@ -82,8 +58,6 @@ class Scene:
     robot: Robot
     constraints: Sequence[Constraint] = ()
 
-    audit = renamed("nominal")
-
     def __post_init__(self) -> None:
         if not isinstance(self.robot, Robot):
             raise InvalidArgument(
@@ -101,7 +75,7 @@ class Scene:
     @property
     def bounds(self) -> tuple[AnyBound, ...]:
         """The constraints bound to joints, placements and columns."""
-        return self._bounds  # type: ignore[no-any-return]
+        return self._bounds  # type: ignore[attr-defined, no-any-return]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -255,17 +229,26 @@ class Scene:
 
         return minimal(self, error=error, motion=motion, watch=watch, solver=solver)
 
-    def __getattr__(self, name: str) -> Any:
-        if name not in _MOVED:
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-        now = _MOVED[name]
-        warn(f"Scene.{name} is {now} now", DeprecationWarning, stacklevel=2)
-        room, _, member = now.rpartition(".")
-        function = getattr(import_module(f"condyn_pin.{room}"), member)
-        return function(self) if name in _VALUES else partial(function, self)
-
     def __reduce__(self) -> tuple[Any, ...]:
         return Scene, (self.robot, self.constraints)
+
+    # members of the last version, most of them functions of a scene now
+    as_planar = renamed("mechanism.as_planar")
+    audit = renamed("nominal")
+    chains = renamed("mechanism.closed_chains.chains_of", called=True)
+    complete_state = renamed("mechanism.complete_state")
+    guess = renamed("dynamics.described_posture")
+    keep = renamed("mechanism.keep")
+    merge_points = renamed("mechanism.merge_points")
+    natives = renamed("dynamics.nominal.pinocchio_constraints_of", called=True)
+    pinocchio_constraints = renamed("dynamics.nominal.pinocchio_constraints_of", called=True)
+    project_acceleration = renamed("mechanism.project_acceleration")
+    project_velocity = renamed("mechanism.project_velocity")
+    rods_as_distances = renamed("mechanism.rods_as_distances")
+    sample_batch = renamed("simulation.sample_batch")
+    without = renamed("mechanism.without")
+    without_bodies = renamed("mechanism.without_bodies")
+    without_linkage = renamed("mechanism.without_linkage")
 
 
 def check_scene(scene: object, argument: str = "scene") -> None:

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.dynamics.derivatives import Derivatives
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.derivatives.base import Derivatives
 
 # The workspace of this thread's last call: a loop over `solve` with one scene builds only one.
 _last = threading.local()
@@ -122,9 +125,8 @@ def derivatives(
     method : {"kkt", "pinocchio", "differences"}
         ``kkt`` is exact for every kind of constraint, on the constraints and off them, and gives
         the derivative of the smallest lam where rows are redundant. ``pinocchio`` is Pinocchio's
-        own, repaired, for `Proximal` and constraints of 3 and 6 rows; where rows are redundant its
-        dlam_dq is off by internal forces, which move nothing. ``differences`` is slow, and where
-        rows are redundant its columns by q are those along the constraints: zero across.
+        own, repaired, for `Proximal` and constraints of 3 and 6 rows. ``differences`` is slow, and
+        where rows are redundant its columns by q are those along the constraints: zero across.
     check : bool
         Compare with central differences, and raise if they disagree.
     accuracy : float, optional

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from functools import partial
 from threading import get_ident
 from time import perf_counter
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,14 +23,15 @@ from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.loads import Load
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.choice import check_kinds, default_solver
-from condyn_pin.dynamics.derivatives import METHODS, Derivatives
-from condyn_pin.dynamics.derivatives.differences import DifferenceDerivatives, check_derivatives
 from condyn_pin.dynamics.memory import Memory
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solution import Solution, Status
 from condyn_pin.dynamics.solvers.base import Singular, Solver
 from condyn_pin.dynamics.verifier import Verifier, failure
-from condyn_pin.errors import InvalidArgument, unknown_name
+from condyn_pin.errors import InvalidArgument
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.derivatives.base import Derivatives
 
 # No acceleration of a machine: what is larger is looked at entry by entry.
 LARGEST: Final = 1e100
@@ -90,8 +91,7 @@ class Workspace(Memory):
         equations = self.analysed(scene)
         self.solver = default_solver(scene) if solver is None else solver
         self._quaternions, self._pairs = self._arguments.quaternions, self._arguments.pairs
-        offsets = [*zip(self.model.idx_vs, self.model.parents, strict=True)][1:]  # not the world's
-        self.roots = tuple(int(v) for v, parent in offsets if parent == 0 and v >= 0)
+        self.roots = self._arguments.roots
         self._start(scene, equations)
 
     @alone
@@ -272,19 +272,10 @@ class Workspace(Memory):
 
         `forces`, `method`, `check` and `accuracy` are those of `condyn_pin.derivatives`.
         """
-        if not isinstance(method, str) or method not in METHODS:
-            raise unknown_name("method", str(method), METHODS)
-        if not self.solver.exact:
-            raise InvalidArgument(
-                f"solver = {self.solver!r}: derivatives are those of hard constraints, and it "
-                "solves others; use Proximal()"
-            )
-        q_, v_, tau_ = self._arguments.accept(q, v, tau)
-        solution = self.solve(q_, v_, tau_, forces=forces, accuracy=accuracy)
-        found = METHODS[method](self, solution, v_, tau_)
-        if check:
-            check_derivatives(found, DifferenceDerivatives(self, solution, v_, tau_))
-        return found
+        # imported here: a solve needs none of it
+        from condyn_pin.dynamics.derivatives import differentiate
+
+        return differentiate(self, q, v, tau, forces, method, check, accuracy)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # a copy has memory of its own: Pinocchio 4 crashes on a copied Data

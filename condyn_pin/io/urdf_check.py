@@ -1,27 +1,22 @@
 """What a URDF has to be before Pinocchio may read it.
 
 Its parser prints where it should raise, drops the mass of a link whose numbers it cannot read, and
-accepts NaN. So every element that it reads is checked first and copied out; the rest stays behind.
+accepts NaN. So every element that it reads is checked first and copied out (`urdf_elements`); the
+rest stays behind.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from typing import Final
-from xml.etree.ElementTree import Element, SubElement
+from xml.etree.ElementTree import Element
 
-import numpy as np
-
-from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import WORLD
 from condyn_pin.errors import InvalidModel, unknown_name
-from condyn_pin.io.xml import check_counts, find, floats, label
-from condyn_pin.model.tree import NO_LIMIT
+from condyn_pin.io.urdf_elements import copy_joint, copy_link, link_at, number
+from condyn_pin.io.xml import check_counts, find, label
 
-_TYPES: Final = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
-_WITH_AXIS: Final = ("revolute", "continuous", "prismatic", "planar")
 _SCALAR: Final = ("revolute", "continuous", "prismatic")
-_MOMENTS: Final = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 def checked(robot: Element, *, floating: bool, mimic: bool) -> Element:
@@ -55,9 +50,9 @@ def checked(robot: Element, *, floating: bool, mimic: bool) -> Element:
     mimicking = set(_mimicking(joints)) if mimic else set()
     copy = Element("robot", name=robot.attrib["name"])
     for link in links.values():
-        _copy_link(copy, link)
+        copy_link(copy, link)
     for joint in joints.values():
-        _copy_joint(copy, joint, one_number=joint.attrib["name"] in mimicking)
+        copy_joint(copy, joint, one_number=joint.attrib["name"] in mimicking)
     return copy
 
 
@@ -105,17 +100,12 @@ def _root(links: Mapping[str, Element], joints: Mapping[str, Element]) -> str:
 
 
 def _end(joint: Element, end: str, links: Mapping[str, Element]) -> str:
-    name = _link_at(joint, end)
+    name = link_at(joint, end)
     if not name:
         raise InvalidModel(f"{label(joint)}: no <{end} link=...>; name its {end} link")
     if name not in links:
         raise InvalidModel(f"{label(joint)}: <{end}>: {unknown_name('link', name, links)}")
     return name
-
-
-def _link_at(joint: Element, end: str) -> str:
-    element = find(joint, end)
-    return "" if element is None else element.get("link", "")
 
 
 def _mimicking(joints: Mapping[str, Element]) -> Iterator[str]:
@@ -137,9 +127,9 @@ def _mimicking(joints: Mapping[str, Element]) -> Iterator[str]:
                 )
         if other == name:
             raise InvalidModel(f"{label(joint)}: <mimic>: it mimics itself; name another joint")
-        if _number(mimic, "multiplier", label(joint), "1") == 0:
+        if number(mimic, "multiplier", label(joint), "1") == 0:
             raise InvalidModel(f"{label(joint)}: <mimic multiplier=0> locks it; make it fixed")
-        _number(mimic, "offset", label(joint), "0")
+        number(mimic, "offset", label(joint), "0")
         yield from (name, other)
     _check_circles(joints)
 
@@ -158,106 +148,3 @@ def _check_circles(joints: Mapping[str, Element]) -> None:
             if name in way or name not in joints:
                 break
             way.append(name)
-
-
-def _copy_link(copy: Element, link: Element) -> None:
-    made = SubElement(copy, "link", name=link.attrib["name"])
-    inertial = find(link, "inertial")
-    if inertial is None:
-        return
-    where = label(link)
-    mass, inertia = find(inertial, "mass"), find(inertial, "inertia")
-    if mass is None or inertia is None:
-        lacks = "mass" if mass is None else "inertia"
-        raise InvalidModel(f"{where}: <inertial> has no <{lacks}>; give it one")
-    kilograms = _number(mass, "value", where)
-    if kilograms < 0:
-        raise InvalidModel(f"{where}: <mass value={kilograms:g}>: it must not be negative")
-    moments = {key: repr(_number(inertia, key, where)) for key in _MOMENTS}
-    body = SubElement(made, "inertial")
-    _copy_origin(body, inertial, where)
-    SubElement(body, "mass", value=repr(kilograms))
-    SubElement(body, "inertia", moments)
-
-
-def _copy_joint(copy: Element, joint: Element, *, one_number: bool) -> None:
-    where, kind = label(joint), joint.get("type", "")
-    if kind not in _TYPES:
-        raise InvalidModel(f"{where}: {unknown_name('joint type', kind, _TYPES)}")
-    # A continuous joint is (cos, sin) in Pinocchio; what is proportional needs an angle.
-    unbounded = kind == "continuous" and one_number
-    made = SubElement(copy, "joint", name=joint.attrib["name"])
-    made.set("type", "revolute" if unbounded else kind)
-    for end in ("parent", "child"):
-        SubElement(made, end, link=_link_at(joint, end))
-    _copy_origin(made, joint, where)
-    axis = find(joint, "axis")
-    if kind in _WITH_AXIS and axis is not None:
-        xyz = floats(axis.get("xyz"), 3, f"{where}: <axis xyz>")
-        if not xyz.any():
-            raise InvalidModel(f"{where}: <axis xyz> is zero; give it a direction")
-        SubElement(made, "axis", xyz=_text(xyz))
-    _copy_limit(made, joint, kind, unbounded=unbounded)
-    dynamics = find(joint, "dynamics")
-    if dynamics is not None:
-        said = {key: repr(_number(dynamics, key, where, "0")) for key in ("damping", "friction")}
-        SubElement(made, "dynamics", said)
-
-
-def _copy_limit(made: Element, joint: Element, kind: str, *, unbounded: bool) -> None:
-    where, limit = label(joint), find(joint, "limit")
-    if limit is None and kind in ("revolute", "prismatic"):
-        raise InvalidModel(
-            f"{where}: a {kind} joint needs <limit lower=.. upper=.. effort=.. velocity=..>; "
-            "without limits it is continuous"
-        )
-    if limit is None and not unbounded:
-        return
-    limit = Element("limit") if limit is None else limit
-    free = repr(NO_LIMIT)
-    given = {"lower": "0", "upper": "0", "effort": free, "velocity": free} | limit.attrib
-    if unbounded or without_bounds(joint):
-        given |= {"lower": f"-{free}", "upper": free}
-    said = {}
-    for key in ("lower", "upper", "effort", "velocity"):
-        value = floats(given[key], 1, f"{where}: <limit {key}>", infinite=True)
-        said[key] = float(np.clip(value, -NO_LIMIT, NO_LIMIT)[0])
-    if said["lower"] > said["upper"]:
-        missing = [key for key in ("lower", "upper") if key not in limit.attrib]
-        advice = (
-            f"the {missing[0]} one is not there, which is 0; give it"
-            if missing
-            else "exchange them"
-        )
-        raise InvalidModel(f"{where}: limits {said['lower']:g} to {said['upper']:g}; {advice}")
-    SubElement(made, "limit", {key: repr(value) for key, value in said.items()})
-
-
-def without_bounds(joint: Element) -> bool:
-    """Whether a joint that needs limits has some of effort and velocity only.
-
-    By the format both bounds are then 0, which locks it. Exporters mean that there are none.
-    """
-    limit = find(joint, "limit")
-    if joint.get("type") not in ("revolute", "prismatic") or limit is None:
-        return False
-    return not {"lower", "upper"} & limit.attrib.keys()
-
-
-def _copy_origin(made: Element, element: Element, where: str) -> None:
-    origin = find(element, "origin")
-    if origin is None:
-        return
-    said = {}
-    for key in ("xyz", "rpy"):
-        if origin.get(key) is not None:
-            said[key] = _text(floats(origin.get(key), 3, f"{where}: <origin {key}>"))
-    SubElement(made, "origin", said)
-
-
-def _number(element: Element, key: str, where: str, default: str | None = None) -> float:
-    return float(floats(element.get(key, default), 1, f"{where}: <{element.tag} {key}>")[0])
-
-
-def _text(values: Array) -> str:
-    return " ".join(repr(float(x)) for x in values)

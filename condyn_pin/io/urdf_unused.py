@@ -9,8 +9,8 @@ from xml.etree.ElementTree import Element
 from condyn_pin._core.names import few
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.io.description import Body, doubts, tensor
-from condyn_pin.io.urdf_check import without_bounds
 from condyn_pin.io.urdf_closures import alone
+from condyn_pin.io.urdf_elements import without_bounds
 from condyn_pin.io.xml import not_read
 
 _MOMENTS: Final = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.rows.mass_pivots import least_pivots
@@ -132,6 +133,11 @@ class Robot:
     def least_pivots(self) -> Array:
         """What the pivots of the mass matrix are at least, at any q (nv,) [kg, kg m^2]."""
         return read_only(least_pivots(self.unedited))
+
+    @cached_property
+    def arguments(self) -> Arguments:
+        """The check of (q, v, tau): their sizes, and where q holds what has to be normalised."""
+        return Arguments(self.unedited)
 
     @property
     def frames(self) -> tuple[str, ...]:

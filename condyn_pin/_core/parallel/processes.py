@@ -7,7 +7,6 @@ import os
 import signal
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
-from multiprocessing.synchronize import Event
 from threading import Thread
 from typing import Any, Final, TypeVar
 
@@ -65,7 +64,9 @@ class Processes(Executor):
             )
         self.workers, self.start_method = count, start_method
         self._context = multiprocessing.get_context(start_method)
-        self._began = self._context.Event()
+        # no Event: a pool that breaks terminates its workers, and one that is just setting an Event
+        # keeps its lock for ever, from all pools to come
+        self._began = self._context.RawValue("b", 0)
         self._pool = self._new()
 
     @property
@@ -76,7 +77,7 @@ class Processes(Executor):
     @property
     def began(self) -> bool:
         """Whether any worker has ever come so far that it could work."""
-        return self._began.is_set()
+        return bool(self._began.value)
 
     def submit(self, fn: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
         """Hand out a call, as `concurrent.futures.Executor.submit`."""
@@ -98,10 +99,12 @@ class Processes(Executor):
         return f"Processes({self.workers}, start_method={self.start_method!r})"
 
 
-def _begin(began: Event) -> None:
+def _begin(began: Any) -> None:
     """Leave Ctrl-C, which a terminal sends to all, to the parent; end when the parent is killed."""
-    began.set()
+    began.value = 1
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # a pool waits for the workers that it terminates: none may have a fork's handler of its parent
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     keep_to_one_thread()  # other workers have the other cores
     Thread(target=_end_with_the_parent, daemon=True).start()
 

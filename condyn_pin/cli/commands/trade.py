@@ -47,6 +47,20 @@ Swept = Annotated[
     ),
 ]
 
+Error = Annotated[
+    float | None, typer.Option(help="Choose the fastest solver with no larger error.")
+]
+States = Annotated[int, typer.Option(help="Random closed states of each scene.", min=1)]
+Jobs = Annotated[int, typer.Option(help="Processes that compute errors.", min=1)]
+Results = Annotated[
+    Path | None, typer.Option(help="Keep rows here as they come; a second run goes on.")
+]
+Markdown = Annotated[Path | None, typer.Option(help="Write the table here.")]
+Tune = Annotated[
+    bool, typer.Option("--tune", help="Choose for one scene only, and keep it for `tuned`.")
+]
+Save = Annotated[bool, typer.Option(help="With --tune: keep the choice.")]
+
 # Options that say something only with --tune, and only without it.
 _OF_TUNE = ("contacts", "loops", "variant", "save")
 _OF_STUDY = ("states", "quick", "jobs", "results", "csv", "markdown", "plot")
@@ -55,25 +69,19 @@ _OF_STUDY = ("states", "quick", "jobs", "results", "csv", "markdown", "plot")
 def trade(
     context: typer.Context,
     robots: arg.RobotNames = None,
-    error: Annotated[
-        float | None, typer.Option(help="Choose the fastest solver with no larger error.")
-    ] = None,
+    error: Error = None,
     measure: Measure = "acceleration",
     solvers: Swept = "",
-    states: Annotated[int, typer.Option(help="Random closed states of each scene.", min=1)] = 20,
+    states: States = 20,
     quick: arg.Quick = False,
-    jobs: Annotated[int, typer.Option(help="Processes that compute errors.", min=1)] = 1,
-    results: Annotated[
-        Path | None, typer.Option(help="Keep rows here as they come; a second run goes on.")
-    ] = None,
+    jobs: Jobs = 1,
+    results: Results = None,
     csv: arg.Csv = None,
     as_json: arg.TableJson = None,
-    markdown: Annotated[Path | None, typer.Option(help="Write the table here.")] = None,
+    markdown: Markdown = None,
     plot: arg.Plot = None,
-    tune: Annotated[
-        bool, typer.Option("--tune", help="Choose for one scene only, and keep it for `tuned`.")
-    ] = False,
-    save: Annotated[bool, typer.Option(help="With --tune: keep the choice.")] = True,
+    tune: Tune = False,
+    save: Save = True,
     contacts: arg.Contacts = "",
     loops: arg.Loops = True,
     variant: arg.Variant = None,

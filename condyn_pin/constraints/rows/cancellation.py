@@ -32,18 +32,18 @@ def cancellation_scale(equations: Equations, q: Array) -> Array:
     least near the origin of the world.
     """
     model, data = equations.model, equations.data
-    placements: list[Any] = equations.placements(q)
     pin.computeJointJacobians(model, data, q)
     found = np.zeros((equations.m, model.nv))
     ends: list[tuple[Any, int, Any, float]] = []  # those that move, and an arm between the two
-    for bound, frames in zip(equations.bounds, placements, strict=True):
+    for bound in equations.bounds:
         if isinstance(bound, Coupled):
             found[bound.rows, list(bound.velocity)] = 1.0, abs(bound.ratio)
         elif isinstance(bound, Rolled):
             ends.append((bound, bound.joint1, bound.placement1, bound.radius))
         else:
             assert isinstance(bound, OnFrames)
-            apart = _length(frames[1].translation - frames[0].translation)
+            c1, c2 = bound.ends(data.oMi)
+            apart = _length(c2.translation - c1.translation)
             both = ((bound.joint1, bound.placement1, apart), (bound.joint2, bound.placement2, 0.0))
             ends += [(bound, *end) for end in both if end[0]]
     if not ends:

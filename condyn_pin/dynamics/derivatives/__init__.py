@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
+from numpy.typing import ArrayLike
+
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.dynamics.derivatives.base import Derivatives
-from condyn_pin.dynamics.derivatives.differences import DifferenceDerivatives
+from condyn_pin.dynamics.derivatives.differences import DifferenceDerivatives, check_derivatives
 from condyn_pin.dynamics.derivatives.kkt import KktDerivatives
 from condyn_pin.dynamics.derivatives.pinocchio import PinocchioDerivatives
+from condyn_pin.errors import InvalidArgument, unknown_name
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.solution import Solution
@@ -22,4 +26,30 @@ METHODS: dict[str, Callable[[Workspace, Solution, Array, Array], Derivatives]] =
     "differences": DifferenceDerivatives,
 }
 
-__all__ = ["METHODS", "Derivatives"]
+__all__ = ["METHODS", "Derivatives", "differentiate"]
+
+
+def differentiate(
+    workspace: Workspace,
+    q: ArrayLike,
+    v: ArrayLike,
+    tau: ArrayLike,
+    forces: Sequence[AppliedForce],
+    method: str,
+    check: bool,
+    accuracy: float | None,
+) -> Derivatives:
+    """Return how a and lam change with q, v and tau; the arguments are those of `derivatives`."""
+    if not isinstance(method, str) or method not in METHODS:
+        raise unknown_name("method", str(method), METHODS)
+    if not workspace.solver.exact:
+        raise InvalidArgument(
+            f"solver = {workspace.solver!r}: derivatives are those of hard constraints, and it "
+            "solves others; use Proximal()"
+        )
+    q_, v_, tau_ = workspace.scene.robot.arguments.accept(q, v, tau)
+    solution = workspace.solve(q_, v_, tau_, forces=forces, accuracy=accuracy)
+    found = METHODS[method](workspace, solution, v_, tau_)
+    if check:
+        check_derivatives(found, DifferenceDerivatives(workspace, solution, v_, tau_))
+    return found

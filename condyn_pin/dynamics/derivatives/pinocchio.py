@@ -13,7 +13,11 @@ they are taken with mu, 2 mu and 4 mu, and continued to zero:
 Neither part is known, but Y(2 mu) has four times the first and half of the second: it is off from
 Y(mu) by three times what Y(mu) misses through damping, and by half of what it misses through
 rounding. Where twice that is more than a tenth of what derivatives are held to, they are refused.
-dlam is noise of size 1e-16/mu along redundant rows all the same.
+
+Along redundant rows dlam is what they contradict each other by, over mu: rounding, 1e-16 / mu, and
+where q or v leaves the constraints a share of the motion itself, a million times what it should
+be. With N the left null space of J, that part of dlam is replaced: the smallest lam is in the range
+of J, and stays there as the rows turn (`condyn_pin.dynamics.derivatives.kkt`).
 """
 
 from __future__ import annotations
@@ -26,9 +30,10 @@ from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import turning
-from condyn_pin._core.tolerances import DERIVATIVES
+from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.tolerances import DERIVATIVES, RANK
 from condyn_pin.dynamics.derivatives.base import Derivatives
-from condyn_pin.dynamics.derivatives.kkt import KktDerivatives
+from condyn_pin.dynamics.derivatives.kkt import KktDerivatives, turning_null_space
 from condyn_pin.dynamics.derivatives.loads import load_partial
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.proximal import Proximal
@@ -67,6 +72,7 @@ class PinocchioDerivatives(Derivatives):
             by_q, by_v, by_tau = found = _continued(one, twice)
             rougher = _continued(twice, more)
             _check_agreement(workspace, solution, mu, found, rougher, _LARGEST_OFF)
+            _make_smallest(workspace, solution, found)
         if solution.applied:  # they are torques that change with q
             by_q += by_tau @ load_partial(workspace.loads, q, solution.applied)
         if _first_column_is_wrong(workspace):
@@ -109,6 +115,21 @@ def _continued(one: Blocks, twice: Blocks) -> Blocks:
     """Return derivatives with some mu and with twice that, continued to zero."""
     by_q, by_v, by_tau = (2.0 * x - y for x, y in zip(one, twice, strict=True))
     return by_q, by_v, by_tau
+
+
+def _make_smallest(workspace: Workspace, solution: Solution, found: Blocks) -> None:
+    """Replace what derivatives of lam are along redundant rows by that of the smallest lam.
+
+    N^T dlam = N^T (dJ w) by q, and zero by v and tau.
+    """
+    q, n, equations = solution.q, len(solution.a), workspace.equations
+    J = equations.jacobian(q)
+    factors = factorise(equations.mass(q), J, RANK)
+    N = factors.U[:, factors.rank :]
+    for block in found:
+        block[n:] -= N @ (N.T @ block[n:])
+    by_q, _, _ = found
+    by_q[n:] += turning_null_space(workspace.linearisation, q, solution.lam, J, factors)
 
 
 def _check_agreement(

@@ -1,15 +1,29 @@
 """Solvers: frozen values whose fields are their parameters, one file each.
 
-Every module of this folder is imported once, and each solver in it registers itself, so that to
-add a solver is to add one file (`base.py` says what it must contain).
+Each solver registers itself where its module is imported, and `SOLVERS`, when it is first asked
+for, imports every module of this folder: to add a solver is to add one file (`base.py` says what it
+must contain), and a solve imports no solver but its own.
 """
+
+from __future__ import annotations
 
 from importlib import import_module
 from pkgutil import iter_modules
+from typing import TYPE_CHECKING
 
-from condyn_pin.dynamics.solvers.base import SOLVERS, Solver
+from condyn_pin.dynamics.solvers import base
+from condyn_pin.dynamics.solvers.base import Solver
 
-for _module in iter_modules(__path__):
-    import_module(f"{__name__}.{_module.name}")
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.solvers.base import SOLVERS
 
 __all__ = ["SOLVERS", "Solver"]
+
+
+def __getattr__(name: str) -> dict[str, type[Solver]]:
+    if name != "SOLVERS":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    for module in iter_modules(__path__):
+        import_module(f"{__name__}.{module.name}")
+    globals()[name] = base.SOLVERS  # asked for once
+    return base.SOLVERS

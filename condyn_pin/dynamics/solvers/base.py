@@ -121,6 +121,8 @@ class Solver(ABC):
             return
         name = cls.__name__.lower()
         enter(SOLVERS, name, cls, f"a solver named {cls.__name__}")
+        for known in sorted(SOLVERS):  # in one order, whatever is imported first
+            SOLVERS[known] = SOLVERS.pop(known)
 
     @abstractmethod
     def start(self, workspace: Workspace) -> BoundSolver:

@@ -82,33 +82,33 @@ class DenseKKT(Solver):
         n, d = workspace.model.nv, scaling(workspace.scene.nominal.terms)
         size, drift, corrections = len(d), workspace.drift, range(self.refinements)
         scale = np.asfortranarray(np.outer(d, d))
-        # the lower triangle of D K D; LAPACK writes its factor over it
-        K = np.zeros((size, size), order="F")
-        M, J, corner = K[:n, :n].T, K[n:, :n], K[n:, n:]
-        damping = -self.mu * np.eye(size - n)
-        # one after the other: D times the right side, and the random ones; the answers take their
-        # places
-        sides = np.zeros((1 + PROBES) * size)
-        y, probed = sides[:size], sides[size:]
-        columns, random, work = sides.reshape(-1, size).T, probing(size), BLOCK * size
+        # K, of which the lower triangle is read, and D K D, where LAPACK writes its factor
+        K, factored = np.zeros((size, size), order="F"), np.empty((size, size), order="F")
+        M, J = K[:n, :n].T, K[n:, :n]
+        K[n:, n:] = -self.mu * np.eye(size - n)
+        # one after the other: the right side and the random ones; D times each, and the answers
+        # take their places
+        sides = np.concatenate([np.zeros(size), probing(size)])
+        answers = np.zeros(len(sides))
         signed = np.concatenate([d[:n], -d[n:]])  # gamma changes sides, and so does lam
-        in_place = 1, 1, 1  # lower, overwrite_a, overwrite_b: by name they take half as long again
+        scales = np.concatenate([signed, np.ones(PROBES * size)])
+        force, gamma = sides[:n], sides[n:size]
+        y, probed = answers[:size], answers[size:]
         y_n, y_m, d_n, d_m = y[:n], y[n:], signed[:n], signed[n:]
+        columns, work = answers.reshape(-1, size).T, BLOCK * size
+        in_place = 1, 1, 1  # lower, overwrite_a, overwrite_b: by name they take half as long again
 
         @one_blas_thread
         @quietly  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             equations = workspace.equations
-            M_q, h, J_q, gamma = equations.parts(q, v)
+            M[:], h, J[:], gamma[:] = equations.parts(q, v)
             if drift:
-                gamma -= equations.a_ref()
-            M[:], J[:], corner[:] = M_q, J_q, damping
-            np.multiply(K, scale, K)
-            free_force(tau, h, y_n)
-            y_m[:] = gamma
-            np.multiply(y, signed, y)
-            probed[:] = random
-            factor, pivots, _, info = dsysv(K, columns, work, *in_place)
+                gamma[:] -= equations.a_ref()
+            free_force(tau, h, force)
+            np.multiply(K, scale, factored)
+            np.multiply(sides, scales, answers)
+            factor, pivots, _, info = dsysv(factored, columns, work, *in_place)
             if info > 0 or not probed.dot(probed) < LARGEST:
                 raise Singular
             for _ in corrections:

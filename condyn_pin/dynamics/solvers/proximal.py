@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, ClassVar, Literal
@@ -138,38 +139,13 @@ class Proximal(Solver):
         limit = FEW if patient else self.max_iterations
         settings = _pin.proximal_settings(self.absolute_accuracy, accuracy, mu, limit)
         workspace.proximal_settings = settings
-        model, data = workspace.model, workspace.data
-        models, datas = workspace.constraint_models, workspace.constraint_datas
         needed = _refinements(nominal)
         refinements = needed if self.refinements is None else self.refinements
         left, corrected = self.max_iterations - limit, needed > 0 and refinements > 0
         at_state = cache(lambda: MuAtState(workspace, mu, accuracy, left, corrected))
-        solve = pin.constraintDynamics
-
-        def acceleration(q: Array, v: Array, tau: Array) -> Array:
-            return solve(model, data, q, v, tau, models, datas, settings)  # type: ignore[no-any-return]
-
-        def persistent(q: Array, v: Array, tau: Array) -> Array:
-            a = solve(model, data, q, v, tau, models, datas, settings)
-            workspace.proximal_settings = settings
-            step = settings.relative_residual
-            better = None if step <= accuracy else at_state().settings(step)
-            if better is None:
-                return a  # type: ignore[no-any-return]
-            workspace.proximal_settings = better
-            return solve(model, data, q, v, tau, models, datas, better)  # type: ignore[no-any-return]
-
-        def lam() -> Array:
-            return np.array(data.lambda_c)
-
-        def iterations() -> int:
-            last = workspace.proximal_settings
-            return int(settings.iter) + (0 if last is settings else int(last.iter))
-
-        run = persistent if patient else acceleration
-        to_scene = workspace.pinocchio_constraints.to_scene
-        forces = lam if to_scene is None else lambda: workspace.scene_forces(lam())
-        method = BoundSolver(run, forces, iterations)
+        native = _pinocchios(workspace, accuracy, at_state if patient else None)
+        run, lam, iterations = native.acceleration, native.lam, native.iterations
+        method = native
         if refinements:
             refinement = Refinement(workspace, refinements)
             method = BoundSolver(
@@ -177,11 +153,44 @@ class Proximal(Solver):
                 lambda: workspace.scene_forces(refinement.lam),
                 lambda: iterations() + refinements,
             )
-        return (
-            exact_where_open(workspace, method)
-            if workspace.pinocchio_constraints.approximated
-            else method
-        )
+        elif workspace.pinocchio_constraints.to_scene is not None:
+            method = BoundSolver(run, lambda: workspace.scene_forces(lam()), iterations)
+        approximated = workspace.pinocchio_constraints.approximated
+        return exact_where_open(workspace, method) if approximated else method
+
+
+def _pinocchios(
+    workspace: Workspace, accuracy: float, at_state: Callable[[], MuAtState] | None
+) -> BoundSolver:
+    """Return `pin.constraintDynamics` with the settings of the workspace, and its own lam.
+
+    Where the last step of lam is above `accuracy` [N], what `at_state` returns finds better ones.
+    """
+    settings, solve = workspace.proximal_settings, pin.constraintDynamics
+    model, data = workspace.model, workspace.data
+    models, datas = workspace.constraint_models, workspace.constraint_datas
+
+    def acceleration(q: Array, v: Array, tau: Array) -> Array:
+        return solve(model, data, q, v, tau, models, datas, settings)  # type: ignore[no-any-return]
+
+    def persistent(q: Array, v: Array, tau: Array) -> Array:
+        a = solve(model, data, q, v, tau, models, datas, settings)
+        workspace.proximal_settings = settings
+        step = settings.relative_residual
+        better = None if step <= accuracy or at_state is None else at_state().settings(step)
+        if better is None:
+            return a  # type: ignore[no-any-return]
+        workspace.proximal_settings = better
+        return solve(model, data, q, v, tau, models, datas, better)  # type: ignore[no-any-return]
+
+    def lam() -> Array:
+        return np.array(data.lambda_c)
+
+    def iterations() -> int:
+        last = workspace.proximal_settings
+        return int(settings.iter) + (0 if last is settings else int(last.iter))
+
+    return BoundSolver(persistent if at_state else acceleration, lam, iterations)
 
 
 def _refinements(nominal: NominalAnalysis) -> int:

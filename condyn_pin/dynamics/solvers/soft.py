@@ -17,7 +17,6 @@ from condyn_pin._core.quietly import quietly
 from condyn_pin.constraints.loads import frame_jacobian
 from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver, free_force
 from condyn_pin.errors import InvalidArgument, InvalidModel
-from condyn_pin.io.mjcf_write import drawn
 from condyn_pin.model.soundness import massless_motion
 
 if TYPE_CHECKING:
@@ -164,6 +163,9 @@ def inverse_inertias(workspace: Workspace) -> Array:
     For a row between two bodies the sum of what each gives way to a force at its centre of mass,
     or to a moment, the mean over three axes; for a coupling, of what each joint does.
     """
+    # imported here: other solvers need no MJCF
+    from condyn_pin.io.mjcf_write import drawn
+
     model = workspace.model
     data, q = model.createData(), drawn(workspace.scene.robot)
     M = np.array(pin.crba(model, data, q))

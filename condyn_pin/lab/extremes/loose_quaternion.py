@@ -1,6 +1,5 @@
 """Quaternions that are not of unit length."""
 
-from condyn_pin._core.arguments import Arguments
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.lab.extremes.base import Case, Rng, by_reference, extreme, moving, powers
@@ -10,7 +9,7 @@ from condyn_pin.lab.extremes.base import Case, Rng, by_reference, extreme, movin
 def loose_quaternion(severity: float, rng: Rng, scene: Scene) -> Case:
     """How far the length of every quaternion of q is from one; -1 makes it zero."""
     q, v, tau = moving(scene, rng)
-    at = [offset // q.itemsize for offset in Arguments(scene.robot.model).quaternions]
+    at = [offset // q.itemsize for offset in scene.robot.arguments.quaternions]
     if not at:
         raise InvalidArgument(f"{scene.robot.name} has no quaternion")
     # with quaternions of unit length

@@ -15,7 +15,8 @@ from condyn_pin._core.parameters import check_count
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.proximal import Proximal
-from condyn_pin.lab.problems.base import Limit, Problem, Published, Setting
+from condyn_pin.lab.problems.base import Problem
+from condyn_pin.lab.problems.setting import Limit, Published, Setting
 from condyn_pin.model.mechanisms.n_four_bar import n_four_bar
 from condyn_pin.model.soundness import MOST_JOINTS
 from condyn_pin.simulation.integrators.explicit import RungeKutta4

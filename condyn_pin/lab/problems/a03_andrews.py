@@ -12,7 +12,8 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot
-from condyn_pin.lab.problems.base import Limit, Problem, Published, Setting, Torque
+from condyn_pin.lab.problems.base import Problem, Torque
+from condyn_pin.lab.problems.setting import Limit, Published, Setting
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
 
 _STIFFNESS: Final = 4530.0  # [N/m]

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
@@ -28,6 +28,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.registry import enter
 from condyn_pin.errors import InvalidArgument, unknown_name
+from condyn_pin.lab.problems.setting import Limit, Published, Setting
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
@@ -39,37 +40,6 @@ if TYPE_CHECKING:
 Torque = Callable[[float, Array, Array], Array]
 
 PROBLEMS: dict[str, type[Problem]] = {}
-
-
-@dataclass(frozen=True)
-class Limit:
-    """An error that somebody asks for."""
-
-    level: str  # how it is called
-    value: float  # in the unit of what is judged
-    source: str  # who asks for it
-
-
-@dataclass(frozen=True)
-class Setting:
-    """How to run a problem; what is None is left to `simulate`."""
-
-    dt: float  # [s]
-    integrator: Integrator | None = None
-    drift: Drift | None = None
-    solver: Solver | None = None
-
-
-@dataclass(frozen=True)
-class Published:
-    """What another code needed, as it was published."""
-
-    code: str
-    case: str  # what was run
-    seconds: float  # CPU time [s]
-    error: str  # as stated there; empty if it was not
-    processor: str
-    source: str
 
 
 class Problem(ABC):

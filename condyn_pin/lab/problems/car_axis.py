@@ -15,7 +15,8 @@ from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.lab.laboratory import add_point
-from condyn_pin.lab.problems.base import Limit, Problem, Setting, Torque
+from condyn_pin.lab.problems.base import Problem, Torque
+from condyn_pin.lab.problems.setting import Limit, Setting
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
 

@@ -13,7 +13,8 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.constraint_fields import check_positive
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.lab.problems.base import Limit, Problem, Setting
+from condyn_pin.lab.problems.base import Problem
+from condyn_pin.lab.problems.setting import Limit, Setting
 from condyn_pin.simulation.run import simulate
 from condyn_pin.simulation.trajectory import Trajectory
 

@@ -19,7 +19,6 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import indices
@@ -221,7 +220,7 @@ def _sampled(scene: Scene, seed: int, count: int) -> list[State]:
 def _checked(scene: Scene, motion: Any) -> list[State]:
     if isinstance(motion, str) or not isinstance(motion, Iterable):
         raise InvalidArgument(f"motion = {motion!r}: a list of (q, v, tau) is needed")
-    check = Arguments(scene.robot.model).check
+    check = scene.robot.arguments.check
     states = []
     for k, state in enumerate(motion):
         try:

@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg.numerical_rank import counted
@@ -51,7 +50,7 @@ def cross_check(
         raise InvalidArgument(f"tolerance = {tolerance!r}: a number between 0 and 1 is needed")
     robot = bridge.robot
     workspace = Workspace(Scene(robot, robot.loops))
-    q_, v_, tau_ = Arguments(robot.model).check(q, v, tau)
+    q_, v_, tau_ = robot.arguments.check(q, v, tau)
     theirs = MujocoTerms(bridge, q_, v_, tau_)
     terms, passive = workspace.terms(q_, v_), robot.passive_torque(q_, v_)
     a = pin.aba(robot.model, robot.model.createData(), q_, v_, tau_ + passive)

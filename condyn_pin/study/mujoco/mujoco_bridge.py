@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import HIGH, LOW, Arguments
+from condyn_pin._core.arguments import HIGH, LOW
 from condyn_pin._core.arrays import Array, finite, finite_rows
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.io.mjcf_file import require_mujoco
@@ -93,7 +93,7 @@ class MujocoBridge:
         object.__setattr__(self, "names", MappingProxyType(dict(self.names)))
         object.__setattr__(self, "without", tuple(self.without))
         object.__setattr__(self, "_pairs", paired)
-        object.__setattr__(self, "_units", Arguments(self.robot.model).units)
+        object.__setattr__(self, "_units", self.robot.arguments.units)
         data = mujoco.MjData(self.model)
         mujoco.mj_kinematics(self.model, data)
         check_axes(self.robot, data, paired, self.from_mujoco(data.qpos, data.qvel)[0])

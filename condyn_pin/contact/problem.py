@@ -1,0 +1,169 @@
+"""ContactProblem: which impulses keep bodies apart and obey Coulomb's law; it knows no robot.
+
+    sigma = G lam + g + R lam
+
+    ncp    K  contains lam,  K* contains d = sigma + (0, 0, mu |sigma_t|),  lam . d = 0
+    ccp    K  contains lam,  K* contains sigma,                             lam . sigma = 0
+
+sigma is the velocity of the contacts after the step, lam the impulse on the robot, z along the
+normal from the ground to the robot. A ccp is convex: what slides lifts off by mu |sigma_t|.
+
+References
+----------
+De Saxcé, Feng. The bipotential method. Mathematical and Computer Modelling 28, 1998.
+Acary, Cadoux, Lemaréchal, Malick. A formulation of the linear discrete Coulomb friction problem via
+convex optimization. ZAMM 91, 2011.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array, finite, read_only
+from condyn_pin.contact.sets import ContactSets
+from condyn_pin.errors import InvalidArgument
+
+Law = Literal["ncp", "ccp"]
+Level = Literal["impulse", "acceleration"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ContactProblem:
+    """What a contact solver is asked: G, g and the sets that impulses belong to.
+
+    Rows: three of each cone (t1, t2, n), then one of each half-line, then one of each interval.
+
+    Parameters
+    ----------
+    G : (m, m) array_like
+        J M^-1 J^T along the constraints that never let go, symmetric, not negative [1/kg].
+    g : (m,) array_like
+        Velocity of the contacts without impulses, with what the scheme adds to it [m/s].
+    friction : (k,) array_like
+        Coefficients of the cones [1].
+    half_lines : int
+        Number of rows that can only push: stops of joints.
+    limits : (b,) array_like
+        Largest impulses of rows with dry friction [N s].
+    R : (m,) array_like, optional
+        Compliance on the diagonal [1/kg]; none by default.
+    law : {"ncp", "ccp"}
+        Coulomb's law with Signorini's condition, or its convex relaxation.
+    level : {"impulse", "acceleration"}
+        What lam and sigma are: [N s] and [m/s], or [N] and [m/s^2].
+    names : sequence of str, optional
+        Of cones, half-lines and intervals.
+
+    Raises
+    ------
+    InvalidArgument
+        If sizes do not fit, G is not symmetric, or a number is not finite or negative.
+    """
+
+    G: Array  # [1/kg]
+    g: Array  # [m/s]
+    friction: Array
+    half_lines: int = 0
+    limits: Array = ()  # type: ignore[assignment]  # [N s]
+    R: Array | None = None  # [1/kg]
+    law: Law = "ncp"
+    level: Level = "impulse"
+    names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        g = finite("g", self.g, (np.size(self.g),))
+        m = len(g)
+        put(self, "g", read_only(g))
+        put(self, "G", read_only(_symmetric(finite("G", self.G, (m, m)))))
+        put(self, "friction", read_only(_not_negative("friction", self.friction)))
+        put(self, "limits", read_only(_not_negative("limits", self.limits)))
+        if self.R is not None:
+            put(self, "R", read_only(_not_negative("R", self.R)))
+            if len(self.R) != m:
+                raise InvalidArgument(f"R: {len(self.R)} numbers; {m} are needed, one a row")
+        if isinstance(self.half_lines, bool) or not isinstance(self.half_lines, int):
+            raise InvalidArgument(f"half_lines = {self.half_lines!r}: a count is needed")
+        if self.half_lines < 0 or self.sets.size != m:
+            raise InvalidArgument(
+                f"g has {m} rows; 3 x {len(self.friction)} of cones, {self.half_lines} of "
+                f"half-lines and {len(self.limits)} of intervals are {self.sets.size}"
+            )
+        if self.law not in get_args(Law):
+            raise InvalidArgument(f"law = {self.law!r}: ncp or ccp is needed")
+        if self.level not in get_args(Level):
+            raise InvalidArgument(f"level = {self.level!r}: impulse or acceleration is needed")
+        blocks = len(self.friction) + self.half_lines + len(self.limits)
+        put(self, "names", tuple(self.names) or tuple(f"contact {i}" for i in range(blocks)))
+        if len(self.names) != blocks:
+            raise InvalidArgument(f"names: {len(self.names)} for {blocks} contacts")
+
+    @classmethod
+    def trusted(cls, **fields: Any) -> ContactProblem:
+        """Return a problem of fields that were made right; nothing is checked, which takes 30 us.
+
+        All fields have to be given.
+        """
+        made = object.__new__(cls)
+        vars(made).update(fields)
+        return made
+
+    @property
+    def rows(self) -> int:
+        """Number of rows, m."""
+        return len(self.g)
+
+    @cached_property
+    def sets(self) -> ContactSets:
+        """The sets of the rows."""
+        return ContactSets(self.friction, self.half_lines, self.limits)
+
+    @cached_property
+    def scale(self) -> tuple[float, float]:
+        """The sizes that errors are measured by: mean of the diagonal of G [1/kg], and |g| [m/s].
+
+        1 where there is nothing to measure by.
+        """
+        stiff = float(self.G.trace()) / max(len(self.g), 1)
+        return stiff or 1.0, float(np.abs(self.g).max(initial=0.0)) or 1.0
+
+    def velocities(self, lam: Array) -> Array:
+        """Return sigma = G lam + g + R lam (m,)."""
+        sigma = self.G @ lam + self.g
+        if self.R is not None:
+            sigma += self.R * lam
+        return np.asarray(sigma)
+
+    def dual(self, sigma: Array) -> Array:
+        """Return what is dual to lam: sigma itself in a ccp, and with mu |sigma_t| in an ncp."""
+        return self.sets.de_saxce(sigma) if self.law == "ncp" else sigma
+
+    def __repr__(self) -> str:
+        return (
+            f"ContactProblem({self.law}, {len(self.friction)} cones, {self.half_lines} half-lines, "
+            f"{len(self.limits)} intervals)"
+        )
+
+
+def _symmetric(G: Array) -> Array:
+    worst = float(np.abs(G - G.T).max(initial=0.0))
+    if worst > tolerances.SYMMETRIC * float(np.abs(G).max(initial=0.0)):
+        raise InvalidArgument(
+            f"G: it differs from its transpose by {worst:.3g}; J M^-1 J^T is symmetric, "
+            "(G + G.T) / 2 takes rounding out of it"
+        )
+    return (G + G.T) / 2
+
+
+def _not_negative(name: str, value: ArrayLike) -> Array:
+    array = finite(name, value, (np.size(value),))
+    if (array < 0).any():
+        k = int(array.argmin())
+        raise InvalidArgument(f"{name}[{k}] = {array[k]:g}: a number >= 0 is needed")
+    return array

@@ -1,0 +1,1 @@
+"""Contact solvers, one file each: values that answer a `ContactProblem`."""

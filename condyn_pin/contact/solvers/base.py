@@ -1,0 +1,55 @@
+"""The contract of a contact solver, and how to write one.
+
+1. Add one file to this folder with one frozen dataclass that inherits from `ContactSolver`. Its
+   fields are its parameters, each with a default, a unit, and in the docstring its reason.
+2. Set `title`, `cost`, `use` (when to take it), and `laws`, those that it solves. The class
+   registers itself under its lower-case name in `CONTACT_SOLVERS`.
+3. Write `attempt(problem, guess)`. It returns an `Attempt`: impulses, iterations, and which methods
+   had a part. It need not look whether it succeeded: `solve_contact` proves the answer by formulas
+   that no solver runs. What cannot be answered is returned as the best that was found; NaN may come
+   out, and becomes a status.
+4. It is handed any scale: normalise by `problem.scale` where tolerances are absolute.
+5. It reads nothing that an earlier call left behind: the same problem and guess give the same bits.
+6. Sources: cite the paper in the docstring.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.registry import enter
+from condyn_pin.contact.problem import ContactProblem, Law
+
+CONTACT_SOLVERS: dict[str, type[ContactSolver]] = {}
+
+
+class Attempt(NamedTuple):
+    """What a contact solver found, not yet proved."""
+
+    lam: Array  # (m,) [N s]
+    iterations: int
+    path: tuple[str, ...]  # titles of the methods that had a part, the one that answered last
+
+
+@dataclass(frozen=True)
+class ContactSolver(ABC):
+    """A way to answer a `ContactProblem`; a frozen value."""
+
+    title: ClassVar[str]  # what tables show
+    cost: ClassVar[str]
+    use: ClassVar[str]  # when to take it
+    laws: ClassVar[tuple[Law, ...]] = ("ncp", "ccp")
+    exact: ClassVar[bool] = True  # whether it solves the law itself, and not a polygon of it
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if ABC not in cls.__bases__:
+            name = cls.__name__.lower()
+            enter(CONTACT_SOLVERS, name, cls, f"a contact solver named {cls.__name__}")
+
+    @abstractmethod
+    def attempt(self, problem: ContactProblem, guess: Array | None = None) -> Attempt:
+        """Return impulses (m,); `guess` is where to begin."""
