@@ -7,6 +7,7 @@
 | constraint Cholesky | `data.contact_chol`             | `data.constraint_chol`             |
 | ... to compute it   | needs `crba`                    | needs each constraint's `calc` too |
 | LCABA               | missing                         | `lcaba`, and an elimination order  |
+| dry friction        | `model.friction`                | `model.upperDryFrictionLimit`      |
 """
 
 from __future__ import annotations
@@ -81,6 +82,11 @@ def set_baumgarte(constraint_model: Any, Kp: float, Kd: float) -> None:
         # by slice: assigning an array of another length resizes the gains silently
         constraint_model.corrector.Kp[:] = Kp
         constraint_model.corrector.Kd[:] = Kd
+
+
+def dry_friction(model: Any) -> NDArray[np.float64]:
+    """Return the dry friction of the description along each coordinate of v [N m, N]."""
+    return np.array(model.upperDryFrictionLimit if _IS_4 else model.friction)
 
 
 def constraint_cholesky(data: Any) -> Any:

@@ -7,7 +7,7 @@ allows and what can be left out of it is asked for by methods that `condyn_pin.m
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -19,6 +19,9 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.contacts.base import Contact
+from condyn_pin.constraints.contacts.bound import BoundContact
+from condyn_pin.constraints.contacts.kinds import bind_contacts
 from condyn_pin.constraints.kinds import bind
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
@@ -68,6 +71,8 @@ class Scene:
     constraints : sequence of Constraint
         Contacts and loops. Only these exist: the loops of the robot's description are in a scene
         if you put them there, ``Scene(robot, robot.loops)``.
+    contacts : sequence of FrictionalContact, JointLimit or JointFriction
+        What may let go or slide. Rows, rank, states and assembly see nothing of them.
 
     Raises
     ------
@@ -75,12 +80,15 @@ class Scene:
         If a frame does not exist.
     InvalidConstraint
         If two constraints share a name, or one constrains nothing.
+    InvalidArgument
+        If a contact does not fit the robot: both its sides on one body, a joint without limits.
     StaleModel
         If the robot's model was edited since it was loaded.
     """
 
     robot: Robot
     constraints: Sequence[Constraint] = ()
+    contacts: Sequence[Contact] = ()
 
     audit = renamed("nominal")
 
@@ -92,16 +100,32 @@ class Scene:
             )
         if isinstance(self.constraints, Constraint):
             raise InvalidArgument("constraints: a list is needed, also for a single constraint")
-        if isinstance(self.constraints, str) or not isinstance(self.constraints, Iterable):
-            raise InvalidArgument(f"constraints = {self.constraints!r}: a list is needed")
+        if isinstance(self.contacts, Contact):
+            raise InvalidArgument("contacts: a list is needed, also for a single contact")
+        for field in ("constraints", "contacts"):
+            value = getattr(self, field)
+            if isinstance(value, str) or not isinstance(value, Iterable):
+                raise InvalidArgument(f"{field} = {value!r}: a list is needed")
+            object.__setattr__(self, field, tuple(value))
         self.robot.check_unedited()
-        object.__setattr__(self, "constraints", tuple(self.constraints))
         object.__setattr__(self, "_bounds", bind(self.robot, self.constraints))
+        contacts = bind_contacts(self.robot, self.contacts, taken=self.names)
+        object.__setattr__(self, "_contact_bounds", contacts)
 
     @property
     def bounds(self) -> tuple[AnyBound, ...]:
         """The constraints bound to joints, placements and columns."""
         return self._bounds  # type: ignore[no-any-return]
+
+    @property
+    def contact_bounds(self) -> tuple[BoundContact, ...]:
+        """The contacts bound to joints; `Candidates` evaluates them together."""
+        return self._contact_bounds  # type: ignore[no-any-return]
+
+    @cached_property
+    def bilateral(self) -> Scene:
+        """The scene without contacts: the scene itself if it has none."""
+        return replace(self, contacts=()) if self.contacts else self
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -265,7 +289,7 @@ class Scene:
         return function(self) if name in _VALUES else partial(function, self)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Scene, (self.robot, self.constraints)
+        return Scene, (self.robot, self.constraints, self.contacts)
 
 
 def check_scene(scene: object, argument: str = "scene") -> None:

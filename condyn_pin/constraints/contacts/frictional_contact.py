@@ -1,0 +1,128 @@
+"""A part of a body on a plane, or on another body, that may let go and slide.
+
+gap >= 0,  lam_n >= 0,  gap lam_n = 0,        |lam_t| <= friction lam_n
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from condyn_pin._core.arrays import finite, shown
+from condyn_pin.constraints.constraint_fields import Vector3, check_size, floats, text
+from condyn_pin.constraints.contacts.base import Contact
+from condyn_pin.constraints.contacts.bound import BoundContact, Touch
+from condyn_pin.constraints.contacts.plane import Plane
+from condyn_pin.constraints.contacts.shapes import Point, Shape
+from condyn_pin.constraints.protocols import Machine
+from condyn_pin.constraints.with_world import shifted
+from condyn_pin.errors import InvalidArgument
+
+
+@dataclass(frozen=True)
+class FrictionalContact(Contact):
+    """A part of a body that may touch a plane, stick to it, slide on it and leave it.
+
+    Parameters
+    ----------
+    frame : str
+        Frame of the robot that carries the shape.
+    shape : Shape
+        `Point`, `Ball`, `Capsule` or `Box`; a point by default.
+    offset : (3,) sequence of float
+        The middle of the shape, in the axes of `frame` [m].
+    on : Plane or str
+        What it may touch: a plane of the world, z = 0 by default, or a frame of another body, which
+        carries `on_shape`.
+    on_shape : Plane, optional
+        What `on` carries, in its axes.
+    friction : float
+        Coulomb's coefficient [1]. There is no default: 0 is ice, 0.7 rubber on a dry floor.
+    restitution : float
+        Newton's coefficient [1]: how much of the approach comes back.
+    name : str, optional
+        The frame's name by default.
+
+    Notes
+    -----
+    The force is the one on the robot at the contact point, in the axes t1, t2, n of the plane [N];
+    n points out of the ground. On a level plane t1 and t2 are the world's x and y.
+    """
+
+    frame: str
+    shape: Shape = Point()  # noqa: RUF009  a value
+    offset: Vector3 = (0.0, 0.0, 0.0)
+    on: Plane | str = Plane()  # noqa: RUF009  a value
+    on_shape: Plane | None = None
+    friction: float = None  # type: ignore[assignment]
+    restitution: float = 0.0
+
+    def __post_init__(self) -> None:
+        text("frame", self.frame)
+        if not isinstance(self.shape, Shape):
+            raise InvalidArgument(
+                f"shape = {shown(self.shape)}: a Point(), Ball(radius), "
+                "Capsule(radius, half_length) or Box(x, y, z) is needed"
+            )
+        object.__setattr__(self, "offset", floats("offset", self.offset, 3))
+        self._check_ground()
+        if self.friction is None:
+            raise InvalidArgument(
+                "friction is missing: it has no default; 0 is ice, 0.7 rubber on a dry floor"
+            )
+        if finite("friction", self.friction, ()) < 0:
+            raise InvalidArgument(f"friction = {shown(self.friction)}: a number >= 0 is needed")
+        check_size("friction", self.friction)
+        if not 0 <= finite("restitution", self.restitution, ()) <= 1:
+            raise InvalidArgument(
+                f"restitution = {shown(self.restitution)}: a number from 0 to 1 is needed"
+            )
+        self._set_name(self.frame)
+
+    def _check_ground(self) -> None:
+        if isinstance(self.on, Plane):
+            if self.on_shape is not None:
+                raise InvalidArgument(
+                    f"on_shape = {shown(self.on_shape)}: it is what a frame carries; "
+                    "name the frame of a body with on=..."
+                )
+            return
+        if not isinstance(self.on, str) or not self.on:
+            raise InvalidArgument(
+                f"on = {shown(self.on)}: a Plane, or the name of a frame of another body, is needed"
+            )
+        if not isinstance(self.on_shape, Plane):
+            raise InvalidArgument(
+                f"on_shape = {shown(self.on_shape)}: what {self.on!r} carries is needed, a Plane"
+            )
+
+    def bind(self, machine: Machine) -> BoundContact:
+        """Return its feelers over the plane."""
+        joint, placement = machine.frame(self.frame)
+        ground, plane = self._ground(machine)
+        if joint == ground:
+            where = "the world" if joint == 0 else f"joint {machine.model.names[joint]!r}"
+            raise InvalidArgument(
+                f"{self.name}: frame {self.frame!r} and what it touches both belong to {where}; "
+                "name frames on two bodies that move against each other"
+            )
+        at = shifted(placement, self.offset)
+        touches = tuple(
+            Touch(
+                f"{self.name}/{feeler.called}" if feeler.called else self.name,
+                joint, at.act(np.array(feeler.point)), feeler.radius,
+                ground, plane, float(self.friction), float(self.restitution),
+            )
+            for feeler in self.shape.feelers
+        )  # fmt: skip
+        return BoundContact(self.name, touches=touches)
+
+    def _ground(self, machine: Machine) -> tuple[int, Any]:
+        """Return the joint that carries the plane, and the plane on it."""
+        if isinstance(self.on, Plane):
+            return 0, self.on.placement
+        assert self.on_shape is not None
+        joint, placement = machine.frame(self.on)
+        return joint, placement * self.on_shape.placement
