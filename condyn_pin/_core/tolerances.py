@@ -137,10 +137,35 @@ OTHER_UNITS: Final = 1e-12
 # An answer that is ok is within SOLVED.
 OTHER_CHOICE: Final = SOLVED
 
-# |G - G^T| of a contact problem, relative to the largest entry. Products J M^-1 J^T are symmetric to
-# 1e-15, and to 1e-11 where masses are wide apart; a wrong one is off by per cents.
+# |G - G^T| of a contact problem, relative to the largest entry. Products J M^-1 J^T are symmetric
+# to 1e-15, and to 1e-11 where masses are wide apart; a wrong one is off by per cents.
 SYMMETRIC: Final = 1e-9
 
 # Natural map of a contact problem that counts as solved, in units of its own impulses: what the
 # landed contact solvers reach on robots without a second method.
 CONTACT_SOLVED: Final = 1e-8
+
+# Eigenvalues of G, rows and columns scaled to one, that count as zero, relative to the largest: its
+# factor J L^-T then has singular values below 1e-6. Four corners of a box leave 1e-16, and the
+# smallest useful ones of robots on their feet are 1e-5.
+CONTACT_RANK: Final = 1e-12
+
+# |G z| of impulses that take g . z = -1 from a contact problem, both normalised: what is below
+# proves that no impulse closes the contacts. Rows that contradict each other leave 1e-16.
+CERTIFICATE: Final = 1e-10
+
+# A corner is still over a face, and edges still cross, when they are beside each other by this
+# share of the size of a shape: of boxes that stand flush on each other every corner is on an edge.
+ON_FACE: Final = 1e-9
+
+# Points of one contact that are nearer to each other than this share of the size of a shape are
+# one: flush boxes name each corner up to four times.
+ONE_POINT: Final = 1e-6
+
+# What separates two solids along a pair of edges has to be more than along a face by this share of
+# their size. Flat on each other both are the same to rounding, and a face has all four points.
+EDGE_ON: Final = 1e-6
+
+# Cosine between the normal of two edges that cross and the axis of the contact: below it the edges
+# pass each other sideways, and a face or a corner touches first.
+CROSSING: Final = 0.7

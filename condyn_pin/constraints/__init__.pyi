@@ -3,6 +3,15 @@
 from .applied_force import AppliedForce as AppliedForce
 from .base import Constraint as Constraint
 from .baumgarte import Baumgarte as Baumgarte
+from .contacts.base import Contact as Contact
+from .contacts.frictional_contact import FrictionalContact as FrictionalContact
+from .contacts.joint_friction import JointFriction as JointFriction
+from .contacts.joint_limit import JointLimit as JointLimit
+from .contacts.plane import Plane as Plane
+from .contacts.shapes import Ball as Ball
+from .contacts.shapes import Box as Box
+from .contacts.shapes import Capsule as Capsule
+from .contacts.shapes import Point as Point
 from .coupling import Coupling as Coupling
 from .knife_edge import KnifeEdge as KnifeEdge
 from .line_contact import LineContact as LineContact

@@ -13,8 +13,10 @@ and rows of one model, which has its equations.
     what files and summaries call it               word, closes, title, called     the class
     whom its force is on, by whom, in which axes   acting                          of its base
     does it press on a floor, and with what        presses, has_normal, support    it does not
+    which points of it touch that floor            feet                            none
     where it belongs, if it is where it is         anchored_at                     itself
     the same by points, or as a planar pin         by_points, as_planar_pin        none
+    the same with other names                      renamed                         by its fields
     the same in other units                        in_units, lengths, unitless     by its fields
     how MuJoCo has it                              in_mjcf, write_mjcf             it has not
     what is drawn                                  patch                           nothing
@@ -70,6 +72,15 @@ class Support(NamedTuple):
     def is_point(self) -> bool:
         """Whether it has no size at all."""
         return self.half_length == 0.0
+
+
+class Foot(NamedTuple):
+    """A point of the robot, or the middle of a ball, that touches a floor."""
+
+    name: str
+    frame: str
+    offset: Vector3  # in the axes of the frame [m]
+    radius: float = 0.0  # [m]
 
 
 class Patch(NamedTuple):
@@ -164,6 +175,11 @@ class Constraint(ABC):
         return None
 
     @property
+    def feet(self) -> tuple[Foot, ...]:
+        """What of a contact touches a floor, point by point."""
+        return ()
+
+    @property
     def point(self) -> Vector3 | None:
         """The point of its frame that it holds wherever it is, and nothing else; None if not so."""
         return None
@@ -197,6 +213,16 @@ class Constraint(ABC):
     def as_planar_pin(self, frame: str) -> Constraint | None:
         """Return the same without the row along z of a frame at its first one, for a ball."""
         return None
+
+    def renamed(self, new: Callable[[str], str]) -> Constraint:
+        """Return it between frames and joints of other names, under a new name of its own."""
+        named = ("frame", "joint")  # fields that name one begin so
+        changed = {
+            field: new(value)
+            for field, value in vars(self).items()
+            if isinstance(value, str) and field.startswith(named)
+        }
+        return replace(self, name=new(self.name), **changed)
 
     def in_units(self, length: float, of_joint: Callable[[str], float]) -> Constraint:
         """Return it with lengths times `length`, and coordinates of joints times `of_joint`."""

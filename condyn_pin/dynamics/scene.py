@@ -7,7 +7,7 @@ allows and what can be left out of it is asked for by methods that `condyn_pin.m
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -17,11 +17,14 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.contacts.base import Contact, Mode
+from condyn_pin.constraints.contacts.bound import BoundContact
+from condyn_pin.constraints.contacts.kinds import bind_contacts, held_contacts
 from condyn_pin.constraints.kinds import bind
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.nominal import NominalAnalysis, described_posture
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
 from condyn_pin.model.robot import Robot
 
 if TYPE_CHECKING:
@@ -44,6 +47,8 @@ class Scene:
     constraints : sequence of Constraint
         Contacts and loops. Only these exist: the loops of the robot's description are in a scene
         if you put them there, ``Scene(robot, robot.loops)``.
+    contacts : sequence of FrictionalContact, JointLimit or JointFriction
+        What may let go or slide. Rows, rank, states and assembly see nothing of them.
 
     Raises
     ------
@@ -51,12 +56,15 @@ class Scene:
         If a frame does not exist.
     InvalidConstraint
         If two constraints share a name, or one constrains nothing.
+    InvalidArgument
+        If a contact does not fit the robot: both its sides on one body, a joint without limits.
     StaleModel
         If the robot's model was edited since it was loaded.
     """
 
     robot: Robot
     constraints: Sequence[Constraint] = ()
+    contacts: Sequence[Contact] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.robot, Robot):
@@ -66,16 +74,30 @@ class Scene:
             )
         if isinstance(self.constraints, Constraint):
             raise InvalidArgument("constraints: a list is needed, also for a single constraint")
-        if isinstance(self.constraints, str) or not isinstance(self.constraints, Iterable):
-            raise InvalidArgument(f"constraints = {self.constraints!r}: a list is needed")
+        for field in ("constraints", "contacts"):
+            value = getattr(self, field)
+            if isinstance(value, str) or not isinstance(value, Iterable):
+                raise InvalidArgument(f"{field} = {value!r}: a list is needed")
+            object.__setattr__(self, field, tuple(value))
         self.robot.check_unedited()
-        object.__setattr__(self, "constraints", tuple(self.constraints))
         object.__setattr__(self, "_bounds", bind(self.robot, self.constraints))
+        contacts = bind_contacts(self.robot, self.contacts, taken=self.names)
+        object.__setattr__(self, "_contact_bounds", contacts)
 
     @property
     def bounds(self) -> tuple[AnyBound, ...]:
         """The constraints bound to joints, placements and columns."""
         return self._bounds  # type: ignore[attr-defined, no-any-return]
+
+    @property
+    def contact_bounds(self) -> tuple[BoundContact, ...]:
+        """The contacts bound to joints; `Candidates` evaluates them together."""
+        return self._contact_bounds  # type: ignore[attr-defined, no-any-return]
+
+    @cached_property
+    def bilateral(self) -> Scene:
+        """The scene without contacts: the scene itself if it has none."""
+        return replace(self, contacts=()) if self.contacts else self
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -95,7 +117,32 @@ class Scene:
     @cached_property
     def nominal(self) -> NominalAnalysis:
         """What the scene is at its nominal state; each figure is measured on first use."""
+        if self.contacts:
+            return self.bilateral.nominal
         return NominalAnalysis(self, Equations(self.robot.unedited, self.bounds))
+
+    def closed(self, modes: Mapping[str, Mode] | None = None) -> Scene:
+        """Return the scene in which contacts are constraints, and never let go.
+
+        Points that stick are `PointContact`, balls `RollingBall`, and what slides `PlanarContact`,
+        all where they are.
+
+        Parameters
+        ----------
+        modes : mapping of str to {"open", "slide", "stick"}, optional
+            Of candidates, by name; those that it leaves out are open. By default all shapes stick.
+
+        Raises
+        ------
+        UnknownName
+            If there is no such candidate.
+        UnsupportedConstraint
+            If no constraint holds one: a joint at its stop, or two bodies on each other.
+        """
+        if not self.contacts:
+            return self
+        held = held_contacts(self.contacts, self.contact_bounds, modes)
+        return replace(self, constraints=(*self.constraints, *held), contacts=())
 
     def summary(self, q: ArrayLike | None = None) -> Summary:
         """Return rows, rank, redundant rows by name, mobility, and what is not used.
@@ -230,7 +277,7 @@ class Scene:
         return minimal(self, error=error, motion=motion, watch=watch, solver=solver)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Scene, (self.robot, self.constraints)
+        return Scene, (self.robot, self.constraints, self.contacts)
 
     # members of the last version, most of them functions of a scene now
     as_planar = renamed("mechanism.as_planar")
@@ -249,6 +296,16 @@ class Scene:
     without = renamed("mechanism.without")
     without_bodies = renamed("mechanism.without_bodies")
     without_linkage = renamed("mechanism.without_linkage")
+
+
+def check_bilateral(scene: Scene) -> None:
+    """Refuse contacts that may let go where forces are solved for that never do."""
+    if scene.contacts:
+        count = sum(len(bound.candidates) for bound in scene.contact_bounds)
+        raise UnsupportedConstraint(
+            f"{count} contact{'s' * (count > 1)} may open: step, "
+            "simulate(integrator=StewartTrinkle()), or scene.closed()"
+        )
 
 
 def check_scene(scene: object, argument: str = "scene") -> None:

@@ -9,12 +9,15 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.simulation.contact_columns import candidates_of, row_names
+from condyn_pin.simulation.contact_record import ContactRecord, joined
 
 # Rows are packed into one array each time there are so many: a small array takes a hundred bytes
 # more than its numbers.
 BLOCK = 4096
 
-Row = tuple[float, Array, Array, Array, Array, Array]  # t, q, v, a, lam, tau
+# t, q, v, a, lam, tau, and of contacts that open and slide a row of their `ContactRecord`
+Row = tuple[float, Array, Array, Array, Array, Array, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +31,7 @@ class Phase:
     samples : slice
         Its samples.
     columns : tuple of int
-        Where the rows of the scene are among those of the trajectory.
+        Where the rows of the scene, those of its contacts last, are among those of the trajectory.
     """
 
     scene: Scene
@@ -70,7 +73,7 @@ class Recorder:
             self.rows.pop()
 
     def columns(self) -> tuple[Array, ...]:
-        """Return t, q, v, a, lam and tau, a sample a row."""
+        """Return t, q, v, a, lam and tau, a sample a row; of contacts what a row has of them."""
         blocks = [*self._blocks, _columns(self.rows)]
         return tuple(np.concatenate(parts) for parts in zip(*blocks, strict=True))
 
@@ -85,24 +88,28 @@ def _columns(rows: Sequence[Row]) -> tuple[Array, ...]:
     return tuple(np.array(column) for column in zip(*rows, strict=True))
 
 
-def merge(recorders: Sequence[Recorder]) -> tuple[tuple[Phase, ...], tuple[Array, ...]]:
-    """Return the phases of a run, and t, q, v, a, lam and tau over all of them.
+def merge(
+    recorders: Sequence[Recorder],
+) -> tuple[tuple[Phase, ...], tuple[Array, ...], ContactRecord | None]:
+    """Return the phases of a run, t, q, v, a, lam and tau over all of them, and the contacts.
 
-    The rows of lam are those of all constraints that a phase has, in the order in which they came;
-    they are zero while a constraint is away.
+    The rows of lam are those of all constraints and contacts that a phase has, in the order in
+    which they came; they are zero while one is away.
     """
     recorders = [recorder for recorder in recorders if recorder.count]
-    places: dict[str, int] = {}
-    for recorder in recorders:
-        for name in recorder.scene.row_names:
-            places.setdefault(name, len(places))
-    phases, parts, start = [], [], 0
-    for recorder in recorders:
-        t, q, v, a, lam, tau = recorder.columns()
-        columns = tuple(places[name] for name in recorder.scene.row_names)
+    names = [row_names(recorder.scene) for recorder in recorders]
+    places = {name: i for i, name in enumerate(dict.fromkeys(n for each in names for n in each))}
+    phases, parts, touches, start = [], [], [], 0
+    for recorder, its in zip(recorders, names, strict=True):
+        t, q, v, a, lam, tau, touch = recorder.columns()
+        columns = tuple(places[name] for name in its)
         everything = np.zeros((recorder.count, len(places)))
         everything[:, list(columns)] = lam
         phases.append(Phase(recorder.scene, slice(start, start + recorder.count), columns))
         parts.append((t, q, v, a, everything, tau))
+        touches.append(touch)
         start += recorder.count
-    return tuple(phases), tuple(np.concatenate(p) for p in zip(*parts, strict=True))
+    contact = None
+    if touches[0].shape[1]:
+        contact = joined([candidates_of(phase.scene).names for phase in phases], touches)
+    return tuple(phases), tuple(np.concatenate(p) for p in zip(*parts, strict=True)), contact

@@ -1,0 +1,170 @@
+"""A part of a body on a plane, or on another body, that may let go and slide.
+
+gap >= 0,  lam_n >= 0,  gap lam_n = 0,        |lam_t| <= friction lam_n
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import finite, shown
+from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.constraint_fields import Vector3, check_size, floats, text
+from condyn_pin.constraints.contacts.base import Contact, Mode
+from condyn_pin.constraints.contacts.bound import BoundContact, Pair, Touch
+from condyn_pin.constraints.contacts.plane import Plane
+from condyn_pin.constraints.contacts.shapes import Feeler, Point, Shape
+from condyn_pin.constraints.planar_contact import PlanarContact
+from condyn_pin.constraints.point_contact import PointContact
+from condyn_pin.constraints.protocols import Machine
+from condyn_pin.constraints.rolling_ball import RollingBall
+from condyn_pin.constraints.with_world import shifted
+from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
+
+
+@dataclass(frozen=True)
+class FrictionalContact(Contact):
+    """A part of a body that may touch a plane, stick to it, slide on it and leave it.
+
+    Parameters
+    ----------
+    frame : str
+        Frame of the robot that carries the shape.
+    shape : Shape
+        `Point`, `Ball`, `Capsule` or `Box`; a point by default.
+    offset : (3,) sequence of float
+        The middle of the shape, in the axes of `frame` [m].
+    on : Plane or str
+        What it may touch: a plane of the world, z = 0 by default, or a frame of another body, which
+        carries `on_shape`.
+    on_shape : Plane or Shape, optional
+        What `on` carries, in its axes: a plane, or a shape round its origin. Two shapes have 1, 4
+        (capsule and box), 5 (capsules) or 8 (boxes) points where they meet.
+    friction : float
+        Coulomb's coefficient [1]. There is no default: 0 is ice, 0.7 rubber on a dry floor.
+    restitution : float
+        Newton's coefficient [1]: how much of the approach comes back.
+    name : str, optional
+        The frame's name by default.
+
+    Notes
+    -----
+    The force is the one on the robot at the contact point, in the axes t1, t2, n of the plane [N];
+    n points out of the ground. On a level plane t1 and t2 are the world's x and y.
+    """
+
+    frame: str
+    shape: Shape = Point()  # noqa: RUF009  a value
+    offset: Vector3 = (0.0, 0.0, 0.0)
+    on: Plane | str = Plane()  # noqa: RUF009  a value
+    on_shape: Plane | Shape | None = None
+    friction: float = None  # type: ignore[assignment]
+    restitution: float = 0.0
+
+    def __post_init__(self) -> None:
+        text("frame", self.frame)
+        if not isinstance(self.shape, Shape):
+            raise InvalidArgument(
+                f"shape = {shown(self.shape)}: a Point(), Ball(radius), "
+                "Capsule(radius, half_length) or Box(x, y, z) is needed"
+            )
+        object.__setattr__(self, "offset", floats("offset", self.offset, 3))
+        self._check_ground()
+        if self.friction is None:
+            raise InvalidArgument(
+                "friction is missing: it has no default; 0 is ice, 0.7 rubber on a dry floor"
+            )
+        if finite("friction", self.friction, ()) < 0:
+            raise InvalidArgument(f"friction = {shown(self.friction)}: a number >= 0 is needed")
+        check_size("friction", self.friction)
+        if not 0 <= finite("restitution", self.restitution, ()) <= 1:
+            raise InvalidArgument(
+                f"restitution = {shown(self.restitution)}: a number from 0 to 1 is needed"
+            )
+        self._set_name(self.frame)
+
+    def _check_ground(self) -> None:
+        if isinstance(self.on, Plane):
+            if self.on_shape is not None:
+                raise InvalidArgument(
+                    f"on_shape = {shown(self.on_shape)}: it is what a frame carries; "
+                    "name the frame of a body with on=..."
+                )
+            return
+        if not isinstance(self.on, str) or not self.on:
+            raise InvalidArgument(
+                f"on = {shown(self.on)}: a Plane, or the name of a frame of another body, is needed"
+            )
+        if not isinstance(self.on_shape, Plane | Shape):
+            raise InvalidArgument(
+                f"on_shape = {shown(self.on_shape)}: what {self.on!r} carries is needed, a Plane, "
+                "Ball, Capsule or Box"
+            )
+
+    def bind(self, machine: Machine) -> BoundContact:
+        """Return its feelers over the plane, or the pair of shapes."""
+        joint, placement = machine.frame(self.frame)
+        in_world = isinstance(self.on, Plane)
+        ground, origin = (0, pin.SE3.Identity()) if in_world else machine.frame(str(self.on))
+        if joint == ground:
+            where = "the world" if joint == 0 else f"joint {machine.model.names[joint]!r}"
+            raise InvalidArgument(
+                f"{self.name}: frame {self.frame!r} and what it touches both belong to {where}; "
+                "name frames on two bodies that move against each other"
+            )
+        at, law = shifted(placement, self.offset), (float(self.friction), float(self.restitution))
+        below = self.on if isinstance(self.on, Plane) else self.on_shape
+        if isinstance(below, Shape):
+            pair = Pair(self.name, joint, at, self.shape.core, ground, origin, below.core, *law)
+            return BoundContact(self.name, pairs=(pair,))
+        assert below is not None  # checked when it was made
+        plane = origin * below.placement
+        touches = (
+            Touch(self._called(f), joint, at.act(np.array(f.point)), f.radius, ground, plane, *law)
+            for f in self.shape.feelers
+        )
+        return BoundContact(self.name, touches=tuple(touches))
+
+    def held(self, modes: Mapping[str, Mode] | None) -> tuple[Constraint, ...]:
+        """Return its feelers where they are: points and balls that stick, or slide on the plane."""
+        if not isinstance(self.on, Plane):
+            return self._between_bodies(modes)
+        chosen = {}
+        for feeler in self.shape.feelers:
+            name = self._called(feeler)
+            chosen[name] = "stick" if modes is None else modes.get(name, "open"), feeler
+        return tuple(
+            self._holding(name, feeler, sticks=mode == "stick")
+            for name, (mode, feeler) in chosen.items()
+            if mode != "open"
+        )
+
+    def _holding(self, name: str, feeler: Feeler, *, sticks: bool) -> Constraint:
+        assert isinstance(self.on, Plane)
+        x, y, z = (a + b for a, b in zip(self.offset, feeler.point, strict=True))
+        if not sticks:
+            return PlanarContact(self.frame, (x, y, z), self.on.normal, name=name)
+        if not feeler.radius:
+            return PointContact(self.frame, (x, y, z), name=name)
+        if x or y or z:
+            raise UnsupportedConstraint(
+                f"{name}: what is round rolls about the origin of a frame, and it is beside that "
+                f"of {self.frame!r}; give it a frame of its own, Robot.with_frame"
+            )
+        return RollingBall(self.frame, feeler.radius, self.on.normal, name=name)
+
+    def _between_bodies(self, modes: Mapping[str, Mode] | None) -> tuple[()]:
+        """Return nothing if all its candidates are open."""
+        mine = {name: mode for name, mode in (modes or {}).items() if name.startswith(self.name)}
+        if modes is None or set(mine.values()) - {"open"}:
+            raise UnsupportedConstraint(
+                f"{self.name} is between two bodies: hold them with a Loop of your own"
+            )
+        return ()
+
+    def _called(self, feeler: Feeler) -> str:
+        return f"{self.name}/{feeler.called}" if feeler.called else self.name

@@ -1,0 +1,62 @@
+"""The dry friction of a joint.
+
+|lam| <= torque,        lam = -torque sign(v) where it slides
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from condyn_pin._core._pin import dry_friction
+from condyn_pin._core.arrays import finite, shown
+from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.constraint_fields import check_size, text
+from condyn_pin.constraints.contacts.base import Contact, Mode
+from condyn_pin.constraints.contacts.bound import BoundContact, Dry
+from condyn_pin.constraints.contacts.coordinates import joint_named, not_held
+from condyn_pin.constraints.protocols import Machine
+from condyn_pin.errors import InvalidArgument
+
+
+@dataclass(frozen=True)
+class JointFriction(Contact):
+    """Dry friction in a joint: it holds up to a torque, and slides against it: a row a coordinate.
+
+    Parameters
+    ----------
+    joint : str
+    torque : float, optional
+        The largest friction along each coordinate [N m, N]; that of the description by default.
+    name : str, optional
+        ``<joint>/friction`` by default.
+    """
+
+    joint: str
+    torque: float | None = None  # [N m, N]
+
+    def __post_init__(self) -> None:
+        text("joint", self.joint, "joint")
+        if self.torque is not None:
+            if finite("torque", self.torque, ()) < 0:
+                raise InvalidArgument(f"torque = {shown(self.torque)}: a number >= 0 is needed")
+            check_size("torque", self.torque)
+        self._set_name(f"{self.joint}/friction")
+
+    def bind(self, machine: Machine) -> BoundContact:
+        """Return a row for each coordinate of the joint."""
+        joint = joint_named(machine, self.joint)
+        numbers = range(joint.idx_v, joint.idx_v + joint.nv)
+        described = dry_friction(machine.model)
+        limits = [float(described[i]) if self.torque is None else self.torque for i in numbers]
+        if self.torque is None and not any(limits):
+            raise InvalidArgument(
+                f"{self.name}: the description gives joint {self.joint!r} no friction; "
+                "say torque=..."
+            )
+        names = [self.name] if joint.nv == 1 else [f"{self.name} {i + 1}" for i in range(joint.nv)]
+        return BoundContact(self.name, dry=tuple(map(Dry, names, numbers, limits)))
+
+    def held(self, modes: Mapping[str, Mode] | None) -> tuple[Constraint, ...]:
+        """Return nothing; a joint that sticks is locked by `Scene.lock`, and no constraint."""
+        return not_held(self.joint, self.name, modes)

@@ -1,0 +1,73 @@
+"""The stops of a joint.
+
+lower <= q <= upper,        lam >= 0 at each,        (q - lower) lam = 0
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.constraint_fields import text
+from condyn_pin.constraints.contacts.base import Contact, Mode
+from condyn_pin.constraints.contacts.bound import BoundContact, Stop
+from condyn_pin.constraints.contacts.coordinates import joint_named, not_held
+from condyn_pin.constraints.protocols import Machine
+from condyn_pin.errors import InvalidArgument
+
+
+@dataclass(frozen=True)
+class JointLimit(Contact):
+    """The stops at the ends of the range of a joint: one row for each finite end.
+
+    Parameters
+    ----------
+    joint : str
+        A joint whose coordinates are plain numbers; its limits are those of the model.
+    name : str, optional
+        The joint's name by default.
+
+    Notes
+    -----
+    The force is the one away from the stop [N m, N].
+    """
+
+    joint: str
+
+    def __post_init__(self) -> None:
+        text("joint", self.joint, "joint")
+        self._set_name(self.joint)
+
+    def bind(self, machine: Machine) -> BoundContact:
+        """Return its stops, the lower end of each coordinate first."""
+        joint = joint_named(machine, self.joint)
+        if joint.nq != joint.nv:
+            raise InvalidArgument(
+                f"{self.name}: joint {self.joint!r} is a {joint.shortname()}, whose coordinates "
+                "have no ends; a joint that turns or shifts along its coordinates is needed"
+            )
+        ends = (("lower", 1.0, machine.model.lowerPositionLimit),
+                ("upper", -1.0, machine.model.upperPositionLimit))  # fmt: skip
+        largest = np.finfo(np.float64).max  # what Pinocchio writes for "no limit"
+        stops = [
+            Stop(
+                f"{self.name}/{end}" if joint.nv == 1 else f"{self.name}/{end} {k + 1}",
+                joint.idx_q + k, joint.idx_v + k, sign, float(limits[joint.idx_q + k]),
+            )
+            for k in range(joint.nv)
+            for end, sign, limits in ends
+            if abs(limits[joint.idx_q + k]) < largest
+        ]  # fmt: skip
+        if not stops:
+            raise InvalidArgument(
+                f"{self.name}: joint {self.joint!r} has no finite limit; set lowerPositionLimit "
+                "and upperPositionLimit of the model, or leave it out"
+            )
+        return BoundContact(self.name, stops=tuple(stops))
+
+    def held(self, modes: Mapping[str, Mode] | None) -> tuple[Constraint, ...]:
+        """Return nothing; a joint that sticks is locked by `Scene.lock`, and no constraint."""
+        return not_held(self.joint, self.name, modes)

@@ -1,0 +1,62 @@
+"""All kinds of contacts that may let go, and how those of a scene are bound to a robot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import get_args
+
+from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.contacts.base import CONTACTS as CONTACTS
+from condyn_pin.constraints.contacts.base import Contact, Mode
+from condyn_pin.constraints.contacts.bound import BoundContact
+from condyn_pin.constraints.contacts.frictional_contact import (
+    FrictionalContact as FrictionalContact,
+)
+from condyn_pin.constraints.contacts.joint_friction import JointFriction as JointFriction
+from condyn_pin.constraints.contacts.joint_limit import JointLimit as JointLimit
+from condyn_pin.constraints.protocols import Machine
+from condyn_pin.errors import InvalidArgument, InvalidConstraint, unknown_name
+
+
+def bind_contacts(
+    robot: Machine, contacts: Sequence[Contact], taken: Sequence[str] = ()
+) -> tuple[BoundContact, ...]:
+    """Bind contacts to a robot, in the order given.
+
+    Raises
+    ------
+    InvalidConstraint
+        If something is no contact, or a name is there twice: `taken` are those of constraints.
+    InvalidArgument, UnknownName
+        If a contact does not fit the robot.
+    """
+    names = set(taken)
+    bound = []
+    for contact in contacts:
+        if not isinstance(contact, Contact):
+            raise InvalidConstraint(
+                f"{contact!r}: a FrictionalContact, a JointLimit or a JointFriction is needed; "
+                "what never lets go belongs into the constraints"
+            )
+        made = contact.bind(robot)
+        for name in dict.fromkeys((made.name, *made.candidates)):
+            if name in names:
+                raise InvalidConstraint(f"two contacts are named {name!r}; give one a name=...")
+            names.add(name)
+        bound.append(made)
+    return tuple(bound)
+
+
+def held_contacts(
+    contacts: Sequence[Contact],
+    bounds: Sequence[BoundContact],
+    modes: Mapping[str, Mode] | None,
+) -> tuple[Constraint, ...]:
+    """Return the constraints that hold the candidates of contacts in some modes."""
+    known = [name for bound in bounds for name in bound.candidates]
+    for name, mode in (modes or {}).items():
+        if name not in known:
+            raise unknown_name("contact", name, known)
+        if mode not in get_args(Mode):
+            raise InvalidArgument(f"modes[{name!r}] = {mode!r}: open, slide or stick is needed")
+    return tuple(constraint for contact in contacts for constraint in contact.held(modes))

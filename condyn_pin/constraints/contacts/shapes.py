@@ -1,0 +1,133 @@
+"""Shapes of bodies that touch: points, balls, capsules and boxes.
+
+What of a shape meets a plane are its feelers, points with a radius: the gap of a feeler p over a
+plane n . x = height is n . p - height - radius, and the gap of the shape is the least of them.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
+
+from condyn_pin._core.registry import enter
+from condyn_pin.constraints.constraint_fields import Vector3, check_positive
+from condyn_pin.constraints.contacts.cores import Core, box_core, points_core
+
+# All shapes by the names of their classes, by which archives find them.
+SHAPES: dict[str, type[Shape]] = {}
+
+
+class Feeler(NamedTuple):
+    """A point of a shape that may touch first, in the axes of the shape."""
+
+    called: str  # among those of its shape; empty for the only one
+    point: Vector3  # [m]
+    radius: float  # [m]
+
+
+class Shape(ABC):
+    """What has feelers."""
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        enter(SHAPES, cls.__name__, cls, f"a shape named {cls.__name__}")
+
+    @property
+    @abstractmethod
+    def feelers(self) -> tuple[Feeler, ...]:
+        """The points that may touch a plane."""
+
+    @property
+    def core(self) -> Core:
+        """Itself without its round skin; what feelers there are make a ball or a capsule."""
+        radius = self.feelers[0].radius
+        return points_core(*(feeler.point for feeler in self.feelers), radius=radius)
+
+
+@dataclass(frozen=True)
+class Point(Shape):
+    """A point: a tip, a stud, the middle of a small foot."""
+
+    @property
+    def feelers(self) -> tuple[Feeler, ...]:
+        """Itself."""
+        return (Feeler("", (0.0, 0.0, 0.0), 0.0),)
+
+
+@dataclass(frozen=True)
+class Ball(Shape):
+    """A ball round the origin.
+
+    Parameters
+    ----------
+    radius : float
+        [m].
+    """
+
+    radius: float  # [m]
+
+    def __post_init__(self) -> None:
+        check_positive("length [m]", radius=self.radius)
+
+    @property
+    def feelers(self) -> tuple[Feeler, ...]:
+        """Its middle."""
+        return (Feeler("", (0.0, 0.0, 0.0), self.radius),)
+
+
+@dataclass(frozen=True)
+class Capsule(Shape):
+    """A rod with round ends, along z.
+
+    Parameters
+    ----------
+    radius : float
+        [m].
+    half_length : float
+        Half the distance between the middles of its two ends [m].
+    """
+
+    radius: float  # [m]
+    half_length: float  # [m]
+
+    def __post_init__(self) -> None:
+        check_positive("length [m]", radius=self.radius, half_length=self.half_length)
+
+    @property
+    def feelers(self) -> tuple[Feeler, ...]:
+        """The middles of its ends."""
+        return (
+            Feeler("end 1", (0.0, 0.0, self.half_length), self.radius),
+            Feeler("end 2", (0.0, 0.0, -self.half_length), self.radius),
+        )
+
+
+@dataclass(frozen=True)
+class Box(Shape):
+    """A box round the origin.
+
+    Parameters
+    ----------
+    x, y, z : float
+        Half of its edges [m].
+    """
+
+    x: float  # [m]
+    y: float  # [m]
+    z: float  # [m]
+
+    def __post_init__(self) -> None:
+        check_positive("half of an edge [m]", x=self.x, y=self.y, z=self.z)
+
+    @property
+    def feelers(self) -> tuple[Feeler, ...]:
+        """Its corners, from (x, y, z) to (-x, -y, -z); the sign of z changes fastest."""
+        corners = product((self.x, -self.x), (self.y, -self.y), (self.z, -self.z))
+        return tuple(Feeler(f"corner {i}", at, 0.0) for i, at in enumerate(corners, start=1))
+
+    @property
+    def core(self) -> Core:
+        """The box."""
+        return box_core(self.x, self.y, self.z)

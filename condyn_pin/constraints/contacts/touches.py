@@ -1,0 +1,119 @@
+"""Feelers over planes, all of a scene at once.
+
+    gap = n . (p - o) - radius,        contact point = p - radius n
+    J   = E^T (J_v - [contact point] J_w),        d gap/dt = n . (J v)
+
+p the middle of a feeler, o and E = (t1, t2, n) of its plane. J is that of the material point of the
+body which is at the contact point, against that of the ground: both bodies count, and what carries
+both of them does not. Placements are linear in (R, p) of the joints, so that one product with a
+constant matrix has all points and axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.contacts.bound import Touch
+
+
+class Touches:
+    """Feelers over planes of one model, evaluated together; not to be shared between threads.
+
+    Attributes
+    ----------
+    size : int
+        Number of feelers, k.
+    """
+
+    def __init__(self, model: Any, touches: Sequence[Touch]) -> None:
+        self.size = k = len(touches)
+        self._joints = sorted({joint for t in touches for joint in (t.joint, t.ground)})
+        place = {joint: 4 * i for i, joint in enumerate(self._joints)}
+        # columns: middles (k), axes (3 k), points of the planes (k); four rows (R, p) a joint
+        self._local = np.zeros((4 * len(place), 5 * k))
+        for i, t in enumerate(touches):
+            body, ground = (slice(place[j], place[j] + 4) for j in (t.joint, t.ground))
+            self._local[body, i] = (*t.centre, 1.0)
+            self._local[ground, k + 3 * i : k + 3 * i + 3] = t.plane.homogeneous[:, :3]
+            self._local[ground, 4 * k + i] = (*t.plane.translation, 1.0)
+        self._radius = np.array([t.radius for t in touches])
+        self._moves = np.repeat(
+            [columns(model, t.joint) - columns(model, t.ground) for t in touches], 3, axis=0
+        ).reshape(3 * k, model.nv)
+        self._placements = np.zeros((3, 4 * len(place)))
+        self._of: Any = None
+
+    def gaps(self, data: Any) -> Array:
+        """Return the signed distances (k,) [m]; reads data.oMi."""
+        centres, axes, origins = self._world(data)
+        return self._gaps(centres, axes[:, 2::3], origins)
+
+    def points(self, data: Any) -> Array:
+        """Return the contact points (k, 3) [m]."""
+        centres, axes, _ = self._world(data)
+        return (centres - self._radius * axes[:, 2::3]).T
+
+    def axes(self, data: Any) -> Array:
+        """Return t1, t2, n of each feeler as columns (k, 3, 3)."""
+        return self._world(data)[1].reshape(3, self.size, 3).transpose(1, 0, 2)
+
+    def jacobian(self, data: Any) -> Array:
+        """Return the rows t1, t2, n of each feeler (3 k, nv); reads data.oMi and data.J."""
+        centres, axes, _ = self._world(data)
+        points = centres - self._radius * axes[:, 2::3]
+        J = data.J.reshape(6, -1)  # a single column comes as a vector
+        return relative_rows(points, axes, J, self._moves)
+
+    def _gaps(self, centres: Array, normals: Array, origins: Array) -> Array:
+        above = (centres - origins) * normals
+        return above[0] + above[1] + above[2] - self._radius  # type: ignore[no-any-return]
+
+    def _world(self, data: Any) -> tuple[Array, Array, Array]:
+        """Return middles (3, k), axes (3, 3 k) and points of the planes (3, k) in the world."""
+        if self._of is not data:  # views into the memory of data: to fetch them costs more
+            self._of = data
+            self._sources = [part for j in self._joints for part in _views(data.oMi[j])]
+        if self.size:
+            np.concatenate(self._sources, axis=1, out=self._placements)
+        world, k = self._placements.dot(self._local), self.size
+        return world[:, :k], world[:, k : 4 * k], world[:, 4 * k :]
+
+
+def relative_rows(points: Array, axes: Array, J: Array, moves: Array) -> Array:
+    """Return d . (velocity of the points of one body against another), a row for each axis d.
+
+    Parameters
+    ----------
+    points : (3, k) array
+        In the world [m].
+    axes : (3, 3 k) array
+        Three unit vectors a point, in the world.
+    J : (6, nv) array
+        Of all joints in the world's axes and at its origin: `data.J`.
+    moves : (3 k, nv) array
+        Which columns move the body (1), and which the other (-1).
+    """
+    x, y, z = points[:, :, None]
+    dx, dy, dz = along = axes.reshape(3, -1, 3)
+    twist = np.empty((6, *along.shape[1:]))
+    twist[:3] = along
+    twist[3] = y * dz - z * dy
+    twist[4] = z * dx - x * dz
+    twist[5] = x * dy - y * dx
+    return np.asarray(twist.reshape(6, -1).T.dot(J) * moves)
+
+
+def columns(model: Any, joint: int) -> Array:
+    """Return 1 for each coordinate of v that moves a joint (nv,), and 0 for the others."""
+    moves = np.zeros(model.nv)
+    for j in list(model.supports[joint])[1:]:
+        moves[model.idx_vs[j] : model.idx_vs[j] + model.nvs[j]] = 1.0
+    return moves
+
+
+def _views(placement: Any) -> tuple[Array, Array]:
+    return placement.rotation, placement.translation[:, None]

@@ -1,0 +1,45 @@
+"""Modes of contacts: open, stick or slide, read off the impulses and velocities.
+
+With x = lam - d / mean(diag G), where P_K(x) is lam in a solved problem: a contact is open where x
+is in the polar cone of K, whatever the solver left of lam. Of the others those slide that move:
+redundant contacts may be on the surface of their cones and stick all the same.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin.contact.problem import ContactProblem
+
+Modes = NDArray[np.int_]
+
+# A mode as a number is its place here.
+MODES: Final = ("open", "stick", "slide")
+OPEN, STICK, SLIDE = range(3)
+
+# Velocity along a row that is none, relative to |g|: ten times what a solved problem leaves.
+_MOVES: Final = 10 * tolerances.CONTACT_SOLVED
+
+
+def contact_modes(problem: ContactProblem, lam: Array) -> Modes:
+    """Return the mode of each contact of a problem that lam (m,) solves.
+
+    A stop is open or sticks, dry friction sticks or slides.
+    """
+    stiff, speed = problem.scale
+    sigma = problem.velocities(lam)
+    x, still = lam - problem.dual(sigma) / stiff, _MOVES * speed
+    cones = 3 * len(problem.friction)
+    X, S = x[:cones].reshape(-1, 3), sigma[:cones].reshape(-1, 3)
+    presses = problem.friction * np.hypot(X[:, 0], X[:, 1]) > -X[:, 2]
+    codes = np.where(presses, STICK + (np.hypot(S[:, 0], S[:, 1]) > still), OPEN)
+    if len(x) == cones:
+        return codes
+    lines = cones + problem.half_lines
+    of_lines = np.where(x[cones:lines] > 0, STICK, OPEN)
+    return np.concatenate((codes, of_lines, STICK + (np.abs(sigma[lines:]) > still)))

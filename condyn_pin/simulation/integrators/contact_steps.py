@@ -1,0 +1,238 @@
+"""ContactSteps: steps of one size of a robot whose contacts open, stick and slide.
+
+    M (v+ - v) = dt (tau - h) + J_b^T l_b + J_c^T lam,    J_b v+ = 0,    sigma = G lam + g
+
+Constraints are eliminated (`condyn_pin.contact.condense`), and the answer of the contact solver is
+proved in every step. Springs and joint damping act at the end of it: M has dt D + dt^2 K more, and
+tau has dt K v less. Loops that the step leaves open, by dt^2, are closed behind it.
+"""
+
+from __future__ import annotations
+
+from itertools import compress
+from math import inf, isfinite
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.contact.condense import Condensed, condense
+from condyn_pin.contact.judge import attempt_contact
+from condyn_pin.contact.modes import OPEN, Modes, contact_modes
+from condyn_pin.contact.problem import ContactProblem
+from condyn_pin.contact.sets import ContactSets
+from condyn_pin.contact.solvers.base import Attempt
+from condyn_pin.errors import StepFailed
+from condyn_pin.mechanism.closed_chains import chains_of
+from condyn_pin.model.soundness import singular_mass
+from condyn_pin.simulation.contact_record import touch_of
+from condyn_pin.simulation.integrators.base import Stepper
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
+from condyn_pin.simulation.recorder import Row
+from condyn_pin.simulation.system import System, total_torque
+
+# Newton's steps that close loops behind a step, at most: the first leaves dt |v| of a gap.
+_CLOSINGS = 5
+
+
+class Chosen:
+    """The candidates that take part in a step, and what a contact problem says of them."""
+
+    def __init__(self, candidates: Candidates, active: NDArray[np.bool_], dt: float) -> None:
+        cones = candidates.cones
+        lines = cones + candidates.half_lines
+        self.active, self.rows = active, candidates.rows_of(active)
+        self.gaps = active[:lines]
+        k, stops = np.count_nonzero(active[:cones]), np.count_nonzero(active[cones:lines])
+        self.normals = np.concatenate((np.arange(2, 3 * k, 3), 3 * k + np.arange(stops)))
+        self.restitution = np.zeros(k + stops)
+        self.restitution[:k] = candidates.restitution[active[:cones]]
+        self.friction = candidates.friction[active[:cones]]
+        self.half_lines = int(stops)
+        self.limits = candidates.limits[active[lines:]] * dt  # [N s]
+        self.names = tuple(compress(candidates.names, active))
+        self.sets = ContactSets(self.friction, self.half_lines, self.limits)
+
+    def problem(self, scheme: ContactScheme, near: Near) -> ContactProblem:
+        """Return the contact problem of a step."""
+        g, R = scheme.asked(near)
+        return ContactProblem.trusted(
+            G=near.G, g=g, friction=self.friction, half_lines=self.half_lines, limits=self.limits,
+            R=R, law=scheme.law, level="impulse", names=self.names, sets=self.sets,
+        )  # fmt: skip
+
+
+class Posed(NamedTuple):
+    """A step before its contact problem is solved."""
+
+    at: Array  # (nq,), where M, h and J are taken
+    tau: Array  # (nv,), springs and damping as they act at the end of the step [N, N m]
+    gaps: Array  # of all cones and half-lines [m, rad]
+    chosen: Chosen
+    condensed: Condensed
+    before: Array  # (m,), J_c v [m/s]
+    problem: ContactProblem
+
+
+class Taken(NamedTuple):
+    """A step that was taken."""
+
+    posed: Posed
+    attempt: Attempt
+    natural: float  # residual of the contact problem
+    work: float  # of the contacts [J]
+
+
+class ContactSteps:
+    """The steps of one system with one scheme and one dt.
+
+    Attributes
+    ----------
+    last : Taken
+        The step that was taken last.
+    """
+
+    last: Taken
+
+    def __init__(self, scheme: ContactScheme, system: System, dt: float) -> None:
+        self._scheme, self._system, self._dt = scheme, system, dt
+        self._equations, self._candidates = system.equations, system.contacts
+        passive = system.passive
+        self._torque = total_torque(system.applied, passive, dt)
+        self._inertia = passive.inertia(dt) if passive.inertia(dt).any() else None
+        self._between = passive.between
+        self._diagonal = np.diag_indices(system.model.nv)
+        self._rank = chains_of(system.scene).rank if system.scene.rows else 0
+        self._chosen: tuple[bytes, Chosen] | None = None
+
+    def step(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
+        """Return q and v at the end of a step, and the mean acceleration.
+
+        StepFailed if the contact solver has no answer.
+        """
+        taken = self.attempt(t, q, v)
+        exact = self._scheme.contact.exact
+        natural = self.last.natural
+        if not natural <= tolerances.CONTACT_SOLVED and (exact or not isfinite(natural)):
+            names = ", ".join(self.last.posed.problem.names)
+            raise StepFailed(
+                f"contacts {names} at t = {t:g} s: "
+                f"{self._scheme.contact!r} leaves a natural residual of {natural:.1e}, "
+                f"and {tolerances.CONTACT_SOLVED:g} is asked for; take a smaller dt, or "
+                "contact=SemismoothNewton()"
+            )
+        return taken
+
+    def attempt(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
+        """Return the same of whatever the contact solver has answered."""
+        posed = self.pose(t, q, v)
+        now, problem = posed.condensed, posed.problem
+        solver, accuracy = self._scheme.contact, tolerances.CONTACT_SOLVED
+        found, natural = attempt_contact(problem, solver, None, accuracy)
+        lam, dt = found.lam, self._dt
+        v1 = now.velocity(lam)
+        contact_velocities = posed.before + now.contact_velocities + problem.G.dot(lam)
+        work = 0.5 * float(lam.dot(contact_velocities))
+        self._system.contact_work += work
+        self.last = Taken(posed, found, natural, work)
+        moved = 0.5 * dt * (v + v1) if self._scheme.at_midpoint else dt * v1
+        return self._closed(now, self._system.integrate(q, moved)), v1, (v1 - v) / dt
+
+    def pose(self, t: float, q: Array, v: Array) -> Posed:
+        """Return the step from a state with its contact problem, not yet solved."""
+        scheme, system, dt = self._scheme, self._system, self._dt
+        at = system.integrate(q, 0.5 * dt * v) if scheme.at_midpoint else q
+        tau = self._torque(t, q, v)
+        M, h, J_b, _ = self._equations.parts(at, v)
+        data = self._equations.data  # it has the placements and Jacobians of `at` now
+        gaps = self._candidates.gaps(data, at)
+        chosen = self._choose(scheme.near(gaps, v, dt))
+        J_c = self._candidates.jacobian(data, at, chosen.active)
+        factors = factorise(
+            self._with_inertia(M, at), J_b, tolerances.RANK, why=singular_mass(system.model, at)
+        ).at_most(self._rank)
+        now = condense(factors, J_c, v, dt * (tau - h))
+        before = J_c.dot(v)
+        near = Near(
+            dt, gaps[chosen.gaps], chosen.restitution, chosen.normals, now.G, before,
+            now.contact_velocities, chosen.sets.blocks,
+        )  # fmt: skip
+        return Posed(at, tau, gaps, chosen, now, before, chosen.problem(scheme, near))
+
+    def lam(self) -> Array:
+        """Return the forces of the last step: of constraints, then of all candidates [N, N m]."""
+        return self.impulses() / self._dt
+
+    def impulses(self) -> Array:
+        """Return the impulses of the last step, in the same order [N s, N m s]."""
+        posed, rows, found = self.last.posed, self._equations.m, self.last.attempt.lam
+        impulses = np.zeros(rows + self._candidates.rows)
+        impulses[:rows] = posed.condensed.constraint_impulses(found)
+        impulses[rows:][posed.chosen.rows] = found
+        return impulses
+
+    def touch(self) -> Array:
+        """Return what else there is to keep of the contacts of the last step."""
+        return touch_of(self.last.natural, self._system.contact_work, self.modes())
+
+    def modes(self) -> Modes:
+        """Return the modes of all candidates in the last step."""
+        posed = self.last.posed
+        modes = np.full(len(posed.chosen.active), OPEN)
+        if posed.problem.rows:
+            modes[posed.chosen.active] = contact_modes(posed.problem, self.last.attempt.lam)
+        return modes
+
+    def sample(self, t: float, q: Array, v: Array) -> Row:
+        """Return a sample of a state: with the forces of the step that begins there."""
+        system, work = self._system, self._system.contact_work
+        _, _, a = self.step(t, q, v)
+        system.contact_work = work
+        return t, q, v, a, self.lam(), system.applied.at_sample(t, q, v), self.touch()
+
+    def _choose(self, near: NDArray[np.bool_]) -> Chosen:
+        """Return the candidates that take part; most often they are those of the step before."""
+        key = near.tobytes()
+        if self._chosen is None or self._chosen[0] != key:
+            dry = np.ones(self._candidates.intervals, dtype=bool)
+            active = np.concatenate((near, dry))
+            self._chosen = key, Chosen(self._candidates, active, self._dt)
+        return self._chosen[1]
+
+    def _with_inertia(self, M: Array, q: Array) -> Array:
+        """Return M with what springs and damping add to it in a step."""
+        if self._inertia is not None:
+            M[self._diagonal] += self._inertia
+        if self._between is not None:
+            rows, weights = self._between.inertia_rows(q, self._dt)
+            M += rows.T @ (weights[:, None] * rows)
+        return M
+
+    def _closed(self, now: Condensed, q: Array) -> Array:
+        """Return q with loops closed: by the factors of the step, then by those of where it is."""
+        if not now.factors.rank:
+            return q
+        best, gap, closing = q, inf, now.factors.closing
+        for _ in range(_CLOSINGS):
+            c, J_b = self._equations.position_level(q)
+            before, gap = gap, float(np.abs(c).max())
+            if not gap < before:  # rounding, or out of reach
+                return best
+            best = q
+            if gap <= tolerances.CLOSED:
+                return q
+            if before < inf:
+                M = self._with_inertia(self._system.mass(q), q)
+                closing = factorise(M, J_b, tolerances.RANK).at_most(self._rank).closing
+            q = self._system.integrate(q, closing(c))
+        return q
+
+
+def contact_stepper(scheme: ContactScheme, system: System, dt: float) -> Stepper:
+    """Return a scheme at work on a system."""
+    steps = ContactSteps(scheme, system, dt)
+    return Stepper(steps.step, steps.lam, touch=steps.touch, sample=steps.sample)

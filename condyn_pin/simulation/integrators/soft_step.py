@@ -1,0 +1,84 @@
+"""SoftStep: MuJoCo's contacts, that give way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._core.arrays import Array
+from condyn_pin.contact.problem import Law
+from condyn_pin.dynamics.softness import (
+    DEFAULT_SOLIMP,
+    DEFAULT_SOLREF,
+    SolImp,
+    SolRef,
+    check_softness,
+    impedance,
+    reference,
+)
+from condyn_pin.simulation.integrators.base import Stepper
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
+from condyn_pin.simulation.integrators.contact_steps import contact_stepper
+from condyn_pin.simulation.system import System
+
+
+@dataclass(frozen=True)
+class SoftStep(ContactScheme):
+    """A convex step with springs and dampers in the contacts, as MuJoCo takes it.
+
+    K* contains sigma = (G + R) lam + dt (J a_free - a_ref),    R = (1 - d) / d G_nn,
+    a_ref = -b J v - k gap  along the normal,    -b J v  across it
+
+    What rests sinks in a little, what sticks creeps, and what slides lifts off: the answer of
+    `Anitescu` that gives way. MuJoCo takes for G_nn what it is at the first posture; here it is
+    that of the step. J' v is left out, which MuJoCo does not use in contacts.
+
+    Parameters
+    ----------
+    contact : ContactSolver
+        What answers the contact problem of each step.
+    solref : (timeconst, dampratio), or (-stiffness, -damping)
+        As in `condyn_pin.dynamics.Soft` [s, 1; 1/s^2, 1/s]. MuJoCo allows no timeconst below two
+        steps.
+    solimp : (d_0, d_width, width, midpoint, power)
+        As in `condyn_pin.dynamics.Soft`, `width` in [m, rad].
+
+    References
+    ----------
+    Todorov. Convex and analytically-invertible dynamics with contacts and constraints: theory and
+    implementation in MuJoCo. ICRA, 2014.
+    """
+
+    title: ClassVar[str] = "soft step"
+    use: ClassVar[str] = "to see what MuJoCo sees"
+    law: ClassVar[Law] = "ccp"
+    gives_way: ClassVar[bool] = True
+
+    solref: SolRef = DEFAULT_SOLREF  # [s, 1], or [1/s^2, 1/s]
+    solimp: SolImp = DEFAULT_SOLIMP
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        solref, solimp = check_softness(self.solref, self.solimp)
+        object.__setattr__(self, "solref", solref)
+        object.__setattr__(self, "solimp", solimp)
+
+    def near(self, gaps: Array, v: Array, dt: float) -> NDArray[np.bool_]:
+        """Return which contacts touch."""
+        return np.asarray(gaps <= 0)
+
+    def asked(self, near: Near) -> tuple[Array, Array | None]:
+        """Return g (m,) [m/s] and R (m,) [1/kg] of contacts that are `near`."""
+        c = np.zeros_like(near.free)
+        c[near.normals] = near.gaps
+        d = impedance(np.abs(near.depth), self.solimp)
+        a_ref = reference(c, near.before, d, self.solref, self.solimp)
+        R = (1 - d) / d * near.stiffness
+        return near.free - near.before - near.dt * a_ref, R
+
+    def start(self, system: System, dt: float) -> Stepper:
+        """Return this integrator at work on `system`."""
+        return contact_stepper(self, system, dt)
