@@ -1,16 +1,17 @@
 """Condense: what contacts feel of a robot whose loops never let go.
 
-    M (v+ - v) = p + J_b^T l_b + J_c^T lam,    J_b v+ = 0
+    M (v+ - v) = p + J_b^T l_b + J_c^T lam,    J_b v+ = s
 
 with p the impulse of all other forces. With M = L L^T, and V an orthonormal basis of what the
 constraints block, L^-1 J_b^T = V S U^T,
 
-    X = (1 - V V^T) L^-1 J_c^T,    G = X^T X,    v_free = L^-T (1 - V V^T) (L^T v + L^-1 p),
+    X = (1 - V V^T) L^-1 J_c^T,    G = X^T X,
+    v_free = L^-T ((1 - V V^T) (L^T v + L^-1 p) + V S^-1 U^T s),
     v+ = v_free + L^-T X lam,      J_c v+ = G lam + J_c v_free,
-    l_b = -U S^-1 V^T (L^T v + L^-1 p + L^-1 J_c^T lam).
+    l_b = U S^-1 (S^-1 U^T s - V^T (L^T v + L^-1 p + L^-1 J_c^T lam)).
 
 A contact solver sees a pure cone problem: constraints of any kind, redundant ones too, are in G and
-v_free, and J_b v+ = 0 holds to rounding whatever it answers.
+v_free, and J_b v+ = s holds to rounding whatever it answers.
 """
 
 from __future__ import annotations
@@ -33,16 +34,22 @@ class Condensed(NamedTuple):
         Of M and J_b.
     X : (nv, m) array
         L^-1 J_c^T without what the constraints block.
+    blocked : (rank, m) array
+        V^T L^-1 J_c^T, what they block of it.
+    held : (rank,) array
+        S^-1 U^T s.
+    momentum : (rank,) array
+        V^T (L^T v + L^-1 p).
     free : (nv,) array
         L^T v_free.
-    blocked : (rank, m + 1) array
-        V^T of L^-1 J_c^T, and in the last column of L^T v + L^-1 p.
     """
 
     factors: MinimumNorm
     X: Array
-    free: Array
     blocked: Array
+    held: Array
+    momentum: Array
+    free: Array
 
     @property
     def G(self) -> Array:
@@ -52,7 +59,12 @@ class Condensed(NamedTuple):
     @property
     def contact_velocities(self) -> Array:
         """J_c v_free (m,) [m/s]."""
-        return np.asarray(self.free.dot(self.X))
+        return np.asarray(self.free.dot(self.X) + self.held.dot(self.blocked))
+
+    @property
+    def free_velocity(self) -> Array:
+        """v_free (nv,): the velocity after the step if no contact took part."""
+        return np.asarray(dtrtrs(self.factors.L.T, self.free)[0])
 
     def velocity(self, lam: Array) -> Array:
         """Return v+ (nv,) of impulses (m,) of the contacts."""
@@ -61,12 +73,19 @@ class Condensed(NamedTuple):
     def constraint_impulses(self, lam: Array) -> Array:
         """Return l_b (rows,) of impulses (m,) of the contacts, the smallest ones [N s]."""
         factors, rank = self.factors, self.factors.rank
-        held = self.blocked[:, :-1].dot(lam) + self.blocked[:, -1]
-        return np.asarray(factors.U[:, :rank].dot(held / -factors.S[:rank]))
+        missing = self.held - self.momentum - self.blocked.dot(lam)
+        return np.asarray(factors.U[:, :rank].dot(missing / factors.S[:rank]))
+
+    def pushed(self, v: Array, p: Array) -> Condensed:
+        """Return the same contacts of a robot of velocity v with other impulses p (nv,) [N s]."""
+        L, V = self.factors.L, self.factors.V
+        w = v.dot(L) + dtrtrs(L.T, p, trans=1)[0]
+        momentum = V.T.dot(w)
+        return self._replace(momentum=momentum, free=w + V.dot(self.held - momentum))
 
 
-def condense(factors: MinimumNorm, J_c: Array, v: Array, p: Array) -> Condensed:
-    """Return the contacts of a robot with its constraints eliminated.
+def condense(factors: MinimumNorm, J_c: Array, s: Array) -> Condensed:
+    """Return the contacts of a robot with its constraints eliminated, at rest and not pushed.
 
     Parameters
     ----------
@@ -74,21 +93,17 @@ def condense(factors: MinimumNorm, J_c: Array, v: Array, p: Array) -> Condensed:
         Of M and J_b: L L^T = M, L^-1 J_b^T = V S U^T.
     J_c : (m, nv) array
         Rows of the contacts.
-    v : (nv,) array
-        Velocity before.
-    p : (nv,) array
-        Impulse of all forces but those of constraints and contacts [N s, N m s].
+    s : (rows,) array
+        J_b v+ [m/s, rad/s].
 
     Notes
     -----
     Cost O(nv^2 m) on top of the factors.
     """
-    L, V = factors.L, factors.V
-    sides = np.empty((len(J_c) + 1, len(v)))  # its transpose is what LAPACK reads without a copy
-    sides[:-1], sides[-1] = J_c, p
-    whitened = dtrtrs(L.T, sides.T, trans=1, overwrite_b=1)[0]
-    whitened[:, -1] += v.dot(L)
-    blocked = V.T.dot(whitened)
-    if factors.rank:
-        whitened -= V.dot(blocked)
-    return Condensed(factors, whitened[:, :-1], whitened[:, -1], blocked)
+    V, rank = factors.V, factors.rank
+    X = dtrtrs(factors.L.T, J_c.T, trans=1)[0]
+    blocked = V.T.dot(X)
+    if rank:
+        X -= V.dot(blocked)
+    held = s.dot(factors.U[:, :rank]) / factors.S[:rank]
+    return Condensed(factors, X, blocked, held, np.zeros(rank), V.dot(held))

@@ -48,7 +48,8 @@ def step(
 ) -> StepSolution:
     """Return the state after one step in which contacts open, stick and slide, with its errors.
 
-    M (v+ - v) = dt (tau - h) + J_b^T l_b + J_c^T lam,    J_b v+ = 0,    sigma = G lam + g
+    M (v+ - v) = dt (tau - h) + J_b^T l_b + J_c^T lam,
+    J_b v+ = -dt gamma / 2,    sigma = G lam + g
 
     Parameters
     ----------
@@ -198,7 +199,7 @@ class _Memory:
     def _errors(
         self, posed: Posed, v: Array, a: Array, v1: Array, lam: Array
     ) -> tuple[float, float]:
-        """Return the residual of the momentum balance [N s], and max abs(J_b v+) [m/s]."""
+        """Return what is left of the balance of momentum [N s], and of J_b v+ [m/s]."""
         equations, passive = self._system.equations, self._system.passive
         at, rows = posed.at, self._scene.rows
         tau = posed.tau - passive.inertia(self._dt) * a
@@ -207,8 +208,10 @@ class _Memory:
             tau -= U.T @ (weights * (U @ a))
         bounds = self._scene.contact_bounds
         pushed = contact_load(self._system.model, equations.data, at, bounds, lam[rows:])
-        left, _ = equations.residuals(at, v, tau + pushed.torque, a, lam[:rows], pushed)
-        return self._dt * float(np.abs(left).max()), equations.open_by(at, v1)[1]
+        left, _ = equations.residuals(at, posed.mean, tau + pushed.torque, a, lam[:rows], pushed)
+        wanted = 0.5 * self._dt * equations.target(at, v)
+        slip = np.abs(equations.gaps(at, v1)[1] - wanted)
+        return self._dt * float(np.abs(left).max()), float(slip.max(initial=0.0))
 
 
 def _memory(scene: Scene, dt: float, integrator: ContactScheme) -> _Memory:

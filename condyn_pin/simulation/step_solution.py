@@ -16,7 +16,8 @@ from condyn_pin.simulation.contact_columns import forces_of
 class StepSolution:
     """The state after one step, the impulses in it, and what they leave of each law.
 
-    M (v+ - v) = dt (tau - h) + J_b^T l_b + J_c^T lam,    J_b v+ = 0,    sigma = G lam + g
+    M (v+ - v) = dt (tau - h) + J_b^T l_b + J_c^T lam,
+    J_b v+ = -dt gamma / 2,    sigma = G lam + g
 
     Attributes
     ----------
@@ -35,7 +36,7 @@ class StepSolution:
         The largest entry of M (v+ - v) - dt (tau - h) - J_b^T l_b - J_c^T lam, by Newton-Euler and
         wrenches on the bodies, with neither M nor J [N s, N m s].
     constraint_error : float
-        max abs(J_b v+), by forward kinematics [m/s, rad/s].
+        max abs(J_b v+ + dt gamma / 2), by forward kinematics [m/s, rad/s].
     violation : float
         max abs(c(q+)) of the constraints [m, rad].
     penetration : float

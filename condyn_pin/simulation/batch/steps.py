@@ -50,7 +50,7 @@ def step_batch(
 ) -> BatchStep:
     """Return the states after one step with contacts from many states, with the errors of each.
 
-    M (v+ - v) = dt (tau - h) + J_b^T l_b + J_c^T lam,    J_b v+ = 0,    row by row
+    M (v+ - v) = dt (tau - h) + J_b^T l_b + J_c^T lam,    J_b v+ = -dt gamma / 2,    row by row
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """The contract of a time-stepping scheme with contacts, and how to write one.
 
-    M (v+ - v) = dt (tau - h) + J_b^T l_b + J_c^T lam,    J_b v+ = 0
+    M (v+ - v) = dt (tau - h) + J_b^T l_b + J_c^T lam,    J_b v+ = -dt gamma / 2
     sigma = G lam + g,    K contains lam,    K* contains sigma + (0, 0, mu |sigma_t|),   orthogonal
 
 A scheme says where M, h and J are taken, which contacts take part, what g is, and how the velocity

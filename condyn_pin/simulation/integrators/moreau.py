@@ -26,9 +26,9 @@ class Moreau(ContactScheme):
     g_n = J_n v_free + e J_n v,    q+ = q (+) dt (v + v+) / 2
 
     Contacts rebound by Newton's law, all in the same instant: where several touch, as in Newton's
-    cradle, other laws of impact give other velocities. Between contacts, where M is constant, a
-    step is exact in a constant field. A penetration, up to dt v / 2 at an impact, is not pushed
-    out.
+    cradle, other laws of impact give other velocities. While no contact opens, closes or slides, a
+    step is of second order, and exact in a constant field where M is constant. A penetration, up to
+    dt v / 2 at an impact, is not pushed out.
 
     Parameters
     ----------
