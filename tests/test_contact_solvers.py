@@ -92,6 +92,8 @@ def test_contract(name, label):
     assert np.array_equal(problem.g, g)
     assert found.lam.shape == found.sigma.shape == problem.g.shape
     assert not found.lam.flags.writeable
+    assert list(found.forces) == list(problem.names)
+    assert str(found).startswith(found.status.name.lower())
     if problem.rows:
         assert found.path[0] in (solver.title, "Newton")
         assert natural(problem, found.lam) == pytest.approx(found.residuals.natural, abs=1e-14)
@@ -312,10 +314,21 @@ def test_an_ncp_may_slide_where_a_ccp_has_no_answer():
 
 
 def test_nothing_that_is_not_finite_is_ok():
-    problem = ContactProblem(1e300 * np.eye(3), [1e-300, 0.0, -1e300], [0.5])
-    for name in ("admm", "semismoothnewton", "lemke"):
-        found = solve_contact(problem, CONTACT_SOLVERS[name](), throw=False)
-        assert not found.status.ok or np.isfinite(found.lam).all()
+    """Also of problems that nothing was checked of."""
+    problem = random(0)
+    for change in (
+        {"g": np.full(12, np.nan)},
+        {"G": np.full((12, 12), np.nan)},
+        {"g": np.full(12, -1e308)},
+        {"G": np.full((12, 12), 1e308)},
+        {"G": 1e-310 * np.eye(12)},
+        {"g": np.full(12, -1e-310)},
+        {"friction": np.full(4, np.inf)},
+    ):
+        bad = problem.replaced(**change)
+        for name in ("admm", "pgs", "semismoothnewton", "lemke"):
+            found = solve_contact(bad, CONTACT_SOLVERS[name](), throw=False)
+            assert found.status in (ContactStatus.NOT_FINITE, ContactStatus.INACCURATE), change
 
 
 @pytest.mark.parametrize(
@@ -332,6 +345,8 @@ def test_nothing_that_is_not_finite_is_ok():
         ({"half_lines": True}, "a count"),
         ({"limits": [-1]}, "limits"),
         ({"R": [1, 1]}, "R: 2 numbers"),
+        ({"g": [0, 0, -1e60]}, "g: 1e.60 is in it"),
+        ({"friction": [1e60]}, "friction: 1e.60 is in it, and 1e.06 is the most"),
         ({"law": "lcp"}, "law"),
         ({"level": "position"}, "level"),
         ({"names": ["a", "b"]}, "names"),
@@ -340,6 +355,15 @@ def test_nothing_that_is_not_finite_is_ok():
 def test_bad_problems(change, said):
     with pytest.raises(InvalidArgument, match=said):
         ContactProblem(**{"G": np.eye(3), "g": np.zeros(3), "friction": [0.5], **change})
+
+
+def test_a_problem_keeps_copies():
+    g = np.zeros(3)
+    problem = ContactProblem(np.eye(3), g, [0.5])
+    g[2] = -1.0
+    assert problem.g[2] == 0.0
+    for array in (problem.G, problem.g, problem.friction, problem.limits):
+        assert not array.flags.writeable
 
 
 def test_bad_solvers_and_arguments():

@@ -1,4 +1,4 @@
-"""The only place that knows which Pinocchio is installed: 3.9 or 4.x (contact solvers: `_pin_contacts`).
+"""The only place that knows which Pinocchio is installed, 3.9 or 4.x, with `_pin_contacts`.
 
 | what                | 3.9                             | 4.x                                |
 |---------------------|---------------------------------|------------------------------------|

@@ -10,6 +10,8 @@ and N has those; in a ccp sigma is in K*, and N has edges of K as well. Stops ar
 
 from __future__ import annotations
 
+from math import isfinite
+
 import numpy as np
 
 from condyn_pin._core import tolerances
@@ -33,14 +35,14 @@ def unmet_contacts(problem: ContactProblem) -> tuple[str, ...]:
         if problem.law == "ncp"
         else np.hstack([_normals(problem), _edges(problem)])
     )
-    if not N.shape[1]:
+    if not N.shape[1] or not isfinite(stiff * speed):
         return ()
     G = problem.G if problem.R is None else problem.G + np.diag(problem.R)
     A = np.vstack([G @ N / stiff, problem.g @ N / speed])
     b = np.append(np.zeros(problem.rows), -1.0)
     try:
         x, _ = nnls(A, b)
-    except RuntimeError:  # out of iterations: nothing is proved
+    except (RuntimeError, ValueError):  # out of iterations, or not finite: nothing is proved
         return ()
     z = N @ x
     size = float(np.abs(z).max())

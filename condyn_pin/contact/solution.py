@@ -105,8 +105,8 @@ class ContactSolution:
     @property
     def forces(self) -> dict[str, Array]:
         """Impulses by contact [N s]: (t1, t2, n) of a cone, one number of a stop or of friction."""
-        sizes = np.bincount(self.problem.sets.blocks, minlength=len(self.problem.names))
-        return dict(zip(self.problem.names, np.split(self.lam, np.cumsum(sizes)[:-1]), strict=True))
+        blocks = self.problem.sets.blocks
+        return {name: self.lam[blocks == i] for i, name in enumerate(self.problem.names)}
 
     @property
     def notices(self) -> tuple[str, ...]:
@@ -142,7 +142,7 @@ class ContactSolution:
         impulses = self.problem.level == "impulse"
         lines = [
             f"{self.status.name.lower()} in {1e6 * self.solve_time:.1f} us, "
-            f"{self.iterations} iterations of {', '.join(self.path)}",
+            f"{self.iterations} iterations of {', '.join(self.path) or 'nothing'}",
             *(f"{name:<16} {size:.1e}" for name, size in self.residuals._asdict().items()),
             f"{'impulses' if impulses else 'forces'} on the robot, axes of each contact "
             f"[{'N s' if impulses else 'N'}]:",

@@ -41,7 +41,8 @@ class PGS(ContactSolver):
     Notes
     -----
     Only for an ncp: Pinocchio's has no other. Cost O(m^2) a round. Where masses are wide apart, or
-    contacts redundant, it takes thousands of them.
+    contacts redundant, it takes thousands of them. Pinocchio 3's stops after the first one where
+    there is no friction at all.
 
     References
     ----------
