@@ -313,6 +313,18 @@ def test_an_ncp_may_slide_where_a_ccp_has_no_answer():
     assert solve_contact(replace(ncp, law="ccp"), throw=False).status is ContactStatus.INFEASIBLE
 
 
+def test_friction_that_locks_is_named():
+    """With u = l_t - l_n, to stick takes u = 2, to part u <= -0.2, and to slide u = l_n."""
+    z = np.array([1.0, 0.0, 1.0]) / np.sqrt(2)
+    problem = ContactProblem(np.eye(3) - np.outer(z, z), [-1.0, 0.0, -0.1], [2.0], names=["jaw"])
+    for solver in EXACT:
+        found = solve_contact(problem, solver, throw=False)
+        assert found.status is ContactStatus.INACCURATE
+        assert "friction locks jaw" in found.notices[0]
+    less = replace(problem, friction=[0.9])
+    assert solve_contact(less, SemismoothNewton()).status.ok
+
+
 def test_nothing_that_is_not_finite_is_ok():
     """Also of problems that nothing was checked of."""
     problem = random(0)
