@@ -275,13 +275,21 @@ def test_lemke_ends_on_ties():
     assert solve_contact(problem, Lemke()).lam.sum() == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("R", [0.2, 0.05, 0.01, 1e-3])
+@pytest.mark.parametrize("R", [0.2, 0.05, 0.01, 1e-3, 1e-6])
 def test_sap_finds_what_newton_finds(R):
     for seed in range(5):
         problem = random(seed, half_lines=2, intervals=2, R=np.full(16, R), law="ccp")
         sap, newton = (solve_contact(problem, solver) for solver in (SAP(), SemismoothNewton()))
-        assert sap.residuals.natural < 1e-10
-        assert np.abs(sap.lam - newton.lam).max() < 1e-9 * np.abs(newton.lam).max()
+        assert sap.natural < 1e-14 / R
+        assert np.abs(sap.lam - newton.lam).max() < max(1e-12 / R, 1e-9) * np.abs(newton.lam).max()
+
+
+def test_sap_with_few_steps_goes_by_way_of_softer_problems():
+    problem = random(1, cones=8, joints=12, R=np.full(24, 1e-6), law="ccp")
+    found = solve_contact(problem, SAP(max_iterations=12))
+    assert found.status.ok
+    assert found.iterations > 12
+    assert found.path == ("SAP",)
 
 
 @pytest.mark.parametrize("name", ["admm", "pgs", "semismoothnewton", "lemke"])

@@ -8,7 +8,7 @@ for then sigma . z = g . z < 0 whatever the impulses are. In an ncp only normals
 and N has those; in a ccp sigma is in K*, and N has edges of K as well. Stops are normals.
 
 What proves a ccp to have no answer leaves an ncp without one often, but not always. Of 1300 random
-ncp ADMM and Newton answered all but eight, and in each of those friction locks contacts in this way.
+ncp ADMM and Newton answered all but eight, and in each of those friction locks contacts so.
 """
 
 from __future__ import annotations
