@@ -1,6 +1,6 @@
 """Pairs of bodies of a scene, each with a fixed number of places for the points where they meet.
 
-A place without a point has an infinite gap, and the normal of the first one.
+A place without a point has an infinite gap, and the rows of the last one that has.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.bound import Pair
-from condyn_pin.constraints.contacts.meetings import Meeting, meetings
+from condyn_pin.constraints.contacts.meetings import Meetings, meetings
 from condyn_pin.constraints.contacts.touches import columns, relative_rows
 from condyn_pin.constraints.with_world import plane
 
@@ -64,27 +64,30 @@ class Pairs:
         ]
         now = b"".join(p.rotation.tobytes() + p.translation.tobytes() for p in placements)
         if now != self._at:
-            places: list[Meeting] = []
-            for pair, one, two in zip(self._pairs, placements[::2], placements[1::2], strict=True):
-                places += _filled(pair, one, two)
-            self._found = (
-                np.array([each.gap for each in places]),
-                np.array([each.point for each in places]),
-                np.array([plane(tuple(each.normal), 0.0).rotation for each in places]),
-            )
+            each = [
+                _filled(pair, one, two)
+                for pair, one, two in zip(
+                    self._pairs, placements[::2], placements[1::2], strict=True
+                )
+            ]
+            gaps, points, normals = (np.concatenate(parts) for parts in zip(*each, strict=True))
+            self._found = gaps, points, np.array([plane(n, 0.0).rotation for n in normals])
             self._at = now
         return self._found
 
 
-def _filled(pair: Pair, one: Any, two: Any) -> list[Meeting]:
+def _filled(pair: Pair, one: Any, two: Any) -> Meetings:
     """Return the points where a pair meets, and places without a point behind them."""
     apart = one.translation - two.translation
     far = float(np.sqrt(apart.dot(apart)))
     reach = pair.shape.reach + pair.ground_shape.reach
     if far > 2.0 * reach:  # as balls round them: what is nearer is looked at closely
         normal = apart / far
-        found = [Meeting(far - reach, one.translation - pair.shape.reach * normal, normal)]
+        point = one.translation - pair.shape.reach * normal
+        found = Meetings(np.array([far - reach]), point[None], normal[None])
     else:
         found = meetings(pair.shape.placed(one), pair.ground_shape.placed(two))
-    empty = found[0]._replace(gap=np.inf)
-    return found + [empty] * (pair.points - len(found))
+    count = len(found.gaps)
+    filled = found.taken(np.minimum(np.arange(pair.points), count - 1))
+    filled.gaps[count:] = np.inf
+    return filled
