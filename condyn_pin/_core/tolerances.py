@@ -149,6 +149,10 @@ CONTACT_SOLVED: Final = 1e-8
 # share of the size of a shape: of boxes that stand flush on each other every corner is on an edge.
 ON_FACE: Final = 1e-9
 
+# A corner belongs to a face of a solid if it is off its plane by no more than this share of the
+# size: files write corners with six digits.
+FLAT: Final = 1e-6
+
 # Points of one contact that are nearer to each other than this share of the size of a shape are
 # one: flush boxes name each corner up to four times.
 ONE_POINT: Final = 1e-6

@@ -86,7 +86,14 @@ def box_core(x: float, y: float, z: float) -> Core:
     normals = np.vstack([np.eye(3), -np.eye(3)])
     around = [np.array([0, a, a + b, b]) for a, b in ((2, 1), (4, 1), (4, 2))]
     loops = (*around, *(loop + bit for loop, bit in zip(around, (4, 2, 1), strict=True)))
-    return _core(vertices, edges, normals, np.concatenate([half, half]), loops, 0.0)
+    return solid_core(vertices, edges, normals, np.concatenate([half, half]), loops)
+
+
+def solid_core(
+    vertices: Array, edges: Indices, normals: Array, heights: Array, loops: tuple[Indices, ...]
+) -> Core:
+    """Return a convex solid; what each of them is `Core` says."""
+    return _core(vertices, edges, normals, heights, loops, 0.0)
 
 
 def _core(
