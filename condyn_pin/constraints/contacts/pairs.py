@@ -1,6 +1,8 @@
 """Pairs of bodies of a scene, each with a fixed number of places for the points where they meet.
 
-A place without a point has an infinite gap, and the rows of the last one that has.
+A place without a point has an infinite gap, and the rows of the last one that has. Shapes that are
+further apart than their own sizes are taken for the balls round them, whose gap is a bound from
+below: features are looked for where it is worth while.
 """
 
 from __future__ import annotations
@@ -12,7 +14,9 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.bound import Pair
+from condyn_pin.constraints.contacts.cores import lengths_of
 from condyn_pin.constraints.contacts.meetings import Meetings, meetings
+from condyn_pin.constraints.contacts.placements import Placements
 from condyn_pin.constraints.contacts.touches import columns, relative_rows
 from condyn_pin.constraints.with_world import plane
 
@@ -35,7 +39,17 @@ class Pairs:
             for _ in range(3 * pair.points)
         ]
         self._moves = np.reshape(rows, (3 * self.size, model.nv))
-        self._at: bytes = b""
+        self._placements = Placements(j for pair in pairs for j in (pair.joint, pair.ground))
+        # columns: the middles of the shapes, two a pair
+        self._middles = np.zeros((self._placements.size, 2 * len(pairs)))
+        for i, pair in enumerate(pairs):
+            for column, joint, at in (
+                (2 * i, pair.joint, pair.placement),
+                (2 * i + 1, pair.ground, pair.ground_placement),
+            ):
+                self._middles[self._placements.rows(joint), column] = (*at.translation, 1.0)
+        self._reaches = np.array([pair.shape.reach + pair.ground_shape.reach for pair in pairs])
+        self._at = np.full((3, self._placements.size), np.nan)
         self._found: tuple[Array, Array, Array] = np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3, 3))
 
     def gaps(self, data: Any) -> Array:
@@ -57,37 +71,41 @@ class Pairs:
 
     def _evaluated(self, data: Any) -> tuple[Array, Array, Array]:
         """Return gaps, points and axes; the last ones where no body has moved since."""
-        placements = [
-            data.oMi[joint] * at
-            for pair in self._pairs
-            for joint, at in ((pair.joint, pair.placement), (pair.ground, pair.ground_placement))
-        ]
-        now = b"".join(p.rotation.tobytes() + p.translation.tobytes() for p in placements)
-        if now != self._at:
-            each = [
-                _filled(pair, one, two)
-                for pair, one, two in zip(
-                    self._pairs, placements[::2], placements[1::2], strict=True
+        now = self._placements.read(data)
+        if not np.array_equal(now, self._at):
+            middles = now.dot(self._middles).T.reshape(-1, 2, 3)
+            apart, normals = lengths_of(middles[:, 0] - middles[:, 1])
+            far = apart > 2.0 * self._reaches
+            found = [
+                _as_balls(pair, middle[0], normal, gap) if away else _closely(pair, data)
+                for pair, middle, normal, gap, away in zip(
+                    self._pairs, middles, normals, apart - self._reaches, far, strict=True
                 )
             ]
-            gaps, points, normals = (np.concatenate(parts) for parts in zip(*each, strict=True))
+            filled = map(_filled, found, (pair.points for pair in self._pairs))
+            gaps, points, normals = (np.concatenate(parts) for parts in zip(*filled, strict=True))
             self._found = gaps, points, np.array([plane(n, 0.0).rotation for n in normals])
-            self._at = now
+            self._at[:] = now
         return self._found
 
 
-def _filled(pair: Pair, one: Any, two: Any) -> Meetings:
-    """Return the points where a pair meets, and places without a point behind them."""
-    apart = one.translation - two.translation
-    far = float(np.sqrt(apart.dot(apart)))
-    reach = pair.shape.reach + pair.ground_shape.reach
-    if far > 2.0 * reach:  # as balls round them: what is nearer is looked at closely
-        normal = apart / far
-        point = one.translation - pair.shape.reach * normal
-        found = Meetings(np.array([far - reach]), point[None], normal[None])
-    else:
-        found = meetings(pair.shape.placed(one), pair.ground_shape.placed(two))
+def _closely(pair: Pair, data: Any) -> Meetings:
+    """Return where the features of two shapes meet."""
+    return meetings(
+        pair.shape.placed(data.oMi[pair.joint] * pair.placement),
+        pair.ground_shape.placed(data.oMi[pair.ground] * pair.ground_placement),
+    )
+
+
+def _as_balls(pair: Pair, middle: Array, normal: Array, gap: float) -> Meetings:
+    """Return where the balls round two shapes meet: none is nearer, and most pairs are far."""
+    point = middle - pair.shape.reach * normal
+    return Meetings(np.array([gap]), point[None], normal[None])
+
+
+def _filled(found: Meetings, points: int) -> Meetings:
+    """Return what was found, and places without a point behind it."""
     count = len(found.gaps)
-    filled = found.taken(np.minimum(np.arange(pair.points), count - 1))
+    filled = found.taken(np.minimum(np.arange(points), count - 1))
     filled.gaps[count:] = np.inf
     return filled
