@@ -67,7 +67,8 @@ class Pairs:
     def jacobian(self, data: Any) -> Array:
         """Return the rows t1, t2, n of each place (3 k, nv); reads data.oMi and data.J."""
         _, points, axes = self._evaluated(data)
-        return relative_rows(points.T, axes.transpose(1, 0, 2).reshape(3, -1), data.J, self._moves)
+        J = data.J.reshape(6, -1)  # a single column comes as a vector
+        return relative_rows(points.T, axes.transpose(1, 0, 2).reshape(3, -1), J, self._moves)
 
     def _evaluated(self, data: Any) -> tuple[Array, Array, Array]:
         """Return gaps, points and axes; the last ones where no body has moved since."""

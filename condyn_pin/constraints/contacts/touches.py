@@ -69,10 +69,11 @@ class Touches:
         """Return the rows t1, t2, n of each feeler (3 k, nv); reads data.oMi and data.J."""
         centres, axes, _ = self._world(data)
         points = centres - self._radius * axes[:, 2::3]
+        J = data.J.reshape(6, -1)  # a single column comes as a vector
         if self._levers is None:
-            return relative_rows(points, axes, data.J, self._moves)
+            return relative_rows(points, axes, J, self._moves)
         self._twist[:, 3:] = (self._levers @ points.T[:, :, None]).reshape(-1, 3)
-        return np.asarray(self._twist.dot(data.J) * self._moves)
+        return np.asarray(self._twist.dot(J) * self._moves)
 
     def _gaps(self, centres: Array, normals: Array, origins: Array) -> Array:
         above = (centres - origins) * normals
