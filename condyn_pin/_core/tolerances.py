@@ -38,6 +38,26 @@ NEARLY_CLOSED: Final = 1e-4
 # digits. A larger one is told to the user, for the file may mean another place.
 DRAWN: Final = 1e-6
 
+# A corner is still over a face, and edges still cross, when they are beside each other by this
+# share of the size of a shape: of boxes that stand flush on each other every corner is on an edge.
+ON_FACE: Final = 1e-9
+
+# A corner belongs to a face of a solid if it is off its plane by no more than this share of the
+# size: files write corners with six digits.
+FLAT: Final = 1e-6
+
+# Points of one contact that are nearer to each other than this share of the size of a shape are
+# one: flush boxes name each corner up to four times.
+ONE_POINT: Final = 1e-6
+
+# What separates two solids along a pair of edges has to be more than along a face by this share of
+# their size. Flat on each other both are the same to rounding, and a face has all four points.
+EDGE_ON: Final = 1e-6
+
+# Cosine between the normal of two edges that cross and the axis of the contact: below it the edges
+# pass each other sideways, and a face or a corner touches first.
+CROSSING: Final = 0.7
+
 # Two engines on one robot, relative. A file of ours says all digits and agrees to 1e-12; files are
 # written with six, and MuJoCo's compiler finds principal axes of inertia to 1e-7.
 ENGINES: Final = 1e-6
@@ -145,6 +165,10 @@ SYMMETRIC: Final = 1e-9
 # landed contact solvers reach on robots without a second method.
 CONTACT_SOLVED: Final = 1e-8
 
+# The largest coefficient of friction in a contact problem. Rounding of mu |sigma_t|, which is added
+# to sigma_n, is 2e-10 of |g| then. With more of it bodies fall in, and no residual is larger.
+MOST_FRICTION: Final = 1e6
+
 # Eigenvalues of G, rows and columns scaled to one, that count as zero, relative to the largest: its
 # factor J L^-T then has singular values below 1e-6. Four corners of a box leave 1e-16, and the
 # smallest useful ones of robots on their feet are 1e-5.
@@ -153,19 +177,3 @@ CONTACT_RANK: Final = 1e-12
 # |G z| of impulses that take g . z = -1 from a contact problem, both normalised: what is below
 # proves that no impulse closes the contacts. Rows that contradict each other leave 1e-16.
 CERTIFICATE: Final = 1e-10
-
-# A corner is still over a face, and edges still cross, when they are beside each other by this
-# share of the size of a shape: of boxes that stand flush on each other every corner is on an edge.
-ON_FACE: Final = 1e-9
-
-# Points of one contact that are nearer to each other than this share of the size of a shape are
-# one: flush boxes name each corner up to four times.
-ONE_POINT: Final = 1e-6
-
-# What separates two solids along a pair of edges has to be more than along a face by this share of
-# their size. Flat on each other both are the same to rounding, and a face has all four points.
-EDGE_ON: Final = 1e-6
-
-# Cosine between the normal of two edges that cross and the axis of the contact: below it the edges
-# pass each other sideways, and a face or a corner touches first.
-CROSSING: Final = 0.7
