@@ -334,8 +334,14 @@ def test_nothing_bilateral_takes_contacts():
     with pytest.raises(UnsupportedConstraint, match="4 contacts may open"):
         minimal(scene, error=0.1)
     q, v = scene.state()
-    with pytest.raises(UnsupportedConstraint, match="4 contacts may open"):
-        cp.solve(scene, q, v, np.zeros(scene.robot.nv))
+    for ask in (
+        lambda: cp.solve(scene, q, v, np.zeros(scene.robot.nv)),
+        lambda: cp.impact(scene, q, v),
+        lambda: cp.inverse_dynamics(scene, q, v, np.zeros(scene.robot.nv)),
+        lambda: cp.Study(scene).run(),
+    ):
+        with pytest.raises(UnsupportedConstraint, match="4 contacts may open"):
+            ask()
 
 
 def test_closed_contacts_are_constraints_where_they_are():
