@@ -102,6 +102,20 @@ def test_rows_are_the_rates_of_the_gaps(one, two):
     assert compared >= 2
 
 
+@pytest.mark.parametrize(("one", "two"), COMBINATIONS[::3])
+def test_rows_are_the_slip_of_the_material_points(one, two):
+    scene, rng = scene_of(SHAPES[one], SHAPES[two]), np.random.default_rng(12)
+    q, v = near(SHAPES[one], SHAPES[two], rng, 2e-3), rng.normal(size=12)
+    at = At(scene, q)
+    for p, E, found in zip(at.points, at.axes, (at.rows() @ v).reshape(-1, 3), strict=True):
+        of_body = [
+            at.data.oMi[i].rotation @ v[k : k + 3]
+            + np.cross(at.data.oMi[i].rotation @ v[k + 3 : k + 6], p - at.data.oMi[i].translation)
+            for i, k in ((1, 0), (2, 6))
+        ]
+        np.testing.assert_allclose(found, E.T @ (of_body[0] - of_body[1]), atol=1e-13)
+
+
 @pytest.mark.parametrize(("one", "two"), COMBINATIONS)
 def test_the_least_gap_is_the_distance(one, two):
     rng = np.random.default_rng(COMBINATIONS.index((one, two)))
