@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, Indices
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.condense import Condensed, condense
@@ -55,10 +55,12 @@ class Chosen:
     def __init__(self, candidates: Candidates, active: NDArray[np.bool_], dt: float) -> None:
         cones = candidates.cones
         lines = cones + candidates.half_lines
-        self.active, self.rows = active, candidates.rows_of(active)
-        self.gaps = active[:lines]
+        self.active, self.rows = active, _all_or(candidates.rows_of(active))
+        self.gaps = _all_or(active[:lines])
         k, stops = np.count_nonzero(active[:cones]), np.count_nonzero(active[cones:lines])
-        self.normals = np.concatenate((np.arange(2, 3 * k, 3), 3 * k + np.arange(stops)))
+        self.normals: Indices | slice = slice(2, 3 * k, 3)
+        if stops:
+            self.normals = np.concatenate((np.arange(2, 3 * k, 3), 3 * k + np.arange(stops)))
         self.restitution = np.zeros(k + stops)
         self.restitution[:k] = candidates.restitution[active[:cones]]
         self.friction = candidates.friction[active[:cones]]
@@ -76,6 +78,11 @@ class Chosen:
         )  # fmt: skip
 
 
+def _all_or(some: NDArray[np.bool_]) -> NDArray[np.bool_] | slice:
+    """Return flags, or the slice of everything where all are set, which copies nothing."""
+    return slice(None) if some.all() else some
+
+
 class Posed(NamedTuple):
     """A step before its contact problem is solved."""
 
@@ -84,8 +91,8 @@ class Posed(NamedTuple):
     tau: Array  # (nv,), springs and damping as they act at the end of the step [N, N m]
     gaps: Array  # of all cones and half-lines [m, rad]
     chosen: Chosen
+    J_c: Array  # (m, nv), rows of the contacts
     condensed: Condensed
-    before: Array  # (m,), J_c v [m/s]
     problem: ContactProblem
 
 
@@ -146,11 +153,11 @@ class ContactSteps:
         found, natural = attempt_contact(problem, solver, None, accuracy)
         lam, dt = found.lam, self._dt
         v1 = now.velocity(lam)
-        contact_velocities = posed.before + now.contact_velocities + problem.G.dot(lam)
-        work = 0.5 * float(lam.dot(contact_velocities))
+        mean = 0.5 * (v + v1)
+        work = float(lam.dot(posed.J_c.dot(mean)))
         self._system.contact_work += work
         self.last = Taken(posed, found, natural, work)
-        moved = 0.5 * dt * (v + v1) if self._scheme.at_midpoint else dt * v1
+        moved = dt * (mean if self._scheme.at_midpoint else v1)
         return self._closed(now, self._system.integrate(q, moved)), v1, (v1 - v) / dt
 
     def pose(self, t: float, q: Array, v: Array) -> Posed:
@@ -160,23 +167,22 @@ class ContactSteps:
         tau = self._torque(t, q, v)
         M, h, J_b, gamma = self._equations.parts(at, v)
         data = self._equations.data  # it has the placements and Jacobians of `at` now
-        gaps = self._candidates.gaps(data, at)
+        gaps, J = self._candidates.evaluate(data, at)
         chosen = self._choose(scheme.near(gaps, v, dt))
-        J_c = self._candidates.jacobian(data, at, chosen.active)
+        J_c, slip = J[chosen.rows], -0.5 * dt * gamma
         factors = factorise(
             self._with_inertia(M, at), J_b, tolerances.RANK, why=singular_mass(system.model, at)
         ).at_most(self._rank)
-        contacts, before = condense(factors, J_c, -0.5 * dt * gamma), J_c.dot(v)
-        now, mean = contacts.pushed(v, dt * (tau - h)), v
+        now, mean = condense(factors, J_c, v, dt * (tau - h), slip), v
         if not len(J_c):
             mean = 0.5 * (v + now.free_velocity)
             h = pin.nonLinearEffects(system.model, data, at, mean)
-            now = contacts.pushed(v, dt * (tau - h))
+            now = condense(factors, J_c, v, dt * (tau - h), slip)
         near = Near(
-            dt, gaps[chosen.gaps], chosen.restitution, chosen.normals, now.G, before,
+            dt, gaps[chosen.gaps], chosen.restitution, chosen.normals, now.G, J_c.dot(v),
             now.contact_velocities, chosen.sets.blocks,
         )  # fmt: skip
-        return Posed(at, mean, tau, gaps, chosen, now, before, chosen.problem(scheme, near))
+        return Posed(at, mean, tau, gaps, chosen, J_c, now, chosen.problem(scheme, near))
 
     def lam(self) -> Array:
         """Return the forces of the last step: of constraints, then of all candidates [N, N m]."""
