@@ -21,6 +21,7 @@ from condyn_pin.viewing.moment import Moment
 from condyn_pin.viewing.motion import tracks
 from condyn_pin.viewing.page import page
 from condyn_pin.viewing.part import Part
+from condyn_pin.viewing.touches import touch_parts
 
 _TINY = 0.05  # [m] a scene is drawn as if it were at least this large
 _FAR = 1.15  # of the size of a scene, from its middle to the camera
@@ -33,6 +34,12 @@ _LEGEND = (
     (("closures",), palette.CLOSED, "closed"),
     (("closures",), palette.OPEN, "open by 1 cm or more (yellow: by less)"),
     (("contacts",), palette.CONTACT, "contact"),
+    (("candidates",), palette.CONTACT, "may touch"),
+    (("touching",), palette.AWAY, "contact that is open"),
+    (("touching",), palette.STICKS, "contact that sticks"),
+    (("touching",), palette.SLIDES, "contact that slides"),
+    (("grounds",), palette.GROUND, "what may be touched"),
+    (("cones",), palette.CONE, "forces that friction can give"),
     (("forces",), palette.FORCE, "force on the first-named body"),
     (("forces", "closures"), palette.REACTION, "force on the other body"),
     (("moments",), palette.MOMENT, "moment"),
@@ -116,6 +123,7 @@ def draw(
     peaks: Mapping[str, Peak] | None = None,
     fps: float = 30.0,
     light: bool = False,
+    cones: bool = False,
 ) -> Drawing:
     """Return the drawing of moments.
 
@@ -138,9 +146,12 @@ def draw(
         Pictures a second [1/s].
     light : bool
         Draw the robot with 30 000 triangles at most.
+    cones : bool
+        Draw the friction cones of contacts that may let go.
     """
     robot = scenes[0].robot
-    middle, size = extent(robot, [moments[0], *([] if before is None else [before])])
+    seen = [moments[0], *([] if before is None else [before])]
+    middle, size = extent(robot, seen, _touched(moments))
     bodies, notes = body_parts(robot, size)
     if light:
         bodies = lighter(bodies, size)
@@ -151,6 +162,7 @@ def draw(
     parts = [floor_part(middle, size), *bodies, *marks, *closures]
     for scene in scenes:
         parts += contact_parts(scene, size)
+        parts += touch_parts(scene, moments, size, cones=cones)
         parts += arrow_parts(scene, moments, size, peaks or {})
     parts += mass_parts(size)
     if before is not None:
@@ -192,13 +204,24 @@ def _eye(middle: Array, size: float) -> Eye:
     return Eye(middle + _FAR * size * _FROM, middle)
 
 
-def extent(robot: Robot, moments: Sequence[Moment]) -> tuple[Array, float]:
-    """Return the middle and the size of what joints, frames and masses span [m].
+def _touched(moments: Sequence[Moment]) -> list[Array]:
+    """Return what contacts that may let go pass through: their points, and those of their planes.
+
+    A fall is seen with the ground, and what slides with where it comes to rest.
+    """
+    touching = [each for at in moments for each in at.touching.values()]
+    return [point for each in touching for point in (each.at, each.on_plane())]
+
+
+def extent(
+    robot: Robot, moments: Sequence[Moment], also: Sequence[Array] = ()
+) -> tuple[Array, float]:
+    """Return the middle and the size of what joints, frames and masses span, and points [m].
 
     A body reaches as far from its centre of mass as a ball of its mass m and inertia I does:
     r^2 = 5 trace(I) / (6 m).
     """
-    points = []
+    points = list(also)
     for at in moments:
         points += [oMi.translation for oMi in at.joints[1:]]
         points += [

@@ -37,6 +37,7 @@ def view(
     forces: bool = True,
     speed: float = 1.0,
     light: bool = False,
+    cones: bool = False,
     html: str | Path | None = None,
     png: str | Path | None = None,
     browser: bool = True,
@@ -46,10 +47,11 @@ def view(
 
     What is seen: the robot as its description draws it, or else rods between its joints and the
     ellipsoids of its inertias; joints with a motor orange, passive ones dark; both frames of every
-    loop, and the gap between them coloured by its length, with its size in mm; contacts; the forces
-    of an answer or of a motion on the bodies that feel them; the centre of mass. A motion has
-    buttons to play and to pause, a slider for time, and `timeScale` for speed, under Animations. An
-    assembly is seen beside the pale robot that it started from.
+    loop, and the gap between them coloured by its length, with its size in mm; contacts, those that
+    may let go above the planes that they may touch, coloured while they stick and while they slide;
+    the forces of an answer or of a motion on the bodies that feel them; the centre of mass. A
+    motion has buttons to play and to pause, a slider for time, and `timeScale` for speed, under
+    Animations. An assembly is seen beside the pale robot that it started from.
 
     Parameters
     ----------
@@ -66,6 +68,8 @@ def view(
         Seconds of a motion that are played in one second; 30 pictures in each.
     light : bool
         Draw the robot with at most 30 000 triangles, for a small page.
+    cones : bool
+        Draw the friction cones of contacts that may let go, while they are closed.
     html, png : path, optional
         Write a page that opens from disk without a network; a picture of the first moment, for
         which headless Chromium has to be there. With one of them nothing is opened, and no server
@@ -104,7 +108,9 @@ def view(
         if path is not None:
             check_writable(path)
     viewer = Viewer(
-        drawing_of(subject, q, posture=posture, forces=forces, speed=float(speed), light=light)
+        drawing_of(
+            subject, q, posture=posture, forces=forces, speed=float(speed), light=light, cones=cones
+        )
     )
     if html is not None:
         viewer.save_html(html)
@@ -125,6 +131,7 @@ def drawing_of(
     forces: bool = True,
     speed: float = 1.0,
     light: bool = False,
+    cones: bool = False,
 ) -> Drawing:
     """Return what `view` shows of a subject, without a page."""
     if not isinstance(subject, Subject):
@@ -137,12 +144,12 @@ def drawing_of(
     if isinstance(subject, Scene):
         q, name = _configuration(subject, q, posture)
         title = f"{subject.robot.name}, {name}" if name else subject.robot.name
-        return draw([subject], [moment(subject, q)], title=title, light=light)
+        return draw([subject], [moment(subject, q)], title=title, light=light, cones=cones)
     if q is not None or posture is not None:
         given = "q" if q is not None else "posture"
         raise InvalidArgument(f"{given}: a {type(subject).__name__} has its own configuration")
     if isinstance(subject, Trajectory):
-        return _motion(subject, forces, speed, light)
+        return _motion(subject, forces, speed, light, cones)
     scene, said, before = subject.scene, "inverse dynamics", None
     acting = subject.forces if forces and not isinstance(subject, Assembly) else {}
     if isinstance(subject, Solution):
@@ -152,7 +159,7 @@ def drawing_of(
         before = moment(scene, subject.start)
     at = moment(scene, subject.q, acting)
     title = f"{scene.robot.name}, {said}"
-    return draw([scene], [at], title=title, before=before, light=light)
+    return draw([scene], [at], title=title, before=before, light=light, cones=cones)
 
 
 def _configuration(scene: Scene, q: ArrayLike | None, posture: str | None) -> tuple[Array, str]:
@@ -168,7 +175,9 @@ def _configuration(scene: Scene, q: ArrayLike | None, posture: str | None) -> tu
         return described_posture(scene, posture), f"{name}, as described: it cannot be closed"
 
 
-def _motion(trajectory: Trajectory, forces: bool, speed: float, light: bool) -> Drawing:
+def _motion(
+    trajectory: Trajectory, forces: bool, speed: float, light: bool, cones: bool
+) -> Drawing:
     scenes = [phase.scene for phase in trajectory.phases]
     fps = _FPS / speed  # pictures for each second of the motion
     samples = shown(trajectory, fps)
@@ -179,5 +188,5 @@ def _motion(trajectory: Trajectory, forces: bool, speed: float, light: bool) -> 
     title += f", {speed:g} x speed" if speed != 1.0 else ""
     return draw(
         scenes, moments, title=title, frames=frames, gaps=gaps_of(trajectory),
-        peaks=peaks_of(trajectory), fps=_FPS, light=light,
+        peaks=peaks_of(trajectory), fps=_FPS, light=light, cones=cones,
     )  # fmt: skip

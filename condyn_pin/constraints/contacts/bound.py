@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.base import Patch
 
 
 class Touch(NamedTuple):
@@ -39,6 +40,14 @@ class Dry(NamedTuple):
     limit: float  # [N m, N]
 
 
+class Solid(NamedTuple):
+    """A shape on a joint, for who draws it."""
+
+    joint: int
+    placement: Any  # pin.SE3 on that joint
+    patch: Patch
+
+
 @dataclass(frozen=True, eq=False)
 class BoundContact:
     """A contact on the joints of a model; most kinds fill one of the lists."""
@@ -47,6 +56,7 @@ class BoundContact:
     touches: tuple[Touch, ...] = ()
     stops: tuple[Stop, ...] = ()
     dry: tuple[Dry, ...] = ()
+    solids: tuple[Solid, ...] = ()
 
     @property
     def candidates(self) -> tuple[str, ...]:

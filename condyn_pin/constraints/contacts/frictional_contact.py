@@ -13,7 +13,7 @@ import numpy as np
 from condyn_pin._core.arrays import finite, shown
 from condyn_pin.constraints.constraint_fields import Vector3, check_size, floats, text
 from condyn_pin.constraints.contacts.base import Contact
-from condyn_pin.constraints.contacts.bound import BoundContact, Touch
+from condyn_pin.constraints.contacts.bound import BoundContact, Solid, Touch
 from condyn_pin.constraints.contacts.plane import Plane
 from condyn_pin.constraints.contacts.shapes import Point, Shape
 from condyn_pin.constraints.protocols import Machine
@@ -117,7 +117,9 @@ class FrictionalContact(Contact):
             )
             for feeler in self.shape.feelers
         )  # fmt: skip
-        return BoundContact(self.name, touches=touches)
+        patch = self.shape.patch
+        solids = (Solid(joint, at, patch),) if patch else ()
+        return BoundContact(self.name, touches=touches, solids=solids)
 
     def _ground(self, machine: Machine) -> tuple[int, Any]:
         """Return the joint that carries the plane, and the plane on it."""

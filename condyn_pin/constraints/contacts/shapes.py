@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
 
+from condyn_pin.constraints.base import Patch
 from condyn_pin.constraints.constraint_fields import Vector3, check_positive
 
 
@@ -29,6 +30,11 @@ class Shape(ABC):
     @abstractmethod
     def feelers(self) -> tuple[Feeler, ...]:
         """The points that may touch a plane."""
+
+    @property
+    def patch(self) -> Patch | None:
+        """What it is drawn as; None for what has no size."""
+        return None
 
 
 @dataclass(frozen=True)
@@ -61,6 +67,11 @@ class Ball(Shape):
         """Its middle."""
         return (Feeler("", (0.0, 0.0, 0.0), self.radius),)
 
+    @property
+    def patch(self) -> Patch:
+        """Itself."""
+        return Patch("ball", (self.radius,))
+
 
 @dataclass(frozen=True)
 class Capsule(Shape):
@@ -88,6 +99,11 @@ class Capsule(Shape):
             Feeler("end 2", (0.0, 0.0, -self.half_length), self.radius),
         )
 
+    @property
+    def patch(self) -> Patch:
+        """Itself."""
+        return Patch("capsule", (self.radius, 2.0 * self.half_length))
+
 
 @dataclass(frozen=True)
 class Box(Shape):
@@ -111,3 +127,8 @@ class Box(Shape):
         """Its corners, from (x, y, z) to (-x, -y, -z); the sign of z changes fastest."""
         corners = product((self.x, -self.x), (self.y, -self.y), (self.z, -self.z))
         return tuple(Feeler(f"corner {i}", at, 0.0) for i, at in enumerate(corners, start=1))
+
+    @property
+    def patch(self) -> Patch:
+        """Itself."""
+        return Patch("box", (2.0 * self.x, 2.0 * self.y, 2.0 * self.z))
