@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from condyn_pin._core._pin import LOCAL, pin
-from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg.range_space import whiten
 from condyn_pin._core.parameters import Grid
 from condyn_pin._core.quietly import quietly
 from condyn_pin.constraints.loads import frame_jacobian
+from condyn_pin.dynamics.soft_law import Solimp, Solref, checked_law, impedance, reference
 from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver, free_force
 from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.io.mjcf_write import drawn
@@ -80,27 +81,14 @@ class Soft(Solver):
     exact: ClassVar[bool] = False
     sweeps: ClassVar[tuple[Grid, ...]] = ({"solimp": _STIFFER},)
 
-    solref: tuple[float, float] = (0.02, 1.0)  # [s, 1], or [1/s^2, 1/s]
-    solimp: tuple[float, float, float, float, float] = (0.9, 0.95, 0.001, 0.5, 2.0)
+    solref: Solref = (0.02, 1.0)  # [s, 1], or [1/s^2, 1/s]
+    solimp: Solimp = (0.9, 0.95, 0.001, 0.5, 2.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        ref = finite("solref", self.solref, (2,))
-        if not ((ref > 0).all() or (ref < 0).all()):
-            raise InvalidArgument(
-                f"solref = {self.solref!r}: (timeconst, dampratio), both > 0, or "
-                "(-stiffness, -damping), both < 0"
-            )
-        start, end, width, midpoint, power = finite("solimp", self.solimp, (5,))
-        shares = 0 < start < 1 and 0 < end < 1 and 0 < midpoint < 1
-        if not (shares and width > 0 and power >= 1):
-            raise InvalidArgument(
-                f"solimp = {self.solimp!r}: (d_0, d_width, width, midpoint, power) with d_0, "
-                "d_width and midpoint between 0 and 1, width > 0 and power >= 1"
-            )
-        # lists are welcome; a frozen value is hashed
-        object.__setattr__(self, "solref", tuple(map(float, self.solref)))
-        object.__setattr__(self, "solimp", tuple(map(float, self.solimp)))
+        solref, solimp = checked_law(self.solref, self.solimp)
+        object.__setattr__(self, "solref", solref)
+        object.__setattr__(self, "solimp", solimp)
 
     def start(self, workspace: Workspace) -> BoundSolver:
         """Return the regularised problem bound to the equations of `workspace`."""
@@ -131,7 +119,8 @@ class Soft(Solver):
                 gaps = np.sqrt(np.add.reduceat(c * c, starts))
                 d = np.repeat(self.impedance(gaps), sizes)
                 G[rows, rows] += (1 - d) / d * w
-                missing = self.reference(c, terms.J @ v, d) - terms.gamma - W.T @ z
+                a_ref = reference(self.solref, self.solimp, c, terms.J @ v, d)
+                missing = a_ref - terms.gamma - W.T @ z
                 _, latest[:], info = dposv(G, missing)
                 if info:
                     raise Singular
@@ -142,20 +131,7 @@ class Soft(Solver):
 
     def impedance(self, gap: Array) -> Array:
         """Return the impedance d at each `gap` >= 0 (m,) [m, rad]."""
-        start, end, width, midpoint, power = self.solimp
-        x = np.minimum(gap / width, 1.0)
-        below = midpoint * (x / midpoint) ** power
-        above = 1 - (1 - midpoint) * ((1 - x) / (1 - midpoint)) ** power
-        return np.asarray(start + (end - start) * np.where(x <= midpoint, below, above))
-
-    def reference(self, c: Array, velocity: Array, d: Array) -> Array:
-        """Return a_ref = -b J v - k c, with J v the `velocity` and k of the impedance d."""
-        (one, two), end = self.solref, self.solimp[1]
-        if one > 0:
-            b, k = 2 / (end * one), d / (end * one * two) ** 2
-        else:
-            b, k = -two / end, -one * d / end**2
-        return np.asarray(-b * velocity - k * c)
+        return impedance(self.solimp, gap)
 
 
 def inverse_inertias(workspace: Workspace) -> Array:
