@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from condyn_pin._core.arrays import finite, shown
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.constraint_fields import Vector3, check_size, floats, text
 from condyn_pin.constraints.contacts.base import Contact, Mode
-from condyn_pin.constraints.contacts.bound import BoundContact, Pair, Touch
+from condyn_pin.constraints.contacts.bound import BoundContact, Pair, Solid, Touch
 from condyn_pin.constraints.contacts.plane import Plane
 from condyn_pin.constraints.contacts.shapes import Feeler, Point, Shape
 from condyn_pin.constraints.planar_contact import PlanarContact
@@ -124,14 +125,18 @@ class FrictionalContact(Contact):
         below = self.on if isinstance(self.on, Plane) else self.on_shape
         if isinstance(below, Shape):
             pair = Pair(self.name, joint, at, self.shape.core, ground, origin, below.core, *law)
-            return BoundContact(self.name, pairs=(pair,))
+            return BoundContact(self.name, pairs=(pair,), solids=_solids(
+                (joint, at, self.shape), (ground, origin, below)
+            ))  # fmt: skip
         assert below is not None  # checked when it was made
         plane = origin * below.placement
         touches = (
             Touch(self._called(f), joint, at.act(np.array(f.point)), f.radius, ground, plane, *law)
             for f in self.shape.feelers
         )
-        return BoundContact(self.name, touches=tuple(touches))
+        return BoundContact(
+            self.name, touches=tuple(touches), solids=_solids((joint, at, self.shape))
+        )
 
     def held(self, modes: Mapping[str, Mode] | None) -> tuple[Constraint, ...]:
         """Return its feelers where they are: points and balls that stick, or slide on the plane."""
@@ -171,3 +176,10 @@ class FrictionalContact(Contact):
 
     def _called(self, feeler: Feeler) -> str:
         return f"{self.name}/{feeler.called}" if feeler.called else self.name
+
+
+def _solids(*placed: tuple[int, Any, Shape]) -> tuple[Solid, ...]:
+    """Return what is to be drawn of shapes on joints."""
+    return tuple(
+        Solid(joint, at, shape.patch) for joint, at, shape in placed if shape.patch is not None
+    )
