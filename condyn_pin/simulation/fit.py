@@ -9,13 +9,17 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.dynamics.at_state import gaps, slips
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import NotAssembled
 from condyn_pin.mechanism.check import Check
+from condyn_pin.simulation.integrators import Integrator
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.measures import gauge_of
+from condyn_pin.simulation.recorder import candidates_of
 
 
 def anchored(
@@ -44,6 +48,23 @@ def anchored(
 def check_fit(scene: Scene, q: Array, v: Array, *, what: str = "") -> None:
     """Raise NotAssembled, said after `what`, if a loop or an anchored contact is open or slips."""
     _raise(scene, gauge_of(scene).equations.violation(q), q, v, what)
+
+
+def check_penetration(scene: Scene, q: Array, integrator: Integrator) -> None:
+    """Raise NotAssembled if a contact penetrates at q, unless it does at rest too."""
+    if not scene.contacts or (isinstance(integrator, ContactScheme) and integrator.gives_way):
+        return
+    candidates = candidates_of(scene)
+    model = scene.robot.unedited
+    data = model.createData()
+    pin.forwardKinematics(model, data, q)
+    gaps = candidates.gaps(data, q)
+    if len(gaps) and gaps.min() < -tolerances.NEARLY_CLOSED:
+        k = int(gaps.argmin())
+        raise NotAssembled(
+            f"{candidates.names[k]} penetrates by {-gaps[k]:.3g} m or rad at the start: lift the "
+            "robot by as much, or say close_start=False, and the steps push it out"
+        )
 
 
 def check_slip(scene: Scene, q: Array, v: Array, *, what: str = "") -> None:

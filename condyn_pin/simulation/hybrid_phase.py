@@ -23,11 +23,15 @@ class HybridPhase:
     def __init__(self, scene: Scene, plan: Plan) -> None:
         self.scene, self.plan = scene, plan
         _check_rows(scene, plan.integrator)
-        self.solver = default_solver(scene) if plan.solver is None else plan.solver
-        workspace = Workspace(scene, self.solver, drift=plan.drift.rows)
+        held = scene.bilateral
+        self.solver = default_solver(held) if plan.solver is None else plan.solver
+        workspace = Workspace(held, self.solver, drift=plan.drift.rows)
         _check_solver(self.solver, plan)
         effects = plan.effects
-        self.system = System(workspace, plan.tau, springs=effects.springs, damping=effects.damping)
+        self.system = System(
+            workspace, plan.tau, springs=effects.springs, damping=effects.damping,
+            contacts=scene.contact_bounds,
+        )  # fmt: skip
         self._samples_start = plan.integrator.a_at == "start"
         self.turn = 0 if self._samples_start else plan.every - 1
 
@@ -72,7 +76,7 @@ class HybridPhase:
 
     def _sample(self, t: float, q: Array, v: Array) -> None:
         """Keep a state, by the solve there; a step that begins with the same one finds it made."""
-        self.recorder.add(self.system.sample(t, q, v))
+        self.recorder.add(self.stepper.sample(t, q, v))
 
     def _stepper_of(self, dt: float) -> CorrectedStepper:
         return CorrectedStepper(self.system, self.plan.integrator, self.plan.drift, dt)

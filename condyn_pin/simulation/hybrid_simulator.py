@@ -54,6 +54,7 @@ class HybridSimulator:
         placed = self._placed(plan.scene)
         self.phase = phase or HybridPhase(placed, plan)
         self.phase.use(placed)
+        self._contact_work = self.phase.system.contact_work = 0.0
         self.recorders = [self.phase.begin(self.t, q, v)]
         self.happened: list[Happened] = []
         self._watch = Watch(plan.events)
@@ -95,6 +96,7 @@ class HybridSimulator:
             t1 = (k + 1) * self.plan.dt
             q, v = self._through_events(t1, q, v, (k + 1) % self.plan.every == 0)
             self.t, self.q, self.v = t1, q, v
+            self._contact_work = self.phase.system.contact_work
             if tick:
                 tick(k + 1)
 
@@ -115,6 +117,7 @@ class HybridSimulator:
             if event is None:
                 break
             self.phase.take_back(self.t)
+            self.phase.system.contact_work = self._contact_work  # of steps that count
             self._go(event, self.t + share * (t1 - self.t))
             self._happen(event)
             if self._is_there(t1):
@@ -173,6 +176,7 @@ class HybridSimulator:
         t = t if event.at is None else event.at
         if t - self.t > _NOTHING * self.plan.dt:
             self.q, self.v = self.phase.part(self.t, self.q, self.v, t)
+            self._contact_work = self.phase.system.contact_work
         self.t = max(t, self.t)  # also if that is not worth a step: a time does not come again
 
     def _happen(self, event: Event) -> None:
@@ -198,6 +202,7 @@ class HybridSimulator:
             check_fit(after, self.q, self.v, what=what)
             self._asked = event.scene
             self.phase = HybridPhase(after, self.plan)
+            self.phase.system.contact_work = self._contact_work
         self.recorders.append(self.phase.begin(self.t, self.q, self.v))
         self.happened.append(_happened(event, self.t, sample, before, self.phase.scene, change))
         self._watch.after_event(event, left, self._look(self.t, self.q, self.v), self._asked)

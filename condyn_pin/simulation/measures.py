@@ -43,6 +43,9 @@ class Energy:
         Work of the damping since the start; not positive [J].
     impacts : (k,) array
         What events did to the kinetic energy since the start [J].
+    contact : (k,) array
+        Work of contacts that open and slide since the start: friction, inelastic impacts, and what
+        pushes a penetration out [J].
     """
 
     kinetic: Array
@@ -51,6 +54,7 @@ class Energy:
     work: Array
     damping: Array
     impacts: Array
+    contact: Array
 
     @property
     def total(self) -> Array:
@@ -61,12 +65,16 @@ class Energy:
     def error(self) -> Array:
         """What the total has changed by that no work explains (k,) [J]."""
         total = self.total
-        return np.asarray(total - total[0] - self.work - self.damping - self.impacts)
+        done = self.work + self.damping + self.impacts + self.contact
+        return np.asarray(total - total[0] - done)
 
     @property
     def scale(self) -> float:
         """The largest change that was exchanged [J]: what an error is small in comparison to."""
-        parts = (self.kinetic, self.potential, self.springs, self.work, self.damping)
+        parts = (
+            *(self.kinetic, self.potential, self.springs, self.work, self.damping),
+            self.contact,
+        )
         return float(max(np.ptp(part) for part in parts))
 
     @property

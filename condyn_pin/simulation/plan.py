@@ -16,13 +16,16 @@ from condyn_pin.dynamics import choice
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.proximal import Proximal
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
 from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.drift.post_stabilization import PostStabilization
 from condyn_pin.simulation.events import Event
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.explicit import RungeKutta4
+from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
 from condyn_pin.simulation.outcome import Effects
+from condyn_pin.simulation.recorder import candidates_of
 from condyn_pin.simulation.stability_limit import check_stability_limit
 from condyn_pin.simulation.torques import Applied, Torque, TorqueJacobian
 
@@ -64,11 +67,12 @@ def plan(
     check_scene(scene)
     effects, checked_events = effects or Effects(), _events(scene, events)
     steps, dt = _steps(duration, dt)
-    integrator = RungeKutta4() if integrator is None else integrator
+    integrator = default_integrator(scene, checked_events) if integrator is None else integrator
     if not isinstance(integrator, Integrator):
         raise InvalidArgument(
             f"integrator = {integrator!r}: an integrator is needed, such as RungeKutta4()"
         )
+    _check_contacts(scene, integrator, checked_events)
     drift = default_drift(scene, integrator, solver, checked_events) if drift is None else drift
     if not isinstance(drift, Drift):
         raise InvalidArgument(f"drift = {drift!r}: a drift scheme is needed, such as Baumgarte")
@@ -198,6 +202,29 @@ def _shared(scene: Scene, events: tuple[Event, ...]) -> tuple[Event, ...]:
         else event
         for event in events
     )
+
+
+def default_integrator(scene: Scene, events: Sequence[Event]) -> Integrator:
+    """Return the integrator for those who name none: contacts that may let go take their own."""
+    scenes = (scene, *(event.scene for event in events if event.scene))
+    return StewartTrinkle() if any(each.contacts for each in scenes) else RungeKutta4()
+
+
+def check_scheme(scene: Scene, integrator: Integrator) -> None:
+    """Refuse an integrator that cannot let the contacts of a scene open, slide or rebound."""
+    if scene.contacts and not isinstance(integrator, ContactScheme):
+        raise UnsupportedConstraint(
+            f"integrator = {integrator!r}: {len(scene.contacts)} contacts may open and slide, and "
+            f"{integrator.title} holds them for ever; use StewartTrinkle() or Moreau(), or "
+            "scene.closed()"
+        )
+    if isinstance(integrator, ContactScheme):
+        integrator.check(candidates_of(scene))
+
+
+def _check_contacts(scene: Scene, integrator: Integrator, events: Sequence[Event]) -> None:
+    for each in (scene, *(event.scene for event in events if event.scene)):
+        check_scheme(each, integrator)
 
 
 def default_drift(

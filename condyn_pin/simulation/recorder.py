@@ -7,14 +7,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.contact.modes import Modes
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.simulation.contact_record import ContactRecord, joined
 
 # Rows are packed into one array each time there are so many: a small array takes a hundred bytes
 # more than its numbers.
 BLOCK = 4096
 
-Row = tuple[float, Array, Array, Array, Array, Array]  # t, q, v, a, lam, tau
+# t, q, v, a, lam, tau; where contacts open and slide, their modes, natural residual and work too
+Row = (
+    tuple[float, Array, Array, Array, Array, Array]
+    | tuple[float, Array, Array, Array, Array, Array, Modes, float, float]
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +36,7 @@ class Phase:
     samples : slice
         Its samples.
     columns : tuple of int
-        Where the rows of the scene are among those of the trajectory.
+        Where the rows of the scene, those of its contacts last, are among those of the trajectory.
     """
 
     scene: Scene
@@ -70,7 +78,7 @@ class Recorder:
             self.rows.pop()
 
     def columns(self) -> tuple[Array, ...]:
-        """Return t, q, v, a, lam and tau, a sample a row."""
+        """Return t, q, v, a, lam and tau, a sample a row; of contacts what a row has of them."""
         blocks = [*self._blocks, _columns(self.rows)]
         return tuple(np.concatenate(parts) for parts in zip(*blocks, strict=True))
 
@@ -85,24 +93,60 @@ def _columns(rows: Sequence[Row]) -> tuple[Array, ...]:
     return tuple(np.array(column) for column in zip(*rows, strict=True))
 
 
-def merge(recorders: Sequence[Recorder]) -> tuple[tuple[Phase, ...], tuple[Array, ...]]:
-    """Return the phases of a run, and t, q, v, a, lam and tau over all of them.
+def row_names(scene: Scene) -> tuple[str, ...]:
+    """Return the names of the rows of lam: those of constraints, then those of contacts."""
+    return scene.row_names + candidates_of(scene).row_names
 
-    The rows of lam are those of all constraints that a phase has, in the order in which they came;
-    they are zero while a constraint is away.
+
+def candidates_of(scene: Scene) -> Candidates:
+    """Return the contacts of a scene, in memory of their own."""
+    return Candidates(scene.robot.unedited, scene.contact_bounds)
+
+
+def contact_rows(scene: Scene) -> dict[str, slice]:
+    """Return the rows of each contact, among those of all contacts."""
+    candidates = candidates_of(scene)
+    cones = {name: slice(3 * i, 3 * i + 3) for i, name in enumerate(candidates.names)}
+    shift = 2 * candidates.cones  # three rows a cone, one each of the others
+    singles = {name: slice(i + shift, i + shift + 1) for i, name in enumerate(candidates.names)}
+    one_row = candidates.names[candidates.cones :]
+    return cones | {name: singles[name] for name in one_row}
+
+
+def gaps_at(scene: Scene, Q: Array) -> tuple[tuple[str, ...], Array]:
+    """Return the names of what has a gap, and the gaps at Q (k, nq) [m, rad]."""
+    candidates, model = candidates_of(scene), scene.robot.unedited
+    data = model.createData()
+    count = candidates.cones + candidates.half_lines
+    gaps = np.empty((len(Q), count))
+    for row, q in zip(gaps, Q, strict=True):
+        pin.forwardKinematics(model, data, q)
+        row[:] = candidates.gaps(data, q)
+    return candidates.names[:count], gaps
+
+
+def merge(
+    recorders: Sequence[Recorder],
+) -> tuple[tuple[Phase, ...], tuple[Array, ...], ContactRecord | None]:
+    """Return the phases of a run, t, q, v, a, lam and tau over all of them, and the contacts.
+
+    The rows of lam are those of all constraints and contacts that a phase has, in the order in
+    which they came; they are zero while one is away.
     """
     recorders = [recorder for recorder in recorders if recorder.count]
-    places: dict[str, int] = {}
-    for recorder in recorders:
-        for name in recorder.scene.row_names:
-            places.setdefault(name, len(places))
-    phases, parts, start = [], [], 0
-    for recorder in recorders:
-        t, q, v, a, lam, tau = recorder.columns()
-        columns = tuple(places[name] for name in recorder.scene.row_names)
+    names = [row_names(recorder.scene) for recorder in recorders]
+    places = {name: i for i, name in enumerate(dict.fromkeys(n for each in names for n in each))}
+    phases, parts, touches, start = [], [], [], 0
+    for recorder, its in zip(recorders, names, strict=True):
+        t, q, v, a, lam, tau, *touch = recorder.columns()
+        columns = tuple(places[name] for name in its)
         everything = np.zeros((recorder.count, len(places)))
         everything[:, list(columns)] = lam
         phases.append(Phase(recorder.scene, slice(start, start + recorder.count), columns))
         parts.append((t, q, v, a, everything, tau))
+        touches += [tuple(touch)] if touch else []
         start += recorder.count
-    return tuple(phases), tuple(np.concatenate(p) for p in zip(*parts, strict=True))
+    contact = None
+    if touches:
+        contact = joined([candidates_of(phase.scene).names for phase in phases], touches)
+    return tuple(phases), tuple(np.concatenate(p) for p in zip(*parts, strict=True)), contact

@@ -20,7 +20,7 @@ from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solvers import Solver
 from condyn_pin.errors import CondynError, InvalidArgument
 from condyn_pin.simulation.events import Ended, Event, ZenoDetected
-from condyn_pin.simulation.fit import check_fit
+from condyn_pin.simulation.fit import check_fit, check_penetration
 from condyn_pin.simulation.hybrid_phase import HybridPhase
 from condyn_pin.simulation.hybrid_simulator import HybridSimulator
 from condyn_pin.simulation.integrators import Integrator
@@ -137,12 +137,14 @@ def simulate(
     effects = Effects(gravity=gravity, springs=springs, damping=damping, armature=armature)
     if not isinstance(close_start, bool):
         raise InvalidArgument(f"close_start = {close_start!r}: True or False is needed")
-    state = start(scene, q, v, closed=close_start)
     planned = plan(
         scene, tau, duration=duration, dt=dt, integrator=integrator, drift=drift, solver=solver,
         record=record, effects=effects, events=events, forces=forces, jacobian=jacobian,
     )  # fmt: skip
-    if scene.rows and not close_start:
+    state = start(scene, q, v, closed=close_start)
+    if close_start:
+        check_penetration(scene, state[0], planned.integrator)
+    elif scene.rows:
         check_closing(planned.integrator, planned.drift)
     return follow(planned, *state, progress)[0]
 
@@ -165,14 +167,14 @@ def follow(
     with np.errstate(all="ignore"):  # what overflows is found by the next solve
         simulator = HybridSimulator(plan, q, v, phase)
         status, reason = _run(simulator, progress)
-    phases, (t, positions, velocities, a, lam, torques) = merge(simulator.recorders)
+    phases, columns, contact = merge(simulator.recorders)
     run = Run(
         duration=plan.duration, dt=plan.dt, integrator=plan.integrator, drift=plan.drift,
         solver=simulator.phase.solver, effects=plan.effects, status=status, reason=reason,
         happened=tuple(simulator.happened), missed=simulator.missed(),
         differenced=plan.tau.differenced, wall_time=perf_counter() - begun,
     )  # fmt: skip
-    return Trajectory(phases, t, positions, velocities, a, lam, torques, run), simulator.phase
+    return Trajectory(phases, *columns, run, contact), simulator.phase
 
 
 def _run(

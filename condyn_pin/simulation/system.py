@@ -7,7 +7,7 @@ on the manifold of configurations. All that a stage of a step calls is in this f
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property, partial
 from math import isclose
 from typing import TYPE_CHECKING, Final
@@ -17,6 +17,8 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.contacts.bound import BoundContact
+from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.scene import Scene
@@ -53,6 +55,10 @@ class System:
         Springs and damping, those that are on.
     integrate : callable
         (q, dv) -> q moved along dv.
+    contacts : Candidates
+        What may touch; the workspace and its scene know nothing of them.
+    contact_work : float
+        Work of the contacts since the start of the run [J].
     """
 
     def __init__(
@@ -62,6 +68,7 @@ class System:
         *,
         springs: bool = True,
         damping: bool = True,
+        contacts: Sequence[BoundContact] = (),
     ) -> None:
         robot = workspace.scene.robot
         self.workspace, self.model = workspace, workspace.model
@@ -70,16 +77,18 @@ class System:
         self.passive = Passive.of(robot, springs=springs, damping=damping)
         self.torque = total_torque(self.applied, self.passive)
         self.integrate: Callable[[Array, Array], Array] = partial(pin.integrate, self.model)
+        self.contacts, self.contact_work = Candidates(self.model, contacts), 0.0
         self._last = _NOTHING
         self._implicit: tuple[System, float] = (self, 0.0)  # the last one, and its dt
 
     def use(self, scene: Scene) -> None:
         """Switch to another scene of the same robot; steppers have to be started again."""
-        self.workspace.use(scene)
+        self.workspace.use(scene.bilateral)
+        self.contacts = Candidates(self.model, scene.contact_bounds)
         self._last = _NOTHING
         if "spare" in vars(self):
             self.spare.model.armature[:] = self.model.armature  # another model would be refused
-            self.spare.use(scene)
+            self.spare.use(scene.bilateral)
             self._implicit[0]._last = _NOTHING
 
     @property
@@ -229,7 +238,8 @@ class CorrectedStepper:
     def __init__(self, system: System, integrator: Integrator, drift: Drift, dt: float) -> None:
         self._dt, self._manifold = dt, system.manifold
         bare = integrator.start(system, dt)
-        self._step, self._lam = bare.step, bare.lam
+        self._step, self._lam, self._touch = bare.step, bare.lam, bare.touch
+        self.sample = bare.sample or system.sample
         self._samples_start = integrator.a_at == "start"
         # a correction reads what the solve of the next step leaves behind
         self._system = bare.system or system
@@ -253,5 +263,6 @@ class CorrectedStepper:
         if self._correct:
             q, v = self._correct(t + self._dt, q, v)
         if keep and lam is not None:
-            keep((t1, q, v, a, lam, self._system.applied.at_sample(t1, q, v)))
+            row = (t1, q, v, a, lam, self._system.applied.at_sample(t1, q, v))
+            keep((*row, *self._touch()) if self._touch else row)
         return q, v

@@ -7,15 +7,17 @@ from functools import cached_property
 from os import PathLike
 
 import numpy as np
+from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.renamed import renamed
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.simulation.contact_record import ContactRecord
 from condyn_pin.simulation.measures import Energy, Kinematics, gauge_of, work
 from condyn_pin.simulation.notices import notices_of
 from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.passive import Passive
-from condyn_pin.simulation.recorder import Phase
+from condyn_pin.simulation.recorder import Phase, contact_rows, gaps_at, row_names
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -32,13 +34,16 @@ class Trajectory:
         [s]
     q, v, a : (k, nq), (k, nv), (k, nv) array
     lam : (k, m) array
-        Constraint forces [N, N m], rows in the order of `row_names`; zero while a constraint is
-        away.
+        Forces of constraints, and of contacts behind them [N, N m], rows in the order of
+        `row_names`; zero while a constraint or a contact is away. Those of a step with contacts are
+        its impulses over dt.
     tau : (k, nv) array
         Torques applied, those of forces from outside J_f^T f with them, without springs and
         damping [N, N m].
     run : Run
         How it was made, and how it ended.
+    contact : ContactRecord or None
+        Modes, residuals and work of contacts that open and slide, if the integrator lets them.
     """
 
     phases: tuple[Phase, ...]
@@ -49,6 +54,7 @@ class Trajectory:
     lam: Array
     tau: Array
     run: Run
+    contact: ContactRecord | None = None
 
     slip = renamed("constraint_velocity")
 
@@ -72,7 +78,7 @@ class Trajectory:
         """Names of the rows of lam."""
         names: dict[str, None] = {}
         for phase in self.phases:
-            names.update(dict.fromkeys(phase.scene.row_names))
+            names.update(dict.fromkeys(row_names(phase.scene)))
         return tuple(names)
 
     @property
@@ -81,7 +87,8 @@ class Trajectory:
 
         In the axes of each constraint; what its kind does not transmit is zero, the moment of a
         point too that becomes a surface of its name. A rod has one number, its tension with the
-        sign of lam.
+        sign of lam. A contact has (t1, t2, n) on the robot, n from the ground to it; a stop and dry
+        friction have one number.
         """
         parts: dict[str, list[tuple[slice, Array]]] = {}
         for phase in self.phases:
@@ -90,6 +97,10 @@ class Trajectory:
                 if not bound.is_scalar:
                     force = np.array([bound.whole(row) for row in force])
                 parts.setdefault(bound.name, []).append((phase.samples, force))
+            rows = list(phase.columns[phase.scene.rows :])
+            for name, its in contact_rows(phase.scene).items():
+                force = self.lam[phase.samples][:, rows[its]]
+                parts.setdefault(name, []).append((phase.samples, force))
         return {name: self._joined(each) for name, each in parts.items()}
 
     def _joined(self, parts: list[tuple[slice, Array]]) -> Array:
@@ -98,6 +109,21 @@ class Trajectory:
         for samples, part in parts:
             joined[samples, : part.shape[1]] = part
         return joined
+
+    @property
+    def modes(self) -> dict[str, NDArray[np.str_]]:
+        """Mode of each contact at each sample (k,): open, stick or slide."""
+        return self.contact.modes if self.contact else {}
+
+    @cached_property
+    def gaps(self) -> dict[str, Array]:
+        """Distance of each contact and stop at each sample (k,) [m, rad]; NaN while it is away."""
+        gaps: dict[str, Array] = {}
+        for phase in self.phases:
+            names, values = gaps_at(phase.scene, self.q[phase.samples])
+            for name, its in zip(names, values.T, strict=True):
+                gaps.setdefault(name, np.full(len(self.t), np.nan))[phase.samples] = its
+        return gaps
 
     @property
     def violation(self) -> Array:
@@ -137,6 +163,7 @@ class Trajectory:
             _chained([work(self.t[s], applied[s]) for s in samples]),
             _chained([work(self.t[s], damped[s]) for s in samples]),
             impacts,
+            self.contact.work if self.contact else np.zeros(len(self.t)),
         )
 
     @cached_property
@@ -201,7 +228,7 @@ class Trajectory:
             f"{self.constraint_velocity.max():.1e} m/s, rad/s",
             f"energy      {energy.total[0]:.6g} J to {energy.total[-1]:.6g} J; work of tau "
             f"{energy.work[-1]:.4g} J, of damping {energy.damping[-1]:.4g} J, impacts "
-            f"{energy.impacts[-1]:.4g} J",
+            f"{energy.impacts[-1]:.4g} J, contacts {energy.contact[-1]:.4g} J",
             f"unexplained {np.abs(energy.error).max():.1e} J at most",
         ]
         lines += [f"event       {e.name} at t = {e.t:.9g} s" for e in run.happened]

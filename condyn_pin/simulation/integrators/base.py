@@ -25,7 +25,8 @@
 8. An implicit method that asks for the slopes of torques (`Applied.slopes`) sets `takes_jacobian`.
 9. An explicit method asks for a small dt where the damping of joints is stiff, and a run that
    breaks down says so; one that does not overrides `takes_stiff_damping`.
-10. Sources: cite the paper in the docstring.
+10. A scheme whose contacts open and slide inherits from `ContactScheme`, whose file says how.
+11. Sources: cite the paper in the docstring.
 """
 
 from __future__ import annotations
@@ -37,6 +38,8 @@ from typing import ClassVar, Literal, NamedTuple
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.registry import enter
+from condyn_pin.simulation.contact_record import Touch
+from condyn_pin.simulation.recorder import Row
 from condyn_pin.simulation.system import Step, System
 
 INTEGRATORS: dict[str, type[Integrator]] = {}
@@ -57,6 +60,8 @@ class Stepper:
     step: Step
     lam: Callable[[], Array] | None = None  # where a belongs to the end of the step
     system: System | None = None  # whose solve a step begins with, if not that it was started with
+    touch: Callable[[], Touch] | None = None  # of contacts that open and slide, beside lam
+    sample: Callable[[float, Array, Array], Row] | None = None  # a state, if not by a solve
 
 
 class Integrator(ABC):
@@ -70,6 +75,7 @@ class Integrator(ABC):
     keeps_constraints: ClassVar[bool] = False
     is_adaptive: ClassVar[bool] = False  # whether it takes smaller steps where it must
     needs_positions: ClassVar[bool] = False  # whether it holds c(q) = 0 only, no bare J v = 0
+    takes_contacts: ClassVar[bool] = False  # whether contacts may open and slide in its steps
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

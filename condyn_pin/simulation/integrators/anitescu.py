@@ -1,0 +1,46 @@
+"""Anitescu: the convex relaxation of Stewart and Trinkle's step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from condyn_pin._core.arrays import Array
+from condyn_pin.contact.problem import Law
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near, closing_velocities
+from condyn_pin.simulation.integrators.contact_steps import contact_stepper
+from condyn_pin.simulation.integrators.base import Stepper
+from condyn_pin.simulation.system import System
+
+
+@dataclass(frozen=True)
+class Anitescu(ContactScheme):
+    """The step of `StewartTrinkle` as a convex problem, which always has an answer.
+
+    min over lam in K of 1/2 lam^T G lam + g^T lam,    K* contains sigma = G lam + g
+
+    What sticks does so exactly. What slides lifts off with mu |sigma_t|: contacts that begin to
+    slide fast hop, by the same height at any dt.
+
+    Parameters
+    ----------
+    contact : ContactSolver
+        What answers the contact problem of each step.
+
+    References
+    ----------
+    Anitescu. Optimization-based simulation of nonsmooth rigid multibody dynamics. Mathematical
+    Programming 105, 2006.
+    """
+
+    title: ClassVar[str] = "Anitescu"
+    use: ClassVar[str] = "to compare with convex simulators; where nothing slides fast"
+    law: ClassVar[Law] = "ccp"
+
+    def asked(self, near: Near) -> tuple[Array, Array | None]:
+        """Return g (m,) [m/s]; nothing gives way."""
+        return closing_velocities(near), None
+
+    def start(self, system: System, dt: float) -> Stepper:
+        """Return this integrator at work on `system`."""
+        return contact_stepper(self, system, dt)

@@ -1,0 +1,138 @@
+"""The contract of a time-stepping scheme with contacts, and how to write one.
+
+    M (v+ - v) = dt (tau - h) + J_b^T l_b + J_c^T lam,    J_b v+ = 0
+    sigma = G lam + g,    K contains lam,    K* contains sigma + (0, 0, mu |sigma_t|),   orthogonal
+
+A scheme says where M, h and J are taken, which contacts take part, what g is, and how the velocity
+moves the configuration. All else is that of `ContactSteps`.
+
+1. Add one file to `integrators/` with a frozen dataclass that inherits from `ContactScheme`.
+2. Set `law`, and `at_midpoint` if M, h, J and the gaps are those of q (+) dt v / 2; then q moves by
+   dt (v + v+) / 2, else by dt v+.
+3. Write `near`, and `asked`, which returns g and R. Write `start`, which returns
+   `contact_stepper(self, system, dt)`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.contact.problem import Law
+from condyn_pin.contact.solvers.admm import ADMM
+from condyn_pin.contact.solvers.base import ContactSolver
+from condyn_pin.errors import InvalidArgument
+from condyn_pin.simulation.integrators.base import Integrator, Order
+
+# Contacts further away take no part, unless the robot moves further in two steps [m].
+_NEAR = 1e-3
+
+# Share of a penetration that a step takes back.
+_PUSHED_OUT = 0.2
+
+
+class Near(NamedTuple):
+    """The contacts that take part in a step, as a scheme sees them.
+
+    Attributes
+    ----------
+    dt : float
+        [s]
+    gaps : (k,) array
+        Of cones and half-lines [m, rad].
+    restitution : (k,) array
+        Of the same, zero of half-lines [1].
+    normals : (k,) array of int
+        Their rows along the normal.
+    G : (m, m) array
+        [1/kg]
+    before, free : (m,) array
+        J_c v, and J_c v+ of a step without impulses [m/s].
+    blocks : (m,) array of int
+        Which contact each row belongs to.
+    """
+
+    dt: float
+    gaps: Array
+    restitution: Array
+    normals: NDArray[np.int_]
+    G: Array
+    before: Array
+    free: Array
+    blocks: NDArray[np.int_]
+
+    @property
+    def depth(self) -> Array:
+        """Gap of the contact of each row, zero of dry friction (m,) [m, rad]."""
+        dry = 1 + int(self.blocks.max(initial=-1)) - len(self.gaps)
+        return np.concatenate((self.gaps, np.zeros(dry)))[self.blocks]
+
+
+@dataclass(frozen=True)
+class ContactScheme(Integrator, ABC):
+    """A time-stepping scheme whose contacts open, stick and slide within the step.
+
+    Parameters
+    ----------
+    contact : ContactSolver
+        What answers the contact problem of each step.
+    """
+
+    order: ClassVar[Order] = Order(1, 1, 1)
+    solves_per_step: ClassVar[float] = 2
+    a_at = "end"
+    keeps_constraints: ClassVar[bool] = True
+    takes_contacts: ClassVar[bool] = True
+
+    law: ClassVar[Law] = "ncp"
+    at_midpoint: ClassVar[bool] = False
+    takes_restitution: ClassVar[bool] = False
+    gives_way: ClassVar[bool] = False  # whether contacts at rest penetrate
+
+    contact: ContactSolver = ADMM()  # noqa: RUF009  a value
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.contact, ContactSolver):
+            raise InvalidArgument(
+                f"contact = {self.contact!r}: a contact solver is needed, such as ADMM()"
+            )
+        if self.law not in self.contact.laws:
+            raise InvalidArgument(
+                f"contact = {self.contact!r}: {self.title} poses a {self.law}, and "
+                f"{self.contact.title} solves {' and '.join(self.contact.laws)}; use ADMM()"
+            )
+
+    def near(self, gaps: Array, v: Array, dt: float) -> NDArray[np.bool_]:
+        """Return which gaps (k,) [m, rad] are so small that their contacts take part in a step."""
+        fastest = float(np.abs(v).max(initial=0.0))
+        return np.asarray(gaps < max(_NEAR, 2 * dt * fastest))
+
+    def check(self, candidates: Candidates) -> None:
+        """Refuse contacts that rebound where the scheme lets none."""
+        if self.takes_restitution or not candidates.restitution.any():
+            return
+        k = int(candidates.restitution.argmax())
+        raise InvalidArgument(
+            f"{candidates.names[k]}: restitution = {candidates.restitution[k]:g}, and "
+            f"{self.title} lets nothing rebound; use Moreau(), or restitution=0"
+        )
+
+    @abstractmethod
+    def asked(self, near: Near) -> tuple[Array, Array | None]:
+        """Return g (m,) [m/s] and the compliance R (m,) [1/kg], or None if nothing gives way."""
+
+
+def closing_velocities(near: Near) -> Array:
+    """Return g of gaps that are zero at the end of a step, and penetrations a fifth less.
+
+    g_n = J_n v_free + gap / dt  (gap > 0),    J_n v_free + 0.2 gap / dt  (gap < 0)
+    """
+    g, gaps = near.free.copy(), near.gaps
+    g[near.normals] += np.where(gaps > 0, gaps, _PUSHED_OUT * gaps) / near.dt
+    return g

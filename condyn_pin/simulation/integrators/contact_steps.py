@@ -1,0 +1,220 @@
+"""ContactSteps: steps of one size of a robot whose contacts open, stick and slide.
+
+    M (v+ - v) = dt (tau - h) + J_b^T l_b + J_c^T lam,    J_b v+ = 0,    sigma = G lam + g
+
+Constraints are eliminated (`condyn_pin.contact.condense`), and the answer of the contact solver is
+proved in every step. Springs and joint damping act at the end of it: M has dt D + dt^2 K more, and
+tau has dt K v less. Loops that the step leaves open, by dt^2, are closed behind it.
+"""
+
+from __future__ import annotations
+
+from itertools import compress
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.contact.condense import Condensed, condense
+from condyn_pin.contact.modes import OPEN, Modes, contact_modes
+from condyn_pin.contact.problem import ContactProblem
+from condyn_pin.contact.residuals import natural_residual
+from condyn_pin.contact.sets import ContactSets
+from condyn_pin.contact.solvers.base import Attempt
+from condyn_pin.errors import StepFailed
+from condyn_pin.mechanism.closed_chains import chains_of
+from condyn_pin.model.soundness import singular_mass
+from condyn_pin.simulation.contact_record import Touch
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
+from condyn_pin.simulation.integrators.base import Stepper
+from condyn_pin.simulation.recorder import Row
+from condyn_pin.simulation.system import System, total_torque
+
+# Newton's steps that close loops behind a step: one leaves dt |v| of a gap.
+_CLOSINGS = 4
+
+
+class Chosen:
+    """The candidates that take part in a step, and what a contact problem says of them."""
+
+    def __init__(self, candidates: Candidates, active: NDArray[np.bool_], dt: float) -> None:
+        cones = candidates.cones
+        lines = cones + candidates.half_lines
+        self.active, self.rows = active, candidates.rows_of(active)
+        self.gaps = active[:lines]
+        k, stops = np.count_nonzero(active[:cones]), np.count_nonzero(active[cones:lines])
+        self.normals = np.concatenate((np.arange(2, 3 * k, 3), 3 * k + np.arange(stops)))
+        self.restitution = np.zeros(k + stops)
+        self.restitution[:k] = candidates.restitution[active[:cones]]
+        self.friction = candidates.friction[active[:cones]]
+        self.half_lines = int(stops)
+        self.limits = candidates.limits[active[lines:]] * dt  # [N s]
+        self.names = tuple(compress(candidates.names, active))
+        self.sets = ContactSets(self.friction, self.half_lines, self.limits)
+
+    def problem(self, scheme: ContactScheme, near: Near) -> ContactProblem:
+        """Return the contact problem of a step."""
+        g, R = scheme.asked(near)
+        return ContactProblem.trusted(
+            G=near.G, g=g, friction=self.friction, half_lines=self.half_lines, limits=self.limits,
+            R=R, law=scheme.law, level="impulse", names=self.names, sets=self.sets,
+        )  # fmt: skip
+
+
+class Taken(NamedTuple):
+    """A step that was taken."""
+
+    at: Array  # (nq,), where M, h and J were taken
+    v: Array
+    v1: Array
+    tau: Array  # (nv,), with springs and damping as they act at the end [N m]
+    gaps: Array  # (candidates that have one,) [m, rad]
+    chosen: Chosen
+    condensed: Condensed
+    problem: ContactProblem
+    attempt: Attempt
+    natural: float
+    work: float  # of the contacts [J]
+
+
+class ContactSteps:
+    """The steps of one system with one scheme and one dt.
+
+    Attributes
+    ----------
+    last : Taken
+        The step that was taken last.
+    """
+
+    last: Taken
+
+    def __init__(self, scheme: ContactScheme, system: System, dt: float) -> None:
+        self._scheme, self._system, self._dt = scheme, system, dt
+        self._equations, self._candidates = system.equations, system.contacts
+        passive = system.passive
+        self._torque = total_torque(system.applied, passive, dt)
+        self._inertia = passive.inertia(dt) if passive.inertia(dt).any() else None
+        self._between = passive.between
+        self._diagonal = np.diag_indices(system.model.nv)
+        self._rank = chains_of(system.scene).rank if system.scene.rows else 0
+        self._chosen: tuple[bytes, Chosen] | None = None
+
+    def step(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
+        """Return q and v at the end of a step, and the mean acceleration."""
+        scheme, system, dt = self._scheme, self._system, self._dt
+        at = system.integrate(q, 0.5 * dt * v) if scheme.at_midpoint else q
+        tau = self._torque(t, q, v)
+        M, h, J_b, _ = self._equations.parts(at, v)
+        data = self._equations.data  # it has the placements and Jacobians of `at` now
+        gaps = self._candidates.gaps(data, at)
+        chosen = self._choose(scheme.near(gaps, v, dt))
+        J_c = self._candidates.jacobian(data, at, chosen.active)
+        factors = factorise(
+            self._with_inertia(M, at), J_b, tolerances.RANK, why=singular_mass(system.model, at)
+        ).at_most(self._rank)
+        now = condense(factors, J_c, v, dt * (tau - h))
+        before, free, G = J_c.dot(v), now.contact_velocities, now.G
+        near = Near(
+            dt, gaps[chosen.gaps], chosen.restitution, chosen.normals, G, before, free,
+            chosen.sets.blocks,
+        )  # fmt: skip
+        problem = chosen.problem(scheme, near)
+        found, natural = self._solved(t, problem)
+        lam = found.lam
+        v1 = now.velocity(lam)
+        work = 0.5 * float(lam.dot(before + free + G.dot(lam)))
+        system.contact_work += work
+        self.last = Taken(
+            at, v, v1, tau, gaps, chosen, now, problem, found, natural, work
+        )
+        moved = 0.5 * dt * (v + v1) if scheme.at_midpoint else dt * v1
+        return self._closed(now, system.integrate(q, moved)), v1, (v1 - v) / dt
+
+    def lam(self) -> Array:
+        """Return the forces of the last step: of constraints, then of all candidates [N, N m]."""
+        last, rows = self.last, self._equations.m
+        lam = np.zeros(rows + self._candidates.rows)
+        impulses = last.attempt.lam
+        lam[:rows] = last.condensed.constraint_impulses(impulses)
+        lam[rows:][last.chosen.rows] = impulses
+        lam /= self._dt
+        return lam
+
+    def touch(self) -> Touch:
+        """Return what else there is to keep of the contacts of the last step."""
+        return self.modes(), self.last.natural, self._system.contact_work
+
+    def modes(self) -> Modes:
+        """Return the modes of all candidates in the last step."""
+        last = self.last
+        modes = np.full(len(last.chosen.active), OPEN, dtype=np.int8)
+        if len(last.problem.names):
+            modes[last.chosen.active] = contact_modes(last.problem, last.attempt.lam)
+        return modes
+
+    def sample(self, t: float, q: Array, v: Array) -> Row:
+        """Return a sample of a state: with the forces of the step that begins there."""
+        system, work = self._system, self._system.contact_work
+        _, _, a = self.step(t, q, v)
+        system.contact_work = work
+        return t, q, v, a, self.lam(), system.applied.at_sample(t, q, v), *self.touch()
+
+    def _choose(self, near: NDArray[np.bool_]) -> Chosen:
+        """Return the candidates that take part; most often they are those of the step before."""
+        key = near.tobytes()
+        if self._chosen is None or self._chosen[0] != key:
+            dry = np.ones(self._candidates.intervals, dtype=bool)
+            active = np.concatenate((near, dry))
+            self._chosen = key, Chosen(self._candidates, active, self._dt)
+        return self._chosen[1]
+
+    def _with_inertia(self, M: Array, q: Array) -> Array:
+        """Return M with what springs and damping add to it in a step."""
+        if self._inertia is not None:
+            M[self._diagonal] += self._inertia
+        if self._between is not None:
+            rows, weights = self._between.inertia_rows(q, self._dt)
+            M += rows.T @ (weights[:, None] * rows)
+        return M
+
+    def _solved(self, t: float, problem: ContactProblem) -> tuple[Attempt, float]:
+        """Return impulses and their natural residual; StepFailed if they are none."""
+        solver = self._scheme.contact
+        if not len(problem.g):
+            return Attempt(np.zeros(0), 0, ()), 0.0
+        found = solver.attempt(problem)
+        natural = natural_residual(problem, found.lam)
+        if natural <= tolerances.CONTACT_SOLVED or (not solver.exact and np.isfinite(natural)):
+            return found, natural
+        raise StepFailed(
+            f"contacts {', '.join(problem.names)} at t = {t:g} s: {solver!r} leaves a natural "
+            f"residual of {natural:.1e}, and {tolerances.CONTACT_SOLVED:g} is asked for; take a "
+            "smaller dt, or contact=SemismoothNewton()"
+        )
+
+    def _closed(self, now: Condensed, q: Array) -> Array:
+        """Return q with loops closed, by the factors of the step."""
+        if not now.factors.rank:
+            return q
+        best, gap = q, inf
+        for _ in range(_CLOSINGS + 1):
+            c = self._equations.violation(q)
+            before, gap = gap, float(np.abs(c).max())
+            if not gap < before:  # rounding, or out of reach
+                return best
+            best = q
+            if gap <= tolerances.CLOSED:
+                return q
+            q = self._system.integrate(q, now.closing(c))
+        return best
+
+
+def contact_stepper(scheme: ContactScheme, system: System, dt: float) -> Stepper:
+    """Return a scheme at work on a system."""
+    steps = ContactSteps(scheme, system, dt)
+    return Stepper(steps.step, steps.lam, touch=steps.touch, sample=steps.sample)

@@ -1,0 +1,58 @@
+"""Moreau: contacts at the middle of the step, with restitution."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._core.arrays import Array
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
+from condyn_pin.simulation.integrators.contact_steps import contact_stepper
+from condyn_pin.simulation.integrators.base import Stepper
+from condyn_pin.simulation.system import System
+
+
+@dataclass(frozen=True)
+class Moreau(ContactScheme):
+    """Velocities and impulses only, at the configuration in the middle of the step.
+
+    q_m = q (+) dt v / 2,    contacts with a gap <= 0 there take part,
+    g_n = J_n v_free + e J_n v,    q+ = q (+) dt (v + v+) / 2
+
+    Contacts rebound by Newton's law, all in the same instant: where several touch, as in Newton's
+    cradle, other laws of impact give other velocities. Between contacts, where M is constant, a
+    step is exact in a constant field. A penetration, up to dt v / 2 at an impact, is not pushed
+    out.
+
+    Parameters
+    ----------
+    contact : ContactSolver
+        What answers the contact problem of each step.
+
+    References
+    ----------
+    Moreau. Unilateral contact and dry friction in finite freedom dynamics. In: Nonsmooth Mechanics
+    and Applications, CISM 302. Springer, 1988.
+    """
+
+    title: ClassVar[str] = "Moreau"
+    use: ClassVar[str] = "where contacts rebound, and for the energy of falls"
+    at_midpoint: ClassVar[bool] = True
+    takes_restitution: ClassVar[bool] = True
+
+    def near(self, gaps: Array, v: Array, dt: float) -> NDArray[np.bool_]:
+        """Return which contacts touch in the middle of the step."""
+        return np.asarray(gaps <= 0)
+
+    def asked(self, near: Near) -> tuple[Array, Array | None]:
+        """Return g (m,) [m/s]; nothing gives way."""
+        g = near.free.copy()
+        g[near.normals] += near.restitution * near.before[near.normals]
+        return g, None
+
+    def start(self, system: System, dt: float) -> Stepper:
+        """Return this integrator at work on `system`."""
+        return contact_stepper(self, system, dt)

@@ -1,0 +1,74 @@
+"""SoftStep: MuJoCo's contacts, that give way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._core.arrays import Array
+from condyn_pin.contact.problem import Law
+from condyn_pin.dynamics.soft_law import Solimp, Solref, checked_law, impedance, reference
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
+from condyn_pin.simulation.integrators.contact_steps import contact_stepper
+from condyn_pin.simulation.integrators.base import Stepper
+from condyn_pin.simulation.system import System
+
+
+@dataclass(frozen=True)
+class SoftStep(ContactScheme):
+    """A convex step with springs and dampers in the contacts, as MuJoCo takes it.
+
+    K* contains sigma = (G + R) lam + dt (J a_free - a_ref),    R = (1 - d) / d diag(G),
+    a_ref = -b J v - k gap  along the normal,    -b J v  across it
+
+    What rests sinks in a little, what sticks creeps, and what slides lifts off: the answer of
+    `Anitescu` that gives way. MuJoCo takes for diag(G) what it is at the first posture; here it is
+    that of the step. J' v is left out, which MuJoCo does not use in contacts.
+
+    Parameters
+    ----------
+    contact : ContactSolver
+        What answers the contact problem of each step.
+    solref, solimp : tuple of float
+        As in `condyn_pin.dynamics.Soft`; MuJoCo's by default. MuJoCo allows no timeconst below two
+        steps.
+
+    References
+    ----------
+    Todorov. Convex and analytically-invertible dynamics with contacts and constraints: theory and
+    implementation in MuJoCo. ICRA, 2014.
+    """
+
+    title: ClassVar[str] = "soft step"
+    use: ClassVar[str] = "to see what MuJoCo sees"
+    law: ClassVar[Law] = "ccp"
+    gives_way: ClassVar[bool] = True
+
+    solref: Solref = (0.02, 1.0)  # [s, 1], or [1/s^2, 1/s]
+    solimp: Solimp = (0.9, 0.95, 0.001, 0.5, 2.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        solref, solimp = checked_law(self.solref, self.solimp)
+        object.__setattr__(self, "solref", solref)
+        object.__setattr__(self, "solimp", solimp)
+
+    def near(self, gaps: Array, v: Array, dt: float) -> NDArray[np.bool_]:
+        """Return which contacts touch."""
+        return np.asarray(gaps <= 0)
+
+    def asked(self, near: Near) -> tuple[Array, Array | None]:
+        """Return g (m,) [m/s] and R (m,) [1/kg]."""
+        c = np.zeros_like(near.free)
+        c[near.normals] = near.gaps
+        d = impedance(self.solimp, np.abs(near.depth))
+        a_ref = reference(self.solref, self.solimp, c, near.before, d)
+        R = (1 - d) / d * near.G.diagonal()
+        return near.free - near.before - near.dt * a_ref, R
+
+    def start(self, system: System, dt: float) -> Stepper:
+        """Return this integrator at work on `system`."""
+        return contact_stepper(self, system, dt)

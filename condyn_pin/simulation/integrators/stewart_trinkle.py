@@ -1,0 +1,46 @@
+"""StewartTrinkle: velocities that close the gaps of a step, with Coulomb's law."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from condyn_pin._core.arrays import Array
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near, closing_velocities
+from condyn_pin.simulation.integrators.contact_steps import contact_stepper
+from condyn_pin.simulation.integrators.base import Stepper
+from condyn_pin.simulation.system import System
+
+
+@dataclass(frozen=True)
+class StewartTrinkle(ContactScheme):
+    """A step in which nothing penetrates and nothing rebounds: the default with contacts.
+
+    g_n = J_n v_free + gap / dt  (gap > 0),    J_n v_free + 0.2 gap / dt  (gap < 0)
+    q+  = q (+) dt v+
+
+    A contact touches at the end of the step in which it would have gone through. What rounding and
+    curved paths let penetrate is pushed out over five steps.
+
+    Parameters
+    ----------
+    contact : ContactSolver
+        What answers the contact problem of each step.
+
+    References
+    ----------
+    Stewart, Trinkle. An implicit time-stepping scheme for rigid body dynamics with inelastic
+    collisions and Coulomb friction. International Journal for Numerical Methods in Engineering 39,
+    1996.
+    """
+
+    title: ClassVar[str] = "Stewart-Trinkle"
+    use: ClassVar[str] = "by default with contacts: nothing penetrates, whatever dt is"
+
+    def asked(self, near: Near) -> tuple[Array, Array | None]:
+        """Return g (m,) [m/s]; nothing gives way."""
+        return closing_velocities(near), None
+
+    def start(self, system: System, dt: float) -> Stepper:
+        """Return this integrator at work on `system`."""
+        return contact_stepper(self, system, dt)
