@@ -13,6 +13,7 @@ and rows of one model, which has its equations.
     what files and summaries call it               word, closes, title, called     the class
     whom its force is on, by whom, in which axes   acting                          of its base
     does it press on a floor, and with what        presses, has_normal, support    it does not
+    which points of it touch that floor            feet                            none
     where it belongs, if it is where it is         anchored_at                     itself
     the same by points, or as a planar pin         by_points, as_planar_pin        none
     the same in other units                        in_units, lengths, unitless     by its fields
@@ -70,6 +71,15 @@ class Support(NamedTuple):
     def is_point(self) -> bool:
         """Whether it has no size at all."""
         return self.half_length == 0.0
+
+
+class Foot(NamedTuple):
+    """A point of the robot, or the middle of a ball, that touches a floor."""
+
+    name: str
+    frame: str
+    offset: Vector3  # in the axes of the frame [m]
+    radius: float = 0.0  # [m]
 
 
 class Patch(NamedTuple):
@@ -162,6 +172,11 @@ class Constraint(ABC):
     def support(self) -> Support | None:
         """What of a contact lies on the floor; None for what does not press on one."""
         return None
+
+    @property
+    def feet(self) -> tuple[Foot, ...]:
+        """What of a contact touches a floor, point by point."""
+        return ()
 
     @property
     def point(self) -> Vector3 | None:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.base import Constraint, Patch, Support
+from condyn_pin.constraints.base import Constraint, Foot, Patch, Support
 from condyn_pin.constraints.between_frames import lever
 from condyn_pin.constraints.constraint_fields import (
     Axis,
@@ -97,6 +97,11 @@ class LineContact(WithWorld):
     def support(self) -> Support:
         """An edge."""
         return Support(self.half_length, 0.0, "xyz".index(self.axis))
+
+    @property
+    def feet(self) -> tuple[Foot, ...]:
+        """Its ends."""
+        return tuple(foot for end in self.ends() for foot in end.feet)
 
     def anchored_at(self, c1: Any, c2: Any) -> LineContact:
         """Return it anchored where its frame is."""

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from condyn_pin.constraints.base import Patch, Support
+from condyn_pin.constraints.base import Foot, Patch, Support
 from condyn_pin.constraints.constraint_fields import Vector3, direction, floats, text
 from condyn_pin.constraints.protocols import Machine
 from condyn_pin.constraints.rows.bound import Bound
@@ -77,6 +77,11 @@ class PlanarContact(WithWorld):
     def support(self) -> Support:
         """A point."""
         return Support()
+
+    @property
+    def feet(self) -> tuple[Foot, ...]:
+        """The point."""
+        return (Foot(self.name, self.frame, self.offset),)
 
     def anchored_at(self, c1: Any, c2: Any) -> PlanarContact:
         """Return it with the plane through the point."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.base import Support
+from condyn_pin.constraints.base import Foot, Support
 from condyn_pin.constraints.between_frames import lever
 from condyn_pin.constraints.constraint_fields import Vector3, floats, text
 from condyn_pin.constraints.protocols import Machine
@@ -72,6 +72,11 @@ class PointContact(WithWorld):
     def support(self) -> Support:
         """A point."""
         return Support()
+
+    @property
+    def feet(self) -> tuple[Foot, ...]:
+        """The point."""
+        return (Foot(self.name, self.frame, self.offset),)
 
     @property
     def point(self) -> Vector3 | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from condyn_pin.constraints.base import Support
+from condyn_pin.constraints.base import Foot, Support
 from condyn_pin.constraints.constraint_fields import Vector3
 from condyn_pin.constraints.on_velocity import OnPlane
 from condyn_pin.constraints.protocols import Machine
@@ -57,3 +57,8 @@ class RollingBall(OnPlane):
     def support(self) -> Support:
         """A point."""
         return Support()
+
+    @property
+    def feet(self) -> tuple[Foot, ...]:
+        """The ball."""
+        return (Foot(self.name, self.frame, (0.0, 0.0, 0.0), self.radius),)

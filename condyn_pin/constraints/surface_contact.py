@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.base import Constraint, Patch, Support
+from condyn_pin.constraints.base import Constraint, Foot, Patch, Support
 from condyn_pin.constraints.between_frames import lever
 from condyn_pin.constraints.constraint_fields import Placement, check_lengths, placement, text
 from condyn_pin.constraints.point_contact import PointContact, point_of
@@ -85,6 +85,11 @@ class SurfaceContact(WithWorld):
     def support(self) -> Support:
         """A rectangle."""
         return Support(self.half_length, self.half_width)
+
+    @property
+    def feet(self) -> tuple[Foot, ...]:
+        """Its corners."""
+        return tuple(foot for corner in self.corners() for foot in corner.feet)
 
     def anchored_at(self, c1: Any, c2: Any) -> SurfaceContact:
         """Return it anchored where its frame is."""

@@ -19,14 +19,14 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.base import Constraint
-from condyn_pin.constraints.contacts.base import Contact
+from condyn_pin.constraints.contacts.base import Contact, Mode
 from condyn_pin.constraints.contacts.bound import BoundContact
-from condyn_pin.constraints.contacts.kinds import bind_contacts
+from condyn_pin.constraints.contacts.kinds import bind_contacts, held_contacts
 from condyn_pin.constraints.kinds import bind
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.nominal import NominalAnalysis, described_posture
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
 from condyn_pin.model.robot import Robot
 
 if TYPE_CHECKING:
@@ -145,7 +145,32 @@ class Scene:
     @cached_property
     def nominal(self) -> NominalAnalysis:
         """What the scene is at its nominal state; each figure is measured on first use."""
+        if self.contacts:
+            return self.bilateral.nominal
         return NominalAnalysis(self, Equations(self.robot.unedited, self.bounds))
+
+    def closed(self, modes: Mapping[str, Mode] | None = None) -> Scene:
+        """Return the scene in which contacts are constraints, and never let go.
+
+        Points that stick are `PointContact`, balls `RollingBall`, and what slides `PlanarContact`,
+        all where they are.
+
+        Parameters
+        ----------
+        modes : mapping of str to {"open", "slide", "stick"}, optional
+            Of candidates, by name; those that it leaves out are open. By default all shapes stick.
+
+        Raises
+        ------
+        UnknownName
+            If there is no such candidate.
+        UnsupportedConstraint
+            If no constraint holds one: a joint at its stop, or two bodies on each other.
+        """
+        if not self.contacts:
+            return self
+        held = held_contacts(self.contacts, self.contact_bounds, modes)
+        return replace(self, constraints=(*self.constraints, *held), contacts=())
 
     def summary(self, q: ArrayLike | None = None) -> Summary:
         """Return rows, rank, redundant rows by name, mobility, and what is not used.
@@ -290,6 +315,16 @@ class Scene:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Scene, (self.robot, self.constraints, self.contacts)
+
+
+def check_bilateral(scene: Scene) -> None:
+    """Refuse contacts that may let go where forces are solved for that never do."""
+    if scene.contacts:
+        count = sum(len(bound.candidates) for bound in scene.contact_bounds)
+        raise UnsupportedConstraint(
+            f"{count} contact{'s' * (count > 1)} may open: step, "
+            "simulate(integrator=StewartTrinkle()), or scene.closed()"
+        )
 
 
 def check_scene(scene: object, argument: str = "scene") -> None:

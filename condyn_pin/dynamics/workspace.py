@@ -26,7 +26,7 @@ from condyn_pin.dynamics.choice import check_kinds, default_solver
 from condyn_pin.dynamics.derivatives import METHODS, Derivatives
 from condyn_pin.dynamics.derivatives.differences import DifferenceDerivatives, check_derivatives
 from condyn_pin.dynamics.memory import Memory
-from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.scene import Scene, check_bilateral, check_scene
 from condyn_pin.dynamics.solution import Solution, Status
 from condyn_pin.dynamics.solvers.base import Singular, Solver
 from condyn_pin.dynamics.verifier import Verifier, failure
@@ -86,6 +86,7 @@ class Workspace(Memory):
             )
         if not isinstance(drift, Baumgarte | None):
             raise InvalidArgument(f"drift = {drift!r}: Baumgarte(alpha, beta) or None is needed")
+        check_bilateral(scene)
         super().__init__(scene, drift)
         equations = self.analysed(scene)
         self.solver = default_solver(scene) if solver is None else solver
@@ -105,6 +106,7 @@ class Workspace(Memory):
             raise InvalidArgument(
                 f"scene: its robot {scene.robot.name!r} has another model; make a new Workspace"
             )
+        check_bilateral(scene)
         self._start(scene, self.analysed(scene))
 
     def _start(self, scene: Scene, equations: Equations | None) -> None:

@@ -13,6 +13,9 @@ from numpy.typing import ArrayLike
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.contacts.feet import feet_of
+from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
+from condyn_pin.constraints.contacts.plane import Plane
 from condyn_pin.constraints.rows.mass_pivots import least_pivots
 from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
 from condyn_pin.model.robot_fields import check_ends, lists, members, postures
@@ -174,6 +177,30 @@ class Robot:
         """
         model = model_with_frame(self, name, parent, translation, rotation)
         return replace(self, model=model)
+
+    def frictional_contacts(
+        self,
+        friction: float,
+        *,
+        on: Plane = Plane(),  # noqa: B008  a value
+    ) -> tuple[FrictionalContact, ...]:
+        """Return the ready-made contacts as ones that may let go, for `Scene(contacts=...)`.
+
+        Points and balls by their names, edges by their ends, surfaces by their corners.
+
+        Parameters
+        ----------
+        friction : float
+            Coulomb's coefficient [1].
+        on : Plane
+            The ground; z = 0 of the world by default.
+
+        Raises
+        ------
+        InvalidArgument
+            If a contact does not say its size, or has no points that touch, such as a wheel.
+        """
+        return feet_of(self.contacts, friction, on)
 
     def passive_torque(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return the torque of springs, joint damping and spring-dampers, to be added to tau.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import asdict, is_dataclass
+from dataclasses import fields, is_dataclass
 from os import PathLike
 from typing import Any, Final, TypeVar
 
@@ -20,7 +20,11 @@ from condyn_pin._core._pin import VERSION_TEXT
 from condyn_pin._core.arrays import finite
 from condyn_pin._core.files.npz import read_npz, write_npz
 from condyn_pin._core.files.text import LARGEST, parse_json
+from condyn_pin.constraints.contacts.kinds import CONTACTS
+from condyn_pin.constraints.contacts.plane import Plane
+from condyn_pin.constraints.contacts.shapes import SHAPES
 from condyn_pin.constraints.kinds import named
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import SOLVERS, Solver
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.io.model_words import model_of, model_words
@@ -136,6 +140,13 @@ def _robot(about: dict[str, Any], content: Content) -> Robot:
     return Robot(model=model, postures=postures, **lists, **words)
 
 
+def scene_of(robot: Robot, words: dict[str, Any]) -> Scene:
+    """Return the scene of a robot with the constraints and contacts of a file."""
+    # files of before have no contacts
+    lists = (words["constraints"], words.get("contacts", ()))
+    return Scene(robot, *([decode(each) for each in those] for those in lists))
+
+
 def check_times(**times: Any) -> None:
     """Refuse times that are no numbers, or less than nothing, and a step of nothing."""
     for name, time in times.items():
@@ -156,16 +167,18 @@ def choice(name: str, coded: dict[str, Any], kind: type) -> Any:
 _KINDS: dict[str, type] = {
     kind.__name__: kind
     for kind in (
-        *(Effects, Happened, Spring, SpringDamper),
+        *(Effects, Happened, Spring, SpringDamper, Plane),
         *(INTEGRATORS | DRIFTS | SOLVERS).values(),
     )
 }
 
 
 def encode(value: Any) -> dict[str, Any]:
-    """Return a frozen dataclass as its name and its fields."""
+    """Return a frozen dataclass as its name and its fields, those in them likewise."""
     assert is_dataclass(value)
-    return {"class": type(value).__name__, **asdict(value)}  # type: ignore[arg-type]
+    of_it = {field.name: getattr(value, field.name) for field in fields(value)}
+    coded = {key: encode(x) if is_dataclass(x) else x for key, x in of_it.items()}
+    return {"class": type(value).__name__, **coded}
 
 
 def _plain(value: Any) -> Any:
@@ -180,7 +193,18 @@ def decode(coded: dict[str, Any]) -> Any:
     values = dict(coded)
     name = values.pop("class")
     # those of the user's own have registered since
-    kind = _KINDS.get(name) or named(name) or (INTEGRATORS | DRIFTS | SOLVERS).get(name.lower())
+    kind = (
+        _KINDS.get(name)
+        or named(name)
+        or (CONTACTS | SHAPES).get(name)
+        or (INTEGRATORS | DRIFTS | SOLVERS).get(name.lower())
+    )
     if kind is None:
         raise LookupError(f"{name} is not known here: import the module that defines it")
-    return kind(**{k: tuple(x) if isinstance(x, list) else x for k, x in values.items()})
+    return kind(**{k: _decoded(x) for k, x in values.items()})
+
+
+def _decoded(value: Any) -> Any:
+    if isinstance(value, dict) and "class" in value:
+        return decode(value)
+    return tuple(value) if isinstance(value, list) else value

@@ -11,7 +11,6 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import finite
 from condyn_pin._core.files.beside import written_beside
-from condyn_pin.dynamics.scene import Scene
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.archive import (
     CHOICES,
@@ -24,6 +23,7 @@ from condyn_pin.simulation.archive import (
     decode,
     encode,
     read,
+    scene_of,
     write,
 )
 from condyn_pin.simulation.events import Happened
@@ -49,6 +49,7 @@ def _header(trajectory: Trajectory) -> Header:
         "phases": [
             {
                 "constraints": [encode(c) for c in phase.scene.constraints],
+                "contacts": [encode(c) for c in phase.scene.contacts],
                 "samples": [phase.samples.start, phase.samples.stop],
                 "columns": phase.columns,
             }
@@ -73,7 +74,7 @@ def load(path: Path_) -> Trajectory:
 def _trajectory(robot: Robot, header: Header, content: Content) -> Trajectory:
     phases = tuple(
         Phase(
-            Scene(robot, [decode(c) for c in phase["constraints"]]),
+            scene_of(robot, phase),
             slice(*phase["samples"]),
             tuple(phase["columns"]),
         )

@@ -195,12 +195,13 @@ def _check_scene(event: str, its: Scene, simulated: Scene, scalar: dict[str, boo
 
 def _shared(scene: Scene, events: tuple[Event, ...]) -> tuple[Event, ...]:
     """Return the events with one scene where several have the same constraints: it is one place."""
-    known = {scene.constraints: scene}
+    known = {(scene.constraints, scene.contacts): scene}
+
+    def shared(other: Scene) -> Scene:
+        return known.setdefault((other.constraints, other.contacts), other)
+
     return tuple(
-        replace(event, scene=known.setdefault(event.scene.constraints, event.scene))
-        if event.scene
-        else event
-        for event in events
+        replace(event, scene=shared(event.scene)) if event.scene else event for event in events
     )
 
 

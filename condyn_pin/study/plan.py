@@ -79,8 +79,10 @@ def fingerprint(scene: Scene) -> str:
     robot.check_unedited()
     nominal = np.ascontiguousarray(described_posture(scene), dtype="<f8")
     named: tuple[object, ...] = (scene.constraints, tuple(robot.actuated), robot.springs)
-    if robot.spring_dampers:  # those of robots without stay as they were
+    if robot.spring_dampers:  # those of scenes without stay as they were
         named += (robot.spring_dampers,)
+    if scene.contacts:
+        named += (scene.contacts,)
     parts = (robot.model.saveToString(), *map(repr, named))
     digest = hashlib.sha256()
     for part in (*(text.encode() for text in parts), nominal.tobytes()):

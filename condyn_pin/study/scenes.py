@@ -65,7 +65,7 @@ def modellings(scene: Scene) -> dict[str, Scene]:
             )
             constraints += points
         if tuple(constraints) != scene.constraints:
-            made[label] = Scene(robot, constraints)
+            made[label] = Scene(robot, constraints, scene.contacts)
     return made
 
 

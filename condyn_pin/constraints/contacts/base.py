@@ -13,12 +13,17 @@ To add a kind: one file. One frozen dataclass that inherits from `Contact`; it r
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 from condyn_pin._core.registry import enter
+from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.contacts.bound import BoundContact
 from condyn_pin.constraints.protocols import Machine
 from condyn_pin.errors import InvalidArgument
+
+Mode = Literal["open", "slide", "stick"]
 
 CONTACTS: dict[str, type[Contact]] = {}
 
@@ -42,3 +47,19 @@ class Contact(ABC):
     @abstractmethod
     def bind(self, machine: Machine) -> BoundContact:
         """Return it on the joints of a machine."""
+
+    @abstractmethod
+    def held(self, modes: Mapping[str, Mode] | None) -> tuple[Constraint, ...]:
+        """Return what holds it while it neither lets go nor changes its mode.
+
+        Parameters
+        ----------
+        modes : mapping of str to {"open", "slide", "stick"}, optional
+            Of its candidates, by name; those that it leaves out are open. Without it everything
+            that touches sticks, and stops are open.
+
+        Raises
+        ------
+        UnsupportedConstraint
+            If there is no such constraint.
+        """

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
+from condyn_pin.constraints.contacts.base import Mode
 from condyn_pin.constraints.protocols import Machine
-from condyn_pin.errors import unknown_name
+from condyn_pin.errors import UnsupportedConstraint, unknown_name
 
 
 def joint_named(machine: Machine, name: str) -> Any:
@@ -13,3 +15,13 @@ def joint_named(machine: Machine, name: str) -> Any:
     if name not in machine.joints:
         raise unknown_name("joint", name, machine.joints)
     return machine.model.joints[machine.model.getJointId(name)]
+
+
+def not_held(joint: str, name: str, modes: Mapping[str, Mode] | None) -> tuple[()]:
+    """Return no constraints, or raise UnsupportedConstraint if a candidate of a joint sticks."""
+    for candidate, mode in (modes or {}).items():
+        if mode == "stick" and candidate.startswith(name):
+            raise UnsupportedConstraint(
+                f"{candidate}: a joint that sticks is no constraint; scene.lock([{joint!r}], q)"
+            )
+    return ()

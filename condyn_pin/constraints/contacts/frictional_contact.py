@@ -5,20 +5,25 @@ gap >= 0,  lam_n >= 0,  gap lam_n = 0,        |lam_t| <= friction lam_n
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from condyn_pin._core.arrays import finite, shown
+from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.constraint_fields import Vector3, check_size, floats, text
-from condyn_pin.constraints.contacts.base import Contact
+from condyn_pin.constraints.contacts.base import Contact, Mode
 from condyn_pin.constraints.contacts.bound import BoundContact, Touch
 from condyn_pin.constraints.contacts.plane import Plane
-from condyn_pin.constraints.contacts.shapes import Point, Shape
+from condyn_pin.constraints.contacts.shapes import Feeler, Point, Shape
+from condyn_pin.constraints.planar_contact import PlanarContact
+from condyn_pin.constraints.point_contact import PointContact
 from condyn_pin.constraints.protocols import Machine
+from condyn_pin.constraints.rolling_ball import RollingBall
 from condyn_pin.constraints.with_world import shifted
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
 
 
 @dataclass(frozen=True)
@@ -111,13 +116,44 @@ class FrictionalContact(Contact):
         at = shifted(placement, self.offset)
         touches = tuple(
             Touch(
-                f"{self.name}/{feeler.called}" if feeler.called else self.name,
-                joint, at.act(np.array(feeler.point)), feeler.radius,
+                self._called(feeler), joint, at.act(np.array(feeler.point)), feeler.radius,
                 ground, plane, float(self.friction), float(self.restitution),
             )
             for feeler in self.shape.feelers
         )  # fmt: skip
         return BoundContact(self.name, touches=touches)
+
+    def held(self, modes: Mapping[str, Mode] | None) -> tuple[Constraint, ...]:
+        """Return its feelers where they are: points and balls that stick, or slide on the plane."""
+        chosen = {}
+        for feeler in self.shape.feelers:
+            name = self._called(feeler)
+            chosen[name] = "stick" if modes is None else modes.get(name, "open"), feeler
+        return tuple(
+            self._holding(name, feeler, sticks=mode == "stick")
+            for name, (mode, feeler) in chosen.items()
+            if mode != "open"
+        )
+
+    def _holding(self, name: str, feeler: Feeler, *, sticks: bool) -> Constraint:
+        if not isinstance(self.on, Plane):
+            raise UnsupportedConstraint(
+                f"{name} is between two bodies: hold them with a Loop of your own"
+            )
+        x, y, z = (a + b for a, b in zip(self.offset, feeler.point, strict=True))
+        if not sticks:
+            return PlanarContact(self.frame, (x, y, z), self.on.normal, name=name)
+        if not feeler.radius:
+            return PointContact(self.frame, (x, y, z), name=name)
+        if x or y or z:
+            raise UnsupportedConstraint(
+                f"{name}: what is round rolls about the origin of a frame, and it is beside that "
+                f"of {self.frame!r}; give it a frame of its own, Robot.with_frame"
+            )
+        return RollingBall(self.frame, feeler.radius, self.on.normal, name=name)
+
+    def _called(self, feeler: Feeler) -> str:
+        return f"{self.name}/{feeler.called}" if feeler.called else self.name
 
     def _ground(self, machine: Machine) -> tuple[int, Any]:
         """Return the joint that carries the plane, and the plane on it."""

@@ -5,14 +5,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from condyn_pin._core._pin import dry_friction
 from condyn_pin._core.arrays import finite, shown
+from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.constraint_fields import check_size, text
-from condyn_pin.constraints.contacts.base import Contact
+from condyn_pin.constraints.contacts.base import Contact, Mode
 from condyn_pin.constraints.contacts.bound import BoundContact, Dry
-from condyn_pin.constraints.contacts.coordinates import joint_named
+from condyn_pin.constraints.contacts.coordinates import joint_named, not_held
 from condyn_pin.constraints.protocols import Machine
 from condyn_pin.errors import InvalidArgument
 
@@ -54,3 +56,7 @@ class JointFriction(Contact):
             )
         names = [self.name] if joint.nv == 1 else [f"{self.name} {i + 1}" for i in range(joint.nv)]
         return BoundContact(self.name, dry=tuple(map(Dry, names, numbers, limits)))
+
+    def held(self, modes: Mapping[str, Mode] | None) -> tuple[Constraint, ...]:
+        """Return nothing; a joint that sticks is locked by `Scene.lock`, and no constraint."""
+        return not_held(self.joint, self.name, modes)

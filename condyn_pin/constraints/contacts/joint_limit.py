@@ -5,14 +5,16 @@ lower <= q <= upper,        lam >= 0 at each,        (q - lower) lam = 0
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.constraint_fields import text
-from condyn_pin.constraints.contacts.base import Contact
+from condyn_pin.constraints.contacts.base import Contact, Mode
 from condyn_pin.constraints.contacts.bound import BoundContact, Stop
-from condyn_pin.constraints.contacts.coordinates import joint_named
+from condyn_pin.constraints.contacts.coordinates import joint_named, not_held
 from condyn_pin.constraints.protocols import Machine
 from condyn_pin.errors import InvalidArgument
 
@@ -65,3 +67,7 @@ class JointLimit(Contact):
                 "and upperPositionLimit of the model, or leave it out"
             )
         return BoundContact(self.name, stops=tuple(stops))
+
+    def held(self, modes: Mapping[str, Mode] | None) -> tuple[Constraint, ...]:
+        """Return nothing; a joint that sticks is locked by `Scene.lock`, and no constraint."""
+        return not_held(self.joint, self.name, modes)

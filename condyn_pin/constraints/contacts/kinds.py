@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import get_args
 
+from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.contacts.base import CONTACTS as CONTACTS
-from condyn_pin.constraints.contacts.base import Contact
+from condyn_pin.constraints.contacts.base import Contact, Mode
 from condyn_pin.constraints.contacts.bound import BoundContact
 from condyn_pin.constraints.contacts.frictional_contact import (
     FrictionalContact as FrictionalContact,
@@ -13,7 +15,7 @@ from condyn_pin.constraints.contacts.frictional_contact import (
 from condyn_pin.constraints.contacts.joint_friction import JointFriction as JointFriction
 from condyn_pin.constraints.contacts.joint_limit import JointLimit as JointLimit
 from condyn_pin.constraints.protocols import Machine
-from condyn_pin.errors import InvalidConstraint
+from condyn_pin.errors import InvalidArgument, InvalidConstraint, unknown_name
 
 
 def bind_contacts(
@@ -43,3 +45,18 @@ def bind_contacts(
             names.add(name)
         bound.append(made)
     return tuple(bound)
+
+
+def held_contacts(
+    contacts: Sequence[Contact],
+    bounds: Sequence[BoundContact],
+    modes: Mapping[str, Mode] | None,
+) -> tuple[Constraint, ...]:
+    """Return the constraints that hold the candidates of contacts in some modes."""
+    known = [name for bound in bounds for name in bound.candidates]
+    for name, mode in (modes or {}).items():
+        if name not in known:
+            raise unknown_name("contact", name, known)
+        if mode not in get_args(Mode):
+            raise InvalidArgument(f"modes[{name!r}] = {mode!r}: open, slide or stick is needed")
+    return tuple(constraint for contact in contacts for constraint in contact.held(modes))

@@ -11,7 +11,11 @@ from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
 
+from condyn_pin._core.registry import enter
 from condyn_pin.constraints.constraint_fields import Vector3, check_positive
+
+# All shapes by the names of their classes, by which archives find them.
+SHAPES: dict[str, type[Shape]] = {}
 
 
 class Feeler(NamedTuple):
@@ -24,6 +28,10 @@ class Feeler(NamedTuple):
 
 class Shape(ABC):
     """What has feelers."""
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        enter(SHAPES, cls.__name__, cls, f"a shape named {cls.__name__}")
 
     @property
     @abstractmethod

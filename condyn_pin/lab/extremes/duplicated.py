@@ -18,4 +18,4 @@ def duplicated(severity: float, rng: Rng, scene: Scene) -> Case:
         for k in range(round(severity))
         for constraint in scene.constraints
     ]
-    return Case(Scene(scene.robot, copies), *state)
+    return Case(Scene(scene.robot, copies, scene.contacts), *state)

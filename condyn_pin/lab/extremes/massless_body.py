@@ -18,5 +18,9 @@ def massless_body(severity: float, rng: Rng, scene: Scene) -> Case:
     body = int(rng.integers(1, len(inertias)))
     whole = inertias[body]
     inertias[body] = pin.Inertia(severity * whole.mass, whole.lever, severity * whole.inertia)
-    light = Scene(replace(robot, model=with_inertias(robot.model, inertias)), scene.constraints)
+    light = Scene(
+        replace(robot, model=with_inertias(robot.model, inertias)),
+        scene.constraints,
+        scene.contacts,
+    )
     return Case(light, *moving(light, rng))

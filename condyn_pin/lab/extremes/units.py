@@ -19,7 +19,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Constraint
-from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene import Scene, check_bilateral
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.lab.extremes.base import Case, Rng, by_reference, extreme, moving
 from condyn_pin.model.robot import Robot
@@ -75,6 +75,7 @@ class Units:
 
     def scene(self, scene: Scene) -> Scene:
         """Return a scene in these units."""
+        check_bilateral(scene)
         robot = scene.robot
         along_q, along_v = self._along(robot.model)
         torque = self._torque(along_v)

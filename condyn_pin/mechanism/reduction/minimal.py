@@ -27,7 +27,7 @@ from condyn_pin._core.names import checked
 from condyn_pin._core.timing import State
 from condyn_pin.dynamics.catalogue import motor_torque
 from condyn_pin.dynamics.choice import default_solver
-from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene import Scene, check_bilateral
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError, InvalidArgument, NotAssembled
@@ -86,11 +86,14 @@ def minimal(
     ------
     InvalidArgument
         If an argument is none of these, or nothing would be left to move.
+    UnsupportedConstraint
+        If the scene has contacts that may open: what it does without is measured on accelerations.
     NotAssembled
         If a state of the motion is not on the constraints; the text says which.
     """
     if not 0 <= finite("error", error, ()) < 1:
         raise InvalidArgument(f"error = {error!r}: a number from 0 to below 1 is needed")
+    check_bilateral(scene)
     limit = max(float(error), tolerances.EXACT)
     solver = default_solver(scene) if solver is None else solver
     if not isinstance(solver, Solver):

@@ -21,9 +21,10 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import Indices, indices
+from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.errors import InvalidArgument, UnknownName
 from condyn_pin.mechanism.summary import Summary
 from condyn_pin.model.robot import Robot
 
@@ -135,7 +136,7 @@ class ReducedScene(Scene):
 
     def __reduce__(self) -> tuple[Any, ...]:
         rest = {key: getattr(self, key) for key in ("full", "held", "found", "dropped")}
-        return partial(ReducedScene, **rest), (self.robot, self.constraints)
+        return partial(ReducedScene, **rest), (self.robot, self.constraints, self.contacts)
 
 
 @one_blas_thread
@@ -151,20 +152,40 @@ def reduced(
     """Return the scene after one more step, with `robot` and `constraints`.
 
     It was made at the configuration q of `scene`, left out what `dropped` says, and cut off the
-    bodies of the joints `found`. The full scene is that before the first step.
+    bodies of the joints `found`. The full scene is that before the first step. Contacts go with it,
+    but for those that nothing is left of.
     """
+    contacts, idle = _fitting(robot, scene.contacts)
+    dropped = (*dropped, *(f"contact {name}: its body or its joint is held, or cut off"
+                           for name in idle))  # fmt: skip
     if not isinstance(scene, ReducedScene):
-        held, before = tuple(q.tolist()), Scene(scene.robot, scene.constraints)
+        held, before = tuple(q.tolist()), Scene(scene.robot, scene.constraints, scene.contacts)
         return ReducedScene(
-            robot, constraints, full=before, held=held, found=tuple(found), dropped=tuple(dropped)
-        )
+            robot, constraints, contacts,
+            full=before, held=held, found=tuple(found), dropped=dropped,
+        )  # fmt: skip
     all_held = np.array(scene.held)
     all_held[indices(scene.full.robot.model, scene.robot.joints)[0]] = q
     return ReducedScene(
         robot,
         constraints,
+        contacts,
         full=scene.full,
         held=tuple(all_held.tolist()),
         found=(*scene.found, *found),
         dropped=(*scene.dropped, *dropped),
     )
+
+
+def _fitting(
+    robot: Robot, contacts: Sequence[Contact]
+) -> tuple[tuple[Contact, ...], tuple[str, ...]]:
+    """Return the contacts that a smaller robot still has, and the names of the others."""
+    kept, idle = [], []
+    for contact in contacts:
+        try:
+            contact.bind(robot)
+            kept.append(contact)
+        except (InvalidArgument, UnknownName):  # both sides on one body, or no such frame or joint
+            idle.append(contact.name)
+    return tuple(kept), tuple(idle)

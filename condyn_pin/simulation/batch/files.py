@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.parallel.outcome import MISSING
 from condyn_pin._core.parameters import check_count
-from condyn_pin.dynamics.scene import Scene
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.archive import (
     CHOICES,
@@ -20,9 +19,9 @@ from condyn_pin.simulation.archive import (
     Path_,
     check_times,
     choice,
-    decode,
     encode,
     read,
+    scene_of,
     write,
 )
 from condyn_pin.simulation.batch.inputs import loose
@@ -44,6 +43,7 @@ def save(batch: BatchTrajectory, path: Path_) -> None:
     """Write a batch; see `BatchTrajectory.save`."""
     header = {
         "constraints": [encode(c) for c in batch.scene.constraints],
+        "contacts": [encode(c) for c in batch.scene.contacts],
         **{key: getattr(batch, key) for key in _PLAIN},
         **{key: encode(getattr(batch, key)) for key in CHOICES},
         "endings": [status.name for status in RUN_STATUSES],
@@ -61,7 +61,7 @@ def load(path: Path_) -> BatchTrajectory:
 
 
 def _batch(robot: Robot, header: Header, content: Content) -> BatchTrajectory:
-    scene = Scene(robot, [decode(c) for c in header["constraints"]])
+    scene = scene_of(robot, header)
     kept = content["samples_t"].shape[-1] if "samples_t" in content else 0
     kinds = kinds_of(scene, kept)
     arrays, count = {name: content[name] for name in kinds}, len(content["t"])
