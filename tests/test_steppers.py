@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import cos, pi, sin
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -277,3 +278,63 @@ def test_a_start_that_penetrates_is_refused() -> None:
     run = cp.simulate(box_scene(0.5), q, np.zeros(6), duration=0.05, close_start=False)
     assert run.status.ok
     assert min(gap[-1] for gap in run.gaps.values()) > -1e-6
+
+
+def thrown() -> tuple[cp.Scene, Array, Array]:
+    q = lying(0.2)
+    q[2] += 0.02
+    return box_scene(0.5), q, np.array([0.5, 0.2, 0, 0, 1.0, 0])
+
+
+def test_a_file_keeps_contacts(tmp_path: Path) -> None:
+    scene, q, v = thrown()
+    run = cp.simulate(scene, q, v, duration=0.2, integrator=StewartTrinkle(contact=EXACT))
+    run.save(tmp_path / "run.npz")
+    read = cp.Trajectory.load(tmp_path / "run.npz")
+    assert read.run.integrator == run.run.integrator
+    assert read.row_names == run.row_names
+    for name, force in run.forces.items():
+        assert np.array_equal(read.forces[name], force)
+        assert (read.modes[name] == run.modes[name]).all()
+    assert np.array_equal(read.energy.contact, run.energy.contact)
+    read.to_csv(tmp_path / "run.csv")
+    assert "contact [J]" in (tmp_path / "run.csv").read_text().partition("\n")[0]
+
+
+def test_a_batch_is_what_simulate_returns_to_the_bit() -> None:
+    scene, q, v = thrown()
+    both = cp.simulate_batch(scene, [q, q], [v, 0 * v], duration=0.1, record=1)
+    for i, start in enumerate((v, 0 * v)):
+        alone = cp.simulate(scene, q, start, duration=0.1)
+        assert np.array_equal(both[i].q, alone.q)
+        assert np.array_equal(both[i].lam, alone.lam)
+        assert np.array_equal(both[i].energy.contact, alone.energy.contact)
+        assert both[i].row_names == alone.row_names
+
+
+def test_an_event_sees_gaps_and_modes() -> None:
+    scene, q, v = thrown()
+    name = "0.10.1"
+    touches = cp.Event(name="touches", when=lambda moment: moment.gaps[name] - 1e-3)
+    run = cp.simulate(scene, q, v, duration=0.3, events=[touches])
+    assert run.status.name == "ENDED"
+    assert abs(run.gaps[name][-1] - 1e-3) < 1e-9
+    pressed = cp.Event(
+        name="pressed", when=lambda m: float(m.modes[name] == "open" and m.forces[name][2] == 0)
+    )
+    free = cp.simulate(scene, q, v, duration=0.3)
+    run = cp.simulate(scene, q, v, duration=0.3, events=[pressed])
+    assert run.status.name == "ENDED"
+    first = free.t[free.modes[name] != "open"][0]
+    assert abs(run.t[-1] - first) <= 1.001e-3
+
+
+def test_work_of_contacts_counts_the_steps_between_samples() -> None:
+    scene, q, v = thrown()
+    every = cp.simulate(scene, q, v, duration=0.2)
+    tenth = cp.simulate(scene, q, v, duration=0.2, record=10)
+    assert_allclose(tenth.energy.contact[-1], every.energy.contact[-1], rtol=1e-12)
+    never = cp.Event(name="never", when=lambda moment: moment.q[2] + 1.0)
+    half = cp.Event(name="half", at=0.1005, scene=scene)
+    watched = cp.simulate(scene, q, v, duration=0.2, events=[never, half])
+    assert_allclose(watched.energy.contact[-1], every.energy.contact[-1], rtol=1e-12)

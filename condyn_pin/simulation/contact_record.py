@@ -36,6 +36,19 @@ class ContactRecord:
     work: Array  # [J]
 
     @property
+    def packed(self) -> Array:
+        """All of it as one array (k, 2 + candidates): natural, work and codes."""
+        return np.column_stack((self.natural, self.work, self.codes))
+
+    @staticmethod
+    def unpacked(names: Sequence[str], packed: Array) -> ContactRecord:
+        """Return what was packed, with the names of the candidates."""
+        natural, work, codes = packed[:, 0], packed[:, 1], packed[:, 2:]
+        if codes.shape[1] != len(names) or not np.isin(codes, range(len(MODES))).all():
+            raise ValueError(f"contact: modes of {len(names)} contacts are needed")
+        return ContactRecord(tuple(names), codes.astype(np.int8), natural, work)
+
+    @property
     def modes(self) -> dict[str, np.ndarray]:
         """Open, stick or slide at each sample (k,), by candidate."""
         words = np.array(MODES)[self.codes]

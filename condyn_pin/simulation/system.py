@@ -59,6 +59,8 @@ class System:
         What may touch; the workspace and its scene know nothing of them.
     contact_work : float
         Work of the contacts since the start of the run [J].
+    look : callable
+        (t, q, v) -> a sample of the state, by a step where contacts open and slide.
     """
 
     def __init__(
@@ -78,6 +80,7 @@ class System:
         self.torque = total_torque(self.applied, self.passive)
         self.integrate: Callable[[Array, Array], Array] = partial(pin.integrate, self.model)
         self.contacts, self.contact_work = Candidates(self.model, contacts), 0.0
+        self.look: Callable[[float, Array, Array], Row] = self.sample
         self._last = _NOTHING
         self._implicit: tuple[System, float] = (self, 0.0)  # the last one, and its dt
 

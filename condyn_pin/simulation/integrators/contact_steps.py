@@ -36,8 +36,8 @@ from condyn_pin.simulation.integrators.base import Stepper
 from condyn_pin.simulation.recorder import Row
 from condyn_pin.simulation.system import System, total_torque
 
-# Newton's steps that close loops behind a step: one leaves dt |v| of a gap.
-_CLOSINGS = 4
+# Newton's steps that close loops behind a step, at most: the first leaves dt |v| of a gap.
+_CLOSINGS = 5
 
 
 class Chosen:
@@ -213,20 +213,23 @@ class ContactSteps:
         return M
 
     def _closed(self, now: Condensed, q: Array) -> Array:
-        """Return q with loops closed, by the factors of the step."""
+        """Return q with loops closed: by the factors of the step, then by those of where it is."""
         if not now.factors.rank:
             return q
-        best, gap = q, inf
-        for _ in range(_CLOSINGS + 1):
-            c = self._equations.violation(q)
+        best, gap, closing = q, inf, now.factors.closing
+        for _ in range(_CLOSINGS):
+            c, J_b = self._equations.position_level(q)
             before, gap = gap, float(np.abs(c).max())
             if not gap < before:  # rounding, or out of reach
                 return best
             best = q
             if gap <= tolerances.CLOSED:
                 return q
-            q = self._system.integrate(q, now.closing(c))
-        return best
+            if before < inf:
+                M = self._with_inertia(self._system.mass(q), q)
+                closing = factorise(M, J_b, tolerances.RANK).at_most(self._rank).closing
+            q = self._system.integrate(q, closing(c))
+        return q
 
 
 def contact_stepper(scheme: ContactScheme, system: System, dt: float) -> Stepper:
