@@ -25,7 +25,7 @@ OPEN, STICK, SLIDE = range(3)
 # How far inside of the surface rounding puts what is on it, relative.
 _ROUNDED: Final = 1e-12
 
-# Velocity along a row that is none, relative to |g|: what a solved problem leaves, and ten times it.
+# Velocity along a row that is none, relative to |g|: ten times what a solved problem leaves.
 _MOVES: Final = 10 * tolerances.CONTACT_SOLVED
 
 

@@ -52,4 +52,6 @@ def forces_of(scene: Scene, lam: Array) -> dict[str, Array]:
         for bound in scene.bounds
     }
     contacts = lam[scene.rows :]
-    return forces | {name: contacts[rows] for name, rows in contact_rows(candidates_of(scene)).items()}
+    return forces | {
+        name: contacts[rows] for name, rows in contact_rows(candidates_of(scene)).items()
+    }

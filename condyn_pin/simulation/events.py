@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,7 +17,7 @@ from condyn_pin.dynamics.impacts import Restitution, restitutions
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, UnknownName
 from condyn_pin.simulation.contact_columns import contact_rows
-from condyn_pin.simulation.system import System
+from condyn_pin.simulation.system import NO_TOUCH, System
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class Snapshot:
     def modes(self) -> dict[str, str]:
         """Mode of each contact in the step that begins here: open, stick or slide."""
         codes = self._solved[2]
-        return {n: MODES[c] for n, c in zip(self._system.contacts.names, codes, strict=True)}
+        return {n: MODES[int(c)] for n, c in zip(self._system.contacts.names, codes, strict=True)}
 
     def position(self, frame: str) -> Array:
         """Return where the origin of a frame is in the world (3,) [m]."""
@@ -90,12 +90,12 @@ class Snapshot:
         )
 
     @cached_property
-    def _solved(self) -> tuple[Array, Array, Sequence[int]]:
+    def _solved(self) -> tuple[Array, Array, Array]:
         system, state = self._system, self._state  # type: ignore[attr-defined]
         if system.contacts.names:
-            _, _, _, a, lam, _, *touch = system.look(self.t, *state)
-            return a, lam, touch[0]
-        return system.acceleration(self.t, *state), system.lam(), ()
+            _, _, _, a, lam, _, touch = system.look(self.t, *state)
+            return a, lam, touch[2:]
+        return system.acceleration(self.t, *state), system.lam(), NO_TOUCH
 
 
 @dataclass(frozen=True, kw_only=True)

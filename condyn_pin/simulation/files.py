@@ -42,7 +42,7 @@ def save(trajectory: Trajectory, path: Path_) -> None:
     """Write a trajectory; see `Trajectory.save`."""
     arrays = {name: getattr(trajectory, name) for name in _ARRAYS}
     if trajectory.contact:
-        arrays["contact"] = trajectory.contact.packed
+        arrays["contact"] = trajectory.contact.columns
     write(path, MOTION, trajectory.scene.robot, _header(trajectory), arrays)
 
 
@@ -91,7 +91,7 @@ def _trajectory(robot: Robot, header: Header, content: Content) -> Trajectory:
     if "contact" in content:
         names = dict.fromkeys(n for phase in phases for n in candidates_of(phase.scene).names)
         shape = (len(content["t"]), 2 + len(names))
-        contact = ContactRecord.unpacked(tuple(names), finite("contact", content["contact"], shape))
+        contact = ContactRecord(tuple(names), finite("contact", content["contact"], shape))
     arrays = {name: content[name] for name in _ARRAYS}
     return Trajectory(phases=phases, run=made, contact=contact, **arrays)
 

@@ -36,6 +36,9 @@ if TYPE_CHECKING:
 # A step of an integrator: (t, q, v) -> (q, v, a)
 Step = Callable[[float, Array, Array], tuple[Array, Array, Array]]
 
+# What there is to keep of contacts where none may open.
+NO_TOUCH: Final = np.zeros(0)
+
 # No last answer: t, q, v and a.
 _NOTHING: Final[tuple[float, Array | None, Array | None, Array]] = (0.0, None, None, np.zeros(0))
 
@@ -144,10 +147,10 @@ class System:
         """Return t, q, v, a, lam and the torques applied; a step from there finds a solved."""
         applied = self.applied
         if applied.constant is not None:
-            return t, q, v, self.acceleration(t, q, v), self.lam(), applied.constant
+            return t, q, v, self.acceleration(t, q, v), self.lam(), applied.constant, NO_TOUCH
         applied.forget()
         a = self.acceleration(t, q, v)
-        return t, q, v, a, self.lam(), applied.first(t, q, v)
+        return t, q, v, a, self.lam(), applied.first(t, q, v), NO_TOUCH
 
     def slope(self, t: float, q0: Array, theta: Array, v: Array) -> tuple[Array, Array]:
         """Return theta' and v' (nv,) at q = integrate(q0, theta), the coordinates of a step."""
@@ -266,6 +269,6 @@ class CorrectedStepper:
         if self._correct:
             q, v = self._correct(t + self._dt, q, v)
         if keep and lam is not None:
-            row = (t1, q, v, a, lam, self._system.applied.at_sample(t1, q, v))
-            keep((*row, *self._touch()) if self._touch else row)
+            touch = self._touch() if self._touch else NO_TOUCH
+            keep((t1, q, v, a, lam, self._system.applied.at_sample(t1, q, v), touch))
         return q, v

@@ -140,8 +140,8 @@ def _put(outputs: Arrays, i: int, found: Trajectory) -> None:
         outputs[name][i] = value
     if samples := samples_in(outputs):
         for name, kept in samples.arrays.items():
-            column = found.contact and found.contact.packed if name == "contact" else None
-            kept[i, : len(found)] = getattr(found, name) if column is None else column
+            its = getattr(found, name)
+            kept[i, : len(found)] = its.columns if name == "contact" else its
             kept[i, len(found) :] = nan
 
 

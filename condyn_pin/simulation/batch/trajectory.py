@@ -53,7 +53,7 @@ class Samples:
         Torques applied, those of forces from outside with them, without springs and damping
         [N, N m].
     contact : (N, k, 2 + candidates) array or None
-        `ContactRecord.packed` of each motion, where contacts may open.
+        `ContactRecord.columns` of each motion, where contacts may open.
     """
 
     t: Array
@@ -79,8 +79,12 @@ SAMPLED: Final = tuple(field.name for field in fields(Samples))
 
 def kinds_of(scene: Scene, kept: int) -> dict[str, Kind]:
     """Return what a row of each array of a batch is, with so many samples of each motion."""
-    robot = scene.robot
-    widths: dict[str, tuple[int, ...]] = {"t": (), "q": (robot.nq,), "lam": (len(row_names(scene)),)}
+    robot, rows = scene.robot, len(row_names(scene))
+    widths: dict[str, tuple[int, ...]] = {
+        "t": (),
+        "q": (robot.nq,),
+        "lam": (rows,),
+    }
     widths |= dict.fromkeys(("v", "a", "tau"), (robot.nv,))
     ends = {name: Kind(widths.get(name, ())) for name in ENDS} | {"statuses": Kind((), "i1")}
     if scene.contacts:
@@ -207,9 +211,9 @@ class BatchTrajectory(Outcome, Batch[Trajectory]):
             wall_time=float(self.run_times[i]),
         )  # fmt: skip
         phase = Phase(scene, slice(0, int(kept)), tuple(range(samples["lam"].shape[1])))
-        packed, contact = samples.pop("contact", None), None
-        if packed is not None:
-            contact = ContactRecord.unpacked(candidates_of(scene).names, packed)
+        touches, contact = samples.pop("contact", None), None
+        if touches is not None:
+            contact = ContactRecord(candidates_of(scene).names, touches)
         return Trajectory((phase,), run=run, contact=contact, **samples)
 
     def __repr__(self) -> str:

@@ -7,9 +7,9 @@ from typing import ClassVar
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.problem import Law
+from condyn_pin.simulation.integrators.base import Stepper
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near, closing_velocities
 from condyn_pin.simulation.integrators.contact_steps import contact_stepper
-from condyn_pin.simulation.integrators.base import Stepper
 from condyn_pin.simulation.system import System
 
 

@@ -30,9 +30,9 @@ from condyn_pin.contact.solvers.base import Attempt
 from condyn_pin.errors import StepFailed
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.model.soundness import singular_mass
-from condyn_pin.simulation.contact_record import Touch
-from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
+from condyn_pin.simulation.contact_record import touch_of
 from condyn_pin.simulation.integrators.base import Stepper
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
 from condyn_pin.simulation.recorder import Row
 from condyn_pin.simulation.system import System, total_torque
 
@@ -175,9 +175,9 @@ class ContactSteps:
         impulses[rows:][posed.chosen.rows] = found
         return impulses
 
-    def touch(self) -> Touch:
+    def touch(self) -> Array:
         """Return what else there is to keep of the contacts of the last step."""
-        return self.modes(), self.last.natural, self._system.contact_work
+        return touch_of(self.last.natural, self._system.contact_work, self.modes())
 
     def modes(self) -> Modes:
         """Return the modes of all candidates in the last step."""
@@ -192,7 +192,7 @@ class ContactSteps:
         system, work = self._system, self._system.contact_work
         _, _, a = self.step(t, q, v)
         system.contact_work = work
-        return t, q, v, a, self.lam(), system.applied.at_sample(t, q, v), *self.touch()
+        return t, q, v, a, self.lam(), system.applied.at_sample(t, q, v), self.touch()
 
     def _choose(self, near: NDArray[np.bool_]) -> Chosen:
         """Return the candidates that take part; most often they are those of the step before."""

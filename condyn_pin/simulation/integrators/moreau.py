@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
+from condyn_pin.simulation.integrators.base import Stepper
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
 from condyn_pin.simulation.integrators.contact_steps import contact_stepper
-from condyn_pin.simulation.integrators.base import Stepper
 from condyn_pin.simulation.system import System
 
 # What rests on a plane is above it by rounding in half of its steps [m, rad].

@@ -19,9 +19,9 @@ from condyn_pin.dynamics.softness import (
     impedance,
     reference,
 )
+from condyn_pin.simulation.integrators.base import Stepper
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
 from condyn_pin.simulation.integrators.contact_steps import contact_stepper
-from condyn_pin.simulation.integrators.base import Stepper
 from condyn_pin.simulation.system import System
 
 
@@ -33,8 +33,8 @@ class SoftStep(ContactScheme):
     a_ref = -b J v - k gap  along the normal,    -b J v  across it
 
     What rests sinks in a little, what sticks creeps, and what slides lifts off: the answer of
-    `Anitescu` that gives way. MuJoCo takes for G_nn what it is at the first posture; here it is that
-    of the step. J' v is left out, which MuJoCo does not use in contacts.
+    `Anitescu` that gives way. MuJoCo takes for G_nn what it is at the first posture; here it is
+    that of the step. J' v is left out, which MuJoCo does not use in contacts.
 
     Parameters
     ----------
