@@ -336,3 +336,20 @@ def test_work_of_contacts_counts_the_steps_between_samples() -> None:
     half = cp.Event(name="half", at=0.1005, scene=scene)
     watched = cp.simulate(scene, q, v, duration=0.2, events=[never, half])
     assert_allclose(watched.energy.contact[-1], every.energy.contact[-1], rtol=1e-12)
+
+
+def test_a_batch_of_steps_is_what_step_returns_to_the_bit() -> None:
+    scene = robot_scene("solo12")
+    q, v = standing(scene)
+    rng = np.random.default_rng(4)
+    V = rng.normal(scale=0.3, size=(5, len(v)))
+    batch = cp.simulation.step_batch(scene, np.tile(q, (5, 1)), V, dt=1e-3)
+    assert batch.ok
+    for i, start in enumerate(V):
+        now = cp.step(scene, q, start, dt=1e-3)
+        assert np.array_equal(batch.v[i], now.v)
+        assert np.array_equal(batch.lam[i], now.lam)
+        assert [modes[i] for modes in batch.modes.values()] == list(now.modes.values())
+        assert np.array_equal(batch[i].q, batch.q[i])
+    assert len(batch[1:3]) == 2
+    assert "5 ok" in str(batch)

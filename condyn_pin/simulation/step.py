@@ -110,7 +110,28 @@ def contact_problem(
 
     sigma = G lam + g,    G = J_c M^-1 J_c^T along the constraints
 
-    Arguments and errors are those of `step`.
+    Parameters
+    ----------
+    scene : Scene
+    q, v : (nq,), (nv,) array_like
+    tau : 0 or (nv,) array_like, optional
+        Torques applied [N, N m].
+    dt : float
+        [s]
+    integrator : ContactScheme, optional
+        `StewartTrinkle()` by default.
+    forces : sequence of AppliedForce, optional
+        Forces from outside, constant; none by default.
+
+    Returns
+    -------
+    ContactProblem
+        In the rows of the contacts that take part.
+
+    Raises
+    ------
+    InvalidArgument
+        As `step` does.
     """
     memory = _memory(scene, dt, integrator)
     return memory.pose(*_state(scene, q, v), tau, forces).problem
