@@ -122,7 +122,7 @@ def _insist(
     best = found = solver.attempt(problem, guess)
     least = natural_residual(problem, found.lam)
     if least <= accuracy:
-        return best
+        return best._replace(natural=least)
     for found in solver.alternatives(problem, best):
         error = natural_residual(problem, found.lam)
         if error < least or isnan(least):
@@ -130,7 +130,7 @@ def _insist(
         if error <= accuracy:
             break
     # all that was tried had its part, whichever was the best
-    return best._replace(iterations=found.iterations)
+    return best._replace(iterations=found.iterations, natural=least)
 
 
 def _share(part: ContactProblem, whole: ContactProblem) -> float:

@@ -35,6 +35,7 @@ class Attempt(NamedTuple):
     lam: Array  # (m,) [N s]
     iterations: int
     path: tuple[str, ...]  # titles of the methods that had a part, the one that answered last
+    natural: float | None = None  # residual of the whole problem, if somebody has looked at it
 
     def after(self, before: Attempt) -> Attempt:
         """Return these impulses, with the iterations and methods of what came `before`."""

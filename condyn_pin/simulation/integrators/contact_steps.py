@@ -138,7 +138,10 @@ class ContactSteps:
         contact_velocities = posed.before + now.contact_velocities + problem.G.dot(lam)
         work = 0.5 * float(lam.dot(contact_velocities))
         self._system.contact_work += work
-        self.last = Taken(posed, found, natural_residual(problem, lam), work)
+        natural = found.natural
+        if natural is None:  # several islands
+            natural = natural_residual(problem, lam)
+        self.last = Taken(posed, found, natural, work)
         moved = 0.5 * dt * (v + v1) if self._scheme.at_midpoint else dt * v1
         return self._closed(now, self._system.integrate(q, moved)), v1, (v1 - v) / dt
 
@@ -182,7 +185,7 @@ class ContactSteps:
     def modes(self) -> Modes:
         """Return the modes of all candidates in the last step."""
         posed = self.last.posed
-        modes = np.full(len(posed.chosen.active), OPEN, dtype=np.int8)
+        modes = np.full(len(posed.chosen.active), OPEN)
         if posed.problem.rows:
             modes[posed.chosen.active] = contact_modes(posed.problem, self.last.attempt.lam)
         return modes
