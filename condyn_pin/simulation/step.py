@@ -172,9 +172,9 @@ class _Memory:
         begun = perf_counter()
         q1, v1, a = self._steps.attempt(0.0, q, v)
         took = perf_counter() - begun
-        posed, found, _, work = self._steps.last
+        posed, found, natural, work = self._steps.last
         lam = self._steps.impulses()
-        contact = judged(posed.problem, found, tolerances.CONTACT_SOLVED, took)
+        contact = judged(posed.problem, found, natural, tolerances.CONTACT_SOLVED, took)
         dynamics, slip = self._errors(posed, v, a, v1, lam / self._dt)
         equations, candidates = self._system.equations, self._system.contacts
         violation = equations.open_by(q1, v1)[0]

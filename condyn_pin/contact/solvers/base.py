@@ -35,7 +35,6 @@ class Attempt(NamedTuple):
     lam: Array  # (m,) [N s]
     iterations: int
     path: tuple[str, ...]  # titles of the methods that had a part, the one that answered last
-    natural: float | None = None  # residual of the whole problem, if somebody has looked at it
 
     def after(self, before: Attempt) -> Attempt:
         """Return these impulses, with the iterations and methods of what came `before`."""
@@ -60,8 +59,11 @@ class ContactSolver(ABC):
 
     @abstractmethod
     def attempt(self, problem: ContactProblem, guess: Array | None = None) -> Attempt:
-        """Return impulses (m,); `guess` is where to begin."""
+        """Return impulses (m,) of a `problem`; `guess` is where to begin."""
 
     def alternatives(self, problem: ContactProblem, found: Attempt) -> Iterator[Attempt]:
-        """Yield other attempts, each counting the iterations and methods of those before it."""
+        """Yield other attempts at a `problem` than `found`.
+
+        Each counts the iterations and names the methods of those before it.
+        """
         yield from ()
