@@ -90,7 +90,7 @@ def step(
         said = "; ".join((str(solution.status), *solution.contact.notices))
         raise SolveFailed(
             f"a step of {dt:g} s by {integrator!r}: {said} "
-            f"(natural residual {solution.contact.residuals.natural:.1e})",
+            f"(natural residual {solution.contact.natural:.1e})",
             solution,
         )
     return solution

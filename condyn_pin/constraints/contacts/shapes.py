@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from condyn_pin._core.registry import enter
 from condyn_pin.constraints.constraint_fields import Vector3, check_positive
+from condyn_pin.constraints.contacts.cores import Core, box_core, points_core
 
 # All shapes by the names of their classes, by which archives find them.
 SHAPES: dict[str, type[Shape]] = {}
@@ -37,6 +38,12 @@ class Shape(ABC):
     @abstractmethod
     def feelers(self) -> tuple[Feeler, ...]:
         """The points that may touch a plane."""
+
+    @property
+    def core(self) -> Core:
+        """Itself without its round skin; what feelers there are make a ball or a capsule."""
+        radius = self.feelers[0].radius
+        return points_core(*(feeler.point for feeler in self.feelers), radius=radius)
 
 
 @dataclass(frozen=True)
@@ -119,3 +126,8 @@ class Box(Shape):
         """Its corners, from (x, y, z) to (-x, -y, -z); the sign of z changes fastest."""
         corners = product((self.x, -self.x), (self.y, -self.y), (self.z, -self.z))
         return tuple(Feeler(f"corner {i}", at, 0.0) for i, at in enumerate(corners, start=1))
+
+    @property
+    def core(self) -> Core:
+        """The box."""
+        return box_core(self.x, self.y, self.z)

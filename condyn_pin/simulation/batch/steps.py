@@ -153,7 +153,7 @@ def _put(outputs: Arrays, i: int, now: StepSolution) -> None:
     outputs["q"][i], outputs["v"][i], outputs["lam"][i] = now.q, now.v, now.lam
     outputs["codes"][i] = [MODES.index(mode) for mode in now.modes.values()]
     errors = [getattr(now, name) for name in ERRORS[1:]]
-    outputs["errors"][i] = now.contact.residuals.natural, *errors
+    outputs["errors"][i] = now.contact.natural, *errors
     outputs["statuses"][i] = STATUSES.index(now.status)
 
 
