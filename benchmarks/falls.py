@@ -109,7 +109,8 @@ def table(rows: list[Falls], dt: float) -> str:
         f"{r.step_us / r.aba_us:.0f} |"
         for r in rows
     ]
-    return "\n".join([*lines, "", machine()]) + "\n"
+    where = ", ".join(f"{key} {value}" for key, value in machine().items())
+    return "\n".join([*lines, "", where]) + "\n"
 
 
 def main() -> None:
