@@ -399,3 +399,13 @@ def test_robots_fall(name: str, options: dict[str, object]) -> None:
     assert min(gap.min() for gap in run.gaps.values()) > -1e-3
     if not scene.robot.springs:  # stiff ones, at the end of a step, lose what they swing with
         assert np.abs(run.energy.error).max() < 0.05 * run.energy.scale
+
+
+def test_a_foot_that_lands_with_both_ends_in_one_step() -> None:
+    """Its ends are asked to approach each other by 1e-7 m/s, which no rigid foot does."""
+    scene = robot_scene("cassie", variant={"feet": "points"})
+    q, v = scene.sample(np.random.default_rng(2), spread=0.3)
+    q[2] += 0.02 - gaps_at(scene, q[None])[1].min()
+    run = cp.simulate(scene, q, v, duration=0.5, dt=5e-4)
+    assert run.status.ok, run.reason
+    assert run.violation.max() < 1e-9
