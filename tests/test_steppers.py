@@ -22,10 +22,12 @@ from condyn_pin.constraints import (
     Plane,
     Point,
 )
-from condyn_pin.contact import SemismoothNewton
+from condyn_pin.contact import ContactProblem, SemismoothNewton
+from condyn_pin.contact.solvers.base import Attempt
 from condyn_pin.model import free_ball, free_box, painleve_rod, together
 from condyn_pin.simulation import Anitescu, Moreau, SoftStep, StewartTrinkle
 from condyn_pin.simulation.contact_columns import gaps_at
+from condyn_pin.simulation.integrators import contact_steps
 
 G = 9.81
 SCHEMES = (StewartTrinkle(), Moreau(), Anitescu(), SoftStep())
@@ -409,3 +411,21 @@ def test_a_foot_that_lands_with_both_ends_in_one_step() -> None:
     run = cp.simulate(scene, q, v, duration=0.5, dt=5e-4)
     assert run.status.ok, run.reason
     assert run.violation.max() < 1e-9
+
+
+def test_a_step_without_an_answer_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    def give_up(problem: ContactProblem, *_: object) -> tuple[Attempt, float]:
+        return Attempt(np.zeros(problem.rows), 1, ("nothing",)), float(problem.rows > 0)
+
+    monkeypatch.setattr(contact_steps, "attempt_contact", give_up)
+    scene, q, v = thrown()
+    q[2] += 0.05
+    run = cp.simulate(scene, q, v, duration=0.3)
+    assert run.status.name == "FAILED"
+    assert "leaves a natural residual of 1.0e+00" in run.reason
+    assert "smaller dt" in run.reason
+    assert 0 < run.t[-1] < 0.3
+    with pytest.raises(cp.SolveFailed, match="inaccurate"):
+        cp.step(box_scene(0.5), lying(0.0), np.zeros(6), dt=1e-3)
+    now = cp.step(box_scene(0.5), lying(0.0), np.zeros(6), dt=1e-3, throw=False)
+    assert not now.status.ok

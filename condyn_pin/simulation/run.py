@@ -84,10 +84,10 @@ def simulate(
     dt : float
         The step [s]. If `duration` is not a whole number of steps, they are a little smaller.
     integrator : Integrator, optional
-        `RungeKutta4()` by default: for the time of four solves a step its error falls with dt^4,
-        so that it needs a tenth of the steps of a method of order 2, and a thousandth of those of
-        Euler's, for six digits. Over very long times, and where energy is all that counts, take one
-        that keeps the constraints.
+        `StewartTrinkle()` by default where contacts may open, else `RungeKutta4()`: for the time of
+        four solves a step its error falls with dt^4, so that it needs a tenth of the steps of a
+        method of order 2, and a thousandth of those of Euler's, for six digits. Over very long
+        times, and where energy is all that counts, take one that keeps the constraints.
     drift : Drift, optional
         What keeps the constraints closed. By default `PostStabilization()`, which has no gains to
         choose; `NoDrift()` where there is nothing to do, in no event's scene either.
@@ -120,11 +120,11 @@ def simulate(
     UnknownName
         If a force is on a frame that does not exist.
     NotAssembled
-        If a loop is open at q, or slips with v.
-    SolveFailed
-        If not even the first state can be solved.
+        If a loop is open at q, or slips with v, or a contact penetrates.
+    SolveFailed, StepFailed
+        If not even the first state can be solved, or no step with contacts leads away from it.
     UnsupportedConstraint
-        If the solver cannot take a kind of constraint.
+        If the solver cannot take a kind of constraint, or the integrator lets no contact open.
 
     Notes
     -----
