@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._core import tolerances
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.dynamics.at_state import gaps, slips
+from condyn_pin.dynamics.contact_gaps import gaps_at
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import NotAssembled
 from condyn_pin.mechanism.check import Check
-from condyn_pin.simulation.contact_columns import candidates_of
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.measures import gauge_of
@@ -54,11 +53,7 @@ def check_penetration(scene: Scene, q: Array, integrator: Integrator) -> None:
     """Raise NotAssembled if a contact penetrates at q, unless it does at rest too."""
     if not scene.contacts or (isinstance(integrator, ContactScheme) and integrator.gives_way):
         return
-    candidates = candidates_of(scene)
-    model = scene.robot.unedited
-    data = model.createData()
-    pin.forwardKinematics(model, data, q)
-    gaps = candidates.gaps(data, q)
+    candidates, gaps = gaps_at(scene, q)
     if len(gaps) and gaps.min() < -tolerances.NEARLY_CLOSED:
         k = int(gaps.argmin())
         raise NotAssembled(
