@@ -429,3 +429,18 @@ def test_a_step_without_an_answer_ends_the_run(monkeypatch: pytest.MonkeyPatch) 
         cp.step(box_scene(0.5), lying(0.0), np.zeros(6), dt=1e-3)
     now = cp.step(box_scene(0.5), lying(0.0), np.zeros(6), dt=1e-3, throw=False)
     assert not now.status.ok
+
+
+def test_a_run_goes_on_from_its_own_end() -> None:
+    """Also where loops have turned since the last step, so that v is a little off them."""
+    scene = robot_scene("cassie", variant={"feet": "points"})
+    q, v = scene.sample(np.random.default_rng(1))
+    q[2] += 0.02 - min(contact_gaps(scene, q).values())
+    whole = cp.simulate(scene, q, v, duration=0.1, dt=1e-3)
+    half = cp.simulate(scene, q, v, duration=0.05, dt=1e-3)
+    rest = cp.simulate(scene, half.q[-1], half.v[-1], duration=0.05, dt=1e-3)
+    assert half.constraint_velocity[-1] > 1e-4  # else there is nothing to allow
+    assert np.array_equal(rest.q[-1], whole.q[-1])
+    fast = half.v[-1] + np.random.default_rng(0).normal(size=len(v))
+    with pytest.raises(cp.NotAssembled, match="slips"):
+        cp.simulate(scene, half.q[-1], fast, duration=0.05, dt=1e-3)

@@ -44,9 +44,24 @@ def anchored(
     return placed
 
 
-def check_fit(scene: Scene, q: Array, v: Array, *, what: str = "") -> None:
-    """Raise NotAssembled, said after `what`, if a loop or an anchored contact is open or slips."""
-    _raise(scene, gauge_of(scene).equations.violation(q), q, v, what)
+def check_fit(scene: Scene, q: Array, v: Array, *, slip: float = 0.0, what: str = "") -> None:
+    """Raise NotAssembled, said after `what`, if a loop or an anchored contact is open or slips.
+
+    A `slip` |J v| [m/s, rad/s] is allowed on top.
+    """
+    _raise(scene, gauge_of(scene).equations.violation(q), q, v, what, slip)
+
+
+def slip_of_steps(scene: Scene, q: Array, v: Array, integrator: Integrator, dt: float) -> float:
+    """Return the |J v| [m/s, rad/s] of states that an integrator goes through.
+
+    Schemes with contacts hold J(q) v+ = 0, and q goes on by dt v+: J v is dt J' v at the end of a
+    step, and the next one takes it back. Twice that is allowed.
+    """
+    if not (scene.rows and isinstance(integrator, ContactScheme)):
+        return 0.0
+    _, _, _, gamma = gauge_of(scene).equations.parts(q, v)
+    return 2 * dt * float(np.abs(gamma).max())
 
 
 def check_penetration(scene: Scene, q: Array, integrator: Integrator) -> None:
@@ -67,12 +82,12 @@ def check_slip(scene: Scene, q: Array, v: Array, *, what: str = "") -> None:
     _raise(scene, np.zeros(scene.rows), q, v, what)
 
 
-def _raise(scene: Scene, c: Array, q: Array, v: Array, what: str) -> None:
+def _raise(scene: Scene, c: Array, q: Array, v: Array, what: str, slip: float = 0.0) -> None:
     velocity = gauge_of(scene).equations.jacobian(q) @ v
     speed = max(1.0, float(np.abs(v).max(initial=0.0)))
     fit = Check(gaps(scene, c), slips(scene, velocity), speed, {})
     limit = tolerances.NEARLY_CLOSED
     try:
-        fit.raise_if_open(violation=limit, constraint_velocity=limit)
+        fit.raise_if_open(violation=limit, constraint_velocity=limit + slip / speed)
     except NotAssembled as error:
         raise NotAssembled(f"{what}{error}") from None
