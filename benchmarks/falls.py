@@ -23,7 +23,7 @@ import numpy as np
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.machine import machine
-from condyn_pin.simulation.contact_columns import gaps_at
+from condyn_pin.dynamics import contact_gaps
 
 RESULTS = Path(__file__).resolve().parent / "results"
 ROBOTS = {"solo12": {}, "go2": {}, "talos": {}, "cassie": {"variant": {"feet": "points"}}}
@@ -59,7 +59,7 @@ def fall(robot: str, count: int, dt: float) -> Falls:
     found, times = Falls(robot, aba_us=aba(scene)), []
     for seed in range(count):
         q, v = scene.sample(np.random.default_rng(seed), spread=0.3)
-        q[2] += HEIGHT - gaps_at(scene, q[None])[1].min()
+        q[2] += HEIGHT - min(contact_gaps(scene, q).values())
         run = cp.simulate(scene, q, v, duration=DURATION, dt=dt)
         assert run.contact is not None
         depth = -min(float(gap.min()) for gap in run.gaps.values())

@@ -13,22 +13,49 @@ from typing import Final
 import numpy as np
 
 from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
 from condyn_pin.contact.problem import ContactProblem
 
 # What is left out of g, relative to |g|, at most: a creep of a micrometre where a metre is moved.
 _SMALL: Final = 1e-6
 
 
-def without_contradiction(problem: ContactProblem) -> ContactProblem | None:
-    """Return the problem with the part of g left out that no motion has; None if it is not small.
+def without_contradiction(problem: ContactProblem, lam: Array) -> ContactProblem | None:
+    """Return the problem without the part of g that no motion of what touches has.
 
-    g - Z Z^T g,    Z an orthonormal basis of G z = 0
+    g_A - Z Z^T g_A,    Z an orthonormal basis of G_AA z = 0
 
+    with A the rows along which nothing moves: the normals of contacts that press, and all of those
+    that stick.
+
+    Parameters
+    ----------
+    problem : ContactProblem
+    lam : (m,) array
+        The best impulses that were found: they say which contacts press and stick.
+
+    Returns
+    -------
+    ContactProblem or None
+        None if there is no such part, or it is not small beside g.
+
+    Notes
+    -----
     Cost O(m^3).
     """
-    values, vectors = np.linalg.eigh(problem.G)
-    Z = vectors[:, values <= tolerances.CONTACT_RANK * values[-1]]
-    out = Z.dot(Z.T.dot(problem.g))
-    if problem.R is not None or not 0 < np.abs(out).max(initial=0.0) <= _SMALL * problem.scale[1]:
+    stiff, speed = problem.scale
+    sigma, cones = problem.velocities(lam), 3 * len(problem.friction)
+    L, S = lam[:cones].reshape(-1, 3), sigma[:cones].reshape(-1, 3)
+    presses = L[:, 2] * stiff > np.abs(S[:, 2])
+    sticks = presses & (np.hypot(S[:, 0], S[:, 1]) <= _SMALL * speed)
+    A = np.flatnonzero(np.column_stack((sticks, sticks, presses)))
+    if problem.R is not None or not len(A):
         return None
-    return problem.replaced(g=problem.g - out)
+    values, vectors = np.linalg.eigh(problem.G[np.ix_(A, A)])
+    Z = vectors[:, values <= tolerances.CONTACT_RANK * values[-1]]
+    out = Z.dot(Z.T.dot(problem.g[A]))
+    if not 0 < np.abs(out).max() <= _SMALL * speed:
+        return None
+    g = problem.g.copy()
+    g[A] -= out
+    return problem.replaced(g=g)

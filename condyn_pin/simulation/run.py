@@ -20,7 +20,7 @@ from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solvers import Solver
 from condyn_pin.errors import CondynError, InvalidArgument
 from condyn_pin.simulation.events import Ended, Event, ZenoDetected
-from condyn_pin.simulation.fit import check_fit, check_penetration
+from condyn_pin.simulation.fit import check_fit, check_penetration, slip_of_steps
 from condyn_pin.simulation.hybrid_phase import HybridPhase
 from condyn_pin.simulation.hybrid_simulator import HybridSimulator
 from condyn_pin.simulation.integrators import Integrator
@@ -141,7 +141,7 @@ def simulate(
         scene, tau, duration=duration, dt=dt, integrator=integrator, drift=drift, solver=solver,
         record=record, effects=effects, events=events, forces=forces, jacobian=jacobian,
     )  # fmt: skip
-    state = start(scene, q, v, closed=close_start)
+    state = start(scene, q, v, planned, closed=close_start)
     if close_start:
         check_penetration(scene, state[0], planned.integrator)
     elif scene.rows:
@@ -240,11 +240,13 @@ def _remedy(simulator: HybridSimulator) -> str:
     return "; if tau(t, q, v) is stiff, jacobian=... hands over its derivatives"
 
 
-def start(scene: Scene, q: ArrayLike, v: ArrayLike, *, closed: bool = True) -> tuple[Array, Array]:
+def start(
+    scene: Scene, q: ArrayLike, v: ArrayLike, plan: Plan, *, closed: bool = True
+) -> tuple[Array, Array]:
     """Return the first state, which has to satisfy the constraints if it is to be closed."""
     q_ = normalised(scene.robot.model, "q", q)
     v_ = np.array(finite("v", v, scene.robot.nv))
     scene.robot.check_unedited()
     if closed:
-        check_fit(scene, q_, v_)
+        check_fit(scene, q_, v_, slip=slip_of_steps(scene, q_, v_, plan.integrator, plan.dt))
     return q_, v_

@@ -183,14 +183,13 @@ class ContactSteps:
         """Return impulses and their natural residual, and what they solve."""
         solver, accuracy = self._scheme.contact, tolerances.CONTACT_SOLVED
         found, natural = attempt_contact(posed.problem, solver, None, accuracy)
-        if natural <= accuracy or not solver.exact:
+        if natural <= accuracy or not (solver.exact and isfinite(natural)):
             return posed, found, natural
-        consistent = without_contradiction(posed.problem)
+        consistent = without_contradiction(posed.problem, found.lam)
         if consistent is None:
             return posed, found, natural
-        return posed._replace(problem=consistent), *attempt_contact(
-            consistent, solver, None, accuracy
-        )
+        again = attempt_contact(consistent, solver, found.lam, accuracy)
+        return posed._replace(problem=consistent), *again
 
     def _choose(self, near: NDArray[np.bool_]) -> Chosen:
         """Return the candidates that take part; most often they are those of the step before."""

@@ -98,8 +98,8 @@ class ContactMeasure(Measure):
             raise InvalidArgument("the scene has no contacts that may let go: Scene(contacts=...)")
         if self.integrator.law not in method.laws:
             raise InvalidArgument(
-                f"{self.integrator.title} poses the {self.integrator.law}, and {method.title} solves "
-                f"{' and '.join(method.laws)}"
+                f"{self.integrator.title} poses the {self.integrator.law}, and {method.title} "
+                f"solves {' and '.join(method.laws)}"
             )
         return Posed(scene, method)
 
