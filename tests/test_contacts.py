@@ -371,6 +371,12 @@ def test_round_and_wide_shapes_close_too():
     ):
         with pytest.raises(UnsupportedConstraint, match="FL_FOOT"):
             on_solo(contact).closed()
+    two = on_solo(
+        FrictionalContact("FL_FOOT", friction=1, name="foot 2"),
+        FrictionalContact("FR_FOOT", on="base_link", on_shape=Plane(), friction=1, name="foot"),
+        JointLimit("FL_KFE", name="f"),
+    )
+    assert two.closed({"foot 2": "stick"}).names == ("foot 2",)
     stops = on_solo(JointLimit("FL_KFE"))
     assert stops.closed().constraints == ()
     with pytest.raises(UnsupportedConstraint, match=r"scene\.lock\(\['FL_KFE'\]"):

@@ -12,6 +12,7 @@ import importlib.util
 import re
 import sys
 import textwrap
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -68,21 +69,64 @@ class OnCylinder(FrameRelation):
         return -np.array([[*((rate - n * (n @ rate)) / size), 0, 0, 0, 0]])
 '''
 
+# One with a row of angles: two axes stay across each other, as in the cross of a universal joint.
+#     c = z . R x,    c' = (z x R x) . s_ang,    (R x)' = -s_ang x R x
+CROSS = '''
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from condyn_pin.constraints.relation import FrameRelation
+
+
+@dataclass(frozen=True)
+class Cross(FrameRelation):
+    """The z axis of `frame_a` stays across the x axis of `frame_b`: 1 row."""
+
+    word: ClassVar[str] = "cross"
+
+    frame_a: str
+    frame_b: str
+
+    def __post_init__(self):
+        self._set_name(f"{self.frame_a}+{self.frame_b}")
+
+    @property
+    def rows(self):
+        return 1
+
+    def violation(self, R, r):
+        return R[2:, 0].copy()
+
+    def weights(self, R, r):
+        return np.array([[0, 0, 0, *np.cross([0, 0, 1], R[:, 0])]])
+
+    def weights_rate(self, R, r, s):
+        return np.array([[0, 0, 0, *np.cross([0, 0, 1], -np.cross(s[3:], R[:, 0]))]])
+'''
+
 # Questions for the kind of a constraint outside of `constraints/`; the number only falls.
 QUESTIONS = 0
 
 
+@contextmanager
+def kind_in_a_file(name, text, folder):
+    """A new kind, from a file of its own."""
+    path = folder / f"{name.lower()}.py"
+    path.write_text(text)
+    found = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(found)
+    sys.modules[path.stem] = module
+    found.loader.exec_module(module)
+    yield getattr(module, name)
+    del KINDS[name], sys.modules[path.stem]
+
+
 @pytest.fixture(scope="module")
 def kind(tmp_path_factory):
-    """The new kind, from a file of its own."""
-    path = tmp_path_factory.mktemp("kinds") / "on_cylinder.py"
-    path.write_text(KIND)
-    found = importlib.util.spec_from_file_location("on_cylinder", path)
-    module = importlib.util.module_from_spec(found)
-    sys.modules["on_cylinder"] = module
-    found.loader.exec_module(module)
-    yield module.OnCylinder
-    del KINDS["OnCylinder"], sys.modules["on_cylinder"]
+    with kind_in_a_file("OnCylinder", KIND, tmp_path_factory.mktemp("kinds")) as found:
+        yield found
 
 
 @pytest.fixture(scope="module")
@@ -251,3 +295,14 @@ def test_questions_are_found():
         isinstance(c, Constraint)
     """
     assert list(questions(ast.parse(textwrap.dedent(asked)))) == [2, 3, 4]
+
+
+def test_rows_of_angles_are_differentiated_where_they_slip_too(robot, tmp_path):
+    """The check compares with differences, and J v enters a_ref."""
+    with kind_in_a_file("Cross", CROSS, tmp_path) as cross:
+        scene, rng = cp.Scene(robot, [cross("line", "point")]), np.random.default_rng(7)
+        q = pin.integrate(robot.model, scene.sample(rng)[0], 1e-2 * rng.normal(size=robot.nv))
+        v, tau = rng.normal(size=(2, robot.nv))
+        drift = cp.Baumgarte(3.0, 2.0)
+        found = cp.derivatives(scene, q, v, tau, drift=drift, check=True)
+    assert np.abs(found.da_dq).max() > 1.0

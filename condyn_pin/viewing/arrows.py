@@ -1,4 +1,4 @@
-"""Constraint forces as arrows, each on the body that feels it.
+"""Forces of constraints and contacts as arrows, each on the body that feels it.
 
 Forces have one scale, moments another: the largest of all moments is a third of the scene.
 """
@@ -7,13 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.dynamics.force import ConstraintForce
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.model.robot import Robot
 from condyn_pin.viewing import meshes
@@ -33,12 +32,26 @@ class Peak(NamedTuple):
     moment: float  # [N m]
 
 
+class _Acting(Protocol):
+    """A force that knows on whom it acts and where: of a constraint, or of a contact."""
+
+    @property
+    def at(self) -> Array: ...
+
+    @property
+    def on(self) -> str: ...
+
+    def in_world(self) -> Array: ...
+
+    def on_other(self) -> _Acting: ...
+
+
 @dataclass(frozen=True, eq=False)
 class _Arrow:
-    """A vector of a constraint: the force or the moment on one of its bodies."""
+    """A vector of a constraint or a contact: the force or the moment on one of its bodies."""
 
     name: str
-    of: Callable[[Moment], ConstraintForce | None]
+    of: Callable[[Moment], _Acting | None]
     part: slice  # of the six numbers
     unit: str
     colour: Colour
@@ -83,7 +96,7 @@ def body_of(robot: Robot, name: str) -> str:
 def arrow_parts(
     scene: Scene, moments: Sequence[Moment], size: float, peaks: Mapping[str, Peak]
 ) -> Iterator[Part]:
-    """Return the arrows of every constraint of a scene, with labels.
+    """Return the arrows of every constraint and contact of a scene, with labels.
 
     Parameters
     ----------
@@ -92,10 +105,12 @@ def arrow_parts(
     size : float
         Of the scene [m].
     peaks : mapping of str to Peak
-        Of a motion: the largest force and moment of each constraint, drawn or not.
+        Of a motion: the largest force and moment of each constraint and contact, drawn or not.
     """
     arrows = [arrow for c in scene.constraints if c.frames
               for arrow in _arrows(c.name, between=len(c.frames) == 2)]  # fmt: skip
+    arrows += [arrow for bound in scene.contact_bounds for name, ground in bound.cones
+               for arrow in _touch_arrows(name, between=ground != 0)]  # fmt: skip
     most = {arrow: arrow.most(moments, peaks) for arrow in arrows}
     for unit in ("N", "N m"):
         same = [arrow for arrow in arrows if arrow.unit == unit]
@@ -108,18 +123,31 @@ def arrow_parts(
 
 
 def _arrows(name: str, *, between: bool) -> Iterator[_Arrow]:
-    def first(at: Moment) -> ConstraintForce | None:
+    def first(at: Moment) -> _Acting | None:
         return at.forces.get(name)
-
-    def other(at: Moment) -> ConstraintForce | None:
-        force = at.forces.get(name)
-        return None if force is None else force.on_other()
 
     linear, angular = slice(0, 3), slice(3, 6)
     yield _Arrow(name, first, linear, "N", FORCE)
     yield _Arrow(name, first, angular, "N m", MOMENT)
     if between:
-        yield _Arrow(name, other, linear, "N", REACTION)
+        yield _Arrow(name, _other(first), linear, "N", REACTION)
+
+
+def _touch_arrows(name: str, *, between: bool) -> Iterator[_Arrow]:
+    def first(at: Moment) -> _Acting | None:
+        return at.touching.get(name)
+
+    yield _Arrow(name, first, slice(0, 3), "N", FORCE)
+    if between:
+        yield _Arrow(name, _other(first), slice(0, 3), "N", REACTION)
+
+
+def _other(first: Callable[[Moment], _Acting | None]) -> Callable[[Moment], _Acting | None]:
+    def other(at: Moment) -> _Acting | None:
+        force = first(at)
+        return None if force is None else force.on_other()
+
+    return other
 
 
 def _drawn(arrow: _Arrow, most: float, on: str, scale: float, size: float) -> Iterator[Part]:

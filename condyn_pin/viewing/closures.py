@@ -10,7 +10,6 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.base import Patch
 from condyn_pin.constraints.violation import ConstraintViolation
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.viewing import meshes
@@ -18,6 +17,7 @@ from condyn_pin.viewing.labels import label
 from condyn_pin.viewing.moment import Moment
 from condyn_pin.viewing.palette import AXES, CONTACT, Colour, gap_colour
 from condyn_pin.viewing.part import Part, Pose, Tint, at_point, span, then
+from condyn_pin.viewing.patches import patch_mesh
 
 
 def closure_parts(
@@ -57,7 +57,7 @@ def contact_parts(scene: Scene, size: float) -> Iterator[Part]:
             continue
         name = constraint.name
         pose = then(methodcaller("robot_end", name), _turned if patch.turns else _there)
-        shape = ((_patch(patch), CONTACT),)
+        shape = ((patch_mesh(patch), CONTACT),)
         yield Part(f"contacts/{name}/patch", pose, shape, opacity=0.8, on_top=True)
         if bound.meets:
             yield _gap(f"contacts/{name}/gap", name, size)
@@ -69,14 +69,6 @@ def _turned(end: Any) -> Array:
 
 def _there(end: Any) -> Array:
     return at_point(end.translation)
-
-
-def _patch(patch: Patch) -> meshes.Mesh:
-    if patch.shape == "box":
-        return meshes.box(*patch.size)
-    if patch.shape == "rod":
-        return meshes.cylinder(*patch.size).moved(span(np.zeros(3), np.array(patch.along)))
-    return meshes.sphere(*patch.size)
 
 
 def _gap(path: str, name: str, size: float) -> Part:

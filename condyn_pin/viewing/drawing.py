@@ -10,19 +10,19 @@ import numpy as np
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.violation import ConstraintViolation
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.model.robot import Robot
 from condyn_pin.viewing import palette, three
 from condyn_pin.viewing.arrows import Peak, arrow_parts
 from condyn_pin.viewing.bodies import body_parts, lighter, with_coarse
 from condyn_pin.viewing.closures import closure_parts, contact_parts
+from condyn_pin.viewing.extent import extent, touched
 from condyn_pin.viewing.labels import Eye, spread
 from condyn_pin.viewing.marks import floor_part, joint_parts, mass_parts, spacing, spring_parts
 from condyn_pin.viewing.moment import Moment
 from condyn_pin.viewing.motion import tracks
 from condyn_pin.viewing.page import page
 from condyn_pin.viewing.part import Part
+from condyn_pin.viewing.touches import touch_parts
 
-_TINY = 0.05  # [m] a scene is drawn as if it were at least this large
 _FAR = 1.15  # of the size of a scene, from its middle to the camera
 _SLASH = "\N{DIVISION SLASH}"  # looks like one, and parts nothing
 # What the legend says, if all these parts are there.
@@ -33,6 +33,12 @@ _LEGEND = (
     (("closures",), palette.CLOSED, "closed"),
     (("closures",), palette.OPEN, "open by 1 cm or more (yellow: by less)"),
     (("contacts",), palette.CONTACT, "contact"),
+    (("candidates",), palette.CONTACT, "may touch"),
+    (("touching",), palette.AWAY, "contact that is open"),
+    (("touching",), palette.STICKS, "contact that sticks"),
+    (("touching",), palette.SLIDES, "contact that slides"),
+    (("grounds",), palette.GROUND, "what may be touched"),
+    (("cones",), palette.CONE, "forces that friction can give"),
     (("forces",), palette.FORCE, "force on the first-named body"),
     (("forces", "closures"), palette.REACTION, "force on the other body"),
     (("moments",), palette.MOMENT, "moment"),
@@ -116,6 +122,7 @@ def draw(
     peaks: Mapping[str, Peak] | None = None,
     fps: float = 30.0,
     light: bool = False,
+    cones: bool = False,
 ) -> Drawing:
     """Return the drawing of moments.
 
@@ -138,9 +145,12 @@ def draw(
         Pictures a second [1/s].
     light : bool
         Draw the robot with 30 000 triangles at most.
+    cones : bool
+        Draw the friction cones of contacts that may let go.
     """
     robot = scenes[0].robot
-    middle, size = extent(robot, [moments[0], *([] if before is None else [before])])
+    seen = [moments[0], *([] if before is None else [before])]
+    middle, size = extent(robot, seen, touched(moments))
     bodies, notes = body_parts(robot, size)
     if light:
         bodies = lighter(bodies, size)
@@ -151,6 +161,7 @@ def draw(
     parts = [floor_part(middle, size), *bodies, *marks, *closures]
     for scene in scenes:
         parts += contact_parts(scene, size)
+        parts += touch_parts(scene, moments, size, cones=cones)
         parts += arrow_parts(scene, moments, size, peaks or {})
     parts += mass_parts(size)
     if before is not None:
@@ -190,28 +201,6 @@ def _words(path: str) -> tuple[str, ...]:
 
 def _eye(middle: Array, size: float) -> Eye:
     return Eye(middle + _FAR * size * _FROM, middle)
-
-
-def extent(robot: Robot, moments: Sequence[Moment]) -> tuple[Array, float]:
-    """Return the middle and the size of what joints, frames and masses span [m].
-
-    A body reaches as far from its centre of mass as a ball of its mass m and inertia I does:
-    r^2 = 5 trace(I) / (6 m).
-    """
-    points = []
-    for at in moments:
-        points += [oMi.translation for oMi in at.joints[1:]]
-        points += [
-            at.joints[frame.parentJoint].act(frame.placement.translation)
-            for frame in robot.model.frames
-            if frame.parentJoint
-        ]
-        for oMi, inertia in zip(at.joints[1:], list(robot.model.inertias)[1:], strict=True):
-            if inertia.mass > 0.0:
-                r = np.sqrt(max(np.trace(inertia.inertia), 0.0) / (1.2 * inertia.mass))
-                points += [oMi.act(inertia.lever) + r, oMi.act(inertia.lever) - r]
-    low, high = np.min(points, axis=0), np.max(points, axis=0)
-    return 0.5 * (low + high), max(float(np.linalg.norm(high - low)), _TINY)
 
 
 def _worst(gaps: Iterable[Mapping[str, ConstraintViolation]]) -> dict[str, ConstraintViolation]:

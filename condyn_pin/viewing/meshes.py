@@ -174,6 +174,13 @@ def capsule(radius: float, height: float) -> Mesh:
     return turned(np.vstack([cap[::-1] * (1, -1), cap + np.array([0.0, height])]), 12)
 
 
+def centred_capsule(radius: float, length: float) -> Mesh:
+    """Return a capsule along z, its middle in the origin."""
+    down = np.eye(4)
+    down[2, 3] = -0.5 * length
+    return capsule(radius, length).moved(down)
+
+
 def box(x: float, y: float, z: float) -> Mesh:
     """Return a box of these edges, its middle in the origin."""
     corners = np.array([(i, j, k) for i in (-0.5, 0.5) for j in (-0.5, 0.5) for k in (-0.5, 0.5)])
@@ -229,15 +236,9 @@ def _ellipsoid(*radii: float) -> Mesh:
     return sphere(1.0).moved(np.diag([*radii, 1.0]))
 
 
-def _centred_capsule(radius: float, length: float) -> Mesh:
-    down = np.eye(4)
-    down[2, 3] = -0.5 * length
-    return capsule(radius, length).moved(down)
-
-
 _SOLIDS: dict[str, Callable[..., Mesh]] = {
     "box": box,
-    "capsule": _centred_capsule,
+    "capsule": centred_capsule,
     "cylinder": cylinder,
     "ellipsoid": _ellipsoid,
     "sphere": sphere,

@@ -16,6 +16,7 @@ from condyn_pin.constraints.violation import ConstraintViolation
 from condyn_pin.dynamics.at_state import gaps
 from condyn_pin.dynamics.force import ConstraintForce
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.viewing.touching import Felt, Touching, touching_at
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +37,8 @@ class Moment:
         The constraints that hold at this moment.
     forces : mapping of str to ConstraintForce
         On the first-named body; empty where none are known.
+    touching : mapping of str to Touching
+        What may touch a plane.
     """
 
     joints: list[Any]
@@ -44,6 +47,7 @@ class Moment:
     gaps: Mapping[str, ConstraintViolation]
     bounds: Mapping[str, AnyBound]
     forces: Mapping[str, ConstraintForce] = field(default_factory=dict)
+    touching: Mapping[str, Touching] = field(default_factory=dict)
 
     def robot_end(self, name: str) -> Any | None:
         """Return the frame of a contact on the robot; None while it does not hold."""
@@ -52,12 +56,18 @@ class Moment:
         return self.ends[name][self.bounds[name].on_robot]
 
 
-def moment(scene: Scene, q: Array, forces: Mapping[str, ConstraintForce] | None = None) -> Moment:
+def moment(
+    scene: Scene,
+    q: Array,
+    forces: Mapping[str, ConstraintForce] | None = None,
+    felt: Felt | None = None,
+) -> Moment:
     """Return what is to be seen of a scene at q (nq,)."""
     equations = Equations(scene.robot.model, scene.bounds)
     opening = gaps(scene, equations.violation(q))
     placed = zip(scene.names, equations.placements(q), strict=True)
     oMi = [pin.SE3(each) for each in equations.data.oMi]
+    touching = dict(touching_at(scene, equations.data, q, felt or Felt()))
     com = np.array(pin.centerOfMass(scene.robot.model, equations.data, q))
     return Moment(
         oMi,
@@ -66,4 +76,5 @@ def moment(scene: Scene, q: Array, forces: Mapping[str, ConstraintForce] | None 
         opening,
         {bound.name: bound for bound in scene.bounds},
         forces or {},
+        touching,
     )

@@ -21,6 +21,7 @@ from condyn_pin.viewing import three
 from condyn_pin.viewing.arrows import Peak
 from condyn_pin.viewing.moment import Moment, moment
 from condyn_pin.viewing.part import Part
+from condyn_pin.viewing.touching import Felt
 
 
 def tracks(
@@ -82,12 +83,16 @@ def shown(trajectory: Trajectory, fps: float) -> NDArray[np.intp]:
 
 def moments_of(trajectory: Trajectory, samples: Iterable[int], *, forces: bool) -> list[Moment]:
     """Return the moments of samples, each with its constraints and their forces."""
-    found = []
+    found, felt, modes = [], trajectory.forces if forces else {}, trajectory.modes
     for k in samples:
         q, phase = trajectory.q[k], _phase(trajectory, k)
         lam = trajectory.lam[k, list(phase.columns)]
         acting = Sites(phase.scene, q).forces(lam) if forces else {}
-        found.append(moment(phase.scene, q, acting))
+        contact = Felt(
+            {name: force[k] for name, force in felt.items()},
+            {name: str(mode[k]) for name, mode in modes.items()},
+        )
+        found.append(moment(phase.scene, q, acting, contact))
     return found
 
 
@@ -100,7 +105,7 @@ def gaps_of(trajectory: Trajectory) -> Iterator[dict[str, ConstraintViolation]]:
 
 
 def peaks_of(trajectory: Trajectory) -> dict[str, Peak]:
-    """Return the largest force and moment of every constraint at all samples, drawn or not."""
+    """Return the largest forces and moments of all samples by name, drawn or not."""
     return {
         name: Peak(*(float(np.linalg.norm(part, axis=1).max()) for part in (f[:, :3], f[:, 3:])))
         for name, f in trajectory.forces.items()

@@ -14,6 +14,11 @@ GHOST: Final[Colour] = (0.55, 0.55, 0.60)
 ACTUATED: Final[Colour] = (0.902, 0.624, 0.0)  # orange
 PASSIVE: Final[Colour] = (0.25, 0.25, 0.25)
 CONTACT: Final[Colour] = (0.8, 0.475, 0.655)  # purple
+GROUND: Final[Colour] = (0.80, 0.74, 0.62)
+CONE: Final[Colour] = (0.941, 0.894, 0.259)  # yellow
+AWAY: Final[Colour] = (0.55, 0.55, 0.55)
+STICKS: Final[Colour] = CONTACT
+SLIDES: Final[Colour] = (0.835, 0.369, 0.0)  # vermillion
 FORCE: Final[Colour] = (0.0, 0.447, 0.698)  # blue
 REACTION: Final[Colour] = (0.337, 0.706, 0.914)  # sky blue
 MOMENT: Final[Colour] = (0.533, 0.133, 0.333)  # wine
@@ -26,6 +31,7 @@ CLOSED: Final[Colour] = (0.0, 0.62, 0.451)  # green
 AJAR: Final[Colour] = (0.941, 0.894, 0.259)  # yellow
 OPEN: Final[Colour] = (0.835, 0.369, 0.0)  # vermillion
 
+_MODES: Final = {"open": AWAY, "stick": STICKS, "slide": SLIDES}
 _WIDE: Final = 1e-2  # [m] a gap that everybody sees
 
 
@@ -44,3 +50,8 @@ def gap_colour(length: float) -> Colour:
     x = min(math.log(length / tolerances.CLOSED) / decades, 1.0)
     red, green, blue = (a + x * (b - a) for a, b in zip(AJAR, OPEN, strict=True))
     return red, green, blue
+
+
+def mode_colour(mode: str) -> Colour:
+    """Return the colour of a contact that is open, sticks or slides; of one that nobody asked."""
+    return _MODES.get(mode, CONTACT)

@@ -11,20 +11,23 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.files.beside import check_writable
 from condyn_pin.control.inverse import InverseDynamics
+from condyn_pin.dynamics.force import Sites
 from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.mechanism.assembly import Assembly
 from condyn_pin.model.robot import Robot
+from condyn_pin.simulation.step_solution import StepSolution
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.viewing.drawing import Drawing, draw
 from condyn_pin.viewing.moment import moment
 from condyn_pin.viewing.motion import gaps_of, moments_of, peaks_of, shown
 from condyn_pin.viewing.page import require_meshcat
+from condyn_pin.viewing.touching import Felt
 from condyn_pin.viewing.viewer import Viewer, check_port
 
-Subject = Robot | Scene | Solution | InverseDynamics | Trajectory | Assembly
+Subject = Robot | Scene | Solution | StepSolution | InverseDynamics | Trajectory | Assembly
 
 _FPS = 30.0  # [1/s]
 
@@ -37,6 +40,7 @@ def view(
     forces: bool = True,
     speed: float = 1.0,
     light: bool = False,
+    cones: bool = False,
     html: str | Path | None = None,
     png: str | Path | None = None,
     browser: bool = True,
@@ -46,26 +50,29 @@ def view(
 
     What is seen: the robot as its description draws it, or else rods between its joints and the
     ellipsoids of its inertias; joints with a motor orange, passive ones dark; both frames of every
-    loop, and the gap between them coloured by its length, with its size in mm; contacts; the forces
-    of an answer or of a motion on the bodies that feel them; the centre of mass. A motion has
-    buttons to play and to pause, a slider for time, and `timeScale` for speed, under Animations. An
-    assembly is seen beside the pale robot that it started from.
+    loop, and the gap between them coloured by its length, with its size in mm; contacts, those that
+    may let go above the planes that they may touch, coloured while they stick and while they slide;
+    the forces of an answer or of a motion on the bodies that feel them; the centre of mass. A
+    motion has buttons to play and to pause, a slider for time, and `timeScale` for speed, under
+    Animations. An assembly is seen beside the pale robot that it started from.
 
     Parameters
     ----------
-    subject : Robot, Scene, Solution, InverseDynamics, Trajectory or Assembly
-        A robot is shown with all its loops.
+    subject : Robot, Scene, Solution, StepSolution, InverseDynamics, Trajectory or Assembly
+        A robot is shown with all its loops, a step at its end.
     q : (nq,) array_like, optional
         For a robot or a scene: its configuration, taken as it is, loops open or not.
     posture : str, optional
         For a robot or a scene, in place of q: a posture, its loops closed if they can be. The first
         one by default.
     forces : bool
-        Draw the forces of a `Solution`, an `InverseDynamics` or a `Trajectory`.
+        Draw the forces of a `Solution`, a `StepSolution`, an `InverseDynamics` or a `Trajectory`.
     speed : float
         Seconds of a motion that are played in one second; 30 pictures in each.
     light : bool
         Draw the robot with at most 30 000 triangles, for a small page.
+    cones : bool
+        Draw the friction cones of contacts that may let go, unless they are open.
     html, png : path, optional
         Write a page that opens from disk without a network; a picture of the first moment, for
         which headless Chromium has to be there. With one of them nothing is opened, and no server
@@ -104,7 +111,9 @@ def view(
         if path is not None:
             check_writable(path)
     viewer = Viewer(
-        drawing_of(subject, q, posture=posture, forces=forces, speed=float(speed), light=light)
+        drawing_of(
+            subject, q, posture=posture, forces=forces, speed=float(speed), light=light, cones=cones
+        )
     )
     if html is not None:
         viewer.save_html(html)
@@ -125,24 +134,27 @@ def drawing_of(
     forces: bool = True,
     speed: float = 1.0,
     light: bool = False,
+    cones: bool = False,
 ) -> Drawing:
     """Return what `view` shows of a subject, without a page."""
     if not isinstance(subject, Subject):
         raise InvalidArgument(
-            f"subject = {subject!r}: a Robot, a Scene, a Solution, an InverseDynamics, a "
-            "Trajectory or an Assembly is needed; of a batch, one: batch[i]"
+            f"subject = {subject!r}: a Robot, a Scene, a Solution, a StepSolution, an "
+            "InverseDynamics, a Trajectory or an Assembly is needed; of a batch, one: batch[i]"
         )
     if isinstance(subject, Robot):
         subject = Scene(subject, subject.loops)
     if isinstance(subject, Scene):
         q, name = _configuration(subject, q, posture)
         title = f"{subject.robot.name}, {name}" if name else subject.robot.name
-        return draw([subject], [moment(subject, q)], title=title, light=light)
+        return draw([subject], [moment(subject, q)], title=title, light=light, cones=cones)
     if q is not None or posture is not None:
         given = "q" if q is not None else "posture"
         raise InvalidArgument(f"{given}: a {type(subject).__name__} has its own configuration")
     if isinstance(subject, Trajectory):
-        return _motion(subject, forces, speed, light)
+        return _motion(subject, forces, speed, light, cones)
+    if isinstance(subject, StepSolution):
+        return _step(subject, forces, light, cones)
     scene, said, before = subject.scene, "inverse dynamics", None
     acting = subject.forces if forces and not isinstance(subject, Assembly) else {}
     if isinstance(subject, Solution):
@@ -152,7 +164,7 @@ def drawing_of(
         before = moment(scene, subject.start)
     at = moment(scene, subject.q, acting)
     title = f"{scene.robot.name}, {said}"
-    return draw([scene], [at], title=title, before=before, light=light)
+    return draw([scene], [at], title=title, before=before, light=light, cones=cones)
 
 
 def _configuration(scene: Scene, q: ArrayLike | None, posture: str | None) -> tuple[Array, str]:
@@ -168,7 +180,18 @@ def _configuration(scene: Scene, q: ArrayLike | None, posture: str | None) -> tu
         return described_posture(scene, posture), f"{name}, as described: it cannot be closed"
 
 
-def _motion(trajectory: Trajectory, forces: bool, speed: float, light: bool) -> Drawing:
+def _step(step: StepSolution, forces: bool, light: bool, cones: bool) -> Drawing:
+    """Return the drawing of a step at its end, with the mean forces in it."""
+    scene, q = step.scene, step.q
+    acting = Sites(scene, q).forces(step.lam / step.dt) if forces else {}
+    at = moment(scene, q, acting, Felt(step.forces if forces else {}, step.modes))
+    title = f"{scene.robot.name}, a step of {step.dt:g} s, {step.status.name.lower()}"
+    return draw([scene], [at], title=title, light=light, cones=cones)
+
+
+def _motion(
+    trajectory: Trajectory, forces: bool, speed: float, light: bool, cones: bool
+) -> Drawing:
     scenes = [phase.scene for phase in trajectory.phases]
     fps = _FPS / speed  # pictures for each second of the motion
     samples = shown(trajectory, fps)
@@ -179,5 +202,5 @@ def _motion(trajectory: Trajectory, forces: bool, speed: float, light: bool) -> 
     title += f", {speed:g} x speed" if speed != 1.0 else ""
     return draw(
         scenes, moments, title=title, frames=frames, gaps=gaps_of(trajectory),
-        peaks=peaks_of(trajectory), fps=_FPS, light=light,
+        peaks=peaks_of(trajectory), fps=_FPS, light=light, cones=cones,
     )  # fmt: skip

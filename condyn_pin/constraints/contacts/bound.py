@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.base import Patch
 from condyn_pin.constraints.contacts.cores import Core
 from condyn_pin.constraints.contacts.meetings import most_meetings
 
@@ -68,6 +69,14 @@ class Dry(NamedTuple):
     limit: float  # [N m, N]
 
 
+class Solid(NamedTuple):
+    """A shape on a joint, for who draws it."""
+
+    joint: int
+    placement: Any  # pin.SE3 on that joint
+    patch: Patch
+
+
 @dataclass(frozen=True, eq=False)
 class BoundContact:
     """A contact on the joints of a model; most kinds fill one of the lists."""
@@ -77,10 +86,17 @@ class BoundContact:
     pairs: tuple[Pair, ...] = ()
     stops: tuple[Stop, ...] = ()
     dry: tuple[Dry, ...] = ()
+    solids: tuple[Solid, ...] = ()
+
+    @property
+    def cones(self) -> tuple[tuple[str, int], ...]:
+        """Name of each of its cones, and the joint that carries what it touches."""
+        on_planes = [(touch.name, touch.ground) for touch in self.touches]
+        of_pairs = [(name, pair.ground) for pair in self.pairs for name in pair.candidates]
+        return (*on_planes, *of_pairs)
 
     @property
     def candidates(self) -> tuple[str, ...]:
         """Names of its cones, half-lines and intervals."""
-        cones = [touch.name for touch in self.touches]
-        cones += [name for pair in self.pairs for name in pair.candidates]
+        cones = [name for name, _ in self.cones]
         return (*cones, *(stop.name for stop in self.stops), *(each.name for each in self.dry))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from condyn_pin._core.arrays import finite, shown
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.constraint_fields import Vector3, check_size, floats, text
 from condyn_pin.constraints.contacts.base import Contact, Mode
-from condyn_pin.constraints.contacts.bound import BoundContact, Pair, Touch
+from condyn_pin.constraints.contacts.bound import BoundContact, Pair, Solid, Touch
 from condyn_pin.constraints.contacts.plane import Plane
 from condyn_pin.constraints.contacts.shapes import Feeler, Point, Shape
 from condyn_pin.constraints.planar_contact import PlanarContact
@@ -81,10 +82,12 @@ class FrictionalContact(Contact):
         if finite("friction", self.friction, ()) < 0:
             raise InvalidArgument(f"friction = {shown(self.friction)}: a number >= 0 is needed")
         check_size("friction", self.friction)
+        object.__setattr__(self, "friction", float(self.friction))
         if not 0 <= finite("restitution", self.restitution, ()) <= 1:
             raise InvalidArgument(
                 f"restitution = {shown(self.restitution)}: a number from 0 to 1 is needed"
             )
+        object.__setattr__(self, "restitution", float(self.restitution))
         self._set_name(self.frame)
 
     def _check_ground(self) -> None:
@@ -104,6 +107,8 @@ class FrictionalContact(Contact):
                 f"on_shape = {shown(self.on_shape)}: what {self.on!r} carries is needed, a Plane, "
                 "Ball, Capsule, Box or Convex"
             )
+        if self.shape == self.on_shape == Point():
+            raise InvalidArgument("on_shape = Point(): points do not meet; one has to be a Ball")
 
     def bind(self, machine: Machine) -> BoundContact:
         """Return its feelers over the plane, or the pair of shapes."""
@@ -116,18 +121,22 @@ class FrictionalContact(Contact):
                 f"{self.name}: frame {self.frame!r} and what it touches both belong to {where}; "
                 "name frames on two bodies that move against each other"
             )
-        at, law = shifted(placement, self.offset), (float(self.friction), float(self.restitution))
+        at, law = shifted(placement, self.offset), (self.friction, self.restitution)
         below = self.on if isinstance(self.on, Plane) else self.on_shape
         if isinstance(below, Shape):
             pair = Pair(self.name, joint, at, self.shape.core, ground, origin, below.core, *law)
-            return BoundContact(self.name, pairs=(pair,))
+            return BoundContact(self.name, pairs=(pair,), solids=_solids(
+                (joint, at, self.shape), (ground, origin, below)
+            ))  # fmt: skip
         assert below is not None  # checked when it was made
         plane = origin * below.placement
         touches = (
             Touch(self._called(f), joint, at.act(np.array(f.point)), f.radius, ground, plane, *law)
             for f in self.shape.feelers
         )
-        return BoundContact(self.name, touches=tuple(touches))
+        return BoundContact(
+            self.name, touches=tuple(touches), solids=_solids((joint, at, self.shape))
+        )
 
     def held(self, modes: Mapping[str, Mode] | None) -> tuple[Constraint, ...]:
         """Return its feelers where they are: points and balls that stick, or slide on the plane."""
@@ -159,8 +168,7 @@ class FrictionalContact(Contact):
 
     def _between_bodies(self, modes: Mapping[str, Mode] | None) -> tuple[()]:
         """Return nothing if all its candidates are open."""
-        mine = {name: mode for name, mode in (modes or {}).items() if name.startswith(self.name)}
-        if modes is None or set(mine.values()) - {"open"}:
+        if modes is None or any(m != "open" for name, m in modes.items() if self.owns(name)):
             raise UnsupportedConstraint(
                 f"{self.name} is between two bodies: hold them with a Loop of your own"
             )
@@ -168,3 +176,10 @@ class FrictionalContact(Contact):
 
     def _called(self, feeler: Feeler) -> str:
         return f"{self.name}/{feeler.called}" if feeler.called else self.name
+
+
+def _solids(*placed: tuple[int, Any, Shape]) -> tuple[Solid, ...]:
+    """Return what is to be drawn of shapes on joints."""
+    return tuple(
+        Solid(joint, at, shape.patch) for joint, at, shape in placed if shape.patch is not None
+    )

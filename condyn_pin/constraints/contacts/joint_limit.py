@@ -71,4 +71,4 @@ class JointLimit(Contact):
 
     def held(self, modes: Mapping[str, Mode] | None) -> tuple[Constraint, ...]:
         """Return nothing; a joint that sticks is locked by `Scene.lock`, and no constraint."""
-        return not_held(self.joint, self.name, modes)
+        return not_held(self, self.joint, modes)

@@ -12,6 +12,7 @@ from itertools import product
 from typing import NamedTuple
 
 from condyn_pin._core.registry import enter
+from condyn_pin.constraints.base import Patch
 from condyn_pin.constraints.constraint_fields import Vector3, check_positive
 from condyn_pin.constraints.contacts.cores import Core, box_core, points_core
 
@@ -38,6 +39,11 @@ class Shape(ABC):
     @abstractmethod
     def feelers(self) -> tuple[Feeler, ...]:
         """The points that may touch a plane."""
+
+    @property
+    def patch(self) -> Patch | None:
+        """What it is drawn as; None for what has no size."""
+        return None
 
     @property
     def core(self) -> Core:
@@ -76,6 +82,11 @@ class Ball(Shape):
         """Its middle."""
         return (Feeler("", (0.0, 0.0, 0.0), self.radius),)
 
+    @property
+    def patch(self) -> Patch:
+        """Itself."""
+        return Patch("ball", (self.radius,))
+
 
 @dataclass(frozen=True)
 class Capsule(Shape):
@@ -103,6 +114,11 @@ class Capsule(Shape):
             Feeler("end 2", (0.0, 0.0, -self.half_length), self.radius),
         )
 
+    @property
+    def patch(self) -> Patch:
+        """Itself."""
+        return Patch("capsule", (self.radius, 2.0 * self.half_length))
+
 
 @dataclass(frozen=True)
 class Box(Shape):
@@ -126,6 +142,11 @@ class Box(Shape):
         """Its corners, from (x, y, z) to (-x, -y, -z); the sign of z changes fastest."""
         corners = product((self.x, -self.x), (self.y, -self.y), (self.z, -self.z))
         return tuple(Feeler(f"corner {i}", at, 0.0) for i, at in enumerate(corners, start=1))
+
+    @property
+    def patch(self) -> Patch:
+        """Itself."""
+        return Patch("box", (2.0 * self.x, 2.0 * self.y, 2.0 * self.z))
 
     @property
     def core(self) -> Core:

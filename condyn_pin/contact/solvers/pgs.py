@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin._core import _pin_contacts
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.parameters import check_accuracy, check_iterations
+from condyn_pin._core.parameters import Grid, check_accuracy, check_iterations
 from condyn_pin.contact.padded import padded
 from condyn_pin.contact.problem import ContactProblem, Law
 from condyn_pin.contact.scaling import normalised
@@ -54,6 +54,7 @@ class PGS(ContactSolver):
     cost: ClassVar[str] = "O(m^2) a round"
     use: ClassVar[str] = "few contacts of light legs; what other simulators do"
     laws: ClassVar[tuple[Law, ...]] = ("ncp",)
+    sweeps: ClassVar[tuple[Grid, ...]] = ({"tolerance": (1e-4, 1e-6, 1e-8, 1e-10)},)
 
     tolerance: float = 1e-10
     max_iterations: int = 5000
@@ -76,10 +77,13 @@ class PGS(ContactSolver):
             )
         small, unit = normalised(problem)
         rows = padded(small)
+        relaxation = self._relaxation(rows.G, problem)
+        if not relaxation > 0:  # nothing moves a contact along t1 or t2, by which it divides
+            return Attempt(np.full(problem.rows, np.nan), 0, (self.title,))
         found = _pin_contacts.pgs(
             rows.G, rows.g, rows.friction, rows.limits,
             tolerance=self.tolerance, max_iterations=self.max_iterations,
-            over_relaxation=self._relaxation(rows.G, problem),
+            over_relaxation=relaxation,
             guess=rows.spread(None if guess is None else guess / unit),
         )  # fmt: skip
         return Attempt(found.lam[rows.kept] * unit, found.iterations, (self.title,))

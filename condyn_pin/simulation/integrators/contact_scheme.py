@@ -117,7 +117,7 @@ class ContactScheme(Integrator, ABC):
             )
         if self.law not in self.contact.laws:
             raise InvalidArgument(
-                f"contact = {self.contact!r}: {self.title} poses a {self.law}, and "
+                f"contact = {self.contact!r}: {self.title} poses the {self.law}, and "
                 f"{self.contact.title} solves {' and '.join(self.contact.laws)}; use ADMM()"
             )
 
