@@ -297,11 +297,12 @@ def measured(scene: Scene, rounds: int, *, floor: bool) -> Row:
 @one_blas_thread
 def islands(robots: int, rounds: int) -> Islands:
     """Return what it saves to solve robots apart that do not touch each other."""
-    one = Scene("solo12", "4 points", push=0.1)
+    one = Scene("solo12", "4 points", push=0.2)
     solo = one.scene.robot
     crowd = together({f"robot {i}": solo for i in range(robots)})
     scene = cp.Scene(crowd, contacts=crowd.frictional_contacts(FRICTION))
-    system = System(cp.Workspace(scene), np.tile(one.tau, robots), contacts=scene.contact_bounds)
+    tau = np.tile(one.tau, robots)
+    system = System(cp.Workspace(scene.bilateral), tau, contacts=scene.contact_bounds)
     steps = ContactSteps(cp.StewartTrinkle(), system, DT)
     states = [tuple(np.tile(x, robots) for x in state) for state in one.states]
     problems = {id(q): steps.pose(0.0, q, v).problem for q, v, _ in states}
@@ -333,14 +334,13 @@ def whole(problem: ContactProblem, solver: ADMM) -> tuple[Any, float]:
 def measure(*, quick: bool = False) -> tuple[list[Row], Islands]:
     """Return all rows."""
     rounds = 40 if quick else 400
-    rows = [
-        measured(Scene("solo12", "4 points", push=0.1), rounds, floor=True),
-        measured(Scene("talos", "8 corners", push=0.0), rounds, floor=False),
-        measured(
-            Scene("cassie", "4 points, 4 loops", push=0.0, variant={"feet": "points"}),
-            rounds, floor=False,
-        ),
-    ]  # fmt: skip
+    locked = {"feet": "points", "springs": "locked"}
+    scenes = (
+        Scene("solo12", "4 points", push=0.2),
+        Scene("talos", "8 corners", push=0.0),
+        Scene("cassie", "loops, 4 points", push=0.0, variant=locked),
+    )
+    rows = [measured(scene, rounds, floor=scene.name == "solo12") for scene in scenes]
     return rows, islands(8, rounds // 4)
 
 
