@@ -185,3 +185,14 @@ def test_slopes_are_those_of_the_projection(x, friction, seed):
     sides = [K.slopes(x + sign * h * dx) for sign in (-1, 1)]
     if all(np.abs(each[0] - P).max() < 1e-3 and (each[1] == free).all() for each in sides):
         assert analytic == pytest.approx(differences, abs=1e-5)
+
+
+@given(lam=points, g=points, friction=frictions, law=st.sampled_from(["ncp", "ccp"]))
+def test_the_judge_projects_as_solvers_do(lam, g, friction, law):
+    """The natural residual has lines of its own, so that no solver is proved by what it runs."""
+    problem = ContactProblem(np.eye(8), g, friction, half_lines=1, limits=[0.7], law=law)
+    stiff, speed = problem.scale
+    d = problem.dual(problem.velocities(lam))
+    missed = np.abs(lam - problem.sets.project(lam - d / stiff)).max() * stiff / speed
+    rounding = 1e-14 * (np.abs(lam).max() + np.abs(d).max()) * stiff / speed
+    assert natural_residual(problem, lam) == pytest.approx(missed, rel=1e-9, abs=rounding)

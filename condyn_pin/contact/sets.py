@@ -64,6 +64,11 @@ class ContactSets:
         return np.concatenate([np.repeat(np.arange(k), 3), k + np.arange(singles)])
 
     @cached_property
+    def coefficients(self) -> list[float]:
+        """Friction of the cones, as plain numbers."""
+        return self.friction.tolist()  # type: ignore[no-any-return]
+
+    @cached_property
     def _shrink(self) -> Array:
         return 1 / (1 + self.friction**2)
 
