@@ -59,7 +59,8 @@ class Condensed(NamedTuple):
     @property
     def contact_velocities(self) -> Array:
         """J_c v_free (m,) [m/s]."""
-        return np.asarray(self.free.dot(self.X) + self.held.dot(self.blocked))
+        moved = np.asarray(self.free.dot(self.X))
+        return moved + self.held.dot(self.blocked) if self.factors.rank else moved
 
     @property
     def free_velocity(self) -> Array:
