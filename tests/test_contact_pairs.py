@@ -54,8 +54,7 @@ class At:
         self.axes = self.candidates.axes(self.data, q)
 
     def rows(self) -> np.ndarray:
-        everything = np.ones(len(self.candidates.names), dtype=bool)
-        return self.candidates.jacobian(self.data, self.q, everything)
+        return self.candidates.evaluate(self.data, self.q)[1]
 
 
 def placed(upper: pin.SE3, lower: pin.SE3 | None = None) -> np.ndarray:

@@ -53,10 +53,6 @@ def evaluated(scene: cp.Scene, q: np.ndarray):
     return Candidates(scene.robot.model, scene.contact_bounds), data
 
 
-def every(candidates: Candidates) -> np.ndarray:
-    return np.ones(len(candidates.names), dtype=bool)
-
-
 def a_state(scene: cp.Scene, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
     model = scene.robot.model
@@ -104,7 +100,9 @@ def test_normal_rows_are_the_rates_of_the_gaps(shape, moving_ground):
     scene = on_solo(FrictionalContact("FL_FOOT", shape, (0.01, 0.02, 0.03), friction=0.5, **on))
     q, v = a_state(scene)
     candidates, data = evaluated(scene, q)
-    rows = candidates.jacobian(data, q, every(candidates)) @ v
+    found, J = candidates.evaluate(data, q)
+    np.testing.assert_array_equal(found, candidates.gaps(data, q))
+    rows = J @ v
     h, model = 1e-5, scene.robot.model
 
     def gaps(step: float) -> np.ndarray:
@@ -117,14 +115,15 @@ def test_normal_rows_are_the_rates_of_the_gaps(shape, moving_ground):
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda s: type(s).__name__)
-def test_rows_are_the_velocity_of_the_material_point(shape):
-    scene = on_solo(
-        FrictionalContact("FL_FOOT", shape, on="HR_LOWER_LEG", on_shape=TILTED, friction=0.5)
-    )
+@pytest.mark.parametrize("moving_ground", [False, True])
+def test_rows_are_the_velocity_of_the_material_point(shape, moving_ground):
+    on = {"on": "HR_LOWER_LEG", "on_shape": TILTED} if moving_ground else {"on": TILTED}
+    scene = on_solo(FrictionalContact("FL_FOOT", shape, friction=0.5, **on))
     q, v = a_state(scene, 3)
     candidates, data = evaluated(scene, q)
-    rows = (candidates.jacobian(data, q, every(candidates)) @ v).reshape(-1, 3)
-    body, ground = (scene.robot.frame(name)[0] for name in ("FL_FOOT", "HR_LOWER_LEG"))
+    rows = (candidates.evaluate(data, q)[1] @ v).reshape(-1, 3)
+    body = scene.robot.frame("FL_FOOT")[0]
+    ground = scene.robot.frame("HR_LOWER_LEG")[0] if moving_ground else 0
     model = scene.robot.model
 
     def placed(step: float):
@@ -153,7 +152,7 @@ def test_a_rolling_ball_has_no_slip_at_its_lowest_point():
     omega, R = np.array([0.4, -1.1, 2.0]), data.oMi[1].rotation
     v = np.concatenate([R.T @ np.cross(omega, [0, 0, 0.1]), R.T @ omega])
     assert candidates.gaps(data, q) == pytest.approx([0.07], abs=1e-15)
-    np.testing.assert_allclose(candidates.jacobian(data, q, every(candidates)) @ v, 0, atol=1e-15)
+    np.testing.assert_allclose(candidates.evaluate(data, q)[1] @ v, 0, atol=1e-15)
     np.testing.assert_allclose(candidates.points(data, q), [[0.3, -0.2, 0.07]], atol=1e-15)
     np.testing.assert_array_equal(candidates.axes(data, q)[0], np.eye(3))
 
@@ -176,10 +175,10 @@ def test_rows_of_the_active_come_in_order():
     np.testing.assert_array_equal(candidates.friction, [0.5, *8 * [0.2]])
     np.testing.assert_array_equal(candidates.restitution, [0.0, *8 * [0.4]])
     np.testing.assert_array_equal(candidates.limits, [0.3])
-    whole = candidates.jacobian(data, q, every(candidates))
+    whole = candidates.evaluate(data, q)[1]
     active = np.zeros(12, dtype=bool)
     active[[1, 10, 11]] = True
-    part = candidates.jacobian(data, q, active)
+    part = whole[candidates.rows_of(active)]
     np.testing.assert_array_equal(part, whole[[3, 4, 5, 28, 29]])
     knee = scene.robot.model.joints[scene.robot.model.getJointId("FR_KFE")]
     assert part[3, knee.idx_v] == -1.0
@@ -206,7 +205,7 @@ def test_a_robot_of_one_joint_has_rows_too(on):
     scene = cp.Scene(cp.model.pendulum(length=2.0), contacts=[contact])
     q = np.array([0.3])
     candidates, data = evaluated(scene, q)
-    rows = candidates.jacobian(data, q, every(candidates))
+    rows = candidates.evaluate(data, q)[1]
     assert rows.shape == (3, 1)
     if on != "world":
         np.testing.assert_allclose(candidates.gaps(data, q), [1.1 - 2 * np.cos(0.3)])
@@ -218,8 +217,7 @@ def test_no_contacts_is_a_scene_as_before():
     data = robot("solo12").model.createData()
     pin.computeJointJacobians(robot("solo12").model, data, pin.neutral(robot("solo12").model))
     assert candidates.gaps(data, pin.neutral(robot("solo12").model)).shape == (0,)
-    none = np.zeros(0, dtype=bool)
-    assert candidates.jacobian(data, pin.neutral(robot("solo12").model), none).shape == (0, 18)
+    assert candidates.evaluate(data, pin.neutral(robot("solo12").model))[1].shape == (0, 18)
 
 
 # ---- what is refused --------------------------------------------------------

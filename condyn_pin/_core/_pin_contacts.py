@@ -124,17 +124,29 @@ def _conic(
     friction: Array, limits: Array,
     guess: Array | None,
 ) -> Conic:  # fmt: skip
-    """Return what a solver of Pinocchio 4 answers; all of it is made anew but for the sets."""
+    """Return what a solver of Pinocchio 4 answers; memory and sets are kept, nothing else."""
     models, datas = _sets(friction, limits)
     if guess is not None:
         result.setConstraintImpulseGuess(guess)
     # a new operator: ADMM leaves its damping in it, which PGS takes for a part of G
     operator = pin.DelassusOperatorDense(G)
-    kind(len(g)).solve(operator, g, models, datas, settings, result)
+    _solver(kind, len(g)).solve(operator, g, models, datas, settings, result)
     return Conic(result.retrieveConstraintImpulses(), result.iterations)
 
 
 _made = threading.local()
+
+
+def _solver(kind: Any, size: int) -> Any:
+    """Return a solver of Pinocchio 4: memory for problems of a size, and nothing of their answers.
+
+    The last one of each kind of this thread is kept: to make it takes as long as three iterations.
+    """
+    key, solver = vars(_made).get(kind, (None, None))
+    if key != size:
+        solver = kind(size)
+        vars(_made)[kind] = size, solver
+    return solver
 
 
 def _sets(friction: Array, limits: Array) -> tuple[Any, Any]:

@@ -16,7 +16,7 @@ v_free, and J_b v+ = s holds to rounding whatever it answers.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dtrtrs
@@ -76,16 +76,9 @@ class Condensed(NamedTuple):
         missing = self.held - self.momentum - self.blocked.dot(lam)
         return np.asarray(factors.U[:, :rank].dot(missing / factors.S[:rank]))
 
-    def pushed(self, v: Array, p: Array) -> Condensed:
-        """Return the same contacts of a robot of velocity v with other impulses p (nv,) [N s]."""
-        L, V = self.factors.L, self.factors.V
-        w = v.dot(L) + dtrtrs(L.T, p, trans=1)[0]
-        momentum = V.T.dot(w)
-        return self._replace(momentum=momentum, free=w + V.dot(self.held - momentum))
 
-
-def condense(factors: MinimumNorm, J_c: Array, s: Array) -> Condensed:
-    """Return the contacts of a robot with its constraints eliminated, at rest and not pushed.
+def condense(factors: MinimumNorm, J_c: Array, v: Array, p: Array, s: Array) -> Condensed:
+    """Return the contacts of a robot with its constraints eliminated.
 
     Parameters
     ----------
@@ -93,6 +86,10 @@ def condense(factors: MinimumNorm, J_c: Array, s: Array) -> Condensed:
         Of M and J_b: L L^T = M, L^-1 J_b^T = V S U^T.
     J_c : (m, nv) array
         Rows of the contacts.
+    v : (nv,) array
+        Velocity before the step [m/s, rad/s].
+    p : (nv,) array
+        Impulses of all other forces [N s, N m s].
     s : (rows,) array
         J_b v+ [m/s, rad/s].
 
@@ -100,10 +97,15 @@ def condense(factors: MinimumNorm, J_c: Array, s: Array) -> Condensed:
     -----
     Cost O(nv^2 m) on top of the factors.
     """
-    V, rank = factors.V, factors.rank
-    X = dtrtrs(factors.L.T, J_c.T, trans=1)[0]
-    blocked = V.T.dot(X)
-    if rank:
-        X -= V.dot(blocked)
+    L, V, rank = factors.L, factors.V, factors.rank
+    X = dtrtrs(L.T, J_c.T, trans=1)[0]
+    w = v.dot(L) + dtrtrs(L.T, p, trans=1)[0]
+    if not rank:
+        return Condensed(factors, X, np.zeros((0, len(J_c))), _NOTHING, _NOTHING, w)
+    blocked, momentum = V.T.dot(X), V.T.dot(w)
     held = s.dot(factors.U[:, :rank]) / factors.S[:rank]
-    return Condensed(factors, X, blocked, held, np.zeros(rank), V.dot(held))
+    X -= V.dot(blocked)
+    return Condensed(factors, X, blocked, held, momentum, w + V.dot(held - momentum))
+
+
+_NOTHING: Final = np.zeros(0)

@@ -8,16 +8,15 @@ from condyn_pin._core.arrays import Indices
 from condyn_pin.contact.problem import ContactProblem
 
 
-def islands(problem: ContactProblem) -> list[tuple[Indices, ContactProblem]]:
+def islands(problem: ContactProblem) -> list[tuple[Indices | slice, ContactProblem]]:
     """Return the rows and the problem of each component of the graph of G.
 
     Two contacts feel each other if their block of G has a number that is not zero. What no impulse
     of the one does to the other is zero to the last bit where bodies share no joint, so that
     nothing is neglected. One island, the problem itself, where all are connected.
     """
-    everything = np.arange(problem.rows)
-    if problem.G.all() or len(problem.names) < 2:
-        return [(everything, problem)]
+    if np.count_nonzero(problem.G) == problem.G.size or len(problem.names) < 2:
+        return [(slice(None), problem)]
     blocks = problem.sets.blocks
     felt = np.zeros((len(problem.names),) * 2, dtype=bool)
     np.logical_or.at(felt, np.ix_(blocks, blocks), problem.G != 0)
@@ -30,7 +29,7 @@ def islands(problem: ContactProblem) -> list[tuple[Indices, ContactProblem]]:
             break
         label = least
     if not label.any():
-        return [(everything, problem)]
+        return [(slice(None), problem)]
     return [_part(problem, np.flatnonzero(label == each)) for each in np.unique(label)]
 
 

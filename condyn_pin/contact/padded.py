@@ -36,7 +36,7 @@ class Padded(NamedTuple):
 def padded(problem: ContactProblem) -> Padded:
     """Return the problem with three rows for each half-line; itself if no row has to be added."""
     h, mu = problem.half_lines, problem.friction
-    if not h and problem.G.diagonal().all():
+    if not h and np.count_nonzero(problem.G.diagonal()) == len(problem.g):
         return Padded(problem.G, problem.g, mu, problem.limits, slice(None))
     cones, lines, _ = problem.sets.parts
     stops = cones.stop + 2 + 3 * np.arange(h)

@@ -138,12 +138,12 @@ class ContactProblem:
         """
         # numpy's own trace and max take three times as long for the few rows of a robot
         diagonal = self.G.diagonal() if self.R is None else self.G.diagonal() + self.R
-        stiff = float(np.add.reduce(diagonal)) / max(len(self.g), 1)
+        stiff = sum(diagonal.tolist()) / max(len(self.g), 1)
         return stiff or 1.0, max(map(abs, self.g.tolist()), default=0.0) or 1.0
 
     def velocities(self, lam: Array) -> Array:
         """Return sigma = G lam + g + R lam (m,)."""
-        sigma = self.G @ lam + self.g
+        sigma = self.G.dot(lam) + self.g
         if self.R is not None:
             sigma += self.R * lam
         return np.asarray(sigma)

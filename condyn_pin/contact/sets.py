@@ -51,6 +51,12 @@ class ContactSets:
         return slice(0, cones), slice(cones, lines), slice(lines, self.size)
 
     @cached_property
+    def axes(self) -> tuple[slice, slice, slice]:
+        """The rows t1, t2 and n of all cones."""
+        end = 3 * len(self.friction)
+        return slice(0, end, 3), slice(1, end, 3), slice(2, end, 3)
+
+    @cached_property
     def blocks(self) -> Indices:
         """Which contact each row belongs to (m,), in the order of names."""
         k = len(self.friction)
@@ -63,18 +69,19 @@ class ContactSets:
 
     def project(self, x: Array) -> Array:
         """Return P_K(x) (m,): the nearest point of the sets."""
-        cones, lines, intervals = self.parts
-        result = np.empty_like(x)
-        X, Y = x[cones].reshape(-1, 3), result[cones].reshape(-1, 3)
-        slip, mu, n = np.hypot(X[:, 0], X[:, 1]), self.friction, X[:, 2]
-        # n inside, the nearest point of the surface outside, the apex where both are below it
-        normal = np.maximum(np.maximum(n, (mu * slip + n) * self._shrink), 0.0)
+        t1, t2, n = self.axes
+        x_1, x_2, x_n, mu, result = x[t1], x[t2], x[n], self.friction, np.empty_like(x)
+        slip = np.hypot(x_1, x_2)
+        # x_n inside, the nearest point of the surface outside, the apex where both are below it
+        normal = np.maximum(np.maximum(x_n, (mu * slip + x_n) * self._shrink), 0.0)
         most = mu * normal
-        Y[:, :2] = X[:, :2] * (most / np.maximum(np.maximum(slip, most), _TINY))[:, None]
-        Y[:, 2] = normal
-        if lines.stop > cones.stop:
+        kept = most / np.maximum(np.maximum(slip, most), _TINY)
+        result[t1], result[t2], result[n] = kept * x_1, kept * x_2, normal
+        if self.half_lines:
+            lines = self.parts[1]
             np.maximum(x[lines], 0.0, out=result[lines])
         if len(self.limits):
+            intervals = self.parts[2]
             np.clip(x[intervals], -self.limits, self.limits, out=result[intervals])
         return result
 
@@ -103,8 +110,7 @@ class ContactSets:
 
     def de_saxce(self, sigma: Array) -> Array:
         """Return sigma + (0, 0, mu |sigma_t|) in the rows of cones: the dual of lam in an ncp."""
-        cones = self.parts[0]
-        S = sigma[cones].reshape(-1, 3)
+        t1, t2, n = self.axes
         dual = sigma.copy()
-        dual[2 : cones.stop : 3] += self.friction * np.hypot(S[:, 0], S[:, 1])
+        dual[n] += self.friction * np.hypot(sigma[t1], sigma[t2])
         return dual

@@ -21,8 +21,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from math import isfinite
+from typing import Any
 
 import numpy as np
 
@@ -59,8 +60,7 @@ class MinimumNorm:
 
     def solve(self, r: Array, s: Array) -> tuple[Array, Array]:
         """Return (a, lam) for one or many right-hand sides r (nv, k), s (m, k)."""
-        from scipy.linalg.lapack import dtrtrs
-
+        dtrtrs = _lapack().dtrtrs
         U, S = self.U[:, : self.rank], self.S[: self.rank]
         y = dtrtrs(self.L.T, r, trans=1)[0]  # LAPACK reads columns: L^T is no copy
         z = ((U.T @ s).T / S).T - self.V.T @ y
@@ -68,10 +68,8 @@ class MinimumNorm:
 
     def closing(self, c: Array) -> Array:
         """Return the least move (nv,) in the metric of M that takes c (m,) back: J dq = -c."""
-        from scipy.linalg.lapack import dtrtrs
-
         along = c.dot(self.U[:, : self.rank]) / -self.S[: self.rank]
-        return np.asarray(dtrtrs(self.L.T, self.V.dot(along))[0])
+        return np.asarray(_lapack().dtrtrs(self.L.T, self.V.dot(along))[0])
 
     def moved(self, s: Array) -> Array:
         """Return how far a (nv,) moves where J a is off by about s (m,), each row by itself."""
@@ -92,9 +90,7 @@ class MinimumNorm:
     @cached_property
     def weights(self) -> Array:
         """W (nv,): square roots of the diagonal of M^-1."""
-        from scipy.linalg.lapack import dtrtri
-
-        inverse = dtrtri(self.L, lower=1)[0]
+        inverse = _lapack().dtrtri(self.L, lower=1)[0]
         return np.asarray(np.sqrt(np.einsum("ij,ij->j", inverse, inverse)))
 
     def blur(self, P: Array) -> float:
@@ -146,19 +142,24 @@ def factorise(
     InvalidModel
         If M is not positive definite, or J not finite.
     """
-    # imported here: scipy.linalg takes as long to import as Pinocchio. LAPACK's own routines take
-    # half the time of numpy's at the size of robots.
-    from scipy.linalg.lapack import dgesdd, dpotrf, dtrtrs
-
-    upper, info = dpotrf(M.T)  # what is below the diagonal of M, as in np.linalg.cholesky
+    lapack = _lapack()
+    upper, info = lapack.dpotrf(M.T)  # what is below the diagonal of M, as in np.linalg.cholesky
     if info:
         raise InvalidModel(why() or "the mass matrix is not positive definite at this q")
     if not len(J):
         return MinimumNorm(upper.T, np.zeros((0, 0)), np.zeros(0), np.zeros((len(M), 0)), 0)
-    Jw = dtrtrs(upper, J.T, trans=1)[0].T
+    Jw = lapack.dtrtrs(upper, J.T, trans=1)[0].T
     # all of U, whose last columns are the redundancy, but only so much of V as can be needed
-    U, S, Vt, info = dgesdd(Jw, full_matrices=len(J) > len(M))
+    U, S, Vt, info = lapack.dgesdd(Jw, full_matrices=len(J) > len(M))
     if info or not isfinite(S[0]):
         raise InvalidModel("the constraint Jacobian is not finite at this q")
     rank = int(np.count_nonzero(max(rank_tolerance * S[0], least) < S))
     return MinimumNorm(upper.T, U, S, Vt[:rank].T, rank)
+
+
+@cache
+def _lapack() -> Any:
+    """Return LAPACK's own routines: half the time of numpy's at the size of robots."""
+    from scipy.linalg import lapack  # takes as long to import as Pinocchio
+
+    return lapack

@@ -44,13 +44,6 @@ class Touches:
             [columns(model, t.joint) - columns(model, t.ground) for t in touches], 3, axis=0
         ).reshape(3 * k, model.nv)
 
-        # axes that stand still make p x d linear in p, which takes a quarter of the time
-        self._levers: Array | None = None
-        if k and not any(t.ground for t in touches):
-            axes = np.concatenate([t.plane.rotation.T for t in touches])
-            self._levers = np.cross(axes[:, None], -np.eye(3)).transpose(0, 2, 1).reshape(k, 9, 3)
-            self._twist = np.concatenate([axes, np.zeros((3 * k, 3))], axis=1)
-
     def gaps(self, data: Any) -> Array:
         """Return the signed distances (k,) [m]; reads data.oMi."""
         centres, axes, origins = self._world(data)
@@ -65,15 +58,13 @@ class Touches:
         """Return t1, t2, n of each feeler as columns (k, 3, 3)."""
         return self._world(data)[1].reshape(3, self.size, 3).transpose(1, 0, 2)
 
-    def jacobian(self, data: Any) -> Array:
-        """Return the rows t1, t2, n of each feeler (3 k, nv); reads data.oMi and data.J."""
-        centres, axes, _ = self._world(data)
-        points = centres - self._radius * axes[:, 2::3]
+    def evaluate(self, data: Any) -> tuple[Array, Array]:
+        """Return gaps (k,) and the rows t1, t2, n of each feeler (3 k, nv); reads data.J too."""
+        centres, axes, origins = self._world(data)
+        normals = axes[:, 2::3]
         J = data.J.reshape(6, -1)  # a single column comes as a vector
-        if self._levers is None:
-            return relative_rows(points, axes, J, self._moves)
-        self._twist[:, 3:] = (self._levers @ points.T[:, :, None]).reshape(-1, 3)
-        return np.asarray(self._twist.dot(J) * self._moves)
+        rows = relative_rows(centres - self._radius * normals, axes, J, self._moves)
+        return self._gaps(centres, normals, origins), rows
 
     def _gaps(self, centres: Array, normals: Array, origins: Array) -> Array:
         above = (centres - origins) * normals

@@ -26,7 +26,7 @@ from condyn_pin.constraints.rows.terms import Terms
 
 # bound once: these are called in every residuals, which is to cost little more than they do
 _rnea, _crba, _bias = pin.rnea, pin.crba, pin.nonLinearEffects
-_forward_kinematics = pin.forwardKinematics
+_forward_kinematics, _joint_jacobians = pin.forwardKinematics, pin.computeJointJacobians
 _largest = np.maximum.reduceat
 
 
@@ -78,6 +78,9 @@ class Equations:
     def parts(self, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
         """Return M, h, J and gamma for who looks at the rank of J himself; owned by the caller."""
         M, h = _crba(self.model, self.data, q), _bias(self.model, self.data, q, v)
+        if not self.m:
+            _joint_jacobians(self.model, self.data, q)
+            return M, h, np.zeros((0, self.model.nv)), np.zeros(0)
         gamma = self._gamma(q, v)
         return M, h, self._raw_jacobian(), gamma
 
@@ -219,7 +222,7 @@ class Equations:
         return self.drop_roundoff_rows(self._raw_jacobian())
 
     def _raw_jacobian(self) -> Array:
-        pin.computeJointJacobians(self.model, self.data)
+        _joint_jacobians(self.model, self.data)
         J = self._groups.jacobian()
         return self.sign[:, None] * J if self._flipped else J
 

@@ -7,6 +7,7 @@ from itertools import compress
 import numpy as np
 from numpy.typing import NDArray
 
+from condyn_pin._core.arrays import Indices
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.sets import ContactSets
@@ -19,10 +20,12 @@ class Chosen:
     def __init__(self, candidates: Candidates, active: NDArray[np.bool_], dt: float) -> None:
         cones = candidates.cones
         lines = cones + candidates.half_lines
-        self.active, self.rows = active, candidates.rows_of(active)
-        self.gaps = active[:lines]
+        self.active, self.rows = active, _all_or(candidates.rows_of(active))
+        self.gaps = _all_or(active[:lines])
         k, stops = np.count_nonzero(active[:cones]), np.count_nonzero(active[cones:lines])
-        self.normals = np.concatenate((np.arange(2, 3 * k, 3), 3 * k + np.arange(stops)))
+        self.normals: Indices | slice = slice(2, 3 * k, 3)
+        if stops:
+            self.normals = np.concatenate((np.arange(2, 3 * k, 3), 3 * k + np.arange(stops)))
         self.restitution = np.zeros(k + stops)
         self.restitution[:k] = candidates.restitution[active[:cones]]
         self.friction = candidates.friction[active[:cones]]
@@ -38,3 +41,8 @@ class Chosen:
             G=near.G, g=g, friction=self.friction, half_lines=self.half_lines, limits=self.limits,
             R=R, law=scheme.law, level="impulse", names=self.names, sets=self.sets,
         )  # fmt: skip
+
+
+def _all_or(some: NDArray[np.bool_]) -> NDArray[np.bool_] | slice:
+    """Return flags, or the slice of everything where all are set, which copies nothing."""
+    return slice(None) if some.all() else some

@@ -22,7 +22,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.problem import Law
 from condyn_pin.contact.solvers.admm import ADMM
@@ -48,7 +48,7 @@ class Near(NamedTuple):
         Of cones and half-lines [m, rad].
     restitution : (k,) array
         Of the same, zero of half-lines [1].
-    normals : (k,) array of int
+    normals : (k,) array of int, or slice
         Their rows along the normal.
     G : (m, m) array
         [1/kg]
@@ -61,11 +61,11 @@ class Near(NamedTuple):
     dt: float
     gaps: Array
     restitution: Array
-    normals: NDArray[np.int_]
+    normals: Indices | slice
     G: Array
     before: Array
     free: Array
-    blocks: NDArray[np.int_]
+    blocks: Indices
 
     @property
     def depth(self) -> Array:
@@ -123,7 +123,7 @@ class ContactScheme(Integrator, ABC):
 
     def near(self, gaps: Array, v: Array, dt: float) -> NDArray[np.bool_]:
         """Return which gaps (k,) [m, rad] are so small that their contacts take part in a step."""
-        fastest = float(np.abs(v).max(initial=0.0))
+        fastest = float(np.maximum.reduce(np.abs(v), initial=0.0))
         return np.asarray(gaps < max(_NEAR, 2 * dt * fastest))
 
     def check(self, candidates: Candidates) -> None:
@@ -147,5 +147,5 @@ def closing_velocities(near: Near) -> Array:
     g_n = J_n v_free + gap / dt  (gap > 0),    J_n v_free + 0.2 gap / dt  (gap < 0)
     """
     g, gaps = near.free.copy(), near.gaps
-    g[near.normals] += np.where(gaps > 0, gaps, _PUSHED_OUT * gaps) / near.dt
+    g[near.normals] += np.maximum(gaps, _PUSHED_OUT * gaps) / near.dt  # the larger by its sign
     return g

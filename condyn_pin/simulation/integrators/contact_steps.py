@@ -59,8 +59,8 @@ class Posed(NamedTuple):
     tau: Array  # (nv,), springs and damping as they act at the end of the step [N, N m]
     gaps: Array  # of all cones and half-lines [m, rad]
     chosen: Chosen
+    J_c: Array  # (m, nv), rows of the contacts
     condensed: Condensed
-    before: Array  # (m,), J_c v [m/s]
     problem: ContactProblem
 
 
@@ -116,14 +116,13 @@ class ContactSteps:
     def attempt(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Return the same of whatever the contact solver has answered."""
         posed, found, natural = self._solved(self.pose(t, q, v))
-        now, problem = posed.condensed, posed.problem
-        lam, dt = found.lam, self._dt
+        now, lam, dt = posed.condensed, found.lam, self._dt
         v1 = now.velocity(lam)
-        contact_velocities = posed.before + now.contact_velocities + problem.G.dot(lam)
-        work = 0.5 * float(lam.dot(contact_velocities))
+        mean = 0.5 * (v + v1)
+        work = float(lam.dot(posed.J_c.dot(mean)))
         self._system.contact_work += work
         self.last = Taken(posed, found, natural, work)
-        moved = 0.5 * dt * (v + v1) if self._scheme.at_midpoint else dt * v1
+        moved = dt * (mean if self._scheme.at_midpoint else v1)
         return self._closed(now, self._system.integrate(q, moved)), v1, (v1 - v) / dt
 
     def pose(self, t: float, q: Array, v: Array) -> Posed:
@@ -133,20 +132,20 @@ class ContactSteps:
         tau = self._torque(t, q, v)
         M, h, J_b, gamma = self._equations.parts(at, v)
         data = self._equations.data  # it has the placements and Jacobians of `at` now
-        gaps = self._candidates.gaps(data, at)
+        gaps, J = self._candidates.evaluate(data, at)
         chosen = self._choose(scheme.near(gaps, v, dt))
-        J_c = self._candidates.jacobian(data, at, chosen.active)
-        contacts, before = condense(self._factors(M, J_b, at), J_c, -0.5 * dt * gamma), J_c.dot(v)
-        now, mean = contacts.pushed(v, dt * (tau - h)), v
+        J_c, slip = J[chosen.rows], -0.5 * dt * gamma
+        factors = self._factors(M, J_b, at)
+        now, mean = condense(factors, J_c, v, dt * (tau - h), slip), v
         if not len(J_c):
             mean = 0.5 * (v + now.free_velocity)
             h = pin.nonLinearEffects(system.model, data, at, mean)
-            now = contacts.pushed(v, dt * (tau - h))
+            now = condense(factors, J_c, v, dt * (tau - h), slip)
         near = Near(
-            dt, gaps[chosen.gaps], chosen.restitution, chosen.normals, now.G, before,
+            dt, gaps[chosen.gaps], chosen.restitution, chosen.normals, now.G, J_c.dot(v),
             now.contact_velocities, chosen.sets.blocks,
         )  # fmt: skip
-        return Posed(at, mean, tau, gaps, chosen, now, before, chosen.problem(scheme, near))
+        return Posed(at, mean, tau, gaps, chosen, J_c, now, chosen.problem(scheme, near))
 
     def lam(self) -> Array:
         """Return the forces of the last step: of constraints, then of all candidates [N, N m]."""
