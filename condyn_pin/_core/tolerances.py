@@ -136,3 +136,20 @@ OTHER_UNITS: Final = 1e-12
 # states that move at 1 rad/s, which is less beside gravity where times are smaller numbers: 5e-9.
 # An answer that is ok is within SOLVED.
 OTHER_CHOICE: Final = SOLVED
+
+# KKT residual of a quadratic program whose answer counts: what it demands of accelerations, and of
+# forces over the mass of the robot [m/s^2], beside gravity; of the gradient relative to its size.
+# A polished answer has 1e-13 to 1e-11, where weights of tasks are eight decades apart.
+KKT: Final = 1e-9
+
+# What rows of a program have to give before they count as contradicting each other [m/s^2]. HiGHS
+# satisfies rows to 1e-7.
+GIVES: Final = 1e-6
+
+# Pivot of an equation, relative to its size, by a Cholesky factorisation of the products of rows:
+# its rounding, 1e-16, is squared there. Above it all rows are independent; below they are looked at
+# by pivots that are not squared.
+INDEPENDENT: Final = 1e-6
+
+# What accelerations of a robot without gravity are compared with, where they are smaller [m/s^2].
+GRAVITY: Final = 9.81

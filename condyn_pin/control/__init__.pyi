@@ -1,10 +1,33 @@
 # Every public name of this room, and the file that has it; `__init__.py` reads this file.
 
 from .actuation import Actuation as Actuation
+from .answer import Contradiction as Contradiction
+from .answer import ControlAnswer as ControlAnswer
+from .answer import ControlResiduals as ControlResiduals
+from .answer import ControlStatus as ControlStatus
+from .answer import Give as Give
+from .control_limits import ControlLimits as ControlLimits
+from .controller import Controller as Controller
+from .hierarchy import Hierarchy as Hierarchy
 from .inverse import InverseDynamics as InverseDynamics
 from .inverse import gravity_compensation as gravity_compensation
 from .inverse import inverse_dynamics as inverse_dynamics
 from .operational import OperationalSpace as OperationalSpace
 from .operational import operational_space as operational_space
+from .qp import QPS as QPS
+from .qp import QPSolver as QPSolver
+from .qp.any_qp import AnyQP as AnyQP
+from .qp.daqp import DAQP as DAQP
+from .qp.proxqp import ProxQP as ProxQP
+from .qp.quadprog import Quadprog as Quadprog
+from .tasks import TASKS as TASKS
+from .tasks import Task as Task
+from .tasks.angular_momentum import AngularMomentum as AngularMomentum
+from .tasks.center_of_mass import CenterOfMass as CenterOfMass
+from .tasks.contact_force import ContactForce as ContactForce
+from .tasks.frame_task import FrameTask as FrameTask
+from .tasks.joint_task import JointTask as JointTask
+from .tasks.orientation import Orientation as Orientation
+from .tasks.posture import Posture as Posture
 from .transmissions import Transmission as Transmission
 from .transmissions import transmission as transmission

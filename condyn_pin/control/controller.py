@@ -1,0 +1,302 @@
+"""Controller: whole-body control by one quadratic program a tick, or one for each level."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arguments import Arguments
+from condyn_pin._core.arrays import Array, check_overflow, finite
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.one_thread import OneThread, alone
+from condyn_pin._core.parameters import check_accuracy
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.terms import largest_torque
+from condyn_pin.contact.scene_cones import Cones
+from condyn_pin.control.actuation import Actuation, motors_of
+from condyn_pin.control.answer import (
+    Contradiction,
+    ControlAnswer,
+    ControlResiduals,
+    ControlStatus,
+    Give,
+)
+from condyn_pin.control.contact_cones import ContactCones
+from condyn_pin.control.control_limits import ControlLimits
+from condyn_pin.control.hierarchy import Cascade, Hierarchy, check_tasks
+from condyn_pin.control.program import Level, Program
+from condyn_pin.control.qp.base import QPSolver
+from condyn_pin.control.qp.chain import ChainAnswer
+from condyn_pin.control.qp.daqp import DAQP
+from condyn_pin.control.qp.proxqp import ProxQP
+from condyn_pin.control.qp.quadratic_program import QuadraticProgram
+from condyn_pin.control.tasks.base import Task
+from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.errors import InvalidArgument
+
+_KEPT = 16  # programs of contacts and tasks that a controller switches between
+
+
+@dataclass(frozen=True)
+class _Settings:
+    """What stays when contacts and tasks are switched."""
+
+    cones: Cones
+    qp: QPSolver | None
+    limits: ControlLimits
+    actuation: Actuation | None
+    drift: Baumgarte | None
+    regularisation: float
+
+
+class Controller(OneThread):
+    """Joint torques that do tasks at best, within what motors and floor can give.
+
+    min sum w |J a - b|^2  with  M a + h = B u + passive + J^T lam,  J a + gamma = a_ref
+
+    Parameters
+    ----------
+    scene : Scene
+        Contacts and loops. Contacts with a cone do not slip and do not pull; all other constraints
+        are held, and eliminated.
+    tasks : sequence of Task, or Hierarchy
+        What it is to do, by weight or strictly in order.
+    cones : Cone or dict of str to Cone
+        One for all contacts that press on a floor, or one each by name.
+    qp : QPSolver, optional
+        ``ProxQP()`` by default, and ``DAQP()`` for a hierarchy.
+    limits : ControlLimits
+        Of motors, and of joints if it says how far to look ahead.
+    actuation : Actuation, optional
+        The motors; those of the robot by default.
+    drift : Baumgarte, optional
+        Draws constraints back that drift; none by default.
+    regularisation : float
+        Weight of all accelerations and of all forces over the mass of the robot, squared: decides
+        what no task does [1].
+
+    Raises
+    ------
+    InvalidArgument
+        If a cone does not fit its contact, a task does not fit the scene, or two tasks share a name.
+    UnknownName
+        If a name does not exist.
+    MissingExtra
+        If the package of the solver is not installed.
+
+    Notes
+    -----
+    A controller has memory and belongs to one thread at a time. Calls start from the active set of
+    the last one, which changes digits of an answer at most.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        tasks: Sequence[Task] | Hierarchy,
+        *,
+        cones: Cones,
+        qp: QPSolver | None = None,
+        limits: ControlLimits | None = None,
+        actuation: Actuation | None = None,
+        drift: Baumgarte | None = None,
+        regularisation: float = 1e-6,
+    ) -> None:
+        check_accuracy("regularisation", regularisation)
+        if regularisation == 0:
+            raise InvalidArgument("regularisation = 0: the program may then have many answers")
+        if qp is not None and not isinstance(qp, QPSolver):
+            raise InvalidArgument(f"qp = {qp!r}: a solver such as ProxQP() is needed")
+        limits = ControlLimits() if limits is None else limits
+        if not isinstance(limits, ControlLimits):
+            raise InvalidArgument(f"limits = {limits!r}: ControlLimits(...) is needed")
+        self._settings = _Settings(cones, qp, limits, actuation, drift, float(regularisation))
+        self._siblings: dict[tuple[Scene, object], Controller] = {}
+        self._set_up(scene, tasks)
+
+    def _set_up(self, scene: Scene, tasks: Sequence[Task] | Hierarchy) -> None:
+        settings = self._settings
+        self.actuation = motors_of(scene, settings.actuation)
+        self.scene = scene
+        self.tasks = tasks if isinstance(tasks, Hierarchy) else check_tasks(tasks)
+        levels = tasks.levels if isinstance(tasks, Hierarchy) else (check_tasks(tasks),)
+        names = [task.name for level in levels for task in level]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise InvalidArgument(f"tasks: two are named {twice[0]!r}; give one of them a name=")
+        default = DAQP() if isinstance(tasks, Hierarchy) else ProxQP()
+        cones = settings.cones
+        if isinstance(cones, Mapping):
+            cones = {name: cone for name, cone in cones.items() if name in scene.names}
+        self._cones = cones
+        equations = Equations(scene.robot.unedited, scene.bounds, settings.drift)
+        self._arguments = Arguments(equations.model)
+        home = lru_cache(maxsize=1)(lambda: scene.state()[0])
+        self._program = Program(
+            scene, levels, ContactCones(scene, cones), settings.limits, self.actuation, equations,
+            home,
+        )  # fmt: skip
+        self._cascade = Cascade(settings.qp or default, len(levels), settings.regularisation)
+
+    def use(self, scene: Scene, tasks: Sequence[Task] | Hierarchy | None = None) -> Controller:
+        """Return the controller of other contacts, or other tasks, with all else as it is.
+
+        Controllers that were used before are kept, each with the active set that it ended with:
+        to switch back costs nothing.
+
+        Parameters
+        ----------
+        scene : Scene
+            Of the same robot, such as ``mechanism.without(scene, ["foot"])``. Cones by name are
+            taken of the contacts that it has.
+        tasks : sequence of Task, or Hierarchy, optional
+            The same by default.
+        """
+        check_scene(scene)
+        wanted = self.tasks if tasks is None else tasks
+        wanted = wanted if isinstance(wanted, Hierarchy) else check_tasks(wanted)
+        self._siblings.setdefault((self.scene, self.tasks), self)
+        key = (scene, wanted)
+        if key not in self._siblings:
+            other = object.__new__(Controller)
+            other._settings, other._siblings = self._settings, self._siblings
+            other._set_up(scene, wanted)
+            if len(self._siblings) >= _KEPT:
+                del self._siblings[next(iter(self._siblings))]
+            self._siblings[key] = other
+        return self._siblings[key]
+
+    @alone
+    @one_blas_thread
+    def solve(
+        self, q: ArrayLike, v: ArrayLike, t: float = 0.0, *, passive: ArrayLike | None = None
+    ) -> ControlAnswer:
+        """Return the torques of one control tick.
+
+        Parameters
+        ----------
+        q, v : (nq,), (nv,) array_like
+        t : float
+            Time, for references that are functions of it [s].
+        passive : (nv,) array_like, optional
+            Torques that act anyway [N m, N], such as ``robot.passive_torque(q, v)``.
+
+        Raises
+        ------
+        InvalidArgument
+            If an argument has a wrong size or is not finite.
+        """
+        still = np.zeros(self.scene.robot.nv)
+        q_, v_, _ = self._arguments.check(q, v, still)
+        time = float(finite("t", t, ()))
+        extra = still if passive is None else finite("passive", passive, len(still))
+        with np.errstate(all="ignore"):  # what overflows is refused
+            program, levels = self._program.assemble(q_, v_, time, extra)
+        check_overflow("v", v_, program.b, *(level.b for level in levels))
+        start = perf_counter()
+        x, answers = self._cascade.solve(program, levels, lambda: self._costs(program))
+        elapsed = perf_counter() - start
+        return self._answer(q_, v_, extra, program, levels, x, answers, elapsed)
+
+    def _costs(self, program: QuadraticProgram) -> tuple[Array, Array]:
+        equations = self._program.equation_rows(program)
+        of_equations = np.array([row.cost for row in equations])
+        return of_equations, np.array([row.cost for row in self._program.inequalities])
+
+    def _answer(
+        self,
+        q: Array,
+        v: Array,
+        passive: Array,
+        program: QuadraticProgram,
+        levels: list[Level],
+        x: Array | None,
+        answers: list[ChainAnswer],
+        elapsed: float,
+    ) -> ControlAnswer:
+        """Return the answer of a tick with its proof."""
+        nv, m = self.scene.robot.nv, self.scene.rows
+        last = answers[-1]
+        residuals = ControlResiduals(np.inf, np.inf, np.inf)
+        errors: dict[str, Array] = {}
+        active: tuple[str, ...] = ()
+        if x is None:
+            a, tau, lam = np.full(nv, np.nan), np.full(nv, np.nan), np.full(m, np.nan)
+            infeasible = self._contradiction(program, last)
+            status = ControlStatus.INFEASIBLE if infeasible else ControlStatus.UNSOLVED
+        else:
+            found = self._program.recover(x)
+            a, tau, lam = found.a, found.tau, found.lam
+            residuals, status = self._proof(q, v, tau + passive, a, lam, answers)
+            errors = self._program.errors(levels, x)
+            active = self._active(last)
+            infeasible = None
+        return ControlAnswer(
+            tau=tau, a=a, lam=lam, errors=errors, active=active, infeasible=infeasible,
+            residuals=residuals, status=status,
+            path=tuple(step for each in answers for step in each.path),
+            iterations=sum(each.iterations for each in answers), solve_time=elapsed,
+            actuation=self.actuation, cones=self._cones, scene=self.scene, q=q.copy(),
+        )  # fmt: skip
+
+    def _proof(
+        self, q: Array, v: Array, tau: Array, a: Array, lam: Array, answers: list[ChainAnswer]
+    ) -> tuple[ControlResiduals, ControlStatus]:
+        """Return the residuals by Newton-Euler and forward kinematics, and what they amount to."""
+        _, largest = self._program.equations.errors(q, v, tau, a, lam)
+        kkt = max(each.answer.residual if each.answer else np.inf for each in answers)
+        residuals = ControlResiduals(kkt, largest[0], largest[4])
+        size = max(largest[1], tolerances.GRAVITY)
+        torque = largest_torque(self._program.motion.terms, tau, size)
+        holds = (
+            kkt <= tolerances.KKT
+            and residuals.dynamics <= tolerances.SOLVED * torque
+            and residuals.constraints <= tolerances.SOLVED * size
+        )
+        return residuals, ControlStatus.OK if holds else ControlStatus.INACCURATE
+
+    def _active(self, last: ChainAnswer) -> tuple[str, ...]:
+        """Return the active inequalities by name; the side of those that have two."""
+        if last.answer is None:
+            return ()
+        rows, cones = self._program.inequalities, len(self._program.cones.names)
+        first_cone = len(rows) - cones
+        named = []
+        for i in np.flatnonzero(last.answer.at_lower | last.answer.at_upper).tolist():
+            side = (
+                "" if i >= first_cone else " at upper" if last.answer.at_upper[i] else " at lower"
+            )
+            named.append(rows[i].name + side)
+        return tuple(named)
+
+    def _contradiction(
+        self, program: QuadraticProgram, answer: ChainAnswer
+    ) -> Contradiction | None:
+        """Return the rows that contradict each other, in their own units."""
+        found = answer.elastic
+        if found is None:
+            return None
+        rows = [*self._program.equation_rows(program), *self._program.inequalities]
+        given = np.concatenate((found.of_equations, found.of_inequalities))
+        against = np.concatenate((found.against_equations, found.against_inequalities))
+        if len(given) < len(rows):  # of a level of a hierarchy: its equations are eliminated
+            rows = self._program.inequalities
+        order = np.argsort(-given, kind="stable")
+        gives = tuple(
+            Give(rows[i].name, float(given[i]) * rows[i].scale, rows[i].unit)
+            for i in order.tolist()
+            if given[i] > tolerances.GIVES
+        )
+        giving = {each.row for each in gives}
+        stand = (
+            row.name
+            for row, price in zip(rows, against, strict=True)
+            if price > tolerances.GIVES and row.name not in giving and np.isfinite(row.cost)
+        )
+        return Contradiction(gives, tuple(dict.fromkeys(stand)))

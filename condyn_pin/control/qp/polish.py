@@ -1,0 +1,115 @@
+"""Polish: a rough answer of a quadratic program made exact on its active set.
+
+With G the equations and the rows that are active, d their bounds, and y all their multipliers,
+
+    [H    G^T    ] [dx]   [-(H x + g + G^T y)]
+    [G  -delta I ] [dy] = [     d - G x      ],        x += dx,  y += dy,
+
+repeated: delta lets rows depend on each other, and repeating leaves no trace of it. Where they do,
+multipliers stay near those that the rough answer has, and so do their signs. Rows that are then
+violated become active, and those whose multiplier has the wrong sign are let go: the primal-dual
+active-set method, a semismooth Newton method on `QuadraticProgram.kkt_residual`.
+
+References
+----------
+Hintermüller, Ito, Kunisch. The primal-dual active set strategy as a semismooth Newton method. SIAM
+Journal on Optimization, 2002.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._core.arrays import Array
+from condyn_pin.control.qp.quadratic_program import QuadraticProgram
+
+Flags = NDArray[np.bool_]
+
+# delta, where the largest entry of H is 1: rows of size 1 that depend on each other are told from
+# those that do not at its square root, and each repetition takes a factor of 1e-5 or more off.
+_DELTA = 1e-11
+_REPETITIONS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Polished:
+    """The answer of a program on an active set, and its KKT residual.
+
+    Attributes
+    ----------
+    x, y, z : (n,), (p,), (r,) array
+    at_lower, at_upper : (r,) bool array
+        The active rows.
+    residual : float
+    """
+
+    x: Array
+    y: Array
+    z: Array
+    at_lower: Flags
+    at_upper: Flags
+    residual: float
+
+
+def start(program: QuadraticProgram, x: Array, z: Array) -> Polished:
+    """Return a rough answer, with the rows that are active in it."""
+    moved = program.C @ x + z
+    y = np.zeros(len(program.b))
+    return Polished(x, y, z, moved < program.lower, moved > program.upper, np.inf)
+
+
+def polish(program: QuadraticProgram, rough: Polished, tolerance: float, rounds: int) -> Polished:
+    """Return the best answer that some rounds of the active-set method find.
+
+    It ends early at a KKT residual below `tolerance`.
+    """
+    best = now = rough
+    fixed = program.lower == program.upper
+    for _ in range(rounds):
+        now = _on_active_rows(program, now)
+        if not now.residual >= best.residual:
+            best = now
+        if best.residual <= tolerance or not np.isfinite(now.residual):
+            break
+        Cx = program.C @ now.x
+        at_lower, at_upper = now.at_lower, now.at_upper
+        inactive = ~(at_lower | at_upper)
+        now = Polished(
+            now.x,
+            now.y,
+            now.z,
+            (at_lower & (now.z < 0)) | (inactive & (Cx < program.lower)),
+            fixed | (at_upper & (now.z > 0)) | (inactive & (Cx > program.upper)),
+            np.inf,
+        )
+    return best
+
+
+def _on_active_rows(program: QuadraticProgram, at: Polished) -> Polished:
+    """Return the answer with the active rows as equations."""
+    from scipy.linalg.lapack import dgetrf, dgetrs
+
+    n, p = len(program.g), len(program.b)
+    active = np.flatnonzero(at.at_lower | at.at_upper)
+    bound = np.where(at.at_upper, program.upper, program.lower)[active]
+    size = n + p + len(active)
+    K = np.zeros((size, size), order="F")
+    K[:n, :n] = program.H
+    K[n : n + p, :n] = program.A
+    K[n + p :, :n] = program.C[active]
+    K[:n, n:] = K[n:, :n].T
+    target = np.concatenate((-program.g, program.b, bound))
+    unknown = np.concatenate((at.x, at.y, at.z[active]))
+    damped = K.copy(order="F")
+    damped[range(n, size), range(n, size)] = -_DELTA / max(
+        float(program.H.diagonal().max()), 1e-300
+    )
+    factor, pivots, _ = dgetrf(damped, overwrite_a=1)
+    for _ in range(_REPETITIONS):
+        unknown += dgetrs(factor, pivots, target - K @ unknown)[0]
+    x, y, z = unknown[:n], unknown[n : n + p], np.zeros(len(program.lower))
+    z[active] = unknown[n + p :]
+    return Polished(x, y, z, at.at_lower, at.at_upper, program.kkt_residual(x, y, z))
