@@ -85,7 +85,7 @@ class Controller(OneThread):
     Raises
     ------
     InvalidArgument
-        If a cone does not fit its contact, a task does not fit the scene, or two tasks share a name.
+        If a cone does not fit its contact or a task the scene, or two tasks share a name.
     UnknownName
         If a name does not exist.
     MissingExtra

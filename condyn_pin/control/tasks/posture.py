@@ -70,9 +70,7 @@ class Posture(Tracking):
             error = pin.difference(motion.model, motion.q, q_r)
             return J, (a_r + kp * error + kd * (v_r - motion.v))[columns]
 
-        names = self._row_names(
-            [str(robot.model.names[i]) for i in _joint_of(robot.model, columns)]
-        )
+        names = self._row_names(entry_names(robot.model, columns))
         return BoundTask("accelerations", names, self.unit, rows)
 
     def _at(self, scene: Scene, home: Home) -> Any:
