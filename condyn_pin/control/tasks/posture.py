@@ -13,7 +13,7 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.joints import indices
 from condyn_pin._core.names import checked
-from condyn_pin.control.motion import Motion
+from condyn_pin.control.motion import Motion, entry_names
 from condyn_pin.control.tasks.base import BoundTask, Home, Tracking
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, unknown_name
