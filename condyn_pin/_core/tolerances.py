@@ -153,3 +153,7 @@ INDEPENDENT: Final = 1e-6
 
 # What accelerations of a robot without gravity are compared with, where they are smaller [m/s^2].
 GRAVITY: Final = 9.81
+
+# How far points of contacts are off a plane that counts as theirs [m]: floors are no flatter, and
+# the soles of Talos, as its file has them, lean by 2e-3 rad.
+COPLANAR: Final = 1e-3
