@@ -57,8 +57,8 @@ class Balance:
         What the motion needs from outside beside gravity, f and n_O [N, N m], about the origin of
         the world.
     missing : (6,) array
-        What of these the contacts do not exert [N, N m]; zero for forces that belong to a, where
-        nothing but contacts ties the robot to the world.
+        What of these the contacts do not exert [N, N m]: what else acts on the robot. Zero for
+        forces that belong to a, where nothing does.
     zmp : (3,) array
         Zero-moment point, from q, v and a alone [m]; on one plane only.
     cop : (3,) array
@@ -158,14 +158,14 @@ def balance(
     touching = touching_points(at)
     points = np.vstack(list(touching.values()))
     plane = plane_of(points, up)
-    exerted, cops, loads = _pressure(at, forces, up)
+    exerted, cops, forces_of = _pressure(at, forces, up)
     nowhere = np.full(3, np.nan)
     zmp = cop = dcm = foot = nowhere
     polygon = None
     if plane is not None:
         polygon = hull(plane, points)
         zmp = _zero_moment_point(plane, f, n)
-        cop = _middle(cops, loads)
+        cop = _middle(plane, cops, forces_of)
         dcm, foot = _captured(plane, c, velocity, float(np.linalg.norm(gravity)))
     return Balance(
         com=c,
@@ -186,32 +186,36 @@ def balance(
     )
 
 
-def _pressure(at: Sites, lam: Array, up: Array) -> tuple[Array, dict[str, Array], dict[str, float]]:
-    """Return the wrench of all contacts, and centre of pressure and normal force of each."""
-    exerted, cops, loads = np.zeros(6), {}, {}
+def _pressure(at: Sites, lam: Array, up: Array) -> tuple[Array, dict[str, Array], dict[str, Array]]:
+    """Return the wrench of all contacts; centre of pressure and force of those that press."""
+    exerted, cops, pressing = np.zeros(6), {}, {}
     noise = tolerances.SOLVED * float(np.abs(lam).max(initial=0.0))
+    forces = at.forces(lam)
     for contact in at.scene.constraints:
         if not contact.presses:
             continue
-        force = at.forces(lam)[contact.name]
+        force = forces[contact.name]
         whole = np.zeros(6)
         whole[: len(force)] = force.in_world()
         f, m, p = whole[:3], whole[3:], force.at
         exerted += np.concatenate((f, m + np.cross(p, f)))
         normal = force.rotation[:, 2] if contact.has_normal else up
         load = float(f @ normal)
-        loads[contact.name] = load if load > noise else 0.0
-        pressed = p + np.cross(normal, m) / load if load > noise else np.full(3, np.nan)
-        cops[contact.name] = pressed
-    return exerted, cops, loads
+        if load > noise:
+            cops[contact.name] = p + np.cross(normal, m) / load
+            pressing[contact.name] = f
+        else:
+            cops[contact.name] = np.full(3, np.nan)
+    return exerted, cops, pressing
 
 
-def _middle(cops: dict[str, Array], loads: dict[str, float]) -> Array:
+def _middle(plane: SupportPlane, cops: dict[str, Array], pressing: dict[str, Array]) -> Array:
     """Return the centre of pressure of all contacts on one plane."""
+    loads = {name: float(f @ plane.axes[2]) for name, f in pressing.items()}
     whole = sum(loads.values())
-    if not whole:
+    if not whole > 0:
         return np.full(3, np.nan)
-    return np.asarray(sum(load * cops[name] for name, load in loads.items() if load) / whole)
+    return np.asarray(sum(load * cops[name] for name, load in loads.items()) / whole)
 
 
 def _zero_moment_point(plane: SupportPlane, f: Array, n: Array) -> Array:

@@ -107,7 +107,7 @@ class Controller(OneThread):
         limits: ControlLimits | None = None,
         actuation: Actuation | None = None,
         drift: Baumgarte | None = None,
-        regularisation: float = 1e-6,
+        regularisation: float = 1e-5,
     ) -> None:
         check_accuracy("regularisation", regularisation)
         if regularisation == 0:
@@ -119,9 +119,9 @@ class Controller(OneThread):
             raise InvalidArgument(f"limits = {limits!r}: ControlLimits(...) is needed")
         self._settings = _Settings(cones, qp, limits, actuation, drift, float(regularisation))
         self._siblings: dict[tuple[Scene, object], Controller] = {}
-        self._set_up(scene, tasks)
+        self._set_up(scene, tasks, cones)
 
-    def _set_up(self, scene: Scene, tasks: Sequence[Task] | Hierarchy) -> None:
+    def _set_up(self, scene: Scene, tasks: Sequence[Task] | Hierarchy, cones: Cones) -> None:
         settings = self._settings
         self.actuation = motors_of(scene, settings.actuation)
         self.scene = scene
@@ -131,9 +131,6 @@ class Controller(OneThread):
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise InvalidArgument(f"tasks: two are named {twice[0]!r}; give one of them a name=")
         default = DAQP() if isinstance(tasks, Hierarchy) else ProxQP()
-        cones = settings.cones
-        if isinstance(cones, Mapping):
-            cones = {name: cone for name, cone in cones.items() if name in scene.names}
         self._cones = cones
         equations = Equations(scene.robot.unedited, scene.bounds, settings.drift)
         self._arguments = Arguments(equations.model)
@@ -166,7 +163,10 @@ class Controller(OneThread):
         if key not in self._siblings:
             other = object.__new__(Controller)
             other._settings, other._siblings = self._settings, self._siblings
-            other._set_up(scene, wanted)
+            cones = self._settings.cones
+            if isinstance(cones, Mapping):
+                cones = {name: cone for name, cone in cones.items() if name in scene.names}
+            other._set_up(scene, wanted, cones)
             if len(self._siblings) >= _KEPT:
                 del self._siblings[next(iter(self._siblings))]
             self._siblings[key] = other

@@ -5,7 +5,8 @@ Level i is answered within what the levels above it leave,
     min_s  w |G_i (x_(i-1) + Z_(i-1) s) - b_i|^2,     x_i = x_(i-1) + Z_(i-1) s,
     Z_i = Z_(i-1) null(G_i Z_(i-1)),
 
-with all inequalities, and Z_0 the null space of the equations.
+with all inequalities, those that are strictly active in it from then on as equations, and Z_0 the
+null space of the equations.
 
 References
 ----------
@@ -30,6 +31,10 @@ from condyn_pin.control.tasks.base import Task
 from condyn_pin.errors import InvalidArgument
 
 Costs = Callable[[], tuple[Array, Array]]
+
+# Multipliers, as a share of the largest, of rows that stay active for the levels below: a level at
+# its best in a corner leaves nothing of it, and rounding would make that a contradiction.
+_STRICTLY = 1e-3
 
 # Rows of inequalities that the levels above have decided: what is left of them is rounding.
 _DECIDED = 1e-9
@@ -96,13 +101,16 @@ class Cascade:
         for chain, level in zip(self._chains, levels, strict=True):
             inner = _within(program, level, x, Z, self._regularisation)
             found = chain.solve(inner, lambda: (np.zeros(0), costs()[1]))
-            if found.elastic and not answers:  # with equations too, which may be wishes that give
+            if found.elastic and not answers:  # once more with equations, which may be wishes
                 found = chain.solve(weighted(program, level, self._regularisation), costs)
+                return found.answer.x if found.answer else None, [found]
             answers.append(found)
-            if not found.solved or found.answer is None:
-                return None, answers
+            if found.answer is None or not found.solved:
+                return (x if len(answers) > 1 else None), answers  # what those above have, stays
             x = x + Z @ found.answer.x
-            Z = Z @ null_space(level.G @ Z).T
+            z = np.abs(found.answer.z)
+            strictly = z > _STRICTLY * z.max(initial=0.0)
+            Z = Z @ null_space(np.vstack((level.G @ Z, inner.C[strictly]))).T
         return x, answers
 
 

@@ -32,6 +32,7 @@ from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.errors import InvalidArgument
 
 _MOST_CORNERS = 200  # of a region on uneven ground; round cones have more
+_FARTHEST = 100.0  # [m]: contacts that press against each other can hold the mass anywhere
 
 
 class SupportPlane(NamedTuple):
@@ -257,11 +258,11 @@ def _resting_region(at: Sites, cones: Cones, origin: Array) -> SupportPolygon:
     wanted = np.concatenate((up, np.cross(origin, up)))
     limits = np.hstack((A, np.zeros((len(A), 2))))
 
+    within = [(None, None)] * G.shape[1] + [(-_FARTHEST, _FARTHEST)] * 2
+
     def farthest(direction: Array) -> Array | None:
         cost = np.concatenate((np.zeros(G.shape[1]), -direction))
-        found = linprog(
-            cost, limits, np.zeros(len(A)), rows, wanted, bounds=(None, None), method="highs"
-        )
+        found = linprog(cost, limits, np.zeros(len(A)), rows, wanted, bounds=within, method="highs")
         return np.array(found.x[-2:]) if found.status == 0 else None
 
     return SupportPolygon(plane, _shadow(farthest))

@@ -18,7 +18,7 @@ Journal on Optimization, 2002.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +66,7 @@ def polish(program: QuadraticProgram, rough: Polished, tolerance: float, rounds:
 
     It ends early at a KKT residual below `tolerance`.
     """
-    best = now = rough
+    best = now = replace(rough, residual=np.inf)  # that of another program, if it has one
     fixed = program.lower == program.upper
     for _ in range(rounds):
         now = _on_active_rows(program, now)

@@ -34,6 +34,9 @@ class Quadprog(QPSolver):
             above, below = np.isfinite(program.upper), np.isfinite(program.lower)
             rows = np.vstack((program.A, -program.C[above], program.C[below]))
             least = np.concatenate((program.b, -program.upper[above], program.lower[below]))
+            if not len(rows):  # which quadprog does not take
+                x = np.asarray(np.linalg.solve(program.H, -program.g), dtype=float)
+                return QPResult(x, z, "solved", 0)
             try:
                 x, _, _, iterations, multipliers, _ = solve_qp(
                     np.array(program.H), -program.g, np.ascontiguousarray(rows.T), least, p

@@ -160,7 +160,7 @@ class Tracking(Task):
             Of the reference and x: how far the reference is (size,).
         """
         if self.a is not None:
-            fixed = finite("a", self.a, size)
+            fixed = finite("a", np.atleast_1d(self.a), size)
             return lambda x, v, t: fixed
         kp, kd = self.kp, float(self.kd or 0.0)
         if not callable(self.reference):

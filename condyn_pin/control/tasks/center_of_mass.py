@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, finite
 from condyn_pin.control.motion import Motion
 from condyn_pin.control.tasks.base import BoundTask, Home, Tracking
 from condyn_pin.dynamics.scene import Scene
@@ -24,12 +25,16 @@ class CenterOfMass(Tracking):
         first posture of the robot.
     """
 
+    def _value(self, reference: Any) -> Any:
+        return tuple(finite("reference", reference, 3).tolist())
+
     def bind(self, scene: Scene, home: Home) -> BoundTask:
         """Return it at work on a scene; by default it stays where it is at `home`."""
         model = scene.robot.unedited
 
         def start() -> Array:
-            return np.array(pin.centerOfMass(model, model.createData(), home()))
+            data = model.createData()  # what Pinocchio returns is in there
+            return np.array(pin.centerOfMass(model, data, home()))
 
         wanted = self._feedback(3, start, np.subtract)
 
