@@ -69,12 +69,12 @@ class Give(NamedTuple):
     ----------
     row : str
     amount : float
-        In `unit`.
+        In its own unit [m/s^2, rad/s^2, N m, N].
     unit : str
     """
 
     row: str
-    amount: float  # [unit]
+    amount: float  # [m/s^2, rad/s^2, N m, N]
     unit: str
 
 

@@ -43,7 +43,7 @@ class SupportPlane(NamedTuple):
     origin : (3,) array
         Middle of what touches [m].
     axes : (3, 3) array
-        Two directions in the plane, and its normal, row by row.
+        Two directions in the plane, and its normal, row by row [1].
     """
 
     origin: Array

@@ -70,7 +70,7 @@ class ForceDistribution(ABC):
 
     @abstractmethod
     def measured(self, at: Sites, motors: int) -> Array:
-        """Return S (r, motors + m), of which |S (u, lam)| is to be small."""
+        """Return S (r, motors + m), of which |S (u, lam)| is to be small, `at` a configuration."""
 
     def margin(self, A: Array, y: Array, N: Array) -> float:
         """Return t [N] of A (y + N w) + t <= 0, y and N the rows of lam."""

@@ -23,7 +23,7 @@ class DAQP(QPSolver):
     Parameters
     ----------
     tolerance : float
-        Absolute, of what rows may be violated by. Its own default, 1e-6, leaves that much.
+        Absolute, of what rows may be violated by [m/s^2]. Its own default, 1e-6, leaves that much.
     max_iterations : int
         Changes of the active set; about as many as there are active rows are needed.
 

@@ -22,8 +22,8 @@ class ProxQP(QPSolver):
     Parameters
     ----------
     tolerance : float
-        Absolute, of equations, inequalities and gradient. 1e-6 finds the active set, and the
-        polish the digits; at 1e-9 programs of Cassie that have an answer are called infeasible.
+        Absolute, of equations, inequalities and gradient [m/s^2]. 1e-6 finds the active set, and
+        the polish the digits; at 1e-9 programs of Cassie that have an answer are called infeasible.
     max_iterations, max_inner : int
         Outer and inner iterations. By ProxSuite's own limits a single program ran for 100 s.
 

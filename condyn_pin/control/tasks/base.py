@@ -69,7 +69,7 @@ class Task(ABC):
     Parameters
     ----------
     weight : float
-        Of the squares of its rows, in one over their unit squared; infinity makes them equations.
+        Of the squares of its rows [s^4/m^2, s^4/rad^2, 1/N^2]; infinity makes them equations.
     name : str, optional
         What its rows are called by.
     """
