@@ -28,6 +28,7 @@ def leaning(start, way, T):
 
 
 def main() -> None:
+    """Lean, lift a foot, and ask for what cannot be done."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--no-view", action="store_true")

@@ -61,7 +61,7 @@ class ContactCones:
 
 
 class _Group:
-    """Contacts of one kind with one cone: their axes are turned together."""
+    """Contacts of one kind with one cone: their axes are turned together, if they turn at all."""
 
     def __init__(self, contact: Any, cone: Cone) -> None:
         self._contact, self._cone, self._key = contact, cone, _key(contact)
@@ -74,14 +74,18 @@ class _Group:
     def add(self, bound: Any, block: tuple[slice, slice]) -> None:
         self._bounds.append(bound)
         self._blocks.append(block)
-        self._W = np.array([bound.whole(row) for row in np.eye(bound.size)])  # rows to wrench
+        self._to_wrench = np.array([bound.whole(row) for row in np.eye(bound.size)]).T
+        self._fixed = self._cone.rows().A @ self._to_wrench if self._contact.has_normal else None
 
     def fill(self, A: Array, oMi: Any, up: Array) -> None:
+        if self._fixed is not None:  # the axes of its force are those of the floor
+            for block in self._blocks:
+                A[block] = self._fixed
+            return
         R = np.array([bound.ends(oMi)[0].rotation for bound in self._bounds])
-        T = self._cone.turn(self._contact, R, up)
-        floor = self._cone.rows().A
+        T, floor = self._cone.turn(self._contact, R, up), self._cone.rows().A
         for block, turn in zip(self._blocks, T, strict=True):
-            A[block] = turned(turn.T, floor) @ self._W.T
+            A[block] = turned(turn.T, floor) @ self._to_wrench
 
 
 def _key(contact: Any) -> Any:

@@ -46,6 +46,10 @@ class Elimination:
     _R: Array
     _pivots: NDArray[np.int_]
 
+    def along(self, rows: Array) -> Array:
+        """Return what is over accelerations (..., nv), a row or many, over z: times N."""
+        return rows @ self.N if len(self._pivots) else rows
+
     @classmethod
     def of(cls, J: Array, columns: NDArray[np.int_]) -> Elimination:
         """Return the maps of held rows J (m, nv) and motors in some entries of v."""

@@ -135,8 +135,10 @@ class Program:
         E = self._constant or Elimination.of(terms.J[held], self._columns)
         a_0, N = E.particular(r[held]), E.N
         k, m, w = N.shape[1], len(touching), E.inner.shape[1]
-        force = np.hstack((N.T @ (terms.M @ N) / mass, -(J_c @ N).T))  # N^T (M a - J_c^T lam) / m
-        force_0 = N.T @ (terms.M @ a_0 + terms.h - passive) / mass
+        touch = E.along(J_c)
+        inertia = E.along(E.along(terms.M).T)  # N^T M N
+        force = np.hstack((inertia / mass, -touch.T))  # N^T (M a - J_c^T lam) / m
+        force_0 = E.along(terms.M @ a_0 + terms.h - passive) / mass
         T, t_0 = np.hstack((E.drive @ force, E.inner)), E.drive @ force_0
         self._passive, self._at = passive, (E, a_0, J_c, T, t_0)
 
@@ -144,7 +146,7 @@ class Program:
         u = E.undriven.shape[1]
         A = np.zeros((u + m + len(hard.b), k + m + w))
         A[:u, : k + m] = E.undriven.T @ force
-        A[u : u + m, :k] = J_c @ N
+        A[u : u + m, :k] = touch
         A[u + m :] = hard.G
         b = np.concatenate((-(E.undriven.T @ force_0), r[touching] - J_c @ a_0, hard.b))
 
@@ -174,7 +176,7 @@ class Program:
         E = self._at[0]
         k, m = E.N.shape[1], len(self.cones.touching)
         G = np.zeros((len(J) + len(F), k + m + E.inner.shape[1]))
-        G[: len(J), :k] = J @ E.N
+        G[: len(J), :k] = E.along(J)
         G[len(J) :, k : k + m] = self.mass * F[:, self.cones.touching]
         return G
 

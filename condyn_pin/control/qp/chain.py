@@ -77,31 +77,34 @@ class Chain:
         """
         path: list[str] = []
         iterations, best = 0, None
-        asked = _independent(program)
-        if asked is not None and (program.lower <= program.upper).all():
-            for name, steps, found in self._answers(asked):
-                path.append(name)
-                iterations += steps
-                if found and (best is None or found.residual < best.residual):
-                    best = found
-                if best and best.residual <= tolerances.KKT:
-                    self._last = best
-                    return ChainAnswer(best, None, tuple(path), iterations)
+        for name, steps, found in self._answers(program):
+            path.append(name)
+            iterations += steps
+            if found and (best is None or found.residual < best.residual):
+                best = found
+            if best and best.residual <= tolerances.KKT:
+                self._last = best
+                return ChainAnswer(best, None, tuple(path), iterations)
         self._last = None
         path.append("elastic program")
-        return self._contradiction(program, asked, costs, best, path, iterations)
+        return self._contradiction(program, costs, best, path, iterations)
 
     def _answers(self, program: QuadraticProgram) -> Iterator[tuple[str, int, Polished | None]]:
         """Yield who answered, after how many iterations, and the polished answer."""
         last = self._last
-        if last and (len(last.x), len(last.y), len(last.z)) == program.sizes:
-            yield "last active set", 0, polish(program, last, tolerances.KKT, _FROM_LAST)
+        if last and (len(last.x), len(last.z)) == (len(program.g), len(program.lower)):
+            # equations that depend on each other are no trouble to the polish
+            begin = start(program, last.x, last.z, last)
+            yield "last active set", 0, polish(program, begin, tolerances.KKT, _FROM_LAST)
+        asked = _independent(program)
+        if asked is None or (program.lower > program.upper).any():
+            return
         for qp in self._solvers():
-            result = self._ask(qp, program)
+            result = self._ask(qp, asked)
             found = None
             if np.isfinite(result.x).all() and np.isfinite(result.z).all():
-                rough = start(program, result.x, result.z)
-                found = polish(program, rough, tolerances.KKT, _FROM_SOLVER)
+                begin = start(program, result.x, result.z)
+                found = polish(program, begin, tolerances.KKT, _FROM_SOLVER)
             yield repr(qp), result.iterations, found
 
     def _solvers(self) -> Iterator[QPSolver]:
@@ -120,7 +123,6 @@ class Chain:
     def _contradiction(
         self,
         program: QuadraticProgram,
-        asked: QuadraticProgram | None,
         costs: Callable[[], tuple[Array, Array]],
         best: Polished | None,
         path: list[str],
@@ -133,11 +135,10 @@ class Chain:
         given = max(found.of_equations.max(initial=0.0), found.of_inequalities.max(initial=0.0))
         if given > tolerances.GIVES:
             return ChainAnswer(None, found, tuple(path), iterations)
-        if asked is not None and (asked.lower <= asked.upper).all():
-            rough = start(asked, found.x, np.zeros(len(asked.lower)))
-            last = polish(asked, rough, tolerances.KKT, _FROM_ELASTIC)
-            if best is None or last.residual < best.residual:
-                best = last
+        begin = start(program, found.x, np.zeros(len(program.lower)))
+        last = polish(program, begin, tolerances.KKT, _FROM_ELASTIC)
+        if best is None or last.residual < best.residual:
+            best = last
         return ChainAnswer(best, None, tuple(path), iterations)
 
 

@@ -18,7 +18,7 @@ Journal on Optimization, 2002.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,8 @@ Flags = NDArray[np.bool_]
 # delta, where the largest entry of H is 1: rows of size 1 that depend on each other are told from
 # those that do not at its square root, and each repetition takes a factor of 1e-5 or more off.
 _DELTA = 1e-11
-_REPETITIONS = 3
+_REPETITIONS = 4
+_SETTLED = 1e-13  # of the largest unknown: a step that changes the last digits alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +55,14 @@ class Polished:
     residual: float
 
 
-def start(program: QuadraticProgram, x: Array, z: Array) -> Polished:
-    """Return a rough answer, with the rows that are active in it."""
-    moved = program.C @ x + z
+def start(
+    program: QuadraticProgram, x: Array, z: Array, active: Polished | None = None
+) -> Polished:
+    """Return a rough answer with the rows that are active in it, or in another one."""
     y = np.zeros(len(program.b))
+    if active:
+        return Polished(x, y, z, active.at_lower, active.at_upper, np.inf)
+    moved = program.C @ x + z
     return Polished(x, y, z, moved < program.lower, moved > program.upper, np.inf)
 
 
@@ -66,7 +71,7 @@ def polish(program: QuadraticProgram, rough: Polished, tolerance: float, rounds:
 
     It ends early at a KKT residual below `tolerance`.
     """
-    best = now = replace(rough, residual=np.inf)  # that of another program, if it has one
+    best = now = rough
     fixed = program.lower == program.upper
     for _ in range(rounds):
         now = _on_active_rows(program, now)
@@ -109,7 +114,10 @@ def _on_active_rows(program: QuadraticProgram, at: Polished) -> Polished:
     )
     factor, pivots, _ = dgetrf(damped, overwrite_a=1)
     for _ in range(_REPETITIONS):
-        unknown += dgetrs(factor, pivots, target - K @ unknown)[0]
+        step = dgetrs(factor, pivots, target - K @ unknown)[0]
+        unknown += step
+        if np.abs(step).max() <= _SETTLED * np.abs(unknown).max():
+            break
     x, y, z = unknown[:n], unknown[n : n + p], np.zeros(len(program.lower))
     z[active] = unknown[n + p :]
     return Polished(x, y, z, at.at_lower, at.at_upper, program.kkt_residual(x, y, z))
