@@ -105,8 +105,8 @@ def test_a_solver_that_says_infeasible_by_mistake_is_not_believed(monkeypatch):
             np.zeros(len(program.g)), np.zeros(len(program.lower)), "infeasible", 1
         )
 
-    monkeypatch.setattr(Quadprog, "start", liar)
-    monkeypatch.setattr(DAQP, "start", liar)
+    for kind in (Quadprog, DAQP, ProxQP):
+        monkeypatch.setattr(kind, "start", liar)
     rng = np.random.default_rng(4)
     solved = 0
     for _ in range(40):

@@ -1,7 +1,7 @@
 """The chain: a quadratic program is answered, or it is proved that nothing answers it.
 
 1. The active set of the last program, polished: from one control tick to the next it is the same.
-2. The solver, then the same rougher, then DAQP if it is there; each answer is polished.
+2. The solver, then the same rougher, then others that are there; each answer is polished.
 3. The elastic program, which says whether rows contradict each other, and which.
 
 An answer counts if its KKT residual does, whatever the solver said of it: "infeasible" is what
@@ -21,6 +21,8 @@ from condyn_pin.control.qp.base import BoundQP, QPSolver
 from condyn_pin.control.qp.daqp import DAQP
 from condyn_pin.control.qp.elastic import Elastic, elastic
 from condyn_pin.control.qp.polish import Polished, polish, start
+from condyn_pin.control.qp.proxqp import ProxQP
+from condyn_pin.control.qp.quadprog import Quadprog
 from condyn_pin.control.qp.quadratic_program import QPResult, QuadraticProgram
 
 # Changes of the active set that the last one is worth; more cost as much as the solver.
@@ -111,9 +113,9 @@ class Chain:
         yield self._solver
         if self._solver.rougher:
             yield self._solver.rougher
-        second = DAQP()
-        if self._solver != second and second.installed:
-            yield second
+        for other in (DAQP(), ProxQP(), Quadprog()):
+            if type(other) is not type(self._solver) and other.installed:
+                yield other
 
     def _ask(self, qp: QPSolver, program: QuadraticProgram) -> QPResult:
         if qp not in self._bound:

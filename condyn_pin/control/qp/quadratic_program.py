@@ -48,10 +48,10 @@ class QuadraticProgram:
         return len(self.g), len(self.b), len(self.lower)
 
     def kkt_residual(self, x: Array, y: Array, z: Array) -> float:
-        """Return the largest of the three conditions; that of the gradient relative to g."""
-        gradient = self.H @ x + self.g + self.A.T @ y + self.C.T @ z
-        Cx = self.C @ x
-        size = 1.0 + float(np.abs(self.g).max(initial=0.0))
+        """Return the largest of the three; that of the gradient relative to its largest term."""
+        Hx, Cx = self.H @ x, self.C @ x
+        gradient = Hx + self.g + self.A.T @ y + self.C.T @ z
+        size = 1.0 + float(max(np.abs(self.g).max(initial=0.0), np.abs(Hx).max(initial=0.0)))
         found = max(
             float(np.abs(gradient).max(initial=0.0)) / size,
             float(np.abs(self.A @ x - self.b).max(initial=0.0)),
