@@ -6,8 +6,8 @@ from .answer import ControlAnswer as ControlAnswer
 from .answer import ControlResiduals as ControlResiduals
 from .answer import ControlStatus as ControlStatus
 from .answer import Give as Give
-from .balance import Balance as Balance
-from .balance import balance as balance
+from .balancing import Balance as Balance
+from .balancing import balance as balance
 from .control_limits import ControlLimits as ControlLimits
 from .controller import Controller as Controller
 from .distribution import DISTRIBUTIONS as DISTRIBUTIONS
@@ -28,9 +28,9 @@ from .qp.any_qp import AnyQP as AnyQP
 from .qp.daqp import DAQP as DAQP
 from .qp.proxqp import ProxQP as ProxQP
 from .qp.quadprog import Quadprog as Quadprog
+from .resting_region import support_polygon as support_polygon
 from .support import SupportPlane as SupportPlane
 from .support import SupportPolygon as SupportPolygon
-from .support import support_polygon as support_polygon
 from .tasks import TASKS as TASKS
 from .tasks import Task as Task
 from .tasks.angular_momentum import AngularMomentum as AngularMomentum

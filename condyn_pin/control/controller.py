@@ -10,7 +10,6 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
@@ -18,26 +17,19 @@ from condyn_pin._core.one_thread import OneThread, alone
 from condyn_pin._core.parameters import check_accuracy
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.rows.terms import largest_torque
 from condyn_pin.contact.scene_cones import Cones
 from condyn_pin.control.actuation import Actuation, motors_of
-from condyn_pin.control.answer import (
-    Contradiction,
-    ControlAnswer,
-    ControlResiduals,
-    ControlStatus,
-    Give,
-)
+from condyn_pin.control.answer import ControlAnswer
 from condyn_pin.control.contact_cones import ContactCones
 from condyn_pin.control.control_limits import ControlLimits
 from condyn_pin.control.hierarchy import Cascade, Hierarchy, check_tasks
-from condyn_pin.control.program import Level, Program
+from condyn_pin.control.program import Program
 from condyn_pin.control.qp.base import QPSolver
-from condyn_pin.control.qp.chain import ChainAnswer
 from condyn_pin.control.qp.daqp import DAQP
 from condyn_pin.control.qp.proxqp import ProxQP
 from condyn_pin.control.qp.quadratic_program import QuadraticProgram
 from condyn_pin.control.tasks.base import Task
+from condyn_pin.control.verdict import verdict
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.errors import InvalidArgument
 
@@ -202,101 +194,18 @@ class Controller(OneThread):
         start = perf_counter()
         x, answers = self._cascade.solve(program, levels, lambda: self._costs(program))
         elapsed = perf_counter() - start
-        return self._answer(q_, v_, extra, program, levels, x, answers, elapsed)
+        return ControlAnswer(
+            *verdict(self._program, program, levels, x, answers),
+            path=tuple(step for each in answers for step in each.path),
+            iterations=sum(each.iterations for each in answers),
+            solve_time=elapsed,
+            actuation=self.actuation,
+            cones=self._cones,
+            scene=self.scene,
+            q=q_.copy(),
+        )
 
     def _costs(self, program: QuadraticProgram) -> tuple[Array, Array]:
         equations = self._program.equation_rows(program)
         of_equations = np.array([row.cost for row in equations])
         return of_equations, np.array([row.cost for row in self._program.inequalities])
-
-    def _answer(
-        self,
-        q: Array,
-        v: Array,
-        passive: Array,
-        program: QuadraticProgram,
-        levels: list[Level],
-        x: Array | None,
-        answers: list[ChainAnswer],
-        elapsed: float,
-    ) -> ControlAnswer:
-        """Return the answer of a tick with its proof."""
-        nv, m = self.scene.robot.nv, self.scene.rows
-        last = answers[-1]
-        residuals = ControlResiduals(np.inf, np.inf, np.inf)
-        errors: dict[str, Array] = {}
-        active: tuple[str, ...] = ()
-        if x is None:
-            a, tau, lam = np.full(nv, np.nan), np.full(nv, np.nan), np.full(m, np.nan)
-            infeasible = self._contradiction(program, last)
-            status = ControlStatus.INFEASIBLE if infeasible else ControlStatus.UNSOLVED
-        else:
-            found = self._program.recover(x)
-            a, tau, lam = found.a, found.tau, found.lam
-            residuals, status = self._proof(q, v, tau + passive, a, lam, answers)
-            errors = self._program.errors(levels, x)
-            active = self._active(last)
-            infeasible = None
-        return ControlAnswer(
-            tau=tau, a=a, lam=lam, errors=errors, active=active, infeasible=infeasible,
-            residuals=residuals, status=status,
-            path=tuple(step for each in answers for step in each.path),
-            iterations=sum(each.iterations for each in answers), solve_time=elapsed,
-            actuation=self.actuation, cones=self._cones, scene=self.scene, q=q.copy(),
-        )  # fmt: skip
-
-    def _proof(
-        self, q: Array, v: Array, tau: Array, a: Array, lam: Array, answers: list[ChainAnswer]
-    ) -> tuple[ControlResiduals, ControlStatus]:
-        """Return the residuals by Newton-Euler and forward kinematics, and what they amount to."""
-        _, largest = self._program.equations.errors(q, v, tau, a, lam)
-        kkt = max(each.answer.residual if each.answer else np.inf for each in answers)
-        residuals = ControlResiduals(kkt, largest[0], largest[4])
-        size = max(largest[1], tolerances.GRAVITY)
-        torque = largest_torque(self._program.motion.terms, tau, size)
-        holds = (
-            kkt <= tolerances.KKT
-            and residuals.dynamics <= tolerances.SOLVED * torque
-            and residuals.constraints <= tolerances.SOLVED * size
-        )
-        return residuals, ControlStatus.OK if holds else ControlStatus.INACCURATE
-
-    def _active(self, last: ChainAnswer) -> tuple[str, ...]:
-        """Return the active inequalities by name; the side of those that have two."""
-        if last.answer is None:
-            return ()
-        rows, cones = self._program.inequalities, len(self._program.cones.names)
-        first_cone = len(rows) - cones
-        named = []
-        for i in np.flatnonzero(last.answer.at_lower | last.answer.at_upper).tolist():
-            side = (
-                "" if i >= first_cone else " at upper" if last.answer.at_upper[i] else " at lower"
-            )
-            named.append(rows[i].name + side)
-        return tuple(named)
-
-    def _contradiction(
-        self, program: QuadraticProgram, answer: ChainAnswer
-    ) -> Contradiction | None:
-        """Return the rows that contradict each other, in their own units."""
-        found = answer.elastic
-        if found is None:
-            return None
-        rows = [*self._program.equation_rows(program), *self._program.inequalities]
-        given = np.concatenate((found.of_equations, found.of_inequalities))
-        against = np.concatenate((found.against_equations, found.against_inequalities))
-        if len(given) < len(rows):  # of a level of a hierarchy: its equations are eliminated
-            rows = self._program.inequalities
-        order = np.argsort(-given, kind="stable")
-        gives = tuple(
-            Give(rows[i].name, float(given[i]) * rows[i].scale, rows[i].unit)
-            for i in order.tolist()
-            if given[i] > tolerances.GIVES
-        )
-        giving = {each.row for each in gives}
-        stand = (
-            row.name
-            for row, price in zip(rows, against, strict=True)
-            if price > tolerances.GIVES and row.name not in giving and np.isfinite(row.cost)
-        )
-        return Contradiction(gives, tuple(dict.fromkeys(stand)))

@@ -71,15 +71,6 @@ class Level:
     weights: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Recovered:
-    """What the unknowns of a program stand for."""
-
-    a: Array
-    tau: Array
-    lam: Array
-
-
 class Program:
     """The program of a scene and its tasks; memory that changes from tick to tick.
 
@@ -89,7 +80,11 @@ class Program:
     cones : ContactCones
     motion : Motion
         At the state of the last tick.
+    passive : (nv,) array
+        Torques that act anyway, in the last tick.
     """
+
+    passive: Array
 
     def __init__(
         self,
@@ -128,43 +123,43 @@ class Program:
     ) -> tuple[QuadraticProgram, list[Level]]:
         """Return the constraints of a tick, without an objective, and the levels of its tasks."""
         self.motion.move(q, v)
-        terms, mass = self.motion.terms, self.mass
-        r = terms.a_ref - terms.gamma
-        held, touching = self.cones.held, self.cones.touching
-        J_c = terms.J[touching]
+        self.passive = passive
+        terms, held, touching = self.motion.terms, self.cones.held, self.cones.touching
         E = self._constant or Elimination.of(terms.J[held], self._columns)
-        a_0, N = E.particular(r[held]), E.N
-        k, m, w = N.shape[1], len(touching), E.inner.shape[1]
+        r = terms.a_ref - terms.gamma
+        a_0, J_c = E.particular(r[held]), terms.J[touching]
         touch = E.along(J_c)
         inertia = E.along(E.along(terms.M).T)  # N^T M N
-        force = np.hstack((inertia / mass, -touch.T))  # N^T (M a - J_c^T lam) / m
-        force_0 = E.along(terms.M @ a_0 + terms.h - passive) / mass
+        force = np.hstack((inertia / self.mass, -touch.T))  # N^T (M a - J_c^T lam) / m
+        force_0 = E.along(terms.M @ a_0 + terms.h - passive) / self.mass
         T, t_0 = np.hstack((E.drive @ force, E.inner)), E.drive @ force_0
-        self._passive, self._at = passive, (E, a_0, J_c, T, t_0)
+        self._at = E, a_0, J_c, T, t_0
 
-        hard = self._hard.level(self.motion, t, self)
-        u = E.undriven.shape[1]
-        A = np.zeros((u + m + len(hard.b), k + m + w))
-        A[:u, : k + m] = E.undriven.T @ force
-        A[u : u + m, :k] = touch
-        A[u + m :] = hard.G
+        hard, n = self._hard.level(self.motion, t, self), T.shape[1]
+        A = np.zeros((E.undriven.shape[1] + len(touch) + len(hard.b), n))
+        moved, stays, wished = np.split(A, np.cumsum((E.undriven.shape[1], len(touch))))
+        moved[:, : force.shape[1]] = E.undriven.T @ force
+        stays[:, : touch.shape[1]] = touch
+        wished[:] = hard.G
         b = np.concatenate((-(E.undriven.T @ force_0), r[touching] - J_c @ a_0, hard.b))
-
-        torque = slice(0, len(self._limited))
-        joint = slice(torque.stop, torque.stop + len(self._bounds.columns))
-        C = np.zeros((len(self.inequalities), k + m + w))
-        C[torque] = T[self._limited]
-        C[joint, :k] = N[self._bounds.columns]
-        C[joint.stop :, k : k + m] = self.cones.rows(self.motion.data.oMi)
-        lower, upper = np.full(len(C), -np.inf), np.zeros(len(C))
-        lower[torque] = -self._most - t_0[self._limited]
-        upper[torque] = self._most - t_0[self._limited]
-        least, most = self._bounds.at(q, v)
-        lower[joint] = least - a_0[self._bounds.columns]
-        upper[joint] = most - a_0[self._bounds.columns]
-        n = k + m + w
+        C, lower, upper = self._inequalities(q, v)
         program = QuadraticProgram(np.zeros((n, n)), np.zeros(n), A, b, C, lower, upper)
         return program, [stack.level(self.motion, t, self) for stack in self._levels]
+
+    def _inequalities(self, q: Array, v: Array) -> tuple[Array, Array, Array]:
+        """Return C and its bounds: torques, accelerations of joints, cones."""
+        E, a_0, _, T, t_0 = self._at
+        columns, k = self._bounds.columns, E.N.shape[1]
+        C = np.zeros((len(self.inequalities), T.shape[1]))
+        torque, joint, cone = np.split(C, np.cumsum((len(self._limited), len(columns))))
+        torque[:] = T[self._limited]
+        joint[:, :k] = E.N[columns]
+        cone[:, k : k + len(self.cones.touching)] = self.cones.rows(self.motion.data.oMi)
+        least, most = self._bounds.at(q, v)
+        given, none = t_0[self._limited], np.full(len(cone), -np.inf)
+        lower = np.concatenate((-self._most - given, least - a_0[columns], none))
+        upper = np.concatenate((self._most - given, most - a_0[columns], np.zeros(len(cone))))
+        return C, lower, upper
 
     def equation_rows(self, program: QuadraticProgram) -> list[Row]:
         """Return what the equations of a program are."""
@@ -185,8 +180,8 @@ class Program:
         """What the held rows alone demand (nv,) [rad/s^2, m/s^2]."""
         return self._at[1]
 
-    def recover(self, x: Array) -> Recovered:
-        """Return accelerations, torques and all forces that belong to x."""
+    def recover(self, x: Array) -> tuple[Array, Array, Array]:
+        """Return a, tau and lam, the forces of all rows, that belong to x."""
         E, a_0, J_c, T, t_0 = self._at
         terms, k, m = self.motion.terms, E.N.shape[1], len(self.cones.touching)
         a = a_0 + E.N @ x[:k]
@@ -194,10 +189,10 @@ class Program:
         lam[self.cones.touching] = self.mass * x[k : k + m]
         tau[self._columns] = self.mass * (T @ x + t_0)
         if len(self.cones.held):
-            left = terms.M @ a + terms.h - self._passive - tau
+            left = terms.M @ a + terms.h - self.passive - tau
             left -= J_c.T @ lam[self.cones.touching]
             lam[self.cones.held] = np.linalg.lstsq(terms.J[self.cones.held].T, left)[0]
-        return Recovered(a, tau, lam)
+        return a, tau, lam
 
     def errors(self, levels: Sequence[Level], x: Array) -> dict[str, Array]:
         """Return how far each task is from what it wants, by name; that of equations is zero."""

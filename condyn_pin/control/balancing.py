@@ -28,13 +28,11 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin.contact.scene_cones import Cones
-from condyn_pin.control.contact_cones import ContactCones
+from condyn_pin.control.contact_wrenches import wrench_margin
 from condyn_pin.control.support import (
     SupportPlane,
     SupportPolygon,
-    grasp,
     hull,
-    placements,
     plane_of,
     touching_points,
 )
@@ -182,7 +180,7 @@ def balance(
         polygon=polygon,
         zmp_margin=_margin(polygon, zmp),
         capture_margin=_margin(polygon, foot),
-        wrench_margin=np.nan if cones is None else _wrench_margin(at, cones, f, n),
+        wrench_margin=np.nan if cones is None else wrench_margin(at, cones, f, n),
     )
 
 
@@ -241,23 +239,3 @@ def _margin(polygon: SupportPolygon | None, point: Array) -> float:
     if polygon is None or not np.isfinite(point).all():
         return float("nan")
     return polygon.margin(point)
-
-
-def _wrench_margin(at: Sites, cones: Cones, f: Array, n: Array) -> float:
-    """Return max t with A lam + t <= 0 over all lam of this wrench [N]."""
-    # imported here: scipy.optimize takes as long to import as Pinocchio
-    from scipy.optimize import linprog
-
-    bound = ContactCones(at.scene, cones)
-    A, G = bound.rows(placements(at)), grasp(at, bound)
-    size = max(float(np.linalg.norm(f)), np.finfo(float).tiny)  # forces over this
-    found = linprog(
-        np.concatenate((np.zeros(G.shape[1]), [-1.0])),
-        np.hstack((A, np.ones((len(A), 1)))),
-        np.zeros(len(A)),
-        np.hstack((G, np.zeros((6, 1)))),
-        np.concatenate((f, n)) / size,
-        bounds=(None, None),
-        method="highs",
-    )
-    return size * float(found.x[-1]) if found.status == 0 else -np.inf
