@@ -272,6 +272,8 @@ def test_a_foot_that_stands_cannot_be_lifted():
     (give,) = out.infeasible.gives
     assert (give.row, give.unit) == ("FL_FOOT position.z", "m/s^2")
     assert give.amount == pytest.approx(2.0, abs=1e-9)
+    strict = Controller(scene, Hierarchy([*STAND, lift], [JointTask("FL_HAA")]), cones=OCTAGON)
+    assert strict.solve(q, v).infeasible.gives == out.infeasible.gives
 
 
 def test_limits_that_contradict_each_other_are_named():
@@ -475,6 +477,23 @@ def test_levels_that_agree_are_all_done():
     assert np.allclose(normal_forces(out), WEIGHT / 4, atol=1e-3)
 
 
+def test_an_arm_without_contacts_has_levels_too():
+    """Three hinges in a plane: the tip first, and what is left for the last joint."""
+    arm = cp.model.chain(3)
+    scene = cp.Scene(arm)
+    q, v = np.array([0.3, 0.4, -0.5]), np.array([0.1, -0.2, 0.3])
+    free = ControlLimits(torque=False)
+    first = JointTask(arm.joints[0], a=1.0)
+    both = Posture(q, joints=arm.joints, kp=4.0)
+    motors = Actuation(arm, arm.joints)
+    out = Controller(
+        scene, Hierarchy([first], [both]), cones={}, limits=free, actuation=motors
+    ).solve(q, v)
+    assert out.status.ok
+    assert np.allclose(out.a, [1.0, *(-4.0 * v[1:])], atol=1e-3)
+    assert np.abs(cp.solve(scene, q, v, out.tau).a - out.a).max() < 1e-9
+
+
 # Switching, memory
 
 
@@ -618,6 +637,10 @@ def test_what_is_wrong_is_named():
 def test_values_compare_hash_and_pickle():
     values = [*STAND, FrameTask("FL_FOOT", a=(0, 0, 2.0)), ControlLimits(dt=0.1), ProxQP(), DAQP()]
     values += [LargestMargin(OCTAGON), ContactForce("FL_FOOT", (0, 0, 1)), JointTask("FL_KFE")]
+    scene, q, v = solo()
+    controller = Controller(scene, STAND, cones=OCTAGON)
+    copy = pickle.loads(pickle.dumps(controller))
+    assert np.abs(copy.solve(q, v).tau - controller.solve(q, v).tau).max() < 1e-12
     for value in values:
         again = pickle.loads(pickle.dumps(value))
         assert again == value

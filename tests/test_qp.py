@@ -183,3 +183,14 @@ def test_bad_parameters_are_refused():
         AnyQP("gurobi2").start()
     assert ProxQP().rougher.tolerance == pytest.approx(1e-4)
     assert base.QPS["daqp"] is DAQP
+
+
+def test_a_program_without_unknowns_is_a_question_of_its_bounds():
+    none, rows = np.zeros((0, 0)), np.zeros((1, 0))
+    for upper, fine in ((1.0, True), (-1.0, False)):
+        program = QuadraticProgram(
+            none, np.zeros(0), none, np.zeros(0), rows, np.array([-np.inf]), np.array([upper])
+        )
+        found = Chain(DAQP()).solve(program, soft(program))
+        assert found.solved == fine
+        assert (found.elastic is None) == fine

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -204,6 +205,13 @@ class Controller(OneThread):
             scene=self.scene,
             q=q_.copy(),
         )
+
+    def __repr__(self) -> str:
+        return f"Controller({self.scene.robot.name}, {list(self.scene.names)}: {self.tasks})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # a copy has memory of its own
+        return partial(Controller, **vars(self._settings)), (self.scene, self.tasks)
 
     def _costs(self, program: QuadraticProgram) -> tuple[Array, Array]:
         equations = self._program.equation_rows(program)

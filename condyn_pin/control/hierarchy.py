@@ -92,18 +92,19 @@ class Cascade:
     ) -> tuple[Array | None, list[ChainAnswer]]:
         """Return x, and the answers of the levels up to the first that has none."""
         if len(levels) == 1:
-            answer = self._chains[0].solve(
-                weighted(program, levels[0], self._regularisation), costs
-            )
-            return answer.answer.x if answer.answer else None, [answer]
-        answers: list[ChainAnswer] = []
+            return self._at_once(program, levels[0], costs)
         x, Z = _start(program)
+        if np.abs(program.A @ x - program.b).max(initial=0.0) > tolerances.GIVES:
+            # equations contradict each other, and the chain names them
+            return self._at_once(program, levels[0], costs)
+        answers: list[ChainAnswer] = []
         for chain, level in zip(self._chains, levels, strict=True):
+            if not Z.shape[1]:
+                break  # those above leave nothing
             inner = _within(program, level, x, Z, self._regularisation)
             found = chain.solve(inner, lambda: (np.zeros(0), costs()[1]))
             if found.elastic and not answers:  # once more with equations, which may be wishes
-                found = chain.solve(weighted(program, level, self._regularisation), costs)
-                return found.answer.x if found.answer else None, [found]
+                return self._at_once(program, level, costs)
             answers.append(found)
             if found.answer is None or not found.solved:
                 return (x if len(answers) > 1 else None), answers  # what those above have, stays
@@ -112,6 +113,13 @@ class Cascade:
             strictly = z > _STRICTLY * z.max(initial=0.0)
             Z = Z @ null_space(np.vstack((level.G @ Z, inner.C[strictly]))).T
         return x, answers
+
+    def _at_once(
+        self, program: QuadraticProgram, level: Level, costs: Costs
+    ) -> tuple[Array | None, list[ChainAnswer]]:
+        """Return the answer of a level with the equations in its program."""
+        found = self._chains[0].solve(weighted(program, level, self._regularisation), costs)
+        return found.answer.x if found.answer else None, [found]
 
 
 def weighted(program: QuadraticProgram, level: Level, regularisation: float) -> QuadraticProgram:

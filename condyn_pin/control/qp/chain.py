@@ -93,6 +93,11 @@ class Chain:
 
     def _answers(self, program: QuadraticProgram) -> Iterator[tuple[str, int, Polished | None]]:
         """Yield who answered, after how many iterations, and the polished answer."""
+        if not len(program.g):
+            nothing = start(program, np.zeros(0), np.zeros(len(program.lower)))
+            residual = program.kkt_residual(nothing.x, nothing.y, nothing.z)
+            yield "no unknowns", 0, replace(nothing, residual=residual)
+            return
         last = self._last
         if last and (len(last.x), len(last.z)) == (len(program.g), len(program.lower)):
             # equations that depend on each other are no trouble to the polish
