@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.contact.cone import Cone, turned
+from condyn_pin.contact.cone import Cone
 from condyn_pin.contact.scene_cones import Cones
 from condyn_pin.dynamics.force import upward
 from condyn_pin.dynamics.scene import Scene
@@ -65,6 +65,7 @@ class _Group:
 
     def __init__(self, contact: Any, cone: Cone) -> None:
         self._contact, self._cone, self._key = contact, cone, _key(contact)
+        self._threes = cone.rows().A.reshape(-1, 3)  # forces, and moments, one after the other
         self._bounds: list[Any] = []
         self._blocks: list[tuple[slice, slice]] = []
 
@@ -83,9 +84,10 @@ class _Group:
                 A[block] = self._fixed
             return
         R = np.array([bound.ends(oMi)[0].rotation for bound in self._bounds])
-        T, floor = self._cone.turn(self._contact, R, up), self._cone.rows().A
-        for block, turn in zip(self._blocks, T, strict=True):
-            A[block] = turned(turn.T, floor) @ self._to_wrench
+        T = self._cone.turn(self._contact, R, up)
+        each = (self._threes @ T).reshape(len(T), -1, len(self._to_wrench)) @ self._to_wrench
+        for block, rows in zip(self._blocks, each, strict=True):
+            A[block] = rows
 
 
 def _key(contact: Any) -> Any:

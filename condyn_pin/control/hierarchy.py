@@ -126,7 +126,7 @@ def weighted(program: QuadraticProgram, level: Level, regularisation: float) -> 
     """Return the program with the objective of a level."""
     WG = level.weights[:, None] * level.G
     H = level.G.T @ WG
-    H[np.diag_indices_from(H)] += regularisation
+    H.flat[:: len(H) + 1] += regularisation
     p = program
     return QuadraticProgram(H, -(level.b @ WG), p.A, p.b, p.C, p.lower, p.upper)
 
@@ -138,7 +138,7 @@ def _within(
     GZ, CZ, Cx = level.G @ Z, program.C @ Z, program.C @ x
     WG = level.weights[:, None] * GZ
     H = GZ.T @ WG
-    H[np.diag_indices_from(H)] += regularisation
+    H.flat[:: len(H) + 1] += regularisation
     g = WG.T @ (level.G @ x - level.b) + regularisation * (Z.T @ x)
     lower, upper = program.lower - Cx, program.upper - Cx
     # what the levels above left at a bound is there but for rounding

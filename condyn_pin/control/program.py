@@ -136,11 +136,12 @@ class Program:
         self._at = E, a_0, J_c, T, t_0
 
         hard, n = self._hard.level(self.motion, t, self), T.shape[1]
-        A = np.zeros((E.undriven.shape[1] + len(touch) + len(hard.b), n))
-        moved, stays, wished = np.split(A, np.cumsum((E.undriven.shape[1], len(touch))))
-        moved[:, : force.shape[1]] = E.undriven.T @ force
-        stays[:, : touch.shape[1]] = touch
-        wished[:] = hard.G
+        first = E.undriven.shape[1]
+        last = first + len(touch)
+        A = np.zeros((last + len(hard.b), n))
+        A[:first, : force.shape[1]] = E.undriven.T @ force
+        A[first:last, : touch.shape[1]] = touch
+        A[last:] = hard.G
         b = np.concatenate((-(E.undriven.T @ force_0), r[touching] - J_c @ a_0, hard.b))
         C, lower, upper = self._inequalities(q, v)
         program = QuadraticProgram(np.zeros((n, n)), np.zeros(n), A, b, C, lower, upper)
@@ -150,15 +151,16 @@ class Program:
         """Return C and its bounds: torques, accelerations of joints, cones."""
         E, a_0, _, T, t_0 = self._at
         columns, k = self._bounds.columns, E.N.shape[1]
+        first = len(self._limited)
+        last = first + len(columns)
         C = np.zeros((len(self.inequalities), T.shape[1]))
-        torque, joint, cone = np.split(C, np.cumsum((len(self._limited), len(columns))))
-        torque[:] = T[self._limited]
-        joint[:, :k] = E.N[columns]
-        cone[:, k : k + len(self.cones.touching)] = self.cones.rows(self.motion.data.oMi)
+        C[:first] = T[self._limited]
+        C[first:last, :k] = E.N[columns]
+        C[last:, k : k + len(self.cones.touching)] = self.cones.rows(self.motion.data.oMi)
         least, most = self._bounds.at(q, v)
-        given, none = t_0[self._limited], np.full(len(cone), -np.inf)
-        lower = np.concatenate((-self._most - given, least - a_0[columns], none))
-        upper = np.concatenate((self._most - given, most - a_0[columns], np.zeros(len(cone))))
+        given, cones = t_0[self._limited], np.zeros(len(C) - last)
+        lower = np.concatenate((-self._most - given, least - a_0[columns], cones - np.inf))
+        upper = np.concatenate((self._most - given, most - a_0[columns], cones))
         return C, lower, upper
 
     def equation_rows(self, program: QuadraticProgram) -> list[Row]:

@@ -25,6 +25,9 @@ from condyn_pin.control.qp.proxqp import ProxQP
 from condyn_pin.control.qp.quadprog import Quadprog
 from condyn_pin.control.qp.quadratic_program import QPResult, QuadraticProgram
 
+# Where a polish ends: below this is rounding. What counts is tolerances.KKT.
+_AIM = 1e-12
+
 # Changes of the active set that the last one is worth; more cost as much as the solver.
 _FROM_LAST = 2
 _FROM_SOLVER = 10
@@ -102,7 +105,7 @@ class Chain:
         if last and (len(last.x), len(last.z)) == (len(program.g), len(program.lower)):
             # equations that depend on each other are no trouble to the polish
             begin = start(program, last.x, last.z, last)
-            yield "last active set", 0, polish(program, begin, tolerances.KKT, _FROM_LAST)
+            yield "last active set", 0, polish(program, begin, _AIM, _FROM_LAST)
         asked = _independent(program)
         if asked is None or (program.lower > program.upper).any():
             return
@@ -111,7 +114,7 @@ class Chain:
             found = None
             if np.isfinite(result.x).all() and np.isfinite(result.z).all():
                 begin = start(program, result.x, result.z)
-                found = polish(program, begin, tolerances.KKT, _FROM_SOLVER)
+                found = polish(program, begin, _AIM, _FROM_SOLVER)
             yield repr(qp), result.iterations, found
 
     def _solvers(self) -> Iterator[QPSolver]:
@@ -143,7 +146,7 @@ class Chain:
         if given > tolerances.GIVES:
             return ChainAnswer(None, found, tuple(path), iterations)
         begin = start(program, found.x, np.zeros(len(program.lower)))
-        last = polish(program, begin, tolerances.KKT, _FROM_ELASTIC)
+        last = polish(program, begin, _AIM, _FROM_ELASTIC)
         if best is None or last.residual < best.residual:
             best = last
         return ChainAnswer(best, None, tuple(path), iterations)
