@@ -99,25 +99,20 @@ def _on_active_rows(program: QuadraticProgram, at: Polished) -> Polished:
 
     n, p = len(program.g), len(program.b)
     active = np.flatnonzero(at.at_lower | at.at_upper)
+    G = np.concatenate((program.A, program.C[active]))
     bound = np.where(at.at_upper, program.upper, program.lower)[active]
-    size = n + p + len(active)
-    K = np.zeros((size, size), order="F")
-    K[:n, :n] = program.H
-    K[n : n + p, :n] = program.A
-    K[n + p :, :n] = program.C[active]
-    K[:n, n:] = K[n:, :n].T
-    target = np.concatenate((-program.g, program.b, bound))
-    unknown = np.concatenate((at.x, at.y, at.z[active]))
-    damped = K.copy(order="F")
-    damped[range(n, size), range(n, size)] = -_DELTA / max(
-        float(program.H.diagonal().max()), 1e-300
-    )
-    factor, pivots, _ = dgetrf(damped, overwrite_a=1)
+    d, x, y = np.concatenate((program.b, bound)), at.x, np.concatenate((at.y, at.z[active]))
+    K = np.zeros((n + len(d), n + len(d)))
+    K[:n, :n], K[n:, :n], K[:n, n:] = program.H, G, G.T
+    K.flat[n * (len(K) + 1) :: len(K) + 1] = -_DELTA / float(program.H.diagonal().max())
+    factor, pivots, _ = dgetrf(K.T, overwrite_a=1)  # K is symmetric, and LAPACK reads columns
     for _ in range(_REPETITIONS):
-        step = dgetrs(factor, pivots, target - K @ unknown)[0]
-        unknown += step
-        if np.abs(step).max() <= _SETTLED * np.abs(unknown).max():
+        left = np.concatenate((-(program.H @ x + program.g + y @ G), d - G @ x))
+        step = dgetrs(factor, pivots, left)[0]
+        x, y = x + step[:n], y + step[n:]
+        if np.abs(step).max() <= _SETTLED * max(np.abs(x).max(), np.abs(y).max(initial=0.0)):
             break
-    x, y, z = unknown[:n], unknown[n : n + p], np.zeros(len(program.lower))
-    z[active] = unknown[n + p :]
-    return Polished(x, y, z, at.at_lower, at.at_upper, program.kkt_residual(x, y, z))
+    z = np.zeros(len(program.lower))
+    z[active] = y[p:]
+    residual = program.kkt_residual(x, y[:p], z)
+    return Polished(x, y[:p], z, at.at_lower, at.at_upper, residual)

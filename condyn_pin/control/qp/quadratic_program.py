@@ -50,14 +50,19 @@ class QuadraticProgram:
     def kkt_residual(self, x: Array, y: Array, z: Array) -> float:
         """Return the largest of the three; that of the gradient relative to its largest term."""
         Hx, Cx = self.H @ x, self.C @ x
-        gradient = Hx + self.g + self.A.T @ y + self.C.T @ z
-        size = 1.0 + float(max(np.abs(self.g).max(initial=0.0), np.abs(Hx).max(initial=0.0)))
+        size = 1.0 + max(_largest(self.g), _largest(Hx))
+        nearest = np.minimum(np.maximum(Cx + z / size, self.lower), self.upper)
         found = max(
-            float(np.abs(gradient).max(initial=0.0)) / size,
-            float(np.abs(self.A @ x - self.b).max(initial=0.0)),
-            float(np.abs(Cx - np.clip(Cx + z / size, self.lower, self.upper)).max(initial=0.0)),
+            _largest(Hx + self.g + y @ self.A + z @ self.C) / size,
+            _largest(self.A @ x - self.b),
+            _largest(Cx - nearest),
         )
-        return found if found == found else np.inf
+        return found if np.isfinite(found) else np.inf
+
+
+def _largest(v: Array) -> float:
+    """Return the largest size of an entry; NaN if one is."""
+    return float(np.abs(v).max()) if len(v) else 0.0
 
 
 class QPResult(NamedTuple):
