@@ -490,6 +490,7 @@ def test_an_arm_without_contacts_has_levels_too():
         scene, Hierarchy([first], [both]), cones={}, limits=free, actuation=motors
     ).solve(q, v)
     assert out.status.ok
+    assert out.margins == {}
     assert np.allclose(out.a, [1.0, *(-4.0 * v[1:])], atol=1e-3)
     assert np.abs(cp.solve(scene, q, v, out.tau).a - out.a).max() < 1e-9
 
@@ -537,6 +538,30 @@ def test_motors_that_work_against_each_other_share():
     ).solve(q, v)  # fmt: skip
     assert out.status.ok
     assert np.abs(out.a).max() < 1e-4
+    assert is_proved(out)
+
+
+def test_contacts_that_drifted_are_drawn_back():
+    """J a + gamma = -2 alpha J v - beta^2 c, of a foot that is anchored 1 mm from where it is."""
+    scene, q, v = solo()
+    at = all_feet()[0] + np.array([0.0, 0.0, -1e-3])
+    anchored = cp.Scene(
+        scene.robot, [cp.PointContact("FL_FOOT", anchor=at), *scene.constraints[1:]]
+    )
+    drawn = Controller(anchored, STAND, cones=OCTAGON, drift=cp.Baumgarte(20.0, 20.0))
+    out = drawn.solve(q, v)
+    assert out.status.ok
+    foot = Sites(scene, q).jacobian[:3] @ out.a
+    R = out.forces["FL_FOOT"].rotation
+    assert np.allclose(R @ foot, [0.0, 0.0, -0.4], atol=1e-9)
+
+
+def test_a_contact_without_a_cone_is_held_like_a_loop():
+    scene, q, v = solo()
+    out = Controller(scene, STAND, cones=dict.fromkeys(FEET[1:], OCTAGON)).solve(q, v)
+    assert out.status.ok
+    assert set(out.margins) == set(FEET[1:])
+    assert np.abs(Sites(scene, q).jacobian @ out.a).max() < 1e-9
     assert is_proved(out)
 
 
@@ -623,6 +648,9 @@ def test_what_is_wrong_is_named():
     for wrong, words in cases:
         with pytest.raises(cp.InvalidArgument, match=words):
             wrong()
+    held = dict.fromkeys(FEET[1:], OCTAGON)
+    with pytest.raises(cp.InvalidArgument, match=r"FL_FOOT force is about .* no cone"):
+        Controller(scene, [ContactForce("FL_FOOT")], cones=held).solve(q, v)
     for wrong in (
         lambda: Controller(scene, STAND, cones={"FL_FOT": OCTAGON}),
         lambda: Controller(scene, [Posture("standin")], **good),

@@ -167,8 +167,9 @@ class ControlAnswer:
 
     @cached_property
     def margins(self) -> dict[str, Margin]:
-        """How far each contact is from leaving its cone."""
-        return margins(self, self.cones)
+        """How far each contact is from leaving its cone; empty where none has one."""
+        pressing = any(contact.presses for contact in self.scene.constraints)
+        return margins(self, self.cones) if pressing and self.cones else {}
 
     def __repr__(self) -> str:
         return (

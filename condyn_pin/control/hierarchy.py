@@ -17,6 +17,7 @@ generation. International Journal of Robotics Research, 2014.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -40,27 +41,22 @@ _STRICTLY = 1e-3
 _DECIDED = 1e-9
 
 
+@dataclass(frozen=True, init=False, repr=False)
 class Hierarchy:
     """Levels of tasks in order; within a level weights count.
 
     Parameters
     ----------
-    *levels : sequence of Task
-        The first is never worse for what the others want.
+    levels : sequence of Task
+        Each an argument. The first is never worse for what the others want.
     """
+
+    levels: tuple[tuple[Task, ...], ...]
 
     def __init__(self, *levels: Sequence[Task]) -> None:
         if not levels:
             raise InvalidArgument("levels: none; Hierarchy([task, ...], [task, ...]) is needed")
-        self.levels = tuple(check_tasks(level) for level in levels)
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Hierarchy):
-            return NotImplemented
-        return self.levels == other.levels
-
-    def __hash__(self) -> int:
-        return hash(self.levels)
+        object.__setattr__(self, "levels", tuple(check_tasks(level) for level in levels))
 
     def __repr__(self) -> str:
         named = ", ".join(f"[{', '.join(task.name for task in level)}]" for level in self.levels)

@@ -31,6 +31,7 @@ from condyn_pin.control.motion import Motion
 from condyn_pin.control.qp.quadratic_program import QuadraticProgram
 from condyn_pin.control.tasks.base import Home, Task
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument
 
 # What it costs that a row gives: wishes before limits of joints, those before motors, and the floor
 # last. Equations of motion and contacts never give.
@@ -239,6 +240,11 @@ class _Stack:
         of_f = [each.rows(motion, t) for each in self._over_f]
         J = np.vstack([rows for rows, _ in of_a]) if of_a else self._none[0]
         F = np.vstack([rows for rows, _ in of_f]) if of_f else self._none[1]
+        if F[:, program.cones.held].any():
+            raise InvalidArgument(
+                f"tasks: one of {', '.join(self.tasks)} is about the force of a contact that has "
+                "no cone; cones={name: FrictionCone(...)} gives it one"
+            )
         b = np.concatenate([*(b for _, b in of_a), *(b for _, b in of_f), np.zeros(0)])
         b[: len(J)] -= J @ program.a_0
         return Level(program.over_x(J, F), b, self._weights)

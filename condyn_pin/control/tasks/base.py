@@ -26,7 +26,6 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from condyn_pin._core.arrays import Array, finite, shown
 from condyn_pin._core.parameters import check_accuracy, check_called
@@ -38,7 +37,6 @@ from condyn_pin.errors import InvalidArgument
 TASKS: dict[str, type[Task]] = {}
 
 Home = Callable[[], Array]
-Trajectory3 = Callable[[float], tuple[ArrayLike, ArrayLike, ArrayLike]]  # t -> (x, v, a)
 
 
 @dataclass(frozen=True, eq=False)
