@@ -34,7 +34,6 @@ from condyn_pin.control import (
     ProxQP,
     Quadprog,
 )
-from condyn_pin.control.hierarchy import weighted
 from condyn_pin.mechanism import project_velocity
 from condyn_pin.study.tables import write_csv
 
@@ -79,11 +78,7 @@ def measured(name: str, ticks: int) -> list[dict[str, object]]:
 
 def _solvers(controller: Controller, states: list[tuple[np.ndarray, np.ndarray]]) -> dict:
     """Return size of the program, and the time of each solver on it."""
-    made, nothing = controller._program, np.zeros(controller.scene.robot.nv)
-    programs = []
-    for q, v in states[:100]:
-        program, levels = made.assemble(q, v, 0.0, nothing)
-        programs.append((weighted(program, levels[0], 1e-5),))
+    programs = [(controller.program(q, v),) for q, v in states[:100]]
     found: dict[str, object] = {"size": "x".join(map(str, programs[0][0].sizes))}
     for solver in SOLVERS:
         found[type(solver).__name__] = _us(_timed(solver.start(), programs)[0])

@@ -28,6 +28,7 @@ from .qp.any_qp import AnyQP as AnyQP
 from .qp.daqp import DAQP as DAQP
 from .qp.proxqp import ProxQP as ProxQP
 from .qp.quadprog import Quadprog as Quadprog
+from .qp.quadratic_program import QuadraticProgram as QuadraticProgram
 from .resting_region import support_polygon as support_polygon
 from .support import SupportPlane as SupportPlane
 from .support import SupportPolygon as SupportPolygon

@@ -23,8 +23,8 @@ from condyn_pin.control.actuation import Actuation, motors_of
 from condyn_pin.control.answer import ControlAnswer
 from condyn_pin.control.contact_cones import ContactCones
 from condyn_pin.control.control_limits import ControlLimits
-from condyn_pin.control.hierarchy import Cascade, Hierarchy, check_tasks
-from condyn_pin.control.program import Program
+from condyn_pin.control.hierarchy import Cascade, Hierarchy, check_tasks, weighted
+from condyn_pin.control.program import Level, Program
 from condyn_pin.control.qp.base import QPSolver
 from condyn_pin.control.qp.daqp import DAQP
 from condyn_pin.control.qp.proxqp import ProxQP
@@ -191,13 +191,7 @@ class Controller(OneThread):
         InvalidArgument
             If an argument has a wrong size or is not finite.
         """
-        still = np.zeros(self.scene.robot.nv)
-        q_, v_, _ = self._arguments.check(q, v, still)
-        time = float(finite("t", t, ()))
-        extra = still if passive is None else finite("passive", passive, len(still))
-        with np.errstate(all="ignore"):  # what overflows is refused
-            program, levels = self._program.assemble(q_, v_, time, extra)
-        check_overflow("v", v_, program.b, *(level.b for level in levels))
+        program, levels = self._assembled(q, v, t, passive)
         start = perf_counter()
         x, answers = self._cascade.solve(program, levels, lambda: self._costs(program))
         elapsed = perf_counter() - start
@@ -209,8 +203,47 @@ class Controller(OneThread):
             actuation=self.actuation,
             cones=self._cones,
             scene=self.scene,
-            q=q_.copy(),
+            q=self._program.motion.q.copy(),
         )
+
+    @alone
+    @one_blas_thread
+    def program(
+        self, q: ArrayLike, v: ArrayLike, t: float = 0.0, *, passive: ArrayLike | None = None
+    ) -> QuadraticProgram:
+        """Return the quadratic program of a tick, for a solver of yours.
+
+        Its unknowns are accelerations: those that loops leave, and contact forces over the mass of
+        the robot. Of a hierarchy it is that of the first level alone.
+
+        Parameters
+        ----------
+        q, v : (nq,), (nv,) array_like
+        t : float
+            Time [s].
+        passive : (nv,) array_like, optional
+            As in `solve` [N m, N].
+        """
+        program, levels = self._assembled(q, v, t, passive)
+        return weighted(program, levels[0], self._settings.regularisation)
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """Names of the inequalities of the program, in order."""
+        return tuple(row.name for row in self._program.inequalities)
+
+    def _assembled(
+        self, q: ArrayLike, v: ArrayLike, t: float, passive: ArrayLike | None
+    ) -> tuple[QuadraticProgram, list[Level]]:
+        """Return the constraints of a tick and its levels, of arguments that are checked here."""
+        still = np.zeros(self.scene.robot.nv)
+        q_, v_, _ = self._arguments.check(q, v, still)
+        time = float(finite("t", t, ()))
+        extra = still if passive is None else finite("passive", passive, len(still))
+        with np.errstate(all="ignore"):  # what overflows is refused
+            program, levels = self._program.assemble(q_, v_, time, extra)
+        check_overflow("v", v_, program.b, *(level.b for level in levels))
+        return program, levels
 
     def __repr__(self) -> str:
         return f"Controller({self.scene.robot.name}, {list(self.scene.names)}: {self.tasks})"

@@ -26,12 +26,13 @@ class QuadraticProgram:
     Attributes
     ----------
     H : (n, n) array
-        Positive definite.
+        Positive definite [1].
     g : (n,) array
+        [m/s^2]
     A, b : (p, n), (p,) array
-        Equations; rows may depend on each other.
+        Equations [1], [m/s^2]; rows may depend on each other.
     C, lower, upper : (r, n), (r,), (r,) array
-        Inequalities.
+        Inequalities [1], [m/s^2].
     """
 
     H: Array
@@ -48,7 +49,13 @@ class QuadraticProgram:
         return len(self.g), len(self.b), len(self.lower)
 
     def kkt_residual(self, x: Array, y: Array, z: Array) -> float:
-        """Return the largest of the three; that of the gradient relative to its largest term."""
+        """Return the largest of the three; that of the gradient relative to its largest term.
+
+        Parameters
+        ----------
+        x, y, z : (n,), (p,), (r,) array
+            An answer, and the multipliers of equations and inequalities.
+        """
         Hx, Cx = self.H @ x, self.C @ x
         size = 1.0 + max(_largest(self.g), _largest(Hx))
         nearest = np.minimum(np.maximum(Cx + z / size, self.lower), self.upper)
