@@ -360,6 +360,31 @@ def test_tasks_do_what_they_say():
         measured(task, scene, q, v, out, error)
 
 
+def test_tasks_together_see_what_each_sees_alone():
+    """They share the memory of one state, whatever their order."""
+    scene, q, _ = talos()
+    v = project_velocity(scene, q, 0.2 * np.random.default_rng(2).normal(size=scene.robot.nv))
+    hand = "gripper_left_base_link"
+    tasks = [
+        AngularMomentum(), CenterOfMass(), Orientation(hand), FrameTask(hand, of="pose"),
+        ContactForce("left_sole_link", weight=1e-4), Posture(weight=0.1),
+    ]  # fmt: skip
+    wanted = {}
+    for task in tasks:
+        one = Controller(scene, [task], cones=WrenchCone(0.5))
+        program, (level,) = one._program.assemble(q, v, 0.0, np.zeros(scene.robot.nv))
+        wanted[task.name] = level
+    for order in (tasks, tasks[::-1]):
+        every = Controller(scene, order, cones=WrenchCone(0.5))
+        out = every.solve(q, v)
+        assert out.status.ok
+        x = np.linalg.lstsq(program.A, program.b)[0]  # any that the equations allow
+        _, levels = every._program.assemble(q, v, 0.0, np.zeros(scene.robot.nv))
+        errors = every._program.errors(levels, x)
+        for name, level in wanted.items():
+            assert np.abs(errors[name] - (level.G @ x - level.b)).max() < 1e-9
+
+
 def measured(task, scene, q, v, out, error) -> None:
     """The rate of each quantity by differences along the motion that the answer makes."""
     model, h = scene.robot.model, 1e-5

@@ -90,8 +90,9 @@ class Cascade:
         if len(levels) == 1:
             return self._at_once(program, levels[0], costs)
         x, Z = _start(program)
-        if np.abs(program.A @ x - program.b).max(initial=0.0) > tolerances.GIVES:
-            # equations contradict each other, and the chain names them
+        off = np.abs(program.A @ x - program.b).max(initial=0.0)
+        if off > tolerances.GIVES or not Z.shape[1]:
+            # equations contradict each other, which the chain names, or leave nothing
             return self._at_once(program, levels[0], costs)
         answers: list[ChainAnswer] = []
         for chain, level in zip(self._chains, levels, strict=True):

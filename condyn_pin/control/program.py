@@ -21,6 +21,7 @@ from math import isinf
 
 import numpy as np
 
+from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.control.actuation import Actuation
@@ -137,6 +138,7 @@ class Program:
         self._at = E, a_0, J_c, T, t_0
 
         hard, n = self._hard.level(self.motion, t, self), T.shape[1]
+        self._wished = hard
         first = E.undriven.shape[1]
         last = first + len(touch)
         A = np.zeros((last + len(hard.b), n))
@@ -194,16 +196,18 @@ class Program:
         if len(self.cones.held):
             left = terms.M @ a + terms.h - self.passive - tau
             left -= J_c.T @ lam[self.cones.touching]
-            lam[self.cones.held] = np.linalg.lstsq(terms.J[self.cones.held].T, left)[0]
+            of_held = terms.J[self.cones.held].T
+            lam[self.cones.held] = np.linalg.lstsq(of_held, left, rcond=tolerances.RANK)[0]
         return a, tau, lam
 
     def errors(self, levels: Sequence[Level], x: Array) -> dict[str, Array]:
-        """Return how far each task is from what it wants, by name; that of equations is zero."""
+        """Return how far each task is from what it wants, by name."""
         found: dict[str, Array] = {}
-        for stack, level in zip(self._levels, levels, strict=True):
+        stacks = zip((*self._levels, self._hard), (*levels, self._wished), strict=True)
+        for stack, level in stacks:
             left = level.G @ x - level.b
             found |= {name: left[rows] for name, rows in stack.tasks.items()}
-        return found | {name: np.zeros(r.stop - r.start) for name, r in self._hard.tasks.items()}
+        return found
 
     def _inequality_rows(self, actuation: Actuation) -> list[Row]:
         motors = actuation.motors
