@@ -247,6 +247,26 @@ def test_the_wrench_margin_by_hand():
     assert falling.wrench_margin < 0
 
 
+@pytest.mark.parametrize("pyramid", ["inner", "outer"])
+def test_a_wrench_cone_holds_what_forces_at_its_corners_can_give(pyramid):
+    """By linear programs over the wrench, and over four pyramids."""
+    sole = cp.Scene(block(), [SOLE])
+    corners = cp.Scene(block(), SOLE.corners())
+    rng = np.random.default_rng(0)
+    seen = {True: 0, False: 0}
+    for _ in range(60):
+        a = rng.normal(size=6) * (1.5, 1.5, 4.0, 8.0, 8.0, 20.0)
+        one = balance(sole, Q, STILL, a, np.zeros(6), cones=WrenchCone(0.5, pyramid=pyramid))
+        cone = FrictionCone(0.5, sides=4, pyramid=pyramid)
+        four = balance(corners, Q, STILL, a, np.zeros(12), cones=cone)
+        assert np.allclose(one.force, four.force)
+        if abs(one.wrench_margin) < 1e-6:
+            continue
+        seen[bool(one.wrench_margin > 0)] += 1
+        assert (one.wrench_margin > 0) == (four.wrench_margin > 0)
+    assert min(seen.values()) > 8
+
+
 def test_what_is_wrong_is_named():
     scene = cp.Scene(block(), [SOLE])
     with pytest.raises(cp.InvalidArgument, match="lam has shape"):
