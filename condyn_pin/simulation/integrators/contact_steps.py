@@ -11,6 +11,9 @@ The velocity is tangent to the constraints in the middle of the step, where J_b 
 and Jdot_b v = gamma: loops stay closed to dt^3. One with J_b v+ = 0 would lose dt gamma in each
 step, and a four-bar with it 0.15 J in a second at 1 ms, in place of 0.004 J. Where nothing touches,
 h is taken at the mean of v and v+. What a step leaves open is closed behind it.
+
+Velocities of floating bodies are in axes that stand still within the step (`Floating`): h is
+M w x u less, and gamma J_b w x u.
 """
 
 from __future__ import annotations
@@ -37,6 +40,7 @@ from condyn_pin.errors import StepFailed
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.model.soundness import singular_mass
 from condyn_pin.simulation.contact_record import touch_of
+from condyn_pin.simulation.floating import Floating
 from condyn_pin.simulation.integrators.base import Stepper
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
 from condyn_pin.simulation.recorder import Row
@@ -80,6 +84,7 @@ class Posed(NamedTuple):
     """A step before its contact problem is solved."""
 
     at: Array  # (nq,), where M, h and J are taken
+    v: Array  # (nv,), the velocity that the step begins with, in the axes of `at`
     mean: Array  # (nv,), the velocity of h
     tau: Array  # (nv,), springs and damping as they act at the end of the step [N, N m]
     gaps: Array  # of all cones and half-lines [m, rad]
@@ -93,6 +98,7 @@ class Taken(NamedTuple):
     """A step that was taken."""
 
     posed: Posed
+    v: Array  # (nv,), the velocity that it ends with, in the axes in which it began
     attempt: Attempt
     natural: float  # residual of the contact problem
     work: float  # of the contacts [J]
@@ -112,7 +118,8 @@ class ContactSteps:
     def __init__(self, scheme: ContactScheme, system: System, dt: float) -> None:
         self._scheme, self._system, self._dt = scheme, system, dt
         self._equations, self._candidates = system.equations, system.contacts
-        passive = system.passive
+        self._floating, passive = Floating(system.model), system.passive
+        self._share = 0.5 if scheme.at_midpoint else 1.0  # of dt, from `at` to the end
         self._torque = total_torque(system.applied, passive, dt)
         self._inertia = passive.inertia(dt) if passive.inertia(dt).any() else None
         self._between = passive.between
@@ -146,37 +153,44 @@ class ContactSteps:
         found, natural = attempt_contact(problem, solver, None, accuracy)
         lam, dt = found.lam, self._dt
         v1 = now.velocity(lam)
+        a = (v1 - posed.v) / dt - self._floating.turning(posed.mean)
         contact_velocities = posed.before + now.contact_velocities + problem.G.dot(lam)
         work = 0.5 * float(lam.dot(contact_velocities))
         self._system.contact_work += work
-        self.last = Taken(posed, found, natural, work)
-        moved = 0.5 * dt * (v + v1) if self._scheme.at_midpoint else dt * v1
-        return self._closed(now, self._system.integrate(q, moved)), v1, (v1 - v) / dt
+        self.last = Taken(posed, v1, found, natural, work)
+        rest = self._share * dt
+        q1 = self._floating.integrate(posed.at, rest * v1)
+        return self._closed(now, q1), self._floating.turned(v1, rest), a
 
     def pose(self, t: float, q: Array, v: Array) -> Posed:
         """Return the step from a state with its contact problem, not yet solved."""
-        scheme, system, dt = self._scheme, self._system, self._dt
-        at = system.integrate(q, 0.5 * dt * v) if scheme.at_midpoint else q
-        tau = self._torque(t, q, v)
+        scheme, system, floating, dt = self._scheme, self._system, self._floating, self._dt
+        at, tau = q, self._torque(t, q, v)
+        if scheme.at_midpoint:
+            at, v = floating.integrate(q, 0.5 * dt * v), floating.turned(v, 0.5 * dt)
         M, h, J_b, gamma = self._equations.parts(at, v)
+        turning = floating.turning(v)
         data = self._equations.data  # it has the placements and Jacobians of `at` now
         gaps = self._candidates.gaps(data, at)
         chosen = self._choose(scheme.near(gaps, v, dt))
         J_c = self._candidates.jacobian(data, at, chosen.active)
+        # without springs and damping: they act in v+ - v, as it is in these axes
+        inertia = M if self._inertia is None and self._between is None else M.copy()
         factors = factorise(
             self._with_inertia(M, at), J_b, tolerances.RANK, why=singular_mass(system.model, at)
         ).at_most(self._rank)
-        contacts, before = condense(factors, J_c, -0.5 * dt * gamma), J_c.dot(v)
-        now, mean = contacts.pushed(v, dt * (tau - h)), v
+        s = -0.5 * dt * (gamma - J_b.dot(turning))
+        contacts, before = condense(factors, J_c, s), J_c.dot(v)
+        now, mean = contacts.pushed(v, dt * (tau - h + inertia.dot(turning))), v
         if not len(J_c):
             mean = 0.5 * (v + now.free_velocity)
             h = pin.nonLinearEffects(system.model, data, at, mean)
-            now = contacts.pushed(v, dt * (tau - h))
+            now = contacts.pushed(v, dt * (tau - h + inertia.dot(floating.turning(mean))))
         near = Near(
             dt, gaps[chosen.gaps], chosen.restitution, chosen.normals, now.G, before,
             now.contact_velocities, chosen.sets.blocks,
         )  # fmt: skip
-        return Posed(at, mean, tau, gaps, chosen, now, before, chosen.problem(scheme, near))
+        return Posed(at, v, mean, tau, gaps, chosen, now, before, chosen.problem(scheme, near))
 
     def lam(self) -> Array:
         """Return the forces of the last step: of constraints, then of all candidates [N, N m]."""

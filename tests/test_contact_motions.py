@@ -1,0 +1,105 @@
+"""Motions with contacts that are known: what rolls, flies, tips, hits and is held."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import condyn_pin as cp
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints import Ball, Box, FrictionalContact
+from condyn_pin.model import free_ball, free_box, together
+from condyn_pin.simulation import Anitescu, Moreau, SoftStep, StewartTrinkle
+
+G = 9.81
+SCHEMES = (StewartTrinkle(), Moreau(), Anitescu(), SoftStep())
+HARD = SCHEMES[:2]  # what slides in a convex step lifts off
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+
+
+def ball_scene(friction: float = 0.3) -> cp.Scene:
+    return cp.Scene(
+        free_ball(radius=0.05), contacts=[FrictionalContact("ball", Ball(0.05), friction=friction)]
+    )
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_a_ball_rolls_on_as_fast_as_it_did(scheme: cp.simulation.ContactScheme) -> None:
+    """In turning axes an explicit step makes it faster: 28 m/s after half a second."""
+    q, v = np.array([0, 0, 0.05, *UPRIGHT]), np.array([3.0, 0, 0, 0, 60.0, 0])
+    run = cp.simulate(ball_scene(), q, v, duration=0.5, dt=1e-3, integrator=scheme)
+    tolerance = 1e-3 if scheme.gives_way else 1e-9
+    assert_allclose(run.q[-1, :3], (1.5, 0, 0.05), atol=tolerance)
+    assert_allclose(np.linalg.norm(run.v[-1, :3]), 3.0, atol=tolerance)
+
+
+@pytest.mark.parametrize("scheme", HARD)
+def test_a_ball_that_slides_ends_up_rolling(scheme: cp.simulation.ContactScheme) -> None:
+    """v = 5/7 v_0 from t = 2 v_0 / (7 mu g) on, for a solid one, and not before."""
+    q, v = np.array([0, 0, 0.05, *UPRIGHT]), np.array([2.0, 0, 0, 0, 0, 0])
+    run = cp.simulate(ball_scene(0.3), q, v, duration=0.4, dt=1e-3, integrator=scheme)
+    assert_allclose(np.linalg.norm(run.v[-1, :3]), 10 / 7, atol=1e-6)
+    assert_allclose(run.v[-1, 4] * 0.05, 10 / 7, atol=1e-6)
+    rolls = run.t[run.modes["ball"] == "slide"][-1]
+    assert_allclose(rolls, 4 / (7 * 0.3 * G), atol=1.1e-3)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_what_spins_and_flies_follows_its_parabola(scheme: cp.simulation.ContactScheme) -> None:
+    q, v = np.array([0, 0, 5.0, *UPRIGHT]), np.array([3.0, 0, 0, 0, 0, 100.0])
+    run = cp.simulate(ball_scene(), q, v, duration=0.5, dt=1e-3, integrator=scheme)
+    assert_allclose(run.q[-1, :3], (1.5, 0, 5 - G / 8), atol=G * 0.5 * 1e-3)
+    assert_allclose(run.q[-1, :2], (1.5, 0), atol=1e-12)
+
+
+def test_what_spins_on_a_plane_flies_straight_too() -> None:
+    model = pin.Model()
+    model.gravity.linear[:] = 0.0
+    joint = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "puck")
+    model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.05), pin.SE3.Identity())
+    scene = cp.Scene(cp.Robot("puck", model))
+    q, v = np.array([0.1, 0.2, 1.0, 0.0]), np.array([3.0, 1.0, 50.0])
+    run = cp.simulate(scene, q, v, duration=0.5, dt=1e-3, integrator=StewartTrinkle())
+    assert_allclose(run.q[-1, :2], (1.6, 0.7), atol=1e-12)
+    assert_allclose(np.linalg.norm(run.v[-1, :2]), np.sqrt(10), atol=1e-12)
+    now = cp.step(scene, q, v, dt=1e-3)
+    assert now.dynamics_error < 1e-15
+
+
+def momentum(scene: cp.Scene, q: Array, v: Array) -> Array:
+    """Linear momentum, and angular momentum about the origin of the world."""
+    model = scene.robot.model
+    data = model.createData()
+    pin.forwardKinematics(model, data, q, v)
+    bodies = range(1, model.njoints)
+    return np.sum([data.oMi[j].act(model.inertias[j] * data.v[j]).vector for j in bodies], axis=0)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_bodies_that_hit_each_other_keep_their_momentum(
+    scheme: cp.simulation.ContactScheme,
+) -> None:
+    half = Box(0.1, 0.1, 0.05)
+    boxes = together({name: free_box(size=(0.2, 0.2, 0.1)) for name in "ab"})
+    model = pin.Model(boxes.model)
+    model.gravity.linear[:] = 0.0
+    contact = FrictionalContact("a/box", half, on="b/box", on_shape=half, friction=0.5)
+    scene = cp.Scene(replace(boxes, model=model), contacts=[contact])
+    rng = np.random.default_rng(0)
+    for _ in range(4):
+        one, two = (pin.exp3(rng.normal(size=3)) for _ in "ab")
+        q = np.concatenate([
+            (0, 0, 0.3), pin.Quaternion(one).coeffs(), (0.05, 0, 0), pin.Quaternion(two).coeffs()
+        ])  # fmt: skip
+        v = np.concatenate([
+            one.T @ (0, 0, -2), rng.normal(size=3), two.T @ (0, 0, 1), rng.normal(size=3)
+        ])  # fmt: skip
+        run = cp.simulate(scene, q, v, duration=0.15, dt=5e-4, integrator=scheme)
+        assert any((modes != "open").any() for modes in run.modes.values())
+        change = momentum(scene, run.q[-1], run.v[-1]) - momentum(scene, q, v)
+        assert np.abs(change[:3]).max() < 1e-12
+        assert np.abs(change[3:]).max() < 1e-4  # gyroscopic torques are those of the start
