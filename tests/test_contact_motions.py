@@ -103,3 +103,34 @@ def test_bodies_that_hit_each_other_keep_their_momentum(
         change = momentum(scene, run.q[-1], run.v[-1]) - momentum(scene, q, v)
         assert np.abs(change[:3]).max() < 1e-12
         assert np.abs(change[3:]).max() < 1e-4  # gyroscopic torques are those of the start
+
+
+@pytest.mark.parametrize("scheme", [StewartTrinkle(), Anitescu()])
+@pytest.mark.parametrize("dt", [1e-3, 1e-2, 0.1])
+def test_nothing_goes_through_however_long_a_step_is(
+    scheme: cp.simulation.ContactScheme, dt: float
+) -> None:
+    """A box 2 mm above the floor, that gravity alone brings down; and one that is thrown."""
+    half = Box(0.1, 0.1, 0.05)
+    scene = cp.Scene(
+        free_box(size=(0.2, 0.2, 0.1)), contacts=[FrictionalContact("box", half, friction=0.5)]
+    )
+    q = np.array([0, 0, 0.052, *UPRIGHT])
+    assert cp.step(scene, q, np.zeros(6), dt=dt, integrator=scheme).penetration < 1e-6
+    far = np.array([0, 0, 1.0, *UPRIGHT])
+    fast = np.array([0, 0, -0.95 / dt, 0, 0, 0])
+    assert cp.step(scene, far, fast, dt=dt, integrator=scheme).penetration < 1e-6
+
+
+def test_an_impulse_at_one_end_brings_down_the_other() -> None:
+    """A rod of 2 m on one end: gravity closes the 30 mm below the other, and half as much again."""
+    ends = [
+        FrictionalContact("box", offset=(x, 0, -0.01), friction=0.5, name=name)
+        for x, name in ((-1.0, "left"), (1.0, "right"))
+    ]
+    scene = cp.Scene(free_box(size=(2.0, 0.02, 0.02)), contacts=ends)
+    R = pin.utils.rotate("y", -0.015)
+    q = np.array([0, 0, 0.01 + 0.015, *pin.Quaternion(R).coeffs()])
+    now = cp.step(scene, q, np.zeros(6), dt=0.1)
+    assert "open" not in now.modes.values()
+    assert abs(now.gaps["right"]) < 1e-3

@@ -130,7 +130,8 @@ def contact_problem(
     Returns
     -------
     ContactProblem
-        In the rows of the contacts that take part.
+        In the rows of the contacts that take part: those that are near, and those that the step
+        would close.
 
     Raises
     ------
@@ -163,9 +164,10 @@ class _Memory:
     def pose(
         self, q: Array, v: Array, tau: float | ArrayLike, forces: Sequence[AppliedForce]
     ) -> Posed:
-        """Return the step from a state, its contact problem not yet solved."""
+        """Return the step from a state as it was posed."""
         self._hold(tau, forces)
-        return self._steps.pose(0.0, q, v)
+        self._steps.attempt(0.0, q, v)  # an answer shows which contacts take part
+        return self._steps.last.posed
 
     @one_blas_thread
     def step(

@@ -105,6 +105,7 @@ class ContactScheme(Integrator, ABC):
 
     law: ClassVar[Law] = "ncp"
     at_midpoint: ClassVar[bool] = False
+    closes_gaps: ClassVar[bool] = False  # whether what a step would close takes part, near or not
     takes_restitution: ClassVar[bool] = False
     gives_way: ClassVar[bool] = False  # whether contacts at rest penetrate
 

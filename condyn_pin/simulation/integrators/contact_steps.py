@@ -88,6 +88,8 @@ class Posed(NamedTuple):
     mean: Array  # (nv,), the velocity of h
     tau: Array  # (nv,), springs and damping as they act at the end of the step [N, N m]
     gaps: Array  # of all cones and half-lines [m, rad]
+    near: NDArray[np.bool_]  # which of them take part
+    J: Array  # (rows, nv), of all candidates
     chosen: Chosen
     condensed: Condensed
     before: Array  # (m,), J_c v [m/s]
@@ -125,6 +127,10 @@ class ContactSteps:
         self._between = passive.between
         self._diagonal = np.diag_indices(system.model.nv)
         self._rank = chains_of(system.scene).rank if system.scene.rows else 0
+        candidates = self._candidates
+        self._all = np.ones(len(candidates.names), dtype=bool)
+        lines = np.arange(3 * candidates.cones, 3 * candidates.cones + candidates.half_lines)
+        self._normals = np.concatenate((np.arange(2, 3 * candidates.cones, 3), lines))
         self._chosen: tuple[bytes, Chosen] | None = None
 
     def step(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
@@ -148,9 +154,11 @@ class ContactSteps:
     def attempt(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Return the same of whatever the contact solver has answered."""
         posed = self.pose(t, q, v)
+        found, natural = self._solved(posed)
+        while self._scheme.closes_gaps and (missed := self._missed(posed, found)).any():
+            posed = self.pose(t, q, v, posed.near | missed)
+            found, natural = self._solved(posed)
         now, problem = posed.condensed, posed.problem
-        solver, accuracy = self._scheme.contact, tolerances.CONTACT_SOLVED
-        found, natural = attempt_contact(problem, solver, None, accuracy)
         lam, dt = found.lam, self._dt
         v1 = now.velocity(lam)
         a = (v1 - posed.v) / dt - self._floating.turning(posed.mean)
@@ -162,8 +170,24 @@ class ContactSteps:
         q1 = self._floating.integrate(posed.at, rest * v1)
         return self._closed(now, q1), self._floating.turned(v1, rest), a
 
-    def pose(self, t: float, q: Array, v: Array) -> Posed:
-        """Return the step from a state with its contact problem, not yet solved."""
+    def _solved(self, posed: Posed) -> tuple[Attempt, float]:
+        solver = self._scheme.contact
+        return attempt_contact(posed.problem, solver, None, tolerances.CONTACT_SOLVED)
+
+    def _missed(self, posed: Posed, found: Attempt) -> NDArray[np.bool_]:
+        """Return a flag for each gap: whether it is closed in the step and takes no part in it.
+
+        Where a step is long, or an impulse turns a body, what was far away goes through.
+        """
+        velocities = posed.J.dot(posed.condensed.velocity(found.lam))
+        ends = posed.gaps + self._dt * velocities[self._normals]
+        return np.asarray((ends < 0) & ~posed.near)
+
+    def pose(self, t: float, q: Array, v: Array, chosen: NDArray[np.bool_] | None = None) -> Posed:
+        """Return the step from a state with its contact problem, not yet solved.
+
+        The gaps that take part are those that are near, or those of `chosen`.
+        """
         scheme, system, floating, dt = self._scheme, self._system, self._floating, self._dt
         at, tau = q, self._torque(t, q, v)
         if scheme.at_midpoint:
@@ -172,8 +196,10 @@ class ContactSteps:
         turning = floating.turning(v)
         data = self._equations.data  # it has the placements and Jacobians of `at` now
         gaps = self._candidates.gaps(data, at)
-        chosen = self._choose(scheme.near(gaps, v, dt))
-        J_c = self._candidates.jacobian(data, at, chosen.active)
+        near = scheme.near(gaps, v, dt) if chosen is None else chosen
+        taken = self._choose(near)
+        J = self._candidates.jacobian(data, at, self._all)
+        J_c = J if taken.active.all() else J[taken.rows]
         # without springs and damping: they act in v+ - v, as it is in these axes
         inertia = M if self._inertia is None and self._between is None else M.copy()
         factors = factorise(
@@ -186,11 +212,12 @@ class ContactSteps:
             mean = 0.5 * (v + now.free_velocity)
             h = pin.nonLinearEffects(system.model, data, at, mean)
             now = contacts.pushed(v, dt * (tau - h + inertia.dot(floating.turning(mean))))
-        near = Near(
-            dt, gaps[chosen.gaps], chosen.restitution, chosen.normals, now.G, before,
-            now.contact_velocities, chosen.sets.blocks,
+        asked = Near(
+            dt, gaps[taken.gaps], taken.restitution, taken.normals, now.G, before,
+            now.contact_velocities, taken.sets.blocks,
         )  # fmt: skip
-        return Posed(at, v, mean, tau, gaps, chosen, now, before, chosen.problem(scheme, near))
+        problem = taken.problem(scheme, asked)
+        return Posed(at, v, mean, tau, gaps, near, J, taken, now, before, problem)
 
     def lam(self) -> Array:
         """Return the forces of the last step: of constraints, then of all candidates [N, N m]."""

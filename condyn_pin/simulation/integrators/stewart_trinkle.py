@@ -36,6 +36,7 @@ class StewartTrinkle(ContactScheme):
 
     title: ClassVar[str] = "Stewart-Trinkle"
     use: ClassVar[str] = "by default with contacts: nothing penetrates, whatever dt is"
+    closes_gaps: ClassVar[bool] = True
 
     def asked(self, near: Near) -> tuple[Array, Array | None]:
         """Return g (m,) [m/s] of contacts that are `near`; nothing gives way."""
