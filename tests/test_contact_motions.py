@@ -12,6 +12,7 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints import Ball, Box, FrictionalContact
+from condyn_pin.contact import SemismoothNewton
 from condyn_pin.model import free_ball, free_box, together
 from condyn_pin.simulation import Anitescu, Moreau, SoftStep, StewartTrinkle
 
@@ -134,3 +135,19 @@ def test_an_impulse_at_one_end_brings_down_the_other() -> None:
     now = cp.step(scene, q, np.zeros(6), dt=0.1)
     assert "open" not in now.modes.values()
     assert abs(now.gaps["right"]) < 1e-3
+
+
+@pytest.mark.parametrize("tilt", [1e-6, 1e-5, 1e-4, 1e-3])
+def test_a_foot_that_lands_tilted_is_answered_to_rounding(tilt: float) -> None:
+    """Both ends are to close their gaps, which no motion of a rigid foot does: one slides."""
+    ends = [
+        FrictionalContact("box", offset=(x, 0, -0.01), friction=0.7, name=name)
+        for x, name in ((-0.1, "heel"), (0.1, "toe"))
+    ]
+    scene = cp.Scene(free_box(size=(0.2, 0.02, 0.02)), contacts=ends)
+    R = pin.utils.rotate("y", -tilt)
+    q = np.array([0, 0, 0.01 + 0.1 * tilt, *pin.Quaternion(R).coeffs()])
+    v = np.concatenate([R.T @ (0, 0, -4.0), np.zeros(3)])
+    now = cp.step(scene, q, v, dt=5e-4, integrator=StewartTrinkle(contact=SemismoothNewton()))
+    assert now.contact.natural < 1e-14
+    assert now.contact.path == ("Newton",)
