@@ -11,10 +11,10 @@ from numpy.testing import assert_allclose
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints import Ball, Box, FrictionalContact
-from condyn_pin.contact import SemismoothNewton
+from condyn_pin.constraints import Ball, Box, FrictionalContact, JointFriction
+from condyn_pin.contact import SemismoothNewton, solve_contact
 from condyn_pin.model import free_ball, free_box, together
-from condyn_pin.simulation import Anitescu, Moreau, SoftStep, StewartTrinkle
+from condyn_pin.simulation import Anitescu, Moreau, SoftStep, StewartTrinkle, contact_problem
 
 G = 9.81
 SCHEMES = (StewartTrinkle(), Moreau(), Anitescu(), SoftStep())
@@ -151,3 +151,40 @@ def test_a_foot_that_lands_tilted_is_answered_to_rounding(tilt: float) -> None:
     now = cp.step(scene, q, v, dt=5e-4, integrator=StewartTrinkle(contact=SemismoothNewton()))
     assert now.contact.natural < 1e-14
     assert now.contact.path == ("Newton",)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("height", [0.05, 5.0])
+def test_what_is_not_finite_is_not_ok(scheme: cp.simulation.ContactScheme, height: float) -> None:
+    scene, q = ball_scene(), np.array([0, 0, height, *UPRIGHT])
+    for v, tau in ((1e200, 0.0), (0.0, 1e308)):
+        now = cp.step(
+            scene, q, np.full(6, v), np.full(6, tau), dt=1e-3, integrator=scheme, throw=False
+        )
+        finite = np.isfinite(now.v).all() and np.isfinite(now.q).all()
+        assert finite if now.status.ok else now.status.name == "NOT_FINITE"
+    with pytest.raises(cp.errors.StepFailed, match="overflow"):
+        cp.simulate(scene, q, np.full(6, 1e200), duration=0.01, integrator=scheme)
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    """So that contacts are equal, can be hashed and come back from files."""
+    plain = FrictionalContact("ball", Ball(0.5), friction=0.25, restitution=0.5)
+    other = FrictionalContact(
+        "ball", Ball(np.float32(0.5)), friction=np.array(0.25), restitution=np.float32(0.5)
+    )
+    assert repr(plain) == repr(other)
+    assert hash(plain) == hash(other)
+    dry = JointFriction("pivot", torque=np.float32(0.5))
+    assert repr(dry) == repr(JointFriction("pivot", torque=0.5))
+
+
+def test_what_is_no_contact_problem_is_named() -> None:
+    scene, q = ball_scene(), np.array([0, 0, 0.05, *UPRIGHT])
+    problem = contact_problem(scene, q, np.zeros(6), dt=1e-3)
+    with pytest.raises(cp.InvalidArgument, match="problem = None"):
+        solve_contact(None)  # type: ignore[arg-type]
+    with pytest.raises(cp.InvalidArgument, match=r"solver = 'ADMM'.*ADMM\(\)"):
+        solve_contact(problem, "ADMM")  # type: ignore[arg-type]
+    with pytest.raises(cp.InvalidArgument, match="tau"):
+        cp.step(scene, q, np.zeros(6), False, dt=1e-3)

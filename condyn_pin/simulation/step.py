@@ -166,7 +166,8 @@ class _Memory:
     ) -> Posed:
         """Return the step from a state as it was posed."""
         self._hold(tau, forces)
-        self._steps.attempt(0.0, q, v)  # an answer shows which contacts take part
+        with np.errstate(all="ignore"):
+            self._steps.attempt(0.0, q, v)  # an answer shows which contacts take part
         return self._steps.last.posed
 
     @one_blas_thread
@@ -175,6 +176,10 @@ class _Memory:
     ) -> StepSolution:
         """Return the step from a state, and what it leaves of each law."""
         self._hold(tau, forces)
+        with np.errstate(all="ignore"):  # the status says it
+            return self._proved(q, v)
+
+    def _proved(self, q: Array, v: Array) -> StepSolution:
         begun = perf_counter()
         q1, v1, a = self._steps.attempt(0.0, q, v)
         took = perf_counter() - begun
@@ -196,7 +201,7 @@ class _Memory:
         )  # fmt: skip
 
     def _hold(self, tau: float | ArrayLike, forces: Sequence[AppliedForce]) -> None:
-        none = isinstance(tau, int | float) and tau == 0
+        none = isinstance(tau, int | float) and not isinstance(tau, bool) and tau == 0
         nv = self._scene.robot.nv
         torques = finite("tau", np.zeros(nv) if none else tau, nv)
         self._system.applied.hold(torques, applied_forces(forces))

@@ -13,7 +13,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import finite, shown
 from condyn_pin.constraints.base import Constraint
-from condyn_pin.constraints.constraint_fields import Vector3, check_size, floats, text
+from condyn_pin.constraints.constraint_fields import Vector3, floats, not_negative, text
 from condyn_pin.constraints.contacts.base import Contact, Mode
 from condyn_pin.constraints.contacts.bound import BoundContact, Pair, Touch
 from condyn_pin.constraints.contacts.plane import Plane
@@ -78,13 +78,13 @@ class FrictionalContact(Contact):
             raise InvalidArgument(
                 "friction is missing: it has no default; 0 is ice, 0.7 rubber on a dry floor"
             )
-        if finite("friction", self.friction, ()) < 0:
-            raise InvalidArgument(f"friction = {shown(self.friction)}: a number >= 0 is needed")
-        check_size("friction", self.friction)
-        if not 0 <= finite("restitution", self.restitution, ()) <= 1:
+        object.__setattr__(self, "friction", not_negative("friction", self.friction))
+        restitution = float(finite("restitution", self.restitution, ()))
+        if not 0 <= restitution <= 1:
             raise InvalidArgument(
                 f"restitution = {shown(self.restitution)}: a number from 0 to 1 is needed"
             )
+        object.__setattr__(self, "restitution", restitution)
         self._set_name(self.frame)
 
     def _check_ground(self) -> None:
@@ -116,7 +116,7 @@ class FrictionalContact(Contact):
                 f"{self.name}: frame {self.frame!r} and what it touches both belong to {where}; "
                 "name frames on two bodies that move against each other"
             )
-        at, law = shifted(placement, self.offset), (float(self.friction), float(self.restitution))
+        at, law = shifted(placement, self.offset), (self.friction, self.restitution)
         below = self.on if isinstance(self.on, Plane) else self.on_shape
         if isinstance(below, Shape):
             pair = Pair(self.name, joint, at, self.shape.core, ground, origin, below.core, *law)

@@ -19,7 +19,7 @@ M w x u less, and gamma J_b w x u.
 from __future__ import annotations
 
 from itertools import compress
-from math import inf, isfinite
+from math import inf, isfinite, nan
 from typing import NamedTuple
 
 import numpy as np
@@ -141,7 +141,12 @@ class ContactSteps:
         taken = self.attempt(t, q, v)
         exact = self._scheme.contact.exact
         natural = self.last.natural
-        if not natural <= tolerances.CONTACT_SOLVED and (exact or not isfinite(natural)):
+        if not isfinite(natural):
+            raise StepFailed(
+                f"t = {t:g} s: the step is not finite, its numbers overflow; look at v, tau and "
+                "masses, or take a smaller dt"
+            )
+        if not natural <= tolerances.CONTACT_SOLVED and exact:
             names = ", ".join(self.last.posed.problem.names)
             raise StepFailed(
                 f"contacts {names} at t = {t:g} s: "
@@ -165,10 +170,12 @@ class ContactSteps:
         contact_velocities = posed.before + now.contact_velocities + problem.G.dot(lam)
         work = 0.5 * float(lam.dot(contact_velocities))
         self._system.contact_work += work
-        self.last = Taken(posed, v1, found, natural, work)
         rest = self._share * dt
-        q1 = self._floating.integrate(posed.at, rest * v1)
-        return self._closed(now, q1), self._floating.turned(v1, rest), a
+        q1 = self._closed(now, self._floating.integrate(posed.at, rest * v1))
+        if not isfinite(float(q1.dot(q1) + v1.dot(v1) + work)):
+            natural = nan  # also where no contact takes part
+        self.last = Taken(posed, v1, found, natural, work)
+        return q1, self._floating.turned(v1, rest), a
 
     def _solved(self, posed: Posed) -> tuple[Attempt, float]:
         solver = self._scheme.contact
