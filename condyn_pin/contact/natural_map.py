@@ -62,7 +62,7 @@ def newton(problem: ContactProblem, lam: Array, max_iterations: int) -> End:
         moved = _descend(problem, lam, np.asarray(step), point)
         if moved is None and slips < _SLIPS:
             slips += 1
-            moved = _until_one_slides(problem, lam, point, D)
+            moved = _until_one_changes(problem, lam, point, D)
         if moved is None:
             break
         lam, point = moved
@@ -96,13 +96,10 @@ def _descend(
     return None
 
 
-def _until_one_slides(
+def _until_one_changes(
     problem: ContactProblem, lam: Array, point: _Point, D: Array
 ) -> tuple[Array, _Point] | None:
-    """Return lam with as much of what moves nothing as makes a contact slide that sticks.
-
-    |x_t + s y_t| = mu (x_n + s y_n),    D y = 0
-    """
+    """Return lam with as much of what changes no F as makes a contact stick, slide or open."""
     try:
         _, sizes, V = np.linalg.svd(D)
     except np.linalg.LinAlgError:
@@ -113,19 +110,29 @@ def _until_one_slides(
     if not length > _ALONG * point.size:
         return None
     y /= length
-    cones = problem.sets.parts[0]
-    X, Y, mu = point.x[cones].reshape(-1, 3), y[cones].reshape(-1, 3), problem.friction
-    weights = np.stack((np.ones_like(mu), np.ones_like(mu), -(mu**2)), axis=1)
-    a, b, c = ((weights * each).sum(axis=1) for each in (Y * Y, X * Y, X * X))
-    sticks = (c < 0) & (X[:, 2] > 0)
-    root = np.sqrt(np.maximum(b * b - a * c, 0.0))
-    with np.errstate(all="ignore"):  # no root: a cone that y leads further into
-        share = np.where(sticks & (b + root > 0), -c / (b + root), np.inf)
-    least = float(share.min(initial=np.inf))
-    if not isfinite(least):
+    far = _first_change(problem, point, y)
+    if not isfinite(far):
         return None
-    there = lam + (1 + _BEHIND) * least * y
+    there = lam + (1 + _BEHIND) * far * y
     return there, _natural_map(problem, there)
+
+
+def _first_change(problem: ContactProblem, point: _Point, y: Array) -> float:
+    """Return how far along y (m,) the first cone is that x enters or leaves, K or its polar cone.
+
+    |x_t + s w_t| = mu (x_n + s w_n),    mu |x_t + s w_t| = -(x_n + s w_n)
+    """
+    cones, mu2 = problem.sets.parts[0], problem.friction**2
+    X, S, Y = (each[cones].reshape(-1, 3) for each in (point.x, point.sigma, problem.G.dot(y)))
+    W = y[cones].reshape(-1, 3) - (_dual_derivative(problem, S) @ Y[:, :, None])[:, :, 0]
+    one = np.ones_like(mu2)
+    weights = np.concatenate((np.stack((one, one, -mu2), 1), np.stack((mu2, mu2, -one), 1)))
+    X, W = np.concatenate((X, X)), np.concatenate((W, W))
+    a, b, c = ((weights * each).sum(axis=1) for each in (W * W, X * W, X * X))
+    with np.errstate(all="ignore"):  # no root: a cone that x never meets
+        q = -(b + np.copysign(np.sqrt(b * b - a * c), b))
+        roots = np.concatenate((q / a, c / q))
+    return float(roots[roots > _ROUNDING].min(initial=np.inf))
 
 
 def _natural_map(problem: ContactProblem, lam: Array) -> _Point:
