@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.testing import assert_allclose
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints import Ball, Box, FrictionalContact, JointFriction, Plane
+from condyn_pin.constraints import Ball, Box, FrictionalContact, JointFriction, JointLimit, Plane
 from condyn_pin.contact import SemismoothNewton, solve_contact
 from condyn_pin.model import free_ball, free_box, together
 from condyn_pin.simulation import Anitescu, Moreau, SoftStep, StewartTrinkle, contact_problem
@@ -220,3 +221,35 @@ def test_a_turned_world_and_another_order_move_the_same(
         assert np.diff(run.energy.contact).max() < (1e-3 if scheme.gives_way else 1e-9)
     # Coulomb's law leaves corners that slide together open by a little
     assert_allclose(ends[1:], ends[:1] * 2, atol=1e-4)
+
+
+@pytest.mark.parametrize("scheme", HARD)
+def test_events_change_what_may_touch(scheme: cp.simulation.ContactScheme) -> None:
+    """The floor is taken away; or one with more friction comes, or one that is too high."""
+    scene, q, v = dropped(np.eye(3))
+    robot, corners = scene.robot, scene.contacts
+
+    def run(contacts: Sequence[FrictionalContact]) -> cp.Trajectory:
+        event = cp.Event(name="changes", at=0.1005, scene=cp.Scene(robot, contacts=contacts))
+        return cp.simulate(scene, q, v, duration=0.3, dt=1e-3, events=[event], integrator=scheme)
+
+    alone = cp.simulate(scene, q, v, duration=0.3, dt=1e-3, integrator=scheme)
+    gone = run(())
+    assert gone.status.ok, gone.reason
+    assert gone.q[-1, 2] < 0
+    rough = run([replace(corner, friction=2.0) for corner in corners])
+    assert rough.status.ok, rough.reason
+    assert rough.q[-1, 2] > 0.04
+    assert rough.q[-1, 0] < alone.q[-1, 0] - 0.005
+    ball = FrictionalContact("box", Ball(0.15), friction=0.5, name="ball")
+    high = run([*corners, ball])
+    assert not high.status.ok
+    assert "ball penetrates by 0." in high.reason
+
+
+def test_stops_that_exclude_each_other_are_refused() -> None:
+    arm = cp.model.pendulum()
+    model = pin.Model(arm.model)
+    model.lowerPositionLimit[:], model.upperPositionLimit[:] = 0.5, -0.5
+    with pytest.raises(cp.InvalidArgument, match="lower limit 0.5 above the upper one, -0.5"):
+        cp.Scene(replace(arm, model=model), contacts=[JointLimit(arm.joints[0])])

@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._core import tolerances
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.dynamics.at_state import gaps, slips
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import NotAssembled
 from condyn_pin.mechanism.check import Check
-from condyn_pin.simulation.contact_columns import candidates_of
+from condyn_pin.simulation.contact_columns import candidates_of, gaps_at
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.measures import gauge_of
@@ -52,19 +51,31 @@ def check_fit(scene: Scene, q: Array, v: Array, *, what: str = "") -> None:
 
 def check_penetration(scene: Scene, q: Array, integrator: Integrator) -> None:
     """Raise NotAssembled if a contact penetrates at q, unless it does at rest too."""
+    cure = "lift the robot by as much, or say close_start=False, and the steps push it out"
+    _raise_if_deep(scene, q, integrator, tolerances.NEARLY_CLOSED, "", f" at the start: {cure}")
+
+
+def check_deeper(
+    scene: Scene, before: Scene, q: Array, integrator: Integrator, *, what: str
+) -> None:
+    """Raise NotAssembled if a contact penetrates at q that a scene brings, by what no step left."""
+    left = max(0.0, -float(gaps_at(before, q[None])[1].min(initial=0.0)))
+    fresh = tuple(each for each in scene.contacts if each not in before.contacts)
+    scene = replace(scene, constraints=(), contacts=fresh)
+    cure = ": move what it touches, or let the event come before"
+    _raise_if_deep(scene, q, integrator, max(tolerances.NEARLY_APART, left), what, cure)
+
+
+def _raise_if_deep(
+    scene: Scene, q: Array, integrator: Integrator, limit: float, what: str, cure: str
+) -> None:
     if not scene.contacts or (isinstance(integrator, ContactScheme) and integrator.gives_way):
         return
-    candidates = candidates_of(scene)
-    model = scene.robot.unedited
-    data = model.createData()
-    pin.forwardKinematics(model, data, q)
-    gaps = candidates.gaps(data, q)
-    if len(gaps) and gaps.min() < -tolerances.NEARLY_CLOSED:
-        k = int(gaps.argmin())
-        raise NotAssembled(
-            f"{candidates.names[k]} penetrates by {-gaps[k]:.3g} m or rad at the start: lift the "
-            "robot by as much, or say close_start=False, and the steps push it out"
-        )
+    names, gaps = gaps_at(scene, q[None])
+    if gaps.min(initial=0.0) < -limit:
+        k = int(gaps[0].argmin())
+        unit = "m" if candidates_of(scene).is_length[k] else "rad"
+        raise NotAssembled(f"{what}{names[k]} penetrates by {-gaps[0, k]:.3g} {unit}{cure}")
 
 
 def check_slip(scene: Scene, q: Array, v: Array, *, what: str = "") -> None:
