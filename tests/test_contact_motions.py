@@ -13,7 +13,7 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints import Ball, Box, FrictionalContact, JointFriction, JointLimit, Plane
-from condyn_pin.contact import SemismoothNewton, solve_contact
+from condyn_pin.contact import Lemke, SemismoothNewton, solve_contact
 from condyn_pin.model import free_ball, free_box, together
 from condyn_pin.simulation import Anitescu, Moreau, SoftStep, StewartTrinkle, contact_problem
 
@@ -251,5 +251,21 @@ def test_stops_that_exclude_each_other_are_refused() -> None:
     arm = cp.model.pendulum()
     model = pin.Model(arm.model)
     model.lowerPositionLimit[:], model.upperPositionLimit[:] = 0.5, -0.5
-    with pytest.raises(cp.InvalidArgument, match="lower limit 0.5 above the upper one, -0.5"):
+    with pytest.raises(cp.InvalidArgument, match=r"lower limit 0\.5 above the upper one, -0\.5"):
         cp.Scene(replace(arm, model=model), contacts=[JointLimit(arm.joints[0])])
+
+
+@pytest.mark.parametrize("sides", [4, 8])
+@pytest.mark.parametrize("scheme", [StewartTrinkle, Moreau])
+def test_polygons_are_off_by_what_they_are_off_a_circle(
+    scheme: type[StewartTrinkle | Moreau], sides: int
+) -> None:
+    """In every step, however redundant the contacts are that slide."""
+    half = Box(0.1, 0.08, 0.05)
+    box = free_box(size=(0.2, 0.16, 0.1))
+    scene = cp.Scene(box, contacts=[FrictionalContact("box", half, friction=0.4)])
+    q, v = np.array([0, 0, 0.06, *UPRIGHT]), np.array([0.8, 0.3, -0.5, 0.5, -0.4, 1.0])
+    run = cp.simulate(scene, q, v, duration=0.2, dt=1e-3, integrator=scheme(Lemke(sides)))
+    assert run.status.ok, run.reason
+    assert run.contact is not None
+    assert run.contact.natural.max() < np.sin(np.pi / sides) / 2
