@@ -2,7 +2,7 @@
 
 A point is grey while it is open, and told apart by its colour while it sticks and while it slides;
 a shape is what the worst of its points is. A cone holds the forces that friction can give,
-|lam_t| <= mu lam_n; it is seen while its contact is closed.
+|lam_t| <= mu lam_n; it is not seen while its contact is open.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from functools import partial
 
 import numpy as np
 
-from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.bound import BoundContact, Touch
 from condyn_pin.dynamics.scene import Scene
@@ -98,17 +97,13 @@ def _cone_part(touch: Touch, size: float) -> Part:
 
     def pose(at: Moment) -> Array | None:
         here = at.touching.get(touch.name)
-        if here is None or here.mode == "open" or (not here.mode and _is_open(here)):
+        if here is None or here.mode == "open":
             return None
         T = at_point(here.at)
         T[:3, :3] = here.axes
         return T
 
     return Part(f"cones/{touch.name}", pose, ((cone, CONE),), opacity=_CLEAR)
-
-
-def _is_open(here: Touching) -> bool:
-    return here.gap > tolerances.NEARLY_CLOSED
 
 
 def _ground_parts(scene: Scene, moments: Sequence[Moment], size: float) -> Iterator[Part]:

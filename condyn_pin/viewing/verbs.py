@@ -69,7 +69,7 @@ def view(
     light : bool
         Draw the robot with at most 30 000 triangles, for a small page.
     cones : bool
-        Draw the friction cones of contacts that may let go, while they are closed.
+        Draw the friction cones of contacts that may let go, unless they are open.
     html, png : path, optional
         Write a page that opens from disk without a network; a picture of the first moment, for
         which headless Chromium has to be there. With one of them nothing is opened, and no server
