@@ -314,3 +314,96 @@ def test_andrews_accelerates_as_in_the_literature():
     assert np.abs(cp.Workspace(scene).violation(q)).max() < 1e-15
     a = cp.solve(scene, q, v, squeezer_torque(andrews, q)).a
     assert relative(a, in_tree(andrews, A_003)) < 1e-11
+
+
+# Bodies that fly and hit
+
+
+def test_a_ball_and_a_box_are_solid():
+    ball, box = cp.model.free_ball(mass=2.0, radius=0.3), cp.model.free_box(mass=3.0)
+    np.testing.assert_allclose(ball.model.inertias[1].inertia, 0.4 * 2.0 * 0.09 * np.eye(3))
+    np.testing.assert_allclose(box.model.inertias[1].inertia, 3.0 * 0.08 / 12 * np.eye(3))
+    long = cp.model.free_box(mass=12.0, size=(1.0, 2.0, 3.0)).model.inertias[1].inertia
+    np.testing.assert_allclose(np.diag(long), [13.0, 10.0, 5.0])
+    assert ball.postures["resting"][2] == 0.3
+    assert box.postures["resting"][2] == 0.1
+    for size in ((1.0, 1.0), (1.0, 0.0, 1.0), "box"):
+        with pytest.raises(cp.InvalidArgument, match="size"):
+            cp.model.free_box(size=size)
+
+
+@pytest.mark.parametrize(("theta", "friction"), [(np.arctan(2.0), 1.5), (0.9, 0.4)])
+def test_the_tip_of_the_rod_is_pushed_down_by_a_force_up(theta, friction):
+    length, mass, speed = 2.0, 1.5, 0.7
+    rod = cp.model.painleve_rod(length=length, mass=mass)
+    q = np.array([0.0, length / 2 * np.sin(theta), theta])
+    v = np.array([-1.0, length / 2 * np.cos(theta) * speed, speed])  # the tip slides on z = 0
+    data = rod.model.createData()
+    frame = rod.model.getFrameId("tip")
+    pin.computeJointJacobians(rod.model, data, q)
+    pin.updateFramePlacements(rod.model, data)
+    J = pin.getFrameJacobian(rod.model, data, frame, pin.LOCAL_WORLD_ALIGNED)[[0, 2]]
+    np.testing.assert_allclose((J @ v)[1], 0.0, atol=1e-15)
+    np.testing.assert_allclose(data.oMf[frame].translation, [-np.cos(theta), 0, 0], atol=1e-15)
+    N = 4.0
+    a = pin.aba(rod.model, data, q, v, J.T @ [friction * N, N])
+    pin.forwardKinematics(rod.model, data, q, v, a)
+    ahead = pin.getFrameClassicalAcceleration(rod.model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+    cos, sin = np.cos(theta), np.sin(theta)
+    A = 1 + 3 * cos**2 - 3 * friction * sin * cos
+    b = GRAVITY - length / 2 * sin * speed**2
+    assert mass * ahead.linear[2] == pytest.approx(A * N - mass * b, rel=1e-6)
+    assert friction < 1.4 or pytest.approx(-0.2) == A
+
+
+# Several robots as one
+
+
+def test_robots_together_move_as_they_do_alone():
+    parts = {"one": robot("four_bar"), "two": robot("solo12"), "three": robot("four_bar")}
+    all_three = cp.model.together(parts)
+    assert all_three.joints[:2] == tuple(f"one/{name}" for name in parts["one"].joints[:2])
+    assert all_three.mass == pytest.approx(sum(part.mass for part in parts.values()))
+    assert [loop.name for loop in all_three.loops] == [
+        f"{name}/{loop.name}" for name, part in parts.items() for loop in part.loops
+    ]
+    assert all_three.actuated[0] == f"one/{parts['one'].actuated[0]}"
+    scenes = [cp.Scene(part, part.loops) for part in parts.values()]
+    whole = cp.Scene(all_three, all_three.loops)
+    rng = np.random.default_rng(4)
+    states = [scene.sample(rng) for scene in scenes]
+    taus = [rng.normal(size=scene.robot.nv) for scene in scenes]
+    q, v = (np.concatenate(each) for each in zip(*states, strict=True))
+    a = cp.solve(whole, q, v, np.concatenate(taus), solver=cp.dynamics.Reference()).a
+    alone = [
+        cp.solve(scene, *state, tau, solver=cp.dynamics.Reference()).a
+        for scene, state, tau in zip(scenes, states, taus, strict=True)
+    ]
+    assert relative(a, np.concatenate(alone)) < 1e-12
+
+
+def test_robots_together_keep_every_number():
+    cassie = robot("cassie")
+    both = cp.model.together({"a": cassie, "b": cassie})
+    for name in ("armature", "damping", "lowerPositionLimit", "effortLimit", "rotorInertia"):
+        numbers = getattr(cassie.model, name)
+        np.testing.assert_array_equal(getattr(both.model, name), [*numbers, *numbers])
+    np.testing.assert_array_equal(both.postures["standing"], [*cassie.postures["standing"]] * 2)
+    assert both.springs[len(cassie.springs)].joint == f"b/{cassie.springs[0].joint}"
+    assert {c.frames for c in both.contacts} == {
+        (f"{side}/{frame}",) for side in "ab" for c in cassie.contacts for frame in c.frames
+    }
+    assert both.frame("b/left-foot")[0] == cassie.frame("left-foot")[0] + len(cassie.joints)
+
+
+def test_what_are_no_robots_is_refused():
+    other = pin.Model(robot("pendulum").model)
+    other.gravity.linear = np.zeros(3)
+    for robots, words in (
+        ({}, "robots by their names"),
+        ([robot("pendulum")], "robots by their names"),
+        ({"a": "pendulum"}, r"robots\['a'\] = 'pendulum'"),
+        ({"a": robot("pendulum"), "b": cp.Robot("b", other)}, r"robots\['b'\]: it falls with"),
+    ):
+        with pytest.raises(cp.InvalidArgument, match=words):
+            cp.model.together(robots)

@@ -53,6 +53,9 @@ ROBOTS = {
     "unicycle": Figures(4, 4, 2.0, 0, 0, 0, 4),
     "rolling_disc": Figures(7, 6, 0.5, 0, 0, 0, 6),
     "rolling_ball": Figures(7, 6, 0.5, 0, 0, 0, 6),
+    "free_ball": Figures(7, 6, 1.0, 0, 0, 0, 6),
+    "free_box": Figures(7, 6, 1.0, 0, 0, 0, 6),
+    "painleve_rod": Figures(3, 3, 1.0, 0, 0, 0, 3),
 }
 
 # Height of the contact frames at each posture: a sole is on the ground, a ball its radius above [m]

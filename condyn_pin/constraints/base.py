@@ -16,6 +16,7 @@ and rows of one model, which has its equations.
     which points of it touch that floor            feet                            none
     where it belongs, if it is where it is         anchored_at                     itself
     the same by points, or as a planar pin         by_points, as_planar_pin        none
+    the same with other names                      renamed                         by its fields
     the same in other units                        in_units, lengths, unitless     by its fields
     how MuJoCo has it                              in_mjcf, write_mjcf             it has not
     what is drawn                                  patch                           nothing
@@ -214,6 +215,16 @@ class Constraint(ABC):
     def as_planar_pin(self, frame: str) -> Constraint | None:
         """Return the same without the row along z of a frame at its first one, for a ball."""
         return None
+
+    def renamed(self, new: Callable[[str], str]) -> Constraint:
+        """Return it between frames and joints of other names, under a new name of its own."""
+        named = ("frame", "joint")  # fields that name one begin so
+        changed = {
+            field: new(value)
+            for field, value in vars(self).items()
+            if isinstance(value, str) and field.startswith(named)
+        }
+        return replace(self, name=new(self.name), **changed)
 
     def in_units(self, length: float, of_joint: Callable[[str], float]) -> Constraint:
         """Return it with lengths times `length`, and coordinates of joints times `of_joint`."""

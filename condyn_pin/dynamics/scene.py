@@ -100,8 +100,6 @@ class Scene:
             )
         if isinstance(self.constraints, Constraint):
             raise InvalidArgument("constraints: a list is needed, also for a single constraint")
-        if isinstance(self.contacts, Contact):
-            raise InvalidArgument("contacts: a list is needed, also for a single contact")
         for field in ("constraints", "contacts"):
             value = getattr(self, field)
             if isinstance(value, str) or not isinstance(value, Iterable):

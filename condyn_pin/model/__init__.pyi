@@ -6,6 +6,9 @@ from .mechanisms.chain import chain as chain
 from .mechanisms.delta import delta as delta
 from .mechanisms.five_bar import five_bar as five_bar
 from .mechanisms.four_bar import four_bar as four_bar
+from .mechanisms.free_bodies import free_ball as free_ball
+from .mechanisms.free_bodies import free_box as free_box
+from .mechanisms.free_bodies import painleve_rod as painleve_rod
 from .mechanisms.n_four_bar import n_four_bar as n_four_bar
 from .mechanisms.parallelogram import parallelogram as parallelogram
 from .mechanisms.pendulum import pendulum as pendulum
@@ -17,3 +20,4 @@ from .mechanisms.stewart import stewart as stewart
 from .robot import Robot as Robot
 from .spring import Spring as Spring
 from .spring import SpringDamper as SpringDamper
+from .together import together as together

@@ -30,9 +30,15 @@ CONTACTS: dict[str, type[Contact]] = {}
 
 @dataclass(frozen=True, kw_only=True)
 class Contact(ABC):
-    """What every contact that may let go has: a name, and a way onto the joints of a model."""
+    """What every contact that may let go has: a name, and a way onto the joints of a model.
 
-    name: str = ""
+    Parameters
+    ----------
+    name : str, optional
+        What forces and errors are listed under; after its frame or joint by default.
+    """
+
+    name: str = ""  # what forces and errors are listed under
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
