@@ -14,7 +14,7 @@ from condyn_pin.simulation.trajectory import Trajectory
 
 _LEAST: Final = 1e-17  # where zero is drawn on a scale of logarithms
 
-_TIME: Final = "t [s]"
+TIME: Final = "t [s]"
 
 
 def violation(trajectory: Trajectory, ax: Any = None) -> Any:
@@ -39,15 +39,15 @@ def violation(trajectory: Trajectory, ax: Any = None) -> Any:
     ):
         ax.plot(trajectory.t, np.maximum(values, _LEAST), label=label, **line(i))
     ax.set_yscale("log")
-    _mark_events(trajectory, ax)
-    return finished(ax, title=_title(trajectory), x=_TIME, y="violation")
+    mark_events(trajectory, ax)
+    return finished(ax, title=title_of(trajectory), x=TIME, y="violation")
 
 
 def energy(trajectory: Trajectory, ax: Any = None) -> Any:
     """Draw the energies over time, the work that explains them, and what nothing explains.
 
-    The total is drawn against its start, and so are work, damping and impacts: with a good
-    integrator `unexplained` is a line along zero.
+    The total is drawn against its start, and so are the work of tau, damping, impacts and contacts:
+    with a good integrator `unexplained` is a line along zero.
 
     Parameters
     ----------
@@ -68,55 +68,58 @@ def energy(trajectory: Trajectory, ax: Any = None) -> Any:
         "work of tau": found.work,
         "damping": found.damping,
         "impacts": found.impacts,
+        "contacts": found.contact,
         "unexplained": found.error,
     }
     shown = {k: x for k, x in lines.items() if x.any() or k == "unexplained"}
     for i, (label, values) in enumerate(shown.items()):
         ax.plot(trajectory.t, values, label=label, **line(i))
-    _mark_events(trajectory, ax)
-    return finished(ax, title=_title(trajectory), x=_TIME, y="energy [J]")
+    mark_events(trajectory, ax)
+    return finished(ax, title=title_of(trajectory), x=TIME, y="energy [J]")
 
 
 def forces(trajectory: Trajectory, names: Sequence[str] | None = None, ax: Any = None) -> Any:
-    """Draw the size of constraint forces over time.
+    """Draw the size of the forces of constraints and contacts over time.
 
     Parameters
     ----------
     trajectory : Trajectory
     names : sequence of str, optional
-        Of constraints; all of them by default.
+        Of constraints and contacts; all of them by default.
     ax : matplotlib axes, optional
         A new figure by default.
 
     Returns
     -------
     matplotlib axes
-        One line a constraint: the Euclidean norm of the force, moments left out [N]; of a coupling
-        the force along its joint [N m or N].
+        One line each: the Euclidean norm of the force, moments left out [N]; of a coupling, a stop
+        or dry friction the force along its joint [N m or N].
 
     Raises
     ------
     UnknownName
-        If there is no such constraint.
+        If there is no such constraint or contact.
     """
     found = trajectory.forces
     for name in names or ():
         if name not in found:
-            raise unknown_name("constraint", name, found)
+            raise unknown_name("constraint or contact", name, found)
     ax = axes(ax)
     for i, name in enumerate(found if names is None else names):
         ax.plot(trajectory.t, np.linalg.norm(found[name][:, :3], axis=1), label=name, **line(i))
     ax.update_datalim([(trajectory.t[0], 0.0)])  # from zero: a steady force is a level line
     ax.autoscale_view()
-    _mark_events(trajectory, ax)
-    return finished(ax, title=_title(trajectory), x=_TIME, y="force [N]")
+    mark_events(trajectory, ax)
+    return finished(ax, title=title_of(trajectory), x=TIME, y="force [N]")
 
 
-def _mark_events(trajectory: Trajectory, ax: Any) -> None:
+def mark_events(trajectory: Trajectory, ax: Any) -> None:
+    """Draw a line at every event."""
     for event in trajectory.run.happened:
         ax.axvline(event.t, color="0.6", lw=0.8, ls=":")
 
 
-def _title(trajectory: Trajectory) -> str:
+def title_of(trajectory: Trajectory) -> str:
+    """Return what was simulated, how, and with which step."""
     run = trajectory.run
     return f"{trajectory.scene.robot.name}: {type(run.integrator).__name__}, dt {run.dt:g} s"
