@@ -10,11 +10,11 @@ import numpy as np
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.violation import ConstraintViolation
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.model.robot import Robot
 from condyn_pin.viewing import palette, three
 from condyn_pin.viewing.arrows import Peak, arrow_parts
 from condyn_pin.viewing.bodies import body_parts, lighter, with_coarse
 from condyn_pin.viewing.closures import closure_parts, contact_parts
+from condyn_pin.viewing.extent import extent, touched
 from condyn_pin.viewing.labels import Eye, spread
 from condyn_pin.viewing.marks import floor_part, joint_parts, mass_parts, spacing, spring_parts
 from condyn_pin.viewing.moment import Moment
@@ -23,7 +23,6 @@ from condyn_pin.viewing.page import page
 from condyn_pin.viewing.part import Part
 from condyn_pin.viewing.touches import touch_parts
 
-_TINY = 0.05  # [m] a scene is drawn as if it were at least this large
 _FAR = 1.15  # of the size of a scene, from its middle to the camera
 _SLASH = "\N{DIVISION SLASH}"  # looks like one, and parts nothing
 # What the legend says, if all these parts are there.
@@ -151,7 +150,7 @@ def draw(
     """
     robot = scenes[0].robot
     seen = [moments[0], *([] if before is None else [before])]
-    middle, size = extent(robot, seen, _touched(moments))
+    middle, size = extent(robot, seen, touched(moments))
     bodies, notes = body_parts(robot, size)
     if light:
         bodies = lighter(bodies, size)
@@ -202,39 +201,6 @@ def _words(path: str) -> tuple[str, ...]:
 
 def _eye(middle: Array, size: float) -> Eye:
     return Eye(middle + _FAR * size * _FROM, middle)
-
-
-def _touched(moments: Sequence[Moment]) -> list[Array]:
-    """Return what contacts that may let go pass through: their points, and those of their planes.
-
-    A fall is seen with the ground, and what slides with where it comes to rest.
-    """
-    touching = [each for at in moments for each in at.touching.values()]
-    return [point for each in touching for point in (each.at, each.on_plane())]
-
-
-def extent(
-    robot: Robot, moments: Sequence[Moment], also: Sequence[Array] = ()
-) -> tuple[Array, float]:
-    """Return the middle and the size of what joints, frames and masses span, and points [m].
-
-    A body reaches as far from its centre of mass as a ball of its mass m and inertia I does:
-    r^2 = 5 trace(I) / (6 m).
-    """
-    points = list(also)
-    for at in moments:
-        points += [oMi.translation for oMi in at.joints[1:]]
-        points += [
-            at.joints[frame.parentJoint].act(frame.placement.translation)
-            for frame in robot.model.frames
-            if frame.parentJoint
-        ]
-        for oMi, inertia in zip(at.joints[1:], list(robot.model.inertias)[1:], strict=True):
-            if inertia.mass > 0.0:
-                r = np.sqrt(max(np.trace(inertia.inertia), 0.0) / (1.2 * inertia.mass))
-                points += [oMi.act(inertia.lever) + r, oMi.act(inertia.lever) - r]
-    low, high = np.min(points, axis=0), np.max(points, axis=0)
-    return 0.5 * (low + high), max(float(np.linalg.norm(high - low)), _TINY)
 
 
 def _worst(gaps: Iterable[Mapping[str, ConstraintViolation]]) -> dict[str, ConstraintViolation]:

@@ -11,20 +11,23 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.files.beside import check_writable
 from condyn_pin.control.inverse import InverseDynamics
+from condyn_pin.dynamics.force import Sites
 from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.mechanism.assembly import Assembly
 from condyn_pin.model.robot import Robot
+from condyn_pin.simulation.step_solution import StepSolution
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.viewing.drawing import Drawing, draw
 from condyn_pin.viewing.moment import moment
 from condyn_pin.viewing.motion import gaps_of, moments_of, peaks_of, shown
 from condyn_pin.viewing.page import require_meshcat
+from condyn_pin.viewing.touching import Felt
 from condyn_pin.viewing.viewer import Viewer, check_port
 
-Subject = Robot | Scene | Solution | InverseDynamics | Trajectory | Assembly
+Subject = Robot | Scene | Solution | StepSolution | InverseDynamics | Trajectory | Assembly
 
 _FPS = 30.0  # [1/s]
 
@@ -55,15 +58,15 @@ def view(
 
     Parameters
     ----------
-    subject : Robot, Scene, Solution, InverseDynamics, Trajectory or Assembly
-        A robot is shown with all its loops.
+    subject : Robot, Scene, Solution, StepSolution, InverseDynamics, Trajectory or Assembly
+        A robot is shown with all its loops, a step at its end.
     q : (nq,) array_like, optional
         For a robot or a scene: its configuration, taken as it is, loops open or not.
     posture : str, optional
         For a robot or a scene, in place of q: a posture, its loops closed if they can be. The first
         one by default.
     forces : bool
-        Draw the forces of a `Solution`, an `InverseDynamics` or a `Trajectory`.
+        Draw the forces of a `Solution`, a `StepSolution`, an `InverseDynamics` or a `Trajectory`.
     speed : float
         Seconds of a motion that are played in one second; 30 pictures in each.
     light : bool
@@ -136,8 +139,8 @@ def drawing_of(
     """Return what `view` shows of a subject, without a page."""
     if not isinstance(subject, Subject):
         raise InvalidArgument(
-            f"subject = {subject!r}: a Robot, a Scene, a Solution, an InverseDynamics, a "
-            "Trajectory or an Assembly is needed; of a batch, one: batch[i]"
+            f"subject = {subject!r}: a Robot, a Scene, a Solution, a StepSolution, an "
+            "InverseDynamics, a Trajectory or an Assembly is needed; of a batch, one: batch[i]"
         )
     if isinstance(subject, Robot):
         subject = Scene(subject, subject.loops)
@@ -150,6 +153,8 @@ def drawing_of(
         raise InvalidArgument(f"{given}: a {type(subject).__name__} has its own configuration")
     if isinstance(subject, Trajectory):
         return _motion(subject, forces, speed, light, cones)
+    if isinstance(subject, StepSolution):
+        return _step(subject, forces, light, cones)
     scene, said, before = subject.scene, "inverse dynamics", None
     acting = subject.forces if forces and not isinstance(subject, Assembly) else {}
     if isinstance(subject, Solution):
@@ -173,6 +178,15 @@ def _configuration(scene: Scene, q: ArrayLike | None, posture: str | None) -> tu
         return scene.state(posture)[0], name
     except NotAssembled:
         return described_posture(scene, posture), f"{name}, as described: it cannot be closed"
+
+
+def _step(step: StepSolution, forces: bool, light: bool, cones: bool) -> Drawing:
+    """Return the drawing of a step at its end, with the mean forces in it."""
+    scene, q = step.scene, step.q
+    acting = Sites(scene, q).forces(step.lam / step.dt) if forces else {}
+    at = moment(scene, q, acting, Felt(step.forces if forces else {}, step.modes))
+    title = f"{scene.robot.name}, a step of {step.dt:g} s, {step.status.name.lower()}"
+    return draw([scene], [at], title=title, light=light, cones=cones)
 
 
 def _motion(

@@ -1,0 +1,46 @@
+"""Extent: where a scene is, and how large, for the camera and for the size of its marks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array
+from condyn_pin.model.robot import Robot
+from condyn_pin.viewing.moment import Moment
+
+_TINY = 0.05  # [m] a scene is drawn as if it were at least this large
+
+
+def touched(moments: Sequence[Moment]) -> list[Array]:
+    """Return what contacts that may let go pass through: their points, and those of their planes.
+
+    A fall is seen with the ground, and what slides with where it comes to rest.
+    """
+    touching = [each for at in moments for each in at.touching.values()]
+    return [point for each in touching for point in (each.at, each.on_plane())]
+
+
+def extent(
+    robot: Robot, moments: Sequence[Moment], also: Sequence[Array] = ()
+) -> tuple[Array, float]:
+    """Return the middle and the size of what joints, frames and masses span, and points [m].
+
+    A body reaches as far from its centre of mass as a ball of its mass m and inertia I does:
+    r^2 = 5 trace(I) / (6 m).
+    """
+    points = list(also)
+    for at in moments:
+        points += [oMi.translation for oMi in at.joints[1:]]
+        points += [
+            at.joints[frame.parentJoint].act(frame.placement.translation)
+            for frame in robot.model.frames
+            if frame.parentJoint
+        ]
+        for oMi, inertia in zip(at.joints[1:], list(robot.model.inertias)[1:], strict=True):
+            if inertia.mass > 0.0:
+                r = np.sqrt(max(np.trace(inertia.inertia), 0.0) / (1.2 * inertia.mass))
+                points += [oMi.act(inertia.lever) + r, oMi.act(inertia.lever) - r]
+    low, high = np.min(points, axis=0), np.max(points, axis=0)
+    return 0.5 * (low + high), max(float(np.linalg.norm(high - low)), _TINY)
