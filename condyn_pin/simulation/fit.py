@@ -16,10 +16,10 @@ from condyn_pin.dynamics.at_state import gaps, slips
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import NotAssembled
 from condyn_pin.mechanism.check import Check
+from condyn_pin.simulation.contact_columns import candidates_of
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.measures import gauge_of
-from condyn_pin.simulation.recorder import candidates_of
 
 
 def anchored(

@@ -17,6 +17,7 @@ from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
+from condyn_pin.simulation.contact_columns import candidates_of
 from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.drift.post_stabilization import PostStabilization
 from condyn_pin.simulation.events import Event
@@ -25,7 +26,6 @@ from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.explicit import RungeKutta4
 from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
 from condyn_pin.simulation.outcome import Effects
-from condyn_pin.simulation.recorder import candidates_of
 from condyn_pin.simulation.stability_limit import check_stability_limit
 from condyn_pin.simulation.torques import Applied, Torque, TorqueJacobian
 

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.modes import Modes
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.simulation.contact_columns import candidates_of, row_names
 from condyn_pin.simulation.contact_record import ContactRecord, joined
 
 # Rows are packed into one array each time there are so many: a small array takes a hundred bytes
@@ -91,38 +90,6 @@ class Recorder:
 
 def _columns(rows: Sequence[Row]) -> tuple[Array, ...]:
     return tuple(np.array(column) for column in zip(*rows, strict=True))
-
-
-def row_names(scene: Scene) -> tuple[str, ...]:
-    """Return the names of the rows of lam: those of constraints, then those of contacts."""
-    return scene.row_names + candidates_of(scene).row_names
-
-
-def candidates_of(scene: Scene) -> Candidates:
-    """Return the contacts of a scene, in memory of their own."""
-    return Candidates(scene.robot.unedited, scene.contact_bounds)
-
-
-def contact_rows(scene: Scene) -> dict[str, slice]:
-    """Return the rows of each contact, among those of all contacts."""
-    candidates = candidates_of(scene)
-    cones = {name: slice(3 * i, 3 * i + 3) for i, name in enumerate(candidates.names)}
-    shift = 2 * candidates.cones  # three rows a cone, one each of the others
-    singles = {name: slice(i + shift, i + shift + 1) for i, name in enumerate(candidates.names)}
-    one_row = candidates.names[candidates.cones :]
-    return cones | {name: singles[name] for name in one_row}
-
-
-def gaps_at(scene: Scene, Q: Array) -> tuple[tuple[str, ...], Array]:
-    """Return the names of what has a gap, and the gaps at Q (k, nq) [m, rad]."""
-    candidates, model = candidates_of(scene), scene.robot.unedited
-    data = model.createData()
-    count = candidates.cones + candidates.half_lines
-    gaps = np.empty((len(Q), count))
-    for row, q in zip(gaps, Q, strict=True):
-        pin.forwardKinematics(model, data, q)
-        row[:] = candidates.gaps(data, q)
-    return candidates.names[:count], gaps
 
 
 def merge(

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.renamed import renamed
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.simulation.contact_columns import contact_rows, gaps_at, row_names
 from condyn_pin.simulation.contact_record import ContactRecord
 from condyn_pin.simulation.measures import Energy, Kinematics, gauge_of, work
 from condyn_pin.simulation.notices import notices_of
 from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.passive import Passive
-from condyn_pin.simulation.recorder import Phase, contact_rows, gaps_at, row_names
+from condyn_pin.simulation.recorder import Phase
 
 
 @dataclass(frozen=True, eq=False, repr=False)

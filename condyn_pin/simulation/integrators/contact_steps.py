@@ -10,7 +10,7 @@ tau has dt K v less. Loops that the step leaves open, by dt^2, are closed behind
 from __future__ import annotations
 
 from itertools import compress
-from math import inf
+from math import inf, isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +21,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.condense import Condensed, condense
+from condyn_pin.contact.judge import attempt_contact
 from condyn_pin.contact.modes import OPEN, Modes, contact_modes
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.residuals import natural_residual
@@ -66,19 +67,24 @@ class Chosen:
         )  # fmt: skip
 
 
+class Posed(NamedTuple):
+    """A step before its contact problem is solved."""
+
+    at: Array  # (nq,), where M, h and J are taken
+    tau: Array  # (nv,), springs and damping as they act at the end of the step [N, N m]
+    gaps: Array  # of all cones and half-lines [m, rad]
+    chosen: Chosen
+    condensed: Condensed
+    before: Array  # (m,), J_c v [m/s]
+    problem: ContactProblem
+
+
 class Taken(NamedTuple):
     """A step that was taken."""
 
-    at: Array  # (nq,), where M, h and J were taken
-    v: Array
-    v1: Array
-    tau: Array  # (nv,), with springs and damping as they act at the end [N m]
-    gaps: Array  # (candidates that have one,) [m, rad]
-    chosen: Chosen
-    condensed: Condensed
-    problem: ContactProblem
+    posed: Posed
     attempt: Attempt
-    natural: float
+    natural: float  # residual of the contact problem
     work: float  # of the contacts [J]
 
 
@@ -105,7 +111,39 @@ class ContactSteps:
         self._chosen: tuple[bytes, Chosen] | None = None
 
     def step(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
-        """Return q and v at the end of a step, and the mean acceleration."""
+        """Return q and v at the end of a step, and the mean acceleration.
+
+        StepFailed if the contact solver has no answer.
+        """
+        taken = self.attempt(t, q, v)
+        exact = self._scheme.contact.exact
+        natural = self.last.natural
+        if not natural <= tolerances.CONTACT_SOLVED and (exact or not isfinite(natural)):
+            names = ", ".join(self.last.posed.problem.names)
+            raise StepFailed(
+                f"contacts {names} at t = {t:g} s: "
+                f"{self._scheme.contact!r} leaves a natural residual of {natural:.1e}, "
+                f"and {tolerances.CONTACT_SOLVED:g} is asked for; take a smaller dt, or "
+                "contact=SemismoothNewton()"
+            )
+        return taken
+
+    def attempt(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
+        """Return the same of whatever the contact solver has answered."""
+        posed = self.pose(t, q, v)
+        now, problem = posed.condensed, posed.problem
+        found = attempt_contact(problem, self._scheme.contact, None, tolerances.CONTACT_SOLVED)
+        lam, dt = found.lam, self._dt
+        v1 = now.velocity(lam)
+        contact_velocities = posed.before + now.contact_velocities + problem.G.dot(lam)
+        work = 0.5 * float(lam.dot(contact_velocities))
+        self._system.contact_work += work
+        self.last = Taken(posed, found, natural_residual(problem, lam), work)
+        moved = 0.5 * dt * (v + v1) if self._scheme.at_midpoint else dt * v1
+        return self._closed(now, self._system.integrate(q, moved)), v1, (v1 - v) / dt
+
+    def pose(self, t: float, q: Array, v: Array) -> Posed:
+        """Return the step from a state with its contact problem, not yet solved."""
         scheme, system, dt = self._scheme, self._system, self._dt
         at = system.integrate(q, 0.5 * dt * v) if scheme.at_midpoint else q
         tau = self._torque(t, q, v)
@@ -118,32 +156,24 @@ class ContactSteps:
             self._with_inertia(M, at), J_b, tolerances.RANK, why=singular_mass(system.model, at)
         ).at_most(self._rank)
         now = condense(factors, J_c, v, dt * (tau - h))
-        before, free, G = J_c.dot(v), now.contact_velocities, now.G
+        before = J_c.dot(v)
         near = Near(
-            dt, gaps[chosen.gaps], chosen.restitution, chosen.normals, G, before, free,
-            chosen.sets.blocks,
+            dt, gaps[chosen.gaps], chosen.restitution, chosen.normals, now.G, before,
+            now.contact_velocities, chosen.sets.blocks,
         )  # fmt: skip
-        problem = chosen.problem(scheme, near)
-        found, natural = self._solved(t, problem)
-        lam = found.lam
-        v1 = now.velocity(lam)
-        work = 0.5 * float(lam.dot(before + free + G.dot(lam)))
-        system.contact_work += work
-        self.last = Taken(
-            at, v, v1, tau, gaps, chosen, now, problem, found, natural, work
-        )
-        moved = 0.5 * dt * (v + v1) if scheme.at_midpoint else dt * v1
-        return self._closed(now, system.integrate(q, moved)), v1, (v1 - v) / dt
+        return Posed(at, tau, gaps, chosen, now, before, chosen.problem(scheme, near))
 
     def lam(self) -> Array:
         """Return the forces of the last step: of constraints, then of all candidates [N, N m]."""
-        last, rows = self.last, self._equations.m
-        lam = np.zeros(rows + self._candidates.rows)
-        impulses = last.attempt.lam
-        lam[:rows] = last.condensed.constraint_impulses(impulses)
-        lam[rows:][last.chosen.rows] = impulses
-        lam /= self._dt
-        return lam
+        return self.impulses() / self._dt
+
+    def impulses(self) -> Array:
+        """Return the impulses of the last step, in the same order [N s, N m s]."""
+        posed, rows, found = self.last.posed, self._equations.m, self.last.attempt.lam
+        impulses = np.zeros(rows + self._candidates.rows)
+        impulses[:rows] = posed.condensed.constraint_impulses(found)
+        impulses[rows:][posed.chosen.rows] = found
+        return impulses
 
     def touch(self) -> Touch:
         """Return what else there is to keep of the contacts of the last step."""
@@ -151,10 +181,10 @@ class ContactSteps:
 
     def modes(self) -> Modes:
         """Return the modes of all candidates in the last step."""
-        last = self.last
-        modes = np.full(len(last.chosen.active), OPEN, dtype=np.int8)
-        if len(last.problem.names):
-            modes[last.chosen.active] = contact_modes(last.problem, last.attempt.lam)
+        posed = self.last.posed
+        modes = np.full(len(posed.chosen.active), OPEN, dtype=np.int8)
+        if posed.problem.rows:
+            modes[posed.chosen.active] = contact_modes(posed.problem, self.last.attempt.lam)
         return modes
 
     def sample(self, t: float, q: Array, v: Array) -> Row:
@@ -181,21 +211,6 @@ class ContactSteps:
             rows, weights = self._between.inertia_rows(q, self._dt)
             M += rows.T @ (weights[:, None] * rows)
         return M
-
-    def _solved(self, t: float, problem: ContactProblem) -> tuple[Attempt, float]:
-        """Return impulses and their natural residual; StepFailed if they are none."""
-        solver = self._scheme.contact
-        if not len(problem.g):
-            return Attempt(np.zeros(0), 0, ()), 0.0
-        found = solver.attempt(problem)
-        natural = natural_residual(problem, found.lam)
-        if natural <= tolerances.CONTACT_SOLVED or (not solver.exact and np.isfinite(natural)):
-            return found, natural
-        raise StepFailed(
-            f"contacts {', '.join(problem.names)} at t = {t:g} s: {solver!r} leaves a natural "
-            f"residual of {natural:.1e}, and {tolerances.CONTACT_SOLVED:g} is asked for; take a "
-            "smaller dt, or contact=SemismoothNewton()"
-        )
 
     def _closed(self, now: Condensed, q: Array) -> Array:
         """Return q with loops closed, by the factors of the step."""

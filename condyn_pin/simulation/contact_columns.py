@@ -1,0 +1,55 @@
+"""Rows of lam that belong to constraints and contacts, by name, and the gaps of contacts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.dynamics.scene import Scene
+
+
+def row_names(scene: Scene) -> tuple[str, ...]:
+    """Return the names of the rows of lam: those of constraints, then those of contacts."""
+    return scene.row_names + candidates_of(scene).row_names
+
+
+def candidates_of(scene: Scene) -> Candidates:
+    """Return the contacts of a scene, in memory of their own."""
+    return Candidates(scene.robot.unedited, scene.contact_bounds)
+
+
+def contact_rows(scene: Scene) -> dict[str, slice]:
+    """Return the rows of each contact, among those of all contacts."""
+    candidates = candidates_of(scene)
+    cones = {name: slice(3 * i, 3 * i + 3) for i, name in enumerate(candidates.names)}
+    shift = 2 * candidates.cones  # three rows a cone, one each of the others
+    singles = {name: slice(i + shift, i + shift + 1) for i, name in enumerate(candidates.names)}
+    one_row = candidates.names[candidates.cones :]
+    return cones | {name: singles[name] for name in one_row}
+
+
+def gaps_at(scene: Scene, Q: Array) -> tuple[tuple[str, ...], Array]:
+    """Return the names of what has a gap, and the gaps at Q (k, nq) [m, rad]."""
+    candidates, model = candidates_of(scene), scene.robot.unedited
+    data = model.createData()
+    count = candidates.cones + candidates.half_lines
+    gaps = np.empty((len(Q), count))
+    for row, q in zip(gaps, Q, strict=True):
+        pin.forwardKinematics(model, data, q)
+        row[:] = candidates.gaps(data, q)
+    return candidates.names[:count], gaps
+
+
+def forces_of(scene: Scene, lam: Array) -> dict[str, Array]:
+    """Return lam (m,) by name: on the first-named body of a constraint, on the robot of a contact.
+
+    In the axes of each; a contact has (t1, t2, n).
+    """
+    forces = {
+        bound.name: lam[bound.rows] if bound.is_scalar else np.asarray(bound.whole(lam[bound.rows]))
+        for bound in scene.bounds
+    }
+    contacts = lam[scene.rows :]
+    return forces | {name: contacts[rows] for name, rows in contact_rows(scene).items()}

@@ -1,0 +1,203 @@
+"""The verbs step and contact_problem: one step of a scene whose contacts open, stick and slide."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from time import perf_counter
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array, finite, read_only
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
+from condyn_pin.contact.judge import judged
+from condyn_pin.contact.load import contact_load
+from condyn_pin.contact.modes import MODES
+from condyn_pin.contact.problem import ContactProblem
+from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.errors import InvalidArgument, SolveFailed
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
+from condyn_pin.simulation.integrators.contact_steps import ContactSteps, Posed
+from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
+from condyn_pin.simulation.plan import check_scheme
+from condyn_pin.simulation.step_solution import StepSolution
+from condyn_pin.simulation.system import System
+
+_DEFAULT: Final = StewartTrinkle()
+
+# The memory of this thread's last call: a loop over `step` with one scene makes only one.
+_last = threading.local()
+
+
+def step(
+    scene: Scene,
+    q: ArrayLike,
+    v: ArrayLike,
+    tau: float | ArrayLike = 0.0,
+    *,
+    dt: float,
+    integrator: ContactScheme = _DEFAULT,
+    forces: Sequence[AppliedForce] = (),
+    throw: bool = True,
+) -> StepSolution:
+    """Return the state after one step in which contacts open, stick and slide, with its errors.
+
+    M (v+ - v) = dt (tau - h) + J_b^T l_b + J_c^T lam,    J_b v+ = 0,    sigma = G lam + g
+
+    Parameters
+    ----------
+    scene : Scene
+        Its constraints never let go; its `contacts` may.
+    q, v : (nq,), (nv,) array_like
+        A state; loops are taken as closed.
+    tau : 0 or (nv,) array_like, optional
+        Torques applied [N, N m]. Springs and damping of the robot act at the end of the step.
+    dt : float
+        [s]
+    integrator : ContactScheme, optional
+        `StewartTrinkle()` by default.
+    forces : sequence of AppliedForce, optional
+        Forces from outside, constant; none by default.
+    throw : bool
+        Raise if the status is not ok. With False the same StepSolution comes back, whatever its
+        status.
+
+    Returns
+    -------
+    StepSolution
+
+    Raises
+    ------
+    InvalidArgument
+        If an argument cannot be used, or the scheme cannot let a contact of the scene rebound.
+    SolveFailed
+        If the contact problem has no answer that is good enough; its `solution` is the step.
+
+    Notes
+    -----
+    Cost: a step in `simulate`, of which three quarters is the contact solver, and as much again for
+    the proof.
+    """
+    memory = _memory(scene, dt, integrator)
+    solution = memory.step(*_state(scene, q, v), tau, forces)
+    if throw and not solution.status.ok:
+        said = "; ".join((str(solution.status), *solution.contact.notices))
+        raise SolveFailed(
+            f"a step of {dt:g} s by {integrator!r}: {said} "
+            f"(natural residual {solution.contact.residuals.natural:.1e})",
+            solution,
+        )
+    return solution
+
+
+def contact_problem(
+    scene: Scene,
+    q: ArrayLike,
+    v: ArrayLike,
+    tau: float | ArrayLike = 0.0,
+    *,
+    dt: float,
+    integrator: ContactScheme = _DEFAULT,
+    forces: Sequence[AppliedForce] = (),
+) -> ContactProblem:
+    """Return the contact problem that a step poses: for `solve_contact`, with any solver.
+
+    sigma = G lam + g,    G = J_c M^-1 J_c^T along the constraints
+
+    Arguments and errors are those of `step`.
+    """
+    memory = _memory(scene, dt, integrator)
+    return memory.pose(*_state(scene, q, v), tau, forces).problem
+
+
+class _Memory:
+    """One scene, one scheme and one dt."""
+
+    def __init__(self, scene: Scene, dt: float, scheme: ContactScheme) -> None:
+        check_scene(scene)
+        if not isinstance(scheme, ContactScheme):
+            raise InvalidArgument(
+                f"integrator = {scheme!r}: a scheme with contacts is needed, such as "
+                "StewartTrinkle() or Moreau(); simulate takes the others"
+            )
+        check_scheme(scene, scheme)
+        if not finite("dt", dt, ()) > 0:
+            raise InvalidArgument(f"dt = {dt!r}: a number > 0 [s] is needed")
+        self.asked = scene, float(dt), scheme
+        self._scene, self._dt = scene, float(dt)
+        self._system = System(Workspace(scene.bilateral), contacts=scene.contact_bounds)
+        self._steps = ContactSteps(scheme, self._system, self._dt)
+
+    @one_blas_thread
+    def pose(
+        self, q: Array, v: Array, tau: float | ArrayLike, forces: Sequence[AppliedForce]
+    ) -> Posed:
+        """Return the step from a state, its contact problem not yet solved."""
+        self._hold(tau, forces)
+        return self._steps.pose(0.0, q, v)
+
+    @one_blas_thread
+    def step(
+        self, q: Array, v: Array, tau: float | ArrayLike, forces: Sequence[AppliedForce]
+    ) -> StepSolution:
+        """Return the step from a state, and what it leaves of each law."""
+        self._hold(tau, forces)
+        begun = perf_counter()
+        q1, v1, a = self._steps.attempt(0.0, q, v)
+        took = perf_counter() - begun
+        posed, found, _, work = self._steps.last
+        lam = self._steps.impulses()
+        contact = judged(posed.problem, found, tolerances.CONTACT_SOLVED, took)
+        dynamics, slip = self._errors(posed, v, a, v1, lam / self._dt)
+        equations, candidates = self._system.equations, self._system.contacts
+        violation = equations.open_by(q1, v1)[0]
+        gaps = candidates.gaps(equations.data, q1)
+        modes = (MODES[code] for code in self._steps.modes())
+        q1, v1, lam = read_only((q1, v1, lam))
+        return StepSolution(
+            q=q1, v=v1, lam=lam, gaps=dict(zip(candidates.names, gaps.tolist(), strict=False)),
+            modes=dict(zip(candidates.names, modes, strict=True)), contact=contact,
+            dynamics_error=dynamics, constraint_error=slip, violation=violation,
+            penetration=float(max(-gaps.min(initial=0.0), 0.0)), energy_lost=-work,
+            dt=self._dt, scene=self._scene,
+        )  # fmt: skip
+
+    def _hold(self, tau: float | ArrayLike, forces: Sequence[AppliedForce]) -> None:
+        none = isinstance(tau, int | float) and tau == 0
+        nv = self._scene.robot.nv
+        torques = finite("tau", np.zeros(nv) if none else tau, nv)
+        self._system.applied.hold(torques, applied_forces(forces))
+
+    def _errors(
+        self, posed: Posed, v: Array, a: Array, v1: Array, lam: Array
+    ) -> tuple[float, float]:
+        """Return the residual of the momentum balance [N s], and max abs(J_b v+) [m/s]."""
+        equations, passive = self._system.equations, self._system.passive
+        at, rows = posed.at, self._scene.rows
+        tau = posed.tau - passive.inertia(self._dt) * a
+        if passive.between is not None:
+            U, weights = passive.between.inertia_rows(at, self._dt)
+            tau -= U.T @ (weights * (U @ a))
+        bounds = self._scene.contact_bounds
+        pushed = contact_load(self._system.model, equations.data, at, bounds, lam[rows:])
+        left, _ = equations.residuals(at, v, tau + pushed.torque, a, lam[:rows], pushed)
+        return self._dt * float(np.abs(left).max()), equations.open_by(at, v1)[1]
+
+
+def _memory(scene: Scene, dt: float, integrator: ContactScheme) -> _Memory:
+    memory: _Memory | None = getattr(_last, "memory", None)
+    if memory is None or memory.asked[0] is not scene or memory.asked[1:] != (dt, integrator):
+        _last.memory = memory = _Memory(scene, dt, integrator)
+    else:
+        scene.robot.check_unedited()
+    return memory
+
+
+def _state(scene: Scene, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
+    return normalised(scene.robot.model, "q", q), np.array(finite("v", v, scene.robot.nv))

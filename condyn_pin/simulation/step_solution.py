@@ -1,0 +1,105 @@
+"""StepSolution: a step with contacts that carries its own proof."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array
+from condyn_pin.contact.solution import ContactSolution, ContactStatus
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.simulation.contact_columns import forces_of
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StepSolution:
+    """The state after one step, the impulses in it, and what they leave of each law.
+
+    M (v+ - v) = dt (tau - h) + J_b^T l_b + J_c^T lam,    J_b v+ = 0,    sigma = G lam + g
+
+    Attributes
+    ----------
+    q, v : (nq,), (nv,) array
+        At the end of the step.
+    lam : (m,) array
+        Impulses of the step, of constraints and then of all contacts, zero of those that take no
+        part [N s, N m s].
+    gaps : dict of str to float
+        Distance of each contact and stop at the end [m, rad].
+    modes : dict of str to str
+        Of each contact: open, stick or slide.
+    contact : ContactSolution
+        The contact problem of the step, its answer, and seven residuals.
+    dynamics_error : float
+        The largest entry of M (v+ - v) - dt (tau - h) - J_b^T l_b - J_c^T lam, by Newton-Euler and
+        wrenches on the bodies, with neither M nor J [N s, N m s].
+    constraint_error : float
+        max abs(J_b v+), by forward kinematics [m/s, rad/s].
+    violation : float
+        max abs(c(q+)) of the constraints [m, rad].
+    penetration : float
+        The deepest of the contacts at the end [m, rad].
+    energy_lost : float
+        What the contacts took: friction, impacts, and less what pushed a penetration out [J].
+    dt : float
+        [s]
+    scene : Scene
+    """
+
+    q: Array
+    v: Array
+    lam: Array  # [N s, N m s]
+    gaps: dict[str, float]  # [m, rad]
+    modes: dict[str, str]
+    contact: ContactSolution
+    dynamics_error: float  # [N s, N m s]
+    constraint_error: float  # [m/s, rad/s]
+    violation: float  # [m, rad]
+    penetration: float  # [m, rad]
+    energy_lost: float  # [J]
+    dt: float  # [s]
+    scene: Scene
+
+    @property
+    def status(self) -> ContactStatus:
+        """How the contact problem ended: OK if its natural residual is within the accuracy."""
+        return self.contact.status
+
+    @property
+    def impulses(self) -> dict[str, Array]:
+        """Impulses by constraint and by contact [N s, N m s], as `forces`."""
+        return forces_of(self.scene, self.lam)
+
+    @property
+    def forces(self) -> dict[str, Array]:
+        """Mean forces of the step by constraint, and by contact (t1, t2, n) [N, N m]."""
+        return forces_of(self.scene, self.lam / self.dt)
+
+    def __repr__(self) -> str:
+        counted = [f"{n} {mode}" for mode, n in self._counts.items() if n]
+        return (
+            f"StepSolution({self.scene.robot.name}: {', '.join(counted) or 'no contacts'}; "
+            f"{self.status.name.lower()})"
+        )
+
+    @property
+    def _counts(self) -> dict[str, int]:
+        modes = list(self.modes.values())
+        return {mode: modes.count(mode) for mode in ("open", "stick", "slide")}
+
+    def __str__(self) -> str:
+        lines = [
+            f"{self.scene.robot.name}, a step of {1e3 * self.dt:.4g} ms: {self.status}",
+            f"natural residual {self.contact.residuals.natural:.1e}; "
+            f"{self.contact.iterations} iterations of {', '.join(self.contact.path) or 'nothing'}",
+            f"dynamics    {self.dynamics_error:.1e} N s",
+            f"constraints {self.constraint_error:.1e} m/s, {self.violation:.1e} m",
+            f"penetration {self.penetration:.1e} m",
+            f"contacts took {self.energy_lost:.4g} J",
+        ]
+        for name, mode in self.modes.items():
+            force = np.array2string(self.forces[name], precision=4, suppress_small=True)
+            gap = f", gap {1e3 * self.gaps[name]:.4g} mm" if name in self.gaps else ""
+            lines.append(f"{name:<28} {mode:<6} {force} N{gap}")
+        return "\n".join(lines)
