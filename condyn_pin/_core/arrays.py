@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from condyn_pin.errors import InvalidArgument
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 T = TypeVar("T")
 
 _SHOWN: Final = 200  # characters of a value in an error

@@ -137,10 +137,19 @@ OTHER_UNITS: Final = 1e-12
 # An answer that is ok is within SOLVED.
 OTHER_CHOICE: Final = SOLVED
 
-# |G - G^T| of a contact problem, relative to the largest entry. Products J M^-1 J^T are symmetric to
-# 1e-15, and to 1e-11 where masses are wide apart; a wrong one is off by per cents.
+# |G - G^T| of a contact problem, relative to the largest entry. Products J M^-1 J^T are symmetric
+# to 1e-15, and to 1e-11 where masses are wide apart; a wrong one is off by per cents.
 SYMMETRIC: Final = 1e-9
 
 # Natural map of a contact problem that counts as solved, in units of its own impulses: what the
 # landed contact solvers reach on robots without a second method.
 CONTACT_SOLVED: Final = 1e-8
+
+# Eigenvalues of G, rows and columns scaled to one, that count as zero, relative to the largest: its
+# factor J L^-T then has singular values below 1e-6. Four corners of a box leave 1e-16, and the
+# smallest useful ones of robots on their feet are 1e-5.
+CONTACT_RANK: Final = 1e-12
+
+# |G z| of impulses that take g . z = -1 from a contact problem, both normalised: what is below
+# proves that no impulse closes the contacts. Rows that contradict each other leave 1e-16.
+CERTIFICATE: Final = 1e-10

@@ -1,6 +1,7 @@
-"""Contacts that may let go: cones of forces that a floor can give.
+"""Contacts that may let go: cones of forces that a floor can give, and impulses that obey them.
 
-Nouns: `FrictionCone`, `WrenchCone`, `Margin`, `ConeRows`. Verbs: `margins`, `cone_rows`.
+Nouns: `FrictionCone`, `WrenchCone`, `Margin`, `ConeRows`; `ContactProblem`, `ContactSolution` and
+its solvers. Verbs: `margins`, `cone_rows`, `solve_contact`.
 
 It takes forces as arrays, and must not know how a motion was computed.
 """

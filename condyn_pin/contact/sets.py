@@ -11,10 +11,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, Indices
+
+_TINY: Final = float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +44,18 @@ class ContactSets:
         return 3 * len(self.friction) + self.half_lines + len(self.limits)
 
     @cached_property
-    def _ends(self) -> tuple[int, int]:
+    def parts(self) -> tuple[slice, slice, slice]:
+        """The rows of cones, of half-lines and of intervals."""
         cones = 3 * len(self.friction)
-        return cones, cones + self.half_lines
+        lines = cones + self.half_lines
+        return slice(0, cones), slice(cones, lines), slice(lines, self.size)
+
+    @cached_property
+    def blocks(self) -> Indices:
+        """Which contact each row belongs to (m,), in the order of names."""
+        k = len(self.friction)
+        singles = self.half_lines + len(self.limits)
+        return np.concatenate([np.repeat(np.arange(k), 3), k + np.arange(singles)])
 
     @cached_property
     def _shrink(self) -> Array:
@@ -51,30 +63,48 @@ class ContactSets:
 
     def project(self, x: Array) -> Array:
         """Return P_K(x) (m,): the nearest point of the sets."""
-        cones, lines = self._ends
+        cones, lines, intervals = self.parts
         result = np.empty_like(x)
-        X = x[:cones].reshape(-1, 3)
-        slip = np.hypot(X[:, 0], X[:, 1])
-        mu, n = self.friction, X[:, 2]
-        # on the surface, unless x is in the polar cone, which is asked first (mu may be 0), or in K
-        normal = (mu * slip + n) * self._shrink
-        normal = np.where(mu * slip <= -n, 0.0, np.where(slip <= mu * n, n, normal))
-        tangential = np.minimum(slip, mu * normal)
-        Y = result[:cones].reshape(-1, 3)
-        Y[:, :2] = X[:, :2] * (tangential / np.where(slip > 0, slip, 1.0))[:, None]
+        X, Y = x[cones].reshape(-1, 3), result[cones].reshape(-1, 3)
+        slip, mu, n = np.hypot(X[:, 0], X[:, 1]), self.friction, X[:, 2]
+        # n inside, the nearest point of the surface outside, the apex where both are below it
+        normal = np.maximum(np.maximum(n, (mu * slip + n) * self._shrink), 0.0)
+        most = mu * normal
+        Y[:, :2] = X[:, :2] * (most / np.maximum(np.maximum(slip, most), _TINY))[:, None]
         Y[:, 2] = normal
-        np.maximum(x[cones:lines], 0.0, out=result[cones:lines])
-        np.clip(x[lines:], -self.limits, self.limits, out=result[lines:])
+        if lines.stop > cones.stop:
+            np.maximum(x[lines], 0.0, out=result[lines])
+        if len(self.limits):
+            np.clip(x[intervals], -self.limits, self.limits, out=result[intervals])
         return result
 
-    def de_saxce(self, sigma: Array) -> Array:
-        """Return sigma + (0, 0, mu |sigma_t|) in the rows of cones: what is dual to lam in an ncp."""
-        cones, _ = self._ends
-        S = sigma[:cones].reshape(-1, 3)
-        dual = sigma.copy()
-        dual[2:cones:3] += self.friction * np.hypot(S[:, 0], S[:, 1])
-        return dual
+    def slopes(self, x: Array) -> tuple[Array, Array]:
+        """Return P_K'(x): blocks (k, 3, 3) of the cones, numbers (half_lines + b,) of the others.
 
-    def scaled(self, by: float) -> ContactSets:
-        """Return the sets of `by` times the impulses."""
-        return ContactSets(self.friction, self.half_lines, self.limits * by)
+        1 inside, 0 where x goes to one point, between them where it goes to the surface of a cone;
+        one of the one-sided derivatives where there is none.
+        """
+        cones, lines, intervals = self.parts
+        X, mu, shrink = x[cones].reshape(-1, 3), self.friction, self._shrink
+        slip, n = np.hypot(X[:, 0], X[:, 1]), X[:, 2]
+        somewhere = np.where(slip > 0, slip, 1.0)
+        u = X[:, :2] / somewhere[:, None]
+        along = u[:, :, None] * u[:, None, :]
+        turn = mu * (mu * slip + n) * shrink / somewhere
+        P = np.empty((len(X), 3, 3))
+        P[:, :2, :2] = turn[:, None, None] * (np.eye(2) - along)
+        P[:, :2, :2] += (mu**2 * shrink)[:, None, None] * along
+        P[:, :2, 2] = P[:, 2, :2] = (mu * shrink)[:, None] * u
+        P[:, 2, 2] = shrink
+        P[slip <= mu * n] = np.eye(3)
+        P[mu * slip <= -n] = 0.0
+        free = np.concatenate([x[lines] > 0, np.abs(x[intervals]) < self.limits])
+        return P, free.astype(np.float64)
+
+    def de_saxce(self, sigma: Array) -> Array:
+        """Return sigma + (0, 0, mu |sigma_t|) in the rows of cones: the dual of lam in an ncp."""
+        cones = self.parts[0]
+        S = sigma[cones].reshape(-1, 3)
+        dual = sigma.copy()
+        dual[2 : cones.stop : 3] += self.friction * np.hypot(S[:, 0], S[:, 1])
+        return dual

@@ -8,14 +8,17 @@
    had a part. It need not look whether it succeeded: `solve_contact` proves the answer by formulas
    that no solver runs. What cannot be answered is returned as the best that was found; NaN may come
    out, and becomes a status.
-4. It is handed any scale: normalise by `problem.scale` where tolerances are absolute.
-5. It reads nothing that an earlier call left behind: the same problem and guess give the same bits.
-6. Sources: cite the paper in the docstring.
+4. A method that sometimes fails yields from `alternatives` what else is to be tried, in this order.
+   The judge asks for the next one while the natural residual is too large.
+5. It is handed any scale: take the problem from `normalised` where tolerances are absolute.
+6. It reads nothing that an earlier call left behind: the same problem and guess give the same bits.
+7. Sources: cite the paper in the docstring.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
@@ -32,6 +35,10 @@ class Attempt(NamedTuple):
     lam: Array  # (m,) [N s]
     iterations: int
     path: tuple[str, ...]  # titles of the methods that had a part, the one that answered last
+
+    def after(self, before: Attempt) -> Attempt:
+        """Return these impulses, with the iterations and methods of what came `before`."""
+        return Attempt(self.lam, before.iterations + self.iterations, (*before.path, *self.path))
 
 
 @dataclass(frozen=True)
@@ -53,3 +60,7 @@ class ContactSolver(ABC):
     @abstractmethod
     def attempt(self, problem: ContactProblem, guess: Array | None = None) -> Attempt:
         """Return impulses (m,); `guess` is where to begin."""
+
+    def alternatives(self, problem: ContactProblem, found: Attempt) -> Iterator[Attempt]:
+        """Yield other attempts, each counting the iterations and methods of those before it."""
+        yield from ()

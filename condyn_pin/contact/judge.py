@@ -1,0 +1,158 @@
+"""The verb `solve_contact`, and the judge that every answer goes through."""
+
+from __future__ import annotations
+
+from math import isfinite, isnan
+from time import perf_counter
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array, finite, read_only
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.parameters import check_accuracy_of_a
+from condyn_pin._core.tolerances import FINEST
+from condyn_pin.contact.certificate import unmet_contacts
+from condyn_pin.contact.islands import islands
+from condyn_pin.contact.problem import ContactProblem
+from condyn_pin.contact.residuals import contact_residuals, natural_residual
+from condyn_pin.contact.solution import ContactSolution, ContactStatus
+from condyn_pin.contact.solvers.admm import ADMM
+from condyn_pin.contact.solvers.base import Attempt, ContactSolver
+from condyn_pin.errors import InvalidArgument, SolveFailed
+
+_DEFAULT: Final = ADMM()
+
+
+def solve_contact(
+    problem: ContactProblem,
+    solver: ContactSolver | None = None,
+    *,
+    guess: ArrayLike | None = None,
+    accuracy: float = tolerances.CONTACT_SOLVED,
+    throw: bool = True,
+) -> ContactSolution:
+    """Return impulses that keep bodies apart and obey Coulomb's law, with their residuals.
+
+    K contains lam,  K* contains d,  lam . d = 0,  sigma = G lam + g + R lam
+
+    Parameters
+    ----------
+    problem : ContactProblem
+    solver : ContactSolver, optional
+        `ADMM()` by default.
+    guess : (m,) array_like, optional
+        Impulses to begin with [N s].
+    accuracy : float
+        Natural residual that is good enough: what the status is judged by. A solver that has other
+        methods to fall back on goes on until it is met.
+    throw : bool
+        Raise if the status is not ok. With False the same ContactSolution comes back, whatever its
+        status.
+
+    Returns
+    -------
+    ContactSolution
+
+    Raises
+    ------
+    InvalidArgument
+        If the solver does not know the law of the problem, or an argument is no number.
+    SolveFailed
+        If the status is not ok; its `solution` has everything that was computed.
+
+    Notes
+    -----
+    Contacts that do not feel each other are solved apart: iterations are those of all, and the path
+    has each method once. Cost: that of the solver, and some forty passes over the rows.
+    """
+    chosen = solver or _DEFAULT
+    if problem.law not in chosen.laws:
+        raise InvalidArgument(
+            f"{chosen!r} solves {' and '.join(chosen.laws)}, and the problem is a {problem.law}: "
+            "take ADMM() or SemismoothNewton()"
+        )
+    check_accuracy_of_a(accuracy)
+    begin = None if guess is None else finite("guess", guess, (problem.rows,))
+    start = perf_counter()
+    with np.errstate(all="ignore"):  # the status says it
+        found = attempt_contact(problem, chosen, begin, accuracy)
+        spent = perf_counter() - start
+        solution = _judged(problem, found, accuracy, spent)
+    if throw and not solution.status.ok:
+        said = "; ".join((str(solution.status), *solution.notices))
+        raise SolveFailed(
+            f"{chosen!r} on {problem!r}: {said} "
+            f"(natural residual {solution.residuals.natural:.1e})",
+            solution,
+        )
+    return solution
+
+
+@one_blas_thread
+def attempt_contact(
+    problem: ContactProblem, solver: ContactSolver, guess: Array | None, accuracy: float
+) -> Attempt:
+    """Return impulses without all seven residuals, for hot loops; islands are solved apart.
+
+    The solver goes on until the natural residual is within `accuracy`, or there is nothing left
+    that it could try; what comes back is the best that was found.
+    """
+    if not problem.rows:
+        return Attempt(np.zeros(0), 0, ())
+    parts = islands(problem)
+    if len(parts) == 1:
+        return _insist(problem, solver, guess, accuracy)
+    lam, iterations, path = np.empty(problem.rows), 0, dict[str, None]()
+    for rows, part in parts:
+        begin = None if guess is None else guess[rows]
+        found = _insist(part, solver, begin, max(accuracy * _share(part, problem), FINEST))
+        lam[rows] = found.lam
+        iterations += found.iterations
+        path |= dict.fromkeys(found.path)
+    return Attempt(lam, iterations, tuple(path))
+
+
+def _insist(
+    problem: ContactProblem, solver: ContactSolver, guess: Array | None, accuracy: float
+) -> Attempt:
+    """Return the first attempt that the natural residual accepts, or the best of all."""
+    best = found = solver.attempt(problem, guess)
+    least = natural_residual(problem, found.lam)
+    if least <= accuracy:
+        return best
+    for found in solver.alternatives(problem, best):
+        error = natural_residual(problem, found.lam)
+        if error < least or isnan(least):
+            best, least = found, error
+        if error <= accuracy:
+            break
+    # all that was tried had its part, whichever was the best
+    return best._replace(iterations=found.iterations)
+
+
+def _share(part: ContactProblem, whole: ContactProblem) -> float:
+    """Return how much more accurate a part has to be: its errors are measured by the whole, too."""
+    (stiff, speed), (of_part, slow) = whole.scale, part.scale
+    return min(of_part * speed / (stiff * slow), 1.0)
+
+
+def _judged(
+    problem: ContactProblem, found: Attempt, accuracy: float, solve_time: float
+) -> ContactSolution:
+    residuals = contact_residuals(problem, found.lam)
+    unmet: tuple[str, ...] = ()
+    if residuals.natural <= accuracy:
+        status = ContactStatus.OK
+    elif unmet := unmet_contacts(problem):
+        status = ContactStatus.INFEASIBLE
+    elif np.isfinite(found.lam).all() and isfinite(residuals.natural):
+        status = ContactStatus.INACCURATE
+    else:
+        status = ContactStatus.NOT_FINITE
+    lam, sigma = read_only((found.lam, problem.velocities(found.lam)))
+    return ContactSolution(
+        lam, sigma, residuals, status, found.iterations, found.path, solve_time, problem, unmet
+    )

@@ -1,0 +1,104 @@
+"""ContactResiduals: by how much impulses miss each condition of a contact problem.
+
+Impulses are measured by |g| / mean diag G, and velocities by |g| (`ContactProblem.scale`), so that
+all seven are plain numbers. With l and s the impulse and the velocity of one contact, t and n their
+tangential and normal parts, and d what is dual to l,
+
+    cone             distance of l from K
+    dual             distance of d from the dual cone K*
+    complementarity  |l . d|
+    signorini        |l_n s_n|, and -s_n where that is positive
+    uplift           s_n where l_n > 0
+    dissipation      | |s_t| l_t + mu l_n s_t |
+    natural          | l - P_K(l - d) |
+
+and each is the largest over the contacts. `natural` is zero if and only if the problem is solved,
+and has no threshold: the status is judged by it. In a ccp, contacts that slide lift off: it asks
+for neither signorini nor uplift, and what they are is the price of its convexity. Half-lines have
+no tangential part. Intervals have no dual cone, and dissipate: | |s| l + limit s |.
+
+The distances are closed forms, and no solver runs them.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin.contact.problem import ContactProblem
+
+
+class ContactResiduals(NamedTuple):
+    """Sizes of the residuals of impulses, all without a unit."""
+
+    cone: float
+    dual: float
+    complementarity: float
+    signorini: float
+    uplift: float
+    dissipation: float
+    natural: float
+
+
+def natural_residual(problem: ContactProblem, lam: Array) -> float:
+    """Return |lam - P_K(lam - d)|_inf, without a unit; NaN if lam has one.
+
+    Cost: one product G lam and a dozen passes over the rows, for hot loops.
+    """
+    if not len(lam):
+        return 0.0
+    stiff, speed = problem.scale
+    d = problem.dual(problem.velocities(lam))
+    missed = problem.sets.project(lam - d / stiff)
+    missed -= lam
+    return float(np.abs(missed).max()) * stiff / speed
+
+
+def contact_residuals(problem: ContactProblem, lam: Array) -> ContactResiduals:
+    """Return all seven residuals of impulses (m,)."""
+    stiff, speed = problem.scale
+    sigma = problem.velocities(lam)
+    d = problem.dual(sigma)
+    cones, lines, _ = problem.sets.parts
+    l, s, d = lam * (stiff / speed), sigma / speed, d / speed  # noqa: E741  of the equations above
+    L, S, D = (x[cones].reshape(-1, 3) for x in (l, s, d))
+    mu = problem.friction
+    pushes = np.concatenate([L[:, 2], l[lines]])
+    leaves = np.concatenate([S[:, 2], s[lines]])
+    l_b, s_b, limits = *(x[lines.stop :] for x in (l, s)), problem.limits * (stiff / speed)
+    slip = np.hypot(S[:, 0], S[:, 1])[:, None]
+    undone = slip * L[:, :2] + (mu * L[:, 2])[:, None] * S[:, :2]
+    return ContactResiduals(
+        cone=_largest(_beyond(L, mu), -l[lines], np.abs(l_b) - limits),
+        # K* is where mu |d_t| <= d_n
+        dual=_largest(_beyond_dual(D, mu), -d[lines]),
+        complementarity=_largest(np.abs((L * D).sum(axis=1)), np.abs(l[lines] * d[lines])),
+        signorini=_largest(np.abs(pushes * leaves), -leaves),
+        uplift=_largest(leaves[pushes > tolerances.CONTACT_SOLVED]),
+        dissipation=_largest(
+            np.hypot(undone[:, 0], undone[:, 1]), np.abs(np.abs(s_b) * l_b + limits * s_b)
+        ),
+        natural=natural_residual(problem, lam),
+    )
+
+
+def _beyond(X: Array, mu: Array) -> Array:
+    """Return the distances (k,) of points (k, 3) from the cones |x_t| <= mu x_n."""
+    slip, n = np.hypot(X[:, 0], X[:, 1]), X[:, 2]
+    beside = np.maximum(slip - mu * n, 0.0) / np.hypot(1.0, mu)
+    return np.where(mu * slip <= -n, np.hypot(slip, n), beside)
+
+
+def _beyond_dual(X: Array, mu: Array) -> Array:
+    """Return the distances (k,) of points (k, 3) from the cones mu |x_t| <= x_n."""
+    slip, n = np.hypot(X[:, 0], X[:, 1]), X[:, 2]
+    below = np.maximum(mu * slip - n, 0.0) / np.hypot(1.0, mu)
+    return np.where(slip <= -mu * n, np.hypot(slip, n), below)
+
+
+def _largest(*sizes: Array) -> float:
+    """Return the largest number of some arrays, at least zero; NaN if there is one."""
+    return float(np.concatenate(sizes).max(initial=0.0))

@@ -1,0 +1,147 @@
+"""ContactSolution: impulses that carry their own proof."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+
+import numpy as np
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin.contact.problem import ContactProblem
+from condyn_pin.contact.residuals import ContactResiduals
+
+
+class ContactStatus(Enum):
+    """How a contact problem ended; the value is advice."""
+
+    OK = "the impulses meet the law of the problem to the accuracy asked for"
+    INACCURATE = (
+        "the impulses do not meet the law of the problem to the accuracy asked for: allow more "
+        "iterations, or solve with SemismoothNewton(); a polygon in place of the cone, Lemke(), "
+        "never meets a sliding contact closer than its sides are to the circle; friction that "
+        "locks bodies, as in Painleve's rod, may need Lemke(), or a smaller step"
+    )
+    INFEASIBLE = (
+        "no impulse can keep the contacts apart, as they are asked to: they press on what cannot "
+        "move; look at bodies that are fixed, at the gaps of contacts between them, and at the "
+        "velocities that the scheme asks for"
+    )
+    NOT_FINITE = (
+        "the impulses are not finite although the problem is: its numbers overflow; solve with "
+        "SemismoothNewton(), or in other units"
+    )
+
+    @property
+    def ok(self) -> bool:
+        """Whether the answer can be used as it is."""
+        return self is ContactStatus.OK
+
+    def __str__(self) -> str:
+        return f"{self.name.lower()}: {self.value}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ContactSolution:
+    """Impulses and velocities of contacts, with seven residuals recomputed.
+
+    sigma = G lam + g + R lam
+
+    Attributes
+    ----------
+    lam : (m,) array
+        Impulses on the robot, all rows, in the axes of each contact [N s].
+    sigma : (m,) array
+        Velocities of the contacts after the step [m/s].
+    residuals : ContactResiduals
+        By how much each condition is missed, whatever the solver was.
+    status : ContactStatus
+        OK if `residuals.natural` is within the accuracy that was asked for.
+    iterations : int
+        Of all methods that had a part.
+    path : tuple of str
+        The methods that had a part, the one that answered last.
+    solve_time : float
+        Time of the solve without the proof [s].
+    problem : ContactProblem
+        What was solved.
+    unmet : tuple of str
+        Contacts that no impulse can meet together, if the status is infeasible.
+    """
+
+    lam: Array  # [N s]
+    sigma: Array  # [m/s]
+    residuals: ContactResiduals
+    status: ContactStatus
+    iterations: int
+    path: tuple[str, ...]
+    solve_time: float  # [s]
+    problem: ContactProblem
+    unmet: tuple[str, ...] = ()
+
+    @cached_property
+    def unique_forces(self) -> bool:
+        """Whether lam is the only answer: G + R has full rank.
+
+        Where it is not, as on four corners of a box, contacts share a load in many ways that move
+        nothing: compare J^T lam, and not lam.
+        """
+        problem = self.problem
+        G = problem.G if problem.R is None else problem.G + np.diag(problem.R)
+        size = np.sqrt(G.diagonal())
+        if not size.all():
+            return not len(size)
+        eigenvalues = np.linalg.eigvalsh(G / np.outer(size, size))
+        return not len(size) or bool(eigenvalues[0] > tolerances.CONTACT_RANK * eigenvalues[-1])
+
+    @property
+    def forces(self) -> dict[str, Array]:
+        """Impulses by contact [N s]: (t1, t2, n) of a cone, one number of a stop or of friction."""
+        sizes = np.bincount(self.problem.sets.blocks, minlength=len(self.problem.names))
+        return dict(zip(self.problem.names, np.split(self.lam, np.cumsum(sizes)[:-1]), strict=True))
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """What deserves attention, a sentence each."""
+        said = []
+        if self.unmet:
+            said.append(f"no impulse can meet {', '.join(self.unmet)}")
+        if self.status.ok and not self.unique_forces:
+            said.append("the contacts are redundant: lam is one of many, what it does is not")
+            sliding = int((self._slips > tolerances.CONTACT_SOLVED).sum())
+            if sliding > 1 and self.problem.law == "ncp":
+                said[-1] = (
+                    f"{sliding} contacts slide, and the contacts are redundant: Coulomb's law "
+                    "leaves lam open there, and may leave the velocities open by a little"
+                )
+        return tuple(said)
+
+    @property
+    def _slips(self) -> Array:
+        """How fast cones that press slide, relative to |g|."""
+        cones, (stiff, speed) = self.problem.sets.parts[0], self.problem.scale
+        S, L = self.sigma[cones].reshape(-1, 3), self.lam[cones].reshape(-1, 3)
+        presses = L[:, 2] * stiff / speed > tolerances.CONTACT_SOLVED
+        return np.asarray(np.hypot(S[presses, 0], S[presses, 1]) / speed)
+
+    def __repr__(self) -> str:
+        return (
+            f"ContactSolution({len(self.problem.names)} contacts: {self.status.name.lower()}, "
+            f"natural residual {self.residuals.natural:.1e})"
+        )
+
+    def __str__(self) -> str:
+        impulses = self.problem.level == "impulse"
+        lines = [
+            f"{self.status.name.lower()} in {1e6 * self.solve_time:.1f} us, "
+            f"{self.iterations} iterations of {', '.join(self.path)}",
+            *(f"{name:<16} {size:.1e}" for name, size in self.residuals._asdict().items()),
+            f"{'impulses' if impulses else 'forces'} on the robot, axes of each contact "
+            f"[{'N s' if impulses else 'N'}]:",
+        ]
+        for name, force in self.forces.items():
+            lines.append(f"{name:<28} {np.array2string(force, precision=4, suppress_small=True)}")
+        lines += [f"note: {notice}" for notice in self.notices]
+        return "\n".join(lines)
