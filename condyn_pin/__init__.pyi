@@ -50,8 +50,11 @@ from .simulation.integrators.dormand_prince import DormandPrince as DormandPrinc
 from .simulation.integrators.explicit import RungeKutta4 as RungeKutta4
 from .simulation.integrators.explicit import SemiImplicitEuler as SemiImplicitEuler
 from .simulation.integrators.midpoint import ImplicitMidpoint as ImplicitMidpoint
+from .simulation.integrators.moreau import Moreau as Moreau
 from .simulation.integrators.radau import RadauIIA as RadauIIA
+from .simulation.integrators.stewart_trinkle import StewartTrinkle as StewartTrinkle
 from .simulation.run import simulate as simulate
+from .simulation.step import step as step
 from .simulation.trajectory import Trajectory as Trajectory
 from .study.study import Study as Study
 from .viewing.verbs import view as view

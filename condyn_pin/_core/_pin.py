@@ -7,8 +7,8 @@
 | constraint Cholesky | `data.contact_chol`             | `data.constraint_chol`             |
 | ... to compute it   | needs `crba`                    | needs each constraint's `calc` too |
 | LCABA               | missing                         | `lcaba`, and an elimination order  |
-| ADMM, PGS           | round cones, ncp                | intervals and ccp as well          |
 | dry friction        | `model.friction`                | `model.upperDryFrictionLimit`      |
+| ADMM, PGS           | round cones, ncp                | intervals and ccp as well          |
 """
 
 from __future__ import annotations

@@ -64,12 +64,6 @@ class Condensed(NamedTuple):
         held = self.blocked[:, :-1].dot(lam) + self.blocked[:, -1]
         return np.asarray(factors.U[:, :rank].dot(held / -factors.S[:rank]))
 
-    def closing(self, c: Array) -> Array:
-        """Return the least move (nv,) in the metric of M that closes gaps c (rows,)."""
-        factors, rank = self.factors, self.factors.rank
-        along = (c.dot(factors.U[:, :rank])) / -factors.S[:rank]
-        return np.asarray(dtrtrs(factors.L.T, factors.V.dot(along))[0])
-
 
 def condense(factors: MinimumNorm, J_c: Array, v: Array, p: Array) -> Condensed:
     """Return the contacts of a robot with its constraints eliminated.

@@ -80,7 +80,7 @@ def solve_contact(
     with np.errstate(all="ignore"):  # the status says it
         found = attempt_contact(problem, chosen, begin, accuracy)
         spent = perf_counter() - start
-        solution = _judged(problem, found, accuracy, spent)
+        solution = judged(problem, found, accuracy, spent)
     if throw and not solution.status.ok:
         said = "; ".join((str(solution.status), *solution.notices))
         raise SolveFailed(
@@ -139,9 +139,10 @@ def _share(part: ContactProblem, whole: ContactProblem) -> float:
     return min(of_part * speed / (stiff * slow), 1.0)
 
 
-def _judged(
+def judged(
     problem: ContactProblem, found: Attempt, accuracy: float, solve_time: float
 ) -> ContactSolution:
+    """Return an attempt with its residuals and status, judged by its natural residual."""
     residuals = contact_residuals(problem, found.lam)
     unmet: tuple[str, ...] = ()
     if residuals.natural <= accuracy:

@@ -7,6 +7,7 @@ from .batch.solution import BatchSolution as BatchSolution
 from .batch.trajectory import BatchTrajectory as BatchTrajectory
 from .batch.verbs import derivatives_batch as derivatives_batch
 from .batch.verbs import solve_batch as solve_batch
+from .contact_record import ContactRecord as ContactRecord
 from .drift import DRIFTS as DRIFTS
 from .drift import Drift as Drift
 from .drift.no_drift import NoDrift as NoDrift
@@ -16,6 +17,8 @@ from .events import Event as Event
 from .events import Snapshot as Snapshot
 from .integrators import INTEGRATORS as INTEGRATORS
 from .integrators import Integrator as Integrator
+from .integrators.anitescu import Anitescu as Anitescu
+from .integrators.contact_scheme import ContactScheme as ContactScheme
 from .integrators.dormand_prince import DormandPrince as DormandPrince
 from .integrators.explicit import ExplicitEuler as ExplicitEuler
 from .integrators.explicit import Leapfrog as Leapfrog
@@ -27,14 +30,20 @@ from .integrators.midpoint import ImplicitMidpoint as ImplicitMidpoint
 from .integrators.midpoint import (
     LinearlyImplicitMidpoint as LinearlyImplicitMidpoint,
 )
+from .integrators.moreau import Moreau as Moreau
 from .integrators.radau import GearGuptaLeimkuhler as GearGuptaLeimkuhler
 from .integrators.radau import RadauIIA as RadauIIA
 from .integrators.rattle import Rattle as Rattle
 from .integrators.rattle import Shake as Shake
+from .integrators.soft_step import SoftStep as SoftStep
+from .integrators.stewart_trinkle import StewartTrinkle as StewartTrinkle
 from .measures import Energy as Energy
 from .outcome import Effects as Effects
 from .outcome import RunStatus as RunStatus
 from .run import simulate as simulate
+from .step import contact_problem as contact_problem
+from .step import step as step
+from .step_solution import StepSolution as StepSolution
 from .switching import Switch as Switch
 from .switching import switch as switch
 from .trajectory import Trajectory as Trajectory

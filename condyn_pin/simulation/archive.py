@@ -24,6 +24,7 @@ from condyn_pin.constraints.contacts.kinds import CONTACTS
 from condyn_pin.constraints.contacts.plane import Plane
 from condyn_pin.constraints.contacts.shapes import SHAPES
 from condyn_pin.constraints.kinds import named
+from condyn_pin.contact.solvers.base import CONTACT_SOLVERS
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import SOLVERS, Solver
 from condyn_pin.errors import InvalidArgument
@@ -197,7 +198,7 @@ def decode(coded: dict[str, Any]) -> Any:
         _KINDS.get(name)
         or named(name)
         or (CONTACTS | SHAPES).get(name)
-        or (INTEGRATORS | DRIFTS | SOLVERS).get(name.lower())
+        or (INTEGRATORS | DRIFTS | SOLVERS | CONTACT_SOLVERS).get(name.lower())
     )
     if kind is None:
         raise LookupError(f"{name} is not known here: import the module that defines it")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import accumulate
+
 import numpy as np
 
 from condyn_pin._core._pin import pin
@@ -20,14 +22,12 @@ def candidates_of(scene: Scene) -> Candidates:
     return Candidates(scene.robot.unedited, scene.contact_bounds)
 
 
-def contact_rows(scene: Scene) -> dict[str, slice]:
-    """Return the rows of each contact, among those of all contacts."""
-    candidates = candidates_of(scene)
-    cones = {name: slice(3 * i, 3 * i + 3) for i, name in enumerate(candidates.names)}
-    shift = 2 * candidates.cones  # three rows a cone, one each of the others
-    singles = {name: slice(i + shift, i + shift + 1) for i, name in enumerate(candidates.names)}
-    one_row = candidates.names[candidates.cones :]
-    return cones | {name: singles[name] for name in one_row}
+def contact_rows(candidates: Candidates) -> dict[str, slice]:
+    """Return the rows of each candidate: three of a cone, one of the others."""
+    sizes = [3 if i < candidates.cones else 1 for i in range(len(candidates.names))]
+    ends = accumulate(sizes)
+    pairs = zip(candidates.names, ends, sizes, strict=True)
+    return {name: slice(end - size, end) for name, end, size in pairs}
 
 
 def gaps_at(scene: Scene, Q: Array) -> tuple[tuple[str, ...], Array]:
@@ -52,4 +52,6 @@ def forces_of(scene: Scene, lam: Array) -> dict[str, Array]:
         for bound in scene.bounds
     }
     contacts = lam[scene.rows :]
-    return forces | {name: contacts[rows] for name, rows in contact_rows(scene).items()}
+    return forces | {
+        name: contacts[rows] for name, rows in contact_rows(candidates_of(scene)).items()
+    }

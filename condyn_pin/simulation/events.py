@@ -11,11 +11,13 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite, locked
 from condyn_pin._core.parameters import check_called
+from condyn_pin.contact.modes import MODES
 from condyn_pin.dynamics.force import ConstraintForce, Sites
 from condyn_pin.dynamics.impacts import Restitution, restitutions
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, UnknownName
-from condyn_pin.simulation.system import System
+from condyn_pin.simulation.contact_columns import contact_rows
+from condyn_pin.simulation.system import NO_TOUCH, System
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,10 +48,30 @@ class Snapshot:
         return self._solved[0]
 
     @property
-    def forces(self) -> dict[str, ConstraintForce]:
-        """Force on the first-named body by constraint; they cost a solve."""
+    def forces(self) -> dict[str, ConstraintForce | Array]:
+        """Force on the first-named body by constraint, and on the robot by contact.
+
+        Those of contacts are (t1, t2, n) [N]. They cost a solve, or a step where contacts may open.
+        """
         system = self._system
-        return Sites(system.scene, self.q, system.equations).forces(self._solved[1])
+        rows, lam = system.scene.rows, self._solved[1]
+        held = Sites(system.scene, self.q, system.equations).forces(lam[:rows])
+        contacts = contact_rows(system.contacts).items()
+        return {**held, **{name: lam[rows:][its] for name, its in contacts}}
+
+    @property
+    def gaps(self) -> dict[str, float]:
+        """Distance of each contact and stop [m, rad]."""
+        data = self._system.equations.data
+        pin.forwardKinematics(self._system.model, data, self.q)
+        gaps = self._system.contacts.gaps(data, self.q)
+        return dict(zip(self._system.contacts.names, gaps.tolist(), strict=False))
+
+    @property
+    def modes(self) -> dict[str, str]:
+        """Mode of each contact in the step that begins here: open, stick or slide."""
+        codes = self._solved[2]
+        return {n: MODES[int(c)] for n, c in zip(self._system.contacts.names, codes, strict=True)}
 
     def position(self, frame: str) -> Array:
         """Return where the origin of a frame is in the world (3,) [m]."""
@@ -68,9 +90,12 @@ class Snapshot:
         )
 
     @cached_property
-    def _solved(self) -> tuple[Array, Array]:
-        a = self._system.acceleration(self.t, *self._state)  # type: ignore[attr-defined]
-        return a, self._system.lam()
+    def _solved(self) -> tuple[Array, Array, Array]:
+        system, state = self._system, self._state  # type: ignore[attr-defined]
+        if system.contacts.names:
+            _, _, _, a, lam, _, touch = system.look(self.t, *state)
+            return a, lam, touch[2:]
+        return system.acceleration(self.t, *state), system.lam(), NO_TOUCH
 
 
 @dataclass(frozen=True, kw_only=True)

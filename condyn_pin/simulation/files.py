@@ -26,6 +26,8 @@ from condyn_pin.simulation.archive import (
     scene_of,
     write,
 )
+from condyn_pin.simulation.contact_columns import candidates_of, row_names
+from condyn_pin.simulation.contact_record import ContactRecord
 from condyn_pin.simulation.events import Happened
 from condyn_pin.simulation.outcome import Effects, Run, RunStatus
 from condyn_pin.simulation.recorder import Phase
@@ -39,6 +41,8 @@ _CHOICES = CHOICES | {"effects": Effects}
 def save(trajectory: Trajectory, path: Path_) -> None:
     """Write a trajectory; see `Trajectory.save`."""
     arrays = {name: getattr(trajectory, name) for name in _ARRAYS}
+    if trajectory.contact:
+        arrays["contact"] = trajectory.contact.columns
     write(path, MOTION, trajectory.scene.robot, _header(trajectory), arrays)
 
 
@@ -68,7 +72,7 @@ def _header(trajectory: Trajectory) -> Header:
 
 def load(path: Path_) -> Trajectory:
     """Return a trajectory from a file; see `Trajectory.load`."""
-    return read(path, MOTION, _ARRAYS, _trajectory)
+    return read(path, MOTION, (*_ARRAYS, "contact"), _trajectory)
 
 
 def _trajectory(robot: Robot, header: Header, content: Content) -> Trajectory:
@@ -83,7 +87,13 @@ def _trajectory(robot: Robot, header: Header, content: Content) -> Trajectory:
     _check_arrays(content, robot, phases)
     made = _run(header["run"])
     _check_run(made, len(content["t"]))
-    return Trajectory(phases=phases, run=made, **{name: content[name] for name in _ARRAYS})
+    contact = None
+    if "contact" in content:
+        names = dict.fromkeys(n for phase in phases for n in candidates_of(phase.scene).names)
+        shape = (len(content["t"]), 2 + len(names))
+        contact = ContactRecord(tuple(names), finite("contact", content["contact"], shape))
+    arrays = {name: content[name] for name in _ARRAYS}
+    return Trajectory(phases=phases, run=made, contact=contact, **arrays)
 
 
 def _run(run: dict[str, Any]) -> Run:
@@ -124,9 +134,9 @@ def _count(phases: tuple[Phase, ...]) -> int:
             raise ValueError(f"samples {start} to {stop} of a phase do not follow {count}")
         columns = phase.columns
         if not all(type(column) is int and column >= 0 for column in columns) or not (
-            len(columns) == len(set(columns)) == phase.scene.rows
+            len(columns) == len(set(columns)) == len(row_names(phase.scene))
         ):
-            raise ValueError(f"columns {columns}: {phase.scene.rows} different ones are needed")
+            raise ValueError(f"columns {columns}: a different one for each row is needed")
         count = stop
     return count
 

@@ -46,6 +46,7 @@ class HybridPhase:
         self.recorder = Recorder(self.scene)
         self.plan.tau.begin(t, q, v)
         self.stepper = self._stepper_of(self.plan.dt)
+        self.system.look = self.stepper.sample
         if not self._samples_start:  # else the first step keeps it
             self._sample(t, q, v)
         return self.recorder

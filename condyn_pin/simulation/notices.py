@@ -134,11 +134,11 @@ def solver_notices(trajectory: Trajectory) -> list[str]:
     A run calls the hot loop, which proves nothing, and a drift scheme closes what a wrong a has
     opened: the constraints hold, and the motion is another one. So some samples are solved once
     more, with the proof that `solve` gives. Nothing is said of a run that broke down, nor of a
-    solver that answers another question.
+    solver that answers another question; nor of contacts that open, proved in every step.
     """
     run = trajectory.run
     rows = any(phase.scene.rows for phase in trajectory.phases)
-    if not (run.status.ok and run.solver.exact and rows):
+    if not (run.status.ok and run.solver.exact and rows) or trajectory.contact:
         return []
     by_default = run.solver == default_solver(trajectory.phases[-1].scene)
     worst, when = max(

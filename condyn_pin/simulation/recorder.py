@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.contact.modes import Modes
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.simulation.contact_columns import candidates_of, row_names
 from condyn_pin.simulation.contact_record import ContactRecord, joined
@@ -17,11 +16,8 @@ from condyn_pin.simulation.contact_record import ContactRecord, joined
 # more than its numbers.
 BLOCK = 4096
 
-# t, q, v, a, lam, tau; where contacts open and slide, their modes, natural residual and work too
-Row = (
-    tuple[float, Array, Array, Array, Array, Array]
-    | tuple[float, Array, Array, Array, Array, Array, Modes, float, float]
-)
+# t, q, v, a, lam, tau, and of contacts that open and slide a row of their `ContactRecord`
+Row = tuple[float, Array, Array, Array, Array, Array, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,15 +101,15 @@ def merge(
     places = {name: i for i, name in enumerate(dict.fromkeys(n for each in names for n in each))}
     phases, parts, touches, start = [], [], [], 0
     for recorder, its in zip(recorders, names, strict=True):
-        t, q, v, a, lam, tau, *touch = recorder.columns()
+        t, q, v, a, lam, tau, touch = recorder.columns()
         columns = tuple(places[name] for name in its)
         everything = np.zeros((recorder.count, len(places)))
         everything[:, list(columns)] = lam
         phases.append(Phase(recorder.scene, slice(start, start + recorder.count), columns))
         parts.append((t, q, v, a, everything, tau))
-        touches += [tuple(touch)] if touch else []
+        touches.append(touch)
         start += recorder.count
     contact = None
-    if touches:
+    if touches[0].shape[1]:
         contact = joined([candidates_of(phase.scene).names for phase in phases], touches)
     return tuple(phases), tuple(np.concatenate(p) for p in zip(*parts, strict=True)), contact

@@ -167,14 +167,15 @@ def follow(
     with np.errstate(all="ignore"):  # what overflows is found by the next solve
         simulator = HybridSimulator(plan, q, v, phase)
         status, reason = _run(simulator, progress)
-    phases, columns, contact = merge(simulator.recorders)
+    phases, (t, positions, velocities, a, lam, torques), contact = merge(simulator.recorders)
     run = Run(
         duration=plan.duration, dt=plan.dt, integrator=plan.integrator, drift=plan.drift,
         solver=simulator.phase.solver, effects=plan.effects, status=status, reason=reason,
         happened=tuple(simulator.happened), missed=simulator.missed(),
         differenced=plan.tau.differenced, wall_time=perf_counter() - begun,
     )  # fmt: skip
-    return Trajectory(phases, *columns, run, contact), simulator.phase
+    motion = Trajectory(phases, t, positions, velocities, a, lam, torques, run, contact)
+    return motion, simulator.phase
 
 
 def _run(

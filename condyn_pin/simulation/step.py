@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 from time import perf_counter
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -164,7 +164,7 @@ class _Memory:
             q=q1, v=v1, lam=lam, gaps=dict(zip(candidates.names, gaps.tolist(), strict=False)),
             modes=dict(zip(candidates.names, modes, strict=True)), contact=contact,
             dynamics_error=dynamics, constraint_error=slip, violation=violation,
-            penetration=float(max(-gaps.min(initial=0.0), 0.0)), energy_lost=-work,
+            penetration=float(np.maximum(-gaps, 0.0).max(initial=0.0)), energy_lost=0.0 - work,
             dt=self._dt, scene=self._scene,
         )  # fmt: skip
 

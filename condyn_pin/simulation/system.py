@@ -36,6 +36,9 @@ if TYPE_CHECKING:
 # A step of an integrator: (t, q, v) -> (q, v, a)
 Step = Callable[[float, Array, Array], tuple[Array, Array, Array]]
 
+# What there is to keep of contacts where none may open.
+NO_TOUCH: Final = np.zeros(0)
+
 # No last answer: t, q, v and a.
 _NOTHING: Final[tuple[float, Array | None, Array | None, Array]] = (0.0, None, None, np.zeros(0))
 
@@ -59,6 +62,8 @@ class System:
         What may touch; the workspace and its scene know nothing of them.
     contact_work : float
         Work of the contacts since the start of the run [J].
+    look : callable
+        (t, q, v) -> a sample of the state, by a step where contacts open and slide.
     """
 
     def __init__(
@@ -78,6 +83,7 @@ class System:
         self.torque = total_torque(self.applied, self.passive)
         self.integrate: Callable[[Array, Array], Array] = partial(pin.integrate, self.model)
         self.contacts, self.contact_work = Candidates(self.model, contacts), 0.0
+        self.look: Callable[[float, Array, Array], Row] = self.sample
         self._last = _NOTHING
         self._implicit: tuple[System, float] = (self, 0.0)  # the last one, and its dt
 
@@ -141,10 +147,10 @@ class System:
         """Return t, q, v, a, lam and the torques applied; a step from there finds a solved."""
         applied = self.applied
         if applied.constant is not None:
-            return t, q, v, self.acceleration(t, q, v), self.lam(), applied.constant
+            return t, q, v, self.acceleration(t, q, v), self.lam(), applied.constant, NO_TOUCH
         applied.forget()
         a = self.acceleration(t, q, v)
-        return t, q, v, a, self.lam(), applied.first(t, q, v)
+        return t, q, v, a, self.lam(), applied.first(t, q, v), NO_TOUCH
 
     def slope(self, t: float, q0: Array, theta: Array, v: Array) -> tuple[Array, Array]:
         """Return theta' and v' (nv,) at q = integrate(q0, theta), the coordinates of a step."""
@@ -263,6 +269,6 @@ class CorrectedStepper:
         if self._correct:
             q, v = self._correct(t + self._dt, q, v)
         if keep and lam is not None:
-            row = (t1, q, v, a, lam, self._system.applied.at_sample(t1, q, v))
-            keep((*row, *self._touch()) if self._touch else row)
+            touch = self._touch() if self._touch else NO_TOUCH
+            keep((t1, q, v, a, lam, self._system.applied.at_sample(t1, q, v), touch))
         return q, v

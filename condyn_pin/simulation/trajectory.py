@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.renamed import renamed
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.simulation.contact_columns import contact_rows, gaps_at, row_names
+from condyn_pin.simulation.contact_columns import candidates_of, contact_rows, gaps_at, row_names
 from condyn_pin.simulation.contact_record import ContactRecord
 from condyn_pin.simulation.measures import Energy, Kinematics, gauge_of, work
 from condyn_pin.simulation.notices import notices_of
@@ -99,7 +99,7 @@ class Trajectory:
                     force = np.array([bound.whole(row) for row in force])
                 parts.setdefault(bound.name, []).append((phase.samples, force))
             rows = list(phase.columns[phase.scene.rows :])
-            for name, its in contact_rows(phase.scene).items():
+            for name, its in contact_rows(candidates_of(phase.scene)).items():
                 force = self.lam[phase.samples][:, rows[its]]
                 parts.setdefault(name, []).append((phase.samples, force))
         return {name: self._joined(each) for name, each in parts.items()}

@@ -66,6 +66,13 @@ class MinimumNorm:
         z = ((U.T @ s).T / S).T - self.V.T @ y
         return dtrtrs(self.L.T, y + self.V @ z)[0], U @ (z.T / S).T
 
+    def closing(self, c: Array) -> Array:
+        """Return the least move (nv,) in the metric of M that takes c (m,) back: J dq = -c."""
+        from scipy.linalg.lapack import dtrtrs
+
+        along = c.dot(self.U[:, : self.rank]) / -self.S[: self.rank]
+        return np.asarray(dtrtrs(self.L.T, self.V.dot(along))[0])
+
     def moved(self, s: Array) -> Array:
         """Return how far a (nv,) moves where J a is off by about s (m,), each row by itself."""
         from scipy.linalg.lapack import dtrtrs

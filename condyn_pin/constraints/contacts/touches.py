@@ -65,7 +65,8 @@ class Touches:
         """Return the rows t1, t2, n of each feeler (3 k, nv); reads data.oMi and data.J."""
         centres, axes, _ = self._world(data)
         points = centres - self._radius * axes[:, 2::3]
-        return relative_rows(points, axes, data.J, self._moves)
+        J = data.J.reshape(6, -1)  # a single column comes as a vector
+        return relative_rows(points, axes, J, self._moves)
 
     def _gaps(self, centres: Array, normals: Array, origins: Array) -> Array:
         above = (centres - origins) * normals

@@ -15,7 +15,15 @@ from condyn_pin._core.linalg.range_space import whiten
 from condyn_pin._core.parameters import Grid
 from condyn_pin._core.quietly import quietly
 from condyn_pin.constraints.loads import frame_jacobian
-from condyn_pin.dynamics.soft_law import Solimp, Solref, checked_law, impedance, reference
+from condyn_pin.dynamics.softness import (
+    DEFAULT_SOLIMP,
+    DEFAULT_SOLREF,
+    SolImp,
+    SolRef,
+    check_softness,
+    impedance,
+    reference,
+)
 from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver, free_force
 from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.io.mjcf_write import drawn
@@ -81,12 +89,13 @@ class Soft(Solver):
     exact: ClassVar[bool] = False
     sweeps: ClassVar[tuple[Grid, ...]] = ({"solimp": _STIFFER},)
 
-    solref: Solref = (0.02, 1.0)  # [s, 1], or [1/s^2, 1/s]
-    solimp: Solimp = (0.9, 0.95, 0.001, 0.5, 2.0)
+    solref: SolRef = DEFAULT_SOLREF  # [s, 1], or [1/s^2, 1/s]
+    solimp: SolImp = DEFAULT_SOLIMP
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        solref, solimp = checked_law(self.solref, self.solimp)
+        solref, solimp = check_softness(self.solref, self.solimp)
+        # lists are welcome; a frozen value is hashed
         object.__setattr__(self, "solref", solref)
         object.__setattr__(self, "solimp", solimp)
 
@@ -119,7 +128,7 @@ class Soft(Solver):
                 gaps = np.sqrt(np.add.reduceat(c * c, starts))
                 d = np.repeat(self.impedance(gaps), sizes)
                 G[rows, rows] += (1 - d) / d * w
-                a_ref = reference(self.solref, self.solimp, c, terms.J @ v, d)
+                a_ref = reference(c, terms.J @ v, d, self.solref, self.solimp)
                 missing = a_ref - terms.gamma - W.T @ z
                 _, latest[:], info = dposv(G, missing)
                 if info:
@@ -131,7 +140,7 @@ class Soft(Solver):
 
     def impedance(self, gap: Array) -> Array:
         """Return the impedance d at each `gap` >= 0 (m,) [m, rad]."""
-        return impedance(self.solimp, gap)
+        return impedance(gap, self.solimp)
 
 
 def inverse_inertias(workspace: Workspace) -> Array:

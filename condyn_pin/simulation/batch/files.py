@@ -51,7 +51,7 @@ def save(batch: BatchTrajectory, path: Path_) -> None:
     }
     arrays = {name: getattr(batch, name) for name in ENDS}
     if batch.samples:
-        arrays |= {f"samples_{name}": array for name, array in vars(batch.samples).items()}
+        arrays |= {f"samples_{name}": array for name, array in batch.samples.arrays.items()}
     write(path, MOTIONS, batch.scene.robot, header, arrays)
 
 
@@ -120,7 +120,7 @@ def _check_samples(batch: BatchTrajectory, samples: Samples) -> None:
         raise ValueError("samples_t goes back, or has a gap")
     if not counts[batch.statuses == 0].all():
         raise ValueError("samples_t has no sample of a motion that went to its end")
-    for name, array in vars(samples).items():
+    for name, array in samples.arrays.items():
         if not np.isfinite(array[kept]).all():
             raise ValueError(f"samples_{name}: a sample is not finite")
     for name in ("t", "q", "v"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import nan
 from time import perf_counter
 from typing import Final
@@ -16,6 +16,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.parallel.memory import Arrays
 from condyn_pin._core.parallel.transports import Messages
 from condyn_pin.constraints.applied_force import AppliedForce
+from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import Solver
@@ -23,6 +24,7 @@ from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import NotAssembled, SolveFailed, StepFailed
 from condyn_pin.simulation.batch.inputs import RowForces
 from condyn_pin.simulation.batch.trajectory import RUN_STATUSES, samples_in
+from condyn_pin.simulation.fit import check_penetration
 from condyn_pin.simulation.hybrid_phase import HybridPhase
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.outcome import RunStatus
@@ -53,6 +55,7 @@ class Motions:
     solver: Solver | None
     every: int = 1
     forces: RowForces = field(default_factory=RowForces)
+    contacts: tuple[Contact, ...] = ()  # of the scene: workspaces hold none
 
     def plan(self, scene: Scene) -> Plan:
         """Return the plan of the first of them."""
@@ -88,7 +91,10 @@ class _Runner:
 
     def __init__(self, motions: Motions, workspace: Workspace) -> None:
         self.motions, self.workspace = motions, workspace
-        self._plan = motions.plan(workspace.scene)
+        self._scene = workspace.scene
+        if motions.contacts:
+            self._scene = replace(workspace.scene, contacts=motions.contacts)
+        self._plan = motions.plan(self._scene)
         self._phase: HybridPhase | None = None
 
     def fits(self, motions: Motions, workspace: Workspace) -> bool:
@@ -103,6 +109,7 @@ class _Runner:
         self._plan.tau.hold(None if self.motions.function else tau, forces)
         phase, self._phase = self._phase, None  # one that cannot begin leaves none
         state = _start(self.workspace, q, v)
+        check_penetration(self._scene, state[0], self._plan.integrator)
         trajectory, phase = follow(self._plan, *state, phase=phase)
         uninterrupted(trajectory)
         self._phase = phase
@@ -132,8 +139,9 @@ def _put(outputs: Arrays, i: int, found: Trajectory) -> None:
     for name, value in ends.items():
         outputs[name][i] = value
     if samples := samples_in(outputs):
-        for name, kept in vars(samples).items():
-            kept[i, : len(found)] = getattr(found, name)
+        for name, kept in samples.arrays.items():
+            its = getattr(found, name)
+            kept[i, : len(found)] = its.columns if name == "contact" else its
             kept[i, len(found) :] = nan
 
 

@@ -109,9 +109,9 @@ def simulate_batch(
     given: ArrayLike = 0.0 if function is not None else TAU  # type: ignore[assignment]
     q, v, tau = check_states(scene.robot.model, Q0, V0, given, suffix="0")
     _, of_rows, more = split(scene.robot, forces, len(q), functions=True)
-    motions = replace(motions, every=every, forces=of_rows)
+    motions = replace(motions, every=every, forces=of_rows, contacts=tuple(scene.contacts))
     most = max(1, int(_SOLVES / planned.steps / max(planned.integrator.solves_per_step, 1)))
-    rows = Rows(motions, Recipe(scene, solver), executor, chunk, most, progress)
+    rows = Rows(motions, Recipe(scene.bilateral, solver), executor, chunk, most, progress)
     kinds = kinds_of(scene, 0 if record is None else len(range(0, planned.steps, every)) + 1)
     inputs = {"q0": q, "v0": v, "tau0": tau} | more
     return rows.fill(len(q), inputs, kinds, partial(_batch, planned, begun))
@@ -119,7 +119,7 @@ def simulate_batch(
 
 def _batch(planned: Plan, begun: float, outputs: Arrays) -> BatchTrajectory:
     """Return the outputs as a value."""
-    solver = default_solver(planned.scene) if planned.solver is None else planned.solver
+    solver = default_solver(planned.scene.bilateral) if planned.solver is None else planned.solver
     return BatchTrajectory(
         planned.scene, planned.integrator, planned.drift, solver, planned.duration, planned.dt,
         planned.steps, **{name: outputs[name] for name in ENDS}, reasons=outputs["words"],

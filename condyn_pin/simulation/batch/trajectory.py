@@ -20,6 +20,8 @@ from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.errors import NotRecorded, WorkersLost
+from condyn_pin.simulation.contact_columns import candidates_of, row_names
+from condyn_pin.simulation.contact_record import ContactRecord
 from condyn_pin.simulation.fit import anchored
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.outcome import Run, RunStatus
@@ -50,6 +52,8 @@ class Samples:
     tau : (N, k, nv) array
         Torques applied, those of forces from outside with them, without springs and damping
         [N, N m].
+    contact : (N, k, 2 + candidates) array or None
+        `ContactRecord.columns` of each motion, where contacts may open.
     """
 
     t: Array
@@ -58,10 +62,16 @@ class Samples:
     a: Array
     lam: Array
     tau: Array
+    contact: Array | None = None
+
+    @property
+    def arrays(self) -> dict[str, Array]:
+        """Those that there are, by name."""
+        return {name: array for name, array in vars(self).items() if array is not None}
 
     def of(self, motions: Some) -> Samples:
         """Return those of some motions."""
-        return Samples(*(read_only(array[motions]) for array in vars(self).values()))
+        return Samples(**{name: read_only(x[motions]) for name, x in self.arrays.items()})
 
 
 SAMPLED: Final = tuple(field.name for field in fields(Samples))
@@ -69,18 +79,26 @@ SAMPLED: Final = tuple(field.name for field in fields(Samples))
 
 def kinds_of(scene: Scene, kept: int) -> dict[str, Kind]:
     """Return what a row of each array of a batch is, with so many samples of each motion."""
-    robot = scene.robot
-    widths: dict[str, tuple[int, ...]] = {"t": (), "q": (robot.nq,), "lam": (scene.rows,)}
+    robot, rows = scene.robot, len(row_names(scene))
+    widths: dict[str, tuple[int, ...]] = {
+        "t": (),
+        "q": (robot.nq,),
+        "lam": (rows,),
+    }
     widths |= dict.fromkeys(("v", "a", "tau"), (robot.nv,))
     ends = {name: Kind(widths.get(name, ())) for name in ENDS} | {"statuses": Kind((), "i1")}
-    samples = {f"samples_{name}": Kind((kept, *widths[name])) for name in SAMPLED}
+    if scene.contacts:
+        widths["contact"] = (2 + len(candidates_of(scene).names),)
+    sampled = [name for name in SAMPLED if name in widths]
+    samples = {f"samples_{name}": Kind((kept, *widths[name])) for name in sampled}
     return ends | samples if kept else ends
 
 
 def samples_in(arrays: Arrays) -> Samples | None:
     """Return the samples among the arrays of a batch."""
-    found = [arrays[f"samples_{name}"] for name in SAMPLED if f"samples_{name}" in arrays]
-    return Samples(*found) if found else None
+    keys = {name: f"samples_{name}" for name in SAMPLED}
+    found = {name: arrays[key] for name, key in keys.items() if key in arrays}
+    return Samples(**found) if found else None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -181,7 +199,7 @@ class BatchTrajectory(Outcome, Batch[Trajectory]):
             raise NotRecorded(
                 f"motion {i}: no samples were kept; simulate_batch(..., record=1) keeps them all"
             )
-        columns = {name: array[i] for name, array in vars(self.samples).items()}
+        columns = {name: array[i] for name, array in self.samples.arrays.items()}
         kept = np.count_nonzero(np.isfinite(columns["t"]))
         if not kept:
             raise NotRecorded(f"motion {i} could not begin: {self.reasons[i]}")
@@ -192,8 +210,11 @@ class BatchTrajectory(Outcome, Batch[Trajectory]):
             solver=self.solver, status=RUN_STATUSES[self.statuses[i]], reason=self.reasons[i],
             wall_time=float(self.run_times[i]),
         )  # fmt: skip
-        phase = Phase(scene, slice(0, int(kept)), tuple(range(scene.rows)))
-        return Trajectory((phase,), run=run, **samples)
+        phase = Phase(scene, slice(0, int(kept)), tuple(range(samples["lam"].shape[1])))
+        touches, contact = samples.pop("contact", None), None
+        if touches is not None:
+            contact = ContactRecord(candidates_of(scene).names, touches)
+        return Trajectory((phase,), run=run, contact=contact, **samples)
 
     def __repr__(self) -> str:
         return f"BatchTrajectory({self.scene.robot.name}, {len(self)} motions: {self._counted()})"

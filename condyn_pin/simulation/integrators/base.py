@@ -38,7 +38,6 @@ from typing import ClassVar, Literal, NamedTuple
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.registry import enter
-from condyn_pin.simulation.contact_record import Touch
 from condyn_pin.simulation.recorder import Row
 from condyn_pin.simulation.system import Step, System
 
@@ -60,7 +59,7 @@ class Stepper:
     step: Step
     lam: Callable[[], Array] | None = None  # where a belongs to the end of the step
     system: System | None = None  # whose solve a step begins with, if not that it was started with
-    touch: Callable[[], Touch] | None = None  # of contacts that open and slide, beside lam
+    touch: Callable[[], Array] | None = None  # of contacts that open and slide, beside lam
     sample: Callable[[float, Array, Array], Row] | None = None  # a state, if not by a solve
 
 

@@ -70,8 +70,21 @@ class Near(NamedTuple):
     @property
     def depth(self) -> Array:
         """Gap of the contact of each row, zero of dry friction (m,) [m, rad]."""
-        dry = 1 + int(self.blocks.max(initial=-1)) - len(self.gaps)
-        return np.concatenate((self.gaps, np.zeros(dry)))[self.blocks]
+        return self._by_row(self.gaps, np.zeros(len(self.free)))
+
+    @property
+    def stiffness(self) -> Array:
+        """G_nn of the contact of each row, its own entry of dry friction (m,) [1/kg]."""
+        diagonal = self.G.diagonal()
+        return self._by_row(diagonal[self.normals], diagonal)
+
+    def _by_row(self, of_contacts: Array, of_dry: Array) -> Array:
+        """Return numbers of contacts and stops, and for dry friction those of its rows."""
+        k = len(self.gaps)
+        values = of_dry.copy()
+        rows = self.blocks < k
+        values[rows] = of_contacts[self.blocks[rows]]
+        return values
 
 
 @dataclass(frozen=True)

@@ -30,14 +30,14 @@ from condyn_pin.contact.solvers.base import Attempt
 from condyn_pin.errors import StepFailed
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.model.soundness import singular_mass
-from condyn_pin.simulation.contact_record import Touch
+from condyn_pin.simulation.contact_record import touch_of
 from condyn_pin.simulation.integrators.base import Stepper
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
 from condyn_pin.simulation.recorder import Row
 from condyn_pin.simulation.system import System, total_torque
 
-# Newton's steps that close loops behind a step: one leaves dt |v| of a gap.
-_CLOSINGS = 4
+# Newton's steps that close loops behind a step, at most: the first leaves dt |v| of a gap.
+_CLOSINGS = 5
 
 
 class Chosen:
@@ -175,9 +175,9 @@ class ContactSteps:
         impulses[rows:][posed.chosen.rows] = found
         return impulses
 
-    def touch(self) -> Touch:
+    def touch(self) -> Array:
         """Return what else there is to keep of the contacts of the last step."""
-        return self.modes(), self.last.natural, self._system.contact_work
+        return touch_of(self.last.natural, self._system.contact_work, self.modes())
 
     def modes(self) -> Modes:
         """Return the modes of all candidates in the last step."""
@@ -192,7 +192,7 @@ class ContactSteps:
         system, work = self._system, self._system.contact_work
         _, _, a = self.step(t, q, v)
         system.contact_work = work
-        return t, q, v, a, self.lam(), system.applied.at_sample(t, q, v), *self.touch()
+        return t, q, v, a, self.lam(), system.applied.at_sample(t, q, v), self.touch()
 
     def _choose(self, near: NDArray[np.bool_]) -> Chosen:
         """Return the candidates that take part; most often they are those of the step before."""
@@ -213,20 +213,23 @@ class ContactSteps:
         return M
 
     def _closed(self, now: Condensed, q: Array) -> Array:
-        """Return q with loops closed, by the factors of the step."""
+        """Return q with loops closed: by the factors of the step, then by those of where it is."""
         if not now.factors.rank:
             return q
-        best, gap = q, inf
-        for _ in range(_CLOSINGS + 1):
-            c = self._equations.violation(q)
+        best, gap, closing = q, inf, now.factors.closing
+        for _ in range(_CLOSINGS):
+            c, J_b = self._equations.position_level(q)
             before, gap = gap, float(np.abs(c).max())
             if not gap < before:  # rounding, or out of reach
                 return best
             best = q
             if gap <= tolerances.CLOSED:
                 return q
-            q = self._system.integrate(q, now.closing(c))
-        return best
+            if before < inf:
+                M = self._with_inertia(self._system.mass(q), q)
+                closing = factorise(M, J_b, tolerances.RANK).at_most(self._rank).closing
+            q = self._system.integrate(q, closing(c))
+        return q
 
 
 def contact_stepper(scheme: ContactScheme, system: System, dt: float) -> Stepper:

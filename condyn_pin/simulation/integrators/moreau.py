@@ -14,6 +14,9 @@ from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
 from condyn_pin.simulation.integrators.contact_steps import contact_stepper
 from condyn_pin.simulation.system import System
 
+# What rests on a plane is above it by rounding in half of its steps [m, rad].
+_TOUCHING = 1e-9
+
 
 @dataclass(frozen=True)
 class Moreau(ContactScheme):
@@ -45,7 +48,7 @@ class Moreau(ContactScheme):
 
     def near(self, gaps: Array, v: Array, dt: float) -> NDArray[np.bool_]:
         """Return which contacts touch in the middle of the step."""
-        return np.asarray(gaps <= 0)
+        return np.asarray(gaps <= _TOUCHING)
 
     def asked(self, near: Near) -> tuple[Array, Array | None]:
         """Return g (m,) [m/s]; nothing gives way."""

@@ -10,7 +10,15 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.problem import Law
-from condyn_pin.dynamics.soft_law import Solimp, Solref, checked_law, impedance, reference
+from condyn_pin.dynamics.softness import (
+    DEFAULT_SOLIMP,
+    DEFAULT_SOLREF,
+    SolImp,
+    SolRef,
+    check_softness,
+    impedance,
+    reference,
+)
 from condyn_pin.simulation.integrators.base import Stepper
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
 from condyn_pin.simulation.integrators.contact_steps import contact_stepper
@@ -21,11 +29,11 @@ from condyn_pin.simulation.system import System
 class SoftStep(ContactScheme):
     """A convex step with springs and dampers in the contacts, as MuJoCo takes it.
 
-    K* contains sigma = (G + R) lam + dt (J a_free - a_ref),    R = (1 - d) / d diag(G),
+    K* contains sigma = (G + R) lam + dt (J a_free - a_ref),    R = (1 - d) / d G_nn,
     a_ref = -b J v - k gap  along the normal,    -b J v  across it
 
     What rests sinks in a little, what sticks creeps, and what slides lifts off: the answer of
-    `Anitescu` that gives way. MuJoCo takes for diag(G) what it is at the first posture; here it is
+    `Anitescu` that gives way. MuJoCo takes for G_nn what it is at the first posture; here it is
     that of the step. J' v is left out, which MuJoCo does not use in contacts.
 
     Parameters
@@ -47,12 +55,12 @@ class SoftStep(ContactScheme):
     law: ClassVar[Law] = "ccp"
     gives_way: ClassVar[bool] = True
 
-    solref: Solref = (0.02, 1.0)  # [s, 1], or [1/s^2, 1/s]
-    solimp: Solimp = (0.9, 0.95, 0.001, 0.5, 2.0)
+    solref: SolRef = DEFAULT_SOLREF  # [s, 1], or [1/s^2, 1/s]
+    solimp: SolImp = DEFAULT_SOLIMP
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        solref, solimp = checked_law(self.solref, self.solimp)
+        solref, solimp = check_softness(self.solref, self.solimp)
         object.__setattr__(self, "solref", solref)
         object.__setattr__(self, "solimp", solimp)
 
@@ -64,9 +72,9 @@ class SoftStep(ContactScheme):
         """Return g (m,) [m/s] and R (m,) [1/kg]."""
         c = np.zeros_like(near.free)
         c[near.normals] = near.gaps
-        d = impedance(self.solimp, np.abs(near.depth))
-        a_ref = reference(self.solref, self.solimp, c, near.before, d)
-        R = (1 - d) / d * near.G.diagonal()
+        d = impedance(np.abs(near.depth), self.solimp)
+        a_ref = reference(c, near.before, d, self.solref, self.solimp)
+        R = (1 - d) / d * near.stiffness
         return near.free - near.before - near.dt * a_ref, R
 
     def start(self, system: System, dt: float) -> Stepper:

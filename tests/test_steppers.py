@@ -1,0 +1,338 @@
+"""Time stepping with contacts, against motions that are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import cos, pi, sin
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import condyn_pin as cp
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints import (
+    Ball,
+    FrictionalContact,
+    JointFriction,
+    JointLimit,
+    Plane,
+    Point,
+)
+from condyn_pin.contact import SemismoothNewton
+from condyn_pin.model import free_ball, free_box, painleve_rod
+from condyn_pin.simulation import Anitescu, Moreau, SoftStep, StewartTrinkle
+
+G = 9.81
+SCHEMES = (StewartTrinkle(), Moreau(), Anitescu(), SoftStep())
+HARD = SCHEMES[:3]
+EXACT = SemismoothNewton()
+FLOOR = Plane()
+
+
+def box_scene(friction: float, plane: Plane = FLOOR) -> cp.Scene:
+    """A box of 1 kg whose lower face is four points."""
+    box = free_box(mass=1.0, size=(0.2, 0.2, 0.1))
+    corners = [
+        FrictionalContact("box", offset=(x, y, -0.05), friction=friction, on=plane, name=f"{x}{y}")
+        for x in (-0.1, 0.1)
+        for y in (-0.1, 0.1)
+    ]
+    return cp.Scene(box, contacts=corners)
+
+
+def lying(slope: float) -> Array:
+    """The box with its lower face on a plane through the origin that rises along x."""
+    R = pin.utils.rotate("y", -slope)
+    return np.concatenate([R @ (0, 0, 0.05), pin.Quaternion(R).coeffs()])
+
+
+def sloped(slope: float, friction: float) -> cp.Scene:
+    return box_scene(friction, Plane(normal=(-sin(slope), 0, cos(slope))))
+
+
+def robot_scene(name: str, friction: float = 0.7, **options: object) -> cp.Scene:
+    robot = cp.load_robot(name, **options)
+    return cp.Scene(robot, robot.loops, contacts=robot.frictional_contacts(friction))
+
+
+def standing(scene: cp.Scene) -> tuple[Array, Array]:
+    """The first posture, its lowest contact on the ground."""
+    q, v = scene.state()
+    gaps = cp.step(scene, q, v, dt=1e-9).gaps.values()
+    return np.concatenate([q[:2], [q[2] - min(gaps)], q[3:]]), v
+
+
+@pytest.mark.parametrize("scheme", HARD)
+def test_a_box_slides_down_a_slope(scheme: cp.simulation.ContactScheme) -> None:
+    scene, dt = sloped(pi / 6, 0.3), 1e-3
+    q, v = lying(pi / 6), np.zeros(6)
+    for _ in range(3):
+        now = cp.step(scene, q, v, dt=dt, integrator=replace(scheme, contact=EXACT))
+        a = (now.v - v) / dt
+        q, v = now.q, now.v
+        if scheme.law == "ncp":
+            assert_allclose(a[:3], (-2.35629, 0, 0), atol=1e-5)
+            assert set(now.modes.values()) == {"slide"}
+
+
+@pytest.mark.parametrize("scheme", HARD)
+@pytest.mark.parametrize("friction", [0.57736, 0.8])
+def test_a_box_sticks_on_a_slope(scheme: cp.simulation.ContactScheme, friction: float) -> None:
+    now = cp.step(
+        sloped(pi / 6, friction), lying(pi / 6), np.zeros(6), dt=1e-3,
+        integrator=replace(scheme, contact=EXACT),
+    )  # fmt: skip
+    assert np.abs(now.v).max() < 1e-12
+    assert set(now.modes.values()) == {"stick"}
+
+
+def test_a_box_slides_on_a_level_floor_and_stops() -> None:
+    angle, dt = 0.3, 1e-3
+    v = np.array([cos(angle), sin(angle), 0, 0, 0, 0])
+    run = cp.simulate(box_scene(0.5), lying(0.0), v, duration=0.25, dt=dt)
+    moved = run.q[-1, :2]
+    assert_allclose(np.linalg.norm(moved), 0.101437, atol=2e-6)
+    assert_allclose(np.arctan2(moved[1], moved[0]), angle, atol=1e-6)
+    stops = run.t[np.linalg.norm(run.v[:, :2], axis=1) > 1e-9][-1]
+    assert_allclose(stops, 0.203874, atol=dt)
+    corner = next(iter(run.modes.values()))
+    assert corner[1] == "slide"
+    assert corner[-1] == "stick"
+    # friction takes all of it, and the balance has nothing left over but what a step is off by
+    assert_allclose(run.energy.contact[-1], -0.5, atol=1e-6)
+    assert np.abs(run.energy.error).max() < 1e-6
+
+
+def test_the_forces_of_four_corners_carry_the_box() -> None:
+    now = cp.step(box_scene(0.5), lying(0.0), np.zeros(6), (3.0, 0, 0, 0, 0, 0), dt=1e-2)
+    assert not now.contact.unique_forces  # rank 6 of 12: only what they do together is known
+    assert_allclose(sum(now.forces.values()), (-3, 0, G), atol=1e-5)
+    assert np.abs(now.v).max() < 1e-7
+    assert now.dynamics_error < 1e-15
+
+
+@pytest.mark.parametrize(("dt", "error"), [(1e-3, 1.3e-4), (1e-4, 2.4e-5)])
+def test_a_ball_rebounds(dt: float, error: float) -> None:
+    ball = free_ball(mass=1.0, radius=0.05)
+    scene = cp.Scene(
+        ball, contacts=[FrictionalContact("ball", Ball(0.05), friction=0.2, restitution=0.8)]
+    )
+    q = np.array([0, 0, 0.55, 0, 0, 0, 1.0])
+    run = cp.simulate(scene, q, np.zeros(6), duration=0.6, dt=dt, integrator=Moreau())
+    assert abs(run.q[-1, 2] - 0.05 - 0.316859) < error
+    assert_allclose(run.energy.contact[-1], -0.36 * G * 0.5, rtol=5 * dt)
+
+
+def test_a_ball_comes_to_rest() -> None:
+    ball = free_ball(mass=1.0, radius=0.05)
+    scene = cp.Scene(
+        ball, contacts=[FrictionalContact("ball", Ball(0.05), friction=0.2, restitution=0.8)]
+    )
+    q = np.array([0, 0, 0.55, 0, 0, 0, 1.0])
+    run = cp.simulate(scene, q, np.zeros(6), duration=3.0, dt=1e-3, integrator=Moreau())
+    heights = run.q[:, 2] - 0.05
+    peaks = [h for a, h, b in zip(heights, heights[1:], heights[2:], strict=False) if a < h >= b]
+    assert_allclose(peaks[:2], (0.32, 0.2048), rtol=0.01)
+    assert np.abs(run.v[run.t > 2.95]).max() < 0.02
+    assert abs(heights[-1]) < 1e-3
+
+
+def test_a_cradle_obeys_newtons_law_of_impact() -> None:
+    model = pin.Model()
+    for i in range(3):
+        joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), f"slide {i}")
+        model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.05), pin.SE3.Identity())
+        model.addFrame(pin.Frame(f"ball {i}", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    left_half = Plane(normal=(-1, 0, 0), height=0.05)
+    contacts = [
+        FrictionalContact(
+            f"ball {i}", Ball(0.05), on=f"ball {i + 1}", on_shape=left_half, friction=0.0,
+            restitution=1.0, name=f"hit {i}",
+        )
+        for i in range(2)
+    ]  # fmt: skip
+    scene = cp.Scene(cp.Robot("cradle", model), contacts=contacts)
+    now = cp.step(scene, (0, 0.1, 0.2), (1.0, 0, 0), dt=1e-9, integrator=Moreau(contact=EXACT))
+    assert_allclose(now.v, (-1 / 3, 2 / 3, 2 / 3), atol=1e-12)
+    assert abs(now.energy_lost) < 1e-12
+
+
+def test_painleves_rod_is_stopped_by_an_impulse() -> None:
+    rod = painleve_rod()
+    scene = cp.Scene(rod, contacts=[FrictionalContact("tip", Point(), friction=1.5)])
+    q = rod.postures["paradox"]
+    for dt, expected in ((1e-3, (0.4029, 0.3083)), (1e-5, (0.4000, 0.3001))):
+        now = cp.step(scene, q, (-1.0, 0, 0), dt=dt)
+        t1, _, n = now.impulses["tip"]
+        assert_allclose((t1, n), expected, atol=2e-4)
+        assert now.modes == {"tip": "stick"}
+        assert now.status.ok
+
+
+def test_anitescus_relaxation_hops() -> None:
+    v = np.array([1.0, 0, 0, 0, 0, 0])
+    scene, q = box_scene(0.5), lying(0.0)
+    now = cp.step(scene, q, v, dt=1e-2, integrator=Anitescu(contact=EXACT))
+    assert_allclose(now.v[[0, 2]], (0.76076, 0.38038), atol=2e-5)
+    assert_allclose(now.contact.residuals.uplift * now.contact.problem.scale[1], 0.38038, atol=2e-5)
+    for dt in (1e-3, 1e-4):
+        run = cp.simulate(scene, q, v, duration=0.08, dt=dt, integrator=Anitescu())
+        assert 7e-3 < min(gap.max() for gap in run.gaps.values()) < 9.5e-3
+
+
+def test_solo12_stands_on_its_four_feet() -> None:
+    scene = robot_scene("solo12")
+    q, v = standing(scene)
+    closed = cp.Scene(scene.robot, scene.robot.contacts)
+    tau = cp.inverse_dynamics(closed, q, v, np.zeros_like(v)).tau
+    now = cp.step(scene, q, v, tau, dt=1e-3)
+    up = [force[2] for force in now.forces.values()]
+    assert_allclose(np.sum(up), 4 * 6.131, atol=2e-3)
+    assert set(now.modes.values()) == {"stick"}
+    assert now.penetration < 1e-9
+
+
+@pytest.mark.parametrize("scheme", HARD)
+def test_cassie_falls_with_its_loops_closed(scheme: cp.simulation.ContactScheme) -> None:
+    scene = robot_scene("cassie", variant={"feet": "points"})
+    q, v = standing(scene)
+    run = cp.simulate(scene, q, v, duration=0.1, dt=1e-3, integrator=scheme)
+    assert run.status.ok, run.reason
+    assert run.violation.max() < 1e-5
+    assert run.contact is not None
+    assert run.contact.natural.max() <= 1e-8
+
+
+def test_a_step_holds_loops_to_rounding() -> None:
+    scene = robot_scene("cassie", variant={"feet": "points"})
+    q, v = standing(scene)
+    now = cp.step(scene, q, v, dt=1e-3)
+    speed = float(np.abs(now.v).max())
+    assert now.constraint_error < 1e-15 * max(speed, 1.0)
+    assert now.dynamics_error < 1e-14
+    assert now.violation < 1e-9
+
+
+def test_a_stop_and_dry_friction_hold_a_joint() -> None:
+    arm = cp.model.pendulum()
+    joint = arm.joints[0]
+    model = pin.Model(arm.model)
+    model.lowerPositionLimit[:], model.upperPositionLimit[:] = -0.5, 0.5
+    arm = replace(arm, model=model)
+    stops = cp.Scene(arm, contacts=[JointLimit(joint)])
+    q, v = np.array([0.5]), np.array([1.0])
+    exact = StewartTrinkle(contact=EXACT)
+    now = cp.step(stops, q, v, dt=1e-3, integrator=exact)
+    assert abs(now.v[0]) < 1e-12
+    dry = cp.Scene(arm, contacts=[JointFriction(joint, torque=100.0)])
+    now = cp.step(dry, np.array([0.3]), np.zeros(1), dt=1e-3, integrator=exact)
+    assert abs(now.v[0]) < 1e-12
+    assert list(now.modes.values()) == ["stick"]
+    weak = cp.Scene(arm, contacts=[JointFriction(joint, torque=1e-3)])
+    now = cp.step(weak, np.array([0.3]), np.zeros(1), dt=1e-3)
+    assert_allclose(abs(now.forces[now.contact.problem.names[0]]), 1e-3)
+    assert list(now.modes.values()) == ["slide"]
+
+
+def test_a_soft_contact_sinks_in_and_rests() -> None:
+    run = cp.simulate(
+        box_scene(0.5), lying(0.0), np.zeros(6), duration=0.5, dt=1e-3, integrator=SoftStep()
+    )
+    assert run.status.ok, run.reason
+    assert np.abs(run.v[-1]).max() < 1e-6
+    depth = -min(gap[-1] for gap in run.gaps.values())
+    assert 1e-6 < depth < 1e-3
+    assert_allclose(sum(force[-1, 2] for force in run.forces.values()), G, rtol=1e-6)
+
+
+def test_an_integrator_that_cannot_let_go_is_refused() -> None:
+    with pytest.raises(cp.errors.UnsupportedConstraint, match="StewartTrinkle"):
+        cp.simulate(
+            box_scene(0.5), lying(0.0), np.zeros(6), duration=0.1, integrator=cp.RungeKutta4()
+        )
+    with pytest.raises(cp.InvalidArgument, match="a scheme with contacts"):
+        cp.step(box_scene(0.5), lying(0.0), np.zeros(6), dt=1e-3, integrator=cp.RungeKutta4())
+
+
+@pytest.mark.parametrize("scheme", [StewartTrinkle(), Anitescu(), SoftStep()])
+def test_restitution_is_refused_where_nothing_rebounds(
+    scheme: cp.simulation.ContactScheme,
+) -> None:
+    scene = cp.Scene(
+        free_ball(), contacts=[FrictionalContact("ball", Ball(0.05), friction=0, restitution=0.5)]
+    )
+    with pytest.raises(cp.InvalidArgument, match=r"restitution = 0.5.*Moreau"):
+        cp.simulate(scene, scene.state()[0], np.zeros(6), duration=0.1, integrator=scheme)
+
+
+def test_a_start_that_penetrates_is_refused() -> None:
+    q = lying(0.0)
+    q[2] -= 2e-3
+    with pytest.raises(cp.NotAssembled, match=r"penetrates by 0\.002"):
+        cp.simulate(box_scene(0.5), q, np.zeros(6), duration=0.1)
+    run = cp.simulate(box_scene(0.5), q, np.zeros(6), duration=0.05, close_start=False)
+    assert run.status.ok
+    assert min(gap[-1] for gap in run.gaps.values()) > -1e-6
+
+
+def thrown() -> tuple[cp.Scene, Array, Array]:
+    q = lying(0.2)
+    q[2] += 0.02
+    return box_scene(0.5), q, np.array([0.5, 0.2, 0, 0, 1.0, 0])
+
+
+def test_a_file_keeps_contacts(tmp_path: Path) -> None:
+    scene, q, v = thrown()
+    run = cp.simulate(scene, q, v, duration=0.2, integrator=StewartTrinkle(contact=EXACT))
+    run.save(tmp_path / "run.npz")
+    read = cp.Trajectory.load(tmp_path / "run.npz")
+    assert read.run.integrator == run.run.integrator
+    assert read.row_names == run.row_names
+    for name, force in run.forces.items():
+        assert np.array_equal(read.forces[name], force)
+        assert (read.modes[name] == run.modes[name]).all()
+    assert np.array_equal(read.energy.contact, run.energy.contact)
+    read.to_csv(tmp_path / "run.csv")
+    assert "contact [J]" in (tmp_path / "run.csv").read_text().partition("\n")[0]
+
+
+def test_a_batch_is_what_simulate_returns_to_the_bit() -> None:
+    scene, q, v = thrown()
+    both = cp.simulate_batch(scene, [q, q], [v, 0 * v], duration=0.1, record=1)
+    for i, start in enumerate((v, 0 * v)):
+        alone = cp.simulate(scene, q, start, duration=0.1)
+        assert np.array_equal(both[i].q, alone.q)
+        assert np.array_equal(both[i].lam, alone.lam)
+        assert np.array_equal(both[i].energy.contact, alone.energy.contact)
+        assert both[i].row_names == alone.row_names
+
+
+def test_an_event_sees_gaps_and_modes() -> None:
+    scene, q, v = thrown()
+    name = "0.10.1"
+    touches = cp.Event(name="touches", when=lambda moment: moment.gaps[name] - 1e-3)
+    run = cp.simulate(scene, q, v, duration=0.3, events=[touches])
+    assert run.status.name == "ENDED"
+    assert abs(run.gaps[name][-1] - 1e-3) < 1e-9
+    pressed = cp.Event(
+        name="pressed", when=lambda m: float(m.modes[name] == "open" and m.forces[name][2] == 0)
+    )
+    free = cp.simulate(scene, q, v, duration=0.3)
+    run = cp.simulate(scene, q, v, duration=0.3, events=[pressed])
+    assert run.status.name == "ENDED"
+    first = free.t[free.modes[name] != "open"][0]
+    assert abs(run.t[-1] - first) <= 1.001e-3
+
+
+def test_work_of_contacts_counts_the_steps_between_samples() -> None:
+    scene, q, v = thrown()
+    every = cp.simulate(scene, q, v, duration=0.2)
+    tenth = cp.simulate(scene, q, v, duration=0.2, record=10)
+    assert_allclose(tenth.energy.contact[-1], every.energy.contact[-1], rtol=1e-12)
+    never = cp.Event(name="never", when=lambda moment: moment.q[2] + 1.0)
+    half = cp.Event(name="half", at=0.1005, scene=scene)
+    watched = cp.simulate(scene, q, v, duration=0.2, events=[never, half])
+    assert_allclose(watched.energy.contact[-1], every.energy.contact[-1], rtol=1e-12)
