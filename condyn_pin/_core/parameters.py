@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import ast
 import inspect
-from typing import Any, Final
+from collections.abc import Callable, Mapping
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -113,8 +114,32 @@ def check_called(name: str, function: object, words: str) -> None:
         ) from error
 
 
-def read_call(text: str) -> tuple[str, dict[str, Any]]:
-    """Return the name and the parameters in ``Name(parameter=value)``, or a bare name.
+class Call(NamedTuple):
+    """A value as its repr has it: a name, and parameters, which may be such values themselves."""
+
+    name: str
+    parameters: dict[str, Any]
+
+    def made(self, kinds: Mapping[str, Callable[..., Any]]) -> Any:
+        """Return the value, of classes by their names in small letters.
+
+        Raises
+        ------
+        KeyError
+            If there is no class of a name.
+        """
+        return kinds[self.name.lower()](**self.parameters_made(kinds))
+
+    def parameters_made(self, kinds: Mapping[str, Callable[..., Any]]) -> dict[str, Any]:
+        """Return the parameters, those that are values themselves made."""
+        given = self.parameters.items()
+        return {key: x.made(kinds) if isinstance(x, Call) else x for key, x in given}
+
+
+def read_call(text: str) -> Call:
+    """Return what is in ``Name(parameter=value)``, or in a bare name.
+
+    A value is plain, or again a call: ``Moreau(contact=ADMM(tolerance=1e-06))``.
 
     Raises
     ------
@@ -124,11 +149,19 @@ def read_call(text: str) -> tuple[str, dict[str, Any]]:
     if len(text) > _LONGEST_CALL:
         raise ValueError("a text of this length")
     try:
-        call = ast.parse(text, mode="eval").body
-        name, words = (call.func, call.keywords) if isinstance(call, ast.Call) else (call, [])
-        parameters = {str(word.arg): ast.literal_eval(word.value) for word in words}
+        node = ast.parse(text, mode="eval").body
     except SyntaxError as error:
         raise ValueError(text) from error
-    if not isinstance(name, ast.Name):
+    found = Call(node.id, {}) if isinstance(node, ast.Name) else _value(node)
+    if not isinstance(found, Call):
         raise ValueError(text)
-    return name.id, parameters
+    return found
+
+
+def _value(node: ast.expr) -> Any:
+    """Return a plain value, or a call with parameters that all have names."""
+    if not isinstance(node, ast.Call):
+        return ast.literal_eval(node)
+    if not isinstance(node.func, ast.Name) or node.args:
+        raise ValueError(ast.unparse(node))
+    return Call(node.func.id, {str(word.arg): _value(word.value) for word in node.keywords})

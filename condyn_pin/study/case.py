@@ -16,10 +16,9 @@ from condyn_pin._core.machine import machine
 from condyn_pin._core.timing import State
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solvers.base import Solver, parameter_fields
-from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError
 from condyn_pin.study.measures.base import Answer, Measure
+from condyn_pin.study.method import Method, usual_parameters
 from condyn_pin.study.row import Key, Parameter, Row, key
 from condyn_pin.study.states import States
 
@@ -49,7 +48,7 @@ class Case:
             digest.update(np.ascontiguousarray(array).tobytes())
         return digest.hexdigest()[:16]
 
-    def key(self, solver: Solver) -> Key:
+    def key(self, solver: Method) -> Key:
         """Return the key of the row of a solver."""
         measure = self.measure
         return key(self.label, repr(solver), measure.label, measure.how, self.set_name)
@@ -63,7 +62,7 @@ def prepare(label: str, scene: Scene, measure: Measure, states: States, accuracy
     return Case(label, scene, measure, accuracy, states.name, chosen, truth, floor)
 
 
-def measure_errors(case: Case, solver: Solver) -> Row:
+def measure_errors(case: Case, solver: Method) -> Row:
     """Return the row of a solver, without times.
 
     A refusal and an exception are statuses like others, and their text is kept: one bad solver does
@@ -94,7 +93,7 @@ def measure_errors(case: Case, solver: Solver) -> Row:
     )
 
 
-def _answers(case: Case, solver: Solver) -> tuple[list[Answer], Counter[str], list[str]]:
+def _answers(case: Case, solver: Method) -> tuple[list[Answer], Counter[str], list[str]]:
     """Return a solver's answers, how many states have which status, and what was said of them."""
     answers: list[Answer] = []
     statuses: Counter[str] = Counter()
@@ -106,7 +105,7 @@ def _answers(case: Case, solver: Solver) -> tuple[list[Answer], Counter[str], li
         notes[str(error) if known else f"{type(error).__name__}: {error}"] = None
 
     try:
-        workspace = Workspace(case.scene, solver)
+        workspace = case.measure.open(case.scene, solver)
     except Exception as error:
         failed(error, len(case.states))
         return answers, statuses, list(notes)
@@ -121,13 +120,13 @@ def _answers(case: Case, solver: Solver) -> tuple[list[Answer], Counter[str], li
     return answers, statuses, list(notes)
 
 
-def parameters_of(solver: Solver) -> dict[str, Parameter]:
+def parameters_of(solver: Method) -> dict[str, Parameter]:
     """Return the parameters of a solver by name; one that is no plain value as text.
 
     Its accuracy is among them where it is not the usual one.
     """
-    names = [parameter.name for parameter in parameter_fields(type(solver))]
-    names += ["accuracy"] if solver.accuracy != SOLVED else []
+    names = list(usual_parameters(type(solver)))
+    names += ["accuracy"] if getattr(solver, "accuracy", SOLVED) != SOLVED else []
     return {name: _plain(getattr(solver, name)) for name in names}
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from typing import Any, Final
 
@@ -13,10 +13,11 @@ from condyn_pin._core.parameters import read_call
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import SOLVERS
-from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.errors import CondynError, InvalidArgument, NotReached, unknown_name
 from condyn_pin.study.fresh import Fresh, FreshErrors, as_fresh
 from condyn_pin.study.measures import MEASURES, Measure
+from condyn_pin.study.measures.trajectory import SCHEMES
+from condyn_pin.study.method import Method, method_named, with_accuracy
 from condyn_pin.study.row import Parameter, Row
 from condyn_pin.study.states import States
 
@@ -32,7 +33,7 @@ class Choice:
 
     Attributes
     ----------
-    solver : Solver
+    solver : Solver, or what the measure asks
         Its `accuracy` is what was asked for, or 1e-8 where that was less.
     error : float
         What was asked for, relative.
@@ -44,7 +45,7 @@ class Choice:
         What is faster, met the error in the study, and not at the fresh states.
     """
 
-    solver: Solver
+    solver: Method
     error: float
     row: Row
     fresh: Fresh
@@ -95,12 +96,12 @@ def choose(rows: Sequence[Row], scene: Scene | None, error: float, states: State
     raise _not_reached(rows, error, rejected)
 
 
-def promising(solver: Solver, error: float) -> Solver:
+def promising(solver: Method, error: float) -> Method:
     """Return a solver that says ok to an error that it was chosen for."""
-    return replace(solver, accuracy=max(error, SOLVED))
+    return with_accuracy(solver, max(error, SOLVED))
 
 
-def solver_of(row: Row) -> Solver:
+def solver_of(row: Row) -> Method:
     """Return the solver of a row, with its parameters."""
     solver = made(row.solver.split("(")[0], row.parameters)
     if repr(solver) != row.solver:
@@ -110,12 +111,12 @@ def solver_of(row: Row) -> Solver:
     return solver
 
 
-def made(name: str, parameters: Mapping[str, Parameter]) -> Solver:
+def made(name: str, parameters: Mapping[str, Parameter]) -> Method:
     """Return the solver of a class with parameters as rows keep them: a tuple as text."""
-    if name.lower() not in SOLVERS:
-        raise unknown_name("solver", name, [kind.__name__ for kind in SOLVERS.values()])
-    kind = SOLVERS[name.lower()]
-    usual = {f.name: f.default for f in fields(kind)}
+    kind = method_named(name)
+    if kind is None:
+        raise unknown_name("solver", name, [each.__name__ for each in SOLVERS.values()])
+    usual = {f.name: f.default for f in fields(kind)}  # type: ignore[arg-type]
     try:
         return kind(**{key: _value(parameter, usual[key]) for key, parameter in parameters.items()})
     except (KeyError, TypeError, SyntaxError, ValueError) as error:
@@ -138,8 +139,8 @@ def measure_of(label: str) -> Measure:
     if label in MEASURES:  # a name may be more than one word
         return MEASURES[label]()
     try:
-        name, parameters = read_call(label)
-        return MEASURES[name](**parameters)
+        name, _ = call = read_call(label)
+        return MEASURES[name](**call.parameters_made(SCHEMES))
     except (ValueError, KeyError, TypeError) as error:
         raise unknown_name("measure", label, MEASURES) from error
 

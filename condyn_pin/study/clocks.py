@@ -7,14 +7,14 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from math import isfinite
 from time import perf_counter, process_time
+from typing import Any
 
 import numpy as np
 
 from condyn_pin._core.parameters import check_count
 from condyn_pin._core.timing import Call, Times, interleaved
-from condyn_pin.dynamics.solvers.base import Solver
-from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.study.case import Case
+from condyn_pin.study.method import Method
 from condyn_pin.study.row import ALONE, Row
 
 # Of the time that passed, what this process was given, to have owned its core.
@@ -25,7 +25,7 @@ _BUILDS = 3
 # A sample is long beside a clock read; the methods that take tenths of a millisecond need no mean.
 _SAMPLE = 1e-4  # [s]
 
-Candidate = tuple[Case, Solver]
+Candidate = tuple[Case, Method]
 
 
 @dataclass(frozen=True)
@@ -100,16 +100,16 @@ def measure_times(
 
 def _built(
     candidates: Iterable[Candidate],
-) -> tuple[dict[Candidate, float], dict[Candidate, Workspace]]:
+) -> tuple[dict[Candidate, float], dict[Candidate, Any]]:
     """Return the median time to build a workspace [us], and a workspace, by candidate."""
     samples: dict[Candidate, list[float]] = {candidate: [] for candidate in candidates}
-    workspaces: dict[Candidate, Workspace] = {}
+    workspaces: dict[Candidate, Any] = {}
     for _ in range(_BUILDS):
         workspaces.clear()
         gc.collect()  # workspaces refer to themselves, and a hundred of a large robot fill memory
         for case, solver in samples:
             start = perf_counter()
-            workspaces[case, solver] = Workspace(case.scene, solver)
+            workspaces[case, solver] = case.measure.open(case.scene, solver)
             samples[case, solver].append(1e6 * (perf_counter() - start))
     return {each: float(np.median(spent)) for each, spent in samples.items()}, workspaces
 

@@ -25,16 +25,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite, sqrt
-from typing import Final
+from typing import Any, Final
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.timing import State
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solvers.base import Solver
-from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.study.measures import Measure
+from condyn_pin.study.method import Method
 from condyn_pin.study.row import ANSWERED
 from condyn_pin.study.states import SampledStates, States, as_states
 
@@ -96,18 +95,18 @@ class FreshErrors:
         _check_count(states, len(self._states))
         self._truth = [measure.truth(scene, state) for state in self._states]
 
-    def __call__(self, solver: Solver, measure: Measure | None = None) -> Fresh:
+    def __call__(self, solver: Method, measure: Measure | None = None) -> Fresh:
         """Return what a solver gives at the states, by a measure of the same truth."""
+        asked = self._measure if measure is None else measure
         try:
-            workspace = Workspace(self._scene, solver)
+            workspace = asked.open(self._scene, solver)
         except Exception:  # a solver of somebody's own may raise anything; it is rejected
             return Fresh.of([inf] * len(self._states))
-        asked = self._measure if measure is None else measure
         pairs = zip(self._states, self._truth, strict=True)
         return Fresh.of([_error(asked, workspace, *pair) for pair in pairs])
 
 
-def _error(measure: Measure, workspace: Workspace, state: State, truth: Array) -> float:
+def _error(measure: Measure, workspace: Any, state: State, truth: Array) -> float:
     """Return the error at a state; infinite without an answer, or where ok is a lie."""
     try:
         answer = measure.answer(workspace, state, truth, SOLVED)

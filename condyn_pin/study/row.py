@@ -8,8 +8,7 @@ from math import inf, isfinite
 from typing import Any, ClassVar, Final
 
 from condyn_pin._core.renamed import renamed
-from condyn_pin.dynamics.solvers import SOLVERS
-from condyn_pin.dynamics.solvers.base import parameter_fields
+from condyn_pin.study.method import method_named, usual_parameters
 from condyn_pin.study.tables import Record
 
 Parameter = float | int | str | bool | None
@@ -131,8 +130,8 @@ class Row(Record):
     def short(self) -> str:
         """The solver as one would type it, with what was set, and what `how` says."""
         name = self.solver.split("(")[0]
-        kind = SOLVERS.get(name.lower())
-        usual = {} if kind is None else {f.name: f.default for f in parameter_fields(kind)}
+        kind = method_named(name)
+        usual = {} if kind is None else usual_parameters(kind)
         chosen = {k: value for k, value in self.parameters.items() if value != usual.get(k)}
         how = f", {words_of(self.how)}" if self.how else ""
         return f"{name}({words_of(chosen)}){how}"

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, TypeVar
 from condyn_pin._core.machine import machine
 from condyn_pin._core.parallel.chunks import map_chunks
 from condyn_pin._core.parameters import check_called
-from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.errors import Interrupted, WorkersLost
 from condyn_pin.study.bench import Progress
 from condyn_pin.study.case import Case, measure_errors, prepare
 from condyn_pin.study.clocks import Candidate, measure_times
+from condyn_pin.study.method import Method
 from condyn_pin.study.results import Results
 from condyn_pin.study.row import Row
 from condyn_pin.study.scenes import labelled
@@ -47,7 +47,7 @@ class Run:
         self._study, self._executor = study, executor
         self._progress, self._timed = progress, timed
         self._results = Results(results)
-        self._cases: list[tuple[Case, tuple[Solver, ...]]] = []
+        self._cases: list[tuple[Case, tuple[Method, ...]]] = []
         self._done, self._total = 0.0, 0
 
     def table(self) -> Table:
@@ -67,7 +67,7 @@ class Run:
         scenes = {case.label: case.scene for case, _ in self._cases}
         return Table(tuple(row for row in rows if row is not None), machine(), floors, scenes)
 
-    def _row(self, case: Case, solver: Solver) -> Row | None:
+    def _row(self, case: Case, solver: Method) -> Row | None:
         return self._results.find(case.fingerprint, case.key(solver))
 
     def _prepare(self) -> None:
@@ -79,14 +79,15 @@ class Run:
             for label, scene in scenes.items()
             for measure in measures
         ]
-        lists = {label: study.solvers_on(scene) for label, scene in scenes.items()}
-        counted = sum(map(len, lists.values())) * len(measures)
-        self._total = len(calls) + (1 + self._timed) * counted
+        lists = [
+            study.solvers_on(scene, measure) for scene in scenes.values() for measure in measures
+        ]
+        self._total = len(calls) + (1 + self._timed) * sum(map(len, lists))
         made: dict[int, Case] = {}
         for number, case in self._each(calls):
             made[number] = case
             self._tick("states", 1)
-        self._cases = [(made[k], lists[made[k].label]) for k in range(len(calls))]
+        self._cases = [(made[k], its) for k, its in enumerate(lists)]
 
     def _errors(self) -> None:
         """Measure the errors of the rows that are not known."""
@@ -144,11 +145,11 @@ def _called(call: Callable[[], _T]) -> _T:
     return call()
 
 
-def _rows(case: Case, solvers: Sequence[Solver]) -> list[Row]:
+def _rows(case: Case, solvers: Sequence[Method]) -> list[Row]:
     return [measure_errors(case, solver) for solver in solvers]
 
 
-def _rows_of(packed: bytes, solvers: Sequence[Solver]) -> list[Row]:
+def _rows_of(packed: bytes, solvers: Sequence[Method]) -> list[Row]:
     """Measure in a worker, which keeps the cases that it has unpacked."""
     return _rows(_unpacked(packed), solvers)
 

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.dynamics.catalogue import standard_scenes
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.io.load import load_robot
+from condyn_pin.model.robot import Robot
 
 Scenes = Scene | str | Mapping[str, Scene] | Iterable[Scene | str]
 
 
-def labelled(scenes: Scenes) -> dict[str, Scene]:
-    """Return scenes by label; the name of a robot stands for its standard scenes."""
+def labelled(
+    scenes: Scenes, scenes_of: Callable[[Robot], Mapping[str, Scene]] = standard_scenes
+) -> dict[str, Scene]:
+    """Return scenes by label; the name of a robot stands for those that `scenes_of` makes."""
     if isinstance(scenes, Mapping):
         pairs = list(scenes.items())
     else:
@@ -24,7 +27,7 @@ def labelled(scenes: Scenes) -> dict[str, Scene]:
                 f"scenes = {scenes!r}: a Scene, or the name of a robot, is needed"
             )
         several = [scenes] if isinstance(scenes, Scene | str) else list(scenes)
-        pairs = [pair for one in several for pair in _pairs(one)]
+        pairs = [pair for one in several for pair in _pairs(one, scenes_of)]
     found = dict(pairs)
     if not pairs or not all(isinstance(scene, Scene) for scene in found.values()):
         raise InvalidArgument(
@@ -69,9 +72,11 @@ def modellings(scene: Scene) -> dict[str, Scene]:
     return made
 
 
-def _pairs(one: Scene | str) -> list[tuple[str, Scene]]:
+def _pairs(
+    one: Scene | str, scenes_of: Callable[[Robot], Mapping[str, Scene]]
+) -> list[tuple[str, Scene]]:
     if isinstance(one, str):
-        return list(standard_scenes(load_robot(one)).items())
+        return list(scenes_of(load_robot(one)).items())
     if not isinstance(one, Scene):
         raise InvalidArgument(f"scenes: {one!r} is no scene, and not the name of a robot")
     return [(f"{one.robot.name}, {one.rows} rows", one)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,12 +10,12 @@ from pathlib import Path
 from condyn_pin._core.parameters import check_accuracy_of_a
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.study.bench import Progress, silent
 from condyn_pin.study.clocks import TimingEffort
 from condyn_pin.study.measures import Measure
 from condyn_pin.study.measures.base import as_measure
+from condyn_pin.study.method import Method
 from condyn_pin.study.scenes import Scenes, labelled
 from condyn_pin.study.states import States, as_states
 from condyn_pin.study.sweeps import default_sweep
@@ -29,9 +29,10 @@ class Study:
     Parameters
     ----------
     scenes : Scene, name of a robot, mapping of labels to Scene, or several of the first two
-        The name of a robot stands for its standard scenes; `modellings` gives other ways to model
+        The name of a robot stands for its standard scenes, of which the first measure says what
+        they are; `modellings` gives other ways to model
         the same machine, and ``HIERARCHIES[name].scenes()`` smaller ones.
-    solvers : sequence of Solver, optional
+    solvers : sequence of Solver, or of what the measure asks, optional
         By default all but `Reference`, each with the parameters that it declares worth a look;
         `sweep` makes others.
     states : States or int
@@ -51,7 +52,7 @@ class Study:
     """
 
     scenes: Scenes
-    solvers: Sequence[Solver] | None = None
+    solvers: Sequence[Method] | None = None
     states: States | int = 20
     measure: Measure | str | Sequence[Measure | str] = "acceleration"
     accuracy: float = SOLVED
@@ -59,13 +60,13 @@ class Study:
 
     def __post_init__(self) -> None:
         check_accuracy_of_a(self.accuracy)
-        if self.solvers is not None:
-            object.__setattr__(self, "solvers", _solvers(self.solvers))
         if not self.measures:
             raise InvalidArgument("measure = []: at least one is needed")
+        if self.solvers is not None:
+            object.__setattr__(self, "solvers", _methods(self.solvers, self.measures))
         if not isinstance(self.effort, TimingEffort):
             raise InvalidArgument(f"effort = {self.effort!r}: TimingEffort(rounds=...) is needed")
-        object.__setattr__(self, "scenes", labelled(self.scenes))
+        object.__setattr__(self, "scenes", labelled(self.scenes, self.measures[0].scenes_of))
         object.__setattr__(self, "states", as_states(self.states))
 
     @property
@@ -74,9 +75,9 @@ class Study:
         several = [self.measure] if isinstance(self.measure, Measure | str) else self.measure
         return tuple(dict.fromkeys(as_measure(one) for one in several))
 
-    def solvers_on(self, scene: Scene) -> tuple[Solver, ...]:
+    def solvers_on(self, scene: Scene, measure: Measure) -> tuple[Method, ...]:
         """Return the solvers that a scene is measured with."""
-        return default_sweep(scene) if self.solvers is None else tuple(self.solvers)
+        return default_sweep(scene, measure) if self.solvers is None else tuple(self.solvers)
 
     def run(
         self,
@@ -127,11 +128,15 @@ class Study:
         return Run(self, executor, progress, timed, results).table()
 
 
-def _solvers(given: Sequence[Solver]) -> tuple[Solver, ...]:
-    several = [given] if isinstance(given, Solver) else list(given)
-    for solver in several:
-        if not isinstance(solver, Solver):
-            raise InvalidArgument(f"solvers: {solver!r} is no solver such as Proximal()")
+def _methods(given: Sequence[Method], measures: Sequence[Measure]) -> tuple[Method, ...]:
+    several = list(given) if isinstance(given, Iterable) else [given]
+    for method in several:
+        for measure in measures:
+            if not isinstance(method, measure.asks):
+                raise InvalidArgument(
+                    f"solvers: {method!r} is no {measure.asks.__name__}, which {measure.name} "
+                    f"asks: {', '.join(kind.__name__ for kind in measure.methods.values())}"
+                )
     if not several:
         raise InvalidArgument("solvers = []: at least one is needed")
     return tuple(dict.fromkeys(several))

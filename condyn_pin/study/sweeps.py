@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import fields, is_dataclass, replace
 from itertools import product
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from condyn_pin._core import _pin
 from condyn_pin.dynamics.choice import untaken
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solvers import SOLVERS, Solver
+from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.lcaba import LCABA
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.study.measures import Measure
+from condyn_pin.study.measures.acceleration import AccelerationMeasure
+from condyn_pin.study.method import Method
 
-_Knobbed = TypeVar("_Knobbed", Solver, Measure)
+_Knobbed = TypeVar("_Knobbed", bound=Method | Measure)
+
+_ACCELERATION: Final = AccelerationMeasure()
 
 
 def sweep(one: _Knobbed, **parameters: Sequence[Any]) -> tuple[_Knobbed, ...]:
@@ -24,7 +28,7 @@ def sweep(one: _Knobbed, **parameters: Sequence[Any]) -> tuple[_Knobbed, ...]:
 
     Parameters
     ----------
-    one : Solver or Measure
+    one : Solver, ContactSolver or Measure
         Parameters that are not named keep the values that they have here.
     **parameters : sequence
         Values by name: ``sweep(Proximal(), mu=[1e-8, 1e-4], max_iterations=[1, 20])``.
@@ -32,7 +36,7 @@ def sweep(one: _Knobbed, **parameters: Sequence[Any]) -> tuple[_Knobbed, ...]:
 
     Returns
     -------
-    tuple of Solver or Measure
+    tuple of what `one` is
         Each once, the first parameter slowest.
 
     Raises
@@ -42,7 +46,7 @@ def sweep(one: _Knobbed, **parameters: Sequence[Any]) -> tuple[_Knobbed, ...]:
     UnknownName
         If there is no such parameter.
     """
-    if not isinstance(one, Solver | Measure):
+    if not is_dataclass(one) or not hasattr(one, "sweeps"):
         raise InvalidArgument(f"{one!r}: a solver such as Proximal(), or a measure, is needed")
     grids = ({}, *one.sweeps) if not parameters else (parameters,)
     known = [field.name for field in fields(one)]  # type: ignore[arg-type]
@@ -59,15 +63,22 @@ def sweep(one: _Knobbed, **parameters: Sequence[Any]) -> tuple[_Knobbed, ...]:
     return tuple(dict.fromkeys(made))
 
 
-def default_sweep(scene: Scene) -> tuple[Solver, ...]:
-    """Return every solver with its parameters turned; those that do not take the scene once.
+def default_sweep(scene: Scene, measure: Measure = _ACCELERATION) -> tuple[Method, ...]:
+    """Return all that a measure asks with parameters turned; what does not take the scene once.
 
     `Reference` judges the others, and is not among them.
     """
-    chosen: list[Solver] = []
-    for kind in SOLVERS.values():
-        solver = kind()
-        missing = isinstance(solver, LCABA) and not _pin.HAS_LCABA
-        if not isinstance(solver, Reference):
-            chosen += [solver] if missing or untaken(scene, solver) else sweep(solver)
+    chosen: list[Method] = []
+    for kind in measure.methods.values():
+        method = kind()
+        if not isinstance(method, Reference):
+            chosen += [method] if _refuses(method, scene) else sweep(method)
     return tuple(chosen)
+
+
+def _refuses(method: Method, scene: Scene) -> bool:
+    """Whether a solver cannot take a scene, or is not there."""
+    if not isinstance(method, Solver):
+        return False
+    missing = isinstance(method, LCABA) and not _pin.HAS_LCABA
+    return missing or bool(untaken(scene, method))

@@ -6,14 +6,15 @@
 2. `truth(scene, state)` is what an answer is compared with: an array, by `Reference`, by a closed
    form, or by a computation that is converged far beyond what is measured. It may take
    milliseconds.
-3. `answer(workspace, state, truth, accuracy)` lets the solver of a workspace answer one state, and
-   returns an `Answer`. An answer that is not finite has an infinite error. A `CondynError` that is
+3. `answer(workspace, state, truth, accuracy)` lets a method answer one state, and returns an `Answer`.
+   `workspace` is what `open(scene, method)` returned: that of a solver, unless the measure
+   overrides it, and then `asks` and `methods` say what it asks, and `scenes_of` which scenes the
+   name of a robot stands for. An answer that is not finite has an infinite error. A `CondynError` that is
    raised counts as a refusal, and its text is kept.
 4. `calls(workspace)` returns what is timed, each called with (q, v, tau): "once", what a user of
    this measure would call; and, where they exist, "bare", Pinocchio's own call behind it, and
    "solve", with the proof. None of them may raise at a state that `answer` took.
-5. Parameters that change the question are in `label`, by default all: rows of one label are
-compared
+5. Parameters that change the question are in `label`, by default all: rows of one label compare
    with each other. Those that belong to the answer, such as a step size, are in `how`.
 6. A relative error is relative to something that cannot be zero by accident, and says so.
 """
@@ -25,7 +26,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from math import inf, isfinite
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -35,12 +36,16 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.parameters import Grid
 from condyn_pin._core.registry import enter
 from condyn_pin._core.timing import Call, State
+from condyn_pin.dynamics.catalogue import standard_scenes
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Solution
+from condyn_pin.dynamics.solvers import SOLVERS, Solver
 from condyn_pin.dynamics.solvers.lcaba import LCABA
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import unknown_name
+from condyn_pin.model.robot import Robot
+from condyn_pin.study.method import Methods
 from condyn_pin.study.row import Parameter
 
 MEASURES: dict[str, type[Measure]] = {}
@@ -88,6 +93,8 @@ class Measure(ABC):
 
     name: ClassVar[str]
     sweeps: ClassVar[tuple[Grid, ...]] = ()  # values of parameters that are worth a look
+    asks: ClassVar[type] = Solver
+    methods: ClassVar[Methods] = SOLVERS  # the registry of what it asks
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -109,16 +116,24 @@ class Measure(ABC):
         """Return the measure with parameters of the answer, as `how` has them."""
         return replace(self, **how)  # type: ignore[type-var]
 
+    def scenes_of(self, robot: Robot) -> Mapping[str, Scene]:
+        """Return the scenes that the name of a robot stands for, by label."""
+        return standard_scenes(robot)
+
+    def open(self, scene: Scene, method: Any) -> Any:
+        """Return a method at work on a scene, for `answer` and `calls`."""
+        return Workspace(scene, method)
+
     @abstractmethod
     def truth(self, scene: Scene, state: State) -> Array:
         """Return what an answer at a state is compared with."""
 
     @abstractmethod
-    def answer(self, workspace: Workspace, state: State, truth: Array, accuracy: float) -> Answer:
-        """Return the answer of a solver at a state, judged by `truth` and `accuracy`."""
+    def answer(self, workspace: Any, state: State, truth: Array, accuracy: float) -> Answer:
+        """Return the answer of a method at a state, judged by `truth` and `accuracy`."""
 
     @abstractmethod
-    def calls(self, workspace: Workspace) -> Mapping[str, Call]:
+    def calls(self, workspace: Any) -> Mapping[str, Call]:
         """Return what is timed, by "once", "bare" and "solve"."""
 
 

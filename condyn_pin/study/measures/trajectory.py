@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields, replace
 from functools import lru_cache
 from math import isfinite
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, Final, TypeVar
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.parameters import Grid, read_call
 from condyn_pin._core.timing import Call, State
+from condyn_pin.contact.solvers import CONTACT_SOLVERS
 from condyn_pin.dynamics.choice import default_solver
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
@@ -30,6 +31,9 @@ from condyn_pin.study.row import Parameter
 # As far as doubles go: a thousandth of what any integrator with a fixed step reaches.
 _CONVERGED = DormandPrince(relative_tolerance=1e-13, absolute_tolerance=1e-14)
 _PARTS = 10
+
+# What parameters of a measure may be.
+SCHEMES: Final[Mapping[str, type]] = {**INTEGRATORS, **DRIFTS, **CONTACT_SOLVERS}
 
 _T = TypeVar("_T")
 
@@ -96,7 +100,7 @@ class TrajectoryMeasure(Measure):
     def with_how(self, how: Mapping[str, Parameter]) -> Measure:
         """Return the measure with a step, an integrator and a drift scheme, as `how` has them."""
         made: dict[str, Any] = {
-            name: _made(parameter) if isinstance(parameter, str) else parameter
+            name: read_call(parameter).made(SCHEMES) if isinstance(parameter, str) else parameter
             for name, parameter in how.items()
         }
         return replace(self, **made)
@@ -144,12 +148,6 @@ class TrajectoryMeasure(Measure):
         )
         return uninterrupted(motion)
 
-
-def _made(text: str) -> Integrator | Drift:
-    """Return the integrator or the drift scheme that has this repr."""
-    name, parameters = read_call(text)
-    kinds: Mapping[str, type[Integrator | Drift]] = {**INTEGRATORS, **DRIFTS}
-    return kinds[name.lower()](**parameters)
 
 
 @lru_cache(maxsize=1000)
