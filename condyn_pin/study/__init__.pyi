@@ -6,6 +6,7 @@ from .comparison import Comparison as Comparison
 from .measures import MEASURES as MEASURES
 from .measures.acceleration import AccelerationMeasure as AccelerationMeasure
 from .measures.base import Measure as Measure
+from .measures.contact import ContactMeasure as ContactMeasure
 from .measures.derivatives import DerivativeMeasure as DerivativeMeasure
 from .measures.forces import ForceMeasure as ForceMeasure
 from .measures.trajectory import TrajectoryMeasure as TrajectoryMeasure

@@ -15,6 +15,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.machine import machine
 from condyn_pin._core.timing import State
 from condyn_pin._core.tolerances import SOLVED
+from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import CondynError
 from condyn_pin.study.measures.base import Answer, Measure
@@ -73,7 +74,7 @@ def measure_errors(case: Case, solver: Method) -> Row:
     errors = [found.error for found in answers] + [inf] * missing
     return Row(
         scene=case.label,
-        rows=case.scene.rows,
+        rows=_rows(case.scene),
         nv=case.scene.robot.nv,
         method=solver.title,
         solver=repr(solver),
@@ -118,6 +119,11 @@ def _answers(case: Case, solver: Method) -> tuple[list[Answer], Counter[str], li
             answers.append(found)
             statuses[found.status] += 1
     return answers, statuses, list(notes)
+
+
+def _rows(scene: Scene) -> int:
+    """Return the rows of constraints and contacts."""
+    return scene.rows + Candidates(scene.robot.model, scene.contact_bounds).rows
 
 
 def parameters_of(solver: Method) -> dict[str, Parameter]:

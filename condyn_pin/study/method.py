@@ -32,7 +32,7 @@ def method_named(name: str) -> type[Method] | None:
 
 
 def usual_parameters(kind: type[Method]) -> dict[str, Any]:
-    """Return the parameters of a class with their defaults; the accuracy, which many have, apart."""
+    """Return the parameters of a class with their defaults, but for the accuracy."""
     return {f.name: f.default for f in fields(kind) if f.name != "accuracy"}  # type: ignore[arg-type]
 
 

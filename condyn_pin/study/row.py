@@ -30,7 +30,7 @@ class Row(Record):
     scene : str
         Label of the scene.
     rows, nv : int
-        Constraint rows, and columns.
+        Rows of constraints and contacts, and columns.
     method : str
         Title of the solver.
     solver : str

@@ -18,6 +18,7 @@ from condyn_pin.control.inverse import gravity_compensation
 from condyn_pin.dynamics.catalogue import motor_torque
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, unknown_name
+from condyn_pin.study.put_down import put_down
 
 
 class States(ABC):
@@ -47,7 +48,7 @@ def _zero(scene: Scene, q: Array, v: Array, tau: Array) -> State:
 
 def _compensated(scene: Scene, q: Array, v: Array, tau: Array) -> State:
     has_motors = bool(scene.robot.actuated)
-    return q, 0 * v, gravity_compensation(scene, q).tau if has_motors else 0 * tau
+    return q, 0 * v, gravity_compensation(scene.bilateral, q).tau if has_motors else 0 * tau
 
 
 def _rest(scene: Scene, q: Array, v: Array, tau: Array) -> State:
@@ -63,7 +64,8 @@ class SampledStates(States):
     """Random states of `Scene.sample`, under one load after the other.
 
     A method is not as accurate under all of them: what is small of a is relative to gravity, and
-    what large random torques hide is seen where none acts.
+    what large random torques hide is seen where none acts. With contacts that may let go the robot
+    stands on the lowest of them: in motion it hits, slides and lets go.
 
     Parameters
     ----------
@@ -116,6 +118,7 @@ class SampledStates(States):
         made = []
         for _, load in zip(range(self.count), cycle(self.loads), strict=False):
             q, v = scene.sample(rng, spread=self.spread, speed=self.speed)
+            q = put_down(scene, q)
             made.append(LOADS[load](scene, q, v, motor_torque(scene.robot, rng)))
         return tuple(made)
 

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from condyn_pin._core import _pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.parameters import check_accuracy, check_count, check_iterations
+from condyn_pin._core.parameters import Grid, check_accuracy, check_count, check_iterations
 from condyn_pin.contact.padded import padded
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.scaling import normalised
@@ -56,6 +56,10 @@ class ADMM(ContactSolver):
     title: ClassVar[str] = "ADMM"
     cost: ClassVar[str] = "O(m^3 + m^2 an iteration)"
     use: ClassVar[str] = "the default: redundant contacts, wide masses; falls back by itself"
+    sweeps: ClassVar[tuple[Grid, ...]] = (
+        {"tolerance": (1e-4, 1e-6, 1e-8, 1e-10), "anderson": (0, 4, 10)},
+        {"polish": (True,)},
+    )
 
     tolerance: float = 1e-8
     max_iterations: int = 1000

@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.parameters import Grid
 from condyn_pin._core.registry import enter
 from condyn_pin.contact.problem import ContactProblem, Law
 
@@ -50,6 +51,7 @@ class ContactSolver(ABC):
     use: ClassVar[str]  # when to take it
     laws: ClassVar[tuple[Law, ...]] = ("ncp", "ccp")
     exact: ClassVar[bool] = True  # whether it solves the law itself, and not a polygon of it
+    sweeps: ClassVar[tuple[Grid, ...]] = ()  # values of parameters that are worth a look
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

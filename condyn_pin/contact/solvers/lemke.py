@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from condyn_pin._core.arrays import Array, Indices
-from condyn_pin._core.parameters import check_count, check_iterations
+from condyn_pin._core.parameters import Grid, check_count, check_iterations
 from condyn_pin.contact.problem import ContactProblem, Law
 from condyn_pin.contact.scaling import normalised
 from condyn_pin.contact.solvers.base import Attempt, ContactSolver
@@ -57,6 +57,7 @@ class Lemke(ContactSolver):
     cost: ClassVar[str] = "O((m sides)^2) a pivot, about m sides of them"
     use: ClassVar[str] = "polygons; the start of Newton where friction locks"
     laws: ClassVar[tuple[Law, ...]] = ("ncp",)
+    sweeps: ClassVar[tuple[Grid, ...]] = ({"sides": (4, 8, 16, 32)},)
     exact: ClassVar[bool] = False
 
     sides: int = 8

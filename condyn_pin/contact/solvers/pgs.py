@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin._core import _pin
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.parameters import check_accuracy, check_iterations
+from condyn_pin._core.parameters import Grid, check_accuracy, check_iterations
 from condyn_pin.contact.padded import padded
 from condyn_pin.contact.problem import ContactProblem, Law
 from condyn_pin.contact.scaling import normalised
@@ -52,6 +52,7 @@ class PGS(ContactSolver):
     cost: ClassVar[str] = "O(m^2) a round"
     use: ClassVar[str] = "few contacts of light legs; what other simulators do"
     laws: ClassVar[tuple[Law, ...]] = ("ncp",)
+    sweeps: ClassVar[tuple[Grid, ...]] = ({"tolerance": (1e-4, 1e-6, 1e-8, 1e-10)},)
 
     tolerance: float = 1e-9
     max_iterations: int = 5000

@@ -1,0 +1,179 @@
+"""Contact solvers: the impulses of one step, against Newton's to rounding."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import inf, isfinite
+from typing import ClassVar
+
+import numpy as np
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.timing import Call, State
+from condyn_pin.contact.judge import attempt_contact, judged, solve_contact
+from condyn_pin.contact.problem import ContactProblem
+from condyn_pin.contact.residuals import natural_residual
+from condyn_pin.contact.solution import ContactSolution
+from condyn_pin.contact.solvers import CONTACT_SOLVERS, ContactSolver
+from condyn_pin.contact.solvers.base import Attempt
+from condyn_pin.contact.solvers.newton import SemismoothNewton
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument
+from condyn_pin.model.robot import Robot
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
+from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
+from condyn_pin.simulation.step import contact_problem
+from condyn_pin.study.measures.base import Answer, Measure
+from condyn_pin.study.method import Methods
+
+_FRICTION = 0.7  # of rubber on a dry floor
+
+_NEWTON = SemismoothNewton()
+
+# Natural residual of what may be compared with: a hundred times below the finest that is asked for.
+_EXACT = 1e-13
+
+
+@dataclass(frozen=True, eq=False)
+class Posed:
+    """A contact solver, and the problems of a scene that were posed to it."""
+
+    scene: Scene
+    solver: ContactSolver
+    problems: dict[bytes, ContactProblem] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ContactMeasure(Measure):
+    """The error of the impulses of one step, as velocities feel it: |J^T (lam - lam*)| by M^-1.
+
+    e^2 = d^T G d / max(lam*^T G lam*, m g^2 dt^2),    d = lam - lam*
+
+    lam* is the nearer of two answers of `SemismoothNewton`, from no impulses and from lam: where
+    several redundant contacts slide, Coulomb's law has many answers, and an exact one is not wrong
+    for being another.
+
+    In a row of this measure `constraint_error` is the natural residual, without a unit,
+    `dynamics_error` the energy of the wrong velocities d^T G d / 2 [J], and `iterations` those of
+    all methods that had a part. The name of a robot stands for it with its loops on its feet.
+
+    Parameters
+    ----------
+    dt : float
+        Of the step [s].
+    integrator : ContactScheme
+        What poses the problem.
+    """
+
+    name: ClassVar[str] = "contact"
+    asks: ClassVar[type] = ContactSolver
+    methods: ClassVar[Methods] = CONTACT_SOLVERS
+
+    dt: float = 1e-3  # [s]
+    integrator: ContactScheme = StewartTrinkle()  # noqa: RUF009  a value
+
+    def __post_init__(self) -> None:
+        if not finite("dt", self.dt, ()) > 0:
+            raise InvalidArgument(f"dt = {self.dt!r}: a number > 0 [s] is needed")
+        if not isinstance(self.integrator, ContactScheme):
+            raise InvalidArgument(
+                f"integrator = {self.integrator!r}: a scheme with contacts is needed, such as "
+                "StewartTrinkle()"
+            )
+
+    def scenes_of(self, robot: Robot) -> Mapping[str, Scene]:
+        """Return the robot with its loops on its feet, with a friction of 0.7."""
+        feet = robot.frictional_contacts(_FRICTION)
+        if not feet:
+            raise InvalidArgument(
+                f"{robot.name} has no feet: hand in a Scene with contacts in place of its name"
+            )
+        return {f"{robot.name} on its feet": Scene(robot, robot.loops, feet)}
+
+    def open(self, scene: Scene, method: ContactSolver) -> Posed:
+        """Return a contact solver that has seen no problem yet."""
+        if not scene.contacts:
+            raise InvalidArgument("the scene has no contacts that may let go: Scene(contacts=...)")
+        if self.integrator.law not in method.laws:
+            raise InvalidArgument(
+                f"{self.integrator.title} poses a {self.integrator.law}, and {method.title} solves "
+                f"{' and '.join(method.laws)}"
+            )
+        return Posed(scene, method)
+
+    def truth(self, scene: Scene, state: State) -> Array:
+        """Return the impulses of Newton's method, to rounding (m,) [N s]."""
+        return solve_contact(self._problem(scene, state), _NEWTON, throw=False).lam
+
+    def answer(self, workspace: Posed, state: State, truth: Array, accuracy: float) -> Answer:
+        """Return the answer of a contact solver at a state."""
+        problem, solver = self._posed(workspace, state), workspace.solver
+        found = attempt_contact(problem, solver, None, _goal(solver))
+        solution = judged(problem, found, accuracy, solve_time=0.0)
+        least = workspace.scene.robot.mass * (self._gravity(workspace.scene) * self.dt) ** 2
+        lost, error = inf, inf
+        if np.isfinite(solution.lam).all():
+            lost, error = min(
+                (_distance(problem, solution.lam, other, least) for other in
+                 (truth, *_polished(problem, solution.lam))), key=lambda pair: pair[1],
+            )  # fmt: skip
+        return Answer(
+            error=error,
+            status=solution.status.name.lower(),
+            dynamics_error=lost,
+            constraint_error=_or_inf(solution.residuals.natural),
+            iterations=solution.iterations,
+        )
+
+    def calls(self, workspace: Posed) -> Mapping[str, Call]:
+        """Return the solve as steps do it, and the one with all seven residuals."""
+        solver, goal = workspace.solver, _goal(workspace.solver)
+
+        def once(q: Array, v: Array, tau: Array) -> Attempt:
+            return attempt_contact(self._posed(workspace, (q, v, tau)), solver, None, goal)
+
+        def solve(q: Array, v: Array, tau: Array) -> ContactSolution:
+            problem = self._posed(workspace, (q, v, tau))
+            return solve_contact(problem, solver, accuracy=goal, throw=False)
+
+        return {"once": once, "solve": solve}
+
+    def _posed(self, posed: Posed, state: State) -> ContactProblem:
+        """Return the problem of a state, posed when it is first asked for."""
+        key = b"".join(x.tobytes() for x in state)
+        if key not in posed.problems:
+            posed.problems[key] = self._problem(posed.scene, state)
+        return posed.problems[key]
+
+    def _problem(self, scene: Scene, state: State) -> ContactProblem:
+        return contact_problem(scene, *state, dt=self.dt, integrator=self.integrator)
+
+    def _gravity(self, scene: Scene) -> float:
+        return float(np.linalg.norm(scene.robot.model.gravity.linear))
+
+
+def _goal(solver: ContactSolver) -> float:
+    """Return what is good enough: what a solver that names a tolerance was asked for."""
+    return max(getattr(solver, "tolerance", 0.0), tolerances.CONTACT_SOLVED)
+
+
+def _polished(problem: ContactProblem, lam: Array) -> tuple[Array, ...]:
+    """Return the exact answer that Newton's method finds from lam, if it finds one."""
+    found = _NEWTON.attempt(problem, lam).lam
+    return (found,) if natural_residual(problem, found) <= _EXACT else ()
+
+
+def _distance(
+    problem: ContactProblem, lam: Array, other: Array, least: float
+) -> tuple[float, float]:
+    """Return the energy of the difference [J], and its relative size."""
+    d = lam - other
+    wrong = max(float(d @ problem.G @ d), 0.0)
+    size = max(float(other @ problem.G @ other), least)
+    return wrong / 2, (wrong / size) ** 0.5 if size else inf if wrong else 0.0
+
+
+def _or_inf(x: float) -> float:
+    return float(x) if isfinite(x) else inf
