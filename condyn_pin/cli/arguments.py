@@ -63,7 +63,8 @@ SolverOrNone = Annotated[
 IntegratorName = Annotated[
     str | None,
     typer.Option(
-        help="Such as rungekutta4, semiimpliciteuler or rattle; chosen if left out.",
+        help="Such as rungekutta4, rattle or stewarttrinkle, or a call with parameters: "
+        "'Moreau(contact=ADMM(tolerance=1e-6))'; chosen if left out.",
         autocompletion=names_of("simulation", "INTEGRATORS"),
     ),
 ]

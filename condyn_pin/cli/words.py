@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeVar
+from dataclasses import fields
+from typing import Any, TypeVar, cast
 
 from condyn_pin._core import _pin
+from condyn_pin._core.parameters import read_call
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.kinds import worded
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import SOLVERS, Solver
 from condyn_pin.dynamics.solvers.base import parameter_fields
-from condyn_pin.errors import InvalidArgument, unknown_name
+from condyn_pin.errors import CondynError, InvalidArgument, unknown_name
 from condyn_pin.io.load import load_robot
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.drift import DRIFTS, Drift
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
+from condyn_pin.study.measures import Measure
+from condyn_pin.study.measures.base import as_measure
+from condyn_pin.study.measures.trajectory import SCHEMES
+from condyn_pin.study.method import Method
 from condyn_pin.study.sweeps import sweep
 
 _Kind = TypeVar("_Kind")
@@ -98,9 +104,54 @@ def solvers_of(names: str) -> tuple[Solver, ...]:
     )
 
 
-def integrator_of(name: str | None) -> Integrator | None:
-    """Return the integrator of a name, with its defaults."""
-    return None if name is None else _named("integrator", name, INTEGRATORS)()
+def integrator_of(text: str | None) -> Integrator | None:
+    """Return the integrator of a name, or of a call: ``Moreau(contact=ADMM(tolerance=1e-6))``."""
+    return None if text is None else cast(Integrator, _called("integrator", text, INTEGRATORS))
+
+
+def _called(kind: str, text: str, registry: Mapping[str, type]) -> object:
+    """Return the value of a name, with the parameters that a call gives it."""
+    name = text.partition("(")[0].strip()
+    made = _named(kind, name, registry)
+    try:
+        return made(**read_call(text).parameters_made(SCHEMES))
+    except KeyError as error:
+        raise unknown_name(f"value of {made.__name__}", str(error.args[0]), SCHEMES) from error
+    except (ValueError, TypeError) as error:
+        if isinstance(error, CondynError):
+            raise
+        known = ", ".join(f.name for f in fields(made))
+        raise InvalidArgument(f"{text}: {made.__name__} has the parameters {known}") from error
+
+
+def measures_of(
+    name: str, dt: str | None, integrator: str | None, drift: str | None
+) -> tuple[Measure, ...]:
+    """Return the measure of a name, one for each step of a list, with what is given of the others.
+
+    Raises
+    ------
+    UnknownName
+        If there is no such measure.
+    InvalidArgument
+        If it has no such parameter, or cannot use a value.
+    """
+    measure = as_measure(name)
+    given = {"integrator": integrator_of(integrator), "drift": drift_of(drift, None)}
+    chosen: dict[str, list[Any]] = {key: [x] for key, x in given.items() if x is not None}
+    if dt is not None:
+        chosen["dt"] = [_number("--dt", each) for each in names_in(dt)]
+    known = {f.name for f in fields(measure)}  # type: ignore[arg-type]
+    for key in chosen.keys() - known:
+        raise InvalidArgument(f"--{key} says nothing of {name}; it is of trajectory or contact")
+    return sweep(measure, **chosen) if chosen else (measure,)
+
+
+def _number(option: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError as error:
+        raise InvalidArgument(f"{option} {text}: a number is needed") from error
 
 
 def drift_of(name: str | None, gain: float | None) -> Drift | None:
@@ -114,6 +165,11 @@ def drift_of(name: str | None, gain: float | None) -> Drift | None:
     return kind() if kind else None
 
 
-def swept_solvers_of(names: str) -> tuple[Solver, ...] | None:
-    """Return the solvers of a list with their parameters turned; None of an empty one."""
-    return tuple(one for solver in solvers_of(names) for one in sweep(solver)) or None
+def swept_solvers_of(names: str, measure: Measure) -> tuple[Method, ...] | None:
+    """Return what a measure asks of a list with parameters turned; None of an empty one."""
+    if measure.asks is Solver:
+        chosen: Sequence[Method] = solvers_of(names)
+    else:
+        kind = f"solver of {measure.name}"
+        chosen = [_named(kind, name, measure.methods)() for name in names_in(names)]
+    return tuple(one for method in chosen for one in sweep(method)) or None

@@ -35,21 +35,34 @@ PANEL = "Measure"
 Measure = Annotated[
     str,
     typer.Option(
-        help="The quantity whose error counts: acceleration, forces, derivatives or trajectory.",
+        help="The quantity whose error counts: acceleration, forces, derivatives, contact or "
+        "trajectory.",
         autocompletion=arg.names_of("study", "MEASURES"),
     ),
 ]
 Swept = Annotated[
     str,
     typer.Option(
-        help="Comma-separated names of `condyn solvers`, all parameters turned; all by default.",
+        help="Comma-separated names of `condyn solvers`, or of contact solvers, all parameters "
+        "turned; all by default.",
         autocompletion=arg.solver_names,
     ),
 ]
 
 # Options that say something only with --tune, and only without it.
 _OF_TUNE = ("contacts", "loops", "variant", "save")
-_OF_STUDY = ("states", "quick", "jobs", "results", "csv", "markdown", "plot")
+_OF_STUDY = (
+    "dt",
+    "integrator",
+    "drift",
+    "states",
+    "quick",
+    "jobs",
+    "results",
+    "csv",
+    "markdown",
+    "plot",
+)
 
 
 def trade(
@@ -59,6 +72,12 @@ def trade(
         float | None, typer.Option(help="Choose the fastest solver with no larger error.")
     ] = None,
     measure: Measure = "acceleration",
+    dt: Annotated[
+        str | None,
+        typer.Option(help="Steps of a trajectory or a contact problem, comma-separated [s]."),
+    ] = None,
+    integrator: arg.IntegratorName = None,
+    drift: arg.DriftName = None,
     solvers: Swept = "",
     states: Annotated[int, typer.Option(help="Random closed states of each scene.", min=1)] = 20,
     quick: arg.Quick = False,
@@ -83,7 +102,7 @@ def trade(
     Ctrl-C keeps what was measured. Exits with 1 if no solver meets the error. With `--tune` a
     short study of one scene, with its `--contacts`, chooses for an error of 1e-8 or `--error`.
     """
-    from condyn_pin.cli.words import scene_of, swept_solvers_of
+    from condyn_pin.cli.words import measures_of, scene_of, swept_solvers_of
     from condyn_pin.study.bench import ROBOTS
     from condyn_pin.study.cheapest import check_error
     from condyn_pin.study.clocks import TimingEffort
@@ -94,7 +113,8 @@ def trade(
         check_error(error)
     check_written(csv, as_json, markdown)
     check_picture(plot)
-    chosen = swept_solvers_of(solvers)
+    measures = measures_of(measure, dt, integrator, drift)
+    chosen = swept_solvers_of(solvers, measures[0])
     if tune:
         if robots is None or len(robots) != 1:
             raise InvalidArgument("--tune chooses for one scene: name one robot")
@@ -102,7 +122,7 @@ def trade(
         _tune(scene, error, measure, chosen, save, as_json)
         return
     effort = TimingEffort(rounds=20) if quick else TimingEffort()
-    study = Study(list(robots or ROBOTS), chosen, states=states, measure=measure, effort=effort)
+    study = Study(list(robots or ROBOTS), chosen, states=states, measure=measures, effort=effort)
     table, stopped = until_stopped(lambda progress: _run(study, jobs, results, progress))
     _show(table, csv, as_json, markdown, plot)
     if stopped:

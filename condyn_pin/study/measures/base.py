@@ -7,10 +7,10 @@
    form, or by a computation that is converged far beyond what is measured. It may take
    milliseconds.
 3. `answer(workspace, state, truth, accuracy)` lets a method answer one state, and returns an
-   `Answer`. `workspace` is what `open(scene, method)` returned: that of a solver, unless the measure
-   overrides it; then `asks` and `methods` say what it asks, and `scenes_of` which scenes the name of
-   a robot stands for. An answer that is not finite has an infinite error. A `CondynError` that is
-   raised counts as a refusal, and its text is kept.
+   `Answer`. `workspace` is what `open(scene, method)` returned: that of a solver, unless the
+   measure overrides it; then `asks` and `methods` say what it asks, and `scenes_of` which scenes
+   the name of a robot stands for. An answer that is not finite has an infinite error. A
+   `CondynError` that is raised counts as a refusal, and its text is kept.
 4. `calls(workspace)` returns what is timed, each called with (q, v, tau): "once", what a user of
    this measure would call; and, where they exist, "bare", Pinocchio's own call behind it, and
    "solve", with the proof. None of them may raise at a state that `answer` took.

@@ -1,0 +1,223 @@
+"""Studies of contact: solvers by the impulses of a step, schemes by where a motion ends."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import condyn_pin as cp
+from condyn_pin import constraints as c
+from condyn_pin._core.parameters import Call, read_call
+from condyn_pin.cli.main import app
+from condyn_pin.contact import ADMM, PGS, SAP, Lemke, SemismoothNewton
+from condyn_pin.dynamics import Proximal
+from condyn_pin.simulation import Anitescu, Moreau, SoftStep, StewartTrinkle, contact_problem
+from condyn_pin.study import (
+    ContactMeasure,
+    GivenStates,
+    SampledStates,
+    Study,
+    Table,
+    TrajectoryMeasure,
+    sweep,
+)
+from condyn_pin.study.cheapest import measure_of, measured_as, solver_of
+
+
+@cache
+def box():
+    body = cp.model.free_box(size=(0.2, 0.12, 0.08))
+    return cp.Scene(
+        body, contacts=[c.FrictionalContact("box", c.Box(0.1, 0.06, 0.04), friction=0.5)]
+    )
+
+
+@cache
+def slide():
+    """One state: the box slides at 1 m/s."""
+    q, v = box().state()
+    v[:2] = np.cos(0.3), np.sin(0.3)
+    return GivenStates("slide", [(q, v, 0 * v)])
+
+
+def solved(*solvers, **options):
+    measure = ContactMeasure(**options)
+    study = Study({"box": box()}, solvers, states=slide(), measure=measure)
+    return {row.short: row for row in study.run(timed=False).rows}
+
+
+# Values with values in them
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("Moreau", Call("Moreau", {})),
+        ("Moreau()", Call("Moreau", {})),
+        ("Baumgarte(alpha=1.0, beta=-2.0)", Call("Baumgarte", {"alpha": 1.0, "beta": -2.0})),
+        (
+            "Moreau(contact=ADMM(tolerance=1e-06))",
+            Call("Moreau", {"contact": Call("ADMM", {"tolerance": 1e-6})}),
+        ),
+        ("A(b=(1, 2), c=None, d='e')", Call("A", {"b": (1, 2), "c": None, "d": "e"})),
+    ],
+)
+def test_calls_are_read_with_calls_in_them(text, wanted):
+    assert read_call(text) == wanted
+
+
+@pytest.mark.parametrize("text", ["", "1", "a.b()", "A(1)", "A(**b)", "A(b=c)", "A(b=c.d())", "A(",
+                                  "A()()", "A(b=[x for x in y])", "A" * 2000])  # fmt: skip
+def test_what_is_no_call_is_refused(text):
+    with pytest.raises(ValueError):  # noqa: PT011  whatever the reader stumbles over
+        read_call(text)
+
+
+@pytest.mark.parametrize("scheme", [Moreau(), Moreau(contact=ADMM(1e-6, polish=True)), Anitescu()])
+def test_schemes_come_back_from_a_row_with_their_contact_solver(scheme):
+    measure = TrajectoryMeasure(duration=0.01, dt=1e-3, integrator=scheme)
+    row = (
+        Study({"box": box()}, [Proximal()], states=slide(), measure=measure)
+        .run(timed=False)
+        .rows[0]
+    )
+    assert measured_as(row) == measure
+
+
+def test_contact_measures_come_back_from_their_label():
+    measure = ContactMeasure(dt=1e-2, integrator=Anitescu(contact=SAP()))
+    assert measure_of(measure.label) == measure
+    assert measure_of("contact") == ContactMeasure()
+
+
+# Contact solvers
+
+
+def test_exact_solvers_agree_and_polygons_do_not():
+    rows = solved(ADMM(), ADMM(polish=True), PGS(), SemismoothNewton(), Lemke(4), Lemke(32))
+    assert all(rows[each].ok for each in ("ADMM()", "PGS()", "SemismoothNewton()"))
+    assert rows["ADMM(polish=True)"].error_worst < 1e-13
+    assert rows["ADMM()"].error_worst < 1e-6
+    assert rows["Lemke(sides=4)"].said == "1 inaccurate"
+    errors = [rows[f"Lemke(sides={sides})"].error_worst for sides in (4, 32)]
+    assert errors[0] > 2 * errors[1] > 1e-3
+
+
+def test_a_solver_that_does_not_know_the_law_is_refused_by_name():
+    rows = solved(PGS(), SAP(), ADMM(), integrator=SoftStep())
+    assert rows["PGS()"].said == "1 refused"
+    assert "ccp" in rows["PGS()"].note
+    assert rows["SAP()"].ok
+    assert rows["ADMM()"].ok
+
+
+def test_an_exact_answer_is_not_wrong_for_being_another():
+    """Four corners that slide: impulses move from corner to corner, and nobody feels it."""
+    problem = contact_problem(box(), *slide().of(box())[0], dt=1e-3)
+    lam = cp.contact.solve_contact(problem, SemismoothNewton()).lam
+    null = np.linalg.svd(problem.G)[2][-1]
+    assert np.linalg.norm(problem.G @ null) < 1e-12 * np.linalg.norm(problem.G)
+    assert not cp.contact.solve_contact(problem).unique_forces
+    assert solved(SemismoothNewton())["SemismoothNewton()"].error_worst == 0.0
+    assert lam.shape == (12,)
+
+
+def test_states_of_a_scene_with_contacts_touch():
+    solo = cp.load_robot("solo12")
+    feet = solo.frictional_contacts(0.7)
+    scene = cp.Scene(solo, contacts=[cp.constraints.FrictionalContact(
+        f.frame, f.shape, f.offset, c.Plane((0.2, 0.1, 1.0), 0.3), friction=0.7, name=f.name
+    ) for f in feet])  # fmt: skip
+    for q, v, tau in SampledStates(4).of(scene):
+        gaps = cp.step(scene, q, 0 * v, 0 * tau, dt=1e-9).gaps
+        assert min(gaps.values()) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["solo12", "cassie"])
+def test_the_name_of_a_robot_is_its_feet_on_the_floor(name):
+    robot = cp.load_robot(name, variant={"feet": "points"} if name == "cassie" else None)
+    (scene,) = ContactMeasure().scenes_of(robot).values()
+    assert scene.constraints == robot.loops
+    assert {each.friction for each in scene.contacts} == {0.7}
+    row = (
+        Study({name: scene}, [ADMM(polish=True)], states=3, measure="contact")
+        .run(timed=False)
+        .rows[0]
+    )
+    assert row.ok
+    assert row.constraint_error < 1e-8
+
+
+def test_a_study_takes_only_what_its_measure_asks():
+    with pytest.raises(cp.InvalidArgument, match="is no ContactSolver, which contact asks"):
+        Study(box(), [Proximal()], measure="contact")
+    with pytest.raises(cp.InvalidArgument, match="is no Solver, which acceleration asks"):
+        Study(box(), [ADMM()])
+    with pytest.raises(cp.InvalidArgument, match="no feet"):
+        Study("four_bar", measure="contact")
+    with pytest.raises(cp.InvalidArgument, match="dt = 0"):
+        ContactMeasure(dt=0)
+    with pytest.raises(cp.InvalidArgument, match="a scheme with contacts"):
+        ContactMeasure(integrator=cp.RungeKutta4())
+
+
+def test_the_cheapest_contact_solver_meets_the_error(tmp_path):
+    solvers = [SemismoothNewton(), Lemke(4)]
+    table = Study({"box": box()}, solvers, states=4, measure="contact").run()
+    choice = table.cheapest(1e-9, measure="contact", states=20)
+    assert choice.solver == SemismoothNewton()
+    table.to_json(tmp_path / "table.json")
+    again = Table.from_json(tmp_path / "table.json")
+    assert [solver_of(row) for row in again.rows] == solvers
+
+
+# Motions
+
+
+def test_schemes_are_compared_by_where_a_motion_ends():
+    schemes = [StewartTrinkle(), Moreau(), cp.RungeKutta4()]
+    measures = sweep(TrajectoryMeasure(duration=0.05), dt=[1e-2, 1e-3], integrator=schemes)
+    study = Study({"box": box()}, [Proximal()], states=slide(), measure=measures)
+    rows = {
+        (row.how["integrator"].split("(")[0], row.how["dt"]): row
+        for row in study.run(timed=False).rows
+    }
+    errors = [rows["StewartTrinkle", dt].error_worst for dt in (1e-2, 1e-3)]
+    assert errors[0] / errors[1] == pytest.approx(10, rel=0.05)  # of first order
+    assert rows["Moreau", 1e-3].error_worst < 1e-6  # exact where it slides straight on
+    assert rows["Moreau", 1e-3].constraint_error < 1e-9  # nothing penetrates
+    assert rows["RungeKutta4", 1e-3].said == "1 refused"
+
+
+# The command
+
+
+def run(*words):
+    return CliRunner().invoke(app, list(words))
+
+
+def test_condyn_trade_prints_a_table_of_contact_solvers():
+    said = run("trade", "solo12", "--measure", "contact", "--states", "2", "--quick", "--solvers",
+               "admm,semismoothnewton", "--dt", "1e-3")  # fmt: skip
+    assert said.exit_code == 0
+    assert "solo12 on its feet, contact" in said.stdout
+    assert "ADMM" in said.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "match"),
+    [
+        (("--dt", "1e-3"), "says nothing of acceleration"),
+        (("--measure", "trajectory", "--dt", "x"), "--dt x: a number"),
+        (("--measure", "trajectory", "--integrator", "Moreau(contact=A())"), "'a'"),
+        (("--measure", "trajectory", "--integrator", "Moreau(step=1)"), "the parameters contact"),
+        (("--measure", "contact", "--solvers", "proximal"), "no solver of contact"),
+    ],
+)
+def test_condyn_trade_refuses_by_name(words, match):
+    said = run("trade", "solo12", *words)
+    assert said.exit_code != 0
+    assert match in str(said.exception)
