@@ -44,7 +44,7 @@ SolversToStress = Annotated[
 Families = Annotated[
     str,
     typer.Option(
-        help="Comma-separated: families; all of them by default.",
+        help="Comma-separated: families; by default all but those of contact.",
         autocompletion=arg.names_of("lab", "EXTREMES"),
     ),
 ]

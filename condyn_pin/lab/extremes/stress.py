@@ -14,6 +14,7 @@ from condyn_pin._core._pin import HAS_LCABA
 from condyn_pin._core.parameters import check_called
 from condyn_pin.errors import Interrupted, WorkersLost, unknown_name
 from condyn_pin.io.load import load_robot
+from condyn_pin.lab.contact_extremes import CONTACT_EXTREMES
 from condyn_pin.lab.extremes.base import EXTREMES
 from condyn_pin.lab.extremes.verdict import Outcome, Task, Verdict
 
@@ -41,14 +42,16 @@ def tasks(
     *,
     heavy: bool = True,
 ) -> list[Task]:
-    """Return the cases of some families of `EXTREMES`, by default all, seed after seed.
+    """Return the cases of some families of `EXTREMES` and `CONTACT_EXTREMES`, seed after seed.
 
-    Families of any scene are put on every robot; `heavy` cases take gigabytes.
+    All of `EXTREMES` by default. Families of any scene are put on every robot; `heavy` cases take
+    gigabytes.
     """
+    known = {**EXTREMES, **CONTACT_EXTREMES}
     for name in families:
-        if name not in EXTREMES:
-            raise unknown_name("extreme", name, EXTREMES)
-    chosen = [EXTREMES[name] for name in (families or EXTREMES)]
+        if name not in known:
+            raise unknown_name("extreme", name, known)
+    chosen = [known[name] for name in (families or EXTREMES)]
     return [
         Task(family.name, severity, seed, robot)
         for seed in range(seeds)
@@ -66,14 +69,31 @@ def mixed(todo: Sequence[Task]) -> list[Task]:
 
 
 def methods(names: Sequence[str] = ()) -> list[str]:
-    """Return the solvers of the installed Pinocchio, or those named, by their names."""
+    """Return the solvers of the installed Pinocchio, or those named, by their names.
+
+    Contact solvers have to be named.
+    """
+    from condyn_pin.contact.solvers import CONTACT_SOLVERS
     from condyn_pin.dynamics.solvers import SOLVERS
 
     for name in names:
-        if name not in SOLVERS:
-            raise unknown_name("solver", name, SOLVERS)
+        if name not in SOLVERS and name not in CONTACT_SOLVERS:
+            raise unknown_name("solver", name, {**SOLVERS, **CONTACT_SOLVERS})
     able = [name for name in SOLVERS if HAS_LCABA or name != "lcaba"]
     return list(names) or able
+
+
+def asked(task: Task, names: Sequence[str]) -> list[str]:
+    """Return those of some solvers that a task is put to; a contact problem that none fits, to all.
+
+    Contact problems are for contact solvers, and for no others.
+    """
+    from condyn_pin.contact.solvers import CONTACT_SOLVERS
+
+    fitting = [name for name in names if name in CONTACT_SOLVERS]
+    if task.family in CONTACT_EXTREMES:
+        return fitting or list(CONTACT_SOLVERS)
+    return [name for name in names if name not in fitting]
 
 
 def stress(
@@ -113,7 +133,7 @@ def stress(
             for k, task in enumerate(todo):
                 if monotonic() - start >= seconds:
                     break
-                found += process.answers(task, names, patience)
+                found += process.answers(task, asked(task, names), patience)
                 if progress:
                     progress(k + 1, len(todo))
     except KeyboardInterrupt as stop:

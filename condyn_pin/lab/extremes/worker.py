@@ -5,18 +5,25 @@ from __future__ import annotations
 import gc
 import signal
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from importlib import import_module
 from itertools import chain
 from multiprocessing.connection import Connection
 
+from condyn_pin._core.arrays import Array
+from condyn_pin.contact.solvers import CONTACT_SOLVERS
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import SOLVERS
 from condyn_pin.errors import CondynError
 from condyn_pin.io.load import load_robot
+from condyn_pin.lab.contact_extremes import CONTACT_EXTREMES
+from condyn_pin.lab.extremes.contact_verdict import judge_contact
 from condyn_pin.lab.extremes.base import EXTREMES, Case
 from condyn_pin.lab.extremes.motion_verdict import judge_flight, judge_run
 from condyn_pin.lab.extremes.verdict import Outcome, Task, Verdict, judge, right_answers, turned
+
+Judged = tuple[Verdict, float, str]
 
 # Pinocchio's Data has 4 nv^3 numbers. Workspaces are in cycles, and from so many degrees of freedom
 # on they are not left to the collector, which counts objects.
@@ -62,6 +69,9 @@ def work(pipe: Connection, imports: Sequence[str]) -> None:
 
 def answers(task: Task, methods: list[str], memory: Memory) -> Iterator[str | Outcome]:
     """Yield the name of each method of a task, and then its outcome."""
+    if task.family in CONTACT_EXTREMES:
+        yield from _contact_answers(task, methods)
+        return
     yield "making the case"
     case, said = make(task, memory)
     right = right_answers(case) if case else ()
@@ -73,21 +83,40 @@ def answers(task: Task, methods: list[str], memory: Memory) -> Iterator[str | Ou
             continue
         if case.scene.robot.nv >= _LONG:
             gc.collect()
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # a library that warns has not thought of it
-            try:
-                solver = turned(SOLVERS[method], case.parameters)
-                if case.motion:
-                    verdict, error, said = judge_run(case, case.motion, solver)
-                elif case.flight:
-                    verdict, error, said = judge_flight(case, case.flight, solver)
-                else:
-                    verdict, error, said = judge(case, solver, right)
-            except CondynError as refusal:
-                verdict, error, said = Verdict.REFUSED, float("nan"), _sentence(refusal)
-            except Exception as failure:
-                verdict, error, said = Verdict.CRASHED, float("nan"), _sentence(failure)
-        yield Outcome(task, method, verdict, error, said)
+        yield Outcome(task, method, *_judged(partial(_judge, case, method, right)))
+
+
+def _judge(case: Case, method: str, right: tuple[Array, ...]) -> Judged:
+    solver = turned(SOLVERS[method], case.parameters)
+    if case.motion:
+        return judge_run(case, case.motion, solver)
+    if case.flight:
+        return judge_flight(case, case.flight, solver)
+    return judge(case, solver, right)
+
+
+def _contact_answers(task: Task, methods: list[str]) -> Iterator[str | Outcome]:
+    """Yield the same of a contact problem, and of contact solvers."""
+    yield "making the case"
+    family = CONTACT_EXTREMES[task.family]
+    for method in methods:
+        yield method
+        solver = CONTACT_SOLVERS[method]()
+        yield Outcome(task, method, *_judged(lambda its=solver: judge_contact(
+            family.problem(task.severity, task.seed), its
+        )))  # fmt: skip
+
+
+def _judged(verdict: Callable[[], Judged]) -> Judged:
+    """Return a verdict, the error and what was said, also where there is no answer."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # a library that warns has not thought of it
+        try:
+            return verdict()
+        except CondynError as refusal:
+            return Verdict.REFUSED, float("nan"), _sentence(refusal)
+        except Exception as failure:
+            return Verdict.CRASHED, float("nan"), _sentence(failure)
 
 
 def make(task: Task, memory: Memory) -> tuple[Case | None, str]:
